@@ -1,0 +1,31 @@
+# Virtual borders by laser pointer: the commands. `make help` lists them.
+SHELL := /bin/bash
+
+SCENARIO ?= carpet
+METHOD   ?= nrs
+WORLD    ?=
+SEED     ?= 1
+
+.DEFAULT_GOAL := help
+.PHONY: help setup demo test unit rostest clean
+
+help: ## this list
+	@grep -E '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 10
+
+setup: ## system packages, virtual environment, catkin build (each only where needed)
+	@scripts/setup
+
+demo: setup ## the simulated lab: SCENARIO=room|carpet|corner METHOD=nrs|robot_only WORLD=file SEED=number
+	@. scripts/env.sh && python3 scripts/demo --scenario "$(SCENARIO)" --method "$(METHOD)" --world "$(WORLD)" --seed "$(SEED)"
+
+test: setup ## all tests
+	@. scripts/env.sh && python3 scripts/test
+
+unit: setup ## only the unit tests, without a ROS master
+	@. scripts/env.sh && python3 scripts/test --only unit
+
+rostest: setup ## only the tests of nodes
+	@. scripts/env.sh && python3 scripts/test --only rostest
+
+clean: ## removes what was built and written, keeps the system packages
+	rm -rf build devel install logs out .venv src/CMakeLists.txt .catkin_workspace

@@ -1,0 +1,26 @@
+# To be sourced, by bash: the environment of this workspace.
+#   . scripts/env.sh
+# ROS traffic stays on this machine unless ROS_IP, ROS_HOSTNAME or ROS_MASTER_URI is set beforehand.
+_vb_top=$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd)
+if [ ! -f "$_vb_top/devel/setup.bash" ]; then
+    echo "env.sh: the workspace is not built yet: run 'make setup' first" >&2
+    return 1
+fi
+# setup files of ROS read unset variables
+case $- in *u*) _vb_nounset=1; set +u ;; *) _vb_nounset= ;; esac
+if [ ! -f /opt/ros/noetic/setup.bash ]; then
+    for _vb_file in /etc/catkin/profile.d/*.sh; do . "$_vb_file"; done
+fi
+. "$_vb_top/devel/setup.bash"
+[ -n "$_vb_nounset" ] && set -u
+if [ -z "${ROS_IP:-}${ROS_HOSTNAME:-}" ]; then
+    export ROS_IP=127.0.0.1
+fi
+export ROS_MASTER_URI=${ROS_MASTER_URI:-http://127.0.0.1:11311}
+export PATH="$_vb_top/.venv/bin:$PATH"
+# image work is spread over processes, one per camera: threads within each would only fight for the cores
+export OMP_NUM_THREADS=${OMP_NUM_THREADS:-1}
+export OPENBLAS_NUM_THREADS=${OPENBLAS_NUM_THREADS:-1}
+# Debian's old ROS still says so at each start that a newer one exists
+export ROSCONSOLE_FORMAT=${ROSCONSOLE_FORMAT:-'[${severity}] [${node}]: ${message}'}
+unset _vb_file _vb_nounset

@@ -1,0 +1,1 @@
+"""Geometry, camera model, grid map, parameters and the shared rospy helpers of the virtual borders stack."""

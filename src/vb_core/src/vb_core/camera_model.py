@@ -1,0 +1,99 @@
+"""The pinhole camera with lens distortion, as sensor_msgs/CameraInfo describes it."""
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from vb_core.errors import CodedError
+
+
+@dataclass(frozen=True)
+class CameraModel:
+    """A camera's intrinsic parameters.
+
+    Attributes:
+        width, height: image size [px].
+        matrix: (3, 3) intrinsic matrix K [px].
+        distortion: (4,), (5,) or (8,) coefficients of OpenCV's plumb_bob or rational_polynomial model.
+
+    Raises:
+        CodedError: "bad_camera_info" if the values cannot be a camera's.
+    """
+
+    width: int
+    height: int
+    matrix: np.ndarray
+    distortion: np.ndarray
+
+    def __post_init__(self) -> None:
+        matrix = np.asarray(self.matrix, dtype=float).reshape(3, 3)
+        distortion = np.asarray(self.distortion, dtype=float).ravel()
+        object.__setattr__(self, "matrix", matrix)
+        object.__setattr__(self, "distortion", distortion if distortion.size else np.zeros(5))
+        if self.width <= 0 or self.height <= 0:
+            raise CodedError("bad_camera_info", f"the image size is {self.width} x {self.height}; is the camera running?")
+        if not np.isfinite(matrix).all() or matrix[0, 0] <= 0 or matrix[1, 1] <= 0:
+            raise CodedError(
+                "bad_camera_info", "the camera matrix K has no focal length: calibrate the camera (camera_calibration)"
+            )
+        if self.distortion.size not in (4, 5, 8, 12, 14) or not np.isfinite(self.distortion).all():
+            raise CodedError("bad_camera_info", f"the distortion D has {self.distortion.size} values; expected 4, 5 or 8")
+
+    @staticmethod
+    def ideal(width: int, height: int, focal_px: float) -> "CameraModel":
+        """A camera without distortion whose axis meets the middle of the image."""
+        matrix = np.array([[focal_px, 0, (width - 1) / 2.0], [0, focal_px, (height - 1) / 2.0], [0, 0, 1.0]])
+        return CameraModel(width, height, matrix, np.zeros(5))
+
+    def rays(self, pixels: np.ndarray) -> np.ndarray:
+        """Viewing rays of pixels; inverse of `project`.
+
+        Args:
+            pixels: (N, 2) columns and rows [px], the centre of the first pixel is (0, 0).
+
+        Returns:
+            (N, 3) in the optical frame, z = 1; distortion is undone for these pixels alone.
+        """
+        pixels = np.asarray(pixels, dtype=float).reshape(-1, 1, 2)
+        # more steps than OpenCV's default of 5, which leaves 0.1 px at the corners of wide lenses
+        criteria = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 40, 1e-9)
+        normalised = cv2.undistortPointsIter(pixels, self.matrix, self.distortion, None, None, criteria)
+        return np.column_stack([normalised.reshape(-1, 2), np.ones(len(pixels))])
+
+    def project(self, points: np.ndarray) -> np.ndarray:
+        """Pixels (N, 2) [px] of points (N, 3) [m] in the optical frame; inverse of `rays`.
+
+        Points that are not in front of the camera give rows of NaN.
+        """
+        points = np.asarray(points, dtype=float).reshape(-1, 3)
+        if len(points) == 0:
+            return np.zeros((0, 2))
+        pixels, _ = cv2.projectPoints(points, np.zeros(3), np.zeros(3), self.matrix, self.distortion)
+        pixels = pixels.reshape(-1, 2)
+        pixels[points[:, 2] <= 0] = np.nan
+        return pixels
+
+    def contains(self, pixels: np.ndarray) -> np.ndarray:
+        """(N,) bool: which pixels (N, 2) lie within the image."""
+        pixels = np.asarray(pixels, dtype=float).reshape(-1, 2)
+        with np.errstate(invalid="ignore"):
+            return (
+                (pixels[:, 0] >= -0.5)
+                & (pixels[:, 0] <= self.width - 0.5)
+                & (pixels[:, 1] >= -0.5)
+                & (pixels[:, 1] <= self.height - 0.5)
+            )
+
+    @property
+    def focal_px(self) -> float:
+        """Mean focal length [px]."""
+        return float((self.matrix[0, 0] + self.matrix[1, 1]) / 2.0)
+
+    def scaled_to(self, width: int, height: int) -> "CameraModel":
+        """The model of the same camera for an image of another size, for instance a coarser depth image."""
+        sx, sy = width / self.width, height / self.height
+        # pixel centres are whole numbers: the image's edge lies at -0.5 in both sizes
+        scale = np.array([[sx, 0, sx / 2 - 0.5], [0, sy, sy / 2 - 0.5], [0, 0, 1]])
+        return CameraModel(width, height, scale @ self.matrix, self.distortion)

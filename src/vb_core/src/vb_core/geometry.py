@@ -1,0 +1,167 @@
+"""Rigid transforms, planes and polygonal chains.
+
+Transforms are 4x4 float64 matrices; `T_a_b` takes coordinates in frame b to coordinates in frame a.
+Quaternions are in ROS's order (x, y, z, w).
+"""
+from __future__ import annotations
+
+import math
+from typing import Tuple
+
+import numpy as np
+
+
+def wrap_angle(angle: float) -> float:
+    """The same angle within (-pi, pi] [rad]."""
+    return math.pi - (math.pi - angle) % (2.0 * math.pi)
+
+
+def rotation_from_quaternion(quaternion) -> np.ndarray:
+    """(x, y, z, w) to a (3, 3) rotation matrix; inverse of `quaternion_from_rotation`.
+
+    Raises:
+        ValueError: if the quaternion is zero or not finite.
+    """
+    q = np.asarray(quaternion, dtype=float)
+    norm = float(np.linalg.norm(q))
+    if not np.isfinite(norm) or norm < 1e-9:
+        raise ValueError(f"not a rotation: quaternion {quaternion}")
+    x, y, z, w = q / norm
+    return np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+        ]
+    )
+
+
+def quaternion_from_rotation(rotation: np.ndarray) -> np.ndarray:
+    """(3, 3) rotation matrix to (x, y, z, w) with w >= 0; inverse of `rotation_from_quaternion`."""
+    m = np.asarray(rotation, dtype=float)
+    # the largest of the four components is found first: dividing by it is well conditioned
+    squares = np.array(
+        [
+            1 + m[0, 0] - m[1, 1] - m[2, 2],
+            1 - m[0, 0] + m[1, 1] - m[2, 2],
+            1 - m[0, 0] - m[1, 1] + m[2, 2],
+            1 + m[0, 0] + m[1, 1] + m[2, 2],
+        ]
+    )
+    products = np.array(
+        [
+            [squares[0], m[0, 1] + m[1, 0], m[0, 2] + m[2, 0], m[2, 1] - m[1, 2]],
+            [m[0, 1] + m[1, 0], squares[1], m[1, 2] + m[2, 1], m[0, 2] - m[2, 0]],
+            [m[0, 2] + m[2, 0], m[1, 2] + m[2, 1], squares[2], m[1, 0] - m[0, 1]],
+            [m[2, 1] - m[1, 2], m[0, 2] - m[2, 0], m[1, 0] - m[0, 1], squares[3]],
+        ]
+    )
+    q = products[int(np.argmax(squares))]
+    q = q / np.linalg.norm(q)
+    return -q if q[3] < 0 else q
+
+
+def yaw_from_quaternion(quaternion) -> float:
+    """Heading about z [rad] of a quaternion (x, y, z, w); inverse of `quaternion_from_yaw`."""
+    x, y, z, w = quaternion
+    return math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+
+
+def quaternion_from_yaw(yaw: float) -> np.ndarray:
+    """Quaternion (x, y, z, w) of a rotation about z [rad]; inverse of `yaw_from_quaternion`."""
+    return np.array([0.0, 0.0, math.sin(yaw / 2.0), math.cos(yaw / 2.0)])
+
+
+def rotation_from_rpy(roll: float, pitch: float, yaw: float) -> np.ndarray:
+    """Rotation about the fixed axes x, then y, then z [rad] (the convention of URDF and REP 103)."""
+    cr, sr, cp, sp, cy, sy = (f(a) for a in (roll, pitch, yaw) for f in (math.cos, math.sin))
+    rx = np.array([[1, 0, 0], [0, cr, -sr], [0, sr, cr]])
+    ry = np.array([[cp, 0, sp], [0, 1, 0], [-sp, 0, cp]])
+    rz = np.array([[cy, -sy, 0], [sy, cy, 0], [0, 0, 1]])
+    return rz @ ry @ rx
+
+
+def transform(rotation: np.ndarray, translation) -> np.ndarray:
+    """A 4x4 transform of a (3, 3) rotation and a (3,) translation [m]."""
+    result = np.eye(4)
+    result[:3, :3] = rotation
+    result[:3, 3] = translation
+    return result
+
+
+def invert(T: np.ndarray) -> np.ndarray:
+    """The inverse of a rigid 4x4 transform."""
+    result = np.eye(4)
+    result[:3, :3] = T[:3, :3].T
+    result[:3, 3] = -T[:3, :3].T @ T[:3, 3]
+    return result
+
+
+def apply(T: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """(N, 3) or (3,) points [m] through a 4x4 transform; the same shape comes back."""
+    points = np.asarray(points, dtype=float)
+    return points @ T[:3, :3].T + T[:3, 3]
+
+
+def pose2d_transform(x: float, y: float, yaw: float) -> np.ndarray:
+    """A 4x4 transform of a pose in the plane [m, m, rad]; inverse of `transform_pose2d`."""
+    c, s = math.cos(yaw), math.sin(yaw)
+    return np.array([[c, -s, 0, x], [s, c, 0, y], [0, 0, 1, 0], [0, 0, 0, 1]], dtype=float)
+
+
+def transform_pose2d(T: np.ndarray) -> Tuple[float, float, float]:
+    """(x, y, yaw) [m, m, rad] of a transform in the plane; inverse of `pose2d_transform`."""
+    return float(T[0, 3]), float(T[1, 3]), math.atan2(T[1, 0], T[0, 0])
+
+
+def optical_rotation() -> np.ndarray:
+    """Rotation from an optical frame (z forward, x right, y down) to a body frame (REP 103)."""
+    return np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
+
+
+def intersect_floor(origin: np.ndarray, directions: np.ndarray, height: float = 0.0) -> np.ndarray:
+    """Cuts rays with the plane z = height.
+
+    Args:
+        origin: (3,) [m] where the rays start.
+        directions: (N, 3), any length.
+
+    Returns:
+        (N, 3) [m]; rows of NaN for rays that are parallel to the plane or meet it behind the origin.
+    """
+    directions = np.atleast_2d(np.asarray(directions, dtype=float))
+    origin = np.asarray(origin, dtype=float)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        steps = (height - origin[2]) / directions[:, 2]
+        points = origin + steps[:, None] * directions
+    points[~(np.isfinite(steps) & (steps > 0))] = np.nan
+    return points
+
+
+def chain_length(points: np.ndarray, closed: bool = False) -> float:
+    """Length [m] of a polygonal chain (N, 2), with its closing segment if it is closed."""
+    points = np.asarray(points, dtype=float)
+    if len(points) < 2:
+        return 0.0
+    if closed:
+        points = np.vstack([points, points[:1]])
+    return float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
+
+
+def resample_chain(points: np.ndarray, spacing: float, closed: bool = False) -> np.ndarray:
+    """Points (M, 2) [m] along a chain (N, 2), at most `spacing` apart along it, ends kept.
+
+    A closed chain's closing segment is sampled too; its first point is not repeated.
+    """
+    points = np.asarray(points, dtype=float)
+    if closed:
+        points = np.vstack([points, points[:1]])
+    steps = np.linalg.norm(np.diff(points, axis=0), axis=1)
+    keep = np.concatenate([[True], steps > 0])
+    points, arc = points[keep], np.concatenate([[0.0], np.cumsum(steps[steps > 0])])
+    if arc[-1] == 0.0:
+        return points[:1].copy()
+    count = max(1, int(math.ceil(arc[-1] / spacing - 1e-9)))
+    at = np.linspace(0.0, arc[-1], count + 1)
+    sampled = np.column_stack([np.interp(at, arc, points[:, i]) for i in range(2)])
+    return sampled[:-1] if closed else sampled

@@ -1,0 +1,113 @@
+"""The 2D occupancy grid map (OGM) as numpy sees it."""
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Tuple
+
+import numpy as np
+
+from vb_core.errors import CodedError
+
+FREE = 0
+OCCUPIED = 100
+UNKNOWN = -1
+
+
+@dataclass(frozen=True)
+class GridMap:
+    """An occupancy grid.
+
+    Attributes:
+        data: (H, W) int8; -1 unknown, 0 free ... 100 occupied. Row 0 holds the map's lowest y.
+        resolution: [m] edge of a cell.
+        origin: (x, y, yaw) [m, m, rad] of the outer corner of cell (0, 0) in the map frame.
+
+    Raises:
+        CodedError: "bad_map" if shape, resolution or origin cannot be a map's.
+    """
+
+    data: np.ndarray
+    resolution: float
+    origin: Tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+    def __post_init__(self) -> None:
+        data = np.asarray(self.data)
+        if data.ndim != 2 or data.size == 0:
+            raise CodedError("bad_map", f"a map needs rows and columns, this one has the shape {data.shape}")
+        if data.dtype != np.int8:
+            data = data.astype(np.int8)
+        origin = tuple(float(value) for value in self.origin)
+        if len(origin) != 3 or not all(math.isfinite(value) for value in origin):
+            raise CodedError("bad_map", f"the map's origin must be x, y and yaw, got {self.origin}")
+        if not (math.isfinite(self.resolution) and self.resolution > 0):
+            raise CodedError("bad_map", f"the map's resolution must be above 0 m, got {self.resolution}")
+        object.__setattr__(self, "data", data)
+        object.__setattr__(self, "origin", origin)
+        object.__setattr__(self, "resolution", float(self.resolution))
+
+    @property
+    def shape(self) -> Tuple[int, int]:
+        """(rows, columns)."""
+        return self.data.shape  # type: ignore[return-value]
+
+    def same_geometry(self, other: "GridMap") -> bool:
+        """Whether both maps have the same size, resolution and origin."""
+        return (
+            self.shape == other.shape
+            and math.isclose(self.resolution, other.resolution, rel_tol=1e-6)
+            and np.allclose(self.origin, other.origin, atol=1e-6)
+        )
+
+    def with_data(self, data: np.ndarray) -> "GridMap":
+        """A map of the same geometry with other cells (H, W)."""
+        if np.shape(data) != self.shape:
+            raise CodedError("bad_map", f"expected {self.shape} cells, got {np.shape(data)}")
+        return GridMap(data, self.resolution, self.origin)
+
+    def world_to_grid(self, points: np.ndarray) -> np.ndarray:
+        """Map coordinates (N, 2) [m] to (column, row) (N, 2) as real numbers; inverse of `grid_to_world`.
+
+        Whole numbers are the centres of cells, as in image coordinates.
+        """
+        points = np.asarray(points, dtype=float).reshape(-1, 2)
+        x0, y0, yaw = self.origin
+        c, s = math.cos(yaw), math.sin(yaw)
+        shifted = points - (x0, y0)
+        return shifted @ np.array([[c, -s], [s, c]]) / self.resolution - 0.5
+
+    def grid_to_world(self, columns_rows: np.ndarray) -> np.ndarray:
+        """(column, row) (N, 2) to map coordinates (N, 2) [m]; inverse of `world_to_grid`."""
+        cells = np.asarray(columns_rows, dtype=float).reshape(-1, 2)
+        x0, y0, yaw = self.origin
+        c, s = math.cos(yaw), math.sin(yaw)
+        return (cells + 0.5) * self.resolution @ np.array([[c, s], [-s, c]]) + (x0, y0)
+
+    def world_to_cell(self, points: np.ndarray) -> np.ndarray:
+        """The cells (N, 2), int (row, column), that hold points (N, 2) [m]; they may lie outside the map."""
+        grid = np.floor(self.world_to_grid(points) + 0.5)
+        return np.clip(grid, -(2**31), 2**31).astype(np.int64)[:, ::-1]
+
+    def cell_to_world(self, rows_columns: np.ndarray) -> np.ndarray:
+        """Centres (N, 2) [m] of cells (N, 2) given as (row, column)."""
+        return self.grid_to_world(np.asarray(rows_columns).reshape(-1, 2)[:, ::-1])
+
+    def contains_cells(self, rows_columns: np.ndarray) -> np.ndarray:
+        """(N,) bool: which cells (N, 2), (row, column), lie in the map."""
+        cells = np.asarray(rows_columns).reshape(-1, 2)
+        return ((cells >= 0) & (cells < np.array(self.shape))).all(axis=1)
+
+    def values_at(self, points: np.ndarray, outside: int = UNKNOWN) -> np.ndarray:
+        """(N,) int8: the cells' values at points (N, 2) [m]; `outside` for points off the map."""
+        cells = self.world_to_cell(points)
+        inside = self.contains_cells(cells)
+        values = np.full(len(cells), outside, dtype=np.int8)
+        values[inside] = self.data[cells[inside, 0], cells[inside, 1]]
+        return values
+
+    def corners(self) -> np.ndarray:
+        """(4, 2) [m] the map's outer corners, counter-clockwise, starting at the origin."""
+        rows, columns = self.shape
+        return self.grid_to_world(
+            np.array([[0, 0], [columns, 0], [columns, rows], [0, rows]], dtype=float) - 0.5
+        )

@@ -1,0 +1,28 @@
+"""The fixed names that other programs call: frames, topics and services of the stack."""
+
+MAP_FRAME = "map"
+
+PHYSICAL_MAP = "/map"
+VIRTUAL_MAP = "/virtual_borders/map"
+SPOTS = "/virtual_borders/spots"
+STATE = "/virtual_borders/state"
+PROGRESS = "/virtual_borders/progress"
+BORDERS = "/virtual_borders/borders"
+MARKERS = "/virtual_borders/markers"
+DETECTORS = "/virtual_borders/detectors"
+LED = "/virtual_borders/led"
+SOUND = "/virtual_borders/sound"
+
+COMMAND = "/virtual_borders/command"
+CANDIDATE = "/virtual_borders/get_candidate"
+ADD_BORDER = "/virtual_borders/add_border"
+UPDATE_BORDER = "/virtual_borders/update_border"
+REMOVE_BORDER = "/virtual_borders/remove_border"
+PREVIEW_BORDER = "/virtual_borders/preview_border"
+LIST_BORDERS = "/virtual_borders/list_borders"
+UNDO = "/virtual_borders/undo"
+REDO = "/virtual_borders/redo"
+CLEAR = "/virtual_borders/clear"
+SAVE_MAP = "/virtual_borders/save_map"
+
+LAB_STATE = "/sim/lab_state"

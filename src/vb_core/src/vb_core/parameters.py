@@ -1,0 +1,138 @@
+"""Parameters as frozen dataclasses that are checked once, when they are made.
+
+A parameter class lists its values with `param`, which carries unit and limits:
+
+    @dataclass(frozen=True)
+    class DriveParams(Parameters):
+        speed: float = param(0.2, "m/s", low=0.0, high=1.0)
+
+`DriveParams.from_mapping({"speed": 0.1})` takes what YAML or the parameter server gives. An unknown
+key, a wrong type or a value out of range is a `ParameterError` that names the key.
+"""
+from __future__ import annotations
+
+import dataclasses
+import math
+from typing import Any, Mapping, Optional, Sequence, Type, TypeVar
+
+from vb_core.errors import ParameterError
+
+P = TypeVar("P", bound="Parameters")
+
+
+def param(
+    default: Any,
+    unit: str = "",
+    low: Optional[float] = None,
+    high: Optional[float] = None,
+    above: Optional[float] = None,
+    choices: Optional[Sequence[Any]] = None,
+    doc: str = "",
+) -> Any:
+    """A dataclass field with a unit and limits.
+
+    Args:
+        default: its value when nothing else is said; its type is the parameter's type.
+        low, high: the smallest and largest value allowed, both included.
+        above: a limit that the value must exceed.
+        choices: the only values allowed.
+    """
+    metadata = {"unit": unit, "low": low, "high": high, "above": above, "choices": choices, "doc": doc}
+    if isinstance(default, (list, dict)):
+        return dataclasses.field(default_factory=lambda: default.copy(), metadata=metadata)
+    return dataclasses.field(default=default, metadata=metadata)
+
+
+@dataclasses.dataclass(frozen=True)
+class Parameters:
+    """Base of every parameter class; checks each value against its field's limits."""
+
+    def __post_init__(self) -> None:
+        for field in dataclasses.fields(self):
+            value = check(field.name, getattr(self, field.name), _default(field), field.metadata)
+            object.__setattr__(self, field.name, value)
+
+    @classmethod
+    def from_mapping(cls: Type[P], mapping: Optional[Mapping[str, Any]], where: str = "") -> P:
+        """Makes parameters of a mapping; what it leaves out keeps its default.
+
+        Args:
+            mapping: for instance a YAML document; None is an empty one.
+            where: put before the key in errors, for instance the node's name.
+
+        Raises:
+            ParameterError: for an unknown key, a wrong type, a value out of range.
+        """
+        prefix = f"{where.rstrip('/')}/" if where else ""
+        if mapping is None:
+            mapping = {}
+        if not isinstance(mapping, Mapping):
+            raise ParameterError(prefix.rstrip("/") or "parameters", f"expected keys and values, got {mapping!r}")
+        known = [field.name for field in dataclasses.fields(cls)]
+        for key in mapping:
+            if key not in known:
+                raise ParameterError(f"{prefix}{key}", f"unknown parameter; known are {', '.join(known)}")
+        try:
+            return cls(**dict(mapping))
+        except ParameterError as error:
+            raise ParameterError(f"{prefix}{error.key}", error.message.split(": ", 1)[1]) from None
+
+    def replace(self: P, **changes: Any) -> P:
+        """The same parameters with some of them changed, checked again."""
+        return dataclasses.replace(self, **changes)
+
+    def describe(self) -> str:
+        """One line with every value and its unit, for a node's start-up log."""
+        parts = []
+        for field in dataclasses.fields(self):
+            unit = field.metadata.get("unit", "")
+            parts.append(f"{field.name}={getattr(self, field.name)}{' ' + unit if unit else ''}")
+        return ", ".join(parts)
+
+
+def _default(field: dataclasses.Field) -> Any:
+    if field.default is not dataclasses.MISSING:
+        return field.default
+    if field.default_factory is not dataclasses.MISSING:  # type: ignore[misc]
+        return field.default_factory()  # type: ignore[misc]
+    return None
+
+
+def check(key: str, value: Any, default: Any, limits: Mapping[str, Any]) -> Any:
+    """The value as the type of the default, or a ParameterError that says what was expected."""
+    unit = limits.get("unit") or ""
+    if isinstance(default, bool):
+        if not isinstance(value, bool):
+            raise ParameterError(key, f"expected true or false, got {value!r}")
+    elif isinstance(default, int):
+        if isinstance(value, bool) or not isinstance(value, int):
+            raise ParameterError(key, f"expected a whole number, got {value!r}")
+    elif isinstance(default, float):
+        if isinstance(value, bool) or not isinstance(value, (int, float)) or math.isnan(value):
+            raise ParameterError(key, f"expected a number{' in ' + unit if unit else ''}, got {value!r}")
+        value = float(value)
+    elif isinstance(default, str):
+        if not isinstance(value, str):
+            raise ParameterError(key, f"expected text, got {value!r}")
+    elif isinstance(default, tuple):
+        if not isinstance(value, (list, tuple)):
+            raise ParameterError(key, f"expected a list, got {value!r}")
+        value = tuple(value)
+    elif isinstance(default, (list, dict)):
+        if not isinstance(value, type(default)):
+            kind = "a list" if isinstance(default, list) else "keys and values"
+            raise ParameterError(key, f"expected {kind}, got {value!r}")
+    low, high, above, choices = (limits.get(name) for name in ("low", "high", "above", "choices"))
+    # a list's limits are those of each of its numbers
+    for number in value if isinstance(value, (list, tuple)) else [value]:
+        if not isinstance(number, (int, float)) or isinstance(number, bool):
+            continue
+        if low is not None and number < low:
+            raise ParameterError(key, f"must be at least {low} {unit}".rstrip() + f", got {number}")
+        if high is not None and number > high:
+            raise ParameterError(key, f"must be at most {high} {unit}".rstrip() + f", got {number}")
+        if above is not None and number <= above:
+            raise ParameterError(key, f"must be above {above} {unit}".rstrip() + f", got {number}")
+    if choices is not None and value not in choices:
+        raise ParameterError(key, f"must be one of {', '.join(map(str, choices))}, got {value!r}")
+    return value

@@ -1,0 +1,1 @@
+"""The rospy helpers that all nodes share: start-up, parameters, messages, transforms."""

@@ -1,0 +1,176 @@
+"""Conversions between ROS messages and numpy. Each has its inverse beside it where there is one."""
+from __future__ import annotations
+
+import sys
+from typing import Iterable, List, Tuple
+
+import cv2
+import numpy as np
+import rospy
+from cv_bridge import CvBridge, CvBridgeError
+from geometry_msgs.msg import Point, Pose, Quaternion, Transform, TransformStamped, Vector3
+from nav_msgs.msg import OccupancyGrid
+from rospy.numpy_msg import numpy_msg
+from sensor_msgs.msg import CameraInfo, CompressedImage, Image
+
+from vb_core import geometry
+from vb_core.camera_model import CameraModel
+from vb_core.errors import CodedError
+from vb_core.grid_map import GridMap
+
+# rospy packs and unpacks int8[] cell by cell; with this type for publisher and subscriber it is one copy
+OccupancyGridArray = numpy_msg(OccupancyGrid)
+
+_bridge = CvBridge()
+
+
+# ----------------------------------------------------------------- maps
+def grid_from_message(message: OccupancyGrid) -> GridMap:
+    """OccupancyGrid to GridMap; inverse of `message_from_grid`.
+
+    Raises:
+        CodedError: "bad_map" if size and data do not fit or the origin is no pose in the plane.
+    """
+    info = message.info
+    data = np.asarray(message.data, dtype=np.int8)
+    if info.width * info.height != data.size or data.size == 0:
+        raise CodedError("bad_map", f"the map says {info.width} x {info.height} cells but carries {data.size}")
+    position, orientation = info.origin.position, info.origin.orientation
+    q = (orientation.x, orientation.y, orientation.z, orientation.w)
+    # map_server of old leaves the orientation zero where there is no rotation
+    yaw = 0.0 if not any(q) else geometry.yaw_from_quaternion(q)
+    return GridMap(data.reshape(info.height, info.width), info.resolution, (position.x, position.y, yaw))
+
+
+def message_from_grid(grid: GridMap, stamp: rospy.Time, frame_id: str = "map") -> OccupancyGrid:
+    """GridMap to OccupancyGrid; inverse of `grid_from_message`. To be published as OccupancyGridArray."""
+    message = OccupancyGridArray()
+    message.header.stamp = stamp
+    message.header.frame_id = frame_id
+    message.info.map_load_time = stamp
+    message.info.resolution = grid.resolution
+    message.info.height, message.info.width = grid.shape
+    message.info.origin = pose_from_2d(*grid.origin)
+    message.data = np.ascontiguousarray(grid.data).ravel()
+    return message
+
+
+# ----------------------------------------------------------------- poses and points
+def points_from_array(points: np.ndarray) -> List[Point]:
+    """(N, 2) or (N, 3) [m] to points; inverse of `array_from_points`."""
+    return [Point(float(p[0]), float(p[1]), float(p[2]) if len(p) > 2 else 0.0) for p in points]
+
+
+def array_from_points(points: Iterable[Point]) -> np.ndarray:
+    """Points to (N, 2) float64 [m], z is left out; inverse of `points_from_array`."""
+    return np.array([(p.x, p.y) for p in points], dtype=float).reshape(-1, 2)
+
+
+def quaternion_message(quaternion) -> Quaternion:
+    """(x, y, z, w) to a message."""
+    return Quaternion(*(float(value) for value in quaternion))
+
+
+def pose_from_2d(x: float, y: float, yaw: float) -> Pose:
+    """A pose in the plane [m, m, rad]; inverse of `pose_to_2d`."""
+    return Pose(Point(float(x), float(y), 0.0), quaternion_message(geometry.quaternion_from_yaw(yaw)))
+
+
+def pose_to_2d(pose: Pose) -> Tuple[float, float, float]:
+    """(x, y, yaw) [m, m, rad]; inverse of `pose_from_2d`."""
+    q = pose.orientation
+    return pose.position.x, pose.position.y, geometry.yaw_from_quaternion((q.x, q.y, q.z, q.w))
+
+
+def matrix_from_transform(message: Transform) -> np.ndarray:
+    """Transform to a 4x4 matrix; inverse of `transform_message`.
+
+    Raises:
+        CodedError: "bad_transform" if the rotation is zero or not finite.
+    """
+    q, t = message.rotation, message.translation
+    try:
+        rotation = geometry.rotation_from_quaternion((q.x, q.y, q.z, q.w))
+    except ValueError as error:
+        raise CodedError("bad_transform", str(error)) from None
+    return geometry.transform(rotation, (t.x, t.y, t.z))
+
+
+def transform_message(T: np.ndarray, parent: str, child: str, stamp: rospy.Time) -> TransformStamped:
+    """A 4x4 matrix T_parent_child to a stamped transform; inverse of `matrix_from_transform`."""
+    message = TransformStamped()
+    message.header.stamp = stamp
+    message.header.frame_id = parent
+    message.child_frame_id = child
+    message.transform.translation = Vector3(*(float(value) for value in T[:3, 3]))
+    message.transform.rotation = quaternion_message(geometry.quaternion_from_rotation(T[:3, :3]))
+    return message
+
+
+# ----------------------------------------------------------------- images
+def image_array(message: Image) -> np.ndarray:
+    """The image's pixels as they are: (H, W) or (H, W, C), no copy where the bytes' order allows it.
+
+    Raises:
+        CodedError: "bad_image" for an empty image, an unknown encoding, or too few bytes.
+    """
+    if message.height == 0 or message.width == 0:
+        raise CodedError("bad_image", "the image is empty")
+    try:
+        return _bridge.imgmsg_to_cv2(message, "passthrough")
+    except (CvBridgeError, TypeError, ValueError, KeyError, AttributeError) as error:
+        raise CodedError("bad_image", f"cannot read an image with encoding '{message.encoding}': {error}") from None
+
+
+def compressed_image_array(message: CompressedImage) -> np.ndarray:
+    """The pixels of a JPEG or PNG image: (H, W, 3) bgr, or (H, W).
+
+    Raises:
+        CodedError: "bad_image" if it cannot be decoded.
+    """
+    image = cv2.imdecode(np.frombuffer(message.data, np.uint8), cv2.IMREAD_UNCHANGED)
+    if image is None:
+        raise CodedError("bad_image", f"cannot decode a compressed image of format '{message.format}'")
+    return image
+
+
+def image_message(image: np.ndarray, encoding: str, stamp: rospy.Time, frame_id: str) -> Image:
+    """Pixels to a message; inverse of `image_array`."""
+    image = np.ascontiguousarray(image)
+    message = Image()
+    message.header.stamp = stamp
+    message.header.frame_id = frame_id
+    message.height, message.width = image.shape[:2]
+    message.encoding = encoding
+    message.is_bigendian = int(image.dtype.byteorder == ">" or (image.dtype.byteorder == "=" and sys.byteorder == "big"))
+    message.step = image.strides[0]
+    message.data = image.tobytes()
+    return message
+
+
+# ----------------------------------------------------------------- cameras
+def camera_from_info(info: CameraInfo) -> CameraModel:
+    """CameraInfo to CameraModel; inverse of `info_from_camera`.
+
+    Raises:
+        CodedError: "bad_camera_info" if it describes no camera; "unsupported_camera" for binning or fisheye.
+    """
+    if info.distortion_model not in ("", "plumb_bob", "rational_polynomial"):
+        raise CodedError("unsupported_camera", f"the distortion model '{info.distortion_model}' is not supported")
+    if info.binning_x > 1 or info.binning_y > 1 or info.roi.width > 0 or info.roi.height > 0:
+        raise CodedError("unsupported_camera", "binning or a region of interest is set: send the full image")
+    return CameraModel(info.width, info.height, np.array(info.K), np.array(info.D))
+
+
+def info_from_camera(camera: CameraModel, stamp: rospy.Time, frame_id: str) -> CameraInfo:
+    """CameraModel to CameraInfo; inverse of `camera_from_info`."""
+    info = CameraInfo()
+    info.header.stamp = stamp
+    info.header.frame_id = frame_id
+    info.width, info.height = camera.width, camera.height
+    info.distortion_model = "plumb_bob" if camera.distortion.size <= 5 else "rational_polynomial"
+    info.K = camera.matrix.ravel().tolist()
+    info.D = camera.distortion.tolist()
+    info.R = np.eye(3).ravel().tolist()
+    info.P = np.column_stack([camera.matrix, np.zeros(3)]).ravel().tolist()
+    return info

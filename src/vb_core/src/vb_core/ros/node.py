@@ -1,0 +1,101 @@
+"""Start-up, shutdown and threads of a node."""
+from __future__ import annotations
+
+import sys
+import threading
+from typing import Any, Callable, Generic, Optional, TypeVar
+
+import rospy
+
+from vb_core.errors import CodedError
+
+T = TypeVar("T")
+
+
+def run(name: str, build: Callable[[], Any]) -> None:
+    """Runs a node until it is shut down.
+
+    Args:
+        name: the node's default name.
+        build: makes the node's object. A `CodedError` from it, for instance a bad parameter, is
+            logged as one line, and the process exits with status 1.
+    """
+    rospy.init_node(name)
+    try:
+        node = build()
+    except CodedError as error:
+        rospy.logfatal("%s: %s", rospy.get_name(), error)
+        sys.exit(1)
+    except rospy.ROSInterruptException:
+        return
+    if hasattr(node, "close"):
+        rospy.on_shutdown(node.close)
+    rospy.spin()
+
+
+class Mailbox(Generic[T]):
+    """A one-place mailbox: the newest item wins, what it replaces is counted as dropped.
+
+    A subscriber's callback puts, a worker thread takes: slow work never makes a queue grow.
+    """
+
+    def __init__(self) -> None:
+        self._condition = threading.Condition()
+        self._item: Optional[T] = None
+        self._closed = False
+        self.received = 0
+        self.dropped = 0
+
+    def put(self, item: T) -> None:
+        """Leaves an item; one that still lies there is dropped."""
+        with self._condition:
+            self.received += 1
+            if self._item is not None:
+                self.dropped += 1
+            self._item = item
+            self._condition.notify()
+
+    def take(self) -> Optional[T]:
+        """Waits for an item and takes it; None once the mailbox is closed."""
+        with self._condition:
+            while self._item is None and not self._closed:
+                self._condition.wait()
+            item, self._item = self._item, None
+            return item
+
+    def close(self) -> None:
+        """Wakes up whoever waits; from now on `take` gives None."""
+        with self._condition:
+            self._closed = True
+            self._item = None
+            self._condition.notify_all()
+
+
+class Worker:
+    """A thread that handles a mailbox's items one after the other, and survives a faulty item."""
+
+    def __init__(self, mailbox: Mailbox, handle: Callable[[Any], None]) -> None:
+        self._mailbox = mailbox
+        self._handle = handle
+        self._thread = threading.Thread(target=self._run, daemon=True)
+        self._thread.start()
+
+    def _run(self) -> None:
+        while True:
+            item = self._mailbox.take()
+            if item is None:
+                return
+            try:
+                self._handle(item)
+            except CodedError as error:
+                rospy.logwarn_throttle(5.0, f"{rospy.get_name()}: {error}")
+            except rospy.ROSException:
+                if not rospy.is_shutdown():
+                    raise
+                return
+
+
+def wait_for_clock() -> None:
+    """Waits for the first time on /clock if simulated time is used; returns at once otherwise."""
+    while not rospy.is_shutdown() and rospy.get_rostime().is_zero():
+        rospy.rostime.wallsleep(0.02)

@@ -1,0 +1,45 @@
+"""Reading a node's private parameters, once, into a checked dataclass."""
+from __future__ import annotations
+
+from typing import Dict, Sequence, Type, TypeVar
+
+import rospy
+
+from vb_core.errors import ParameterError
+from vb_core.parameters import Parameters
+
+P = TypeVar("P", bound=Parameters)
+
+
+def read(cls: Type[P], namespace: str = "~", ignore: Sequence[str] = ()) -> P:
+    """Reads a parameter class from the parameter server and logs what took effect.
+
+    Args:
+        cls: the class.
+        namespace: "~" for the node's private parameters, or for instance "~stationary".
+        ignore: keys below the namespace that belong to somebody else (nested classes).
+
+    Raises:
+        ParameterError: names the full key of what is unknown, of a wrong type or out of range.
+    """
+    where = rospy.resolve_name(namespace if namespace != "~" else "~x")
+    where = where[: -len("/x")] if namespace == "~" else where
+    found = rospy.get_param(where, {})
+    if not isinstance(found, dict):
+        raise ParameterError(where, f"expected keys and values, got {found!r}")
+    values: Dict[str, object] = {key: value for key, value in found.items() if key not in ignore}
+    params = cls.from_mapping(values, where)
+    rospy.loginfo("%s: %s", where, params.describe())
+    return params
+
+
+def required(name: str) -> object:
+    """A parameter that has no sensible default.
+
+    Raises:
+        ParameterError: if it is not set.
+    """
+    full = rospy.resolve_name(name)
+    if not rospy.has_param(full):
+        raise ParameterError(full, "this parameter must be set")
+    return rospy.get_param(full)

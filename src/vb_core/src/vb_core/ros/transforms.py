@@ -1,0 +1,34 @@
+"""Looking up transforms at the time they are wanted for."""
+from __future__ import annotations
+
+import numpy as np
+import rospy
+import tf2_ros
+
+from vb_core.errors import CodedError
+from vb_core.ros.messages import matrix_from_transform
+
+
+class TransformLookup:
+    """tf2's buffer and listener; gives 4x4 matrices or a coded refusal."""
+
+    def __init__(self, cache_s: float = 10.0) -> None:
+        self._buffer = tf2_ros.Buffer(cache_time=rospy.Duration(cache_s))
+        self._listener = tf2_ros.TransformListener(self._buffer)
+
+    def lookup(self, target: str, source: str, stamp: rospy.Time, timeout_s: float = 0.1) -> np.ndarray:
+        """T_target_source at a time.
+
+        Args:
+            stamp: when; rospy.Time(0) is the newest there is.
+            timeout_s: [s] how long to wait for a transform that is still under way.
+
+        Raises:
+            CodedError: "no_transform" if there is none at that time, with tf's own reason;
+                "bad_transform" if it is no rotation.
+        """
+        try:
+            found = self._buffer.lookup_transform(target, source, stamp, rospy.Duration(timeout_s))
+        except (tf2_ros.TransformException, rospy.ROSException) as error:
+            raise CodedError("no_transform", f"no transform from '{source}' to '{target}': {error}") from None
+        return matrix_from_transform(found.transform)

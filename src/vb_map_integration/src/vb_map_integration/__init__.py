@@ -1,0 +1,1 @@
+"""Virtual borders in the occupancy grid: integration, store, map files."""

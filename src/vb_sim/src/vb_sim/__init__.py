@@ -1,0 +1,1 @@
+"""The simulated lab: cameras, robot, participant, and a stand-in for the navigation stack."""

@@ -1,0 +1,1 @@
+"""The interaction: states, commands, wizard console, voice, buttons."""
