@@ -1,0 +1,386 @@
+"""A simulated world: room, things, cameras, robots and scenarios, read from one YAML file.
+
+Everything is checked when it is read: an unknown key, a wrong type or a value out of range is a
+`ParameterError` that names the place in the file, for instance "cameras[1]/height".
+Angles are degrees in the file and radians from here on.
+"""
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Dict, List, Mapping, Tuple, Type, TypeVar
+
+import numpy as np
+import yaml
+from shapely.geometry import Polygon
+
+from vb_core import geometry
+from vb_core.camera_model import CameraModel
+from vb_core.errors import CodedError, ParameterError
+from vb_core.parameters import Parameters, param
+
+P = TypeVar("P", bound=Parameters)
+Color = Tuple[int, int, int]
+
+
+def _color(default: Color) -> Any:
+    return param(default, "", low=0, high=255)
+
+
+@dataclass(frozen=True)
+class Room(Parameters):
+    """The outer walls and the grid of the map."""
+
+    size: Tuple[float, float] = param((8.0, 5.0), "m", above=0.0, high=100.0)
+    resolution: float = param(0.025, "m", low=0.005, high=0.5)
+    margin: float = param(0.2, "m", low=0.0, high=5.0)
+    wall_height: float = param(2.5, "m", above=0.0)
+    wall_thickness: float = param(0.1, "m", above=0.0)
+
+
+@dataclass(frozen=True)
+class Floor(Parameters):
+    """What the floor looks like."""
+
+    kind: str = param("planks", choices=("planks", "tiles", "plain"))
+    color: Color = _color((150, 122, 92))
+    contrast: float = param(0.16, low=0.0, high=1.0)
+    plank: Tuple[float, float] = param((1.2, 0.14), "m", above=0.01)
+
+
+@dataclass(frozen=True)
+class Wall(Parameters):
+    """An inner wall from end to end."""
+
+    start: Tuple[float, float] = param((0.0, 0.0), "m")
+    end: Tuple[float, float] = param((1.0, 0.0), "m")
+    thickness: float = param(0.05, "m", above=0.0)
+    height: float = param(0.5, "m", above=0.0)
+    color: Color = _color((225, 222, 215))
+
+
+@dataclass(frozen=True)
+class Furniture(Parameters):
+    """A box, a cylinder, or a table on four legs; x, y is its middle."""
+
+    name: str = param("thing")
+    kind: str = param("box", choices=("box", "cylinder", "table"))
+    x: float = param(0.0, "m")
+    y: float = param(0.0, "m")
+    yaw: float = param(0.0, "deg")
+    size: Tuple[float, float] = param((0.5, 0.5), "m", above=0.0)
+    radius: float = param(0.2, "m", above=0.0)
+    height: float = param(0.7, "m", above=0.0)
+    leg: float = param(0.05, "m", above=0.0)
+    color: Color = _color((160, 160, 160))
+
+    def footprint(self) -> np.ndarray:
+        """(N, 2) [m] outline of the thing seen from above, counter-clockwise."""
+        if self.kind == "cylinder":
+            angles = np.linspace(0, 2 * math.pi, 24, endpoint=False)
+            return np.column_stack([self.x + self.radius * np.cos(angles), self.y + self.radius * np.sin(angles)])
+        return _rectangle(self.x, self.y, self.size, self.yaw)
+
+    def floor_contacts(self) -> List[np.ndarray]:
+        """Outlines (N, 2) [m] of what stands on the floor, which a laser scanner sees."""
+        if self.kind != "table":
+            return [self.footprint()]
+        half = np.array(self.size) / 2 - self.leg / 2
+        c, s = math.cos(math.radians(self.yaw)), math.sin(math.radians(self.yaw))
+        contacts = []
+        for sx, sy in ((-1, -1), (1, -1), (1, 1), (-1, 1)):
+            dx, dy = sx * half[0], sy * half[1]
+            contacts.append(_rectangle(self.x + c * dx - s * dy, self.y + s * dx + c * dy, (self.leg, self.leg), self.yaw))
+        return contacts
+
+
+@dataclass(frozen=True)
+class Patch(Parameters):
+    """Something flat on the floor."""
+
+    name: str = param("patch")
+    kind: str = param("rectangle", choices=("rectangle", "snippets"))
+    x: float = param(0.0, "m")
+    y: float = param(0.0, "m")
+    yaw: float = param(0.0, "deg")
+    size: Tuple[float, float] = param((1.0, 1.0), "m", above=0.0)
+    count: int = param(40, low=0, high=10000)
+    snippet: float = param(0.03, "m", above=0.0)
+    contrast: float = param(0.2, low=0.0, high=1.0)
+    color: Color = _color((128, 48, 52))
+
+    def footprint(self) -> np.ndarray:
+        """(4, 2) [m] its outline."""
+        return _rectangle(self.x, self.y, self.size, self.yaw)
+
+
+@dataclass(frozen=True)
+class Light(Parameters):
+    """A bright place on the floor: a reflection, a sun patch."""
+
+    name: str = param("light")
+    x: float = param(0.0, "m")
+    y: float = param(0.0, "m")
+    radius: float = param(0.1, "m", above=0.0)
+    brightness: float = param(60.0, "grey levels", low=0.0, high=255.0)
+
+
+@dataclass(frozen=True)
+class CeilingCamera(Parameters):
+    """A stationary camera. Pitch 90 looks straight down; yaw turns the image about the vertical."""
+
+    name: str = param("camera")
+    x: float = param(0.0, "m")
+    y: float = param(0.0, "m")
+    height: float = param(2.95, "m", above=0.1)
+    pitch: float = param(90.0, "deg", low=5.0, high=90.0)
+    yaw: float = param(0.0, "deg")
+    width: int = param(1920, "px", low=16)
+    image_height: int = param(1080, "px", low=16)
+    horizontal_fov: float = param(82.0, "deg", low=5.0, high=150.0)
+    distortion: Tuple[float, ...] = param((-0.06, 0.01, 0.0, 0.0, 0.0), "")
+    rate: float = param(25.0, "1/s", above=0.0, high=120.0)
+    encoding: str = param("bayer_rggb8", choices=("bayer_rggb8", "bgr8", "rgb8", "mono8"))
+
+    def model(self) -> CameraModel:
+        """The camera's intrinsic parameters."""
+        focal = self.width / 2.0 / math.tan(math.radians(self.horizontal_fov) / 2.0)
+        ideal = CameraModel.ideal(self.width, self.image_height, focal)
+        return CameraModel(self.width, self.image_height, ideal.matrix, np.array(self.distortion))
+
+    def pose(self) -> np.ndarray:
+        """T_map_optical, 4x4: where the camera truly is.
+
+        At pitch 90 and yaw 0 the image's right is +x and its top is +y.
+        """
+        # the body looks along +x; the extra quarter turn makes yaw 0 an upright picture of the map
+        yaw = math.radians(self.yaw) + math.pi / 2.0
+        body = geometry.rotation_from_rpy(0.0, math.radians(self.pitch), yaw)
+        return geometry.transform(body @ geometry.optical_rotation(), (self.x, self.y, self.height))
+
+
+@dataclass(frozen=True)
+class Robot(Parameters):
+    """A TurtleBot-like robot with a camera at its front. The camera's figures are assumed."""
+
+    name: str = param("robot")
+    namespace: str = param("")
+    start: Tuple[float, float, float] = param((0.0, 0.0, 0.0), "m, m, deg")
+    radius: float = param(0.18, "m", above=0.0)
+    camera_x: float = param(0.10, "m")
+    camera_height: float = param(0.45, "m", above=0.05)
+    camera_pitch: float = param(30.0, "deg", low=0.0, high=89.0)
+    camera_fov: float = param(58.0, "deg", low=10.0, high=150.0)
+    camera_rate: float = param(25.0, "1/s", above=0.0, high=120.0)
+
+    def start_pose(self) -> Tuple[float, float, float]:
+        """(x, y, yaw) [m, m, rad]."""
+        return self.start[0], self.start[1], math.radians(self.start[2])
+
+    def color_model(self) -> CameraModel:
+        """640 x 480 px (paper)."""
+        return CameraModel.ideal(640, 480, 320.0 / math.tan(math.radians(self.camera_fov) / 2.0))
+
+    def depth_model(self) -> CameraModel:
+        """160 x 120 px (paper), registered to the colour image."""
+        return self.color_model().scaled_to(160, 120)
+
+    def camera_mount(self) -> np.ndarray:
+        """T_base_optical, 4x4."""
+        body = geometry.rotation_from_rpy(0.0, math.radians(self.camera_pitch), 0.0)
+        return geometry.transform(body @ geometry.optical_rotation(), (self.camera_x, 0.0, self.camera_height))
+
+
+@dataclass(frozen=True)
+class Proof(Parameters):
+    """A way through the region, for showing that the border acts."""
+
+    start: Tuple[float, float, float] = param((0.0, 0.0, 0.0), "m, m, deg")
+    goal: Tuple[float, float, float] = param((1.0, 0.0, 0.0), "m, m, deg")
+
+
+@dataclass(frozen=True)
+class Scenario:
+    """What a participant is asked to do.
+
+    Attributes:
+        border: (N, 2) [m] the chain to be drawn.
+        closed: whether it is a polygon.
+        seed: (2,) [m].
+        region: (M, 2) [m] outline of the ground truth.
+        stand: (2,) [m] where the person stands while drawing.
+        guide: (K, 2) [m] the way along which a person guides the robot when there are no ceiling cameras.
+        proof: start and goal of the way that is compared before and after.
+    """
+
+    key: str
+    title: str
+    border: np.ndarray
+    closed: bool
+    seed: np.ndarray
+    region: np.ndarray
+    stand: np.ndarray
+    guide: np.ndarray
+    proof: Proof
+
+
+@dataclass(frozen=True)
+class World:
+    """All of a world file."""
+
+    name: str
+    room: Room
+    floor: Floor
+    walls: Tuple[Wall, ...]
+    furniture: Tuple[Furniture, ...]
+    patches: Tuple[Patch, ...]
+    lights: Tuple[Light, ...]
+    cameras: Tuple[CeilingCamera, ...]
+    robots: Tuple[Robot, ...]
+    scenarios: Dict[str, Scenario] = field(default_factory=dict)
+
+    def scenario(self, key: str) -> Scenario:
+        """The scenario of that name.
+
+        Raises:
+            ParameterError: with the names there are.
+        """
+        if key not in self.scenarios:
+            raise ParameterError("scenario", f"'{key}' is not in world '{self.name}'; known are {', '.join(self.scenarios)}")
+        return self.scenarios[key]
+
+    def camera(self, name: str) -> CeilingCamera:
+        """The ceiling camera of that name."""
+        for camera in self.cameras:
+            if camera.name == name:
+                return camera
+        raise ParameterError("camera", f"'{name}' is not in world '{self.name}'")
+
+    def robot(self, name: str) -> Robot:
+        """The robot of that name."""
+        for robot in self.robots:
+            if robot.name == name:
+                return robot
+        raise ParameterError("robot", f"'{name}' is not in world '{self.name}'")
+
+
+def _rectangle(x: float, y: float, size: Tuple[float, float], yaw_deg: float) -> np.ndarray:
+    hx, hy = size[0] / 2.0, size[1] / 2.0
+    corners = np.array([[-hx, -hy], [hx, -hy], [hx, hy], [-hx, hy]])
+    c, s = math.cos(math.radians(yaw_deg)), math.sin(math.radians(yaw_deg))
+    return corners @ np.array([[c, s], [-s, c]]) + (x, y)
+
+
+def load_world(path: str) -> World:
+    """Reads a world file.
+
+    Raises:
+        CodedError: "no_world" if there is no such file, "bad_world" if it is not YAML.
+        ParameterError: names the key that is wrong.
+    """
+    file = Path(path)
+    try:
+        document = yaml.safe_load(file.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise CodedError("no_world", f"cannot read the world file '{path}': {error.strerror}") from None
+    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        where = getattr(error, "problem_mark", None)
+        line = f" in line {where.line + 1}" if where else ""
+        raise CodedError("bad_world", f"the world file '{path}' is not valid YAML{line}") from None
+    return world_from_mapping(document, file.stem)
+
+
+def world_from_mapping(document: Any, default_name: str = "world") -> World:
+    """Makes a world of a YAML document.
+
+    Raises:
+        ParameterError: names the key that is wrong.
+    """
+    if not isinstance(document, Mapping):
+        raise ParameterError("world", "expected keys and values at the top of the file")
+    lists: Dict[str, Type[Parameters]] = {
+        "walls": Wall, "furniture": Furniture, "patches": Patch, "lights": Light, "cameras": CeilingCamera, "robots": Robot,
+    }
+    known = ["name", "room", "floor", *lists, "scenarios"]
+    for key in document:
+        if key not in known:
+            raise ParameterError(str(key), f"unknown key of a world; known are {', '.join(known)}")
+    parts = {key: _items(cls, document.get(key), key) for key, cls in lists.items()}
+    if not parts["robots"]:
+        raise ParameterError("robots", "a world needs at least one robot")
+    for key in ("cameras", "robots"):
+        names = [item.name for item in parts[key]]
+        for name in names:
+            if names.count(name) > 1:
+                raise ParameterError(key, f"the name '{name}' is used twice")
+    room = Room.from_mapping(document.get("room"), "room")
+    scenarios = document.get("scenarios") or {}
+    if not isinstance(scenarios, Mapping):
+        raise ParameterError("scenarios", "expected names of scenarios and their keys")
+    return World(
+        name=str(document.get("name", default_name)),
+        room=room,
+        floor=Floor.from_mapping(document.get("floor"), "floor"),
+        scenarios={str(key): _scenario(str(key), value, room) for key, value in scenarios.items()},
+        **parts,
+    )
+
+
+def _items(cls: Type[P], entries: Any, where: str) -> Tuple[P, ...]:
+    if entries is None:
+        return ()
+    if not isinstance(entries, list):
+        raise ParameterError(where, f"expected a list, got {entries!r}")
+    items = []
+    for index, entry in enumerate(entries):
+        if cls is Wall and isinstance(entry, Mapping):
+            # "from" is a word of Python and cannot be a field's name
+            entry = {{"from": "start", "to": "end"}.get(key, key): value for key, value in entry.items()}
+        items.append(cls.from_mapping(entry, f"{where}[{index}]"))
+    return tuple(items)
+
+
+def _points(value: Any, where: str, room: Room, least: int = 1) -> np.ndarray:
+    try:
+        points = np.array(value, dtype=float)
+    except (TypeError, ValueError):
+        raise ParameterError(where, f"expected points [x, y], got {value!r}") from None
+    if points.ndim != 2 or points.shape[1] != 2 or len(points) < least or not np.isfinite(points).all():
+        raise ParameterError(where, f"expected at least {least} point(s) [x, y], got {value!r}")
+    low, high = -room.margin, np.array(room.size) + room.margin
+    if (points < low).any() or (points > high).any():
+        raise ParameterError(where, f"a point lies outside the room of {room.size[0]} m x {room.size[1]} m")
+    return points
+
+
+def _scenario(key: str, entry: Any, room: Room) -> Scenario:
+    where = f"scenarios/{key}"
+    if not isinstance(entry, Mapping):
+        raise ParameterError(where, f"expected keys and values, got {entry!r}")
+    known = ("title", "closed", "border", "seed", "region", "stand", "guide", "proof")
+    for name in entry:
+        if name not in known:
+            raise ParameterError(f"{where}/{name}", f"unknown key of a scenario; known are {', '.join(known)}")
+    for name in ("closed", "border", "seed", "region", "stand", "proof"):
+        if name not in entry:
+            raise ParameterError(f"{where}/{name}", "this key must be set")
+    if not isinstance(entry["closed"], bool):
+        raise ParameterError(f"{where}/closed", f"expected true or false, got {entry['closed']!r}")
+    region = _points(entry["region"], f"{where}/region", room, 3)
+    if not Polygon(region).is_valid:
+        raise ParameterError(f"{where}/region", "the outline crosses itself")
+    proof = Proof.from_mapping(entry["proof"], f"{where}/proof")
+    for name in ("start", "goal"):
+        _points([getattr(proof, name)[:2]], f"{where}/proof/{name}", room)
+    return Scenario(
+        key=key,
+        title=str(entry.get("title", key)),
+        border=_points(entry["border"], f"{where}/border", room, 2),
+        closed=entry["closed"],
+        seed=_points([entry["seed"]], f"{where}/seed", room)[0],
+        region=region,
+        stand=_points([entry["stand"]], f"{where}/stand", room)[0],
+        guide=_points(entry["guide"], f"{where}/guide", room) if entry.get("guide") else np.zeros((0, 2)),
+        proof=proof,
+    )
