@@ -1,0 +1,49 @@
+"""Calling a neighbour's service without waiting for ever."""
+from __future__ import annotations
+
+import queue
+import threading
+from typing import Any, Type
+
+import rospy
+
+from vb_core.errors import CodedError
+
+
+def call(name: str, service: Type, request: Any, who: str, wait_s: float = 1.0, answer_s: float = 5.0) -> Any:
+    """Calls a service; gives its response or a coded refusal within a known time.
+
+    rospy itself waits without limit for a process that took the connection and hangs. The limits are
+    wall time on purpose: whether a process answers does not depend on simulated time, which may stand still.
+
+    Args:
+        name: the service's name.
+        service: its class, for instance vb_msgs.srv.AddBorder.
+        who: for the sentence: "the map integrator".
+        wait_s: [s] how long to wait for the service to appear.
+        answer_s: [s] how long to wait for its response after that.
+
+    Raises:
+        CodedError: "no_service" if nobody offers it: nothing was sent. "no_answer" if the request was
+            sent and no response came: what it asked for may have been done or not.
+    """
+    answers: "queue.Queue" = queue.Queue()
+    sent = threading.Event()
+
+    def work() -> None:
+        try:
+            rospy.wait_for_service(name, timeout=wait_s)
+            sent.set()
+            answers.put((rospy.ServiceProxy(name, service)(request), None))
+        except Exception as error:  # whatever the transport raises, the caller's thread reports it
+            answers.put((None, error))
+
+    threading.Thread(target=work, daemon=True).start()
+    try:
+        response, error = answers.get(timeout=wait_s + answer_s)
+    except queue.Empty:
+        response, error = None, TimeoutError(f"no response within {answer_s:g} s")
+    if error is not None:
+        code = "no_answer" if sent.is_set() else "no_service"
+        raise CodedError(code, f"{who} does not answer") from error
+    return response

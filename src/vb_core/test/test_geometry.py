@@ -1,0 +1,76 @@
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from vb_core import geometry
+
+angles = st.floats(-math.pi, math.pi)
+coordinates = st.floats(-50.0, 50.0)
+
+
+@given(angles, angles, angles)
+def test_rotations_agree_with_scipy(roll, pitch, yaw):
+    ours = geometry.rotation_from_rpy(roll, pitch, yaw)
+    theirs = Rotation.from_euler("xyz", [roll, pitch, yaw])
+    assert np.allclose(ours, theirs.as_matrix(), atol=1e-9)
+    quaternion = geometry.quaternion_from_rotation(ours)
+    assert np.allclose(geometry.rotation_from_quaternion(quaternion), ours, atol=1e-9)
+    assert abs(abs(quaternion @ theirs.as_quat()) - 1.0) < 1e-9
+
+
+@pytest.mark.parametrize("quaternion", [(0, 0, 0, 0), (math.nan, 0, 0, 1), (math.inf, 0, 0, 1)])
+def test_a_quaternion_that_is_no_rotation_is_refused(quaternion):
+    with pytest.raises(ValueError):
+        geometry.rotation_from_quaternion(quaternion)
+
+
+@given(angles)
+def test_yaw_round_trip(yaw):
+    back = geometry.yaw_from_quaternion(geometry.quaternion_from_yaw(yaw))
+    assert abs(geometry.wrap_angle(back - yaw)) < 1e-9
+
+
+@given(coordinates, coordinates, angles)
+def test_inverse_and_plane_poses(x, y, yaw):
+    T = geometry.pose2d_transform(x, y, yaw)
+    assert np.allclose(geometry.invert(T) @ T, np.eye(4), atol=1e-9)
+    bx, by, byaw = geometry.transform_pose2d(T)
+    assert (bx, by) == (x, y) and abs(geometry.wrap_angle(byaw - yaw)) < 1e-9
+
+
+@given(st.floats(-1000, 1000))
+def test_wrapped_angles_point_the_same_way(angle):
+    wrapped = geometry.wrap_angle(angle)
+    assert -math.pi < wrapped <= math.pi
+    assert math.isclose(math.cos(wrapped), math.cos(angle), abs_tol=1e-9)
+    assert math.isclose(math.sin(wrapped), math.sin(angle), abs_tol=1e-9)
+
+
+def test_optical_frame_is_that_of_rep_103():
+    body = geometry.optical_rotation()
+    assert np.allclose(body @ [0, 0, 1], [1, 0, 0])  # forward
+    assert np.allclose(body @ [1, 0, 0], [0, -1, 0])  # right
+    assert np.allclose(body @ [0, 1, 0], [0, 0, -1])  # down
+
+
+def test_rays_meet_the_floor_or_nothing():
+    origin = np.array([1.0, 2.0, 3.0])
+    directions = np.array([[0, 0, -1], [1, 0, -1], [0, 0, 1], [1, 0, 0], [math.nan, 0, -1]])
+    points = geometry.intersect_floor(origin, directions)
+    assert np.allclose(points[:2], [[1, 2, 0], [4, 2, 0]])
+    assert np.isnan(points[2:4]).all()
+
+
+def test_chain_length_and_resampling():
+    square = np.array([[0, 0], [2, 0], [2, 1], [0, 1]], dtype=float)
+    assert geometry.chain_length(square) == 5.0
+    assert geometry.chain_length(square, closed=True) == 6.0
+    dense = geometry.resample_chain(square, 0.1)
+    assert np.allclose(dense[[0, -1]], square[[0, -1]])
+    assert np.linalg.norm(np.diff(dense, axis=0), axis=1).max() <= 0.1 + 1e-9
+    assert len(geometry.resample_chain(square, 0.1, closed=True)) == 60
+    assert len(geometry.resample_chain(np.zeros((4, 2)), 0.1)) == 1

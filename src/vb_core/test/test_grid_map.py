@@ -1,0 +1,61 @@
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from vb_core.errors import CodedError
+from vb_core.grid_map import UNKNOWN, GridMap
+
+
+@given(st.floats(-20, 20), st.floats(-20, 20), st.floats(-math.pi, math.pi), st.floats(0.01, 1.0))
+def test_cells_and_points_are_inverse(x, y, yaw, resolution):
+    grid = GridMap(np.zeros((7, 11), np.int8), resolution, (x, y, yaw))
+    cells = np.argwhere(np.ones(grid.shape, bool))
+    assert (grid.world_to_cell(grid.cell_to_world(cells)) == cells).all()
+    assert grid.contains_cells(cells).all()
+
+
+def test_row_zero_is_the_lowest_y():
+    data = np.zeros((4, 3), np.int8)
+    data[0, 2] = 100
+    grid = GridMap(data, 0.5, (-1.0, 2.0, 0.0))
+    assert np.allclose(grid.cell_to_world([[0, 2]]), [[0.25, 2.25]])
+    assert grid.values_at([[0.25, 2.25], [0.25, 2.75], [9.0, 9.0]]).tolist() == [100, 0, UNKNOWN]
+    assert np.allclose(grid.corners(), [[-1, 2], [0.5, 2], [0.5, 4], [-1, 4]])
+
+
+def test_a_rotated_map_turns_about_its_origin():
+    grid = GridMap(np.zeros((10, 10), np.int8), 1.0, (0.0, 0.0, math.pi / 2))
+    # column 3, row 0 lies along +y of the map frame
+    assert np.allclose(grid.cell_to_world([[0, 3]]), [[-0.5, 3.5]])
+
+
+def test_far_points_do_not_overflow():
+    grid = GridMap(np.zeros((2, 2), np.int8), 0.05)
+    assert not grid.contains_cells(grid.world_to_cell([[1e300, -1e300], [1e9, 1e9]])).any()
+
+
+@pytest.mark.parametrize(
+    "data, resolution, origin",
+    [
+        (np.zeros((0, 3), np.int8), 0.1, (0, 0, 0)),
+        (np.zeros(5, np.int8), 0.1, (0, 0, 0)),
+        (np.zeros((2, 2), np.int8), 0.0, (0, 0, 0)),
+        (np.zeros((2, 2), np.int8), math.nan, (0, 0, 0)),
+        (np.zeros((2, 2), np.int8), 0.1, (0, math.inf, 0)),
+    ],
+)
+def test_what_cannot_be_a_map_is_refused(data, resolution, origin):
+    with pytest.raises(CodedError) as caught:
+        GridMap(data, resolution, origin)
+    assert caught.value.code == "bad_map"
+
+
+def test_geometry_is_compared_not_content():
+    grid = GridMap(np.zeros((2, 3), np.int8), 0.1, (1, 2, 0.5))
+    assert grid.same_geometry(grid.with_data(np.ones((2, 3), np.int8)))
+    assert not grid.same_geometry(GridMap(np.zeros((2, 3), np.int8), 0.1, (1, 2.1, 0.5)))
+    with pytest.raises(CodedError):
+        grid.with_data(np.zeros((3, 2), np.int8))

@@ -1,0 +1,58 @@
+from dataclasses import dataclass
+from typing import Tuple
+
+import pytest
+
+from vb_core.errors import ParameterError
+from vb_core.parameters import Parameters, param
+
+
+@dataclass(frozen=True)
+class Example(Parameters):
+    speed: float = param(0.2, "m/s", low=0.0, high=1.0)
+    size: float = param(1.0, "m", above=0.0)
+    count: int = param(3, low=1)
+    mode: str = param("fast", choices=("fast", "good"))
+    on: bool = param(True)
+    limits: Tuple[float, ...] = param((0.1, 0.2), low=0.0)
+
+
+def test_defaults_and_values():
+    params = Example.from_mapping({"speed": 1, "limits": [0.0, 1.0]})
+    assert params.speed == 1.0 and isinstance(params.speed, float)
+    assert params.limits == (0.0, 1.0) and params.count == 3
+    assert "speed=1.0 m/s" in params.describe()
+    assert Example.from_mapping(None) == Example()
+
+
+@pytest.mark.parametrize(
+    "key, value, word",
+    [
+        ("sped", 0.1, "unknown"),
+        ("speed", 1.5, "at most 1.0 m/s"),
+        ("speed", -0.1, "at least 0.0 m/s"),
+        ("speed", "quick", "number"),
+        ("speed", True, "number"),
+        ("speed", float("nan"), "number"),
+        ("size", 0.0, "above 0.0 m"),
+        ("count", 2.5, "whole number"),
+        ("count", False, "whole number"),
+        ("mode", "slow", "fast, good"),
+        ("mode", 3, "text"),
+        ("on", 1, "true or false"),
+        ("limits", 3, "list"),
+        ("limits", [0.1, -1.0], "at least"),
+    ],
+)
+def test_each_mistake_names_its_key(key, value, word):
+    with pytest.raises(ParameterError) as caught:
+        Example.from_mapping({key: value}, "/node")
+    assert caught.value.key == f"/node/{key}"
+    assert word in caught.value.message and caught.value.message.startswith(f"/node/{key}: ")
+
+
+def test_changes_are_checked_too():
+    with pytest.raises(ParameterError):
+        Example().replace(speed=7.0)
+    with pytest.raises(ParameterError):
+        Example.from_mapping([1, 2])

@@ -1,0 +1,95 @@
+"""Conversions, over the real message classes and without a master."""
+import io
+
+import numpy as np
+import pytest
+import rospy
+from nav_msgs.msg import OccupancyGrid
+from sensor_msgs.msg import CameraInfo, CompressedImage, Image
+
+from vb_core.camera_model import CameraModel
+from vb_core.errors import CodedError
+from vb_core.geometry import pose2d_transform
+from vb_core.grid_map import GridMap
+from vb_core.ros import messages
+
+
+def test_maps_round_trip_byte_for_byte():
+    cells = np.random.default_rng(1).integers(-1, 101, (30, 40)).astype(np.int8)
+    grid = GridMap(cells, 0.05, (-1.0, 2.0, 0.3))
+    sent = io.BytesIO()
+    messages.message_from_grid(grid, rospy.Time(7)).serialize(sent)
+    # what the plain class reads and writes is the reference
+    plain = OccupancyGrid().deserialize(sent.getvalue())
+    again = io.BytesIO()
+    plain.serialize(again)
+    assert again.getvalue() == sent.getvalue()
+    for message in (plain, messages.OccupancyGridArray().deserialize(sent.getvalue())):
+        back = messages.grid_from_message(message)
+        assert back.same_geometry(grid) and (back.data == cells).all()
+        assert message.header.frame_id == "map" and message.header.stamp == rospy.Time(7)
+
+
+def test_a_map_whose_size_is_a_lie_is_refused():
+    message = messages.message_from_grid(GridMap(np.zeros((3, 4), np.int8), 0.1), rospy.Time(0))
+    message.info.width = 5
+    with pytest.raises(CodedError) as caught:
+        messages.grid_from_message(message)
+    assert caught.value.code == "bad_map"
+    with pytest.raises(CodedError):
+        messages.grid_from_message(OccupancyGrid())
+
+
+@pytest.mark.parametrize("encoding, shape", [("bgr8", (6, 8, 3)), ("mono8", (6, 8)), ("bayer_rggb8", (6, 8))])
+def test_images_round_trip(encoding, shape):
+    pixels = np.random.default_rng(2).integers(0, 256, shape).astype(np.uint8)
+    message = messages.image_message(pixels, encoding, rospy.Time(3), "red_optical_frame")
+    assert (messages.image_array(message) == pixels).all()
+    assert message.step == shape[1] * (shape[2] if len(shape) > 2 else 1)
+
+
+def test_depth_images_round_trip():
+    depth = np.arange(48, dtype=np.uint16).reshape(6, 8) * 100
+    message = messages.image_message(depth, "16UC1", rospy.Time(3), "camera_optical_frame")
+    assert (messages.image_array(message) == depth).all()
+
+
+def test_images_that_cannot_be_read_are_refused():
+    good = messages.image_message(np.zeros((6, 8), np.uint8), "mono8", rospy.Time(0), "x")
+    for change in ({"encoding": "nonsense"}, {"height": 0}, {"height": 60}, {"encoding": ""}):
+        bad = Image()
+        good_fields = {name: getattr(good, name) for name in good.__slots__}
+        for name, value in {**good_fields, **change}.items():
+            setattr(bad, name, value)
+        with pytest.raises(CodedError) as caught:
+            messages.image_array(bad)
+        assert caught.value.code == "bad_image"
+    with pytest.raises(CodedError):
+        messages.compressed_image_array(CompressedImage(data=b"not a picture"))
+
+
+def test_cameras_round_trip_and_bad_ones_are_refused():
+    camera = CameraModel(640, 480, CameraModel.ideal(640, 480, 577.0).matrix, np.array([0.1, -0.2, 0.0, 0.0, 0.01]))
+    info = messages.info_from_camera(camera, rospy.Time(1), "x")
+    back = messages.camera_from_info(info)
+    assert np.allclose(back.matrix, camera.matrix) and np.allclose(back.distortion, camera.distortion)
+    info.distortion_model = "equidistant"
+    with pytest.raises(CodedError):
+        messages.camera_from_info(info)
+    with pytest.raises(CodedError) as caught:
+        messages.camera_from_info(CameraInfo())
+    assert caught.value.code == "bad_camera_info"
+
+
+def test_transforms_points_and_poses_round_trip():
+    T = pose2d_transform(1.0, -2.0, 2.5)
+    T[2, 3] = 0.7
+    stamped = messages.transform_message(T, "map", "base_link", rospy.Time(2))
+    assert np.allclose(messages.matrix_from_transform(stamped.transform), T)
+    stamped.transform.rotation.x = float("nan")
+    with pytest.raises(CodedError):
+        messages.matrix_from_transform(stamped.transform)
+    points = np.array([[1.0, 2.0], [3.0, -4.0]])
+    assert (messages.array_from_points(messages.points_from_array(points)) == points).all()
+    assert messages.array_from_points([]).shape == (0, 2)
+    assert np.allclose(messages.pose_to_2d(messages.pose_from_2d(1, 2, 3)), (1, 2, 3))
