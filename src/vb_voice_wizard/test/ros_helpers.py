@@ -1,0 +1,103 @@
+"""What the rostests of this package share: waiting with a deadline, starting nodes, and stub neighbours."""
+from __future__ import annotations
+
+import subprocess
+import time
+
+import rospy
+
+from vb_msgs.srv import AddBorder, AddBorderResponse, GetCandidate, GetCandidateResponse
+
+
+def wait_until(condition, what: str, limit_s: float = 15.0):
+    """Waits for a condition; gives its first true value, or fails with what was waited for."""
+    deadline = time.monotonic() + limit_s
+    while time.monotonic() < deadline:
+        value = condition()
+        if value:
+            return value
+        time.sleep(0.02)
+    raise AssertionError(f"waited {limit_s:g} s in vain for: {what}")
+
+
+class Newest:
+    """Keeps a topic's messages."""
+
+    def __init__(self, name: str, message_type) -> None:
+        self.all = []
+        self.subscriber = rospy.Subscriber(name, message_type, self.all.append, queue_size=100)
+
+    @property
+    def message(self):
+        return self.all[-1] if self.all else None
+
+    def wait(self, condition, what: str, limit_s: float = 15.0):
+        """Waits until the newest message fulfils a condition."""
+        return wait_until(lambda: self.all and condition(self.all[-1]) and self.all[-1], what, limit_s)
+
+
+class Process:
+    """A node in a process of its own that can be killed and started again."""
+
+    def __init__(self, executable: str, *arguments: str, package: str = "vb_voice_wizard") -> None:
+        self._command = ["rosrun", package, executable, *arguments]
+        self.process = None
+        self.start()
+
+    def start(self) -> None:
+        # rosrun would stay in between: exec makes the pid the node's own
+        self.process = subprocess.Popen(["bash", "-c", 'exec "$@"', "-", *self._command])
+
+    def kill(self) -> None:
+        """The hard way, as a crash does it."""
+        self.process.kill()
+        self.process.wait()
+
+    def stop(self) -> None:
+        """The polite way."""
+        self.process.terminate()
+        try:
+            self.process.wait(timeout=10)
+        except subprocess.TimeoutExpired:
+            self.kill()
+
+
+class StubNeighbours:
+    """border_fusion and map_integrator, as far as saving a border needs them."""
+
+    def __init__(self) -> None:
+        self.candidate = GetCandidateResponse(success=True, code="ok")
+        self.candidate.border.points = [rospy_point(0, 0), rospy_point(1, 0), rospy_point(1, 1)]
+        self.candidate.border.seed = rospy_point(0.5, 0.5)
+        self.add = AddBorderResponse(success=True, code="ok", id="b1")
+        self.before_add = lambda: None
+        self.candidates, self.added = [], []
+        self.services = []
+
+    def offer(self, candidate: bool = True, add: bool = True) -> None:
+        """Starts the services."""
+        if candidate:
+            self.services.append(rospy.Service("/virtual_borders/get_candidate", GetCandidate, self._on_candidate))
+        if add:
+            self.services.append(rospy.Service("/virtual_borders/add_border", AddBorder, self._on_add))
+
+    def withdraw(self) -> None:
+        """Stops them."""
+        for service in self.services:
+            service.shutdown()
+        self.services = []
+
+    def _on_candidate(self, request):
+        self.candidates.append(request)
+        return self.candidate
+
+    def _on_add(self, request):
+        self.before_add()
+        self.added.append(request)
+        return self.add
+
+
+def rospy_point(x: float, y: float):
+    from geometry_msgs.msg import Point
+
+    return Point(float(x), float(y), 0.0)

@@ -1,0 +1,203 @@
+#!/usr/bin/env python3
+"""The interaction manager over a real roscore, with stub neighbours."""
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+import tempfile
+import threading
+import unittest
+
+import rospy
+import rostest
+from std_msgs.msg import String
+
+sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
+from ros_helpers import Newest, Process, StubNeighbours, wait_until  # noqa: E402
+
+from vb_msgs.msg import BorderProgress, InteractionState, VirtualBorder, VirtualBorderArray  # noqa: E402
+from vb_msgs.srv import AddBorderResponse, Command, GetCandidateResponse  # noqa: E402
+
+FOLDER = tempfile.mkdtemp(prefix="vb_interaction_")
+LOG = os.path.join(FOLDER, "interactions.jsonl")
+ARGUMENTS = [
+    f"_log_file:={LOG}", f"_state_file:={FOLDER}/state.json", "_method:=a_method", "_publish_period:=0.2",
+    "_service_wait:=0.7", "_service_answer:=2.0",
+]
+
+
+class InteractionManagerTest(unittest.TestCase):
+    @classmethod
+    def setUpClass(cls):
+        rospy.init_node("rostest_interaction_manager")
+        cls.stub = StubNeighbours()
+        cls.stub.offer()
+        cls.progress = rospy.Publisher("/virtual_borders/progress", BorderProgress, queue_size=1, latch=True)
+        cls.borders = rospy.Publisher("/virtual_borders/borders", VirtualBorderArray, queue_size=1, latch=True)
+        cls.text = rospy.Publisher("/virtual_borders/command_text", String, queue_size=5)
+        cls.state = Newest("/virtual_borders/state", InteractionState)
+        cls.node = Process("interaction_manager", "__name:=interaction_manager", *ARGUMENTS)
+        rospy.wait_for_service("/virtual_borders/command", 20)
+
+    @classmethod
+    def tearDownClass(cls):
+        cls.node.stop()
+
+    def setUp(self):
+        self.stub.add = AddBorderResponse(success=True, code="ok", id="b1")
+        self.stub.before_add = lambda: None
+        self.command("cancel")
+
+    def command(self, name, source="test"):
+        return rospy.ServiceProxy("/virtual_borders/command", Command)(command=name, source=source)
+
+    def records(self):
+        with open(LOG) as file:
+            return [json.loads(line) for line in file]
+
+    def in_state(self, name):
+        return self.state.wait(lambda message: message.name == name, f"state {name}")
+
+    def test_a_whole_interaction(self):
+        self.assertTrue(self.command("define_border", "voice").success)
+        drawing = self.in_state("border")
+        self.assertEqual(drawing.state, InteractionState.BORDER)
+        self.assertTrue(drawing.interaction_id and not drawing.started.is_zero())
+        # elapsed times grow without anybody saying anything
+        self.state.wait(lambda message: message.border_s > drawing.border_s, "time that runs")
+        self.progress.publish(interaction_id=drawing.interaction_id, cameras=["red", "robot"])
+        refused = self.command("save")
+        self.assertEqual((refused.success, refused.code), (False, "missing_seed"))
+        self.assertTrue(self.command("define_seed").success)
+        before = len(self.stub.added)
+        saved = self.command("save", "wizard")
+        self.assertEqual((saved.success, saved.code), (True, "ok"), saved.message)
+        self.assertEqual(self.stub.candidates[-1].interaction_id, drawing.interaction_id)
+        self.assertEqual(len(self.stub.added), before + 1)
+        request = self.stub.added[-1]
+        self.assertEqual((request.border.id, request.source, len(request.border.points)), ("", "wizard", 3))
+        self.assertTrue(request.border.enabled and request.border.occupancy == 1.0)
+        done = self.in_state("default")
+        self.assertEqual((done.last_outcome, done.last_border_id, done.last_command), ("saved", "b1", "save"))
+        self.assertEqual((done.interaction_id, done.started.is_zero()), ("", True))
+        record = self.records()[-1]
+        self.assertEqual(record["interaction_id"], drawing.interaction_id)
+        self.assertEqual((record["outcome"], record["border_id"], record["method"]), ("saved", "b1", "a_method"))
+        self.assertEqual(record["sources"], ["voice", "test", "wizard"])
+        self.assertEqual(record["cameras"], ["red", "robot"])
+        self.assertAlmostEqual(record["border_s"] + record["seed_s"], record["ended"] - record["started"], places=2)
+
+    def test_refusals_of_neighbours_reach_the_person(self):
+        self.command("define_border")
+        self.command("define_seed")
+        identity = self.in_state("seed").interaction_id
+        good, self.stub.candidate = self.stub.candidate, GetCandidateResponse(False, "too_few", "Draw more.", VirtualBorder())
+        answer = self.command("save")
+        self.assertEqual((answer.success, answer.code, answer.message), (False, "too_few", "Draw more."))
+        self.stub.candidate = good
+        self.stub.add = AddBorderResponse(success=False, code="separates_nothing", message="It separates nothing.")
+        answer = self.command("save")
+        self.assertEqual((answer.code, answer.message), ("separates_nothing", "It separates nothing."))
+        state = self.state.wait(lambda message: message.last_code == "separates_nothing", "the refusal in the state")
+        self.assertEqual((state.name, state.interaction_id, state.last_success), ("seed", identity, False))
+
+    def test_neighbours_that_are_away_lose_nothing(self):
+        self.command("define_border")
+        self.command("define_seed")
+        self.stub.withdraw()
+        self.stub.offer(add=False)
+        answer = self.command("save")
+        self.assertEqual((answer.success, answer.code), (False, "no_service"))
+        self.assertIn("map integrator does not answer", answer.message)
+        self.stub.offer(candidate=False)
+        self.assertTrue(self.command("save").success)
+
+    def test_a_hanging_integrator_is_left_and_its_border_is_not_added_twice(self):
+        self.command("define_border")
+        self.command("define_seed")
+        released = threading.Event()
+        self.stub.before_add = lambda: released.wait(20)
+        answers = []
+        saving = threading.Thread(target=lambda: answers.append(self.command("save")))
+        count = len(self.stub.added)
+        saving.start()
+        # others are answered meanwhile
+        wait_until(lambda: self.command("cancel").code == "busy" or not saving.is_alive(), "busy")
+        saving.join()
+        self.assertEqual(answers[0].code, "no_answer")
+        self.assertIn("say save again", answers[0].message)
+        released.set()
+        wait_until(lambda: len(self.stub.added) == count + 1, "the late border")
+        stored = self.stub.added[-1].border
+        stored.id = "b_late"
+        self.borders.publish(borders=[stored])
+        # the topic has no acknowledgement: ask until the manager has seen the list; until then it may not add either
+        self.stub.add = AddBorderResponse(success=False, code="not_yet", message="Not yet.")
+        wait_until(lambda: self.command("save").success, "the border that was there already")
+        self.assertEqual(self.in_state("default").last_border_id, "b_late")
+
+    def test_a_command_as_text(self):
+        wait_until(lambda: self.text.get_num_connections(), "the subscriber")
+        self.text.publish("Guide robot")
+        self.assertEqual(self.in_state("guide").last_source, "text")
+        self.text.publish("dance")
+        self.state.wait(lambda message: message.last_code == "unknown_command", "an answer to nonsense")
+
+    def test_a_killed_node_goes_on_where_it_was(self):
+        self.command("define_border", "voice")
+        self.command("define_seed", "voice")
+        before = self.in_state("seed")
+        self.node.kill()
+        del self.state.all[:]
+        self.node.start()
+        again = self.in_state("seed")
+        self.assertEqual(again.interaction_id, before.interaction_id)
+        self.assertGreaterEqual(again.border_s, before.border_s)
+        wait_until(lambda: self._answers("save"), "the restarted node's service")
+        self.assertEqual(self.records()[-1]["interaction_id"], before.interaction_id)
+        self.assertEqual(self.records()[-1]["outcome"], "saved")
+
+    def _answers(self, name):
+        try:
+            return self.command(name).success
+        except rospy.ServiceException:
+            return False
+
+    def test_a_command_as_a_shell_call(self):
+        called = [
+            subprocess.Popen(["rosrun", "vb_voice_wizard", "command", *words], stdout=subprocess.PIPE,
+                             stderr=subprocess.PIPE, universal_newlines=True, env={**os.environ, **environment})
+            for words, environment in (
+                (["save"], {}),
+                (["guide robot", "--source", "shell"], {}),
+                (["dance"], {}),
+                (["save"], {"ROS_MASTER_URI": "http://127.0.0.1:9"}),
+            )
+        ]
+        ends = [(process.communicate(timeout=30), process.returncode) for process in called]
+        self.assertEqual([status for _, status in ends], [1, 0, 2, 3], ends)
+        self.assertIn("follows the laser spot", ends[1][0][0])
+        self.assertIn("master does not answer", ends[3][0][1])
+        self.assertFalse(any("Traceback" in text for texts, _ in ends for text in texts))
+        self.in_state("guide")
+
+    def test_a_bad_parameter_is_one_line(self):
+        cases = {"log_file": "_log_file:=/proc/none/x", "occupancy": "_occupancy:=2.0", "ocupancy": "_ocupancy:=1.0"}
+        started = {
+            key: subprocess.Popen(
+                ["rosrun", "vb_voice_wizard", "interaction_manager", f"__name:=bad_{key}", argument],
+                stdout=subprocess.PIPE, stderr=subprocess.STDOUT, universal_newlines=True,
+            )
+            for key, argument in cases.items()
+        }
+        for key, process in started.items():
+            output, _ = process.communicate(timeout=30)
+            self.assertEqual(process.returncode, 1)
+            self.assertIn(key, output)
+            self.assertNotIn("Traceback", output)
+
+
+if __name__ == "__main__":
+    rostest.rosrun("vb_voice_wizard", "interaction_manager", InteractionManagerTest)

@@ -1,0 +1,66 @@
+"""The files of the interaction manager."""
+from __future__ import annotations
+
+import json
+import os
+
+import pytest
+
+from vb_core.errors import CodedError, ParameterError
+from vb_voice_wizard.interaction import Record
+from vb_voice_wizard.memory import StateFile, append_line, record_line, writable
+
+RECORD = Record("i1", "saved", "b7", 10.0, 31.23456, 1.0, 15.0, 5.23456, 21.23456, ("voice", "wizard"))
+
+
+def test_state_file_round_trip(tmp_path):
+    path = str(tmp_path / "state.json")
+    assert StateFile(path, "run").read() is None
+    StateFile(path, "run").write({"interaction": {"a": 1}})
+    assert StateFile(path, "run").read()["interaction"] == {"a": 1}
+    StateFile(path, "run").write({"interaction": {"a": 2}})
+    assert StateFile(path, "run").read()["interaction"] == {"a": 2}
+    assert os.listdir(str(tmp_path)) == ["state.json"]
+
+
+def test_state_of_another_run_is_not_ours(tmp_path):
+    path = str(tmp_path / "state.json")
+    StateFile(path, "run").write({"a": 1})
+    assert StateFile(path, "other").read() is None
+    StateFile(path, "").write({"a": 1})
+    assert StateFile(path, "").read() is None
+
+
+@pytest.mark.parametrize("content", ["", "{", "[]", "3", "\x00\x01"])
+def test_damaged_state_file(tmp_path, content):
+    path = tmp_path / "state.json"
+    path.write_text(content)
+    with pytest.raises(CodedError) as caught:
+        StateFile(str(path), "run").read()
+    assert caught.value.code == "bad_memory"
+
+
+def test_record_is_one_line_of_json(tmp_path):
+    path = str(tmp_path / "log.jsonl")
+    for method in ("nrs", "robot_only"):
+        append_line(path, record_line(RECORD, method, ["red"]))
+    lines = open(path).read().splitlines()
+    assert len(lines) == 2
+    fields = json.loads(lines[1])
+    assert fields["method"] == "robot_only" and fields["cameras"] == ["red"]
+    assert fields["sources"] == ["voice", "wizard"] and fields["border_id"] == "b7"
+    assert fields["seed_s"] == 5.235 and fields["outcome"] == "saved"
+
+
+def test_writable_makes_the_folder(tmp_path, monkeypatch):
+    monkeypatch.setenv("HOME", str(tmp_path))
+    path = writable("~log_file", "~/a/b/log.jsonl")
+    assert path == str(tmp_path / "a" / "b" / "log.jsonl") and os.path.isdir(os.path.dirname(path))
+
+
+def test_unwritable_names_the_key(tmp_path):
+    (tmp_path / "file").write_text("")
+    for path in (str(tmp_path / "file" / "log"), str(tmp_path)):
+        with pytest.raises(ParameterError) as caught:
+            writable("~log_file", path)
+        assert caught.value.key == "~log_file"
