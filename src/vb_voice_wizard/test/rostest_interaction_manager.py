@@ -117,14 +117,15 @@ class InteractionManagerTest(unittest.TestCase):
     def test_a_hanging_integrator_is_left_and_its_border_is_not_added_twice(self):
         self.command("define_border")
         self.command("define_seed")
-        released = threading.Event()
-        self.stub.before_add = lambda: released.wait(20)
+        reached, released = threading.Event(), threading.Event()
+        self.stub.before_add = lambda: reached.set() or released.wait(20)
         answers = []
         saving = threading.Thread(target=lambda: answers.append(self.command("save")))
         count = len(self.stub.added)
         saving.start()
         # others are answered meanwhile
-        wait_until(lambda: self.command("cancel").code == "busy" or not saving.is_alive(), "busy")
+        self.assertTrue(reached.wait(15))
+        self.assertEqual(self.command("cancel").code, "busy")
         saving.join()
         self.assertEqual(answers[0].code, "no_answer")
         self.assertIn("say save again", answers[0].message)
