@@ -1,0 +1,438 @@
+"""The demonstration: a whole interaction in the simulated lab, from camera images to a detour.
+
+    demo --scenario carpet --method nrs
+
+Starts everything with roslaunch under a master of its own, lets the simulated participant draw a
+border, and asks move_base for the same way before and after. Leaves its results in out/demo.
+"""
+from __future__ import annotations
+
+import argparse
+import contextlib
+import json
+import math
+import os
+import sys
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Dict, List, Optional, Tuple
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+from vb_core.errors import CodedError, ParameterError
+from vb_core.geometry import chain_length
+from vb_evaluation import metrics
+from vb_evaluation.processes import Child, find_window, free_port, screenshot, start_screen
+from vb_sim import floor_plan
+from vb_sim.world import Proof, Scenario, World, load_world
+
+METHODS = ("nrs", "robot_only")
+METHOD_TITLES = {"nrs": "network robot system", "robot_only": "robot only"}
+READY_TIMEOUT_S = 90.0
+INTERACTION_TIMEOUT_S = 900.0
+SCREEN = (1920, 1080)
+
+
+@dataclass(frozen=True)
+class Options:
+    """What the command line asked for, checked."""
+
+    world_path: Path
+    world: World
+    scenario: Scenario
+    method: str
+    seed: int
+    out: Path
+    rviz: bool
+    sim_time: bool
+
+
+def parse(arguments: Optional[List[str]], top: Path) -> Options:
+    """Reads the command line.
+
+    Raises:
+        CodedError: one line that names the argument or the key of the world file.
+    """
+    parser = argparse.ArgumentParser(prog="demo", description=__doc__.split("\n")[0])
+    parser.add_argument("--scenario", default="carpet")
+    parser.add_argument("--method", default="nrs")
+    parser.add_argument("--world", default="", help="a world file; empty: the paper's lab")
+    parser.add_argument("--seed", default="1", help="of every random draw")
+    parser.add_argument("--out", default=str(top / "out" / "demo"))
+    parser.add_argument("--no-rviz", action="store_true", help="leave the smart display out")
+    given = parser.parse_args(arguments)
+    if given.method not in METHODS:
+        raise ParameterError("METHOD", f"must be one of {', '.join(METHODS)}, got '{given.method}'")
+    try:
+        seed = int(given.seed)
+    except ValueError:
+        raise ParameterError("SEED", f"expected a whole number, got '{given.seed}'") from None
+    path = Path(given.world).expanduser().resolve() if given.world else top / "src/vb_sim/worlds/lab.yaml"
+    world = load_world(str(path))
+    if given.scenario not in world.scenarios:
+        raise ParameterError("SCENARIO", f"'{given.scenario}' is not in {path.name}; known are {', '.join(world.scenarios)}")
+    return Options(
+        path, world, world.scenarios[given.scenario], given.method, seed, Path(given.out).resolve(), not given.no_rviz, True
+    )
+
+
+def main(arguments: Optional[List[str]] = None, top: Optional[Path] = None) -> int:
+    """Runs the demonstration; 0 if a border came out and the second way respects it."""
+    console = Console(highlight=False, soft_wrap=True)
+    try:
+        options = parse(arguments, top or Path.cwd())
+        return Demo(options, console).run()
+    except CodedError as error:
+        Console(stderr=True, highlight=False, soft_wrap=True).print(f"demo: {error}", markup=False, style="bold red")
+        return 2
+    except KeyboardInterrupt:
+        console.print("interrupted")
+        return 130
+
+
+class Demo:
+    """One run, from starting the nodes to writing the summary."""
+
+    def __init__(self, options: Options, console: Console) -> None:
+        self.options = options
+        self.console = console
+        self._started = time.monotonic()
+        self._stack = contextlib.ExitStack()
+        self.display: Optional[str] = None
+        self.virtual_screen = False
+
+    # ------------------------------------------------------------- the story
+    def run(self) -> int:
+        options = self.options
+        options.out.mkdir(parents=True, exist_ok=True)
+        for old in list(options.out.glob("*.png")) + [options.out / "summary.json"]:
+            if old.exists():
+                old.unlink()
+        self.console.rule(f"[bold]{options.scenario.title}[/bold], {METHOD_TITLES[options.method]}")
+        with self._stack:
+            self._launch()
+            import rospy  # only now: rospy reads the master's address when it is imported
+
+            rospy.init_node("demo_observer", anonymous=True, disable_signals=True, log_level=rospy.ERROR)
+            return self._observe()
+
+    def _launch(self) -> None:
+        options = self.options
+        environment = dict(os.environ)
+        port = free_port()
+        os.environ["ROS_MASTER_URI"] = environment["ROS_MASTER_URI"] = f"http://127.0.0.1:{port}"
+        environment["ROS_LOG_DIR"] = str(options.out / "log")
+        if options.rviz:
+            self._prepare_display(environment)
+        cameras = " ".join(camera.name for camera in options.world.cameras) if options.method == "nrs" else ""
+        self._environment = environment
+        self._launched = Child(
+            ["roslaunch", "-p", str(port), self._launch_file("simulation.launch"), f"world:={options.world_path}",
+             f"seed:={options.seed}", f"cameras:={cameras}", f"method:={options.method}", f"out:={options.out}",
+             f"rviz:={'true' if options.rviz else 'false'}"],
+            options.out / "log" / "roslaunch.txt", environment,
+        )
+        self._stack.callback(self._launched.stop)
+        self._port = port
+        self._say("starting the lab: "
+                  + (f"cameras {cameras} and the robot's" if cameras else "the robot's camera alone, as in the paper's baseline"))
+
+    def _prepare_display(self, environment: Dict[str, str]) -> None:
+        self.display = environment.get("DISPLAY")
+        if not self.display:
+            screen, self.display = start_screen(self.options.out / "log" / "xvfb.txt", *SCREEN)
+            self._stack.callback(screen.stop)
+            self.virtual_screen = True
+            environment["LIBGL_ALWAYS_SOFTWARE"] = "1"
+        environment["DISPLAY"] = self.display
+        environment.setdefault("QT_X11_NO_MITSHM", "1")
+
+    @staticmethod
+    def _launch_file(name: str) -> str:
+        return str(Path(__file__).resolve().parents[4] / "launch" / name)
+
+    def _observe(self) -> int:
+        from vb_evaluation.observer import CameraAlbum, Observer, wait_until
+
+        options = self.options
+        observer = Observer()
+        self._wait_until_ready(observer, wait_until)
+        proof = options.scenario.proof
+        before = observer.plan(_pose(proof.start), _pose(proof.goal), "/move_base/make_plan")
+        self._say(f"before: the way from the robot's place to the goal is {chain_length(before):.2f} m long"
+                  if len(before) else "before: there is no way from start to goal, so the proof will be empty")
+        album = CameraAlbum(observer, self._camera_topics())
+        clock = self._start_clock(observer)
+        self._start_participant()
+        self._follow(observer, wait_until)
+        measured = self._stop_clock(observer, clock)
+        saved = observer.state is not None and observer.state.last_outcome == "saved"
+        # the map that carries the border was published before the state said "saved"
+        region = metrics.restricted_cells(observer.prior, observer.posterior)
+        after = np.zeros((0, 2))
+        if saved:
+            after = self._plan_after(observer, wait_until, proof, region)
+        album.close()
+        maps = self._save_map() if saved else []
+        self._take_screenshot()
+        return self._conclude(observer, album, before, after, region, saved, measured, maps)
+
+    def _wait_until_ready(self, observer, wait_until) -> None:
+        options = self.options
+        cameras = [camera.name for camera in options.world.cameras] if options.method == "nrs" else []
+        wanted = {
+            "the interaction manager (/virtual_borders/state)": lambda: observer.state is not None,
+            "the physical map (/map)": lambda: observer.prior is not None,
+            "the posterior map (/virtual_borders/map)": lambda: observer.posterior is not None,
+            "the simulated lab (/sim/lab_state)": lambda: observer.lab is not None,
+        }
+        for camera in cameras + ["robot"]:
+            wanted[f"the detector of camera {camera} (/virtual_borders/detectors)"] = (
+                lambda camera=camera: camera in observer.detectors and observer.detectors[camera].processed > 0
+            )
+        with self._status("waiting for all nodes"):
+            missing = lambda: [name for name, there in wanted.items() if not there()]  # noqa: E731
+            ready = wait_until(lambda: not missing() or not self._launched.running, READY_TIMEOUT_S)
+        if not ready or missing():
+            raise CodedError("not_ready", f"these did not come up: {'; '.join(missing())}. The last lines of "
+                             f"{self._launched.log}:\n{self._launched.tail()}")
+        self._say(f"all nodes are up: {len(cameras) + 1} cameras, maps, interaction, navigation")
+
+    def _camera_topics(self) -> Dict[str, str]:
+        topics = {"robot": "/camera/rgb/image_raw"}
+        if self.options.method == "nrs":
+            topics.update({camera.name: f"/{camera.name}/image_raw" for camera in self.options.world.cameras})
+        return topics
+
+    def _start_participant(self) -> None:
+        options = self.options
+        participant = Child(
+            ["roslaunch", "-p", str(self._port), self._launch_file("parts/participant.launch"), f"world:={options.world_path}",
+             f"scenario:={options.scenario.key}", f"method:={options.method}", f"seed:={options.seed}"],
+            options.out / "log" / "participant.txt", self._environment,
+        )
+        self._stack.callback(participant.stop)
+        self._say("the participant takes up the laser pointer")
+
+    # ------------------------------------------------------------- while it runs
+    def _follow(self, observer, wait_until) -> None:
+        """Tells what happens until the participant is done."""
+        told: Dict[str, object] = {}
+
+        def tell() -> bool:
+            state, progress = observer.state, observer.progress
+            if state and state.name != told.get("state"):
+                told["state"] = state.name
+                self._say(f"state [bold]{state.name}[/bold]" + (f": {state.last_message}" if state.last_message else ""))
+            elif state and state.last_message and (state.last_command, state.last_message) != told.get("answer"):
+                if not state.last_success:
+                    self._say(f"answer to {state.last_command}: {state.last_message}")
+            if state:
+                told["answer"] = (state.last_command, state.last_message)
+            if progress:
+                seeing = ", ".join(sorted(progress.seeing))
+                if seeing != told.get("seeing"):
+                    told["seeing"] = seeing
+                    if seeing:
+                        self._say(f"seen by {seeing}; {progress.border_spots} border spots, {progress.seed_spots} seed spots")
+                if progress.has_seed and not told.get("seed"):
+                    told["seed"] = True
+                    self._say(f"the seed point is at ({progress.seed.x:.2f}, {progress.seed.y:.2f}) m")
+            doing = observer.lab.participant_doing if observer.lab else ""
+            if doing and doing != told.get("doing"):
+                told["doing"] = doing
+                self._say(f"the participant: {doing}")
+            status.update(self._live_line(observer))
+            return observer.outcome is not None or not self._launched.running
+
+        with self._status("the participant comes in") as status:
+            wait_until(tell, INTERACTION_TIMEOUT_S, 0.1)
+        if not self._launched.running:
+            raise CodedError("launch_ended", f"roslaunch ended:\n{self._launched.tail()}")
+        if observer.outcome is None:
+            self._say(f"the participant did not finish within {INTERACTION_TIMEOUT_S:.0f} s")
+        else:
+            self._say(f"the participant is done: {observer.outcome.get('outcome', '?')}")
+
+    @staticmethod
+    def _live_line(observer) -> str:
+        parts = []
+        if observer.state:
+            parts.append(f"state {observer.state.name}")
+        if observer.progress:
+            chain = np.array([(p.x, p.y) for p in observer.progress.chain]).reshape(-1, 2)
+            parts.append(f"{observer.progress.border_spots} spots, chain {chain_length(chain, observer.progress.closed):.2f} m")
+        if observer.lab and observer.lab.robot_poses:
+            pose = observer.lab.robot_poses[0]
+            parts.append(f"robot at ({pose.x:.1f}, {pose.y:.1f})")
+            parts.append(f"real-time factor {observer.lab.real_time_factor:.2f}")
+        return "  |  ".join(parts) or "..."
+
+    def _start_clock(self, observer) -> dict:
+        import rospy
+
+        return {"ros": rospy.get_time(), "wall": time.monotonic(), "frames": _frames(observer), "published": _published()}
+
+    def _stop_clock(self, observer, start: dict) -> dict:
+        import rospy
+
+        ros, wall = rospy.get_time() - start["ros"], time.monotonic() - start["wall"]
+        frames, published = _frames(observer), _published()
+        for camera, counts in frames.items():
+            for key in counts:
+                counts[key] -= start["frames"].get(camera, {}).get(key, 0)
+            counts["published"] = published.get(camera, 0) - start["published"].get(camera, 0)
+        return {"real_time_factor": ros / wall if wall > 0 else math.nan, "frames": frames, "duration_s": ros}
+
+    def _plan_after(self, observer, wait_until, proof: Proof, region: np.ndarray) -> np.ndarray:
+        """The way after the border, as soon as move_base's costmap has it (at most 5 s)."""
+        after = np.zeros((0, 2))
+
+        def respected() -> bool:
+            nonlocal after
+            after = observer.plan(_pose(proof.start), _pose(proof.goal), "/move_base/make_plan")
+            return not metrics.crosses(after, observer.prior, region)
+
+        wait_until(respected, 5.0, 0.25)
+        return after
+
+    def _save_map(self) -> List[str]:
+        import rospy
+
+        from vb_core import names
+        from vb_msgs.srv import SaveMap
+
+        try:
+            rospy.wait_for_service(names.SAVE_MAP, timeout=10.0)
+            reply = rospy.ServiceProxy(names.SAVE_MAP, SaveMap)(name="posterior", raw=False)
+        except (rospy.ROSException, rospy.ServiceException) as error:
+            self._say(f"the map could not be saved: {error}")
+            return []
+        if not reply.success:
+            self._say(f"the map could not be saved: {reply.message}")
+        return list(reply.files)
+
+    def _take_screenshot(self) -> None:
+        if not self.options.rviz:
+            return
+        time.sleep(1.0)  # RViz draws a few frames a second: let it show the last state
+        window = None if self.virtual_screen else find_window(self.display, "rviz")
+        if not screenshot(self.display, self.options.out / "smart_display.png", window):
+            self._say("no picture of the smart display could be taken")
+
+    # ------------------------------------------------------------- the end
+    def _conclude(self, observer, album, before, after, region, saved, measured, maps) -> int:
+        from vb_core.ros import messages
+        from vb_evaluation import pictures
+
+        options = self.options
+        truth = floor_plan.ground_truth(options.world, options.scenario)
+        same_grid = truth.shape == region.shape
+        score = metrics.jaccard(truth, region) if saved and same_grid else 0.0
+        state = observer.state
+        times = {"guide": state.guide_s, "border": state.border_s, "seed": state.seed_s}
+        times["total"] = sum(times.values())
+        crossing = metrics.crosses(after, observer.prior, region)
+        summary = {
+            "scenario": options.scenario.key,
+            "method": options.method,
+            "world": options.world.name,
+            "seed": options.seed,
+            "completed": bool(saved),
+            "jaccard": round(score, 4),
+            "time_s": {key: round(value, 2) for key, value in times.items()},
+            "path_before_m": round(chain_length(before), 3) if len(before) else None,
+            "path_after_m": round(chain_length(after), 3) if len(after) else None,
+            "path_before_crosses_border": metrics.crosses(before, observer.prior, region),
+            "path_after_crosses_border": crossing,
+            "real_time_factor": round(measured["real_time_factor"], 4),
+            "duration_s": round(measured["duration_s"], 2),
+            "frames": measured["frames"],
+        }
+        (options.out / "summary.json").write_text(json.dumps(summary, indent=2) + "\n")
+        chain = np.array([(p.x, p.y) for p in observer.last_chain.chain]) if observer.last_chain else np.zeros((0, 2))
+        pictures.before_after(
+            options.out / "before_after.png", observer.prior, region, truth if same_grid else None, before, after, chain,
+            f"{options.scenario.title}, {METHOD_TITLES[options.method]}: Jaccard index {score:.3f}",
+        )
+        for camera, image in album.images.items():
+            trail = observer.trail(camera)
+            stamp = image.header.stamp.to_sec()
+            now = [(u, v) for t, u, v in trail if abs(t - stamp) < 1e-3]
+            drawn = trail[:, 1:] if not observer.mobile.get(camera, camera == "robot") else np.zeros((0, 2))
+            pictures.camera_picture(
+                options.out / f"camera_{camera}.png", pictures.to_bgr(messages.image_array(image), image.encoding),
+                f"camera {camera}: {len(trail)} spots seen", drawn, now,
+            )
+        self._print_table(summary)
+        written = sorted(str(path.relative_to(options.out)) for path in options.out.glob("*.*"))
+        self.console.print(f"written to {options.out}: {', '.join(written)}")
+        if not saved:
+            self.console.print("no border came out", style="bold red")
+            return 1
+        if crossing:
+            self.console.print("the way still crosses the border", style="bold red")
+            return 1
+        self.console.print(
+            "the robot now goes round the border" if len(after) else "no way crosses the border: the goal is out of reach now",
+            style="bold green",
+        )
+        return 0
+
+    def _print_table(self, summary: dict) -> None:
+        table = Table(title="result", show_header=False)
+        length = lambda value: "no way" if value is None else f"{value:.2f} m"  # noqa: E731
+        rows = [
+            ("Jaccard index against the ground truth", f"{summary['jaccard']:.3f}"),
+            *((f"time in {name}", f"{summary['time_s'][name]:.1f} s") for name in ("guide", "border", "seed", "total")),
+            ("way before", f"{length(summary['path_before_m'])}"
+             + (", crosses the area" if summary["path_before_crosses_border"] else ", does not cross the area")),
+            ("way after", f"{length(summary['path_after_m'])}"
+             + (", CROSSES the border" if summary["path_after_crosses_border"] else ", respects the border")),
+            ("real-time factor", f"{summary['real_time_factor']:.3f}"),
+        ]
+        for camera, counts in sorted(summary["frames"].items()):
+            rate = counts["published"] / summary["duration_s"] if summary["duration_s"] else 0.0
+            rows.append((f"camera {camera}", f"{rate:.1f} frames/s published, {counts['processed']} of {counts['published']} "
+                         f"searched, spot in {counts['detected']}"))
+        for row in rows:
+            table.add_row(*row)
+        self.console.print(table)
+
+    # ------------------------------------------------------------- helpers
+    def _say(self, text: str) -> None:
+        self.console.print(f"[dim]{time.monotonic() - self._started:6.1f} s[/dim]  {text}")
+
+    def _status(self, text: str):
+        # a spinner is for terminals; a log file gets the events alone
+        if self.console.is_terminal:
+            return self.console.status(text)
+        return contextlib.nullcontext(_Silent())
+
+
+class _Silent:
+    def update(self, *_args, **_kwargs) -> None:
+        """Nothing to show."""
+
+
+def _pose(pose: Tuple[float, float, float]) -> Tuple[float, float, float]:
+    return pose[0], pose[1], math.radians(pose[2])
+
+
+def _frames(observer) -> Dict[str, Dict[str, int]]:
+    return {
+        camera: {"published": 0, "processed": int(status.processed), "detected": int(status.detected)}
+        for camera, status in observer.detectors.items()
+    }
+
+
+def _published() -> Dict[str, int]:
+    """Frames that the simulated cameras have published so far, by camera."""
+    return {}
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,136 @@
+"""The pictures of a run: ways before and after, and what each camera saw."""
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Optional, Sequence, Tuple
+
+import cv2
+import matplotlib
+import numpy as np
+
+from vb_core.grid_map import GridMap
+
+matplotlib.use("Agg")
+from matplotlib import pyplot as plt  # noqa: E402  (the backend must be chosen before)
+
+# colours that colour-blind people tell apart (Okabe and Ito)
+BLUE, ORANGE, GREEN, VERMILLION, GREY = "#0072B2", "#E69F00", "#009E73", "#D55E00", "#666666"
+
+
+def before_after(
+    path: Path,
+    prior: GridMap,
+    region: np.ndarray,
+    truth: Optional[np.ndarray],
+    path_before: np.ndarray,
+    path_after: np.ndarray,
+    chain: np.ndarray,
+    title: str,
+) -> None:
+    """Draws the map with the planned way before and after the border.
+
+    Args:
+        path: the PNG to write.
+        prior: the physical map.
+        region: (H, W) bool, what the border restricts.
+        truth: (H, W) bool, what was asked for; None if unknown.
+        path_before, path_after: (N, 2) [m]; an empty one means that there is no way.
+        chain: (M, 2) [m] the border's chain.
+    """
+    figure, axes = plt.subplots(1, 2, figsize=(15, 5.6), sharey=True)
+    for axis, way, heading, after in ((axes[0], path_before, "Before", False), (axes[1], path_after, "After", True)):
+        _draw_map(axis, prior)
+        if after:
+            _shade(axis, prior, region, VERMILLION, 0.45)
+            axis.plot([], [], color=VERMILLION, lw=8, alpha=0.45, label="restricted")
+            closed = np.vstack([chain, chain[:1]]) if len(chain) > 2 and np.linalg.norm(chain[0] - chain[-1]) < 0.5 else chain
+            if len(chain):
+                axis.plot(closed[:, 0], closed[:, 1], color=VERMILLION, lw=2, label="border as drawn")
+        if truth is not None:
+            axis.contour(*_centres(prior), truth.astype(float), levels=[0.5], colors=[GREEN], linewidths=1.5, linestyles="dashed")
+            axis.plot([], [], color=GREEN, ls="--", lw=1.5, label="area that was asked for")
+        if len(way):
+            axis.plot(way[:, 0], way[:, 1], color=BLUE, lw=3, label=f"planned way, {_length(way):.2f} m", zorder=5)
+            axis.plot(*way[0], marker="o", ms=11, color=BLUE, mec="white", ls="none", label="start", zorder=6)
+            axis.plot(*way[-1], marker="*", ms=18, color=ORANGE, mec="black", ls="none", label="goal", zorder=6)
+        else:
+            axis.text(0.5, 0.5, "no way leads there any more", transform=axis.transAxes, ha="center", va="center",
+                      fontsize=15, color="black", bbox=dict(facecolor="white", alpha=0.85, edgecolor=GREY))
+        axis.set_title(heading, fontsize=15)
+        axis.set_xlabel("x [m]")
+        axis.legend(loc="upper center", bbox_to_anchor=(0.5, -0.13), ncol=3, frameon=False, fontsize=10)
+    axes[0].set_ylabel("y [m]")
+    figure.suptitle(title, fontsize=16)
+    figure.tight_layout()
+    figure.savefig(str(path), dpi=100)
+    plt.close(figure)
+
+
+def camera_picture(path: Path, image_bgr: np.ndarray, title: str, trail: np.ndarray, now: Sequence[Tuple[float, float]]) -> None:
+    """Draws detections into a camera's image.
+
+    Args:
+        image_bgr: (H, W, 3) uint8.
+        trail: (N, 2) [px] every spot that this camera saw, oldest first.
+        now: the spots of this very image [px].
+    """
+    picture = image_bgr.copy()
+    scale = picture.shape[1] / 1280.0
+    overlay = picture.copy()
+    for u, v in trail:
+        cv2.circle(overlay, (int(round(u)), int(round(v))), max(2, int(3 * scale)), (0, 159, 230), -1, cv2.LINE_AA)
+    picture = cv2.addWeighted(overlay, 0.6, picture, 0.4, 0)
+    for u, v in now:
+        centre = (int(round(u)), int(round(v)))
+        cv2.circle(picture, centre, int(24 * scale) + 4, (0, 0, 0), max(2, int(5 * scale)), cv2.LINE_AA)
+        cv2.circle(picture, centre, int(24 * scale) + 4, (255, 255, 255), max(1, int(2 * scale)), cv2.LINE_AA)
+    size = 0.8 * max(scale, 0.6)
+    (width, height), base = cv2.getTextSize(title, cv2.FONT_HERSHEY_SIMPLEX, size, 2)
+    cv2.rectangle(picture, (0, 0), (width + 24, height + base + 16), (0, 0, 0), -1)
+    cv2.putText(picture, title, (12, height + 10), cv2.FONT_HERSHEY_SIMPLEX, size, (255, 255, 255), 2, cv2.LINE_AA)
+    cv2.imwrite(str(path), picture)
+
+
+def to_bgr(image: np.ndarray, encoding: str) -> np.ndarray:
+    """An image in one of the usual encodings as (H, W, 3) bgr."""
+    # OpenCV names a Bayer pattern by its second row, ROS by its first
+    codes = {
+        "bayer_rggb8": cv2.COLOR_BayerBG2BGR,
+        "bayer_bggr8": cv2.COLOR_BayerRG2BGR,
+        "bayer_gbrg8": cv2.COLOR_BayerGR2BGR,
+        "bayer_grbg8": cv2.COLOR_BayerGB2BGR,
+        "mono8": cv2.COLOR_GRAY2BGR,
+        "rgb8": cv2.COLOR_RGB2BGR,
+    }
+    return cv2.cvtColor(image, codes[encoding]) if encoding in codes else image
+
+
+def _length(way: np.ndarray) -> float:
+    return float(np.linalg.norm(np.diff(way, axis=0), axis=1).sum())
+
+
+def _extent(grid: GridMap) -> Tuple[float, float, float, float]:
+    rows, columns = grid.shape
+    x, y, _ = grid.origin
+    return x, x + columns * grid.resolution, y, y + rows * grid.resolution
+
+
+def _centres(grid: GridMap) -> Tuple[np.ndarray, np.ndarray]:
+    rows, columns = grid.shape
+    x, y, _ = grid.origin
+    return x + (np.arange(columns) + 0.5) * grid.resolution, y + (np.arange(rows) + 0.5) * grid.resolution
+
+
+def _draw_map(axis, grid: GridMap) -> None:
+    shades = np.full(grid.shape, 0.82)
+    shades[(grid.data >= 0) & (grid.data < 50)] = 1.0
+    shades[grid.data >= 50] = 0.15
+    axis.imshow(shades, cmap="gray", vmin=0, vmax=1, origin="lower", extent=_extent(grid), interpolation="nearest")
+    axis.set_aspect("equal")
+
+
+def _shade(axis, grid: GridMap, mask: np.ndarray, color: str, alpha: float) -> None:
+    layer = np.zeros(grid.shape + (4,))
+    layer[..., :3] = matplotlib.colors.to_rgb(color)
+    layer[..., 3] = mask * alpha
+    axis.imshow(layer, origin="lower", extent=_extent(grid), interpolation="nearest")

@@ -1,0 +1,120 @@
+"""Child processes of an experiment: a roslaunch with a master of its own, and a screen for RViz."""
+from __future__ import annotations
+
+import os
+import select
+import signal
+import socket
+import subprocess
+import time
+from pathlib import Path
+from typing import Dict, List, Optional
+
+from vb_core.errors import CodedError
+
+
+def free_port() -> int:
+    """A TCP port on loopback that nobody uses now."""
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
+
+
+class Child:
+    """A child process in a group of its own, so that all it started ends with it."""
+
+    def __init__(self, command: List[str], log: Path, env: Optional[Dict[str, str]] = None, pass_fds=()) -> None:
+        self.log = log
+        log.parent.mkdir(parents=True, exist_ok=True)
+        with open(str(log), "w") as output:
+            self._process = subprocess.Popen(
+                command, stdin=subprocess.DEVNULL, stdout=output, stderr=subprocess.STDOUT, env=env,
+                start_new_session=True, pass_fds=pass_fds,
+            )
+
+    @property
+    def running(self) -> bool:
+        return self._process.poll() is None
+
+    @property
+    def pid(self) -> int:
+        return self._process.pid
+
+    def tail(self, lines: int = 8) -> str:
+        """The last lines it wrote."""
+        return "\n".join(self.log.read_text(errors="replace").splitlines()[-lines:])
+
+    def stop(self, patience_s: float = 12.0) -> None:
+        """Asks it to end, then insists."""
+        for sign, wait_s in ((signal.SIGINT, patience_s), (signal.SIGTERM, 3.0), (signal.SIGKILL, 3.0)):
+            if not self.running:
+                return
+            try:
+                # roslaunch ends its nodes itself when it is interrupted; only then the whole group is meant
+                target = os.kill if sign == signal.SIGINT else os.killpg
+                target(self._process.pid, sign)
+            except ProcessLookupError:
+                return
+            try:
+                self._process.wait(wait_s)
+            except subprocess.TimeoutExpired:
+                continue
+
+
+def start_screen(log: Path, width: int, height: int) -> "tuple[Child, str]":
+    """Starts a virtual screen; returns the process and its DISPLAY.
+
+    Raises:
+        CodedError: "no_screen" if Xvfb does not come up.
+    """
+    reading, writing = os.pipe()
+    try:
+        screen = Child(
+            ["Xvfb", "-displayfd", str(writing), "-screen", "0", f"{width}x{height}x24", "-nolisten", "tcp"],
+            log, pass_fds=(writing,),
+        )
+    except FileNotFoundError:
+        raise CodedError("no_screen", "Xvfb is not installed: run 'make setup'") from None
+    finally:
+        os.close(writing)
+    # Xvfb says which display it took once it is ready
+    number, deadline = b"", time.monotonic() + 20.0
+    while not number.endswith(b"\n") and time.monotonic() < deadline:
+        if select.select([reading], [], [], 0.5)[0]:
+            chunk = os.read(reading, 16)
+            if not chunk:
+                break
+            number += chunk
+    os.close(reading)
+    if not number.strip():
+        screen.stop(1.0)
+        raise CodedError("no_screen", f"the virtual screen did not start: {screen.tail(3)}")
+    return screen, f":{number.decode().strip()}"
+
+
+def screenshot(display: str, path: Path, window: Optional[str] = None) -> bool:
+    """Takes a picture of a screen, or of one window by id; whether it worked."""
+    done = subprocess.run(
+        ["import", "-window", window or "root", str(path)], env={**os.environ, "DISPLAY": display},
+        stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, stdin=subprocess.DEVNULL,
+    )
+    return done.returncode == 0 and path.exists()
+
+
+def find_window(display: str, word: str) -> Optional[str]:
+    """The id of the largest window whose title has a word in it, None if there is none."""
+    done = subprocess.run(
+        ["xwininfo", "-root", "-tree"], env={**os.environ, "DISPLAY": display}, stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL, universal_newlines=True,
+    )
+    best, area = None, 0
+    for line in done.stdout.splitlines():
+        parts = line.split()
+        if word.lower() not in line.lower() or not parts or not parts[0].startswith("0x"):
+            continue
+        for part in parts:
+            size = part.split("+")[0].split("x")
+            if "+" in part and len(size) == 2 and all(side.isdigit() for side in size):
+                if int(size[0]) * int(size[1]) > area:
+                    best, area = parts[0], int(size[0]) * int(size[1])
+    return best
