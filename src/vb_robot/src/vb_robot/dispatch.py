@@ -1,0 +1,228 @@
+"""When a robot is sent to a new place: the policy, apart from maps, messages and actions."""
+from __future__ import annotations
+
+import enum
+import math
+from dataclasses import dataclass
+from typing import Callable, Hashable, List, Optional, Tuple
+
+from vb_core.parameters import Parameters, param
+from vb_robot.viewpoint import Pose, Viewpoint
+
+
+@dataclass(frozen=True)
+class DispatchParams(Parameters):
+    """How eager the policy is."""
+
+    min_sightings: int = param(3, low=1, doc="spots before the first goal")
+    min_interval: float = param(1.5, "s", low=0.0, doc="between two goals")
+    retry_interval: float = param(0.5, "s", low=0.0, doc="after a failure")
+    patience: float = param(0.6, "s", low=0.0, doc="how long the present goal must have been unfit to be replaced")
+    min_spot_move: float = param(0.3, "m", low=0.0, doc="how far the spot must have gone since the goal was chosen")
+    min_gain: float = param(0.25, "m", low=0.0, doc="a new place must differ by this from the present goal")
+    failed_radius: float = param(0.3, "m", low=0.0, doc="round a place that failed nothing is tried ...")
+    failed_memory: float = param(20.0, "s", low=0.0, doc="... for this long")
+    max_failures: int = param(5, low=1, doc="in a row, then the pause below")
+    failure_pause: float = param(8.0, "s", low=0.0)
+    yield_pause: float = param(15.0, "s", low=0.0, doc="after somebody else took the robot")
+    ack_timeout: float = param(4.0, "s", above=0.0, doc="for navigation to accept a goal")
+    stuck_timeout: float = param(15.0, "s", above=0.0, doc="without progress, then the goal has failed")
+    stuck_distance: float = param(0.10, "m", above=0.0, doc="less than this is no progress")
+
+
+class GoalStatus(enum.Enum):
+    """What became of the goal that was sent last."""
+
+    NONE = "none"
+    SENT = "sent"  # not acknowledged yet
+    ACTIVE = "active"
+    REACHED = "reached"
+    FAILED = "failed"  # aborted, rejected or lost
+    TAKEN = "taken"  # preempted although this policy did not cancel it
+
+
+class Kind(enum.Enum):
+    """What is to be done."""
+
+    KEEP = "keep"
+    SEND = "send"
+    CANCEL = "cancel"
+
+
+@dataclass(frozen=True)
+class Decision:
+    kind: Kind
+    reason: str
+    viewpoint: Optional[Viewpoint] = None
+
+
+@dataclass(frozen=True)
+class Situation:
+    """Everything that a decision rests on.
+
+    Attributes:
+        now: [s].
+        wanted: Border or Seed, and a stationary camera saw the spot in this interaction.
+        key: changes with interaction and state.
+        spot: (x, y) [m] where the spot is, None if unknown.
+        robot: (x, y, yaw), None if not localised.
+        server: whether navigation is there.
+        goal: what became of the last goal.
+    """
+
+    now: float
+    wanted: bool
+    key: Hashable
+    spot: Optional[Tuple[float, float]]
+    robot: Optional[Pose]
+    server: bool
+    goal: GoalStatus
+
+
+class DispatchPolicy:
+    """Decides, step by step, whether to send the robot, leave it alone or call it off.
+
+    A goal is kept as long as its pose shows the spot. It is replaced only if it has been unfit for a while, the
+    spot has moved on, and there is a place that is really another one. A place that failed is left out for a
+    while and the next best is tried. If somebody else takes the robot, it is left to them for a while.
+    """
+
+    def __init__(self, params: DispatchParams) -> None:
+        self.params = params
+        self.goal: Optional[Viewpoint] = None
+        self._key: Hashable = None
+        self._now = -math.inf
+        self._sent = -math.inf
+        self._quiet_until = -math.inf
+        self._unfit_since: Optional[float] = None
+        self._failed: List[Tuple[float, float, float]] = []
+        self._failures = 0
+        self._progress: Optional[Tuple[float, Pose]] = None
+
+    def step(
+        self, situation: Situation, fit: Callable[[Pose], bool], rank: Callable[[], List[Viewpoint]]
+    ) -> Decision:
+        """The decision for now.
+
+        Args:
+            fit: whether a robot at a pose would see the spot well enough.
+            rank: makes the candidates, the best first; asked only when a new goal is due.
+        """
+        now = situation.now
+        if now < self._now - 1.0:  # time jumped back: what was remembered is about another run
+            self._restart(forget_goal=False)
+        self._now = now
+        if not situation.wanted:
+            running = situation.goal in (GoalStatus.SENT, GoalStatus.ACTIVE)
+            self._restart(forget_goal=True)
+            self._key = situation.key
+            return Decision(Kind.CANCEL, "no robot is wanted now") if running else Decision(Kind.KEEP, "not wanted")
+        if situation.key != self._key:
+            self._key = situation.key
+            self._failed.clear()
+            self._failures = 0
+            self._unfit_since = None
+            self._quiet_until = min(self._quiet_until, now)
+        if not situation.server:
+            self.goal = None
+            return Decision(Kind.KEEP, "navigation is not there")
+        called_off = self._follow_up(situation)
+        if called_off is not None:
+            return called_off
+        if situation.spot is None:
+            return Decision(Kind.KEEP, "no spot yet")
+        if situation.robot is None:
+            return Decision(Kind.KEEP, "the robot is not localised")
+        return self._choose(situation, fit, rank)
+
+    def _restart(self, forget_goal: bool) -> None:
+        if forget_goal:
+            self.goal = None
+        self._sent = self._quiet_until = -math.inf
+        self._unfit_since = None
+        self._failed.clear()
+        self._failures = 0
+        self._progress = None
+
+    def _follow_up(self, situation: Situation) -> Optional[Decision]:
+        """Takes note of how the goal goes."""
+        now, params = situation.now, self.params
+        if self.goal is None:
+            return None
+        if situation.goal is GoalStatus.SENT and now - self._sent > params.ack_timeout:
+            self._fail(now)
+            return Decision(Kind.CANCEL, "navigation did not accept the goal in time")
+        if situation.goal is GoalStatus.FAILED:
+            self._fail(now)
+        elif situation.goal is GoalStatus.TAKEN:
+            self.goal = None
+            self._quiet_until = now + params.yield_pause
+        elif situation.goal is GoalStatus.REACHED:
+            self._failures = 0
+        elif situation.goal is GoalStatus.ACTIVE and situation.robot is not None:
+            if self._progress is None or _moved(self._progress[1], situation.robot) >= params.stuck_distance:
+                self._progress = (now, situation.robot)
+            elif now - self._progress[0] > params.stuck_timeout:
+                self._fail(now)
+                return Decision(Kind.CANCEL, "the robot got stuck on its way")
+        return None
+
+    def _fail(self, now: float) -> None:
+        if self.goal is not None:
+            self._failed.append((now, self.goal.x, self.goal.y))
+        self.goal = None
+        self._progress = None
+        self._unfit_since = None
+        self._failures += 1
+        self._quiet_until = now + self.params.retry_interval
+        if self._failures >= self.params.max_failures:
+            self._failures = 0
+            self._quiet_until = now + self.params.failure_pause
+
+    def _choose(
+        self, situation: Situation, fit: Callable[[Pose], bool], rank: Callable[[], List[Viewpoint]]
+    ) -> Decision:
+        now, params, goal = situation.now, self.params, self.goal
+        assert situation.spot is not None and situation.robot is not None
+        under_way = goal is not None and situation.goal in (GoalStatus.SENT, GoalStatus.ACTIVE)
+        place = goal.pose if under_way and goal is not None else situation.robot
+        if fit(place):
+            self._unfit_since = None
+            return Decision(Kind.KEEP, "the spot is in view there")
+        if now < self._quiet_until:
+            return Decision(Kind.KEEP, "waiting after a failure or for somebody else")
+        if goal is not None:
+            if self._unfit_since is None:
+                self._unfit_since = now
+            if now - self._unfit_since < params.patience or now - self._sent < params.min_interval:
+                return Decision(Kind.KEEP, "the goal has become unfit only just now")
+            if under_way and math.dist(situation.spot, goal.spot) < params.min_spot_move and goal.sees_spot is False:
+                return Decision(Kind.KEEP, "on the way off the side to be restricted")
+        self._failed = [entry for entry in self._failed if now - entry[0] < params.failed_memory]
+        for candidate in rank():
+            if any(math.dist((candidate.x, candidate.y), entry[1:]) < params.failed_radius for entry in self._failed):
+                continue
+            if goal is not None and _same(candidate, goal, params.min_gain):
+                # what is best is where the robot goes or stands already
+                if under_way or math.dist(situation.spot, goal.spot) < params.min_spot_move:
+                    self._unfit_since = now
+                    return Decision(Kind.KEEP, "there is no better place")
+            self.goal = candidate
+            self._sent = now
+            self._unfit_since = None
+            self._progress = None
+            return Decision(Kind.SEND, "the spot is not in view from where the robot is or goes", candidate)
+        # asking again at once would give the same answer
+        self._quiet_until = now + params.min_interval
+        return Decision(Kind.KEEP, "no place from which the spot is seen can be reached")
+
+
+def _moved(a: Pose, b: Pose) -> float:
+    """[m] between two poses; a turn counts as what a point 0.2 m off the axis moves."""
+    turn = abs(math.remainder(a[2] - b[2], 2.0 * math.pi))
+    return math.dist(a[:2], b[:2]) + 0.2 * turn
+
+
+def _same(a: Viewpoint, b: Viewpoint, distance: float) -> bool:
+    turn = abs(math.remainder(a.yaw - b.yaw, 2.0 * math.pi))
+    return math.dist((a.x, a.y), (b.x, b.y)) < distance and turn < math.radians(20.0)

@@ -1,0 +1,99 @@
+"""The move_base action as the dispatcher uses it: nothing here waits."""
+from __future__ import annotations
+
+from typing import Optional, Set
+
+import actionlib
+import rospy
+from actionlib import CommState
+from actionlib_msgs.msg import GoalID, GoalStatus as StatusMessage
+from move_base_msgs.msg import MoveBaseAction, MoveBaseGoal
+
+from vb_core.names import MAP_FRAME
+from vb_core.ros.messages import pose_from_2d
+from vb_robot.dispatch import GoalStatus
+from vb_robot.viewpoint import Pose
+
+_FAILED = (StatusMessage.ABORTED, StatusMessage.REJECTED, StatusMessage.LOST)
+_CALLED_OFF = (StatusMessage.PREEMPTED, StatusMessage.RECALLED)
+
+
+class NavigationClient:
+    """Sends one goal at a time to an action server that may be absent, die and come back.
+
+    Args:
+        name: of the action, relative to the node's namespace.
+        silence_s: [s] without a status message after which the server counts as gone.
+    """
+
+    def __init__(self, name: str = "move_base", silence_s: float = 2.0) -> None:
+        self._client = actionlib.ActionClient(name, MoveBaseAction)
+        self._silence = rospy.Duration(silence_s)
+        self._handle: Optional[actionlib.ClientGoalHandle] = None
+        self._cancelled = False
+        self._status_seen: Optional[object] = None
+        self._heard = rospy.Time(0)
+        self._known: Set[str] = set()
+
+    def alive(self) -> bool:
+        """Whether the server is there: connected, and heard of lately. To be asked regularly."""
+        now = rospy.Time.now()
+        status = self._client.last_status_msg
+        if status is not None and status is not self._status_seen:
+            self._status_seen, self._heard = status, now
+        if self._heard > now:  # time jumped back
+            self._heard = now
+        fresh = status is not None and now - self._heard < self._silence
+        return fresh and self._client.pub_goal.get_num_connections() > 0
+
+    def send(self, pose: Pose) -> None:
+        """Sends the robot to a pose (x, y, yaw), map frame; a goal that still runs is replaced by it."""
+        goal = MoveBaseGoal()
+        goal.target_pose.header.frame_id = MAP_FRAME
+        goal.target_pose.header.stamp = rospy.Time.now()
+        goal.target_pose.pose = pose_from_2d(*pose)
+        self._cancelled = False
+        self._handle = self._client.send_goal(goal)
+        self._known.add(self._goal_id(self._handle))
+
+    def cancel(self) -> None:
+        """Calls the goal off, if there is one."""
+        if self._handle is not None and self.status() in (GoalStatus.SENT, GoalStatus.ACTIVE):
+            self._cancelled = True
+            self._handle.cancel()
+
+    def cancel_leftovers(self) -> int:
+        """Calls off goals that an earlier process of this node sent before it died; gives how many."""
+        status = self._client.last_status_msg
+        if status is None:
+            return 0
+        count = 0
+        for entry in status.status_list:
+            if entry.status not in (StatusMessage.PENDING, StatusMessage.ACTIVE) or entry.goal_id.id in self._known:
+                continue
+            if entry.goal_id.id.startswith(f"{rospy.get_name()}-"):
+                self._known.add(entry.goal_id.id)
+                self._client.pub_cancel.publish(GoalID(id=entry.goal_id.id))
+                count += 1
+        return count
+
+    def status(self) -> GoalStatus:
+        """What became of the goal that was sent last."""
+        if self._handle is None or self._cancelled:
+            return GoalStatus.NONE
+        state = self._handle.get_comm_state()
+        if state == CommState.WAITING_FOR_GOAL_ACK:
+            return GoalStatus.SENT
+        # the terminal status is known before the result arrives, and the result may be lost with the server
+        code = self._handle.get_terminal_state() if state == CommState.DONE else self._handle.get_goal_status()
+        if code == StatusMessage.SUCCEEDED:
+            return GoalStatus.REACHED
+        if code in _FAILED:
+            return GoalStatus.FAILED
+        if code in _CALLED_OFF:
+            return GoalStatus.TAKEN
+        return GoalStatus.ACTIVE
+
+    @staticmethod
+    def _goal_id(handle: actionlib.ClientGoalHandle) -> str:
+        return handle.comm_state_machine.action_goal.goal_id.id

@@ -1,0 +1,112 @@
+"""What is known about the spot in the interaction that goes on: where it is, which way it moves, who saw it."""
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass
+from typing import Deque, Iterable, Optional, Set, Tuple
+
+import numpy as np
+
+DEFAULT, BORDER, SEED, GUIDE = range(4)  # the values of vb_msgs/InteractionState
+
+
+@dataclass(frozen=True)
+class Sighting:
+    """One spot: when [s], where (x, y) [m] in the map frame, which camera, whether that camera is on a robot."""
+
+    stamp: float
+    position: Tuple[float, float]
+    camera: str
+    mobile: bool
+
+
+class Sightings:
+    """Collects the sightings of one interaction.
+
+    Args:
+        window_s: [s] how long a sighting counts for the spot's present place.
+        mobile_cameras: names known to be cameras on robots, before any of them has seen a spot.
+    """
+
+    def __init__(self, window_s: float = 1.0, mobile_cameras: Iterable[str] = ()) -> None:
+        self._window = window_s
+        self._mobile_names: Set[str] = set(mobile_cameras)
+        self._recent: Deque[Sighting] = deque(maxlen=400)
+        self._interaction = ""
+        self._entered = 0.0
+        self.state = DEFAULT
+        self.stationary_seen = False
+        self.first_mobile: Optional[float] = None
+
+    @property
+    def key(self) -> Tuple[str, int]:
+        """Changes with every change of interaction or state."""
+        return self._interaction, self.state
+
+    def set_state(self, state: int, interaction: str, entered: float) -> bool:
+        """Takes over the interaction's state; gives whether it changed."""
+        changed = (state, interaction) != (self.state, self._interaction)
+        if interaction != self._interaction or state == DEFAULT:
+            self.stationary_seen = False
+            self.first_mobile = None
+        if changed:
+            self._recent.clear()
+        self.state, self._interaction, self._entered = state, interaction, entered
+        return changed
+
+    def add(self, sighting: Sighting) -> None:
+        """Takes a sighting; those from before the present state began, and those in Default, do not count."""
+        if sighting.mobile:
+            self._mobile_names.add(sighting.camera)
+        if self.state == DEFAULT or sighting.stamp < self._entered:
+            return
+        self._recent.append(sighting)
+        if not sighting.mobile:
+            self.stationary_seen = True
+        elif self.first_mobile is None:
+            self.first_mobile = sighting.stamp
+
+    def contributed(self, cameras: Iterable[str]) -> None:
+        """Learns of the cameras that contributed before this program was started."""
+        if self.state != DEFAULT and any(camera not in self._mobile_names for camera in cameras):
+            self.stationary_seen = True
+
+    def forget_after(self, now: float) -> None:
+        """Drops sightings from the future: time has jumped back."""
+        self._recent = deque((s for s in self._recent if s.stamp <= now + 1.0), maxlen=self._recent.maxlen)
+
+    def newest(self) -> Optional[Sighting]:
+        """The newest sighting of any camera in this state."""
+        return max(self._recent, key=lambda s: s.stamp) if self._recent else None
+
+    def target(self, min_sightings: int = 3) -> Optional[np.ndarray]:
+        """(2,) [m] where the spot was last: the median of the last window before the newest sighting.
+
+        None before there are `min_sightings` of them: one false spot sends no robot.
+        """
+        newest = self.newest()
+        if newest is None:
+            return None
+        last = [s.position for s in self._recent if s.stamp >= newest.stamp - 0.3 * self._window]
+        if len(last) < min_sightings:
+            last = [s.position for s in self._recent if s.stamp >= newest.stamp - self._window]
+        return np.median(np.array(last), axis=0) if len(last) >= min_sightings else None
+
+    def direction(self, min_speed: float = 0.05) -> Optional[np.ndarray]:
+        """(2,) unit vector along which the spot moved over the window; None if it moved too little to tell."""
+        newest = self.newest()
+        if newest is None:
+            return None
+        recent = [s for s in self._recent if s.stamp >= newest.stamp - self._window]
+        times = np.array([s.stamp for s in recent])
+        if len(recent) < 6 or np.ptp(times) < 0.3 * self._window:
+            return None
+        middle = np.median(times)
+        places = np.array([s.position for s in recent])
+        early, late = times <= middle, times > middle
+        if not late.any():
+            return None
+        step = np.median(places[late], axis=0) - np.median(places[early], axis=0)
+        seconds = float(np.median(times[late]) - np.median(times[early]))
+        length = float(np.linalg.norm(step))
+        return step / length if seconds > 0 and length / seconds >= min_speed else None

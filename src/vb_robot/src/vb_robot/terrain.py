@@ -1,0 +1,173 @@
+"""The map as a round robot feels it: clearance, lines of sight, ways and their lengths."""
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Optional
+
+import cv2
+import numpy as np
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import dijkstra
+
+from vb_core.grid_map import GridMap
+from vb_core.parameters import Parameters, param
+
+
+@dataclass(frozen=True)
+class TerrainParams(Parameters):
+    """The robot's size, and what counts as blocked."""
+
+    robot_radius: float = param(0.18, "m", above=0.0, high=2.0)
+    margin: float = param(0.10, "m", low=0.0, high=1.0, doc="beyond the radius, where the robot is to stand")
+    travel_margin: float = param(0.03, "m", low=0.0, high=1.0, doc="beyond the radius, on the way")
+    occupied_threshold: int = param(50, "%", low=1, high=100, doc="from this occupancy on a cell is blocked")
+    way_cell: float = param(0.05, "m", above=0.0, high=0.5, doc="edge of a cell of the grid ways are searched on")
+    start_tolerance: float = param(0.35, "m", low=0.0, high=2.0, doc="how far from free cells a way may start")
+
+
+def clearance_grid(blocked: np.ndarray, resolution: float) -> np.ndarray:
+    """(H, W) float32 [m]: from each cell's centre to the next blocked cell's edge; 0 in blocked cells.
+
+    Half a cell is taken off, so that it never says more than there is. The map's edge counts as blocked.
+    """
+    padded = np.pad(blocked, 1, constant_values=True)
+    distance = cv2.distanceTransform((~padded).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)[1:-1, 1:-1]
+    return np.maximum(distance - 0.5, 0.0) * np.float32(resolution)
+
+
+def sample(grid: GridMap, layer: np.ndarray, points: np.ndarray, outside: float = 0.0) -> np.ndarray:
+    """(N,) values of a layer (H, W) of a grid at points (N, 2) [m]; `outside` for points off the map."""
+    cells = grid.world_to_cell(points)
+    inside = grid.contains_cells(cells)
+    values = np.full(len(cells), outside, dtype=float)
+    values[inside] = layer[cells[inside, 0], cells[inside, 1]]
+    return values
+
+
+class Terrain:
+    """A map prepared for questions about places and ways. Made once per map.
+
+    Args:
+        grid: the posterior map: physical obstacles and borders.
+        physical: the map without borders, which decides what hides what; a border hides nothing. None: `grid`.
+    """
+
+    def __init__(self, grid: GridMap, params: TerrainParams, physical: Optional[GridMap] = None) -> None:
+        self.grid = grid
+        self.params = params
+        self.blocked = (grid.data >= params.occupied_threshold) | (grid.data < 0)
+        self.clearance = clearance_grid(self.blocked, grid.resolution)
+        seen_through = physical if physical is not None and physical.same_geometry(grid) else grid
+        self.opaque = seen_through.data >= params.occupied_threshold
+        self._build_ways()
+
+    # ------------------------------------------------------------- places
+    def clearance_at(self, points: np.ndarray) -> np.ndarray:
+        """(N,) [m] from points (N, 2) to what is blocked or off the map."""
+        return sample(self.grid, self.clearance, points)
+
+    def stands_free(self, points: np.ndarray) -> np.ndarray:
+        """(N,) bool: whether the robot with its margin finds room at points (N, 2) [m]."""
+        return self.clearance_at(points) >= self.params.robot_radius + self.params.margin
+
+    def line_of_sight(self, points: np.ndarray, target) -> np.ndarray:
+        """(N,) bool: whether nothing opaque lies between points (N, 2) and a target (2,) [m]."""
+        points = np.asarray(points, dtype=float).reshape(-1, 2)
+        target = np.asarray(target, dtype=float)
+        if not len(points):
+            return np.zeros(0, dtype=bool)
+        longest = float(np.linalg.norm(points - target, axis=1).max())
+        # the last piece is left out: a spot at the foot of a wall is seen although its cell may be the wall's
+        steps = np.linspace(0.0, max(0.0, 1.0 - 2.0 * self.grid.resolution / max(longest, 1e-6)),
+                            max(2, int(np.ceil(2.0 * longest / self.grid.resolution))))
+        samples = points[:, None, :] + steps[None, :, None] * (target - points)[:, None, :]
+        hidden = sample(self.grid, self.opaque, samples.reshape(-1, 2), outside=1.0).reshape(len(points), -1)
+        return ~(hidden > 0).any(axis=1)
+
+    # ------------------------------------------------------------- ways
+    def _build_ways(self) -> None:
+        step = max(1, int(round(self.params.way_cell / self.grid.resolution)))
+        rows, columns = (size // step for size in self.grid.shape)
+        self._step = step
+        if rows == 0 or columns == 0:
+            rows = columns = 0
+        blocks = self.clearance[: rows * step, : columns * step].reshape(rows, step, columns, step)
+        # the largest clearance of a block: the smallest would close doorways that are wide enough
+        best = blocks.max(axis=(1, 3)) if rows else np.zeros((0, 0))
+        self._way = best >= self.params.robot_radius + self.params.travel_margin
+        index = np.arange(rows * columns).reshape(rows, columns)
+        start, end, cost = [], [], []
+        for dr, dc in ((0, 1), (1, 0), (1, 1), (1, -1)):
+            here = (slice(0, rows - dr), slice(max(0, -dc), columns - max(0, dc)))
+            there = (slice(dr, rows), slice(max(0, dc), columns + min(0, dc)))
+            both = self._way[here] & self._way[there]
+            start.append(index[here][both])
+            end.append(index[there][both])
+            cost.append(np.full(int(both.sum()), np.hypot(dr, dc) * step * self.grid.resolution))
+        size = rows * columns
+        self._edges = coo_matrix(
+            (np.concatenate(cost), (np.concatenate(start), np.concatenate(end))), shape=(size, size)
+        ).tocsr() if size else None
+
+    def way_lengths(self, start) -> np.ndarray:
+        """Length of the shortest way from a start (2,) [m] to every place, to be read with `way_length_at`.
+
+        Returns:
+            (h, w) [m] on the coarser grid of ways; inf where no way leads.
+        """
+        lengths = np.full(self._way.shape, np.inf)
+        if self._edges is None or not self._way.any():
+            return lengths
+        free = np.argwhere(self._way)
+        centres = self.grid.cell_to_world(free * self._step + (self._step - 1) / 2.0)
+        distances = np.linalg.norm(centres - np.asarray(start, dtype=float), axis=1)
+        nearest = int(np.argmin(distances))
+        if distances[nearest] > self.params.start_tolerance:
+            return lengths
+        source = free[nearest, 0] * self._way.shape[1] + free[nearest, 1]
+        return dijkstra(self._edges, directed=False, indices=source).reshape(self._way.shape)
+
+    def way_length_at(self, lengths: np.ndarray, points: np.ndarray) -> np.ndarray:
+        """(N,) [m] lengths of the ways to points (N, 2); inf where none leads."""
+        cells = self.grid.world_to_cell(points) // self._step
+        inside = ((cells >= 0) & (cells < np.array(lengths.shape))).all(axis=1)
+        values = np.full(len(cells), np.inf)
+        values[inside] = lengths[cells[inside, 0], cells[inside, 1]]
+        return values
+
+    # ------------------------------------------------------------- sides
+    def side_of(self, seed, chain: np.ndarray, closed: bool) -> Optional[np.ndarray]:
+        """What a border along the chain would restrict if the seed lay there: a forecast, not the integration.
+
+        Args:
+            seed: (2,) [m]; chain: (M, 2) [m], open ends are prolonged straight on to the next obstacle.
+
+        Returns:
+            (H, W) bool; None if the chain parts nothing.
+        """
+        chain = np.asarray(chain, dtype=float).reshape(-1, 2)
+        if len(chain) < 2:
+            return None
+        if not closed:
+            chain = np.vstack([self._ray_end(chain[0], chain[0] - chain[1]), chain,
+                               self._ray_end(chain[-1], chain[-1] - chain[-2])])
+        canvas = (~self.blocked).astype(np.uint8)
+        pixels = np.rint(self.grid.world_to_grid(chain)).astype(np.int32)
+        cv2.polylines(canvas, [pixels.reshape(-1, 1, 2)], closed, 0, thickness=1, lineType=cv2.LINE_8)
+        _, labels = cv2.connectedComponents(canvas, connectivity=4)
+        cell = self.grid.world_to_cell(np.asarray(seed, dtype=float).reshape(1, 2))[0]
+        if not self.grid.contains_cells(cell[None])[0] or labels[cell[0], cell[1]] == 0:
+            return None
+        side = labels == labels[cell[0], cell[1]]
+        free = int(canvas.sum())
+        return None if side.sum() > 0.98 * free else side
+
+    def _ray_end(self, start: np.ndarray, direction: np.ndarray) -> np.ndarray:
+        norm = float(np.linalg.norm(direction))
+        if norm < 1e-9:
+            return start
+        reach = float(np.hypot(*self.grid.shape)) * self.grid.resolution
+        steps = np.arange(0.0, reach, self.grid.resolution / 2.0)
+        points = start + steps[:, None] * (direction / norm)
+        hits = np.flatnonzero(sample(self.grid, self.blocked, points, outside=1.0) > 0)
+        return points[hits[0]] if len(hits) else points[-1]

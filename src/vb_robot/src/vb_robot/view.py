@@ -1,0 +1,69 @@
+"""What a robot's camera sees of the floor."""
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from vb_core import geometry
+from vb_core.camera_model import CameraModel
+from vb_core.parameters import Parameters, param
+
+
+@dataclass(frozen=True)
+class ViewParams(Parameters):
+    """Where the camera sits on the robot, and its lens."""
+
+    x: float = param(0.10, "m", low=-1.0, high=1.0, doc="ahead of base_link")
+    height: float = param(0.45, "m", above=0.0, high=3.0, doc="above the floor")
+    pitch_deg: float = param(30.0, "deg", low=0.0, high=90.0, doc="downwards from the horizontal")
+    horizontal_fov_deg: float = param(58.0, "deg", low=5.0, high=150.0)
+    image_width: int = param(640, "px", low=16)
+    image_height: int = param(480, "px", low=16)
+    max_range: float = param(3.0, "m", above=0.0, doc="farther away a spot is too small to be found")
+
+
+class FloorView:
+    """Projects floor points, given in the robot's base frame, into the robot's image."""
+
+    def __init__(self, params: ViewParams) -> None:
+        self.params = params
+        focal = (params.image_width / 2.0) / math.tan(math.radians(params.horizontal_fov_deg) / 2.0)
+        self.camera = CameraModel.ideal(params.image_width, params.image_height, focal)
+        rotation = geometry.rotation_from_rpy(0.0, math.radians(params.pitch_deg), 0.0) @ geometry.optical_rotation()
+        self.T_base_camera = geometry.transform(rotation, (params.x, 0.0, params.height))
+        self._T_camera_base = geometry.invert(self.T_base_camera)
+
+    def pixels(self, points: np.ndarray) -> np.ndarray:
+        """(N, 2) [px] of floor points (N, 2) [m] in the base frame; NaN for what lies behind the camera."""
+        points = np.asarray(points, dtype=float).reshape(-1, 2)
+        return self.camera.project(geometry.apply(self._T_camera_base, np.column_stack([points, np.zeros(len(points))])))
+
+    def sees(self, points: np.ndarray, margin: float = 0.0) -> np.ndarray:
+        """(N,) bool: which floor points (N, 2) [m], base frame, lie in the image and within range.
+
+        Args:
+            margin: how far from the image's edges, as a fraction of its width and height; 0.5 leaves the middle only.
+        """
+        points = np.asarray(points, dtype=float).reshape(-1, 2)
+        width, height = self.params.image_width, self.params.image_height
+        pixels = self.pixels(points)
+        edges = margin * np.array([width, height])
+        with np.errstate(invalid="ignore"):
+            inside = ((pixels >= edges - 0.5) & (pixels <= np.array([width, height]) - 0.5 - edges)).all(axis=1)
+        return inside & (np.hypot(points[:, 0], points[:, 1]) <= self.params.max_range)
+
+
+def to_base(points: np.ndarray, pose) -> np.ndarray:
+    """Map points (N, 2) [m] in the base frame of a robot at pose (x, y, yaw); inverse of `to_map`."""
+    x, y, yaw = pose
+    c, s = math.cos(yaw), math.sin(yaw)
+    return (np.asarray(points, dtype=float).reshape(-1, 2) - (x, y)) @ np.array([[c, -s], [s, c]])
+
+
+def to_map(points: np.ndarray, pose) -> np.ndarray:
+    """Base-frame points (N, 2) [m] of a robot at pose (x, y, yaw) in the map frame; inverse of `to_base`."""
+    x, y, yaw = pose
+    c, s = math.cos(yaw), math.sin(yaw)
+    return np.asarray(points, dtype=float).reshape(-1, 2) @ np.array([[c, s], [-s, c]]) + (x, y)

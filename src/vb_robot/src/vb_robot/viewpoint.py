@@ -1,0 +1,194 @@
+"""Poses from which a robot's own camera sees the spot (paper, Sect. 4.2: a robot is sent to the area)."""
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import List, Optional, Tuple
+
+import cv2
+import numpy as np
+
+from vb_core import geometry
+from vb_core.parameters import Parameters, param
+from vb_robot.terrain import Terrain, clearance_grid, sample
+from vb_robot.view import FloorView, to_base
+
+Pose = Tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class ViewpointParams(Parameters):
+    """Which places are looked at, and what makes one better than another. Costs are metres of way."""
+
+    min_distance: float = param(0.8, "m", above=0.0, high=5.0, doc="from base_link to the spot")
+    max_distance: float = param(1.5, "m", above=0.0, high=5.0)
+    best_distance: float = param(1.1, "m", above=0.0, high=5.0)
+    distances: int = param(4, low=1, high=20)
+    bearings: int = param(36, low=4, high=360)
+    image_margin: float = param(0.15, low=0.0, high=0.45, doc="how far from the image's edges the spot must lie")
+    chain_margin: float = param(0.10, "m", low=0.0, high=1.0, doc="beyond the radius, from the line being drawn")
+    ahead: float = param(0.8, "m", low=0.0, high=3.0, doc="how far the line is thought on")
+    turn_cost: float = param(0.2, "m/rad", low=0.0)
+    distance_cost: float = param(0.5, "m/m", low=0.0)
+    enclosed_cost: float = param(3.0, "m", low=0.0, doc="for standing inside what the line encloses")
+    unseen_ahead_cost: float = param(0.5, "m", low=0.0, doc="for not seeing where the line goes on")
+
+
+@dataclass(frozen=True)
+class Viewpoint:
+    """A pose (map frame) [m, m, rad], the way's length [m], the cost [m], and the spot it was chosen for [m]."""
+
+    x: float
+    y: float
+    yaw: float
+    way: float
+    cost: float
+    spot: Tuple[float, float]
+    sees_spot: bool = True
+
+    @property
+    def pose(self) -> Pose:
+        return self.x, self.y, self.yaw
+
+
+@dataclass(frozen=True)
+class Drawing:
+    """What is being drawn, map frame.
+
+    Attributes:
+        spot: (2,) [m] where the spot is.
+        chain: (M, 2) [m] what has been drawn, in any order.
+        direction: (2,) unit vector along which the spot moves, or None.
+        closed: whether the chain is a polygon.
+        seeding: the spot marks the side to be restricted: stay off that side.
+    """
+
+    spot: np.ndarray
+    chain: np.ndarray
+    direction: Optional[np.ndarray] = None
+    closed: bool = False
+    seeding: bool = False
+
+    def line_ahead(self, length: float) -> np.ndarray:
+        """(K, 2) [m] where the line probably goes on; the spot alone if it does not move."""
+        spot = np.asarray(self.spot, dtype=float)
+        if self.direction is None or length <= 0:
+            return spot[None]
+        return spot + np.linspace(0.0, length, 6)[:, None] * self.direction
+
+
+def rank_viewpoints(
+    terrain: Terrain, view: FloorView, robot: Pose, drawing: Drawing, params: ViewpointParams
+) -> List[Viewpoint]:
+    """The poses that show the spot and that the robot can reach, the best first.
+
+    Each is clear of obstacles and borders by radius and margin, off the line drawn and the line ahead,
+    faces the spot at a distance within the limits, has a free line of sight and a way that leads there.
+    While the seed is being shown, poses on its side are left out: the border to come would lock the robot in.
+    If none is left then and the robot itself stands on that side, the nearest place off it is given.
+    """
+    spot = np.asarray(drawing.spot, dtype=float)
+    distance = np.linspace(params.min_distance, max(params.min_distance, params.max_distance), params.distances)
+    yaw = np.arange(params.bearings) * (2.0 * math.pi / params.bearings)
+    # from the robot's own bearing on, so that a robot that only has to come nearer need not go round
+    yaw = yaw + math.atan2(spot[1] - robot[1], spot[0] - robot[0])
+    distance, yaw = (values.ravel() for values in np.meshgrid(distance, yaw))
+    places = spot - distance[:, None] * np.column_stack([np.cos(yaw), np.sin(yaw)])
+
+    keep = view.sees(np.column_stack([distance, np.zeros_like(distance)]), params.image_margin)
+    keep &= terrain.stands_free(places)
+    keep &= off_the_line(terrain, places, drawing, params)
+    side = terrain.side_of(spot, drawing.chain, drawing.closed) if drawing.seeding else None
+    off_side = _clear_of(terrain, side)
+    if off_side is not None:
+        keep &= sample(terrain.grid, off_side, places) > 0
+    places, yaw, distance = places[keep], yaw[keep], distance[keep]
+    seen = terrain.line_of_sight(places, spot)
+    places, yaw, distance = places[seen], yaw[seen], distance[seen]
+
+    lengths = terrain.way_lengths(robot[:2])
+    way = terrain.way_length_at(lengths, places)
+    reachable = np.isfinite(way)
+    places, yaw, distance, way = places[reachable], yaw[reachable], distance[reachable], way[reachable]
+    if not len(places):
+        return _retreat(terrain, lengths, robot, off_side, spot)
+
+    turn = np.abs([geometry.wrap_angle(angle - robot[2]) for angle in yaw])
+    cost = way + params.turn_cost * turn + params.distance_cost * np.abs(distance - params.best_distance)
+    cost = cost + params.enclosed_cost * _enclosed(places, drawing)
+    ahead = drawing.line_ahead(params.ahead)
+    if len(ahead) > 1:
+        unseen = [1.0 - float(np.mean(view.sees(to_base(ahead, (*place, angle))))) for place, angle in zip(places, yaw)]
+        cost = cost + params.unseen_ahead_cost * np.array(unseen)
+    order = np.argsort(cost, kind="stable")
+    return [
+        Viewpoint(float(places[i, 0]), float(places[i, 1]), geometry.wrap_angle(float(yaw[i])), float(way[i]),
+                  float(cost[i]), (float(spot[0]), float(spot[1])))
+        for i in order
+    ]
+
+
+def shows_spot(
+    terrain: Terrain, view: FloorView, pose: Pose, drawing: Drawing, params: ViewpointParams, image_margin: float = 0.06
+) -> bool:
+    """Whether a robot at a pose would see the spot well enough to stay: a laxer test than the one for new poses.
+
+    While the seed is being shown, no pose on its side is good enough.
+    """
+    place = np.array([pose[:2]])
+    side = terrain.side_of(drawing.spot, drawing.chain, drawing.closed) if drawing.seeding else None
+    off_side = _clear_of(terrain, side)
+    if off_side is not None and not sample(terrain.grid, off_side, place)[0] > 0:
+        return False
+    if float(np.linalg.norm(place[0] - drawing.spot)) < 0.6 * params.min_distance:
+        return False
+    if not view.sees(to_base(np.asarray(drawing.spot)[None], pose), image_margin)[0]:
+        return False
+    return bool(off_the_line(terrain, place, drawing, params)[0] and terrain.line_of_sight(place, drawing.spot)[0])
+
+
+def off_the_line(terrain: Terrain, places: np.ndarray, drawing: Drawing, params: ViewpointParams) -> np.ndarray:
+    """(N,) bool: which places (N, 2) [m] keep clear of the line drawn so far and of where it goes on."""
+    lines = [drawing.line_ahead(params.ahead)]
+    if len(drawing.chain):
+        chain = np.asarray(drawing.chain, dtype=float)
+        lines.append(geometry.resample_chain(chain, 0.1, drawing.closed) if len(chain) > 1 else chain)
+    points = np.vstack(lines)
+    gaps = np.linalg.norm(places[:, None, :] - points[None, :, :], axis=2).min(axis=1)
+    return gaps >= terrain.params.robot_radius + params.chain_margin
+
+
+def _enclosed(places: np.ndarray, drawing: Drawing) -> np.ndarray:
+    """(N,) 1.0 where a place lies within the convex hull of what has been drawn, else 0.0."""
+    points = np.vstack([np.asarray(drawing.chain, dtype=float).reshape(-1, 2), np.asarray(drawing.spot)[None]])
+    if len(points) < 3:
+        return np.zeros(len(places))
+    hull = cv2.convexHull(points.astype(np.float32))
+    return np.array([float(cv2.pointPolygonTest(hull, (float(x), float(y)), False) >= 0) for x, y in places])
+
+
+def _clear_of(terrain: Terrain, side: Optional[np.ndarray]) -> Optional[np.ndarray]:
+    """(H, W) bool: where the robot with its margin keeps off a side (H, W); None if there is no side."""
+    if side is None:
+        return None
+    gap = clearance_grid(side, terrain.grid.resolution)
+    return gap >= terrain.params.robot_radius + terrain.params.margin
+
+
+def _retreat(
+    terrain: Terrain, lengths: np.ndarray, robot: Pose, off_side: Optional[np.ndarray], spot: np.ndarray
+) -> List[Viewpoint]:
+    """The nearest place off the side to be restricted, if the robot stands on it; else nothing."""
+    if off_side is None or sample(terrain.grid, off_side, np.array([robot[:2]]))[0] > 0:
+        return []
+    cells = np.argwhere(off_side & (terrain.clearance >= terrain.params.robot_radius + terrain.params.margin))
+    if not len(cells):
+        return []
+    places = terrain.grid.cell_to_world(cells)
+    way = terrain.way_length_at(lengths, places)
+    best = int(np.argmin(way))
+    if not np.isfinite(way[best]):
+        return []
+    x, y = (float(value) for value in places[best])
+    yaw = math.atan2(spot[1] - y, spot[0] - x)
+    return [Viewpoint(x, y, yaw, float(way[best]), float(way[best]), (float(spot[0]), float(spot[1])), sees_spot=False)]

@@ -1,0 +1,141 @@
+#!/usr/bin/env python3
+"""The dispatcher against a small move_base action server."""
+import math
+import os
+import subprocess
+import sys
+import unittest
+
+import actionlib
+import numpy as np
+import rospy
+import rostest
+from move_base_msgs.msg import MoveBaseAction
+
+sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
+from stimulus import Stimulus, wait_until  # noqa: E402
+
+from vb_core.ros.messages import pose_to_2d  # noqa: E402
+from vb_robot.view import FloorView, ViewParams, to_base  # noqa: E402
+
+DEFAULT, BORDER, SEED, GUIDE = range(4)
+
+
+class MoveBase:
+    """Accepts goals and aborts, reaches or holds them, as told."""
+
+    def __init__(self, stimulus):
+        self.stimulus = stimulus
+        self.goals = []  # (time, pose)
+        self.preempted = 0
+        self.behaviour = "hold"
+        self.server = actionlib.SimpleActionServer("move_base", MoveBaseAction, self._execute, auto_start=False)
+        self.server.start()
+
+    def _execute(self, goal):
+        pose = pose_to_2d(goal.target_pose.pose)
+        self.goals.append((rospy.Time.now().to_sec(), pose))
+        while not rospy.is_shutdown():
+            if self.server.is_preempt_requested():
+                self.preempted += 1
+                self.server.set_preempted()
+                return
+            if self.behaviour == "abort":
+                self.server.set_aborted()
+                return
+            if self.behaviour == "reach":
+                with self.stimulus.lock:
+                    self.stimulus.pose = pose
+                self.server.set_succeeded()
+                return
+            rospy.rostime.wallsleep(0.02)
+
+
+class DispatcherTest(unittest.TestCase):
+    @classmethod
+    def setUpClass(cls):
+        rospy.init_node("test_robot_dispatcher")
+        cls.stimulus = Stimulus(pose=(5.0, 0.7, 0.0))
+        cls.stimulus.set_state(DEFAULT)
+        cls.navigation = MoveBase(cls.stimulus)
+        assert wait_until(lambda: cls.stimulus.spots.get_num_connections() > 0), "the dispatcher did not subscribe"
+
+    def setUp(self):
+        self.stimulus.spot = None
+        self.stimulus.spot_frame = "map"
+        self.stimulus.set_state(DEFAULT)
+        # whatever an earlier test left running is called off by the state
+        self.assertTrue(wait_until(lambda: not self.navigation.server.is_active()))
+        self.stimulus.pose = (5.0, 0.7, 0.0)
+        self.navigation.goals.clear()
+        self.navigation.preempted = 0
+
+    def assert_sees(self, pose, spot):
+        self.assertTrue(FloorView(ViewParams()).sees(to_base(np.array([spot]), pose), 0.1)[0], f"{pose} and {spot}")
+
+    def test_waits_for_a_stationary_camera_then_sends_once_and_calls_off(self):
+        self.navigation.behaviour = "hold"
+        self.stimulus.set_state(BORDER)
+        self.stimulus.spot = (2.0, 2.5, "robot", True)
+        count = []
+        gather = rospy.Subscriber("/virtual_borders/spots", rospy.AnyMsg, count.append)
+        self.assertTrue(wait_until(lambda: len(count) >= 20))
+        self.assertEqual(self.navigation.goals, [], "a robot's own camera alone sends no robot")
+        self.stimulus.spot = (2.0, 2.5, "red", False)
+        self.assertTrue(wait_until(lambda: self.navigation.goals))
+        self.assert_sees(self.navigation.goals[0][1], (2.0, 2.5))
+        seen = len(count)
+        self.assertTrue(wait_until(lambda: len(count) >= seen + 30))
+        self.assertEqual(len(self.navigation.goals), 1, "a spot that stays needs one goal")
+        gather.unregister()
+        self.stimulus.set_state(DEFAULT)
+        self.assertTrue(wait_until(lambda: self.navigation.preempted == 1), "the goal is called off with the state")
+
+    def test_aborted_goal_is_followed_by_another_place(self):
+        self.navigation.behaviour = "abort"
+        self.stimulus.set_state(SEED)
+        self.stimulus.spot = (2.0, 2.5, "red", False)
+        self.assertTrue(wait_until(lambda: len(self.navigation.goals) >= 2))
+        (_, first), (_, second) = self.navigation.goals[:2]
+        self.assertGreater(math.dist(first[:2], second[:2]), 0.25)
+        self.navigation.behaviour = "reach"
+        reached = len(self.navigation.goals)
+        self.assertTrue(wait_until(lambda: len(self.navigation.goals) > reached or self._robot_sees((2.0, 2.5))))
+
+    def _robot_sees(self, spot):
+        return FloorView(ViewParams()).sees(to_base(np.array([spot]), self.stimulus.pose), 0.05)[0]
+
+    def test_spot_that_moves_on_is_followed(self):
+        self.navigation.behaviour = "reach"
+        self.stimulus.set_state(BORDER)
+        self.stimulus.spot = (2.0, 2.5, "red", False)
+        self.assertTrue(wait_until(lambda: self._robot_sees((2.0, 2.5))))
+        self.stimulus.spot = (4.6, 4.0, "green", False)
+        self.assertTrue(wait_until(lambda: self._robot_sees((4.6, 4.0))))
+
+    def test_guide_sends_no_robot_and_wrong_frames_do_no_harm(self):
+        self.navigation.behaviour = "hold"
+        self.stimulus.set_state(BORDER)
+        self.stimulus.spot_frame = "odom"
+        self.stimulus.spot = (2.0, 2.5, "red", False)
+        count = []
+        gather = rospy.Subscriber("/virtual_borders/spots", rospy.AnyMsg, count.append)
+        self.assertTrue(wait_until(lambda: len(count) >= 15))
+        self.assertEqual(self.navigation.goals, [])
+        self.stimulus.spot_frame = "map"
+        self.assertTrue(wait_until(lambda: self.navigation.goals))
+        self.stimulus.set_state(GUIDE)
+        self.assertTrue(wait_until(lambda: self.navigation.preempted == 1))
+        gather.unregister()
+
+    def test_bad_parameter_is_one_line(self):
+        run = subprocess.run(
+            ["rosrun", "vb_robot", "robot_dispatcher", "__name:=bad_dispatcher", "_dispatch/min_interval:=-1.0"],
+            stdout=subprocess.PIPE, stderr=subprocess.STDOUT, universal_newlines=True, timeout=30)
+        self.assertEqual(run.returncode, 1, run.stdout)
+        self.assertIn("/bad_dispatcher/dispatch/min_interval", run.stdout)
+        self.assertNotIn("Traceback", run.stdout)
+
+
+if __name__ == "__main__":
+    rostest.rosrun("vb_robot", "robot_dispatcher", DispatcherTest)

@@ -1,0 +1,93 @@
+"""What the rostests of this package share: a room, a robot whose pose is published to tf, spots and states."""
+import math
+import threading
+
+import numpy as np
+import rospy
+import tf2_ros
+from geometry_msgs.msg import Point
+
+from vb_core import geometry, names
+from vb_core.grid_map import GridMap
+from vb_core.ros.messages import OccupancyGridArray, message_from_grid, transform_message
+from vb_msgs.msg import InteractionState, LaserSpot
+
+NAMES = {0: "default", 1: "border", 2: "seed", 3: "guide"}
+
+
+def room(width=6.0, height=5.0, resolution=0.05):
+    """An empty room with walls of one cell, its origin at (0, 0)."""
+    data = np.zeros((int(round(height / resolution)), int(round(width / resolution))), dtype=np.int8)
+    data[[0, -1]] = 100
+    data[:, [0, -1]] = 100
+    return GridMap(data, resolution)
+
+
+class Stimulus:
+    """Publishes map, tf, state and spots. The robot's pose is (x, y, yaw) in the map frame, odom is the map."""
+
+    def __init__(self, pose=(3.0, 2.5, 0.0)):
+        self.lock = threading.Lock()
+        self.pose = pose
+        self.spot = None  # (x, y, camera, mobile): published at 20 Hz while set
+        self.spot_frame = "map"
+        self.velocity = (0.0, 0.0)
+        self._time = None
+        self._broadcaster = tf2_ros.TransformBroadcaster()
+        self._map = rospy.Publisher(names.VIRTUAL_MAP, OccupancyGridArray, queue_size=1, latch=True)
+        self._physical = rospy.Publisher(names.PHYSICAL_MAP, OccupancyGridArray, queue_size=1, latch=True)
+        self._state = rospy.Publisher(names.STATE, InteractionState, queue_size=1, latch=True)
+        self.spots = rospy.Publisher(names.SPOTS, LaserSpot, queue_size=10)
+        self._count = 0
+        self._interaction = ""
+        self.publish_map(room())
+        self._timer = rospy.Timer(rospy.Duration(0.05), self._tick)
+
+    def publish_map(self, grid, physical=None):
+        self._map.publish(message_from_grid(grid, rospy.Time.now()))
+        self._physical.publish(message_from_grid(physical or grid, rospy.Time.now()))
+
+    def set_state(self, state):
+        message = InteractionState()
+        now = rospy.Time.now()
+        message.header.stamp = now
+        if state == 0:
+            self._interaction = ""
+        elif not self._interaction:
+            self._count += 1
+            self._interaction = f"interaction {self._count}"
+        message.state, message.name = state, NAMES[state]
+        message.interaction_id, message.entered = self._interaction, now
+        self._state.publish(message)
+
+    def _tick(self, _event):
+        now = rospy.Time.now()
+        with self.lock:
+            x, y, yaw = self.pose
+            if self._time is not None and now > self._time:
+                dt = min(0.2, (now - self._time).to_sec())
+                v, w = self.velocity
+                middle = yaw + 0.5 * w * dt
+                x, y, yaw = x + v * dt * math.cos(middle), y + v * dt * math.sin(middle), yaw + w * dt
+                self.pose = (x, y, yaw)
+            self._time = now
+            spot, frame = self.spot, self.spot_frame
+        self._broadcaster.sendTransform([
+            transform_message(np.eye(4), "map", "odom", now),
+            transform_message(geometry.pose2d_transform(x, y, yaw), "odom", "base_link", now),
+        ])
+        if spot is not None:
+            message = LaserSpot(camera=spot[2], mobile=spot[3], confidence=1.0)
+            message.header.stamp, message.header.frame_id = now, frame
+            message.position = Point(spot[0], spot[1], 0.0)
+            self.spots.publish(message)
+
+
+def wait_until(condition, seconds=15.0):
+    """Waits until the condition is true; gives whether it became so in time."""
+    deadline = rospy.get_rostime() + rospy.Duration(seconds)
+    while not rospy.is_shutdown() and rospy.get_rostime() < deadline:
+        if condition():
+            return True
+        rospy.rostime.wallsleep(0.02)
+    return bool(condition())
