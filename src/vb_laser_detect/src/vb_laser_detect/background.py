@@ -1,0 +1,101 @@
+"""What a stationary camera sees without a spot, learnt slowly and never from a spot."""
+from __future__ import annotations
+
+import math
+
+import cv2
+import numpy as np
+
+from vb_laser_detect.blocks import BLOCK, mask_of_blocks, sample_blocks
+
+_DARKER = 20  # [grey levels] a pixel that became darker by more than this has changed
+_NOISE_DEVIATIONS = 6.0  # how far a rise must stand out of a block's own noise
+_NOISE_TIME = 1.0  # [s] in which a block's noise is learnt
+_WEIGHT = 0.25  # of a frame whenever a strip is blended in
+
+
+class Background:
+    """The background of one camera at full resolution, and each block's noise.
+
+    The image is blended in strip by strip, so that every frame costs the same. Blocks that changed are left out
+    until they stayed changed for `absorb_s`; then they are taken over in one step. Blocks that show a spot are
+    left out for `hold_s`.
+
+    Args:
+        image: (H, W) or (H, W, C) uint8, the first image.
+        cycle_s: [s] time in which every pixel is blended in once.
+        absorb_s: [s] how long a change must last to belong to the background.
+        hold_s: [s] how long a spot may shine on the same place before it is taken for a lamp.
+    """
+
+    def __init__(self, image: np.ndarray, cycle_s: float, absorb_s: float, hold_s: float) -> None:
+        self.image = image.copy()
+        self._cycle_s, self._absorb_s, self._hold_s = cycle_s, absorb_s, hold_s
+        self._rise = np.empty_like(image)
+        blocks = (image.shape[0] // BLOCK, image.shape[1] // BLOCK)
+        self._noise = np.full(blocks, 6.0, np.float32)
+        self._deviation = np.full(blocks, 2.0, np.float32)
+        self._changed_s = np.zeros(blocks, np.float32)
+        self._held_s = np.zeros(blocks, np.float32)
+        self._row = 0
+        self._owed_rows = 0.0
+
+    def rise(self, image: np.ndarray) -> np.ndarray:
+        """By how much each pixel is brighter than the background; the array is used again by the next call."""
+        return cv2.subtract(image, self.image, self._rise)
+
+    def hot_blocks(self, maxima: np.ndarray, least: float) -> np.ndarray:
+        """(rows, columns) bool: blocks whose rise is at least `least` and stands out of the block's own noise."""
+        return maxima >= np.maximum(np.float32(least), self._noise + np.float32(_NOISE_DEVIATIONS) * self._deviation)
+
+    def learn(self, image: np.ndarray, maxima: np.ndarray, hot: np.ndarray, spots: np.ndarray, dt: float) -> None:
+        """Takes a frame in.
+
+        Args:
+            maxima: (rows, columns) block maxima of the rise.
+            hot, spots: (rows, columns) bool; blocks that rose, and blocks that show a spot.
+            dt: [s] since the last frame.
+        """
+        self._held_s[spots] += np.float32(dt)
+        self._held_s[~spots] = np.maximum(self._held_s[~spots] - np.float32(dt), 0.0)
+        held = spots & (self._held_s < self._hold_s)
+        darker = cv2.subtract(sample_blocks(self.image), sample_blocks(image))
+        darker = darker if darker.ndim == 2 else darker.max(axis=2)
+        changed = hot | (darker > _DARKER)
+        steady = ~(changed | held)
+        self._changed_s += np.float32(dt)
+        self._changed_s[steady | held] = 0.0
+        weight = np.float32(1.0 - math.exp(-dt / _NOISE_TIME))
+        off = maxima - self._noise
+        off[~steady] = 0.0
+        self._noise += weight * off
+        off = np.abs(off) - self._deviation
+        off[~steady] = 0.0
+        self._deviation += weight * off
+        absorbed = self._changed_s > self._absorb_s
+        if absorbed.any():
+            self._absorb(image, absorbed)
+        self._blend(image, steady, dt)
+
+    def _absorb(self, image: np.ndarray, blocks: np.ndarray) -> None:
+        rows = np.flatnonzero(blocks.any(axis=1))
+        first, last = int(rows[0]), int(rows[-1]) + 1
+        top, bottom = first * BLOCK, last * BLOCK
+        mask = mask_of_blocks(blocks[first:last], bottom - top, image.shape[1])
+        cv2.copyTo(image[top:bottom], mask, self.image[top:bottom])
+        self._changed_s[blocks] = 0.0
+
+    def _blend(self, image: np.ndarray, steady: np.ndarray, dt: float) -> None:
+        rows = image.shape[0] // BLOCK
+        self._owed_rows += rows * min(1.0, dt / self._cycle_s)
+        while self._owed_rows >= 1.0:
+            if self._row >= rows:
+                self._row = 0
+            last = min(rows, self._row + int(self._owed_rows))
+            self._owed_rows -= last - self._row
+            top, bottom = self._row * BLOCK, last * BLOCK
+            strip = self.image[top:bottom]
+            blended = cv2.addWeighted(image[top:bottom], _WEIGHT, strip, 1.0 - _WEIGHT, 0.0)
+            mask = mask_of_blocks(steady[self._row : last], bottom - top, image.shape[1])
+            cv2.copyTo(blended, mask, strip)
+            self._row = last

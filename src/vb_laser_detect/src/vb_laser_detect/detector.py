@@ -1,0 +1,333 @@
+"""Finds laser spots in a camera's images, one call per frame.
+
+For a stationary camera the frame's saturating difference to a slowly learnt background is reduced to its maxima over
+blocks of 8 x 8 pixels; only blocks that rose are looked at in full resolution. For a moving camera places that are
+brighter than their neighbourhood take the background's part. Either way `appearance` measures each candidate, and
+`refusal_of` says why it cannot be a spot.
+"""
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Callable, List, Optional, Tuple
+
+import cv2
+import numpy as np
+
+from vb_core.errors import CodedError
+from vb_core.parameters import Parameters, param
+
+from vb_laser_detect import appearance
+from vb_laser_detect.appearance import Candidate, Region
+from vb_laser_detect.background import Background
+from vb_laser_detect.blocks import BLOCK, block_maxima
+from vb_laser_detect.tracker import SLACK_M, SLACK_PX, SpotTracker
+
+# pixels (N, 2) to the floor (N, 2) [m], rows of NaN where there is none
+ToFloor = Callable[[np.ndarray], np.ndarray]
+
+
+@dataclass(frozen=True)
+class Spot:
+    """A laser spot in an image.
+
+    Attributes:
+        u, v: [px] column and row, sub-pixel; the centre of the first pixel is 0.
+        diameter: [px]
+        confidence: 0 ... 1
+    """
+
+    u: float
+    v: float
+    diameter: float
+    confidence: float
+
+
+@dataclass(frozen=True)
+class DetectorParams(Parameters):
+    """What a spot looks like and how it behaves. See config/*.yaml for the reasons."""
+
+    moving_camera: bool = param(False, doc="the camera moves: no background is learnt")
+    confirm_frames: int = param(2, "frames", low=1, high=50, doc="a spot must be seen in so many; 1: at once")
+    max_spots: int = param(1, "", low=1, high=20, doc="at most so many spots per frame, the most certain ones")
+    min_rise: float = param(18.0, "grey levels", low=2.0, high=255.0, doc="a block's rise that is looked at")
+    min_peak: float = param(24.0, "grey levels", low=1.0, high=255.0, doc="a spot's own rise, smoothed")
+    min_level: float = param(215.0, "grey levels", low=0.0, high=255.0, doc="the brightest pixel of a spot")
+    max_elongation: float = param(3.0, "", low=1.0, high=20.0, doc="longest over shortest axis")
+    min_compactness: float = param(0.84, "", low=0.0, high=1.0)
+    max_surround: float = param(0.24, "", low=0.0, high=1.0)
+    min_contrast: float = param(0.4, "", low=0.0, high=2.0)
+    min_likeness: float = param(0.12, "", low=0.0, high=1.0)
+    min_edge: float = param(0.5, "", low=0.0, high=1.0)
+    max_flatness: float = param(0.5, "", low=0.0, high=1.0, doc="of spots that do not saturate the sensor")
+    min_chroma: float = param(0.0, "", low=0.0, high=1.0, doc="how coloured the spot's light must be")
+    max_busy: float = param(0.1, "of the image", low=0.0, high=1.0, doc="more change elsewhere: nothing is reported")
+    max_neighbours: int = param(20, "blocks", low=0, high=169, doc="changed blocks within 6 blocks of the spot")
+    max_change: float = param(0.3, "of the image", low=0.01, high=1.0, doc="more change: learn the scene anew")
+    min_diameter_mm: float = param(3.0, "mm", low=0.0, high=1000.0, doc="on the floor, where the pose is known")
+    max_diameter_mm: float = param(60.0, "mm", low=1.0, high=1000.0, doc="on the floor, where the pose is known")
+    min_diameter_px: float = param(2.5, "px", low=0.0, high=1000.0, doc="smaller blobs are noise")
+    max_diameter_px: float = param(64.0, "px", low=2.0, high=1000.0, doc="where no pose is known")
+    max_speed: float = param(8.0, "m/s", above=0.0, high=100.0, doc="of a spot on the floor")
+    max_gap_s: float = param(0.25, "s", low=0.0, high=10.0, doc="a spot may be hidden so long")
+    cycle_s: float = param(1.0, "s", above=0.0, high=60.0, doc="the background takes in each pixel once per cycle")
+    absorb_s: float = param(1.5, "s", low=0.1, high=60.0, doc="a change that lasts so long becomes background")
+    hold_s: float = param(60.0, "s", low=10.0, high=3600.0, doc="a spot that shines so long on one place is a lamp")
+    max_candidates: int = param(12, "", low=1, high=200, doc="looked at per frame, the brightest ones")
+
+    @classmethod
+    def stationary(cls, **changes) -> "DetectorParams":
+        """For a camera that does not move."""
+        return cls(**changes)
+
+    @classmethod
+    def mobile(cls, **changes) -> "DetectorParams":
+        """For a camera on a robot. There is no background to tell paper from light: the light's colour has to."""
+        return cls(**{**dict(moving_camera=True, confirm_frames=3, min_rise=30.0, min_peak=30.0, min_chroma=0.12,
+                             max_neighbours=169, max_busy=1.0), **changes})
+
+
+class SpotDetector:
+    """Finds the spots of one camera; keeps what it knows of the scene between frames.
+
+    Attributes:
+        to_floor: pixels (N, 2) to the floor [m], for sizes in millimetres and speeds in m/s. None: pixels it is.
+        candidates: what the last frame held, spots and refused ones, for debug images.
+        keep_all: measure and keep refused candidates' reasons even where a cheap test refuses them all.
+    """
+
+    def __init__(self, params: Optional[DetectorParams] = None) -> None:
+        self.params = params or DetectorParams.stationary()
+        self.to_floor: Optional[ToFloor] = None
+        self.candidates: List[Candidate] = []
+        self._background: Optional[Background] = None
+        self._stamp: Optional[float] = None
+        self._tracker = SpotTracker(self.params.confirm_frames, self.params.max_speed, self.params.max_gap_s, SLACK_M)
+        self._on_floor: Optional[bool] = None
+
+    def reset(self) -> None:
+        """Forgets the scene; the next frame is learnt as it is."""
+        self._background = None
+        self._stamp = None
+        self._tracker.reset()
+        self.candidates = []
+
+    def detect(self, image: np.ndarray, stamp: float) -> List[Spot]:
+        """Searches one frame.
+
+        Args:
+            image: (H, W, 3) bgr (or rgb: colours are only compared with each other) or (H, W) mono or Bayer, uint8.
+            stamp: [s] when it was taken. A stamp before the last one's starts anew.
+
+        Returns:
+            Confirmed spots, the most certain first.
+
+        Raises:
+            CodedError: "bad_image" if it is no such image.
+        """
+        image = _checked(image)
+        if self._stamp is not None and stamp < self._stamp:
+            self.reset()
+        elapsed = 0.0 if self._stamp is None else stamp - self._stamp
+        self._stamp = stamp
+        if self.params.moving_camera:
+            self.candidates = self._search_moving(image)
+        else:
+            # a pause must not make one frame outweigh all that was learnt before
+            self.candidates = self._search_stationary(image, min(elapsed, 1.0))
+        found = sorted((c for c in self.candidates if not c.refusal), key=lambda c: -c.confidence)
+        found = found[: self.params.max_spots]
+        return self._confirm(found, image.shape, stamp)
+
+    # ------------------------------------------------------------- stationary camera
+    def _search_stationary(self, image: np.ndarray, elapsed: float) -> List[Candidate]:
+        p = self.params
+        background = self._background
+        if background is None or background.image.shape != image.shape:
+            self._background = Background(image, p.cycle_s, p.absorb_s, p.hold_s)
+            return []
+        rise = background.rise(image)
+        maxima = block_maxima(rise)
+        hot = background.hot_blocks(maxima, p.min_rise)
+        count = int(np.count_nonzero(hot))
+        spots = np.zeros_like(hot)
+        candidates: List[Candidate] = []
+        if count > p.max_change * hot.size:
+            # a light was switched, the exposure jumped or the camera was moved: nothing known holds any more
+            self._background = Background(image, p.cycle_s, p.absorb_s, p.hold_s)
+            return []
+        if count:
+            near = cv2.boxFilter(hot.astype(np.float32), -1, (13, 13), normalize=False, borderType=cv2.BORDER_CONSTANT)
+            for seed, blocks in regions(maxima, hot, p.max_candidates, self._largest_px() / BLOCK):
+                candidate = appearance.measure(image, rise, background.image, seed, self._largest_px())
+                if not candidate.refusal:
+                    own = _cover(hot.shape, candidate)
+                    inside = int(np.count_nonzero(hot[own]))
+                    candidate.refusal = self._refusal_of(candidate)
+                    if not candidate.refusal and count - inside > p.max_busy * hot.size:
+                        candidate.refusal = "scene_busy"
+                    row = min(hot.shape[0] - 1, int(candidate.v) // BLOCK)
+                    column = min(hot.shape[1] - 1, int(candidate.u) // BLOCK)
+                    if not candidate.refusal and near[row, column] - inside > p.max_neighbours:
+                        candidate.refusal = "change_nearby"
+                    if not candidate.refusal:
+                        spots[own] = True
+                candidates.append(candidate)
+        background.learn(image, maxima, hot, spots, elapsed)
+        return _without_doubles(candidates)
+
+    # ------------------------------------------------------------- moving camera
+    def _search_moving(self, image: np.ndarray) -> List[Candidate]:
+        p = self.params
+        maxima = block_maxima(image)
+        # what a block would show without a spot: the median of its neighbourhood, seven blocks wide
+        rise = cv2.subtract(maxima, cv2.medianBlur(maxima, 7))
+        hot = (rise >= p.min_rise) & (maxima >= p.min_level)
+        candidates = []
+        for (left, top, right, bottom), _ in regions(rise, hot, p.max_candidates, self._largest_px() / BLOCK):
+            reach = int(max(24, 1.5 * max(right - left, bottom - top)))
+            x0, y0 = max(0, left - reach), max(0, top - reach)
+            window = image[y0 : bottom + reach, x0 : right + reach]
+            floor = np.median(window.reshape(-1, 1 if window.ndim == 2 else window.shape[2])[::3], axis=0)
+            flat = np.empty_like(window)
+            flat[:] = floor.astype(np.uint8)[0] if window.ndim == 2 else floor.astype(np.uint8)
+            seed = (left - x0, top - y0, right - x0, bottom - y0)
+            candidate = appearance.measure(window, cv2.subtract(window, flat), None, seed, self._largest_px())
+            candidate.u += x0
+            candidate.v += y0
+            candidate.refusal = candidate.refusal or self._refusal_of(candidate)
+            candidates.append(candidate)
+        return _without_doubles(candidates)
+
+    # ------------------------------------------------------------- both
+    def _largest_px(self) -> float:
+        return self.params.max_diameter_px * (self.params.max_elongation if self.params.max_elongation < 3 else 2.0)
+
+    def _refusal_of(self, c: Candidate) -> str:
+        p = self.params
+        if c.peak < p.min_peak:
+            return "too_faint"
+        if c.level < p.min_level:
+            return "too_dark"
+        if c.surround > p.max_surround:
+            return "no_contrast"
+        if c.elongation > p.max_elongation:
+            return "too_long"
+        if c.compactness < p.min_compactness:
+            return "not_round"
+        if c.diameter < p.min_diameter_px:
+            return "too_small"
+        if c.likeness < p.min_likeness or c.contrast < p.min_contrast or c.edge < p.min_edge:
+            return "object_left"
+        if c.level < 245.0 and c.flatness > p.max_flatness:
+            return "too_flat"
+        if c.chroma < p.min_chroma:
+            return "not_coloured"
+        if self.to_floor is not None:
+            metre = metres_per_pixel(self.to_floor, c.u, c.v)
+            if metre is None:
+                return "off_floor"
+            if c.diameter * metre > p.max_diameter_mm / 1e3:
+                return "too_large"
+            # what the optics and the pixels smear is never smaller than a few pixels
+            if c.diameter * metre < p.min_diameter_mm / 1e3 and c.diameter > 4.0:
+                return "too_small"
+        elif c.diameter > p.max_diameter_px:
+            return "too_large"
+        c.confidence = _confidence(c, p)
+        return ""
+
+    def _confirm(self, found: List[Candidate], shape: Tuple[int, ...], stamp: float) -> List[Spot]:
+        spots = [Spot(c.u, c.v, c.diameter, c.confidence) for c in found]
+        if self.params.confirm_frames <= 1:
+            return spots
+        positions = np.array([(c.u, c.v) for c in found], dtype=float).reshape(-1, 2)
+        tracker, on_floor = self._tracker, self.to_floor is not None
+        if on_floor != self._on_floor:
+            tracker.reset()
+            self._on_floor = on_floor
+        if self.to_floor is not None:
+            tracker.max_speed, tracker.slack = self.params.max_speed, SLACK_M
+            positions = self.to_floor(positions)[:, :2] if len(positions) else positions
+        else:
+            # without a pose the image's diagonal is taken for five metres
+            diagonal = math.hypot(shape[0], shape[1])
+            tracker.max_speed, tracker.slack = self.params.max_speed * diagonal / 5.0, SLACK_PX
+        confirmed = tracker.update(positions, stamp)
+        for candidate, passed in zip(found, confirmed):
+            candidate.refusal = "" if passed else "unconfirmed"
+        return [spot for spot, passed in zip(spots, confirmed) if passed]
+
+
+def metres_per_pixel(to_floor: ToFloor, u: float, v: float) -> Optional[float]:
+    """[m/px] floor length of a pixel, the mean over directions; None where the floor is not seen."""
+    points = np.asarray(to_floor(np.array([[u, v], [u + 1.0, v], [u, v + 1.0]])), dtype=float)[:, :2]
+    a, b = points[1] - points[0], points[2] - points[0]
+    area = abs(float(a[0] * b[1] - a[1] * b[0]))
+    return math.sqrt(area) if math.isfinite(area) and area > 0 else None
+
+
+def regions(maxima: np.ndarray, hot: np.ndarray, most: int, large: float) -> List[Tuple[Region, float]]:
+    """Regions of connected hot blocks, the brightest first: pixels (left, top, right, bottom) and the peak.
+
+    A region larger than `large` [blocks] is cut down to the parts above 60 % of its peak: a spot beside a person
+    must not be lost in the person's region.
+    """
+    _, labels, stats, _ = cv2.connectedComponentsWithStats(hot.astype(np.uint8), connectivity=8)
+    rows, columns = np.nonzero(hot)
+    peaks = np.zeros(len(stats), np.int64)
+    np.maximum.at(peaks, labels[rows, columns], maxima[rows, columns])
+    result: List[Tuple[Region, float]] = []
+    for label in np.argsort(-peaks[1:], kind="stable")[:most] + 1:
+        left, top, width, height, _ = (int(value) for value in stats[label])
+        if max(width, height) > large:
+            cut = (slice(top, top + height), slice(left, left + width))
+            part = (labels[cut] == label) & (maxima[cut] > 0.6 * peaks[label])
+            if not part.all():
+                for (x0, y0, x1, y1), peak in regions(maxima[cut], part, 3, np.inf):
+                    result.append(((x0 + left * BLOCK, y0 + top * BLOCK, x1 + left * BLOCK, y1 + top * BLOCK), peak))
+                continue
+        result.append(((left * BLOCK, top * BLOCK, (left + width) * BLOCK, (top + height) * BLOCK), float(peaks[label])))
+    return result[: 2 * most]
+
+
+def _cover(shape: Tuple[int, ...], c: Candidate) -> Tuple[slice, slice]:
+    """The blocks that a candidate's light can have changed, halo included."""
+    reach = 0.5 * c.diameter * math.sqrt(c.elongation) * 1.5 + BLOCK
+    top, bottom = int(max(0, c.v - reach)) // BLOCK, int(c.v + reach) // BLOCK + 1
+    left, right = int(max(0, c.u - reach)) // BLOCK, int(c.u + reach) // BLOCK + 1
+    return slice(top, min(shape[0], bottom)), slice(left, min(shape[1], right))
+
+
+def _without_doubles(candidates: List[Candidate]) -> List[Candidate]:
+    """Two regions can lead to the same blob; the first stays."""
+    kept: List[Candidate] = []
+    for c in candidates:
+        if not any(math.hypot(c.u - k.u, c.v - k.v) < 2.0 and k.refusal == c.refusal for k in kept):
+            kept.append(c)
+    return kept
+
+
+def _confidence(c: Candidate, p: DetectorParams) -> float:
+    """0 ... 1: how far a spot is from the limits that would have refused it."""
+    margins = (
+        (c.peak - p.min_peak) / 80.0,
+        1.0 - c.surround / max(p.max_surround, 1e-6),
+        (c.compactness - p.min_compactness) / max(1e-6, 0.97 - p.min_compactness),
+        (c.edge - p.min_edge) / max(1e-6, 0.9 - p.min_edge),
+        (p.max_elongation - c.elongation) / max(1e-6, p.max_elongation - 1.0),
+        (c.contrast - p.min_contrast) / max(1e-6, 0.9 - p.min_contrast),
+    )
+    clipped = [min(1.0, max(0.0, margin)) for margin in margins]
+    return 0.3 + 0.7 * float(np.prod(clipped)) ** (1.0 / len(clipped))
+
+
+def _checked(image: np.ndarray) -> np.ndarray:
+    image = np.asarray(image)
+    if image.dtype != np.uint8 or image.ndim not in (2, 3) or (image.ndim == 3 and image.shape[2] not in (1, 3, 4)):
+        raise CodedError("bad_image", f"expected 8 bit mono, Bayer or colour pixels, got {image.dtype} {image.shape}")
+    if min(image.shape[:2]) < 4 * BLOCK:
+        raise CodedError("bad_image", f"the image is too small: {image.shape[1]} x {image.shape[0]}")
+    if image.ndim == 3 and image.shape[2] != 3:
+        image = image[:, :, 0] if image.shape[2] == 1 else image[:, :, :3]
+    return np.ascontiguousarray(image)

@@ -1,0 +1,200 @@
+"""From a pixel to a point on the floor, in the map frame (Section 4: ground plane for stationary cameras, depth for
+mobile ones).
+
+Lens distortion is undone for the pixel alone, never for the image.
+"""
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Optional
+
+import numpy as np
+
+from vb_core import geometry
+from vb_core.camera_model import CameraModel
+from vb_core.errors import CodedError
+from vb_core.grid_map import GridMap
+from vb_core.parameters import Parameters, param
+
+GROUND_PLANE = "ground_plane"
+DEPTH = "depth"
+GROUND_PLANE_FALLBACK = "ground_plane_fallback"
+
+
+@dataclass(frozen=True)
+class ProjectionParams(Parameters):
+    """Limits of what counts as a point on the floor."""
+
+    floor_height: float = param(0.0, "m", low=-10.0, high=10.0, doc="of the floor in the map frame")
+    max_range: float = param(12.0, "m", above=0.0, high=100.0, doc="from the camera to the point")
+    max_incidence_deg: float = param(85.0, "deg", low=0.0, high=89.9, doc="between the ray and the floor's normal")
+    max_height: float = param(0.08, "m", above=0.0, high=2.0, doc="of a depth point above or below the floor")
+    max_height_per_range: float = param(0.03, "m/m", low=0.0, high=1.0, doc="the same, grows with the depth's noise")
+    depth_radius: int = param(2, "px of the depth image", low=0, high=20, doc="neighbourhood of the median")
+    min_depth: float = param(0.3, "m", low=0.0, high=10.0, doc="nearer readings are none")
+    max_depth: float = param(6.0, "m", above=0.0, high=100.0, doc="farther readings are none")
+    min_depth_share: float = param(0.3, "", low=0.0, high=1.0, doc="part of the neighbourhood that needs a reading")
+
+
+@dataclass(frozen=True)
+class FloorPoint:
+    """A point on the floor.
+
+    Attributes:
+        position: (3,) [m], map frame; z is the height that was measured.
+        metres_per_pixel: [m/px] floor length of a pixel there.
+        source: GROUND_PLANE, DEPTH or GROUND_PLANE_FALLBACK.
+        range: [m] from the camera.
+    """
+
+    position: np.ndarray
+    metres_per_pixel: float
+    source: str
+    range: float
+
+
+def floor_points(camera: CameraModel, T_map_camera: np.ndarray, pixels: np.ndarray, height: float = 0.0) -> np.ndarray:
+    """Cuts the rays of pixels with the floor; inverse of `pixels_of`.
+
+    Args:
+        camera: intrinsic parameters and distortion.
+        T_map_camera: (4, 4) pose of the camera's optical frame in the map frame.
+        pixels: (N, 2) [px]
+        height: [m] of the floor.
+
+    Returns:
+        (N, 3) [m], map frame; rows of NaN for rays that do not meet the floor in front of the camera.
+    """
+    pixels = np.asarray(pixels, dtype=float).reshape(-1, 2)
+    if len(pixels) == 0:
+        return np.zeros((0, 3))
+    directions = camera.rays(pixels) @ T_map_camera[:3, :3].T
+    return geometry.intersect_floor(T_map_camera[:3, 3], directions, height)
+
+
+def pixels_of(camera: CameraModel, T_map_camera: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """Pixels (N, 2) of points (N, 3) [m] in the map frame; inverse of `floor_points`. NaN behind the camera."""
+    return camera.project(geometry.apply(geometry.invert(T_map_camera), np.asarray(points, dtype=float).reshape(-1, 3)))
+
+
+class FloorProjector:
+    """Projects the spots of one camera.
+
+    Args:
+        params: limits.
+        floor: the physical map; points outside it are refused. None: any place is allowed.
+    """
+
+    def __init__(self, params: Optional[ProjectionParams] = None, floor: Optional[GridMap] = None) -> None:
+        self.params = params or ProjectionParams()
+        self.floor = floor
+
+    def on_plane(self, camera: CameraModel, T_map_camera: np.ndarray, u: float, v: float) -> FloorPoint:
+        """The floor point of a pixel [px].
+
+        Raises:
+            CodedError: "outside_image", "misses_floor", "too_flat_view", "too_far", "outside_map".
+        """
+        p = self.params
+        if not (math.isfinite(u) and math.isfinite(v)) or not camera.contains(np.array([[u, v]]))[0]:
+            raise CodedError("outside_image", f"the pixel ({u:.1f}, {v:.1f}) is not in the image")
+        pixels = np.array([[u, v], [u + 1.0, v], [u, v + 1.0]])
+        points = floor_points(camera, T_map_camera, pixels, p.floor_height)
+        origin = T_map_camera[:3, 3]
+        if origin[2] <= p.floor_height or not np.isfinite(points[0]).all():
+            raise CodedError("misses_floor", "the ray does not meet the floor in front of the camera")
+        ray = points[0] - origin
+        distance = float(np.linalg.norm(ray))
+        incidence = math.degrees(math.acos(min(1.0, abs(ray[2]) / distance)))
+        if incidence > p.max_incidence_deg:
+            raise CodedError("too_flat_view", f"the floor is seen at {incidence:.0f} degrees from its normal")
+        if distance > p.max_range:
+            raise CodedError("too_far", f"the point is {distance:.1f} m away")
+        self._check_map(points[0])
+        a, b = points[1] - points[0], points[2] - points[0]
+        area = abs(float(a[0] * b[1] - a[1] * b[0]))
+        scale = math.sqrt(area) if math.isfinite(area) else math.nan
+        return FloorPoint(points[0], scale, GROUND_PLANE, distance)
+
+    def with_depth(
+        self,
+        camera: CameraModel,
+        T_map_camera: np.ndarray,
+        u: float,
+        v: float,
+        depth: Optional[np.ndarray],
+        depth_camera: Optional[CameraModel] = None,
+    ) -> FloorPoint:
+        """The point that the depth image shows at a colour pixel [px].
+
+        Args:
+            depth: (h, w) float [m] or uint16 [mm], registered to the colour image and of any size; 0 and NaN are
+                holes. None, or too few readings round the pixel: the floor plane is used instead, and marked.
+            depth_camera: the depth image's own model. None: that of the colour image, scaled to its size.
+
+        Raises:
+            CodedError: as `on_plane`, and "not_on_floor" for a point above or below the floor.
+        """
+        p = self.params
+        plane = self.on_plane(camera, T_map_camera, u, v)
+        ray = camera.rays(np.array([[u, v]]))[0]
+        reading = None
+        if depth is not None and depth.ndim == 2 and depth.size:
+            model = depth_camera or camera.scaled_to(depth.shape[1], depth.shape[0])
+            reading = depth_at(depth, model.project(ray[None])[0], p)
+        if reading is None:
+            return FloorPoint(plane.position, plane.metres_per_pixel, GROUND_PLANE_FALLBACK, plane.range)
+        point = geometry.apply(T_map_camera, ray * reading)
+        off = float(point[2] - p.floor_height)
+        distance = float(np.linalg.norm(ray) * reading)
+        if abs(off) > p.max_height + p.max_height_per_range * distance:
+            raise CodedError("not_on_floor", f"the spot lies {off:+.2f} m off the floor")
+        self._check_map(point)
+        scale = plane.metres_per_pixel * distance / plane.range
+        return FloorPoint(point, scale, DEPTH, distance)
+
+    def _check_map(self, point: np.ndarray) -> None:
+        if self.floor is None:
+            return
+        cells = self.floor.world_to_cell(point[None, :2])
+        if not self.floor.contains_cells(cells)[0]:
+            raise CodedError("outside_map", f"({point[0]:.2f}, {point[1]:.2f}) lies outside the map")
+
+
+def depth_at(depth: np.ndarray, pixel: np.ndarray, params: ProjectionParams) -> Optional[float]:
+    """Depth [m] at a pixel of the depth image, the median of its neighbourhood; None where there are holes only.
+
+    The floor is slanted in the image, so the median of a symmetric neighbourhood stands for its middle.
+    """
+    if not np.isfinite(pixel).all():
+        return None
+    r = params.depth_radius
+    column, row = int(round(float(pixel[0]))), int(round(float(pixel[1])))
+    if not (0 <= column < depth.shape[1] and 0 <= row < depth.shape[0]):
+        return None
+    # the same reach to both sides, also at the image's edge
+    rx = min(r, column, depth.shape[1] - 1 - column)
+    ry = min(r, row, depth.shape[0] - 1 - row)
+    part = depth[row - ry : row + ry + 1, column - rx : column + rx + 1].astype(float)
+    if depth.dtype.kind in "ui":
+        part = part / 1000.0
+    rows, columns = np.mgrid[-ry : ry + 1, -rx : rx + 1]
+    with np.errstate(invalid="ignore"):
+        good = np.isfinite(part) & (part >= params.min_depth) & (part <= params.max_depth)
+    if good.sum() < max(1, params.min_depth_share * part.size):
+        return None
+    values = part[good]
+    middle = float(np.median(values))
+    # a plane seen at a slant has a constant gradient of inverse depth: fit it to what lies near the median,
+    # so that holes on one side and the pixel's place within its cell do not shift the result
+    near = np.abs(values - middle) < max(0.05, 0.08 * middle)
+    if near.sum() < 6 or rx == 0 or ry == 0:
+        return middle
+    offsets = np.column_stack([columns[good][near] - (pixel[0] - column), rows[good][near] - (pixel[1] - row)])
+    design = np.column_stack([np.ones(len(offsets)), offsets])
+    solution, _, rank, _ = np.linalg.lstsq(design, 1.0 / values[near], rcond=None)
+    if rank < 3 or solution[0] <= 0:
+        return middle
+    fitted = 1.0 / float(solution[0])
+    return fitted if abs(fitted - middle) < max(0.05, 0.08 * middle) else middle

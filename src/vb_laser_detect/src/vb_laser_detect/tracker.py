@@ -1,0 +1,74 @@
+"""Confirms spots over several frames."""
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import List, Optional
+
+import numpy as np
+
+# [m] or [px]: what noise alone may move a spot between two frames, in the unit of the positions
+SLACK_M = 0.05
+SLACK_PX = 12.0
+
+
+@dataclass
+class _Track:
+    position: np.ndarray
+    stamp: float
+    hits: int
+
+
+class SpotTracker:
+    """Lets a spot pass once it was seen in enough frames, without a jump that no hand can make.
+
+    Args:
+        confirm_frames: number of frames a spot must be seen in; 1 lets everything pass at once.
+        max_speed: [m/s] or [px/s], in the unit of the positions: how fast a spot may move.
+        max_gap_s: [s] how long a spot may be hidden without having to be confirmed again.
+        slack: how far noise alone may move it.
+    """
+
+    def __init__(self, confirm_frames: int, max_speed: float, max_gap_s: float, slack: float) -> None:
+        self.confirm_frames = confirm_frames
+        self.max_speed = max_speed
+        self.max_gap_s = max_gap_s
+        self.slack = slack
+        self._tracks: List[_Track] = []
+
+    def reset(self) -> None:
+        """Forgets every spot."""
+        self._tracks = []
+
+    def update(self, positions: np.ndarray, stamp: float) -> List[bool]:
+        """Takes in the spots of one frame.
+
+        Args:
+            positions: (N, 2) in [m] on the floor or [px], always the same unit; the most certain first.
+            stamp: [s] time of the frame; one before the last frame's starts anew.
+
+        Returns:
+            N times whether the spot is confirmed.
+        """
+        if any(track.stamp > stamp for track in self._tracks):
+            self.reset()
+        self._tracks = [track for track in self._tracks if stamp - track.stamp <= self.max_gap_s]
+        confirmed, free = [], list(self._tracks)
+        for position in np.asarray(positions, dtype=float).reshape(-1, 2):
+            track = self._nearest(position, stamp, free)
+            if track is None:
+                track = _Track(position, stamp, 0)
+                self._tracks.append(track)
+            else:
+                free.remove(track)
+            track.position, track.stamp = position, stamp
+            track.hits += 1
+            confirmed.append(track.hits >= self.confirm_frames)
+        return confirmed
+
+    def _nearest(self, position: np.ndarray, stamp: float, tracks: List[_Track]) -> Optional[_Track]:
+        best, least = None, np.inf
+        for track in tracks:
+            distance = float(np.linalg.norm(position - track.position))
+            if distance <= self.slack + self.max_speed * (stamp - track.stamp) and distance < least:
+                best, least = track, distance
+        return best
