@@ -26,3 +26,5 @@ CLEAR = "/virtual_borders/clear"
 SAVE_MAP = "/virtual_borders/save_map"
 
 LAB_STATE = "/sim/lab_state"
+PARTICIPANT = "/sim/participant"
+PARTICIPANT_DONE = "/sim/participant_done"

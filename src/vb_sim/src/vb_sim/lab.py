@@ -1,0 +1,110 @@
+"""The simulated lab as a whole: its robots, and what the participant does in it."""
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import Any, Dict, List, Optional, Tuple
+
+import numpy as np
+
+from vb_sim.floor_plan import physical_map
+from vb_sim.models_motion import LocalisationModel, RobotModel, ScanModel
+from vb_sim.raycast import DistanceField, cast_disc
+from vb_sim.robot_body import RobotBody
+from vb_sim.world import World
+
+PARTICIPANT_SILENCE = 0.5  # [s] after which the participant is taken to be gone
+
+
+@dataclass(frozen=True)
+class Participant:
+    """What the participant said last."""
+
+    laser_on: bool = False
+    laser: Tuple[float, float] = (0.0, 0.0)
+    laser_color: str = "red"
+    present: bool = False
+    pose: Tuple[float, float, float] = (0.0, 0.0, 0.0)
+    doing: str = ""
+    heard: float = field(default=-math.inf)
+
+
+class Lab:
+    """Steps everything that moves. Not thread-safe: its user holds a lock."""
+
+    def __init__(
+        self,
+        world: World,
+        robot: RobotModel = RobotModel(),
+        localisation: LocalisationModel = LocalisationModel(),
+        scan: ScanModel = ScanModel(),
+        seed: int = 0,
+    ) -> None:
+        self.world = world
+        self.field = DistanceField(physical_map(world))
+        self.scan_model = scan
+        sequence = np.random.SeedSequence(seed).spawn(len(world.robots) + 1)
+        self._scan_rng = np.random.default_rng(sequence[-1])
+        self.robots: List[RobotBody] = [
+            RobotBody(item.start_pose(), item.radius, robot, localisation, self.field.clearance, np.random.default_rng(child))
+            for item, child in zip(world.robots, sequence)
+        ]
+        self._participant = Participant()
+        self.now = 0.0
+
+    def step(self, dt: float, now: float) -> None:
+        """Moves everything on by `dt` [s] to the time `now` [s]."""
+        self.now = now
+        for body in self.robots:
+            body.step(dt, now)
+
+    def hear_participant(self, participant: Participant) -> None:
+        """Takes what the participant does now."""
+        self._participant = participant
+
+    def participant(self) -> Participant:
+        """What the participant does; laser off and nobody there if he has been silent for too long."""
+        if self.now - self._participant.heard > PARTICIPANT_SILENCE:
+            # a laser pointer goes out when the hand lets go; the person himself does not vanish
+            return Participant(present=self._participant.present, pose=self._participant.pose)
+        return self._participant
+
+    def scan(self, index: int) -> Tuple[np.ndarray, np.ndarray]:
+        """Angles in the robot's frame (N,) [rad] and ranges (N,) [m] of one robot's scanner; inf where nothing is."""
+        model = self.scan_model
+        angles = -math.pi + 2.0 * math.pi / model.beams * np.arange(model.beams)
+        x, y, yaw = self.robots[index].pose
+        ranges = self.field.cast((x, y), angles + yaw, model.range_max)
+        discs = [
+            (body.pose[:2], item.radius)
+            for other, (body, item) in enumerate(zip(self.robots, self.world.robots))
+            if other != index
+        ]
+        participant = self.participant()
+        if participant.present:
+            discs.append((participant.pose[:2], model.person_radius))
+        for centre, radius in discs:
+            ranges = np.minimum(ranges, cast_disc((x, y), angles + yaw, centre, radius))
+        ranges = ranges + model.range_sigma * self._scan_rng.standard_normal(model.beams)
+        ranges[(ranges > model.range_max) | (ranges < model.range_min)] = np.inf
+        return angles, ranges
+
+    def reset(self) -> None:
+        """Puts every robot to its start."""
+        for body in self.robots:
+            body.reset()
+
+    def checkpoint(self) -> Dict[str, Any]:
+        """What a new process needs to go on from here; inverse of `restore`."""
+        return {"world": self.world.name, "robots": [body.checkpoint() for body in self.robots]}
+
+    def restore(self, saved: Optional[Dict[str, Any]]) -> bool:
+        """Takes over a checkpoint of the same world; says whether it was one."""
+        try:
+            if not saved or saved["world"] != self.world.name or len(saved["robots"]) != len(self.robots):
+                return False
+            for body, entry in zip(self.robots, saved["robots"]):
+                body.restore(entry)
+        except (KeyError, TypeError, ValueError, IndexError):
+            return False
+        return True

@@ -1,0 +1,305 @@
+"""The node that owns simulated time and the truth about the lab."""
+from __future__ import annotations
+
+import os
+import threading
+import time
+from dataclasses import dataclass
+from typing import List, Optional
+
+import numpy as np
+import rospkg
+import rospy
+import tf2_ros
+from geometry_msgs.msg import Point, Pose2D, PoseWithCovarianceStamped, TransformStamped, Twist
+from nav_msgs.msg import Odometry
+from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import LaserScan
+from std_srvs.srv import Trigger, TriggerResponse
+from tf2_msgs.msg import TFMessage
+
+from vb_core import geometry, names
+from vb_core.parameters import Parameters, param
+from vb_core.ros import messages, node, parameters
+from vb_msgs.msg import LabState, ParticipantState
+from vb_sim.lab import Lab, Participant
+from vb_sim.models import load_models, section
+from vb_sim.models_motion import LocalisationModel, RobotModel, ScanModel
+from vb_sim.pacing import Pacer, RealTimeFactor
+from vb_sim.state_file import StateFile
+from vb_sim.world import Robot, load_world
+
+
+@dataclass(frozen=True)
+class LabSimulatorParams(Parameters):
+    """The node's own parameters; the models' are in config/models.yaml."""
+
+    world: str = param("")
+    models: str = param("")
+    state_folder: str = param("")
+    seed: int = param(1, "", low=0)
+    rate: float = param(50.0, "1/s", low=10.0, high=200.0)
+    pose_divisor: int = param(2, "steps", low=1)
+    scan_divisor: int = param(5, "steps", low=1)
+    amcl_divisor: int = param(25, "steps", low=1)
+    checkpoint_divisor: int = param(10, "steps", low=1)
+    transform_tolerance: float = param(0.1, "s", low=0.0, high=1.0)
+
+
+class RobotConnection:
+    """Publishers of one robot. Frames and topics carry its namespace; one without has none."""
+
+    def __init__(self, robot: Robot) -> None:
+        topic = f"/{robot.namespace.strip('/')}/" if robot.namespace.strip("/") else "/"
+        prefix = topic[1:]
+        self.topic = topic
+        self.odom_frame, self.base_frame, self.laser_frame = prefix + "odom", prefix + "base_link", prefix + "base_laser_link"
+        self.odom = rospy.Publisher(topic + "odom", Odometry, queue_size=5)
+        self.amcl = rospy.Publisher(topic + "amcl_pose", PoseWithCovarianceStamped, queue_size=1, latch=True)
+        self.scan = rospy.Publisher(topic + "scan", LaserScan, queue_size=2)
+
+
+class LabSimulatorNode:
+    """Moves the robots, tells the truth about the lab, and is the clock.
+
+    With /use_sim_time it publishes /clock, paced to at most real time; without it, it steps in wall time.
+    A robot's topics are below its namespace; the first robot usually has none.
+
+    Subscribes:
+        <robot>/cmd_vel (geometry_msgs/Twist)
+        <robot>/initialpose (geometry_msgs/PoseWithCovarianceStamped): re-initialises the estimate only
+        /sim/participant (vb_msgs/ParticipantState)
+    Publishes:
+        /clock (rosgraph_msgs/Clock): `rate`, only with /use_sim_time
+        /sim/lab_state (vb_msgs/LabState): `rate`, ground truth
+        <robot>/odom (nav_msgs/Odometry), /tf: map -> odom -> base_link, `rate / pose_divisor`
+        <robot>/scan (sensor_msgs/LaserScan): `rate / scan_divisor`, only while somebody listens
+        <robot>/amcl_pose (geometry_msgs/PoseWithCovarianceStamped, latched): `rate / amcl_divisor`
+        /tf_static: base_link -> base_laser_link
+    Services:
+        ~reset (std_srvs/Trigger): puts every robot to its start
+    Parameters: see `LabSimulatorParams` and config/lab_simulator.yaml. Poses survive the process in a
+        small file in ~state_folder that is tagged with /run_id.
+    """
+
+    def __init__(self, lab: Lab, params: LabSimulatorParams, localisation: LocalisationModel, simulated_time: bool, state: StateFile) -> None:
+        self._lab = lab
+        self._params = params
+        self._state = state
+        self._sigma = (localisation.position_sigma, localisation.yaw_sigma)
+        self._simulated = simulated_time
+        self._lock = threading.Lock()
+        self._step_ns = int(round(1e9 / params.rate))
+        # whole steps, so that cameras at a divisor of the rate fall on them
+        self._now_ns = time.time_ns() // self._step_ns * self._step_ns if simulated_time else time.time_ns()
+        self._restore()
+        self._count = 0
+        self._factor = RealTimeFactor()
+        self._real_time_factor = 1.0
+        self._closing = False
+        lab.step(0.0, self._now_ns * 1e-9)
+
+        # a slow or hung subscriber must not stop the clock: each has its own short queue
+        self._clock = rospy.Publisher("/clock", Clock, queue_size=1) if simulated_time else None
+        self._lab_state = rospy.Publisher(names.LAB_STATE, LabState, queue_size=1)
+        self._tf = rospy.Publisher("/tf", TFMessage, queue_size=10)
+        self._robots = [RobotConnection(robot) for robot in lab.world.robots]
+        self._static_tf = tf2_ros.StaticTransformBroadcaster()
+        self._static_tf.sendTransform([self._laser_mount(connection) for connection in self._robots])
+        for index, connection in enumerate(self._robots):
+            rospy.Subscriber(connection.topic + "cmd_vel", Twist, self._on_cmd_vel, index, queue_size=1, tcp_nodelay=True)
+            rospy.Subscriber(connection.topic + "initialpose", PoseWithCovarianceStamped, self._on_initialpose, index, queue_size=1)
+        rospy.Subscriber(names.PARTICIPANT, ParticipantState, self._on_participant, queue_size=1, tcp_nodelay=True)
+        rospy.Service("~reset", Trigger, self._on_reset)
+        self._thread = threading.Thread(target=self._run, daemon=True)
+        self._thread.start()
+
+    def close(self) -> None:
+        """Stops the clock and leaves the last poses behind."""
+        self._closing = True
+        self._thread.join(timeout=1.0)
+        self._save()
+
+    # ------------------------------------------------------------ callbacks
+    def _on_cmd_vel(self, message: Twist, index: int) -> None:
+        with self._lock:
+            self._lab.robots[index].command(message.linear.x, message.angular.z, self._lab.now)
+
+    def _on_initialpose(self, message: PoseWithCovarianceStamped, index: int) -> None:
+        if message.header.frame_id.lstrip("/") != names.MAP_FRAME:
+            rospy.logwarn_throttle(5.0, f"{rospy.get_name()}: initialpose in frame '{message.header.frame_id}' ignored, expected 'map'")
+            return
+        pose = messages.pose_to_2d(message.pose.pose)
+        if not np.isfinite(pose).all():
+            rospy.logwarn_throttle(5.0, f"{rospy.get_name()}: initialpose ignored, it is not finite")
+            return
+        with self._lock:
+            self._lab.robots[index].relocalise(pose)
+
+    def _on_participant(self, message: ParticipantState) -> None:
+        laser, person = (message.laser.x, message.laser.y), (message.person.x, message.person.y, message.person.theta)
+        if not np.isfinite(laser + person).all():
+            rospy.logwarn_throttle(5.0, f"{rospy.get_name()}: a participant with a pose that is not finite is ignored")
+            return
+        with self._lock:
+            self._lab.hear_participant(
+                Participant(
+                    laser_on=message.laser_on,
+                    laser=laser,
+                    laser_color=message.laser_color or "red",
+                    present=message.person_present,
+                    pose=person,
+                    doing=message.doing,
+                    heard=self._lab.now,
+                )
+            )
+
+    def _on_reset(self, _request: Trigger) -> TriggerResponse:
+        with self._lock:
+            self._lab.reset()
+        return TriggerResponse(success=True, message=f"{len(self._robots)} robot(s) put to their start")
+
+    # ------------------------------------------------------------ time
+    def _run(self) -> None:
+        try:
+            pacer = Pacer(self._step_ns * 1e-9, time.monotonic())
+            while not rospy.is_shutdown() and not self._closing:
+                self._step()
+                time.sleep(pacer.wait(time.monotonic()))
+        except rospy.ROSException:
+            if not rospy.is_shutdown():
+                raise
+
+    def _step(self) -> None:
+        before = self._now_ns
+        self._now_ns = before + self._step_ns if self._simulated else max(time.time_ns(), before)
+        now = rospy.Time(self._now_ns // 10**9, self._now_ns % 10**9)
+        # in wall time a pause of the machine must not become a leap of the robot
+        dt = min((self._now_ns - before) * 1e-9, 0.1)
+        with self._lock:
+            self._lab.step(dt, self._now_ns * 1e-9)
+            state = self._state_message(now)
+        if self._clock is not None:
+            self._clock.publish(Clock(now))
+        self._lab_state.publish(state)
+        if self._count % self._params.pose_divisor == 0:
+            self._publish_poses(now)
+        if self._count % self._params.scan_divisor == 1 % self._params.scan_divisor:
+            self._publish_scans(now)
+        if self._count % self._params.amcl_divisor == 0:
+            self._publish_amcl(now)
+            self._real_time_factor = self._factor.update(time.monotonic(), self._now_ns * 1e-9)
+        if self._count % self._params.checkpoint_divisor == 0:
+            self._save()
+        self._count += 1
+
+    # ------------------------------------------------------------ checkpoint
+    def _restore(self) -> None:
+        saved = self._state.read()
+        if self._lab.restore(saved):
+            # time never jumps back, whatever the machine's clock did
+            self._now_ns = max(self._now_ns, int(saved.get("now_ns", 0)) + self._step_ns) if saved else self._now_ns
+            rospy.loginfo("%s: goes on where the last one stopped", rospy.get_name())
+
+    def _save(self) -> None:
+        with self._lock:
+            document = self._lab.checkpoint()
+        document["now_ns"] = self._now_ns
+        try:
+            self._state.write(document)
+        except OSError as error:
+            rospy.logwarn_throttle(60.0, f"{rospy.get_name()}: poses will not survive this process: {error}")
+
+    # ------------------------------------------------------------ messages
+    def _state_message(self, now: rospy.Time) -> LabState:
+        participant = self._lab.participant()
+        state = LabState()
+        state.header.stamp, state.header.frame_id = now, names.MAP_FRAME
+        state.robots = [robot.namespace.strip("/") for robot in self._lab.world.robots]
+        state.robot_poses = [Pose2D(*body.pose) for body in self._lab.robots]
+        state.laser_on = participant.laser_on
+        state.laser = Point(participant.laser[0], participant.laser[1], 0.0)
+        state.laser_color = participant.laser_color
+        state.person_present = participant.present
+        state.person = Pose2D(*participant.pose)
+        state.participant_doing = participant.doing
+        state.real_time_factor = self._real_time_factor
+        return state
+
+    def _publish_poses(self, now: rospy.Time) -> None:
+        transforms: List[TransformStamped] = []
+        # AMCL dates its correction ahead, so that a transform of the present time need not wait for it
+        ahead = now + rospy.Duration(self._params.transform_tolerance)
+        for body, connection in zip(self._lab.robots, self._robots):
+            with self._lock:
+                odometry, velocity, correction = body.odometry, body.velocity, body.map_to_odom()
+            base = geometry.pose2d_transform(*odometry)
+            transforms.append(messages.transform_message(correction, names.MAP_FRAME, connection.odom_frame, ahead))
+            transforms.append(messages.transform_message(base, connection.odom_frame, connection.base_frame, now))
+            if connection.odom.get_num_connections():
+                message = Odometry()
+                message.header.stamp, message.header.frame_id = now, connection.odom_frame
+                message.child_frame_id = connection.base_frame
+                message.pose.pose = messages.pose_from_2d(*odometry)
+                message.twist.twist.linear.x, message.twist.twist.angular.z = velocity
+                connection.odom.publish(message)
+        self._tf.publish(TFMessage(transforms))
+
+    def _publish_amcl(self, now: rospy.Time) -> None:
+        for body, connection in zip(self._lab.robots, self._robots):
+            with self._lock:
+                estimate = body.estimate()
+            message = PoseWithCovarianceStamped()
+            message.header.stamp, message.header.frame_id = now, names.MAP_FRAME
+            message.pose.pose = messages.pose_from_2d(*estimate)
+            covariance = [0.0] * 36
+            covariance[0] = covariance[7] = self._sigma[0] ** 2
+            covariance[35] = self._sigma[1] ** 2
+            message.pose.covariance = covariance
+            connection.amcl.publish(message)
+
+    def _publish_scans(self, now: rospy.Time) -> None:
+        model = self._lab.scan_model
+        for index, connection in enumerate(self._robots):
+            if not connection.scan.get_num_connections():
+                continue
+            with self._lock:
+                angles, ranges = self._lab.scan(index)
+            message = LaserScan()
+            message.header.stamp, message.header.frame_id = now, connection.laser_frame
+            message.angle_min, message.angle_max = float(angles[0]), float(angles[-1])
+            message.angle_increment = float(angles[1] - angles[0])
+            message.scan_time = self._params.scan_divisor / self._params.rate
+            message.range_min, message.range_max = model.range_min, model.range_max
+            message.ranges = ranges.tolist()
+            connection.scan.publish(message)
+
+    def _laser_mount(self, connection: RobotConnection) -> TransformStamped:
+        mount = geometry.transform(np.eye(3), (0.0, 0.0, self._lab.scan_model.height))
+        return messages.transform_message(mount, connection.base_frame, connection.laser_frame, rospy.Time(0))
+
+
+def default_models() -> str:
+    """The models file of this package."""
+    return os.path.join(rospkg.RosPack().get_path("vb_sim"), "config", "models.yaml")
+
+
+def build() -> LabSimulatorNode:
+    """Makes the node of what the parameter server says."""
+    parameters.required("~world")
+    params = parameters.read(LabSimulatorParams)
+    models = load_models(params.models or default_models())
+    localisation = section(models, "localisation", LocalisationModel)
+    lab = Lab(
+        load_world(params.world), section(models, "robot", RobotModel), localisation, section(models, "scan", ScanModel), params.seed
+    )
+    folder = params.state_folder or os.path.join(rospkg.get_ros_home(), "vb_sim")
+    run: Optional[object] = rospy.get_param("/run_id", "none")
+    state = StateFile(folder, "lab", str(run))
+    state.forget_others()
+    return LabSimulatorNode(lab, params, localisation, bool(rospy.get_param("/use_sim_time", False)), state)
+
+
+def main() -> None:
+    """Entry point of the executable lab_simulator."""
+    node.run("lab_simulator", build)

@@ -1,0 +1,51 @@
+"""Simulated time that keeps step with real time, and how well it does."""
+from __future__ import annotations
+
+from collections import deque
+from typing import Deque, Tuple
+
+
+class Pacer:
+    """Says how long to wait between equal steps of simulated time.
+
+    A late step makes the next ones come a little sooner, never in a burst: cameras and controllers
+    would see none of the time in between. What is too late to be made up for is given up.
+
+    Args:
+        period: [s] simulated time per step.
+        now: [s] a monotonic clock's time.
+        catch_up: [s] the most that is made up for.
+        quickest: the shortest wait, as a share of the period.
+    """
+
+    def __init__(self, period: float, now: float, catch_up: float = 0.3, quickest: float = 0.7) -> None:
+        self._period = period
+        self._due = now + period
+        self._catch_up = catch_up
+        self._quickest = quickest
+        self._stepped = now
+
+    def wait(self, now: float) -> float:
+        """[s] to wait, at `now`, before the next step; call it once per step."""
+        if now - self._due > self._catch_up:
+            self._due = now - self._catch_up
+        moment = max(self._due, self._stepped + self._quickest * self._period, now)
+        self._due += self._period
+        self._stepped = moment
+        return moment - now
+
+
+class RealTimeFactor:
+    """Simulated seconds per second of wall time over the last seconds."""
+
+    def __init__(self, window: float = 5.0) -> None:
+        self._window = window
+        self._samples: Deque[Tuple[float, float]] = deque()
+
+    def update(self, wall: float, simulated: float) -> float:
+        """Adds a sample [s, s] and gives the factor; 1 until there is something to measure."""
+        self._samples.append((wall, simulated))
+        while wall - self._samples[0][0] > self._window:
+            self._samples.popleft()
+        first = self._samples[0]
+        return (simulated - first[1]) / (wall - first[0]) if wall - first[0] > 0.5 else 1.0
