@@ -1,0 +1,66 @@
+"""Stand-in for map_server: serves the physical map."""
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import rospy
+from nav_msgs.srv import GetMap, GetMapResponse
+
+from vb_core import names
+from vb_core.errors import ParameterError
+from vb_core.grid_map import GridMap
+from vb_core.parameters import Parameters, param
+from vb_core.ros import messages, node, parameters
+from vb_sim.floor_plan import physical_map
+from vb_sim.map_file import load_map
+from vb_sim.world import load_world
+
+
+@dataclass(frozen=True)
+class MapServerParams(Parameters):
+    """One of the two must be set."""
+
+    world: str = param("")
+    map_yaml: str = param("")
+
+
+class MapServerNode:
+    """Serves one map that never changes.
+
+    Publishes:
+        /map (nav_msgs/OccupancyGrid, latched)
+    Services:
+        /static_map (nav_msgs/GetMap)
+    Parameters:
+        ~world: a world file, whose physical map is served, or
+        ~map_yaml: a map in map_server's format
+    """
+
+    def __init__(self, grid: GridMap) -> None:
+        # a stamp of zero: with simulated time nobody knows yet what time it is, and the map is valid at any
+        self._message = messages.message_from_grid(grid, rospy.Time(0))
+        self._publisher = rospy.Publisher(names.PHYSICAL_MAP, messages.OccupancyGridArray, queue_size=1, latch=True)
+        self._service = rospy.Service("/static_map", GetMap, self._on_static_map)
+        self._publisher.publish(self._message)
+        rospy.loginfo("%s: a map of %d x %d cells", rospy.get_name(), grid.shape[1], grid.shape[0])
+
+    def _on_static_map(self, _request: GetMap) -> GetMapResponse:
+        # a service packs the plain message, which wants a list
+        plain = GetMapResponse()
+        plain.map.header, plain.map.info = self._message.header, self._message.info
+        plain.map.data = self._message.data.tolist()
+        return plain
+
+
+def build() -> MapServerNode:
+    """Makes the node of what the parameter server says."""
+    params = parameters.read(MapServerParams)
+    if bool(params.world) == bool(params.map_yaml):
+        raise ParameterError(rospy.resolve_name("~world"), "either this or map_yaml must be set")
+    grid = load_map(params.map_yaml) if params.map_yaml else physical_map(load_world(params.world))
+    return MapServerNode(grid)
+
+
+def main() -> None:
+    """Entry point of the executable map_server."""
+    node.run("map_server", build)
