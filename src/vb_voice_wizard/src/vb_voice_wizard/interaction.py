@@ -93,6 +93,7 @@ class Interaction:
         self.last_command = ""
         self.last_source = ""
         self.last_answer = Answer(True, OK, "")
+        self.last_answered = 0.0
         self.last_outcome = ""
         self.last_border_id = ""
         self._durations = {State.GUIDE: 0.0, State.BORDER: 0.0, State.SEED: 0.0}
@@ -230,6 +231,7 @@ class Interaction:
         self._durations = self.durations(now)
         self._counted_until = now
         self.started, self.entered = min(self.started, now), min(self.entered, now)
+        self.last_answered = min(self.last_answered, now)
 
     # ------------------------------------------------------------------ memory across a restart of the node
     def to_mapping(self) -> Dict[str, Any]:
@@ -248,6 +250,7 @@ class Interaction:
             "last_success": self.last_answer.success,
             "last_code": self.last_answer.code,
             "last_message": self.last_answer.message,
+            "last_answered": self.last_answered,
             "last_outcome": self.last_outcome,
             "last_border_id": self.last_border_id,
         }
@@ -273,10 +276,11 @@ class Interaction:
             self.last_answer = Answer(
                 bool(mapping["last_success"]), str(mapping["last_code"]), str(mapping["last_message"])
             )
+            self.last_answered = float(mapping["last_answered"])
             self.last_outcome, self.last_border_id = str(mapping["last_outcome"]), str(mapping["last_border_id"])
         except (KeyError, TypeError, ValueError, AttributeError) as error:
             raise CodedError("bad_memory", f"this is no memory of an interaction: {error!r}") from None
-        numbers = [self.started, self.entered, self._counted_until, *self._durations.values()]
+        numbers = [self.started, self.entered, self._counted_until, self.last_answered, *self._durations.values()]
         if not all(math.isfinite(number) for number in numbers) or min(self._durations.values()) < 0:
             raise CodedError("bad_memory", "this is no memory of an interaction: times must be finite")
         if (self.state == State.DEFAULT) != (self.interaction_id == ""):
@@ -317,6 +321,7 @@ class Interaction:
 
     def _answered(self, name: str, source: str, success: bool, code: str, message: str) -> Answer:
         self.last_command, self.last_source, self.last_answer = name, source, Answer(success, code, message)
+        self.last_answered = self._counted_until
         return self.last_answer
 
 

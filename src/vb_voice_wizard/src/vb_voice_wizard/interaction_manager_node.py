@@ -268,6 +268,7 @@ class InteractionManager:
         message.last_success = interaction.last_answer.success
         message.last_code = interaction.last_answer.code
         message.last_message = interaction.last_answer.message
+        message.last_answered = rospy.Time.from_sec(interaction.last_answered)
         message.last_outcome = interaction.last_outcome
         message.last_border_id = interaction.last_border_id
         self._publisher.publish(message)
