@@ -1,0 +1,155 @@
+"""The virtual border V = (P, s, delta) of the paper, Sect. 3."""
+from __future__ import annotations
+
+import dataclasses
+import math
+from dataclasses import dataclass
+from typing import Optional, Tuple
+
+import numpy as np
+
+from vb_core import geometry
+from vb_map_integration.findings import IntegrationError
+
+# more than a person can draw: at 25 spots a second this is over three minutes without a pause
+MAX_POINTS = 5000
+# a chain whose ends are nearer to each other than this share of its length is meant to be closed
+CLOSING_SHARE = 0.15
+# farther from the origin than this no floor is: such numbers come from a fault
+MAX_COORDINATE_M = 1e6
+
+
+@dataclass(frozen=True, eq=False)
+class VirtualBorder:
+    """A virtual border.
+
+    Attributes:
+        points: (N, 2) float64 [m], map frame; P, the polygonal chain; a closed one does not repeat its first point.
+        seed: (2,) float64 [m], map frame; s, a point on the side to be restricted.
+        occupancy: delta, 0 .. 1.
+        closed: polygon (True) or separating curve (False); None decides by the gap between the chain's ends.
+        id, name: for the store and for people.
+        enabled: whether it acts.
+        created, modified: [s] ROS time.
+        expires: [s] ROS time at which `enabled` turns over by itself; 0: never.
+        robots: names of the robots that it is for; empty: all.
+
+    Raises:
+        IntegrationError: "bad_points", "too_few_points", "too_many_points", "bad_seed", "bad_occupancy",
+            "bad_time", "bad_name".
+    """
+
+    points: np.ndarray
+    seed: np.ndarray
+    occupancy: float = 1.0
+    closed: Optional[bool] = None
+    id: str = ""
+    name: str = ""
+    enabled: bool = True
+    created: float = 0.0
+    modified: float = 0.0
+    expires: float = 0.0
+    robots: Tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        points = _coordinates(self.points, "bad_points", "the border's points")
+        if len(points) > MAX_POINTS:
+            raise IntegrationError(
+                "too_many_points", f"a border may have {MAX_POINTS} points, this one has {len(points)}: thin it out"
+            )
+        if len(points) > 1:
+            points = points[np.concatenate([[True], (np.diff(points, axis=0) != 0.0).any(axis=1)])]
+        closed = self.closed
+        if closed is None:
+            closed = _looks_closed(points)
+        if closed and len(points) > 1 and (points[0] == points[-1]).all():
+            points = points[:-1]
+        least = 3 if closed else 2
+        if len(points) < least:
+            kind = "polygon" if closed else "separating curve"
+            raise IntegrationError("too_few_points", f"a {kind} needs {least} different points, got {len(points)}")
+        seed = _coordinates(self.seed, "bad_seed", "the seed point")
+        if len(seed) != 1:
+            raise IntegrationError("bad_seed", f"the seed is one point, got {len(seed)}")
+        occupancy = _number(self.occupancy, "bad_occupancy", "the occupancy")
+        if not 0.0 <= occupancy <= 1.0:
+            raise IntegrationError("bad_occupancy", f"the occupancy must lie between 0 and 1, got {occupancy}")
+        for key in ("created", "modified", "expires"):
+            value = _number(getattr(self, key), "bad_time", f"the time '{key}'")
+            if value < 0.0:
+                raise IntegrationError("bad_time", f"the time '{key}' must not be negative, got {value}")
+            object.__setattr__(self, key, value)
+        for key in ("id", "name"):
+            text = getattr(self, key)
+            if not isinstance(text, str) or len(text) > 200 or not (text.isprintable() or not text):
+                raise IntegrationError("bad_name", f"the {key} must be at most 200 printable characters, got {text!r}")
+        points.setflags(write=False)
+        seed = seed[0]
+        seed.setflags(write=False)
+        object.__setattr__(self, "points", points)
+        object.__setattr__(self, "seed", seed)
+        object.__setattr__(self, "occupancy", occupancy)
+        object.__setattr__(self, "closed", bool(closed))
+        object.__setattr__(self, "enabled", bool(self.enabled))
+        object.__setattr__(self, "robots", tuple(str(robot) for robot in self.robots))
+
+    @property
+    def value(self) -> int:
+        """delta as an occupancy grid has it, 0 .. 100."""
+        return int(round(100.0 * self.occupancy))
+
+    def replace(self, **changes: object) -> "VirtualBorder":
+        """The same border with some things changed, checked again."""
+        return dataclasses.replace(self, **changes)
+
+    def same_area(self, other: "VirtualBorder") -> bool:
+        """Whether both restrict the same cells of any map (with whatever occupancy)."""
+        return (
+            self.closed == other.closed
+            and np.array_equal(self.points, other.points)
+            and np.array_equal(self.seed, other.seed)
+        )
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, VirtualBorder):
+            return NotImplemented
+        plain = [field.name for field in dataclasses.fields(self) if field.name not in ("points", "seed")]
+        return self.same_area(other) and all(getattr(self, key) == getattr(other, key) for key in plain)
+
+    __hash__ = None  # type: ignore[assignment]
+
+
+def _coordinates(values: object, code: str, what: str) -> np.ndarray:
+    """(N, 2) float64 copy of coordinates, all finite."""
+    try:
+        points = np.array(values, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise IntegrationError(code, f"{what} must be numbers: {error}") from None
+    if points.size == 0:
+        points = points.reshape(0, 2)
+    elif points.ndim == 1:
+        points = points.reshape(1, -1)
+    if points.ndim != 2 or points.shape[1] != 2:
+        raise IntegrationError(code, f"{what} must have x and y, got the shape {points.shape}")
+    if not np.isfinite(points).all():
+        raise IntegrationError(code, f"{what} must be finite numbers")
+    if np.abs(points).max(initial=0.0) > MAX_COORDINATE_M:
+        raise IntegrationError(code, f"{what} must lie within {MAX_COORDINATE_M:.0f} m of the map frame's origin")
+    return points
+
+
+def _number(value: object, code: str, what: str) -> float:
+    try:
+        number = float(value)  # type: ignore[arg-type]
+    except (TypeError, ValueError):
+        raise IntegrationError(code, f"{what} must be a number, got {value!r}") from None
+    if not math.isfinite(number):
+        raise IntegrationError(code, f"{what} must be a finite number, got {number}")
+    return number
+
+
+def _looks_closed(points: np.ndarray) -> bool:
+    if len(points) < 3:
+        return False
+    gap = float(np.linalg.norm(points[-1] - points[0]))
+    return gap <= CLOSING_SHARE * geometry.chain_length(points)

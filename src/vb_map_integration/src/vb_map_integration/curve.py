@@ -1,0 +1,217 @@
+"""Separating curves: extended to the physical borders, and the side that the seed is on.
+
+Paper, Sect. 3: "its first and last line segments are linearly extended to the physical borders of the
+environment to allow the separation of the area".
+
+What makes a curve separate is topology: blocked cells (obstacles, unknown, everything off the map) form
+connected pieces, and a curve parts the free space round it exactly if both its ends meet the same piece. A
+table leg is a piece of its own, so an extension that meets one goes on.
+"""
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Callable, Optional, Tuple
+
+import cv2
+import numpy as np
+
+from vb_map_integration import raster
+
+# shares of the samples beside the curve from which on the restricted area counts as touching a side
+TOUCHES = 0.1
+
+
+@dataclass(frozen=True)
+class Cut:
+    """A separating curve cut into the map.
+
+    Attributes:
+        region: (H, W) uint8, the free cells on the seed's side.
+        seed: (row, column) where the fill began.
+        left, right: share of the free cells beside the drawn curve that the region holds; NaN if there are none.
+        line: (M, 2) (column, row) the curve with its extensions.
+        stops: for each end, the (row, column) of the blocked cell where it ends; may lie one beyond the map's rim.
+    """
+
+    region: np.ndarray
+    seed: Tuple[int, int]
+    left: float
+    right: float
+    line: np.ndarray
+    stops: Tuple[Tuple[int, int], Tuple[int, int]]
+
+    @property
+    def separates(self) -> bool:
+        """Whether the region lies on one side of the curve only, and there is something on the other."""
+        sides = sorted((self.left, self.right))
+        return not any(math.isnan(side) for side in sides) and sides[1] > 0.0 and sides[0] < TOUCHES
+
+
+def end_direction(points: np.ndarray, length: float) -> np.ndarray:
+    """Unit vector (2,) in which a chain (N, 2) leaves its last point, fitted to its last `length`.
+
+    The last two points alone would follow the hand's tremor.
+    """
+    back = points[::-1]
+    steps = np.hypot(*np.diff(back, axis=0).T)
+    arc = np.concatenate([[0.0], np.cumsum(steps)])
+    at = np.linspace(0.0, min(length, arc[-1]), 16)
+    tail = np.column_stack([np.interp(at, arc, back[:, i]) for i in range(2)])
+    centred = tail - tail.mean(axis=0)
+    xx, yy, xy = (centred[:, 0] ** 2).sum(), (centred[:, 1] ** 2).sum(), (centred[:, 0] * centred[:, 1]).sum()
+    angle = 0.5 * math.atan2(2.0 * xy, xx - yy)
+    direction = np.array([math.cos(angle), math.sin(angle)])
+    chord = tail[0] - tail[-1]
+    return direction if direction @ chord >= 0.0 else -direction
+
+
+def separate(
+    blocked: np.ndarray,
+    points: np.ndarray,
+    fit_length: float,
+    overshoot: float,
+    find_seed: Callable[[np.ndarray], Tuple[int, int]],
+) -> Optional[Cut]:
+    """Cuts a separating curve into the map and fills the seed's side.
+
+    Args:
+        blocked: (H, W) uint8 mask of cells that the fill may not enter.
+        points: (N, 2) (column, row), the drawn chain.
+        fit_length: [cells] how much of the chain's ends gives the extensions' direction.
+        overshoot: [cells] how far a drawn end may reach beyond the wall that it belongs to.
+        find_seed: gives the seed's (row, column) for a mask of blocked cells with the curve's cells added.
+
+    Returns:
+        The cut, which separates or does not; None if the curve never touches the map.
+    """
+    rows, columns = blocked.shape
+    reach = 2.0 * (rows + columns) + float(np.abs(points).max())
+    chain = np.vstack(
+        [
+            points[0] + reach * end_direction(points[::-1], fit_length),
+            points,
+            points[-1] + reach * end_direction(points, fit_length),
+        ]
+    )
+    trace = raster.trace_chain(chain, blocked.shape)
+    inside = (trace.rows >= 0) & (trace.rows < rows) & (trace.columns >= 0) & (trace.columns < columns)
+    drawn = (trace.segment > 0) & (trace.segment < len(chain) - 2)
+    if not (inside & drawn).any():
+        return None
+    shut = np.ones(len(trace.rows), dtype=bool)
+    shut[inside] = blocked[trace.rows[inside], trace.columns[inside]] != 0
+
+    steps = np.hypot(*np.diff(points, axis=0).T)
+    arc = trace.arc - float(np.hypot(*(points[0] - chain[0])))
+    drawn_length = float(steps.sum())
+    slack = min(overshoot, 0.25 * drawn_length)
+    starts = _stops(shut, arc <= slack, outwards=-1)
+    ends = _stops(shut, arc >= drawn_length - slack, outwards=1)
+
+    cut = _cut(blocked, chain, trace, inside, drawn & ~shut, int(starts[0]), int(ends[0]), find_seed)
+    if cut.separates:
+        return cut
+    pair = _common_piece(blocked, trace, arc, starts, ends, drawn_length)
+    if pair is None or pair == (starts[0], ends[0]):
+        return cut
+    return _cut(blocked, chain, trace, inside, drawn & ~shut, pair[0], pair[1], find_seed)
+
+
+def _stops(shut: np.ndarray, where: np.ndarray, outwards: int) -> np.ndarray:
+    """Indices at which the trace, followed outwards, runs into something blocked; the nearest one first.
+
+    The outermost cell lies beyond the map's rim, so there always is one.
+    """
+    indices = np.flatnonzero(where)[::outwards]
+    if len(indices) == 0:  # the whole end lies off the map
+        return np.array([0 if outwards < 0 else len(shut) - 1])
+    hit = shut[indices]
+    hit = hit & ~np.concatenate([[False], hit[:-1]])
+    if not hit.any():
+        return indices[-1:]
+    return indices[hit]
+
+
+def _common_piece(
+    blocked: np.ndarray, trace: raster.Trace, arc: np.ndarray, starts: np.ndarray, ends: np.ndarray, drawn_length: float
+) -> Optional[Tuple[int, int]]:
+    """The stops on one and the same connected piece of blocked cells with the shortest extensions."""
+    framed = cv2.copyMakeBorder(blocked, 1, 1, 1, 1, cv2.BORDER_CONSTANT, value=255)
+    _, labels = cv2.connectedComponents(framed, connectivity=8, ltype=cv2.CV_32S)
+
+    def pieces(stops: np.ndarray) -> Tuple[np.ndarray, np.ndarray]:
+        row = np.clip(trace.rows[stops] + 1, 0, labels.shape[0] - 1)
+        column = np.clip(trace.columns[stops] + 1, 0, labels.shape[1] - 1)
+        found, first = np.unique(labels[row, column], return_index=True)
+        return found, stops[first]
+
+    start_pieces, start_stops = pieces(starts)
+    end_pieces, end_stops = pieces(ends)
+    _, i, j = np.intersect1d(start_pieces, end_pieces, assume_unique=True, return_indices=True)
+    if len(i) == 0:
+        return None
+    extension = np.maximum(-arc[start_stops[i]], 0.0) + np.maximum(arc[end_stops[j]] - drawn_length, 0.0)
+    best = int(np.argmin(extension))
+    return int(start_stops[i[best]]), int(end_stops[j[best]])
+
+
+def _cut(
+    blocked: np.ndarray,
+    chain: np.ndarray,
+    trace: raster.Trace,
+    inside: np.ndarray,
+    beside: np.ndarray,
+    start: int,
+    end: int,
+    find_seed: Callable[[np.ndarray], Tuple[int, int]],
+) -> Cut:
+    """Fills the seed's side of the curve between two of its stops."""
+    part = np.zeros(len(inside), dtype=bool)
+    part[min(start, end) : max(start, end) + 1] = True
+    on_map = part & inside
+    rows, columns = trace.rows[on_map], trace.columns[on_map]
+    barrier = blocked.copy()
+    barrier[rows, columns] = 255
+    seed = find_seed(barrier)
+    region = raster.flood(barrier, seed)
+
+    step = np.diff(chain, axis=0)
+    unit = step / np.maximum(np.hypot(step[:, 0], step[:, 1]), 1e-12)[:, None]
+    normal = np.column_stack([-unit[:, 1], unit[:, 0]])
+    middle = beside & on_map
+    shares = []
+    for side in (1.0, -1.0):
+        cells = np.floor(trace.points[middle] + side * 1.6 * normal[trace.segment[middle]] + 0.5).astype(np.int64)
+        ok = ((cells >= 0) & (cells < (blocked.shape[1], blocked.shape[0]))).all(axis=1)
+        cells = cells[ok]
+        cells = cells[barrier[cells[:, 1], cells[:, 0]] == 0]
+        shares.append(float((region[cells[:, 1], cells[:, 0]] != 0).mean()) if len(cells) else math.nan)
+    left, right = shares
+
+    # the cells that the curve runs through go to the side that their centre is on
+    segment = trace.segment[on_map]
+    offset = np.column_stack([columns, rows]) - chain[segment]
+    height = (offset * normal[segment]).sum(axis=1)
+    towards = 1.0 if not (left <= right) else -1.0
+    own = (height * towards > 0.0) & (blocked[rows, columns] == 0) & _touches(region, rows, columns)
+    region[rows[own], columns[own]] = 255
+
+    first, last = trace.points[min(start, end)], trace.points[max(start, end)]
+    between = chain[1:-1]
+    steps = np.hypot(*step.T)
+    vertex_arc = np.cumsum(steps)[:-1]
+    between = between[(vertex_arc > trace.arc[min(start, end)]) & (vertex_arc < trace.arc[max(start, end)])]
+    stops = tuple((int(trace.rows[k]), int(trace.columns[k])) for k in (start, end))
+    return Cut(region, seed, left, right, np.vstack([first, between, last]), stops)  # type: ignore[arg-type]
+
+
+def _touches(region: np.ndarray, rows: np.ndarray, columns: np.ndarray) -> np.ndarray:
+    """(K,) bool: which cells have a neighbour, corners included, in the region."""
+    result = np.zeros(len(rows), dtype=bool)
+    for dr in (-1, 0, 1):
+        for dc in (-1, 0, 1):
+            r = np.clip(rows + dr, 0, region.shape[0] - 1)
+            c = np.clip(columns + dc, 0, region.shape[1] - 1)
+            result |= region[r, c] != 0
+    return result

@@ -1,0 +1,37 @@
+"""What the check of a border finds, and the error that refuses one."""
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Iterable, Tuple
+
+from vb_core.errors import CodedError
+
+WARNING = 0
+ERROR = 1
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One thing that the check of a border found.
+
+    Attributes:
+        severity: WARNING (the border can be added all the same) or ERROR (it is refused).
+        code: machine readable, for instance "separates_nothing".
+        message: a sentence that a person can act on.
+    """
+
+    severity: int
+    code: str
+    message: str
+
+
+class IntegrationError(CodedError):
+    """A border that is refused. Nothing was changed.
+
+    Attributes:
+        findings: all that was found up to the refusal; the last one is the refusal itself.
+    """
+
+    def __init__(self, code: str, message: str, findings: Iterable[Finding] = ()) -> None:
+        super().__init__(code, message)
+        self.findings: Tuple[Finding, ...] = tuple(findings) + (Finding(ERROR, code, message),)

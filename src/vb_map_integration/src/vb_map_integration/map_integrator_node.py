@@ -1,0 +1,375 @@
+"""Node: virtual borders into the map that navigation uses."""
+from __future__ import annotations
+
+import threading
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Dict, List, Sequence, Tuple
+
+import numpy as np
+import rospy
+from rospy.numpy_msg import numpy_msg
+from std_srvs.srv import Trigger, TriggerResponse
+from vb_msgs.msg import Finding as FindingMessage
+from vb_msgs.msg import VirtualBorder as BorderMessage
+from vb_msgs.msg import VirtualBorderArray
+from vb_msgs.srv import (
+    AddBorder,
+    AddBorderResponse,
+    ListBorders,
+    ListBordersResponse,
+    PreviewBorder,
+    PreviewBorderResponse,
+    RemoveBorder,
+    RemoveBorderResponse,
+    SaveMap,
+    SaveMapResponse,
+    UpdateBorder,
+    UpdateBorderResponse,
+)
+
+from vb_core import names
+from vb_core.errors import CodedError, ParameterError
+from vb_core.parameters import Parameters, param
+from vb_core.ros import messages, node, parameters
+from vb_core.ros.transforms import TransformLookup
+from vb_map_integration.border import VirtualBorder
+from vb_map_integration.findings import ERROR, WARNING, Finding, IntegrationError
+from vb_map_integration.integrator import IntegratorParams, MapIntegrator, Outcome
+
+KINDS = {BorderMessage.DECIDE: None, BorderMessage.POLYGON: True, BorderMessage.SEPARATING_CURVE: False}
+
+# carries the region as one block of memory, not cell by cell
+ArrayPreviewResponse = numpy_msg(PreviewBorderResponse)
+
+
+class ArrayPreviewBorder(PreviewBorder):
+    """PreviewBorder with numpy arrays in its response; the same on the wire."""
+
+    _response_class = ArrayPreviewResponse
+
+
+@dataclass(frozen=True)
+class NodeParams(Parameters):
+    """What only the node needs, beside `IntegratorParams`."""
+
+    frame_id: str = param(names.MAP_FRAME)
+    store_dir: str = param("~/.ros/virtual_borders")
+    map_dir: str = param("~/.ros/virtual_borders/maps")
+    robot_frame: str = param("")
+    move_base: str = param("/move_base")
+    expiry_period_s: float = param(1.0, "s", above=0.0)
+
+
+# ----------------------------------------------------------------- messages
+def border_from_message(message: BorderMessage) -> VirtualBorder:
+    """A message to a border; inverse of `message_from_border`.
+
+    Raises:
+        IntegrationError: if it is none.
+    """
+    if message.kind not in KINDS:
+        raise IntegrationError("bad_kind", f"the kind must be one of {sorted(KINDS)}, got {message.kind}")
+    return VirtualBorder(
+        points=messages.array_from_points(message.points),
+        seed=[message.seed.x, message.seed.y],
+        # float32 on the wire: 0.2 comes as 0.20000000298
+        occupancy=round(message.occupancy, 6),
+        closed=KINDS[message.kind],
+        id=message.id,
+        name=message.name,
+        enabled=message.enabled,
+        created=message.created.to_sec(),
+        modified=message.modified.to_sec(),
+        expires=message.expires.to_sec(),
+        robots=tuple(message.robots),
+    )
+
+
+def message_from_border(border: VirtualBorder, area_m2: float = 0.0) -> BorderMessage:
+    """A border to a message; inverse of `border_from_message`."""
+    message = BorderMessage(
+        id=border.id,
+        name=border.name,
+        points=messages.points_from_array(border.points),
+        kind=BorderMessage.POLYGON if border.closed else BorderMessage.SEPARATING_CURVE,
+        occupancy=border.occupancy,
+        enabled=border.enabled,
+        created=rospy.Time.from_sec(border.created),
+        modified=rospy.Time.from_sec(border.modified),
+        expires=rospy.Time.from_sec(border.expires),
+        robots=list(border.robots),
+        area_m2=area_m2,
+    )
+    message.seed.x, message.seed.y = (float(value) for value in border.seed)
+    return message
+
+
+def finding_messages(findings: Sequence[Finding]) -> List[FindingMessage]:
+    """Findings to messages."""
+    severities = {WARNING: FindingMessage.WARNING, ERROR: FindingMessage.ERROR}
+    return [FindingMessage(severities[found.severity], found.code, found.message) for found in findings]
+
+
+# ----------------------------------------------------------------- the node
+class MapIntegratorNode:
+    """Integrates virtual borders into the physical map.
+
+    Subscribes:
+        /map (nav_msgs/OccupancyGrid): the physical map.
+    Publishes, latched, with the same stamp for the same state:
+        /virtual_borders/borders (vb_msgs/VirtualBorderArray): all borders; with every change.
+        /virtual_borders/map (nav_msgs/OccupancyGrid): the physical map with all enabled borders; as soon as
+            there is a map, and whole with every change.
+    Services, all below /virtual_borders/:
+        add_border, update_border, remove_border, preview_border, list_borders, save_map (vb_msgs);
+        undo, redo, clear (std_srvs/Trigger). Refusals come as code and message, and change nothing.
+    Parameters:
+        those of `NodeParams`, `IntegratorParams` and `IntegrationParams`; see config/map_integrator.yaml.
+    """
+
+    def __init__(self, params: NodeParams, integrator_params: IntegratorParams) -> None:
+        self._params = params
+        self._map_dir = Path(params.map_dir).expanduser()
+        if rospy.resolve_name(names.PHYSICAL_MAP) == rospy.resolve_name(names.VIRTUAL_MAP):
+            raise ParameterError(names.VIRTUAL_MAP, "the physical and the virtual map need different topics")
+        root = Path(params.store_dir).expanduser() if params.store_dir else None
+        self._integrator = MapIntegrator(integrator_params, root)
+        self._lock = threading.RLock()
+        self._last_stamp = rospy.Time(0)
+        self._transforms = TransformLookup() if params.robot_frame else None
+
+        self._map_out = rospy.Publisher(names.VIRTUAL_MAP, messages.OccupancyGridArray, queue_size=1, latch=True)
+        self._borders_out = rospy.Publisher(names.BORDERS, VirtualBorderArray, queue_size=1, latch=True)
+        for name, service, handler in (
+            (names.ADD_BORDER, AddBorder, self._add),
+            (names.UPDATE_BORDER, UpdateBorder, self._update),
+            (names.REMOVE_BORDER, RemoveBorder, self._remove),
+            (names.PREVIEW_BORDER, ArrayPreviewBorder, self._preview),
+            (names.LIST_BORDERS, ListBorders, self._list),
+            (names.SAVE_MAP, SaveMap, self._save),
+            (names.UNDO, Trigger, lambda _: self._trigger(self._integrator.undo)),
+            (names.REDO, Trigger, lambda _: self._trigger(self._integrator.redo)),
+            (names.CLEAR, Trigger, lambda _: self._trigger(self._integrator.clear)),
+        ):
+            rospy.Service(name, service, handler)
+        self._maps: node.Mailbox = node.Mailbox()
+        node.Worker(self._maps, self._take_map)
+        rospy.Subscriber(
+            names.PHYSICAL_MAP, messages.OccupancyGridArray, self._maps.put, queue_size=1, buff_size=2**24, tcp_nodelay=True
+        )
+        rospy.Timer(rospy.Duration(params.expiry_period_s), self._expire, reset=True)
+
+    def close(self) -> None:
+        """Ends the worker."""
+        self._maps.close()
+
+    # ------------------------------------------------------------- map in, map out
+    def _take_map(self, message: Any) -> None:
+        frame = message.header.frame_id.lstrip("/")
+        if frame and frame != self._params.frame_id:
+            raise CodedError("unknown_frame", f"the map on {names.PHYSICAL_MAP} is in the frame '{frame}', "
+                             f"expected '{self._params.frame_id}': it is ignored")
+        grid = messages.grid_from_message(message)
+        with self._lock:
+            first = not self._integrator.has_map
+            changed, notes = self._integrator.set_map(grid)
+            for note in notes:
+                rospy.logwarn("%s: %s", rospy.get_name(), note)
+            if changed:
+                rows, columns = grid.shape
+                rospy.loginfo("%s: %s map of %d x %d cells, %d border(s)", rospy.get_name(),
+                              "got the" if first else "got another", columns, rows, len(self._integrator.borders))
+                self._integrator.expire(self._now().to_sec())
+                self._publish()
+
+    def _now(self) -> rospy.Time:
+        return rospy.Time.now()
+
+    def _publish(self) -> None:
+        # with simulated time two changes may fall into one tick: each state gets a stamp of its own
+        stamp = self._now()
+        if stamp == self._last_stamp:
+            stamp = stamp + rospy.Duration(0, 1000)
+        self._last_stamp = stamp
+        self._borders_out.publish(self._array(stamp))
+        self._map_out.publish(messages.message_from_grid(self._integrator.posterior, stamp, self._params.frame_id))
+
+    def _array(self, stamp: rospy.Time) -> VirtualBorderArray:
+        array = VirtualBorderArray()
+        array.header.stamp, array.header.frame_id = stamp, self._params.frame_id
+        array.revision = self._integrator.revision % 2**32
+        array.borders = [message_from_border(b, self._integrator.area_m2(b.id)) for b in self._integrator.borders]
+        return array
+
+    def _expire(self, _event: Any) -> None:
+        with self._lock:
+            if not self._integrator.has_map:
+                return
+            try:
+                outcome = self._integrator.expire(self._now().to_sec())
+            except CodedError as error:
+                rospy.logwarn_throttle(10.0, f"{rospy.get_name()}: {error}")
+                return
+            if outcome is not None:
+                rospy.loginfo("%s: %s", rospy.get_name(), outcome.message)
+                self._publish()
+
+    # ------------------------------------------------------------- services
+    def _requested(self, request: Any) -> VirtualBorder:
+        frame = request.frame_id.lstrip("/")
+        if frame and frame != self._params.frame_id:
+            raise IntegrationError("unknown_frame", f"borders must be given in the frame '{self._params.frame_id}', got '{frame}'")
+        return border_from_message(request.border)
+
+    def _places(self) -> Dict[str, Tuple[float, float]]:
+        if self._transforms is None:
+            return {}
+        try:
+            pose = self._transforms.lookup(self._params.frame_id, self._params.robot_frame, rospy.Time(0), 0.0)
+        except CodedError:
+            return {}  # where the robot is makes a warning at most
+        return {"robot": (pose[0, 3], pose[1, 3])}
+
+    def _soft_findings(self, border: VirtualBorder) -> Tuple[Finding, ...]:
+        """Warns if a running move_base takes every soft value for free (its default, trinary_costmap)."""
+        if border.value in (0, 100):
+            return ()
+        blind = []
+        for costmap in ("global_costmap", "local_costmap"):
+            settings = rospy.get_param(f"{self._params.move_base.rstrip('/')}/{costmap}", None)
+            if not isinstance(settings, dict):
+                continue
+            layers = [
+                layer.get("name", "static_layer") for layer in settings.get("plugins", [])
+                if isinstance(layer, dict) and str(layer.get("type", "")).endswith("StaticLayer")
+            ] or ["static_layer"]
+            if any((settings.get(layer) or {}).get("trinary_costmap", True) for layer in layers):
+                blind.append(costmap)
+        if not blind:
+            return ()
+        text = (f"move_base takes an occupancy of {border.value} for free space: set trinary_costmap to false in the "
+                f"static layer of its {' and '.join(blind)}")
+        rospy.logwarn("%s: %s", rospy.get_name(), text)
+        return (Finding(WARNING, "soft_border_ignored", text),)
+
+    def _refused(self, response: Any, error: CodedError) -> Any:
+        rospy.logwarn("%s: refused: %s", rospy.get_name(), error)
+        response.success, response.code, response.message = False, error.code, error.message
+        if hasattr(response, "findings"):
+            findings = error.findings if isinstance(error, IntegrationError) else (Finding(ERROR, error.code, error.message),)
+            response.findings = finding_messages(findings)
+        return response
+
+    def _done(self, response: Any, outcome: Outcome, extra: Sequence[Finding] = ()) -> Any:
+        for found in (*outcome.findings, *extra):
+            rospy.logwarn("%s: %s [%s]", rospy.get_name(), found.message, found.code)
+        rospy.loginfo("%s: %s", rospy.get_name(), outcome.message)
+        response.success, response.code, response.message = True, "ok", outcome.message
+        if hasattr(response, "findings"):
+            response.findings = finding_messages((*outcome.findings, *extra))
+        return response
+
+    def _add(self, request: Any) -> AddBorderResponse:
+        response = AddBorderResponse()
+        try:
+            border = self._requested(request)
+            if not border.expires:
+                border = border.replace(enabled=True)  # who adds a border wants it to act, set or not
+            extra = self._soft_findings(border)
+            with self._lock:
+                outcome = self._integrator.add(border, self._now().to_sec(), self._places())
+                self._publish()
+        except CodedError as error:
+            return self._refused(response, error)
+        response.id = outcome.ids[0]
+        return self._done(response, outcome, extra)
+
+    def _update(self, request: Any) -> UpdateBorderResponse:
+        response = UpdateBorderResponse()
+        try:
+            border = self._requested(request)
+            extra = self._soft_findings(border)
+            with self._lock:
+                outcome = self._integrator.update(border, self._now().to_sec(), self._places())
+                self._publish()
+        except CodedError as error:
+            return self._refused(response, error)
+        return self._done(response, outcome, extra)
+
+    def _remove(self, request: Any) -> RemoveBorderResponse:
+        response = RemoveBorderResponse()
+        try:
+            with self._lock:
+                outcome = self._integrator.remove(request.id)
+                self._publish()
+        except CodedError as error:
+            return self._refused(response, error)
+        return self._done(response, outcome)
+
+    def _preview(self, request: Any) -> Any:
+        response = ArrayPreviewResponse()
+        response.region.data = np.zeros(0, np.int8)
+        response.unreachable_goals = np.zeros(0, np.uint32)
+        try:
+            border = self._requested(request)
+            goals = messages.array_from_points(request.goals)
+            if not np.isfinite(goals).all():
+                raise IntegrationError("bad_points", "the goals must be finite numbers")
+            with self._lock:
+                check = self._integrator.check(border, self._places(), goals.tolist())
+        except CodedError as error:
+            return self._refused(response, error)
+        response.region = messages.message_from_grid(
+            check.result.posterior.with_data(np.where(check.result.region, np.int8(100), np.int8(0))),
+            self._now(), self._params.frame_id,
+        )
+        response.area_m2 = check.region.area_m2
+        if check.ways is not None:
+            response.free_parts = check.ways.free_parts
+            response.unreachable_goals = np.array(check.ways.unreachable, np.uint32)
+        response.success, response.code = True, "ok"
+        response.message = f"the border would restrict {check.region.area_m2:.2f} m2"
+        response.findings = finding_messages((*check.findings, *self._soft_findings(border)))
+        return response
+
+    def _list(self, _request: Any) -> ListBordersResponse:
+        with self._lock:
+            if not self._integrator.has_map:
+                return ListBordersResponse()
+            return ListBordersResponse(self._array(self._now()))
+
+    def _trigger(self, command: Any) -> TriggerResponse:
+        response = TriggerResponse()
+        try:
+            with self._lock:
+                outcome = command()
+                self._publish()
+        except CodedError as error:
+            return TriggerResponse(False, str(error))
+        response = TriggerResponse(True, outcome.message)
+        rospy.loginfo("%s: %s", rospy.get_name(), outcome.message)
+        return response
+
+    def _save(self, request: Any) -> SaveMapResponse:
+        response = SaveMapResponse()
+        name = request.name or f"map-{self._now().to_nsec() // 10**6}"
+        try:
+            with self._lock:
+                response.files = [str(path) for path in self._integrator.save(self._map_dir, name, request.raw)]
+        except CodedError as error:
+            return self._refused(response, error)
+        response.success, response.code, response.message = True, "ok", f"the map was written to {response.files[0]}"
+        return response
+
+
+def main() -> None:
+    """Starts the node with the parameters that it finds."""
+
+    def build() -> MapIntegratorNode:
+        own, shared = (tuple(cls.__dataclass_fields__) for cls in (NodeParams, IntegratorParams))
+        return MapIntegratorNode(
+            parameters.read(NodeParams, ignore=shared), parameters.read(IntegratorParams, ignore=own)
+        )
+
+    node.run("map_integrator", build)

@@ -1,0 +1,117 @@
+"""Node: stores each new posterior map on the disk, for evaluation."""
+from __future__ import annotations
+
+import datetime
+import queue
+import threading
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Optional
+
+import rospy
+from vb_msgs.msg import VirtualBorderArray
+
+from vb_core import names
+from vb_core.errors import CodedError
+from vb_core.parameters import Parameters, param
+from vb_core.ros import messages, node, parameters
+from vb_map_integration.map_integrator_node import border_from_message
+from vb_map_integration.recording import Recording
+
+
+@dataclass(frozen=True)
+class RecorderParams(Parameters):
+    """What the recorder goes by."""
+
+    directory: str = param("~/.ros/virtual_borders/recordings")
+    wait_s: float = param(2.0, "s", above=0.0)
+
+
+class MapRecorderNode:
+    """Stores each new posterior map as map_server files, with the borders, time and trigger.
+
+    Subscribes:
+        /virtual_borders/map (nav_msgs/OccupancyGrid), /virtual_borders/borders (vb_msgs/VirtualBorderArray): the
+            integrator gives both the same stamp for the same state. A map whose borders do not come is stored
+            after ~wait_s with those that came last.
+    Parameters:
+        ~directory (str): where to; numbering goes on where an earlier recording there ended.
+        ~wait_s (float) [s].
+    """
+
+    def __init__(self, params: RecorderParams) -> None:
+        self._params = params
+        self._recording = Recording(Path(params.directory).expanduser())
+        self._lock = threading.Lock()
+        self._map: Optional[Any] = None
+        self._arrived = rospy.Time(0)
+        self._borders = VirtualBorderArray()
+        # maps are rare and each one counts: they queue up
+        self._work: "queue.Queue[Any]" = queue.Queue()
+        self._thread = threading.Thread(target=self._run, daemon=True)
+        self._thread.start()
+        rospy.Subscriber(names.BORDERS, VirtualBorderArray, self._on_borders, queue_size=10)
+        rospy.Subscriber(names.VIRTUAL_MAP, messages.OccupancyGridArray, self._on_map, queue_size=10, buff_size=2**24)
+        rospy.Timer(rospy.Duration(params.wait_s), self._on_timer, reset=True)
+
+    def close(self) -> None:
+        """Writes what has come and ends."""
+        with self._lock:
+            self._flush()
+        self._work.put(None)
+        self._thread.join(5.0)
+
+    def _on_map(self, message: Any) -> None:
+        with self._lock:
+            self._flush()
+            self._map, self._arrived = message, rospy.get_rostime()
+            self._match()
+
+    def _on_borders(self, message: VirtualBorderArray) -> None:
+        with self._lock:
+            self._borders = message
+            self._match()
+
+    def _on_timer(self, _event: Any) -> None:
+        with self._lock:
+            if self._map is None:
+                return
+            age = (rospy.get_rostime() - self._arrived).to_sec()
+            if not 0.0 <= age < self._params.wait_s:  # below 0: the time jumped back
+                self._flush()
+
+    def _match(self) -> None:
+        if self._map is not None and self._map.header.stamp == self._borders.header.stamp:
+            self._flush()
+
+    def _flush(self) -> None:
+        if self._map is not None:
+            self._work.put((self._map, self._borders))
+            self._map = None
+
+    def _run(self) -> None:
+        while True:
+            item = self._work.get()
+            if item is None:
+                return
+            grid, array = item
+            try:
+                path = self._recording.record(
+                    messages.grid_from_message(grid),
+                    [border_from_message(border) for border in array.borders],
+                    grid.header.stamp.to_sec(),
+                    {
+                        "revision": array.revision,
+                        # for people who look for a session; nothing goes by it
+                        "wall_time": datetime.datetime.now().astimezone().isoformat(timespec="milliseconds"),
+                    },
+                )
+            except CodedError as error:
+                rospy.logwarn_throttle(5.0, f"{rospy.get_name()}: a map was not recorded: {error}")
+                continue
+            rospy.loginfo("%s: wrote %s", rospy.get_name(), path)
+
+
+def main() -> None:
+    """Starts the node with the parameters that it finds."""
+    node.run("map_recorder", lambda: MapRecorderNode(parameters.read(RecorderParams)))

@@ -1,0 +1,76 @@
+"""What a border would do to the ways of a robot."""
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Optional, Sequence, Tuple
+
+import cv2
+import numpy as np
+
+from vb_core.grid_map import GridMap
+
+
+@dataclass(frozen=True)
+class Ways:
+    """Where a robot can go in a map.
+
+    Attributes:
+        free_parts: into how many parts the free space falls, for a robot of this radius; crumbs do not count.
+        unreachable: indices of the goals that the robot cannot reach.
+    """
+
+    free_parts: int
+    unreachable: Tuple[int, ...]
+
+
+def ways(
+    grid: GridMap,
+    goals: Sequence[Sequence[float]] = (),
+    robot: Optional[Sequence[float]] = None,
+    radius_m: float = 0.18,
+    least_part_m2: float = 0.1,
+    occupied_from: int = 65,
+) -> Ways:
+    """The parts of the free space, and the goals that lie in another one than the robot.
+
+    Args:
+        goals: (N, 2) [m].
+        robot: (x, y) [m]; None: goals are measured against the largest part.
+        radius_m: [m] the robot's.
+        least_part_m2: [m^2] smaller parts, measured for the robot's centre, are not counted.
+    """
+    free = cv2.compare(np.ascontiguousarray(grid.data).view(np.uint8), occupied_from, cv2.CMP_LT)
+    radius = radius_m / grid.resolution
+    if radius > 1.0:
+        framed = cv2.copyMakeBorder(free, 1, 1, 1, 1, cv2.BORDER_CONSTANT, value=0)
+        free = cv2.compare(cv2.distanceTransform(framed, cv2.DIST_L2, 3)[1:-1, 1:-1], radius, cv2.CMP_GT)
+    _, labels, stats, _ = cv2.connectedComponentsWithStats(free, connectivity=4)
+    areas = stats[1:, cv2.CC_STAT_AREA]
+    parts = int((areas * grid.resolution**2 >= least_part_m2).sum())
+    if len(areas) == 0:
+        return Ways(0, tuple(range(len(goals))))
+    home = int(np.argmax(areas)) + 1
+    if robot is not None:
+        found = _labels_near(grid, labels, robot, radius)
+        if len(found) == 0:
+            return Ways(parts, tuple(range(len(goals))))
+        home = int(found[0])
+    return Ways(parts, tuple(i for i, goal in enumerate(goals) if home not in _labels_near(grid, labels, goal, radius)))
+
+
+def _labels_near(grid: GridMap, labels: np.ndarray, point: Sequence[float], radius: float) -> np.ndarray:
+    """Labels of the parts within a robot's radius of a point that is itself on the map; the nearest first."""
+    row, column = (int(value) for value in grid.world_to_cell(point)[0])
+    if not grid.contains_cells([[row, column]])[0]:
+        return np.array([], dtype=int)
+    if labels[row, column]:
+        return labels[row : row + 1, column]
+    if not 0 <= grid.data[row, column] < 65:
+        return np.array([], dtype=int)
+    reach = int(radius) + 1
+    top, left = max(0, row - reach), max(0, column - reach)
+    window = labels[top : row + reach + 1, left : column + reach + 1]
+    rows, columns = np.nonzero(window)
+    distance = np.hypot(rows + top - row, columns + left - column)
+    near = np.argsort(distance)[: int((distance <= reach).sum())]
+    return np.array(list(dict.fromkeys(window[rows[near], columns[near]].tolist())), dtype=int)
