@@ -6,6 +6,7 @@ import numpy as np
 import rospy
 import tf2_ros
 from geometry_msgs.msg import Point
+from sensor_msgs.msg import LaserScan
 
 from vb_core import geometry, names
 from vb_core.grid_map import GridMap
@@ -32,12 +33,14 @@ class Stimulus:
         self.spot = None  # (x, y, camera, mobile): published at 20 Hz while set
         self.spot_frame = "map"
         self.velocity = (0.0, 0.0)
+        self.scan_range = None  # [m] what a scanner in the robot's middle sees straight ahead; None: no scans
         self._time = None
         self._broadcaster = tf2_ros.TransformBroadcaster()
         self._map = rospy.Publisher(names.VIRTUAL_MAP, OccupancyGridArray, queue_size=1, latch=True)
         self._physical = rospy.Publisher(names.PHYSICAL_MAP, OccupancyGridArray, queue_size=1, latch=True)
         self._state = rospy.Publisher(names.STATE, InteractionState, queue_size=1, latch=True)
         self.spots = rospy.Publisher(names.SPOTS, LaserSpot, queue_size=10)
+        self._scans = rospy.Publisher("scan", LaserScan, queue_size=1)
         self._count = 0
         self._interaction = ""
         self.publish_map(room())
@@ -72,7 +75,18 @@ class Stimulus:
                 self.pose = (x, y, yaw)
             self._time = now
             spot, frame = self.spot, self.spot_frame
+        if self.scan_range is not None:
+            scan = LaserScan(angle_min=-math.pi, angle_max=math.pi, angle_increment=math.pi / 180.0)
+            scan.header.stamp, scan.header.frame_id = now, "base_laser_link"
+            scan.range_min, scan.range_max = 0.1, 8.0
+            # a flat obstacle 0.4 m wide ahead
+            angles = scan.angle_min + scan.angle_increment * np.arange(361)
+            with np.errstate(divide="ignore"):
+                hit = (np.abs(angles) < math.pi / 2) & (np.abs(np.tan(angles)) * self.scan_range < 0.2)
+                scan.ranges = np.where(hit, self.scan_range / np.cos(angles), np.inf).tolist()
+            self._scans.publish(scan)
         self._broadcaster.sendTransform([
+            transform_message(np.eye(4), "base_link", "base_laser_link", now),
             transform_message(np.eye(4), "map", "odom", now),
             transform_message(geometry.pose2d_transform(x, y, yaw), "odom", "base_link", now),
         ])

@@ -2,6 +2,7 @@
 from __future__ import annotations
 
 import threading
+import traceback
 from dataclasses import dataclass
 from typing import Optional, Tuple
 
@@ -143,6 +144,9 @@ class RobotDispatcherNode:
         except rospy.ROSException:
             if not rospy.is_shutdown():
                 raise
+        except Exception:
+            # a timer whose callback fails would never call again, and nobody would notice
+            rospy.logerr_throttle(5.0, f"{rospy.get_name()}: {traceback.format_exc()}")
 
     def _decide(self) -> None:
         now = rospy.Time.now().to_sec()

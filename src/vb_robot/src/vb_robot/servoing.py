@@ -1,0 +1,150 @@
+"""Following the laser spot with the robot's own camera (paper, Sect. 5.1: visual servoing).
+
+Position-based: the error is the spot's place in the robot's base frame, measured through the camera. The robot
+moves only when the spot is about to leave the inner zone of the image or the good distance, and then until the spot
+is well inside again, so that small strokes do not make it restless.
+"""
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Callable, Optional, Tuple
+
+import numpy as np
+
+from vb_core.errors import ParameterError
+from vb_core.parameters import Parameters, param
+from vb_robot.safety import SafetyParams, safe_speed
+from vb_robot.view import FloorView
+
+
+@dataclass(frozen=True)
+class ServoParams(Parameters):
+    """Gains and limits."""
+
+    max_speed: float = param(0.2, "m/s", above=0.0, high=0.5, doc="while a person leads the robot")
+    max_back_speed: float = param(0.1, "m/s", low=0.0, high=0.5)
+    max_turn: float = param(0.8, "rad/s", above=0.0, high=3.0)
+    acceleration: float = param(0.4, "m/s^2", above=0.0, high=5.0)
+    turn_acceleration: float = param(2.0, "rad/s^2", above=0.0, high=20.0)
+    good_distance: float = param(1.0, "m", above=0.0, doc="from base_link to the spot: it drives to this")
+    far_distance: float = param(1.3, "m", above=0.0, doc="from here on it drives nearer")
+    near_distance: float = param(0.6, "m", above=0.0, doc="below this it backs off ...")
+    back_to_distance: float = param(0.75, "m", above=0.0, doc="... to this")
+    inner_zone: float = param(0.45, above=0.0, high=1.0, doc="part of the image's width in which nothing is done")
+    settled_zone: float = param(0.12, above=0.0, high=1.0, doc="part of the width into which a turn brings the spot")
+    drive_cone_deg: float = param(25.0, "deg", above=0.0, high=90.0, doc="off the axis by this it only turns")
+    distance_gain: float = param(0.8, "1/s", above=0.0)
+    turn_gain: float = param(1.8, "1/s", above=0.0)
+    max_age: float = param(0.5, "s", above=0.0, high=2.0, doc="an older spot is gone: stop")
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not self.near_distance < self.back_to_distance < self.good_distance < self.far_distance:
+            raise ParameterError("good_distance", "must be in the order near_distance < back_to_distance < good_distance "
+                                 "< far_distance")
+        if self.settled_zone >= self.inner_zone:
+            raise ParameterError("settled_zone", f"must be below inner_zone ({self.inner_zone}), got {self.settled_zone}")
+
+
+@dataclass(frozen=True)
+class Motion:
+    """A command: forward speed [m/s], turn rate [rad/s], and why it is what it is."""
+
+    v: float
+    w: float
+    reason: str
+
+
+# how far [m] the arc of (v, w) may be driven; None if that cannot be known
+FreeWay = Callable[[float, float], Optional[float]]
+
+
+class Servo:
+    """The control law. Keeps the last command, since accelerations are bounded."""
+
+    def __init__(self, params: ServoParams, safety: SafetyParams, view: FloorView) -> None:
+        self.params = params
+        self.safety = safety
+        self._view = view
+        self._width = view.params.image_width
+        self.reset()
+
+    def reset(self) -> None:
+        """The robot stands; nothing is being followed."""
+        self.v = self.w = 0.0
+        self._turning = False
+        self._driving = 0  # 1 forward, -1 back
+
+    def step(self, dt: float, spot: Optional[np.ndarray], age: float, free_way: FreeWay) -> Motion:
+        """The command for the next dt [s].
+
+        Args:
+            dt: since the last step; longer than 0.2 s counts as 0.2 s.
+            spot: (2,) [m] where the spot is in the base frame now, None if there never was one.
+            age: [s] of the image in which it was found.
+            free_way: asked before the robot drives.
+        """
+        dt = min(max(dt, 0.0), 0.2)
+        if spot is None or not 0.0 <= age <= self.params.max_age or not np.isfinite(spot).all():
+            self._turning, self._driving = False, 0
+            return self._brake(dt, "the spot is gone")
+        v, w = self._wish(np.asarray(spot, dtype=float))
+        return self._limit(dt, v, w, free_way)
+
+    def _wish(self, spot: np.ndarray) -> Tuple[float, float]:
+        """What would be good for seeing, without regard to accelerations and obstacles."""
+        params = self.params
+        bearing = math.atan2(spot[1], spot[0])
+        distance = float(np.hypot(*spot))
+        # part of half the image's width by which the spot is off the middle; 2 where it is behind the camera
+        column = float(self._view.pixels(spot[None])[0, 0])
+        off = 2.0 if not math.isfinite(column) else abs(2.0 * (column + 0.5) / self._width - 1.0)
+        if off > params.inner_zone:
+            self._turning = True
+        elif off < params.settled_zone:
+            self._turning = False
+        if distance > params.far_distance:
+            self._driving = 1
+        elif distance < params.near_distance:
+            self._driving = -1
+        elif (self._driving == 1 and distance <= params.good_distance) or (
+            self._driving == -1 and distance >= params.back_to_distance
+        ):
+            self._driving = 0
+        # while it drives it also steers: the spot ahead stays ahead
+        w = params.turn_gain * bearing if self._turning or self._driving == 1 else 0.0
+        v = 0.0
+        if self._driving == 1:
+            cone = math.radians(params.drive_cone_deg)
+            v = params.distance_gain * (distance - params.good_distance + 0.05) * max(0.0, 1.0 - abs(bearing) / cone)
+        elif self._driving == -1:
+            v = params.distance_gain * (distance - params.back_to_distance - 0.05)
+        v = min(max(v, -params.max_back_speed), params.max_speed)
+        return v, min(max(w, -params.max_turn), params.max_turn)
+
+    def _limit(self, dt: float, v: float, w: float, free_way: FreeWay) -> Motion:
+        params = self.params
+        w = _towards(self.w, w, params.turn_acceleration * dt)
+        wanted, reason = _towards(self.v, v, params.acceleration * dt), "follows" if v or w else "the spot is well in view"
+        if wanted != 0.0:
+            free = free_way(wanted, w)
+            if free is None:
+                allowed, why = 0.0, "the way is not known"
+            else:
+                allowed, why = safe_speed(free, self.safety), "something is in the way"
+            if abs(wanted) > allowed:
+                # what must be slower is braked harder than what may be
+                limited = math.copysign(allowed, wanted)
+                wanted, reason = _towards(self.v, limited, self.safety.brake * dt), why
+        self.v, self.w = wanted, w
+        return Motion(wanted, w, reason)
+
+    def _brake(self, dt: float, reason: str) -> Motion:
+        self.v = _towards(self.v, 0.0, self.safety.brake * dt)
+        self.w = _towards(self.w, 0.0, 4.0 * self.params.turn_acceleration * dt)
+        return Motion(self.v, self.w, reason)
+
+
+def _towards(value: float, target: float, step: float) -> float:
+    return min(max(target, value - step), value + step)

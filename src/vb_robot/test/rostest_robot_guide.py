@@ -1,0 +1,135 @@
+#!/usr/bin/env python3
+"""The guide with spots, tf, scans and a map; the commanded velocity moves the robot."""
+import math
+import os
+import subprocess
+import sys
+import unittest
+
+import rospy
+import rostest
+from geometry_msgs.msg import Twist
+
+sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
+from stimulus import Stimulus, room, wait_until  # noqa: E402
+
+DEFAULT, BORDER, SEED, GUIDE = range(4)
+
+
+class GuideTest(unittest.TestCase):
+    @classmethod
+    def setUpClass(cls):
+        rospy.init_node("test_robot_guide")
+        cls.stimulus = Stimulus()
+        cls.commands = []
+        cls.nearest = math.inf  # [m] the smallest distance between the robot's middle and x = 3.5 m
+        rospy.Subscriber("cmd_vel", Twist, cls.on_command)
+        cls.seen = 0
+        rospy.Subscriber("/virtual_borders/spots", rospy.AnyMsg, cls.on_spot)
+        assert wait_until(lambda: cls.stimulus.spots.get_num_connections() > 1), "the guide did not subscribe"
+
+    @classmethod
+    def on_command(cls, message):
+        cls.commands.append((message.linear.x, message.angular.z))
+        with cls.stimulus.lock:
+            cls.stimulus.velocity = cls.commands[-1]
+            cls.nearest = min(cls.nearest, 3.5 - cls.stimulus.pose[0])
+
+    @classmethod
+    def on_spot(cls, _message):
+        cls.seen += 1
+
+    def setUp(self):
+        self.stimulus.spot = None
+        self.stimulus.set_state(DEFAULT)
+        self.assertTrue(wait_until(lambda: self.stimulus.velocity == (0.0, 0.0)))
+        self.stimulus.publish_map(room())
+        self.stimulus.scan_range = 7.0
+        self.stimulus.pose = (1.5, 2.5, 0.0)
+        self.commands.clear()
+
+    def spots(self, count):
+        until = self.seen + count
+        self.assertTrue(wait_until(lambda: self.seen >= until))
+
+    def tearDown(self):
+        for v, w in self.commands:
+            self.assertLessEqual(abs(v), 0.2 + 1e-9)
+            self.assertLessEqual(abs(w), 0.8 + 1e-9)
+
+    def distance(self, spot):
+        return math.dist(self.stimulus.pose[:2], spot)
+
+    def test_guide_follows_and_stops_when_the_spot_is_gone(self):
+        self.stimulus.set_state(GUIDE)
+        self.stimulus.spot = (3.2, 2.8, "robot", True)
+        self.assertTrue(wait_until(lambda: self.distance((3.2, 2.8)) < 1.5))
+        self.stimulus.spot = None
+        self.assertTrue(wait_until(lambda: self.stimulus.velocity == (0.0, 0.0)))
+        self.stimulus.spot = (3.2, 2.8, "robot", True)
+        self.assertTrue(wait_until(lambda: self.distance((3.2, 2.8)) < 1.1 and self.stimulus.velocity == (0.0, 0.0)))
+        self.stimulus.spot = (3.8, 2.8, "robot", True)
+        self.assertTrue(wait_until(lambda: self.stimulus.velocity[0] > 0.1))
+        self.stimulus.set_state(DEFAULT)
+        self.assertTrue(wait_until(lambda: self.commands[-1] == (0.0, 0.0)))
+        said = len(self.commands)
+        self.spots(15)
+        self.assertEqual(len(self.commands), said, "it keeps silent when it is not wanted")
+
+    def test_border_belongs_to_the_dispatcher_once_a_stationary_camera_saw_the_spot(self):
+        self.stimulus.set_state(BORDER)
+        self.stimulus.spot = (3.2, 2.8, "red", False)
+        self.spots(5)
+        self.stimulus.spot = (3.2, 2.8, "robot", True)
+        self.spots(30)
+        self.assertEqual(self.commands, [])
+
+    def test_border_without_stationary_cameras_is_followed(self):
+        self.stimulus.set_state(BORDER)
+        self.stimulus.spot = (3.2, 2.2, "robot", True)
+        self.assertTrue(wait_until(lambda: self.stimulus.velocity[0] > 0.05))
+        self.stimulus.spot = (3.2, 2.2, "red", False)
+        self.assertTrue(wait_until(lambda: self.commands[-1] == (0.0, 0.0)))
+
+    def test_obstacle_in_the_scan_stops_it_but_it_turns(self):
+        self.stimulus.scan_range = 0.28
+        self.stimulus.set_state(GUIDE)
+        self.stimulus.spot = (3.0, 3.1, "robot", True)
+        self.assertTrue(wait_until(lambda: self.stimulus.pose[2] > 0.2))
+        self.assertEqual(max(v for v, _ in self.commands), 0.0)
+
+    def test_missing_scan_lets_it_only_turn(self):
+        self.stimulus.scan_range = None
+        # an older scan must be out of date first
+        self.stimulus.spot = (3.0, 3.1, "other", True)
+        self.spots(20)
+        self.stimulus.set_state(GUIDE)
+        self.stimulus.spot = (3.0, 3.1, "robot", True)
+        self.assertTrue(wait_until(lambda: self.stimulus.pose[2] > 0.2))
+        self.assertEqual(max(v for v, _ in self.commands), 0.0)
+
+    def test_never_enters_a_border(self):
+        grid = room()
+        data = grid.data.copy()
+        data[:, 70:80] = 100  # x = 3.5 m ... 4.0 m
+        self.stimulus.publish_map(grid.with_data(data), physical=grid)
+        self.stimulus.pose = (2.9, 2.5, 0.0)
+        type(self).nearest = math.inf
+        self.stimulus.set_state(GUIDE)
+        self.stimulus.spot = (4.6, 2.5, "robot", True)
+        self.assertTrue(wait_until(lambda: self.stimulus.pose[0] > 3.1))
+        self.assertTrue(wait_until(lambda: self.stimulus.velocity[0] < 0.01))
+        self.spots(10)
+        self.assertGreaterEqual(self.nearest, 0.18)
+
+    def test_bad_parameter_is_one_line(self):
+        run = subprocess.run(
+            ["rosrun", "vb_robot", "robot_guide", "__name:=bad_guide", "_follow_in_border:=sometimes"],
+            stdout=subprocess.PIPE, stderr=subprocess.STDOUT, universal_newlines=True, timeout=30)
+        self.assertEqual(run.returncode, 1, run.stdout)
+        self.assertIn("/bad_guide/follow_in_border", run.stdout)
+        self.assertNotIn("Traceback", run.stdout)
+
+
+if __name__ == "__main__":
+    rostest.rosrun("vb_robot", "robot_guide", GuideTest)
