@@ -92,13 +92,14 @@ class SpotDetector:
 
     Attributes:
         to_floor: pixels (N, 2) to the floor [m], for sizes in millimetres and speeds in m/s. None: pixels it is.
+        place_check: a pixel (u, v) to the reason why no spot can be there, or ""; asked last.
         candidates: what the last frame held, spots and refused ones, for debug images.
-        keep_all: measure and keep refused candidates' reasons even where a cheap test refuses them all.
     """
 
     def __init__(self, params: Optional[DetectorParams] = None) -> None:
         self.params = params or DetectorParams.stationary()
         self.to_floor: Optional[ToFloor] = None
+        self.place_check: Optional[Callable[[float, float], str]] = None
         self.candidates: List[Candidate] = []
         self._background: Optional[Background] = None
         self._stamp: Optional[float] = None
@@ -235,7 +236,7 @@ class SpotDetector:
         elif c.diameter > p.max_diameter_px:
             return "too_large"
         c.confidence = _confidence(c, p)
-        return ""
+        return self.place_check(c.u, c.v) if self.place_check is not None else ""
 
     def _confirm(self, found: List[Candidate], shape: Tuple[int, ...], stamp: float) -> List[Spot]:
         spots = [Spot(c.u, c.v, c.diameter, c.confidence) for c in found]
