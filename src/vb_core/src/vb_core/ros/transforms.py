@@ -15,6 +15,7 @@ class TransformLookup:
     def __init__(self, cache_s: float = 10.0) -> None:
         self._buffer = tf2_ros.Buffer(cache_time=rospy.Duration(cache_s))
         self._listener = tf2_ros.TransformListener(self._buffer)
+        self._resting = False
 
     def lookup(self, target: str, source: str, stamp: rospy.Time, timeout_s: float = 0.1) -> np.ndarray:
         """T_target_source at a time.
@@ -32,3 +33,21 @@ class TransformLookup:
         except (tf2_ros.TransformException, rospy.ROSException) as error:
             raise CodedError("no_transform", f"no transform from '{source}' to '{target}': {error}") from None
         return matrix_from_transform(found.transform)
+
+    def rest_on_static(self, target: str, source: str) -> bool:
+        """Stops listening to moving transforms if the way from source to target is a fixed one.
+
+        A node beside a fixed camera would otherwise decode every robot's transforms for nothing. What is
+        published later on /tf_static is still heard.
+        """
+        if self._resting:
+            return True
+        try:
+            found = self._buffer.lookup_transform(target, source, rospy.Time(0))
+        except (tf2_ros.TransformException, rospy.ROSException):
+            return False
+        # tf2 gives the time zero to what holds at any time
+        self._resting = found.header.stamp.is_zero()
+        if self._resting:
+            self._listener.tf_sub.unregister()
+        return self._resting
