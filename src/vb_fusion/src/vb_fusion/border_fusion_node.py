@@ -1,0 +1,248 @@
+"""The node border_fusion: spots of all cameras in, progress and candidate out."""
+from __future__ import annotations
+
+import threading
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Optional
+
+import numpy as np
+import rospy
+from geometry_msgs.msg import Point
+
+from vb_core import names
+from vb_core.errors import CodedError
+from vb_core.parameters import Parameters, param
+from vb_core.ros import node, parameters
+from vb_core.ros.messages import points_from_array
+from vb_fusion.collector import BORDER, SEED, Collector, CollectorParams, Spot
+from vb_fusion.extraction import ExtractionError, ExtractionParams
+from vb_fusion.journal import Journal
+from vb_fusion.live import Candidate, LiveCandidate, extract_chain, extract_seed_of
+from vb_msgs.msg import BorderProgress, InteractionState, LaserSpot, VirtualBorder
+from vb_msgs.srv import GetCandidate, GetCandidateResponse
+
+_STATES = {
+    InteractionState.DEFAULT: "default",
+    InteractionState.BORDER: BORDER,
+    InteractionState.SEED: SEED,
+    InteractionState.GUIDE: "guide",
+}
+_NESTED = ("extraction", "collector")
+
+
+@dataclass(frozen=True)
+class FusionParams(Parameters):
+    """The node's own parameters."""
+
+    rate: float = param(6.0, "Hz", low=1.0, high=50.0, doc="progress while spots come")
+    idle_rate: float = param(1.0, "Hz", above=0.0, high=50.0, doc="progress in Border and Seed while none come")
+    max_points: int = param(300, low=0, high=5000, doc="points in a progress message")
+    live_share: float = param(0.12, above=0.0, high=1.0, doc="share of one core that the live chain may take")
+    journal: str = param("~/.ros/virtual_borders/border_fusion.jsonl", doc="file to restore from; empty: none")
+
+
+class BorderFusionNode:
+    """Collects the spots of an interaction and extracts border and seed.
+
+    Subscribes:
+        /virtual_borders/spots (vb_msgs/LaserSpot): of every camera.
+        /virtual_borders/state (vb_msgs/InteractionState, latched): spots are collected in Border and Seed only.
+    Publishes:
+        /virtual_borders/progress (vb_msgs/BorderProgress, latched): at ~rate while spots come in Border and Seed, at
+            ~idle_rate while none come, and on each change of state. After the interaction the last one stays.
+    Serves:
+        /virtual_borders/get_candidate (vb_msgs/GetCandidate): the border of everything drawn in an interaction; an
+            empty interaction_id means the present one. The last interaction can be asked for until the next begins.
+    Parameters: config/border_fusion.yaml.
+    """
+
+    def __init__(self, params: FusionParams, collecting: CollectorParams, extraction: ExtractionParams) -> None:
+        self._params = params
+        self._extraction = extraction
+        self._collector = Collector(collecting)
+        self._live = LiveCandidate(extraction, params.live_share)
+        path = Path(params.journal).expanduser() if params.journal else None
+        self._journal = Journal(path, collecting.max_spots)
+        self._lock = threading.Lock()
+        self._changed = threading.Event()  # wakes the publisher on a change of state
+        self._closing = False
+        self._dirty = False
+        self._wrong_frame = 0
+        self._published = -np.inf
+
+        self._progress = rospy.Publisher(names.PROGRESS, BorderProgress, queue_size=5, latch=True)
+        # 4 cameras at 25 Hz fill 400 places in 4 s, longer than any extraction takes
+        self._state_subscriber = rospy.Subscriber(names.STATE, InteractionState, self._on_state, queue_size=20)
+        self._spot_subscriber = rospy.Subscriber(
+            names.SPOTS, LaserSpot, self._on_spot, queue_size=400, tcp_nodelay=True
+        )
+        self._service = rospy.Service(names.CANDIDATE, GetCandidate, self._on_candidate)
+        self._worker = threading.Thread(target=self._work, daemon=True)
+        self._worker.start()
+
+    # ------------------------------------------------------------- input
+    def _on_state(self, message: InteractionState) -> None:
+        state = _STATES.get(message.state)
+        if state is None:
+            rospy.logwarn_throttle(5.0, f"{rospy.get_name()}: ignoring the unknown state {message.state}")
+            return
+        with self._lock:
+            if not self._collector.set_state(state, message.interaction_id, message.entered.to_sec()):
+                self._changed.set()
+                return
+            self._live.reset()
+            self._wrong_frame = 0
+            self._restore(message.interaction_id)
+        self._changed.set()
+
+    def _restore(self, interaction_id: str) -> None:
+        """A node that came back in the middle of an interaction takes up what it had collected."""
+        try:
+            entries = self._journal.start(interaction_id)
+        except CodedError as error:
+            rospy.logwarn("%s: %s; a restart will lose what was drawn", rospy.get_name(), error)
+            return
+        for state, spot in entries:
+            self._collector.restore(state, spot)
+        if entries:
+            rospy.loginfo("%s: %d spots of interaction %s restored", rospy.get_name(), len(entries), interaction_id)
+
+    def _on_spot(self, message: LaserSpot) -> None:
+        if message.header.frame_id.lstrip("/") != names.MAP_FRAME:
+            rospy.logwarn_throttle(
+                5.0,
+                f"{rospy.get_name()}: ignoring spots of camera '{message.camera}': frame '{message.header.frame_id}' "
+                f"instead of '{names.MAP_FRAME}'",
+            )
+            with self._lock:
+                self._wrong_frame += 1
+            return
+        position = message.position
+        spot = Spot(message.header.stamp.to_sec(), position.x, position.y, message.camera, float(message.confidence))
+        with self._lock:
+            if not self._collector.add(spot):
+                self._journal.append(self._collector.state, spot)
+                self._dirty = True
+
+    # ------------------------------------------------------------ output
+    def _work(self) -> None:
+        """Publishes while there is something to say.
+
+        The pace is in wall time: what is limited is how often people and processors are asked, and simulated time
+        that stands still or jumps must not stop it.
+        """
+        while not rospy.is_shutdown() and not self._closing:
+            state_changed = self._changed.wait(1.0 / self._params.rate)
+            self._changed.clear()
+            try:
+                self._tick(state_changed)
+            except CodedError as error:
+                rospy.logwarn_throttle(5.0, f"{rospy.get_name()}: {error}")
+            except rospy.ROSException:
+                if not rospy.is_shutdown():
+                    raise
+                return
+
+    def _tick(self, state_changed: bool) -> None:
+        with self._lock:
+            collecting = self._collector.state in (BORDER, SEED)
+            new, self._dirty = self._dirty, False
+            if new:
+                self._journal.flush()
+            now = time.monotonic()
+            due = now - self._published >= 1.0 / self._params.idle_rate
+            if not self._collector.interaction_id or not (state_changed or (collecting and (new or due))):
+                return
+            collection = self._collector.collection()
+        self._published = now
+        # a change of state is shown with the chain as it stands then
+        candidate = self._live.update(collection, np.inf if state_changed else now, time.monotonic)
+        with self._lock:
+            # the interaction may have changed meanwhile
+            if collection.interaction_id == self._collector.interaction_id:
+                self._progress.publish(self._progress_message(collection, candidate))
+
+    def _progress_message(self, collection, candidate: Candidate) -> BorderProgress:
+        now = rospy.get_rostime()
+        border, seed, ignored = self._collector.counts
+        message = BorderProgress()
+        message.header.stamp = now
+        message.header.frame_id = names.MAP_FRAME
+        message.interaction_id = collection.interaction_id
+        message.border_spots, message.seed_spots = border, seed
+        message.ignored_spots = ignored + self._wrong_frame
+        shown = _thinned(collection.border, self._params.max_points)
+        message.points = points_from_array(shown[:, 1:3])
+        message.point_cameras = bytes(np.minimum(shown[:, 4], 255).astype(np.uint8))
+        message.cameras = collection.cameras
+        message.seeing = self._collector.seeing(now.to_sec())
+        if candidate.chain is not None:
+            message.chain = points_from_array(candidate.chain.points)
+            message.closed = candidate.chain.closed
+        if candidate.seed is not None:
+            message.has_seed = True
+            message.seed = Point(float(candidate.seed[0]), float(candidate.seed[1]), 0.0)
+        if candidate.chain is None:
+            message.code, message.message = candidate.chain_code, candidate.chain_message
+        elif self._collector.state == SEED and candidate.seed is None:
+            message.code, message.message = candidate.seed_code, candidate.seed_message
+        else:
+            message.code, message.message = "ok", candidate.chain_message
+        return message
+
+    def _on_candidate(self, request) -> GetCandidateResponse:
+        with self._lock:
+            collection = self._collector.collection()
+        response = GetCandidateResponse()
+        wanted = request.interaction_id or collection.interaction_id
+        if not wanted or wanted != collection.interaction_id:
+            response.code = "unknown_interaction"
+            response.message = f"nothing was collected for the interaction '{wanted}'"
+            return response
+        try:
+            chain = extract_chain(collection, self._extraction)
+            seed = extract_seed_of(collection)
+        except ExtractionError as error:
+            response.code, response.message = error.code, error.message
+            rospy.loginfo("%s: no candidate: %s", rospy.get_name(), error)
+            return response
+        response.success, response.code = True, "ok"
+        response.message = f"{len(chain.points)} vertices, {chain.length:.2f} m, {chain.reason}"
+        border = response.border
+        border.points = points_from_array(chain.points)
+        border.kind = VirtualBorder.POLYGON if chain.closed else VirtualBorder.SEPARATING_CURVE
+        border.seed = Point(float(seed[0]), float(seed[1]), 0.0)
+        border.occupancy = 1.0
+        border.enabled = True
+        rospy.loginfo("%s: candidate of %d spots: %s", rospy.get_name(), collection.border_total, response.message)
+        return response
+
+    def close(self) -> None:
+        """Ends the worker and the journal."""
+        self._closing = True
+        self._changed.set()
+        with self._lock:
+            self._journal.close()
+
+
+def _thinned(rows: np.ndarray, limit: int) -> np.ndarray:
+    """At most `limit` rows, evenly chosen."""
+    if len(rows) <= limit:
+        return rows
+    return rows[np.linspace(0, len(rows) - 1, limit).astype(int)] if limit else rows[:0]
+
+
+def build() -> BorderFusionNode:
+    """Reads the parameters and makes the node."""
+    return BorderFusionNode(
+        parameters.read(FusionParams, ignore=_NESTED),
+        parameters.read(CollectorParams, "~collector"),
+        parameters.read(ExtractionParams, "~extraction"),
+    )
+
+
+def main() -> None:
+    """Entry point of the executable."""
+    node.run("border_fusion", build)

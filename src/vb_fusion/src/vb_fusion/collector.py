@@ -1,0 +1,177 @@
+"""The point set of one interaction: which spots belong to it, and which are ignored and why."""
+from __future__ import annotations
+
+import math
+from collections import Counter
+from dataclasses import dataclass
+from typing import Dict, List, Optional
+
+import numpy as np
+
+from vb_core.parameters import Parameters, param
+
+BORDER = "border"
+SEED = "seed"
+
+
+@dataclass(frozen=True)
+class CollectorParams(Parameters):
+    """Limits of the collection."""
+
+    max_spots: int = param(
+        60000, low=100, high=1000000, doc="spots kept for the border; when they are full every other one is dropped"
+    )
+    stamp_tolerance: float = param(
+        0.05, "s", low=0.0, high=10.0, doc="a spot this much older than the state still counts as seen in it"
+    )
+    seeing_s: float = param(0.5, "s", above=0.0, high=10.0, doc="a camera sees the spot if it did so within this time")
+
+
+@dataclass(frozen=True)
+class Spot:
+    """One spot on the floor, in the map frame."""
+
+    stamp: float  # [s] of the image
+    x: float  # [m]
+    y: float  # [m]
+    camera: str
+    confidence: float = 1.0
+
+
+class SpotStore:
+    """Spots in arrays that grow up to a limit; at the limit every other spot is dropped, so that memory is bounded
+    and no part of the drawing is lost."""
+
+    def __init__(self, limit: int) -> None:
+        self._limit = limit
+        self._data = np.empty((min(256, limit), 5))  # stamp, x, y, confidence, camera
+        self.kept = 0
+        self.total = 0
+
+    def append(self, spot: Spot, camera: int) -> None:
+        """Keeps a spot seen by camera number `camera`."""
+        if self.kept == len(self._data):
+            if self.kept >= self._limit:
+                self.kept = (self.kept + 1) // 2
+                self._data[: self.kept] = self._data[: 2 * self.kept : 2].copy()
+            else:
+                grown = np.empty((min(2 * len(self._data), self._limit), 5))
+                grown[: self.kept] = self._data
+                self._data = grown
+        self._data[self.kept] = (spot.stamp, spot.x, spot.y, spot.confidence, camera)
+        self.kept += 1
+        self.total += 1
+
+    def clear(self) -> None:
+        """Forgets all."""
+        self.kept = self.total = 0
+
+    @property
+    def rows(self) -> np.ndarray:
+        """(K, 5) a copy: stamp, x, y, confidence, camera."""
+        return self._data[: self.kept].copy()
+
+
+@dataclass(frozen=True)
+class Collection:
+    """What was collected so far; the arrays belong to the caller."""
+
+    interaction_id: str
+    border: np.ndarray  # (K, 5): stamp [s], x [m], y [m], confidence, index of the camera
+    seed: np.ndarray
+    cameras: List[str]
+    border_total: int
+    seed_total: int
+
+
+class Collector:
+    """Collects spots in the states Border and Seed of one interaction.
+
+    A change of state is known later than it happens, and spots take their time from image to here: what counts is
+    the spot's own stamp against the stamps at which states were entered. No clock is read.
+    """
+
+    def __init__(self, params: Optional[CollectorParams] = None) -> None:
+        self._params = params or CollectorParams()
+        self.interaction_id = ""
+        self.state = "default"
+        self.ignored: Counter = Counter()
+        self._entered = -math.inf
+        self._cameras: List[str] = []
+        self._last_seen: Dict[str, float] = {}
+        self._stores = {BORDER: SpotStore(self._params.max_spots), SEED: SpotStore(self._params.max_spots)}
+
+    def set_state(self, state: str, interaction_id: str, entered: float) -> bool:
+        """Takes a new state over; True if a new interaction began.
+
+        Args:
+            state: "default", "border", "seed" or "guide".
+            interaction_id: empty in Default. What was collected is kept until another id comes.
+            entered: [s] when the state was entered.
+        """
+        fresh = bool(interaction_id) and interaction_id != self.interaction_id
+        if fresh:
+            self.interaction_id = interaction_id
+            self.ignored = Counter()
+            self._cameras = []
+            for store in self._stores.values():
+                store.clear()
+        if state != self.state or fresh:
+            self.state, self._entered = state, entered
+        return fresh
+
+    def add(self, spot: Spot) -> str:
+        """Takes a spot in.
+
+        Returns:
+            "" if it was collected, else why it was ignored: "not_finite", "state" (no spots are wanted) or
+            "before_state" (it was seen before the state was entered).
+        """
+        reason = self._refusal(spot)
+        # a jump back of the clock must not leave a camera seeing for ever
+        self._last_seen[spot.camera] = spot.stamp
+        if reason:
+            self.ignored[reason] += 1
+            return reason
+        self.restore(self.state, spot)
+        return ""
+
+    def restore(self, state: str, spot: Spot) -> None:
+        """Takes in a spot that was collected in "border" or "seed" before, whatever the state is now."""
+        if state not in self._stores:
+            return
+        if spot.camera not in self._cameras:
+            self._cameras.append(spot.camera)
+        self._stores[state].append(spot, self._cameras.index(spot.camera))
+
+    def _refusal(self, spot: Spot) -> str:
+        if not all(math.isfinite(value) for value in (spot.stamp, spot.x, spot.y)):
+            return "not_finite"
+        if self.state not in self._stores:
+            return "state"
+        if spot.stamp < self._entered - self._params.stamp_tolerance:
+            return "before_state"
+        return ""
+
+    def forget(self) -> None:
+        """Drops all spots, but stays in the interaction."""
+        for store in self._stores.values():
+            store.clear()
+
+    def seeing(self, now: float) -> List[str]:
+        """The cameras that see the spot at a time [s]."""
+        return sorted(
+            camera for camera, stamp in self._last_seen.items() if abs(now - stamp) <= self._params.seeing_s
+        )
+
+    @property
+    def counts(self) -> tuple:
+        """(border spots, seed spots, ignored spots)."""
+        return self._stores[BORDER].total, self._stores[SEED].total, sum(self.ignored.values())
+
+    def collection(self) -> Collection:
+        """A copy of what was collected."""
+        border, seed = self._stores[BORDER], self._stores[SEED]
+        return Collection(
+            self.interaction_id, border.rows, seed.rows, list(self._cameras), border.total, seed.total
+        )

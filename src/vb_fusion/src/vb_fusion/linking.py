@@ -1,0 +1,149 @@
+"""Robust mode, second half: from points on the ridge to one path through them.
+
+A minimum spanning tree leaves out the longest link of each loop, so its longest path follows a stroke from end to
+end, or a loop once round, and passes by side branches: no greedy walk that jumps and turns back. Pieces parted by
+gaps are joined end to end, where they continue each other.
+"""
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import List, Optional
+
+import numpy as np
+from scipy.sparse import csr_matrix
+from scipy.sparse.csgraph import connected_components, dijkstra, minimum_spanning_tree
+from scipy.spatial import cKDTree
+
+from vb_fusion.ridge import merge
+
+NODE = 0.05  # [m] spacing of the nodes on the ridge
+LINK = 0.13  # [m] nodes of one piece are at most this far apart
+LONE_PIECE = 0.15  # [m] a piece shorter than this is no continuation of a chain across a gap longer than itself
+
+
+@dataclass
+class Path:
+    """A path: nodes (K, 2) [m], weight of the points it stands for, mean place in time (rank 0..1) of its nodes."""
+
+    nodes: np.ndarray
+    weight: float
+    ranks: Optional[np.ndarray]
+
+    @property
+    def length(self) -> float:
+        return float(np.linalg.norm(np.diff(self.nodes, axis=0), axis=1).sum())
+
+    def reversed(self) -> "Path":
+        return Path(self.nodes[::-1], self.weight, None if self.ranks is None else self.ranks[::-1])
+
+
+def pieces(ridge: np.ndarray, weights: np.ndarray, max_gap: float, ranks: Optional[np.ndarray]) -> List[Path]:
+    """The longest path of each connected piece of the ridge.
+
+    Args:
+        ridge: (S, 2) [m] sites on the ridge.
+        weights: (S,).
+        max_gap: [m] the longest link.
+        ranks: (S,) place in time of each site, 0 first to 1 last, or None.
+    """
+    sites = merge(ridge, weights, NODE)
+    nodes, count = sites.points, len(sites.points)
+    at = None if ranks is None else np.bincount(sites.of_point, weights * ranks) / sites.weights
+    if count == 1:
+        return [Path(nodes, float(sites.weights[0]), at)]
+    tree = cKDTree(nodes)
+    k = min(3, count)
+    second = tree.query(nodes, k=[k])[0][:, 0]
+    link = float(np.clip(2.2 * np.median(second), LINK, max_gap))
+    pairs = tree.query_pairs(link, output_type="ndarray")
+    lengths = np.linalg.norm(nodes[pairs[:, 0]] - nodes[pairs[:, 1]], axis=1) + 1e-12
+    graph = csr_matrix((lengths, (pairs[:, 0], pairs[:, 1])), shape=(count, count))
+    spanning = minimum_spanning_tree(graph)
+    spanning = (spanning + spanning.T).tocsr()
+    _, labels = connected_components(spanning, directed=False)
+    order = np.argsort(labels, kind="stable")
+    found = []
+    for members in np.split(order, np.flatnonzero(np.diff(labels[order])) + 1):
+        path = _longest_path(spanning, members)
+        found.append(Path(nodes[path], float(sites.weights[members].sum()), None if at is None else at[path]))
+    return found
+
+
+def _longest_path(tree: csr_matrix, members: np.ndarray) -> np.ndarray:
+    """Nodes of the longest path in the tree that holds `members`."""
+    if len(members) == 1:
+        return members
+    sub = tree[members][:, members]
+    far = int(np.argmax(dijkstra(sub, indices=0)))
+    distance, before = dijkstra(sub, indices=far, return_predecessors=True)
+    at = int(np.argmax(distance))
+    path = [at]
+    while at != far:
+        at = int(before[at])
+        path.append(at)
+    return members[np.array(path)]
+
+
+def join(found: List[Path], max_gap: float) -> List[Path]:
+    """Joins pieces end to end, the best continuation first, across gaps of at most `max_gap` [m].
+
+    The cost of a join is its length, up to three times as much where the chain would have to turn back, and half as
+    much again where the one end was not drawn right after the other.
+    """
+    if len(found) < 2:
+        return found
+    ends = np.array([end for path in found for end in (path.nodes[0], path.nodes[-1])])
+    out = np.array([d for path in found for d in (_outward(path.nodes), _outward(path.nodes[::-1]))])
+    pairs = cKDTree(ends).query_pairs(max_gap, output_type="ndarray")
+    pairs = pairs[pairs[:, 0] // 2 != pairs[:, 1] // 2]
+    if len(pairs) == 0:
+        return found
+    a, b = pairs.T
+    across = ends[b] - ends[a]
+    distance = np.linalg.norm(across, axis=1)
+    unit = across / np.maximum(distance, 1e-9)[:, None]
+    turn = (1.0 - (out[a] * unit).sum(axis=1)) / 2.0 + (1.0 + (out[b] * unit).sum(axis=1)) / 2.0
+    cost = distance * (1.0 + turn)
+    if found[0].ranks is not None:
+        rank = np.array([r for path in found for r in (path.ranks[0], path.ranks[-1])])
+        cost = cost * np.where(np.abs(rank[a] - rank[b]) > 0.1, 1.5, 1.0)
+    partner = np.full(len(ends), -1)
+    group = np.arange(len(found))
+    for e in np.argsort(cost, kind="stable"):
+        i, j = int(a[e]), int(b[e])
+        if partner[i] >= 0 or partner[j] >= 0 or group[i // 2] == group[j // 2]:
+            continue
+        partner[i], partner[j] = j, i
+        group[group == group[j // 2]] = group[i // 2]
+    return [_concatenate(found, np.flatnonzero(group == g), partner) for g in np.unique(group)]
+
+
+def _concatenate(found: List[Path], members: np.ndarray, partner: np.ndarray) -> Path:
+    """One path of the joined pieces; scraps at its ends that are shorter than the gap before them are dropped."""
+    start = next(end for m in members for end in (2 * m, 2 * m + 1) if partner[end] < 0)
+    sequence: List[Path] = []
+    end = int(start)
+    while end >= 0:
+        path = found[end // 2]
+        sequence.append(path if end % 2 == 0 else path.reversed())
+        end = int(partner[end ^ 1])
+    while len(sequence) > 1 and _is_scrap(sequence[0], sequence[1].nodes[0]):
+        sequence.pop(0)
+    while len(sequence) > 1 and _is_scrap(sequence[-1], sequence[-2].nodes[-1]):
+        sequence.pop()
+    ranks = None if sequence[0].ranks is None else np.concatenate([path.ranks for path in sequence])
+    return Path(np.vstack([path.nodes for path in sequence]), sum(path.weight for path in sequence), ranks)
+
+
+def _is_scrap(path: Path, neighbour: np.ndarray) -> bool:
+    gap = min(np.linalg.norm(path.nodes[0] - neighbour), np.linalg.norm(path.nodes[-1] - neighbour))
+    return path.length < min(LONE_PIECE, gap)
+
+
+def _outward(nodes: np.ndarray) -> np.ndarray:
+    """Unit direction in which a path leaves through its first node; zero if it is too short to tell."""
+    steps = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(nodes, axis=0), axis=1))])
+    inner = nodes[min(int(np.searchsorted(steps, 0.2)), len(nodes) - 1)]
+    direction = nodes[0] - inner
+    norm = float(np.linalg.norm(direction))
+    return direction / norm if norm > 0.1 else np.zeros(2)

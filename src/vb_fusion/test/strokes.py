@@ -1,0 +1,130 @@
+"""A generator of drawn strokes with what real ones suffer from; used by the tests and by bench/extraction.py.
+
+Every figure of `Setting` is assumed, after the list in the issue of this package; none is tuned to the results.
+"""
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+from typing import Dict, Tuple
+
+import numpy as np
+
+from vb_core import geometry
+
+SHAPES: Dict[str, Tuple[np.ndarray, bool]] = {
+    "rectangle": (np.array([[0, 0], [2.0, 0], [2.0, 1.25], [0, 1.25]], float), True),
+    "L": (np.array([[0, 0], [2.0, 0], [2.0, 0.7], [0.8, 0.7], [0.8, 1.8], [0, 1.8]], float), True),
+    "U": (np.array([[0, 0], [2.0, 0], [2.0, 1.5], [1.3, 1.5], [1.3, 0.6], [0.7, 0.6], [0.7, 1.5], [0, 1.5]], float), True),
+    "narrow_U": (np.array([[0, 0], [1.6, 0], [1.6, 1.5], [0.9, 1.5], [0.9, 0.5], [0.7, 0.5], [0.7, 1.5], [0, 1.5]], float), True),
+    "doorway": (np.array([[0, 0], [0.7, 0]], float), False),
+    "corner": (np.array([[0, 2.0], [0.9, 1.9], [1.7, 1.2], [1.9, 0.0]], float), False),
+    "circle": (np.array([[np.cos(a), np.sin(a)] for a in np.linspace(0, 2 * np.pi, 60, endpoint=False)]), True),
+}
+
+
+@dataclass(frozen=True)
+class Setting:
+    """How a stroke is drawn and seen."""
+
+    cameras: int = 2
+    rate: float = 25.0  # [1/s] frames of each camera
+    speed: float = 0.4  # [m/s]
+    bias: float = 0.02  # [m] of each camera, in a random direction
+    noise: float = 0.01  # [m] standard deviation of each detection
+    tremor: float = 0.02  # [m] standard deviation of the hand, correlated over `tremor_time`
+    tremor_time: float = 0.25  # [s]
+    dropped: float = 0.3  # share of the frames without a detection
+    outliers: float = 0.03  # share of detections that lie anywhere in the room
+    clutter: int = 40  # detections of something bright, at one place
+    gap: float = 0.0  # [m] of the stroke that nobody saw
+    end_gap: float = 0.0  # [m] between start and end of a closed stroke
+    overlap: float = 0.0  # [m] by which a closed stroke's end runs past its start
+    passes: int = 1  # strokes drawn over
+    shuffled: bool = True
+
+    def replace(self, **changes) -> "Setting":
+        return dataclasses.replace(self, **changes)
+
+
+@dataclass(frozen=True)
+class Stroke:
+    """A drawn stroke: truth (M, 2) [m], and the spots that were seen of it."""
+
+    truth: np.ndarray
+    closed: bool
+    points: np.ndarray
+    stamps: np.ndarray
+    cameras: np.ndarray
+
+
+def draw(shape: str, setting: Setting, rng: np.random.Generator) -> Stroke:
+    """One stroke, turned and started at random."""
+    vertices, closed = SHAPES[shape]
+    angle = rng.uniform(0, 2 * np.pi)
+    turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+    truth = (vertices - vertices.mean(axis=0)) @ turn.T + rng.uniform(-0.5, 0.5, 2)
+    ring = np.vstack([truth, truth[:1]]) if closed else truth
+    dense = geometry.resample_chain(ring, 0.005)
+    if closed:
+        dense = np.roll(dense[:-1], -int(rng.integers(len(dense) - 1)), axis=0)
+        extra = int(round((setting.overlap - setting.end_gap) / 0.005))
+        dense = np.vstack([dense, dense[: extra + 1]]) if extra >= 0 else dense[:extra]
+    way = np.vstack([dense if k % 2 == 0 or closed else dense[::-1] for k in range(setting.passes)])
+    arc = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(way, axis=0), axis=1))])
+    hidden = rng.uniform(0.2, 0.8) * arc[-1]
+    duration = arc[-1] / setting.speed
+    hand_t = np.arange(-2.0, duration + 2.0, 0.01)
+    hand = _tremor(hand_t, setting, rng)
+    points, stamps, cameras = [], [], []
+    for camera in range(setting.cameras):
+        t = np.arange(rng.uniform(0, 1 / setting.rate), duration, 1 / setting.rate)
+        t = t[rng.random(len(t)) >= setting.dropped]
+        s = t * setting.speed
+        t, s = (values[np.abs(s - hidden) >= setting.gap / 2] for values in (t, s))
+        p = np.column_stack([np.interp(s, arc, way[:, k]) + np.interp(t, hand_t, hand[:, k]) for k in range(2)])
+        direction = rng.uniform(0, 2 * np.pi)
+        p = p + setting.bias * np.array([np.cos(direction), np.sin(direction)]) + rng.normal(0, setting.noise, p.shape)
+        points.append(p)
+        stamps.append(t)
+        cameras.append(np.full(len(t), camera))
+    seen = sum(map(len, points))
+    strays = int(round(setting.outliers * seen))
+    points.append(rng.uniform([-4, -2.5], [4, 2.5], (strays, 2)))
+    stamps.append(rng.uniform(0, duration, strays))
+    cameras.append(rng.integers(0, setting.cameras, strays))
+    place = rng.uniform([-4, -2.5], [4, 2.5])
+    points.append(place + rng.normal(0, 0.04, (setting.clutter, 2)))
+    stamps.append(rng.uniform(0, duration, setting.clutter))
+    cameras.append(np.zeros(setting.clutter, int))
+    p, t, c = np.vstack(points), np.concatenate(stamps), np.concatenate(cameras)
+    order = rng.permutation(len(p)) if setting.shuffled else np.argsort(t)
+    return Stroke(truth, closed, p[order], t[order], c[order])
+
+
+def _tremor(t: np.ndarray, setting: Setting, rng: np.random.Generator) -> np.ndarray:
+    """A stationary Gauss-Markov process (len(t), 2) [m]."""
+    keep = np.exp(-0.01 / setting.tremor_time)
+    steps = rng.normal(0, setting.tremor * np.sqrt(1 - keep**2), (len(t), 2))
+    steps[0] = rng.normal(0, setting.tremor, 2)
+    from scipy.signal import lfilter
+
+    return lfilter([1.0], [1.0, -keep], steps, axis=0)
+
+
+def hausdorff(a: np.ndarray, b: np.ndarray, closed: bool) -> float:
+    """Hausdorff distance [m] of two chains, sampled every centimetre."""
+    from scipy.spatial import cKDTree
+
+    a, b = (geometry.resample_chain(chain, 0.01, closed) for chain in (a, b))
+    return float(max(cKDTree(a).query(b)[0].max(), cKDTree(b).query(a)[0].max()))
+
+
+def jaccard(a: np.ndarray, b: np.ndarray) -> float:
+    """Jaccard index of two polygons' areas."""
+    from shapely.geometry import Polygon
+
+    if min(len(a), len(b)) < 3:
+        return 0.0
+    p, q = Polygon(a).buffer(0), Polygon(b).buffer(0)
+    return float(p.intersection(q).area / p.union(q).area)
