@@ -12,6 +12,7 @@ import contextlib
 import json
 import math
 import os
+import shutil
 import sys
 import time
 from dataclasses import dataclass
@@ -128,10 +129,13 @@ class Demo:
         if options.rviz:
             self._prepare_display(environment)
         cameras = " ".join(camera.name for camera in options.world.cameras) if options.method == "nrs" else ""
+        # borders, journals and logs of an earlier run would be taken up again
+        state = options.out / "state"
+        shutil.rmtree(str(state), ignore_errors=True)
         self._environment = environment
         self._launched = Child(
             ["roslaunch", "-p", str(port), self._launch_file("simulation.launch"), f"world:={options.world_path}",
-             f"seed:={options.seed}", f"cameras:={cameras}", f"method:={options.method}", f"out:={options.out}",
+             f"seed:={options.seed}", f"cameras:={cameras}", f"method:={options.method}", f"state:={state}", f"maps:={options.out}",
              f"rviz:={'true' if options.rviz else 'false'}"],
             options.out / "log" / "roslaunch.txt", environment,
         )
