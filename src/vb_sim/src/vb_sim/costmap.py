@@ -1,0 +1,94 @@
+"""Costs of an occupancy grid as move_base's costmap_2d has them: obstacles and inflation."""
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Optional
+
+import cv2
+import numpy as np
+
+from vb_core.grid_map import OCCUPIED, UNKNOWN, GridMap
+from vb_core.parameters import Parameters, param
+
+LETHAL = 254
+INSCRIBED = 253
+NO_INFORMATION = 255
+
+
+@dataclass(frozen=True)
+class CostmapParams(Parameters):
+    """Names and meaning as in costmap_2d."""
+
+    robot_radius: float = param(0.18, "m", above=0.0, high=2.0)
+    inflation_radius: float = param(0.35, "m", low=0.0, high=5.0)
+    cost_scaling_factor: float = param(8.0, "1/m", above=0.0)
+    trinary_costmap: bool = param(False)
+    lethal_cost_threshold: int = param(100, "%", low=1, high=100)
+
+
+class Costmap:
+    """Costs (H, W) uint8: 254 obstacle, 253 robot's centre must not be there, 255 unknown, 0 free.
+
+    Attributes:
+        grid: the map it was made of.
+        costs: (H, W) uint8.
+        distance: (H, W) float32 [m] from each cell's centre to that of the nearest obstacle cell.
+    """
+
+    def __init__(self, grid: GridMap, params: CostmapParams, obstacles: Optional[np.ndarray] = None) -> None:
+        """Makes the costmap of a map.
+
+        Args:
+            obstacles: (H, W) bool, cells that are obstacles beside those of the map.
+        """
+        self.grid = grid
+        self.params = params
+        static = static_costs(grid.data, params)
+        if obstacles is not None:
+            static[obstacles] = LETHAL
+        self.distance = _distance(static == LETHAL) * np.float32(grid.resolution)
+        self.costs = inflate(static, self.distance, params)
+
+    def traversable(self) -> np.ndarray:
+        """(H, W) bool: cells where the robot's centre may be; unknown cells are not."""
+        return self.costs < INSCRIBED
+
+    def occupancy(self) -> np.ndarray:
+        """(H, W) int8 as costmap_2d's publisher translates costs: 100 lethal, 99 inscribed, 98 ... 0, -1 unknown."""
+        table = np.zeros(256, np.int16)
+        table[1:INSCRIBED] = 1 + (97 * (np.arange(1, INSCRIBED) - 1)) // 251
+        table[INSCRIBED], table[LETHAL], table[NO_INFORMATION] = 99, 100, -1
+        return table[self.costs].astype(np.int8)
+
+
+def static_costs(data: np.ndarray, params: CostmapParams) -> np.ndarray:
+    """Occupancy (H, W) int8 to costs (H, W) uint8 as static_layer's interpretValue does."""
+    table = np.zeros(256, np.uint8)
+    values = np.arange(101)
+    if not params.trinary_costmap:
+        table[:101] = (values / params.lethal_cost_threshold * LETHAL).clip(0, LETHAL)
+    table[:101][values >= params.lethal_cost_threshold] = LETHAL
+    table[OCCUPIED + 1 :] = NO_INFORMATION  # -1, seen as unsigned, is among these
+    return table[data.view(np.uint8)]
+
+
+def inflate(static: np.ndarray, distance: np.ndarray, params: CostmapParams) -> np.ndarray:
+    """Costs (H, W) uint8 with the decay of inflation_layer's computeCost about obstacles; the higher cost wins."""
+    decay = (INSCRIBED - 1) * np.exp(-params.cost_scaling_factor * (distance - params.robot_radius))
+    inflated = np.where(distance <= params.robot_radius, INSCRIBED, decay)
+    inflated[distance > max(params.inflation_radius, params.robot_radius)] = 0
+    costs = np.maximum(static, np.minimum(inflated, INSCRIBED).astype(np.uint8))
+    costs[static == LETHAL] = LETHAL
+    # as the real layer: unknown stays unknown unless a robot would touch an obstacle there
+    unknown = static == NO_INFORMATION
+    costs[unknown] = np.where(inflated[unknown] >= INSCRIBED, INSCRIBED, NO_INFORMATION)
+    return costs
+
+
+def _distance(obstacles: np.ndarray) -> np.ndarray:
+    if not obstacles.any():
+        return np.full(obstacles.shape, np.inf, np.float32)
+    return cv2.distanceTransform((~obstacles).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+
+
+assert UNKNOWN == -1  # static_costs relies on how -1 looks as an unsigned byte

@@ -1,0 +1,373 @@
+"""Stand-in for move_base, with its names: action, services, costmap and plan topics."""
+from __future__ import annotations
+
+import threading
+from dataclasses import dataclass
+from typing import Optional, Tuple
+
+import actionlib
+import numpy as np
+import rospy
+from geometry_msgs.msg import PoseStamped, Twist
+from map_msgs.msg import OccupancyGridUpdate
+from move_base_msgs.msg import MoveBaseAction, MoveBaseActionGoal, MoveBaseFeedback, MoveBaseGoal, MoveBaseResult
+from nav_msgs.msg import Path
+from nav_msgs.srv import GetPlan, GetPlanResponse
+from rospy.numpy_msg import numpy_msg
+from sensor_msgs.msg import LaserScan
+from std_srvs.srv import Empty, EmptyResponse
+
+from vb_core import geometry, names
+from vb_core.errors import CodedError
+from vb_core.grid_map import GridMap
+from vb_core.parameters import Parameters, param
+from vb_core.ros import messages, node, parameters
+from vb_core.ros.transforms import TransformLookup
+from vb_sim.costmap import Costmap, CostmapParams
+from vb_sim.follower import Follower, FollowerParams
+from vb_sim.planner import Planner, PlannerParams
+
+OccupancyGridUpdateArray = numpy_msg(OccupancyGridUpdate)
+Pose = Tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class NavigationParams(Parameters):
+    """The node's own parameters; names as in move_base where it has them."""
+
+    base_frame: str = param("base_link")
+    controller_frequency: float = param(10.0, "1/s", low=1.0, high=50.0)
+    planner_frequency: float = param(1.0, "1/s", low=0.1, high=10.0)
+    planner_patience: float = param(3.0, "s", low=0.0)
+    controller_patience: float = param(15.0, "s", low=0.0)
+    replan_distance: float = param(0.3, "m", above=0.0)
+    obstacle_range: float = param(2.5, "m", low=0.0)
+    map_tolerance: float = param(0.10, "m", low=0.0)
+    local_costmap_rate: float = param(1.0, "1/s", above=0.0, high=10.0)
+    local_costmap_size: float = param(3.0, "m", above=0.1)
+    make_plan_while_driving: bool = param(False)
+
+
+class NavigationNode:
+    """Plans on the map with the virtual borders and drives.
+
+    Subscribes:
+        /virtual_borders/map (nav_msgs/OccupancyGrid): the static map of both costmaps
+        scan (sensor_msgs/LaserScan): only while driving
+        move_base_simple/goal (geometry_msgs/PoseStamped)
+        tf: map -> base_link
+    Serves:
+        move_base (move_base_msgs/MoveBaseAction)
+        ~make_plan (nav_msgs/GetPlan): refuses while a goal is active; no plan is an empty one
+        ~clear_costmaps (std_srvs/Empty): forgets what the scanner saw, never the map or a border
+    Publishes:
+        cmd_vel (geometry_msgs/Twist): only while a goal is active, and one zero at its end
+        ~NavfnROS/plan (nav_msgs/Path)
+        ~global_costmap/costmap (nav_msgs/OccupancyGrid, latched), ~global_costmap/costmap_updates (map_msgs/OccupancyGridUpdate)
+        ~local_costmap/costmap (nav_msgs/OccupancyGrid): only while somebody listens
+    Parameters: see `NavigationParams`, and `CostmapParams`, `PlannerParams` and `FollowerParams` below ~costmap,
+        ~planner and ~follower.
+    """
+
+    def __init__(self, params: NavigationParams, costmap: CostmapParams, planner: PlannerParams, follower: FollowerParams) -> None:
+        self._params = params
+        self._costmap_params = costmap
+        self._planner_params = planner
+        self._follower = Follower(follower)
+        self._lock = threading.Lock()
+        self._planner: Optional[Planner] = None  # on the static map
+        self._revision = 0
+        self._obstacles = np.zeros((0, 2))  # robot's frame, from the newest scan
+        self._mount: Optional[np.ndarray] = None  # T_base_laser
+        self._driving = False
+        self._transforms = TransformLookup()
+
+        self._cmd_vel = rospy.Publisher("cmd_vel", Twist, queue_size=1)
+        self._plan = rospy.Publisher("~NavfnROS/plan", Path, queue_size=1, latch=True)
+        self._global = rospy.Publisher("~global_costmap/costmap", messages.OccupancyGridArray, queue_size=1, latch=True)
+        self._updates = rospy.Publisher("~global_costmap/costmap_updates", OccupancyGridUpdateArray, queue_size=1)
+        self._local = rospy.Publisher("~local_costmap/costmap", messages.OccupancyGridArray, queue_size=1)
+        self._goals = rospy.Publisher("move_base/goal", MoveBaseActionGoal, queue_size=1)
+        self._maps: node.Mailbox = node.Mailbox()
+        self._worker = node.Worker(self._maps, self._take_map)
+        rospy.Subscriber(names.VIRTUAL_MAP, messages.OccupancyGridArray, self._maps.put, queue_size=1, buff_size=2**24)
+        rospy.Service("~make_plan", GetPlan, self._on_make_plan)
+        rospy.Service("~clear_costmaps", Empty, self._on_clear)
+        self._server = actionlib.SimpleActionServer("move_base", MoveBaseAction, self._execute, auto_start=False)
+        self._server.start()
+        rospy.Subscriber("move_base_simple/goal", PoseStamped, self._on_simple_goal, queue_size=1)
+        self._timer = rospy.Timer(rospy.Duration(1.0 / params.local_costmap_rate), self._publish_local, reset=True)
+
+    def close(self) -> None:
+        """Stops the robot."""
+        if self._driving:
+            self._cmd_vel.publish(Twist())
+        self._maps.close()
+
+    # ------------------------------------------------------------ maps
+    def _take_map(self, message: messages.OccupancyGridArray) -> None:
+        grid = messages.grid_from_message(message)
+        if abs(grid.origin[2]) > 1e-6:
+            rospy.logwarn_once("%s: the map's rotation is ignored, as move_base does", rospy.get_name())
+            grid = GridMap(grid.data, grid.resolution, (grid.origin[0], grid.origin[1], 0.0))
+        costmap = Costmap(grid, self._costmap_params)
+        planner = Planner(costmap, self._planner_params)
+        with self._lock:
+            self._planner = planner
+            self._revision += 1
+        occupancy = grid.with_data(costmap.occupancy())
+        now = rospy.Time.now()
+        self._global.publish(messages.message_from_grid(occupancy, now))
+        update = OccupancyGridUpdateArray()
+        update.header.stamp, update.header.frame_id = now, names.MAP_FRAME
+        update.height, update.width = grid.shape
+        update.data = np.ascontiguousarray(occupancy.data).ravel()
+        self._updates.publish(update)
+
+    def _static(self) -> Tuple[Planner, int]:
+        with self._lock:
+            if self._planner is None:
+                raise CodedError("no_map", f"no map has come on {names.VIRTUAL_MAP} yet")
+            return self._planner, self._revision
+
+    def _with_obstacles(self, static: Planner, pose: Pose) -> Planner:
+        """The planner on map and scan; that on the map alone where the scan shows nothing new."""
+        fresh = self._unmapped(static, pose)
+        if not len(fresh):
+            return static
+        grid = static.costmap.grid
+        cells = grid.world_to_cell(fresh)
+        mask = np.zeros(grid.shape, bool)
+        mask[cells[:, 0], cells[:, 1]] = True
+        return Planner(Costmap(grid, self._costmap_params, mask), self._planner_params)
+
+    def _unmapped(self, static: Planner, pose: Pose) -> np.ndarray:
+        """(N, 2) [m] what the scanner sees and the map has not, map frame."""
+        with self._lock:
+            seen = self._obstacles
+        if not len(seen):
+            return seen
+        seen = seen[np.hypot(seen[:, 0], seen[:, 1]) < self._params.obstacle_range]
+        c, s = np.cos(pose[2]), np.sin(pose[2])
+        points = seen @ np.array([[c, s], [-s, c]]) + pose[:2]
+        grid = static.costmap.grid
+        cells = grid.world_to_cell(points)
+        inside = grid.contains_cells(cells)
+        points, cells = points[inside], cells[inside]
+        # a wall seen a little beside its place is no new obstacle
+        return points[static.costmap.distance[cells[:, 0], cells[:, 1]] > self._params.map_tolerance]
+
+    # ------------------------------------------------------------ scan and pose
+    def _on_scan(self, message: LaserScan) -> None:
+        if self._mount is None:
+            try:
+                self._mount = self._transforms.lookup(self._params.base_frame, message.header.frame_id, rospy.Time(0))
+            except CodedError as error:
+                rospy.logwarn_throttle(5.0, f"{rospy.get_name()}: scan ignored: {error}")
+                return
+        ranges = np.asarray(message.ranges, dtype=float)
+        angles = message.angle_min + message.angle_increment * np.arange(len(ranges))
+        valid = np.isfinite(ranges) & (ranges >= message.range_min) & (ranges <= message.range_max)
+        ranges, angles = ranges[valid], angles[valid]
+        points = np.column_stack([ranges * np.cos(angles), ranges * np.sin(angles), np.zeros(len(ranges))])
+        with self._lock:
+            self._obstacles = geometry.apply(self._mount, points)[:, :2]
+
+    def _pose(self) -> Pose:
+        return geometry.transform_pose2d(self._transforms.lookup(names.MAP_FRAME, self._params.base_frame, rospy.Time(0), 0.5))
+
+    def _in_map(self, pose: PoseStamped) -> Pose:
+        """A pose in the map frame.
+
+        Raises:
+            CodedError: "bad_goal" or "no_transform".
+        """
+        frame = pose.header.frame_id.lstrip("/")
+        q = pose.pose.orientation
+        x, y, yaw = messages.pose_to_2d(pose.pose)
+        if not np.isfinite([x, y, yaw]).all() or abs(q.x**2 + q.y**2 + q.z**2 + q.w**2 - 1.0) > 0.1:
+            raise CodedError("bad_goal", "the goal's pose is not finite or its quaternion is not of length 1")
+        if frame == names.MAP_FRAME:
+            return x, y, yaw
+        placed = self._transforms.lookup(names.MAP_FRAME, frame, rospy.Time(0)) @ geometry.pose2d_transform(x, y, yaw)
+        return geometry.transform_pose2d(placed)
+
+    # ------------------------------------------------------------ services and the simple topic
+    def _on_make_plan(self, request: GetPlan) -> GetPlanResponse:
+        if self._driving and not self._params.make_plan_while_driving:
+            raise rospy.ServiceException("move_base must be in an inactive state to make a plan for an external user")
+        response = GetPlanResponse()
+        try:
+            planner, _ = self._static()
+            start = self._in_map(request.start) if request.start.header.frame_id else self._pose()
+            goal = self._in_map(request.goal)
+            path = planner.plan(np.array(start[:2]), np.array(goal[:2]), max(request.tolerance, 0.0))
+            response.plan = path_message(path, goal[2])
+        except CodedError as error:
+            rospy.loginfo("%s: make_plan: %s", rospy.get_name(), error)
+        return response
+
+    def _on_clear(self, _request: Empty) -> EmptyResponse:
+        with self._lock:
+            self._obstacles = np.zeros((0, 2))
+        return EmptyResponse()
+
+    def _on_simple_goal(self, pose: PoseStamped) -> None:
+        goal = MoveBaseActionGoal(goal=MoveBaseGoal(target_pose=pose))
+        goal.header.stamp = rospy.Time.now()
+        self._goals.publish(goal)
+
+    def _publish_local(self, _event: object) -> None:
+        if not self._local.get_num_connections():
+            return
+        try:
+            static, _ = self._static()
+            pose = self._pose()
+            costmap = self._with_obstacles(static, pose).costmap
+        except CodedError as error:
+            rospy.logdebug("no local costmap: %s", error)
+            return
+        grid = costmap.grid
+        half = int(self._params.local_costmap_size / 2.0 / grid.resolution)
+        row, column = grid.world_to_cell(np.array(pose[:2]))[0]
+        low_row, low_column = max(row - half, 0), max(column - half, 0)
+        window = costmap.occupancy()[low_row : row + half, low_column : column + half]
+        if window.size:
+            x, y = np.array(grid.origin[:2]) + np.array([low_column, low_row]) * grid.resolution
+            self._local.publish(messages.message_from_grid(GridMap(window, grid.resolution, (x, y, 0.0)), rospy.Time.now()))
+
+    # ------------------------------------------------------------ driving
+    def _execute(self, goal: MoveBaseGoal) -> None:
+        self._driving = True
+        scan = rospy.Subscriber("scan", LaserScan, self._on_scan, queue_size=1, tcp_nodelay=True)
+        try:
+            self._drive(self._in_map(goal.target_pose))
+        except CodedError as error:
+            rospy.logwarn("%s: goal aborted: %s", rospy.get_name(), error)
+            self._server.set_aborted(MoveBaseResult(), str(error))
+        except rospy.ROSException:
+            if not rospy.is_shutdown():
+                raise
+        finally:
+            scan.unregister()
+            with self._lock:
+                self._obstacles = np.zeros((0, 2))
+            self._driving = False
+            self._follower.halt()
+            if not rospy.is_shutdown():
+                self._cmd_vel.publish(Twist())
+
+    def _drive(self, goal: Pose) -> None:
+        """Drives to a goal until it is reached or preempted.
+
+        Raises:
+            CodedError: why it cannot be reached.
+        """
+        self._follower.set_goal(goal)
+        period = 1.0 / self._params.controller_frequency
+        planned_at = reached_at = moved_at = None
+        revision, count, planning_failed = -1, 0, False
+        while not rospy.is_shutdown():
+            now = rospy.Time.now().to_sec()
+            if self._server.is_preempt_requested():
+                self._server.set_preempted(MoveBaseResult(), "the goal was cancelled or replaced")
+                return
+            pose = self._pose()
+            static, newest = self._static()
+            due = planned_at is None or now - planned_at >= 1.0 / self._params.planner_frequency or now < planned_at
+            if due or newest != revision:
+                planned_at, revision = now, newest
+                problem = self._replan(static, pose, goal)
+                if problem is None:
+                    reached_at = now
+                else:
+                    # nobody drives on along a path that the map no longer allows
+                    self._stop()
+                    reached_at = now if reached_at is None else reached_at
+                    if now - reached_at >= self._params.planner_patience:
+                        raise problem
+                planning_failed = problem is not None
+            if not planning_failed:
+                with self._lock:
+                    obstacles = self._obstacles
+                motion = self._follower.step(pose, obstacles, period)
+                if motion.arrived:
+                    self._server.set_succeeded(MoveBaseResult(), "the goal is reached")
+                    return
+                moved_at = now if moved_at is None or not motion.blocked else moved_at
+                if now - moved_at >= self._params.controller_patience:
+                    raise CodedError("blocked", "something has been standing in the way for too long")
+                if motion.off_path > self._params.replan_distance:
+                    planned_at = None
+                self._send(motion.speed, motion.turn_rate)
+            count += 1
+            if count % 2 == 0:
+                self._feedback(pose)
+            self._sleep(period)
+
+    def _replan(self, static: Planner, pose: Pose, goal: Pose) -> Optional[CodedError]:
+        """Gives the follower a new path; says why there is none."""
+        start, end = np.array(pose[:2]), np.array(goal[:2])
+        try:
+            try:
+                path = self._with_obstacles(static, pose).plan(start, end)
+            except CodedError:
+                # a person at the goal or at the robot's side: plan by the map alone, the follower stops before him
+                path = static.plan(start, end)
+        except CodedError as error:
+            return error
+        self._follower.set_path(path)
+        self._plan.publish(path_message(path, goal[2]))
+        return None
+
+    def _send(self, speed: float, turn_rate: float) -> None:
+        message = Twist()
+        message.linear.x, message.angular.z = speed, turn_rate
+        self._cmd_vel.publish(message)
+
+    def _stop(self) -> None:
+        self._follower.halt()
+        self._send(0.0, 0.0)
+
+    def _feedback(self, pose: Pose) -> None:
+        feedback = MoveBaseFeedback()
+        feedback.base_position.header.stamp = rospy.Time.now()
+        feedback.base_position.header.frame_id = names.MAP_FRAME
+        feedback.base_position.pose = messages.pose_from_2d(*pose)
+        self._server.publish_feedback(feedback)
+
+    @staticmethod
+    def _sleep(period: float) -> None:
+        try:
+            rospy.sleep(period)
+        except rospy.ROSTimeMovedBackwardsException:
+            pass  # the clock was started afresh: go on with the next cycle
+
+
+def path_message(path: np.ndarray, goal_yaw: float) -> Path:
+    """A path (N, 2) [m] as a message; poses face along it, the last one as the goal."""
+    message = Path()
+    message.header.stamp, message.header.frame_id = rospy.Time.now(), names.MAP_FRAME
+    steps = np.diff(path, axis=0)
+    yaws = np.concatenate([np.arctan2(steps[:, 1], steps[:, 0]), [goal_yaw]])
+    for (x, y), yaw in zip(path, yaws):
+        pose = PoseStamped(header=message.header)
+        pose.pose = messages.pose_from_2d(x, y, yaw)
+        message.poses.append(pose)
+    return message
+
+
+def build() -> NavigationNode:
+    """Makes the node of what the parameter server says."""
+    nested = ("costmap", "planner", "follower")
+    return NavigationNode(
+        parameters.read(NavigationParams, ignore=nested),
+        parameters.read(CostmapParams, "~costmap"),
+        parameters.read(PlannerParams, "~planner"),
+        parameters.read(FollowerParams, "~follower"),
+    )
+
+
+def main() -> None:
+    """Entry point of the executable navigation."""
+    node.run("move_base", build)
