@@ -1,0 +1,176 @@
+"""Person and robot as stacks of rounded pieces; all measures of the person are assumed for 1.75 m."""
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import List, Optional, Sequence, Tuple
+
+import cv2
+import numpy as np
+
+from vb_core.camera_model import CameraModel
+from vb_core.geometry import invert
+
+_ANGLES = np.linspace(0.0, 2.0 * math.pi, 20, endpoint=False)
+_CIRCLE = np.column_stack([np.cos(_ANGLES), np.sin(_ANGLES)])
+
+SHIRT, TROUSERS, SKIN, HAIR, SHOES = (78, 118, 112), (48, 54, 78), (206, 162, 134), (72, 54, 42), (38, 36, 38)
+
+
+@dataclass(frozen=True)
+class Piece:
+    """The hull of two flat ellipses.
+
+    Attributes:
+        low, high: (3,) [m] their middles, map frame.
+        low_radii, high_radii: half axes [m] along and across the heading.
+        yaw: [rad] heading.
+        color: rgb.
+    """
+
+    low: np.ndarray
+    high: np.ndarray
+    low_radii: Tuple[float, float]
+    high_radii: Tuple[float, float]
+    yaw: float
+    color: Tuple[int, int, int]
+
+
+def piece_outlines(pieces: Sequence[Piece]) -> np.ndarray:
+    """(N, 40, 3) [m] points of both ellipses of each piece."""
+    yaws = np.array([piece.yaw for piece in pieces])
+    c, s = np.cos(yaws)[:, None], np.sin(yaws)[:, None]
+    points = np.empty((len(pieces), 2, len(_CIRCLE), 3))
+    for end, (middles, radii) in enumerate(
+        (([piece.low for piece in pieces], [piece.low_radii for piece in pieces]),
+         ([piece.high for piece in pieces], [piece.high_radii for piece in pieces]))
+    ):
+        middles, radii = np.array(middles), np.array(radii)
+        along, across = _CIRCLE[:, 0] * radii[:, :1], _CIRCLE[:, 1] * radii[:, 1:]
+        points[:, end, :, 0] = middles[:, :1] + c * along - s * across
+        points[:, end, :, 1] = middles[:, 1:2] + s * along + c * across
+        points[:, end, :, 2] = middles[:, 2:]
+    return points.reshape(len(pieces), -1, 3)
+
+
+def _stack(x: float, y: float, yaw: float, rows: Sequence[Tuple]) -> List[Piece]:
+    """Pieces from rows (forward, left, z low, z high, radii low, radii high, colour[, forward high, left high])."""
+    c, s = math.cos(yaw), math.sin(yaw)
+
+    def at(forward: float, left: float, z: float) -> np.ndarray:
+        return np.array([x + c * forward - s * left, y + s * forward + c * left, z])
+
+    pieces = []
+    for row in rows:
+        forward, left, z0, z1, low, high, color = row[:7]
+        forward1, left1 = row[7:] if len(row) > 7 else (forward, left)
+        pieces.append(Piece(at(forward, left, z0), at(forward1, left1, z1), low, high, yaw, color))
+    return pieces
+
+
+def hand_position(person: Tuple[float, float, float], target: Optional[Tuple[float, float]], height: float) -> np.ndarray:
+    """(3,) [m] where the right hand holds the pointer."""
+    x, y, yaw = person
+    shoulder = np.array([x + 0.20 * math.sin(yaw), y - 0.20 * math.cos(yaw)])
+    direction = np.array([math.cos(yaw), math.sin(yaw)])
+    if target is not None:
+        to_target = np.array(target) - shoulder
+        distance = float(np.linalg.norm(to_target))
+        if distance > 0.05:
+            direction = to_target / distance
+    return np.array([*(shoulder + 0.42 * direction), height])
+
+
+def person_pieces(person: Tuple[float, float, float], target: Optional[Tuple[float, float]], hand_height: float) -> List[Piece]:
+    """A standing person with the right arm raised towards a point on the floor, or hanging."""
+    x, y, yaw = person
+    pieces: List[Piece] = []
+    for left in (0.10, -0.10):
+        pieces += _stack(x, y, yaw, [
+            (0.06, left, 0.0, 0.07, (0.14, 0.05), (0.11, 0.045), SHOES),
+            (0.0, left, 0.05, 0.45, (0.055, 0.055), (0.07, 0.07), TROUSERS),
+            (0.0, left, 0.45, 0.85, (0.07, 0.07), (0.09, 0.09), TROUSERS),
+        ])
+    pieces += _stack(x, y, yaw, [
+        (0.0, 0.0, 0.82, 1.0, (0.12, 0.18), (0.11, 0.17), TROUSERS),
+        (0.0, 0.0, 0.98, 1.2, (0.115, 0.17), (0.125, 0.19), SHIRT),
+        (0.0, 0.0, 1.2, 1.38, (0.125, 0.19), (0.115, 0.22), SHIRT),
+        (0.0, 0.0, 1.38, 1.46, (0.11, 0.22), (0.06, 0.12), tuple(int(v * 1.12) for v in SHIRT)),
+        # the left arm hangs
+        (0.0, 0.235, 1.1, 1.4, (0.05, 0.05), (0.055, 0.055), tuple(int(v * 0.9) for v in SHIRT)),
+        (0.03, 0.245, 0.82, 1.1, (0.045, 0.035), (0.045, 0.045), SKIN),
+        (0.0, 0.0, 1.44, 1.53, (0.055, 0.055), (0.055, 0.055), SKIN),
+        (0.015, 0.0, 1.53, 1.62, (0.075, 0.065), (0.098, 0.078), SKIN),
+        (0.0, 0.0, 1.60, 1.69, (0.10, 0.08), (0.095, 0.078), HAIR),
+        (-0.01, 0.0, 1.69, 1.75, (0.095, 0.078), (0.045, 0.04), HAIR),
+    ])
+    shoulder = np.array([x + 0.21 * math.sin(yaw), y - 0.21 * math.cos(yaw), 1.38])
+    if target is None:
+        hand = np.array([shoulder[0] + 0.05 * math.cos(yaw), shoulder[1] + 0.05 * math.sin(yaw), 0.82])
+    else:
+        hand = hand_position(person, target, hand_height)
+    elbow = 0.5 * (shoulder + hand) - (0.0, 0.0, 0.06 if target is not None else 0.0)
+    pieces += [
+        Piece(shoulder, elbow, (0.055, 0.055), (0.046, 0.046), yaw, tuple(int(v * 1.05) for v in SHIRT)),
+        Piece(elbow, hand, (0.045, 0.045), (0.035, 0.035), yaw, SKIN),
+    ]
+    if target is not None:
+        beam = np.array([*target, 0.0]) - hand
+        tip = hand + beam / max(1e-6, float(np.linalg.norm(beam))) * 0.09
+        pieces.append(Piece(hand, tip, (0.014, 0.014), (0.01, 0.01), yaw, (30, 30, 32)))
+    return pieces
+
+
+def robot_pieces(pose: Tuple[float, float, float], radius: float) -> List[Piece]:
+    """A TurtleBot-like robot, 0.42 m high: round base, plates on poles, a camera at the front."""
+    black, plate = (40, 40, 43), (58, 56, 54)
+    r = radius
+    rows: List[Tuple] = [
+        (0.0, 0.0, 0.01, 0.10, (r, r), (r, r), black),
+        (0.0, 0.0, 0.10, 0.115, (0.96 * r, 0.96 * r), (0.96 * r, 0.96 * r), (70, 70, 72)),
+    ]
+    poles = [(0.55 * r, 0.6 * r), (0.55 * r, -0.6 * r), (-0.6 * r, 0.6 * r), (-0.6 * r, -0.6 * r)]
+    rows += [(f, l, 0.11, 0.40, (0.008, 0.008), (0.008, 0.008), (150, 150, 152)) for f, l in poles]
+    for z in (0.19, 0.28):
+        rows.append((0.0, 0.0, z, z + 0.008, (0.85 * r, 0.85 * r), (0.85 * r, 0.85 * r), plate))
+    rows += [
+        (0.0, 0.0, 0.40, 0.41, (0.88 * r, 0.88 * r), (0.88 * r, 0.88 * r), (92, 88, 82)),
+        (0.0, 0.0, 0.412, 0.414, (0.60 * r, 0.60 * r), (0.60 * r, 0.60 * r), (104, 100, 94)),
+        (0.55 * r, 0.0, 0.41, 0.46, (0.025, 0.09), (0.025, 0.09), (26, 26, 28)),
+        (-0.35 * r, 0.0, 0.414, 0.417, (0.035, 0.035), (0.03, 0.03), (120, 168, 96)),
+    ]
+    return _stack(*pose, rows)
+
+
+@dataclass(frozen=True)
+class Outlines:
+    """Pieces as a camera sees them, the furthest first.
+
+    Attributes:
+        hulls: for each piece its convex outline (K, 2) [px], float32.
+        depths: (N,) [m] of each piece's middle along the optical axis.
+        colors: (N, 3) rgb.
+    """
+
+    hulls: List[np.ndarray]
+    depths: np.ndarray
+    colors: np.ndarray
+
+
+def project_pieces(pieces: Sequence[Piece], camera: CameraModel, T_map_optical: np.ndarray, near: float = 0.15) -> Outlines:
+    """Outlines of pieces; those that reach behind the camera are left out."""
+    if not pieces:
+        return Outlines([], np.zeros(0), np.zeros((0, 3)))
+    T = invert(T_map_optical)
+    points = piece_outlines(pieces).reshape(-1, 3) @ T[:3, :3].T + T[:3, 3]
+    pixels = camera.project(points).reshape(len(pieces), -1, 2)
+    depths = points[:, 2].reshape(len(pieces), -1)
+    # wide-angle distortion means nothing far outside the picture
+    limit = 3.0 * max(camera.width, camera.height)
+    with np.errstate(invalid="ignore"):
+        usable = (depths.min(axis=1) > near) & (np.abs(pixels).max(axis=(1, 2)) < limit)
+    middle = depths.mean(axis=1)
+    order = [index for index in np.argsort(-middle) if usable[index]]
+    hulls = [cv2.convexHull(pixels[index].astype(np.float32)).reshape(-1, 2) for index in order]
+    colors = np.array([piece.color for piece in pieces], dtype=float)[order].reshape(-1, 3)
+    return Outlines(hulls, middle[order], colors)

@@ -1,0 +1,149 @@
+"""The ceiling cameras of a world as a ROS node."""
+from __future__ import annotations
+
+import threading
+import time
+from typing import Dict, List
+
+import cv2
+import rospy
+import tf2_ros
+from diagnostic_msgs.msg import DiagnosticArray
+from sensor_msgs.msg import CameraInfo, Image
+
+from vb_core import names
+from vb_core.errors import ParameterError
+from vb_core.ros import node, parameters
+from vb_core.ros.messages import info_from_camera, transform_message
+from vb_msgs.msg import LabState
+from vb_sim.ceiling_view import CeilingView
+from vb_sim.floor_texture import render_floor
+from vb_sim.frame_clock import FrameSchedule, SmoothClock
+from vb_sim.lab_history import History
+from vb_sim.lab_messages import array_image, camera_diagnostics, snapshot_from_message
+from vb_sim.mesh import world_mesh
+from vb_sim.models_cameras import CameraModels, calibrated_pose, load_camera_models
+from vb_sim.world import CeilingCamera, World, load_world
+
+
+class CeilingCamerasNode:
+    """Renders what a world's ceiling cameras see.
+
+    Subscribes:
+        /sim/lab_state (vb_msgs/LabState): what moves. While nobody publishes it the lab is empty.
+    Publishes, for each camera, at its own rate, the cameras' frames spread evenly:
+        /<camera>/image_raw (sensor_msgs/Image), /<camera>/camera_info (sensor_msgs/CameraInfo): stamp
+            is the middle of the exposure; delivered `optics/latency_ms` later.
+        /sim/cameras (diagnostic_msgs/DiagnosticArray, latched, 1 Hz): one status per camera, name = the
+            camera's; values "published" (frames sent while somebody listened), "skipped" (frames left
+            out because this machine was too slow), "render_ms" (mean per frame).
+        tf_static: map -> <camera>_optical_frame, the pose with its calibration error. Images are
+            rendered from the true pose.
+
+    Args:
+        world: the world.
+        models: figures of optics and noise.
+        cameras: those of the world's cameras to be published.
+        seed: of floor, noise and calibration errors.
+    """
+
+    def __init__(self, world: World, models: CameraModels, cameras: List[CeilingCamera], seed: int) -> None:
+        self._cameras = cameras
+        self._history = History()
+        self._running = True
+        optics = models.optics
+        self._schedule = FrameSchedule([camera.rate for camera in cameras], optics.latency_ms * 1e-3)
+        self._clock = SmoothClock(rospy.get_time, time.monotonic)
+        self._published = [0] * len(cameras)
+        self._render_s = [0.0] * len(cameras)
+        floor, mesh = render_floor(world, seed), world_mesh(world)
+        radii: Dict[str, float] = {robot.namespace.strip("/"): robot.radius for robot in world.robots}
+        radii.update({robot.name: robot.radius for robot in world.robots})
+        self._views = [CeilingView(camera, radii, floor, mesh, models, seed) for camera in cameras]
+        self._frames = [f"{camera.name}_optical_frame" for camera in cameras]
+        self._images = [rospy.Publisher(f"/{camera.name}/image_raw", Image, queue_size=2) for camera in cameras]
+        self._infos = [rospy.Publisher(f"/{camera.name}/camera_info", CameraInfo, queue_size=2) for camera in cameras]
+        self._info_messages = [
+            info_from_camera(view.model, rospy.Time(), frame) for view, frame in zip(self._views, self._frames)
+        ]
+        self._diagnostics = rospy.Publisher("/sim/cameras", DiagnosticArray, queue_size=1, latch=True)
+        self._broadcaster = tf2_ros.StaticTransformBroadcaster()
+        self._broadcaster.sendTransform([
+            transform_message(calibrated_pose(camera.pose(), optics, seed, camera.name), names.MAP_FRAME, frame, rospy.Time.now())
+            for camera, frame in zip(cameras, self._frames)
+        ])
+        rospy.Subscriber(names.LAB_STATE, LabState, self._on_state, queue_size=10, tcp_nodelay=True)
+        self._thread = threading.Thread(target=self._run, daemon=True)
+        self._thread.start()
+
+    def close(self) -> None:
+        """Ends the thread."""
+        self._running = False
+
+    def _on_state(self, message: LabState) -> None:
+        self._history.add(snapshot_from_message(message))
+
+    def _run(self) -> None:
+        node.wait_for_clock()
+        report_at = 0.0
+        while self._running and not rospy.is_shutdown():
+            now = self._clock.now()
+            try:
+                for index, stamp in self._schedule.due(now):
+                    self._publish(index, stamp)
+                # on a steady clock: the counts matter most when simulated time is in trouble
+                if time.monotonic() >= report_at:
+                    report_at = time.monotonic() + 1.0
+                    self._diagnostics.publish(camera_diagnostics("ceiling_cameras", self._figures(), rospy.Time.from_sec(now)))
+            except rospy.ROSException:
+                # the topics close during shutdown
+                return
+            # simulated time may run slower than the wall's: look again at least every few milliseconds
+            time.sleep(min(max(self._schedule.wait(self._clock.now()), 0.001), 0.02))
+
+    def _publish(self, index: int, stamp_s: float) -> None:
+        stamp = rospy.Time.from_sec(stamp_s)
+        if self._infos[index].get_num_connections() > 0:
+            info = self._info_messages[index]
+            info.header.stamp = stamp
+            self._infos[index].publish(info)
+        if self._images[index].get_num_connections() == 0:
+            return
+        started = time.perf_counter()
+        view = self._views[index]
+        picture = view.frame(self._history.at(stamp_s))
+        self._render_s[index] += time.perf_counter() - started
+        self._images[index].publish(array_image(picture, view.encoding, stamp, self._frames[index]))
+        self._published[index] += 1
+
+    def _figures(self) -> List[Dict[str, object]]:
+        return [
+            {
+                "camera": camera.name,
+                "published": self._published[index],
+                "skipped": self._schedule.skipped[index],
+                "render_ms": round(1e3 * self._render_s[index] / max(1, self._published[index]), 3),
+            }
+            for index, camera in enumerate(self._cameras)
+        ]
+
+
+def build() -> CeilingCamerasNode:
+    """Reads the parameters: ~world, ~models (files), ~seed, ~cameras (names; empty: all)."""
+    cv2.setNumThreads(1)
+    world = load_world(str(parameters.required("~world")))
+    models_path = rospy.get_param("~models", "")
+    models = load_camera_models(models_path) if models_path else CameraModels()
+    chosen = rospy.get_param("~cameras", [])
+    if not isinstance(chosen, list):
+        raise ParameterError(rospy.resolve_name("~cameras"), f"expected a list of names, got {chosen!r}")
+    cameras = [world.camera(str(name)) for name in chosen] if chosen else list(world.cameras)
+    seed = rospy.get_param("~seed", 1)
+    if isinstance(seed, bool) or not isinstance(seed, int):
+        raise ParameterError(rospy.resolve_name("~seed"), f"expected a whole number, got {seed!r}")
+    return CeilingCamerasNode(world, models, cameras, seed)
+
+
+def main() -> None:
+    """Runs the node."""
+    node.run("ceiling_cameras", build)

@@ -1,0 +1,81 @@
+"""When a simulated camera takes its pictures."""
+from __future__ import annotations
+
+from collections import deque
+from typing import Callable, Deque, List, Optional, Sequence, Tuple
+
+
+class SmoothClock:
+    """Simulated time between the ticks of /clock, which come only every few hundredths of a second.
+
+    Args:
+        simulated: gives the simulated time [s], which moves in steps.
+        steady: gives a steady wall time [s].
+        tick_s: [s] the furthest that time is carried on beyond the last step.
+    """
+
+    def __init__(self, simulated: Callable[[], float], steady: Callable[[], float], tick_s: float = 0.025) -> None:
+        self._simulated = simulated
+        self._steady = steady
+        self._tick_s = tick_s
+        self._offsets: Deque[float] = deque(maxlen=25)
+        self._last: Optional[float] = None
+
+    def now(self) -> float:
+        """[s]; stands still when the simulated time does."""
+        simulated, steady = self._simulated(), self._steady()
+        if simulated != self._last:
+            if self._last is not None and simulated < self._last:
+                self._offsets.clear()
+            self._last = simulated
+            # a step is noticed late but never early: the largest difference is the best
+            self._offsets.append(simulated - steady)
+        carried = steady + max(self._offsets)
+        return min(max(carried, simulated), simulated + self._tick_s)
+
+
+class FrameSchedule:
+    """Takes the pictures of several cameras evenly spread over the time between two frames.
+
+    Each camera's stamps lie on a fixed grid of its period, shifted against its neighbours'.
+
+    Args:
+        rates: [1/s] frames of each camera.
+        latency_s: [s] from a picture's stamp to its delivery.
+        behind: frames that may be made up for; older ones are left out.
+    """
+
+    def __init__(self, rates: Sequence[float], latency_s: float, behind: int = 3) -> None:
+        self._periods = [1.0 / rate for rate in rates]
+        self._phases = [period * index / len(rates) for index, period in enumerate(self._periods)]
+        self._latency_s = latency_s
+        self._behind = behind
+        self._next: List[Optional[int]] = [None] * len(rates)
+        self.skipped = [0] * len(rates)
+
+    def due(self, now: float) -> List[Tuple[int, float]]:
+        """Pictures (camera index, stamp [s]) to be delivered now, oldest first."""
+        pictures = []
+        for index, (period, phase) in enumerate(zip(self._periods, self._phases)):
+            newest = int((now - self._latency_s - phase) / period + 1e-6)
+            following = self._next[index]
+            if following is None or newest < following - 1 - self._behind:
+                # the start, or time was set back
+                following = newest
+            elif newest - following >= self._behind:
+                self.skipped[index] += newest - following
+                following = newest
+            for number in range(following, newest + 1):
+                # before its first frame the camera is not there yet
+                if number * period + phase > 0:
+                    pictures.append((index, number * period + phase))
+            self._next[index] = max(following, newest + 1)
+        return sorted(pictures, key=lambda picture: picture[1])
+
+    def wait(self, now: float) -> float:
+        """[s] until the next picture is due."""
+        moments = [
+            (number if number is not None else 0) * period + phase + self._latency_s
+            for number, period, phase in zip(self._next, self._periods, self._phases)
+        ]
+        return max(0.0, min(moments) - now)

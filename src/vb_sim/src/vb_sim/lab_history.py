@@ -1,0 +1,98 @@
+"""What the cameras know of the lab's moving things, and where these are at an image's time."""
+from __future__ import annotations
+
+import math
+import threading
+from collections import deque
+from dataclasses import dataclass, field, replace
+from typing import Deque, Dict, Optional, Tuple
+
+from vb_core.geometry import wrap_angle
+
+Pose2 = Tuple[float, float, float]
+Point2 = Tuple[float, float]
+
+# a spot that is further away a moment later was moved with the beam off, not swept over the floor
+_JUMP_M = 0.4
+
+
+@dataclass(frozen=True)
+class Snapshot:
+    """Where everything is at one time; all in the map frame, [m] and [rad].
+
+    Attributes:
+        robots: name to (x, y, yaw).
+        laser: where the beam meets the floor, None while it is off.
+        laser_velocity: [m/s] of that point.
+        person: (x, y, yaw), None if nobody is there.
+    """
+
+    stamp: float
+    robots: Dict[str, Pose2] = field(default_factory=dict)
+    laser: Optional[Point2] = None
+    laser_color: str = "red"
+    laser_velocity: Point2 = (0.0, 0.0)
+    person: Optional[Pose2] = None
+
+
+class History:
+    """The newest snapshots; may be written and read by different threads.
+
+    Args:
+        stale_s: [s] a scene that nobody described for this long is empty.
+        ahead_s: [s] how far motion is continued beyond the newest snapshot.
+    """
+
+    def __init__(self, stale_s: float = 1.0, ahead_s: float = 0.03) -> None:
+        self._stale_s = stale_s
+        self._ahead_s = ahead_s
+        self._lock = threading.Lock()
+        self._snapshots: Deque[Snapshot] = deque(maxlen=64)
+
+    def add(self, snapshot: Snapshot) -> None:
+        """Takes a snapshot; one that is older than the newest means that time was set back."""
+        with self._lock:
+            if self._snapshots and snapshot.stamp <= self._snapshots[-1].stamp:
+                if snapshot.stamp > self._snapshots[-1].stamp - 0.5:
+                    return
+                self._snapshots.clear()
+            self._snapshots.append(snapshot)
+
+    def at(self, stamp: float) -> Snapshot:
+        """The scene at a time [s], interpolated; an empty one if nothing is known."""
+        with self._lock:
+            snapshots = list(self._snapshots)
+        if not snapshots or stamp - snapshots[-1].stamp > self._stale_s or snapshots[0].stamp - stamp > self._stale_s:
+            return Snapshot(stamp)
+        after = len(snapshots) - 1
+        while after > 1 and snapshots[after - 1].stamp >= stamp:
+            after -= 1
+        if after == 0:
+            return replace(snapshots[0], stamp=stamp)
+        first, second = snapshots[after - 1], snapshots[after]
+        interval = second.stamp - first.stamp
+        if interval > self._stale_s:
+            # whoever described the scene was away: nothing moved steadily in between
+            return replace(second if stamp >= second.stamp else first, stamp=stamp)
+        at = min(max(stamp, first.stamp), second.stamp + self._ahead_s)
+        return _between(first, second, (at - first.stamp) / interval, interval, stamp)
+
+
+def _between(a: Snapshot, b: Snapshot, share: float, interval: float, stamp: float) -> Snapshot:
+    nearest = a if share < 0.5 else b
+    robots = {name: _pose_between(a.robots.get(name, pose), pose, share) for name, pose in b.robots.items()}
+    person = nearest.person
+    if a.person is not None and b.person is not None:
+        person = _pose_between(a.person, b.person, share)
+    laser, velocity = nearest.laser, (0.0, 0.0)
+    if a.laser is not None and b.laser is not None:
+        dx, dy = b.laser[0] - a.laser[0], b.laser[1] - a.laser[1]
+        if math.hypot(dx, dy) < _JUMP_M:
+            laser = (a.laser[0] + share * dx, a.laser[1] + share * dy)
+            velocity = (dx / interval, dy / interval)
+    return Snapshot(stamp, robots, laser, nearest.laser_color, velocity, person)
+
+
+def _pose_between(a: Pose2, b: Pose2, share: float) -> Pose2:
+    turn = wrap_angle(b[2] - a[2])
+    return (a[0] + share * (b[0] - a[0]), a[1] + share * (b[1] - a[1]), wrap_angle(a[2] + share * turn))

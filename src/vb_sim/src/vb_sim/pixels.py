@@ -1,0 +1,67 @@
+"""Pixel formats of the simulated cameras: from rgb to what a camera sends."""
+from __future__ import annotations
+
+import cv2
+import numpy as np
+
+
+def encode(rgb: np.ndarray, encoding: str) -> np.ndarray:
+    """(H, W, 3) rgb to (H, W) or (H, W, 3) of an encoding of sensor_msgs; type kept. H and W even for Bayer."""
+    if encoding == "rgb8":
+        return rgb
+    if encoding == "bgr8":
+        return np.ascontiguousarray(rgb[..., ::-1])
+    if encoding == "mono8":
+        return cv2.cvtColor(rgb, cv2.COLOR_RGB2GRAY)
+    mosaic = np.empty(rgb.shape[:2], rgb.dtype)
+    mosaic[0::2, 0::2] = rgb[0::2, 0::2, 0]
+    mosaic[0::2, 1::2] = rgb[0::2, 1::2, 1]
+    mosaic[1::2, 0::2] = rgb[1::2, 0::2, 1]
+    mosaic[1::2, 1::2] = rgb[1::2, 1::2, 2]
+    return mosaic
+
+
+def encode_doubled(rgb: np.ndarray, encoding: str) -> np.ndarray:
+    """The same for a picture (h, w, 3) of half the size: (2h, 2w) or (2h, 2w, 3)."""
+    if encoding == "bayer_rggb8":
+        mosaic = np.empty((2 * rgb.shape[0], 2 * rgb.shape[1]), rgb.dtype)
+        red, green, blue = cv2.split(rgb)
+        mosaic[0::2, 0::2] = red
+        mosaic[0::2, 1::2] = green
+        mosaic[1::2, 0::2] = green
+        mosaic[1::2, 1::2] = blue
+        return mosaic
+    return encode(cv2.resize(rgb, None, fx=2, fy=2, interpolation=cv2.INTER_LINEAR), encoding)
+
+
+def spread(values: np.ndarray, weights: np.ndarray, encoding: str, column: int, row: int) -> np.ndarray:
+    """Light (h, w) behind the filters of a sensor: (h, w) or (h, w, 3).
+
+    Args:
+        weights: (3,) shares for red, green, blue.
+        column, row: where the patch lies in the image (a Bayer pattern's phase depends on it).
+    """
+    red, green, blue = (np.float32(weight) for weight in weights)
+    if encoding == "rgb8":
+        return values[..., None] * np.array([red, green, blue])
+    if encoding == "bgr8":
+        return values[..., None] * np.array([blue, green, red])
+    if encoding == "mono8":
+        return values * np.float32(0.299 * red + 0.587 * green + 0.114 * blue)
+    result = values * green
+    even_row, even_column, odd_row, odd_column = row % 2, column % 2, 1 - row % 2, 1 - column % 2
+    result[even_row::2, even_column::2] = values[even_row::2, even_column::2] * red
+    result[odd_row::2, odd_column::2] = values[odd_row::2, odd_column::2] * blue
+    return result
+
+
+def decode(image: np.ndarray, encoding: str) -> np.ndarray:
+    """(H, W, 3) bgr for looking at, of any of the encodings."""
+    if encoding == "bayer_rggb8":
+        # OpenCV names a pattern by its second row and column: RGGB is its BG
+        return cv2.cvtColor(image, cv2.COLOR_BayerBG2BGR)
+    if encoding == "rgb8":
+        return cv2.cvtColor(image, cv2.COLOR_RGB2BGR)
+    if encoding == "mono8":
+        return cv2.cvtColor(image, cv2.COLOR_GRAY2BGR)
+    return image
