@@ -26,13 +26,14 @@ class TerrainParams(Parameters):
 
 
 def clearance_grid(blocked: np.ndarray, resolution: float) -> np.ndarray:
-    """(H, W) float32 [m]: from each cell's centre to the next blocked cell's edge; 0 in blocked cells.
+    """(H, W) float32 [m]: from each cell's centre to the next blocked cell; 0 in blocked cells.
 
-    Half a cell is taken off, so that it never says more than there is. The map's edge counts as blocked.
+    Half a cell's diagonal is taken off the distance between centres, so that it never says more than there is.
+    The map's edge counts as blocked.
     """
     padded = np.pad(blocked, 1, constant_values=True)
     distance = cv2.distanceTransform((~padded).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)[1:-1, 1:-1]
-    return np.maximum(distance - 0.5, 0.0) * np.float32(resolution)
+    return np.maximum(distance - np.sqrt(0.5), 0.0) * np.float32(resolution)
 
 
 def sample(grid: GridMap, layer: np.ndarray, points: np.ndarray, outside: float = 0.0) -> np.ndarray:
@@ -76,12 +77,15 @@ class Terrain:
         target = np.asarray(target, dtype=float)
         if not len(points):
             return np.zeros(0, dtype=bool)
-        longest = float(np.linalg.norm(points - target, axis=1).max())
-        # the last piece is left out: a spot at the foot of a wall is seen although its cell may be the wall's
-        steps = np.linspace(0.0, max(0.0, 1.0 - 2.0 * self.grid.resolution / max(longest, 1e-6)),
-                            max(2, int(np.ceil(2.0 * longest / self.grid.resolution))))
-        samples = points[:, None, :] + steps[None, :, None] * (target - points)[:, None, :]
+        offsets = points - target
+        lengths = np.linalg.norm(offsets, axis=1)
+        # from the target outwards at fixed steps, so that one point's answer does not depend on the others; the
+        # first piece is left out: a spot at the foot of a wall is seen although its cell may be the wall's
+        along = np.arange(2.0 * self.grid.resolution, max(float(lengths.max()), 1e-6), 0.5 * self.grid.resolution)
+        units = offsets / np.maximum(lengths, 1e-9)[:, None]
+        samples = target + along[None, :, None] * units[:, None, :]
         hidden = sample(self.grid, self.opaque, samples.reshape(-1, 2), outside=1.0).reshape(len(points), -1)
+        hidden = np.where(along[None, :] < lengths[:, None], hidden, 0.0)
         return ~(hidden > 0).any(axis=1)
 
     # ------------------------------------------------------------- ways

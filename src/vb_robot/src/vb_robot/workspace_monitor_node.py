@@ -1,0 +1,211 @@
+"""Watches whether a robot keeps to the borders, and says so when it does not."""
+from __future__ import annotations
+
+import threading
+from dataclasses import dataclass
+from typing import List, Optional
+
+import diagnostic_updater
+import numpy as np
+import rospy
+from actionlib_msgs.msg import GoalID
+from diagnostic_msgs.msg import DiagnosticStatus
+from geometry_msgs.msg import Twist
+from move_base_msgs.msg import MoveBaseActionGoal
+from std_msgs.msg import String
+
+from vb_core import geometry, names
+from vb_core.errors import CodedError
+from vb_core.grid_map import GridMap
+from vb_core.parameters import Parameters, param
+from vb_core.ros import parameters
+from vb_core.ros.messages import OccupancyGridArray, array_from_points, grid_from_message, pose_to_2d
+from vb_core.ros.transforms import TransformLookup
+from vb_msgs.msg import VirtualBorder, VirtualBorderArray
+from vb_robot.workspace import KnownBorder, Standing, Workspace
+
+TOPIC = "/virtual_borders/workspace"
+
+
+@dataclass(frozen=True)
+class MonitorParams(Parameters):
+    """The node's parameters."""
+
+    robot: str = param("", doc="the robot's name in the borders' lists; empty for the only one")
+    base_frame: str = param("base_link")
+    robot_radius: float = param(0.18, "m", above=0.0, high=2.0)
+    policy: str = param("report", choices=("report", "stop_and_alert"))
+    rate: float = param(5.0, "1/s", low=0.5, high=20.0)
+    stop_s: float = param(1.0, "s", low=0.0, high=10.0, doc="how long stop_and_alert holds the robot")
+    action: str = param("move_base")
+
+
+class WorkspaceMonitorNode:
+    """Compares the robot's footprint, and goals given to navigation, with the borders.
+
+    Subscribes:
+        /virtual_borders/map, /map (nav_msgs/OccupancyGrid), /virtual_borders/borders (vb_msgs/VirtualBorderArray)
+        move_base/goal (move_base_msgs/MoveBaseActionGoal)
+    Publishes:
+        /virtual_borders/workspace (std_msgs/String, latched): a sentence at each change, and for each goal in a border
+        /diagnostics: the robot's standing
+        move_base/cancel (actionlib_msgs/GoalID), cmd_vel (geometry_msgs/Twist): only with stop_and_alert, and only
+            for a moment after the robot came into a border, so that it can be led out
+    Parameters:
+        ~* MonitorParams
+    """
+
+    def __init__(self, params: MonitorParams) -> None:
+        self._params = params
+        self._who = f"robot '{params.robot}'" if params.robot else "the robot"
+        self._lock = threading.Lock()
+        self._map: Optional[GridMap] = None
+        self._physical: Optional[GridMap] = None
+        self._borders: List[KnownBorder] = []
+        self._workspace: Optional[Workspace] = None
+        self._standing = Standing.FREE
+        self._inside: List[str] = []
+        self._localised = False
+        self._nameless = 0  # looks in a row at a border whose name is not known
+        self._stop_until = rospy.Time(0)
+        self._transforms = TransformLookup()
+        self._publisher = rospy.Publisher(TOPIC, String, queue_size=10, latch=True)
+        self._cancel = rospy.Publisher(f"{params.action}/cancel", GoalID, queue_size=1)
+        self._cmd_vel: Optional[rospy.Publisher] = None
+        if params.policy == "stop_and_alert":
+            self._cmd_vel = rospy.Publisher("cmd_vel", Twist, queue_size=1)
+        self._updater = diagnostic_updater.Updater()
+        self._updater.setHardwareID(params.robot or "robot")
+        self._updater.add("workspace", self._diagnose)
+        self._subscribers = [
+            rospy.Subscriber(names.VIRTUAL_MAP, OccupancyGridArray, self._on_map, "_map", queue_size=1),
+            rospy.Subscriber(names.PHYSICAL_MAP, OccupancyGridArray, self._on_map, "_physical", queue_size=1),
+            rospy.Subscriber(names.BORDERS, VirtualBorderArray, self._on_borders, queue_size=1),
+            rospy.Subscriber(f"{params.action}/goal", MoveBaseActionGoal, self._on_goal, queue_size=5),
+        ]
+        self._timer = rospy.Timer(rospy.Duration(1.0 / params.rate), self._on_timer, reset=True)
+
+    def close(self) -> None:
+        """Ends the watch."""
+        self._timer.shutdown()
+
+    def _on_map(self, message: OccupancyGridArray, where: str) -> None:
+        try:
+            grid = grid_from_message(message)
+        except CodedError as error:
+            rospy.logwarn_throttle(5.0, f"{rospy.get_name()}: map refused: {error}")
+            return
+        with self._lock:
+            setattr(self, where, grid)
+            self._workspace = None
+
+    def _on_borders(self, message: VirtualBorderArray) -> None:
+        known = [
+            KnownBorder(
+                border.name or border.id,
+                array_from_points(border.points),
+                np.array([border.seed.x, border.seed.y]),
+                border.kind == VirtualBorder.POLYGON,
+            )
+            for border in message.borders
+            if border.enabled and len(border.points) and (not border.robots or self._params.robot in border.robots)
+        ]
+        with self._lock:
+            self._borders = known
+            self._workspace = None
+
+    def _on_goal(self, message: MoveBaseActionGoal) -> None:
+        target = message.goal.target_pose
+        if target.header.frame_id.lstrip("/") != names.MAP_FRAME:
+            return
+        workspace = self._prepared()
+        if workspace is None:
+            return
+        x, y, _ = pose_to_2d(target.pose)
+        standing = workspace.standing((x, y))
+        if standing is not Standing.FREE and workspace.is_hard((x, y)):
+            where = "lies inside" if standing is Standing.INSIDE else "is too close to"
+            self._say(f"the goal of {self._who} at x {x:.2f} m, y {y:.2f} m {where} {_quoted(workspace.names_at((x, y)))}")
+
+    def _prepared(self) -> Optional[Workspace]:
+        with self._lock:
+            if self._workspace is None and self._map is not None and self._physical is not None:
+                if not self._map.same_geometry(self._physical):
+                    rospy.logwarn_throttle(10.0, f"{rospy.get_name()}: the maps with and without borders differ in "
+                                                 "size, resolution or origin: nothing is watched")
+                    return None
+                self._workspace = Workspace(self._map, self._physical, self._borders, self._params.robot_radius)
+            return self._workspace
+
+    def _on_timer(self, _event: object) -> None:
+        try:
+            self._watch()
+            self._updater.update()
+        except rospy.ROSException:
+            if not rospy.is_shutdown():
+                raise
+
+    def _watch(self) -> None:
+        now = rospy.Time.now()
+        workspace = self._prepared()
+        if workspace is None:
+            return
+        try:
+            T = self._transforms.lookup(names.MAP_FRAME, self._params.base_frame, rospy.Time(0), timeout_s=0.0)
+        except CodedError:
+            self._localised = False
+            return
+        self._localised = True
+        x, y, _ = geometry.transform_pose2d(T)
+        standing = workspace.standing((x, y))
+        found = workspace.names_at((x, y)) if standing is not Standing.FREE else []
+        if standing is not Standing.FREE and not found and self._nameless < self._params.rate:
+            # the map came before the list of borders: the name is worth a moment
+            self._nameless += 1
+            return
+        self._nameless = 0
+        before, self._standing = self._standing, standing
+        if standing is not before:
+            if standing is Standing.INSIDE:
+                self._say(f"{self._who} is inside {_quoted(found)}")
+            elif standing is Standing.TOUCHES:
+                self._say(f"the edge of {self._who} touches {_quoted(found)}")
+            else:
+                self._say(f"{self._who} has left {_quoted(self._inside)}")
+            entered = standing.value > before.value and workspace.is_hard((x, y))
+            if entered and self._cmd_vel is not None:
+                self._cancel.publish(GoalID())
+                self._stop_until = now + rospy.Duration(self._params.stop_s)
+        if standing is not Standing.FREE:
+            self._inside = found
+        if self._cmd_vel is not None and now < self._stop_until:
+            if (self._stop_until - now).to_sec() > self._params.stop_s:
+                self._stop_until = now  # time jumped back
+            self._cmd_vel.publish(Twist())
+
+    def _say(self, sentence: str) -> None:
+        rospy.logwarn("%s: %s", rospy.get_name(), sentence)
+        self._publisher.publish(String(sentence))
+
+    def _diagnose(self, status: diagnostic_updater.DiagnosticStatusWrapper) -> diagnostic_updater.DiagnosticStatusWrapper:
+        if self._workspace is None:
+            status.summary(DiagnosticStatus.WARN, "no maps yet")
+        elif not self._localised:
+            status.summary(DiagnosticStatus.WARN, "the robot is not localised")
+        elif self._standing is Standing.FREE:
+            status.summary(DiagnosticStatus.OK, "keeps to the borders")
+        elif self._standing is Standing.TOUCHES:
+            status.summary(DiagnosticStatus.WARN, f"touches {_quoted(self._inside)}")
+        else:
+            status.summary(DiagnosticStatus.ERROR, f"is inside {_quoted(self._inside)}")
+        status.add("policy", self._params.policy)
+        return status
+
+
+def _quoted(border_names: List[str]) -> str:
+    return " and ".join(f"'{name}'" for name in border_names) if border_names else "a border without a name"
+
+
+def build() -> WorkspaceMonitorNode:
+    """Reads the parameters and makes the node."""
+    return WorkspaceMonitorNode(parameters.read(MonitorParams, "~", ignore=("diagnostic_period",)))

@@ -1,0 +1,193 @@
+"""The dispatch policy and what it knows about the spot."""
+import numpy as np
+import pytest
+
+from vb_core.errors import ParameterError
+from vb_robot.dispatch import DispatchParams, DispatchPolicy, GoalStatus, Kind, Situation
+from vb_robot.sightings import BORDER, DEFAULT, SEED, Sighting, Sightings
+from vb_robot.viewpoint import Viewpoint
+
+
+def place(x, y=0.0, spot=(0.0, 0.0)):
+    return Viewpoint(x, y, 0.0, 1.0, x, spot)
+
+
+class Bench:
+    """Steps a policy at 4 Hz; `seen` tells from which poses the spot is seen."""
+
+    def __init__(self, candidates, seen=lambda pose: False):
+        self.policy = DispatchPolicy(DispatchParams())
+        self.candidates, self.seen = candidates, seen
+        self.now, self.goal, self.asked = 100.0, GoalStatus.NONE, 0
+        self.situation = dict(wanted=True, key=("1", 1), spot=(0.0, 0.0), robot=(9.0, 9.0, 0.0), server=True)
+
+    def step(self, **changes):
+        self.situation.update(changes)
+        self.now += 0.25
+
+        def rank():
+            self.asked += 1
+            return self.candidates
+
+        decision = self.policy.step(Situation(now=self.now, goal=self.goal, **self.situation), self.seen, rank)
+        if decision.kind is Kind.SEND:
+            self.goal = GoalStatus.ACTIVE
+        elif decision.kind is Kind.CANCEL:
+            self.goal = GoalStatus.NONE
+        return decision
+
+    def run(self, steps, **changes):
+        return [self.step(**changes) for _ in range(steps)]
+
+
+def sent(decisions):
+    return [decision.viewpoint for decision in decisions if decision.kind is Kind.SEND]
+
+
+def test_sends_the_best_once_and_keeps_it_while_it_is_fit():
+    bench = Bench([place(1), place(2)], seen=lambda pose: pose[0] == 1)
+    assert sent(bench.run(40)) == [place(1)]
+    assert bench.asked == 1, "nothing is worked out while the goal is fit"
+
+
+def test_sends_nothing_when_the_robot_sees_the_spot_already():
+    assert not sent(Bench([place(1)], seen=lambda pose: True).run(10))
+
+
+@pytest.mark.parametrize("missing", [dict(wanted=False), dict(server=False), dict(spot=None), dict(robot=None)])
+def test_sends_nothing_without(missing):
+    assert not sent(Bench([place(1)]).run(10, **missing))
+
+
+def test_cancels_at_once_when_no_longer_wanted():
+    bench = Bench([place(1)], seen=lambda pose: pose[0] == 1)
+    bench.step()
+    assert bench.step(wanted=False, key=("", 0)).kind is Kind.CANCEL
+    assert bench.step().kind is Kind.KEEP
+
+
+def test_next_candidate_after_failure_and_pause_after_many():
+    bench = Bench([place(i) for i in range(1, 20)])
+    tried = []
+    for _ in range(40):
+        decision = bench.step()
+        if decision.kind is Kind.SEND:
+            tried.append((bench.now, decision.viewpoint.x))
+            bench.goal = GoalStatus.FAILED
+    assert [x for _, x in tried[:5]] == [1, 2, 3, 4, 5]
+    assert tried[1][0] - tried[0][0] < 1.5, "the person does not wait for a retry"
+    assert len(tried) == 5 or tried[5][0] - tried[4][0] >= DispatchParams().failure_pause
+
+
+def test_goal_is_replaced_only_after_patience_and_for_another_place():
+    bench = Bench([place(1)], seen=lambda pose: pose[0] == 1)
+    bench.step()
+    bench.candidates, bench.seen = [place(1.1), place(1)], lambda pose: False
+    assert not sent(bench.run(20, spot=(1.0, 0.0))), "0.1 m away is not another place"
+    bench.candidates = [place(3, spot=(1.0, 0.0))]
+    decisions = bench.run(20)
+    assert sent(decisions) == [place(3, spot=(1.0, 0.0))]
+
+
+def test_flicker_at_the_edge_does_not_change_the_goal():
+    flicker = iter([True, False] * 100)
+    bench = Bench([place(1)], seen=lambda pose: pose[0] != 9.0 and next(flicker))
+    bench.step()
+    bench.candidates = [place(5)]
+    assert not sent(bench.run(60))
+
+
+def test_stuck_or_unacknowledged_goal_is_given_up():
+    bench = Bench([place(1), place(2)], seen=lambda pose: pose[0] in (1, 2))
+    bench.step()
+    decisions = bench.run(70)
+    assert [d.kind for d in decisions].count(Kind.CANCEL) == 1 and sent(decisions)[0] == place(2)
+    bench = Bench([place(1), place(2)], seen=lambda pose: pose[0] in (1, 2))
+    bench.step()
+    bench.goal = GoalStatus.SENT
+    assert any(d.kind is Kind.CANCEL for d in bench.run(20))
+
+
+def test_progress_keeps_the_goal():
+    bench = Bench([place(1), place(2)], seen=lambda pose: pose[0] in (1, 2))
+    bench.step()
+    for i in range(200):
+        assert bench.step(robot=(9.0 - 0.02 * i, 9.0, 0.0)).kind is Kind.KEEP
+
+
+def test_leaves_the_robot_to_whoever_took_it():
+    bench = Bench([place(1)])
+    bench.step()
+    bench.goal = GoalStatus.TAKEN
+    assert not sent(bench.run(int(4 * 14)))
+    assert sent(bench.run(20))
+
+
+def test_server_that_dies_and_comes_back():
+    bench = Bench([place(1)], seen=lambda pose: pose[0] == 1)
+    bench.step()
+    bench.run(5, server=False)
+    bench.goal = GoalStatus.FAILED
+    assert sent(bench.run(10, server=True)) == [place(1)]
+
+
+def test_time_that_jumps_back_does_not_silence_it():
+    bench = Bench([place(1)])
+    bench.step()
+    bench.goal = GoalStatus.TAKEN
+    bench.step()
+    bench.now, bench.goal = 5.0, GoalStatus.NONE
+    assert sent(bench.run(10))
+
+
+def test_bad_parameters():
+    with pytest.raises(ParameterError, match="max_failures"):
+        DispatchParams(max_failures=0)
+    with pytest.raises(ParameterError, match="unknown"):
+        DispatchParams.from_mapping({"pateince": 1.0})
+
+
+# ------------------------------------------------------------------ sightings
+def seen(stamp, x, y=0.0, camera="red", mobile=False):
+    return Sighting(stamp, (x, y), camera, mobile)
+
+
+def test_target_follows_and_a_false_spot_does_not_move_it():
+    known = Sightings()
+    known.set_state(BORDER, "1", 10.0)
+    known.add(seen(10.0, 0.0))
+    assert known.target() is None
+    for i in range(50):
+        known.add(seen(10.0 + 0.04 * i, 0.01 * i))
+    known.add(seen(11.97, 7.0, 3.0))
+    assert np.linalg.norm(known.target() - (0.47, 0.0)) < 0.06
+    assert known.direction() == pytest.approx((1.0, 0.0), abs=0.1)
+
+
+def test_spot_that_rests_has_no_direction():
+    known = Sightings()
+    known.set_state(BORDER, "1", 0.0)
+    rng = np.random.default_rng(0)
+    for i in range(40):
+        known.add(seen(1.0 + 0.04 * i, *(rng.normal(0.0, 0.005, 2))))
+    assert known.direction() is None
+
+
+def test_what_is_remembered_for_how_long():
+    known = Sightings(mobile_cameras=["robot"])
+    known.add(seen(1.0, 0.0))
+    assert known.newest() is None and not known.stationary_seen, "Default ignores spots"
+    known.set_state(BORDER, "1", 10.0)
+    known.add(seen(9.0, 0.0))
+    assert known.newest() is None, "from before the state"
+    known.contributed(["robot"])
+    assert not known.stationary_seen
+    known.add(seen(11.0, 0.0, camera="robot", mobile=True))
+    assert known.first_mobile == 11.0 and not known.stationary_seen
+    known.contributed(["robot", "green"])
+    assert known.stationary_seen
+    known.set_state(SEED, "1", 12.0)
+    assert known.stationary_seen and known.newest() is None
+    known.set_state(DEFAULT, "", 13.0)
+    known.set_state(BORDER, "2", 14.0)
+    assert not known.stationary_seen and known.first_mobile is None

@@ -1,0 +1,166 @@
+"""Floor view, terrain and viewpoints: the invariants of every pose that is offered."""
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from vb_core import geometry
+from vb_core.grid_map import GridMap
+from vb_robot.terrain import Terrain, TerrainParams, clearance_grid
+from vb_robot.view import FloorView, ViewParams, to_base, to_map
+from vb_robot.viewpoint import Drawing, ViewpointParams, rank_viewpoints, shows_spot
+
+VIEW = FloorView(ViewParams())
+PARAMS = ViewpointParams()
+NO_CHAIN = np.zeros((0, 2))
+
+
+def two_rooms(door=True):
+    """8 m x 5 m, parted at x = 4 m by a wall with a doorway of 0.7 m at y = 4 m, a table in the left room."""
+    data = np.zeros((200, 320), dtype=np.int8)
+    data[[0, -1]] = 100
+    data[:, [0, -1]] = 100
+    data[:, 158:162] = 100
+    if door:
+        data[146:174, 158:162] = 0
+    data[60:80, 60:80] = 100
+    return GridMap(data, 0.025)
+
+
+TERRAIN = Terrain(two_rooms(), TerrainParams())
+
+
+# ------------------------------------------------------------------ view
+def test_floor_is_visible_from_where_the_geometry_says():
+    # the image's lower and upper edges look 52.57 and 7.43 degrees down
+    half = math.degrees(math.atan(240.0 / (320.0 / math.tan(math.radians(29.0)))))
+    near = 0.10 + 0.45 / math.tan(math.radians(30.0 + half))
+    assert VIEW.sees(np.array([[near + 0.01, 0.0]]))[0]
+    assert not VIEW.sees(np.array([[near - 0.01, 0.0]]))[0]
+    assert not VIEW.sees(np.array([[3.1, 0.0]]))[0]
+    assert not VIEW.sees(np.array([[-1.0, 0.0]]))[0]
+    # a point to the left (y > 0) lies left in the image
+    assert VIEW.pixels(np.array([[1.0, 0.2]]))[0, 0] < VIEW.pixels(np.array([[1.0, -0.2]]))[0, 0]
+
+
+@given(st.floats(-5, 5), st.floats(-5, 5), st.floats(-4, 4), st.floats(-9, 9), st.floats(-9, 9))
+def test_base_and_map_are_inverse(x, y, yaw, px, py):
+    point = np.array([[px, py]])
+    assert np.allclose(to_map(to_base(point, (x, y, yaw)), (x, y, yaw)), point, atol=1e-9)
+    oracle = geometry.apply(geometry.invert(geometry.pose2d_transform(x, y, yaw)), np.array([px, py, 0.0]))[:2]
+    assert np.allclose(to_base(point, (x, y, yaw))[0], oracle, atol=1e-9)
+
+
+# ------------------------------------------------------------------ terrain
+def test_clearance_never_says_more_than_there_is():
+    rng = np.random.default_rng(3)
+    blocked = rng.random((30, 40)) < 0.03
+    clearance = clearance_grid(blocked, 0.1)
+    rows, columns = np.nonzero(np.pad(blocked, 1, constant_values=True))
+    for row, column in rng.integers(0, (30, 40), (50, 2)):
+        # the nearest point of a blocked cell's square, without cleverness
+        dr = np.maximum(np.abs(rows - 1 - row) - 0.5, 0.0)
+        dc = np.maximum(np.abs(columns - 1 - column) - 0.5, 0.0)
+        true = 0.0 if blocked[row, column] else 0.1 * np.hypot(dr, dc).min()
+        assert true - 0.1 <= clearance[row, column] <= true + 1e-5
+
+
+def test_ways_lead_through_the_doorway_and_nowhere_without_one():
+    start, goal = (1.0, 1.0), np.array([[7.0, 1.0]])
+    way = TERRAIN.way_length_at(TERRAIN.way_lengths(start), goal)[0]
+    least = math.dist(start, (4.0, 3.7)) + math.dist((4.0, 3.7), goal[0])
+    # eight-connected ways are up to 8 % too long, and they keep off the doorposts
+    assert least <= way <= 1.15 * least
+    shut = Terrain(two_rooms(door=False), TerrainParams())
+    assert shut.way_length_at(shut.way_lengths(start), goal)[0] == np.inf
+
+
+def test_narrow_doorway_is_no_way():
+    grid = two_rooms()
+    data = grid.data.copy()
+    data[146:160, 158:162] = 100  # 0.35 m are left, the robot needs 0.42 m
+    narrow = Terrain(grid.with_data(data), TerrainParams())
+    assert narrow.way_length_at(narrow.way_lengths((1.0, 1.0)), np.array([[7.0, 1.0]]))[0] == np.inf
+
+
+def test_borders_hide_nothing_but_walls_do():
+    grid = two_rooms()
+    data = grid.data.copy()
+    data[:, 200:210] = 100
+    terrain = Terrain(grid.with_data(data), TerrainParams(), physical=grid)
+    assert terrain.line_of_sight(np.array([[4.5, 1.0]]), (6.0, 1.0))[0]
+    assert not terrain.line_of_sight(np.array([[3.5, 1.0]]), (4.8, 1.0))[0]
+    assert not Terrain(grid.with_data(data), TerrainParams()).line_of_sight(np.array([[4.5, 1.0]]), (6.0, 1.0))[0]
+
+
+def test_sides_of_polygon_and_curve():
+    square = np.array([[5.0, 1.0], [6.0, 1.0], [6.0, 2.0], [5.0, 2.0]])
+    inside = TERRAIN.side_of((5.5, 1.5), square, True)
+    assert inside.sum() * 0.025 ** 2 == pytest.approx(1.0, abs=0.1)
+    door = np.array([[4.0, 3.7], [4.0, 4.3]])
+    left = TERRAIN.side_of((1.0, 1.0), door, False)
+    assert left[40, 40] and not left[40, 280]
+    # a line in the middle of a room whose prolongation ends at walls on both ends parts that room
+    assert TERRAIN.side_of((5.5, 1.5), np.zeros((0, 2)), False) is None
+
+
+# ------------------------------------------------------------------ viewpoints
+def check_invariants(terrain, found, drawing, robot):
+    assert found == sorted(found, key=lambda v: v.cost)
+    for viewpoint in found:
+        place = np.array([[viewpoint.x, viewpoint.y]])
+        # clearance by an oracle of its own: every blocked cell's centre
+        blocked = terrain.grid.cell_to_world(np.argwhere(terrain.blocked))
+        gap = np.linalg.norm(blocked - place, axis=1).min()
+        assert gap >= terrain.params.robot_radius + terrain.params.margin
+        distance = math.dist(place[0], drawing.spot)
+        assert PARAMS.min_distance - 1e-6 <= distance <= PARAMS.max_distance + 1e-6
+        assert VIEW.sees(to_base(drawing.spot[None], viewpoint.pose), PARAMS.image_margin - 1e-6)[0]
+        assert abs(to_base(drawing.spot[None], viewpoint.pose)[0, 1]) < 1e-6, "faces the spot"
+        for point in drawing.chain:
+            assert math.dist(place[0], point) >= terrain.params.robot_radius + PARAMS.chain_margin
+        assert viewpoint.way >= math.dist(place[0], robot[:2]) - 0.6
+        assert shows_spot(terrain, VIEW, viewpoint.pose, drawing, PARAMS)
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.floats(0.1, 7.9), st.floats(0.1, 4.9), st.floats(0, 6.28), st.integers(0, 3))
+def test_every_viewpoint_is_sound(x, y, angle, length):
+    spot = np.array([x, y])
+    direction = np.array([math.cos(angle), math.sin(angle)])
+    chain = spot - np.linspace(0.0, 0.5 * length, 6)[:, None] * direction if length else NO_CHAIN
+    drawing = Drawing(spot, chain, direction if length else None)
+    robot = (7.0, 0.7, 0.0)
+    check_invariants(TERRAIN, rank_viewpoints(TERRAIN, VIEW, robot, drawing, PARAMS), drawing, robot)
+
+
+def test_open_floor_has_viewpoints_on_the_robots_side():
+    drawing = Drawing(np.array([6.0, 2.5]), NO_CHAIN)
+    found = rank_viewpoints(TERRAIN, VIEW, (6.0, 0.5, 0.0), drawing, PARAMS)
+    assert len(found) > 20
+    assert found[0].y < 2.0, "it need not go round the spot"
+
+
+def test_unreachable_spot_has_no_viewpoint():
+    shut = Terrain(two_rooms(door=False), TerrainParams())
+    assert rank_viewpoints(shut, VIEW, (1.0, 1.0, 0.0), Drawing(np.array([7.0, 2.0]), NO_CHAIN), PARAMS) == []
+
+
+def test_stays_out_of_what_is_being_enclosed():
+    chain = np.array([[5.0, 1.0], [7.0, 1.0], [7.0, 3.0], [5.2, 3.0]])
+    drawing = Drawing(np.array([5.0, 2.9]), chain, np.array([-0.2, -1.0]) / math.hypot(0.2, 1.0))
+    best = rank_viewpoints(TERRAIN, VIEW, (6.0, 4.5, 0.0), drawing, PARAMS)[0]
+    assert not (5.0 < best.x < 7.0 and 1.0 < best.y < 3.0)
+
+
+def test_seed_side_is_left():
+    door = np.array([[4.0, 3.65], [4.0, 4.35]])
+    # the seed lies in the right room, the robot stands there too: it must come out
+    drawing = Drawing(np.array([7.0, 1.0]), door, None, closed=False, seeding=True)
+    found = rank_viewpoints(TERRAIN, VIEW, (6.0, 1.0, 0.0), drawing, PARAMS)
+    assert found and found[0].x < 4.0 and not found[0].sees_spot
+    assert not shows_spot(TERRAIN, VIEW, (6.0, 1.0, 0.0), drawing, PARAMS)
+    # from the left room nothing of the seed can be seen, and there is no need to go anywhere
+    assert rank_viewpoints(TERRAIN, VIEW, (1.0, 3.0, 0.0), drawing, PARAMS) == []
