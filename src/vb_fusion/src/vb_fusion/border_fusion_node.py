@@ -19,7 +19,7 @@ from vb_core.ros.messages import points_from_array
 from vb_fusion.collector import BORDER, SEED, Collector, CollectorParams, Spot
 from vb_fusion.extraction import ExtractionError, ExtractionParams
 from vb_fusion.journal import Journal
-from vb_fusion.live import Candidate, LiveCandidate, extract_chain, extract_seed_of
+from vb_fusion.live import Candidate, LiveCandidate, evenly, extract_chain, extract_seed_of
 from vb_msgs.msg import BorderProgress, InteractionState, LaserSpot, VirtualBorder
 from vb_msgs.srv import GetCandidate, GetCandidateResponse
 
@@ -69,6 +69,7 @@ class BorderFusionNode:
         self._changed = threading.Event()  # wakes the publisher on a change of state
         self._closing = False
         self._dirty = False
+        self._forget = False  # the interaction was cancelled; what it collected goes once it was shown
         self._wrong_frame = 0
         self._published = -np.inf
 
@@ -89,12 +90,17 @@ class BorderFusionNode:
             rospy.logwarn_throttle(5.0, f"{rospy.get_name()}: ignoring the unknown state {message.state}")
             return
         with self._lock:
-            if not self._collector.set_state(state, message.interaction_id, message.entered.to_sec()):
-                self._changed.set()
+            before = (self._collector.state, self._collector.interaction_id)
+            fresh = self._collector.set_state(state, message.interaction_id, message.entered.to_sec())
+            if fresh:
+                self._live.reset()
+                self._wrong_frame = 0
+                self._restore(message.interaction_id)
+            if state == "default":
+                self._journal.discard()
+            if before == (self._collector.state, self._collector.interaction_id):
                 return
-            self._live.reset()
-            self._wrong_frame = 0
-            self._restore(message.interaction_id)
+            self._forget = state == "default" and message.last_outcome == "cancelled"
         self._changed.set()
 
     def _restore(self, interaction_id: str) -> None:
@@ -158,11 +164,14 @@ class BorderFusionNode:
             collection = self._collector.collection()
         self._published = now
         # a change of state is shown with the chain as it stands then
-        candidate = self._live.update(collection, np.inf if state_changed else now, time.monotonic)
+        candidate = self._live.update(collection, time.monotonic, force=state_changed)
         with self._lock:
-            # the interaction may have changed meanwhile
-            if collection.interaction_id == self._collector.interaction_id:
-                self._progress.publish(self._progress_message(collection, candidate))
+            if collection.interaction_id != self._collector.interaction_id:
+                return  # another one began meanwhile
+            self._progress.publish(self._progress_message(collection, candidate))
+            if self._forget:
+                self._collector.forget()
+                self._forget = False
 
     def _progress_message(self, collection, candidate: Candidate) -> BorderProgress:
         now = rospy.get_rostime()
@@ -173,7 +182,7 @@ class BorderFusionNode:
         message.interaction_id = collection.interaction_id
         message.border_spots, message.seed_spots = border, seed
         message.ignored_spots = ignored + self._wrong_frame
-        shown = _thinned(collection.border, self._params.max_points)
+        shown = evenly(collection.border, self._params.max_points)
         message.points = points_from_array(shown[:, 1:3])
         message.point_cameras = bytes(np.minimum(shown[:, 4], 255).astype(np.uint8))
         message.cameras = collection.cameras
@@ -225,13 +234,6 @@ class BorderFusionNode:
         self._changed.set()
         with self._lock:
             self._journal.close()
-
-
-def _thinned(rows: np.ndarray, limit: int) -> np.ndarray:
-    """At most `limit` rows, evenly chosen."""
-    if len(rows) <= limit:
-        return rows
-    return rows[np.linspace(0, len(rows) - 1, limit).astype(int)] if limit else rows[:0]
 
 
 def build() -> BorderFusionNode:

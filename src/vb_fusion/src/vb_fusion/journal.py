@@ -104,6 +104,15 @@ class Journal:
         if self._file is not None:
             self._file.flush()
 
+    def discard(self) -> None:
+        """Ends writing and removes the record: the interaction is over."""
+        self.close()
+        if self._path is not None:
+            try:
+                self._path.unlink()
+            except OSError:
+                pass  # there was none
+
     def close(self) -> None:
         """Ends writing; the record stays."""
         if self._file is not None:

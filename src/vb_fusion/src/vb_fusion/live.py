@@ -2,7 +2,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Optional
+from typing import Callable, Optional
 
 import numpy as np
 
@@ -22,14 +22,29 @@ class Candidate:
     seed_message: str = ""
 
 
-def extract_chain(collection: Collection, params: ExtractionParams) -> BorderChain:
-    """The chain of all border spots, with their stamps, cameras and confidences.
+LIVE_SPOTS = 4000  # the live chain is made of at most this many, evenly chosen
+
+
+def extract_chain(
+    collection: Collection, params: ExtractionParams, limit: Optional[int] = None
+) -> BorderChain:
+    """The chain of the border spots, with their stamps, cameras and confidences.
+
+    Args:
+        limit: the most spots to use, evenly chosen; None for all.
 
     Raises:
         ExtractionError
     """
-    rows = collection.border
+    rows = evenly(collection.border, limit) if limit else collection.border
     return extract_border(rows[:, 1:3], params, stamps=rows[:, 0], cameras=rows[:, 4], confidences=rows[:, 3])
+
+
+def evenly(rows: np.ndarray, limit: int) -> np.ndarray:
+    """At most `limit` of the rows, evenly chosen, the first and the last among them."""
+    if len(rows) <= limit:
+        return rows
+    return rows[np.linspace(0, len(rows) - 1, limit).astype(int)] if limit else rows[:0]
 
 
 def extract_seed_of(collection: Collection) -> np.ndarray:
@@ -64,16 +79,16 @@ class LiveCandidate:
         self._border_total = self._seed_total = -1
         self.candidate = Candidate(None, None)
 
-    def update(self, collection: Collection, now: float, clock) -> Candidate:
+    def update(self, collection: Collection, clock: Callable[[], float], force: bool = False) -> Candidate:
         """The candidate; a new one if there are new spots and it is time.
 
         Args:
-            now: [s] of a monotonic clock.
-            clock: callable that reads that clock, to measure what an extraction costs.
+            clock: reads a monotonic clock [s].
+            force: it is time, whatever the last extraction cost.
         """
         border_new = collection.border_total != self._border_total
         seed_new = collection.seed_total != self._seed_total
-        if not (border_new or seed_new) or now < self._not_before:
+        if not (border_new or seed_new) or (clock() < self._not_before and not force):
             return self.candidate
         started = clock()
         old = self.candidate
@@ -81,7 +96,7 @@ class LiveCandidate:
         seed, seed_code, seed_message = old.seed, old.seed_code, old.seed_message
         if border_new:
             try:
-                chain, chain_code = extract_chain(collection, self._params), "ok"
+                chain, chain_code = extract_chain(collection, self._params, LIVE_SPOTS), "ok"
                 chain_message = chain.reason
             except ExtractionError as error:
                 chain, chain_code, chain_message = None, error.code, error.message
@@ -92,6 +107,6 @@ class LiveCandidate:
                 seed, seed_code, seed_message = None, error.code, error.message
         self.candidate = Candidate(chain, seed, chain_code, chain_message, seed_code, seed_message)
         self._border_total, self._seed_total = collection.border_total, collection.seed_total
-        cost = clock() - started
-        self._not_before = now + cost / self._share
+        finished = clock()
+        self._not_before = finished + (finished - started) * (1.0 / self._share - 1.0)
         return self.candidate

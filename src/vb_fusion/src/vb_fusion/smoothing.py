@@ -45,7 +45,7 @@ def _fit_once(path: np.ndarray, points: np.ndarray, weights: np.ndarray, closed:
     if not closed:
         near &= (t > -FAR) & (t < length + FAR)
     spread = 1.5 * float(np.median(across[near])) if near.any() else FAR
-    near &= across <= max(3.0 * spread, 0.05)
+    near &= across <= max(3.0 * spread, CORNER_SHIFT)  # at corners the rounded path is that far off
     t, w, at = t[near], weights[near], points[near]
     if len(t) < 3:
         return path

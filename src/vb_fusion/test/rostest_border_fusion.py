@@ -1,0 +1,147 @@
+#!/usr/bin/env python3
+"""The node border_fusion with a stimulus of states and spots."""
+import os
+import signal
+import time
+import unittest
+from pathlib import Path
+from xmlrpc.client import ServerProxy
+
+import numpy as np
+import rosgraph
+import rospy
+import rostest
+
+from vb_core import names
+from vb_msgs.msg import BorderProgress, InteractionState, LaserSpot, VirtualBorder
+from vb_msgs.srv import GetCandidate
+
+NODE = "/border_fusion"
+DEADLINE = 20.0  # [s] for a loaded machine
+
+
+def square(count: int) -> np.ndarray:
+    """Points along a square of one metre, with a gap of 0.1 m."""
+    s = np.linspace(0.0, 3.9, count)
+    corners = np.array([[0, 0], [1, 0], [1, 1], [0, 1], [0, 0]], float)
+    points = np.column_stack([np.interp(s, range(5), corners[:, k]) for k in range(2)])
+    return points + np.random.default_rng(0).normal(0, 0.01, points.shape)
+
+
+class BorderFusionTest(unittest.TestCase):
+    def setUp(self) -> None:
+        self.progress = []
+        self.state = rospy.Publisher(names.STATE, InteractionState, queue_size=10, latch=True)
+        self.spots = rospy.Publisher(names.SPOTS, LaserSpot, queue_size=1000)
+        self.subscriber = rospy.Subscriber(names.PROGRESS, BorderProgress, self.progress.append)
+        self.connected()
+        self.candidate = rospy.ServiceProxy(names.CANDIDATE, GetCandidate)
+
+    def tearDown(self) -> None:
+        for end in (self.state, self.spots, self.subscriber):
+            end.unregister()
+        self.wait(lambda: True, "")
+
+    def wait(self, condition, what: str):
+        until = time.monotonic() + DEADLINE
+        while time.monotonic() < until:
+            if condition():
+                return
+            rospy.rostime.wallsleep(0.02)
+        self.fail(f"{what} did not happen; the last progress was {self.progress[-1:]}")
+
+    def connected(self) -> None:
+        self.wait(
+            lambda: self.state.get_num_connections() and self.spots.get_num_connections()
+            and self.subscriber.get_num_connections(),
+            "the connection",
+        )
+        rospy.wait_for_service(names.CANDIDATE, DEADLINE)
+
+    def enter(self, state: int, interaction: str, outcome: str = "") -> None:
+        message = InteractionState(state=state, interaction_id=interaction, last_outcome=outcome)
+        message.header.stamp = message.entered = rospy.Time.now()
+        known = len(self.progress)
+        self.state.publish(message)
+        if state != InteractionState.DEFAULT:
+            self.wait(
+                lambda: any(p.interaction_id == interaction for p in self.progress[known:]), f"the change to {state}"
+            )
+
+    def show(self, points, camera: str = "red", frame: str = "map", age: float = 0.0) -> None:
+        for x, y in points:
+            spot = LaserSpot(camera=camera, confidence=1.0)
+            spot.header.frame_id = frame
+            spot.header.stamp = rospy.Time.now() - rospy.Duration(age)
+            spot.position.x, spot.position.y = x, y
+            self.spots.publish(spot)
+
+    def last(self, **fields) -> bool:
+        return bool(self.progress) and all(getattr(self.progress[-1], key) == v for key, v in fields.items())
+
+    def test_interaction(self) -> None:
+        self.show(square(20))  # Default: not wanted
+        self.enter(InteractionState.BORDER, "one")
+        self.assertEqual(self.progress[-1].border_spots, 0)
+        self.assertEqual(self.progress[-1].code, "no_spots")
+        self.show(square(200), "red")
+        self.show(square(200), "green")
+        self.wait(lambda: self.last(border_spots=400) and len(self.progress[-1].chain) > 3, "the live chain")
+        seen = self.progress[-1]
+        self.assertEqual(seen.code, "ok")
+        self.assertTrue(seen.closed)
+        self.assertEqual(set(seen.cameras), {"red", "green"})
+        self.assertEqual(len(seen.points), len(seen.point_cameras))
+        answer = self.candidate("one")
+        self.assertFalse(answer.success)
+        self.assertEqual(answer.code, "no_spots")
+        # wrong frame, too old, not finite: counted, not collected
+        ignored = self.progress[-1].ignored_spots
+        self.show([(0, 0)], frame="odom")
+        self.show([(0, 0)], age=30.0)
+        self.show([(np.nan, 0)])
+        self.wait(lambda: self.last(border_spots=400, ignored_spots=ignored + 3), "counting the ignored spots")
+        self.enter(InteractionState.SEED, "one")
+        self.show(np.random.default_rng(1).normal([0.5, 0.4], 0.01, (30, 2)))
+        self.wait(lambda: self.last(seed_spots=30, has_seed=True), "the seed")
+        answer = self.candidate("one")
+        self.assertTrue(answer.success, answer.message)
+        self.assertEqual(answer.border.kind, VirtualBorder.POLYGON)
+        self.assertAlmostEqual(answer.border.seed.x, 0.5, delta=0.03)
+        self.assertAlmostEqual(answer.border.seed.y, 0.4, delta=0.03)
+        vertices = np.array([(p.x, p.y) for p in answer.border.points])
+        self.assertLess(np.abs(np.ptp(vertices, axis=0) - 1.0).max(), 0.06)
+        self.assertEqual(self.candidate("another").code, "unknown_interaction")
+        self.enter(InteractionState.DEFAULT, "", "saved")
+        self.enter(InteractionState.BORDER, "two")
+        self.assertEqual(self.progress[-1].border_spots, 0)
+        self.assertFalse(self.progress[-1].chain)
+        self.enter(InteractionState.DEFAULT, "", "cancelled")
+
+    def test_killed_in_the_middle(self) -> None:
+        self.enter(InteractionState.BORDER, "three")
+        points = square(300)
+        self.show(points[:150])
+        self.wait(lambda: self.last(interaction_id="three", border_spots=150), "half the drawing")
+        uri = rosgraph.Master("/test").lookupNode(NODE)
+        os.kill(ServerProxy(uri).getPid("/test")[2], signal.SIGKILL)
+        known = len(self.progress)
+        self.wait(
+            lambda: any(p.border_spots == 150 and p.interaction_id == "three" for p in self.progress[known:]),
+            "the restored drawing",
+        )
+        self.connected()
+        self.show(points[150:])
+        self.wait(lambda: self.last(border_spots=300) and self.progress[-1].closed, "the finished drawing")
+        self.enter(InteractionState.SEED, "three")
+        self.show(np.random.default_rng(1).normal([0.5, 0.4], 0.01, (30, 2)))
+        self.wait(lambda: self.last(seed_spots=30, has_seed=True), "the seed")
+        self.assertTrue(self.candidate("three").success)
+        self.enter(InteractionState.DEFAULT, "", "saved")
+        journal = Path(rospy.get_param(NODE + "/journal"))
+        self.wait(lambda: not journal.exists(), "the removal of the journal")
+
+
+if __name__ == "__main__":
+    rospy.init_node("rostest_border_fusion")
+    rostest.rosrun("vb_fusion", "border_fusion", BorderFusionTest)
