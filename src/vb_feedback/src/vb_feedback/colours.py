@@ -1,0 +1,51 @@
+"""Colours that people with any kind of colour vision tell apart (the set of Okabe and Ito, 2008)."""
+from __future__ import annotations
+
+from typing import Dict, Sequence, Tuple
+
+Colour = Tuple[float, float, float]
+
+
+def rgb(red: int, green: int, blue: int) -> Colour:
+    """0 .. 255 to 0 .. 1."""
+    return red / 255.0, green / 255.0, blue / 255.0
+
+
+ORANGE = rgb(230, 159, 0)
+SKY_BLUE = rgb(86, 180, 233)
+GREEN = rgb(0, 158, 115)
+YELLOW = rgb(240, 228, 66)
+BLUE = rgb(0, 114, 178)
+VERMILION = rgb(213, 94, 0)
+PURPLE = rgb(204, 121, 167)
+BLACK = rgb(20, 20, 24)
+WHITE = rgb(255, 255, 255)
+GREY = rgb(150, 150, 150)
+PALE = rgb(200, 205, 212)
+CRIMSON = rgb(150, 10, 20)
+TEAL = rgb(60, 210, 165)
+
+# the person's state at a glance, on the LED and in the large letters on dark ground
+STATE: Dict[str, Colour] = {"default": WHITE, "border": ORANGE, "seed": SKY_BLUE, "guide": TEAL}
+
+# the lab names its cameras by colours: each gets the one of the set that is nearest to its name
+_NAMED: Dict[str, Colour] = {"red": VERMILION, "green": GREEN, "blue": BLUE, "robot": PURPLE}
+_OTHERS: Sequence[Colour] = (ORANGE, SKY_BLUE, YELLOW, PURPLE, BLUE, GREEN, VERMILION)
+
+
+def state_colour(name: str) -> Colour:
+    """The colour of a state by its name; grey for a state that is not known."""
+    return STATE.get(name, GREY)
+
+
+def camera_colour(name: str) -> Colour:
+    """A camera's colour, always the same for the same name."""
+    if name in _NAMED:
+        return _NAMED[name]
+    return _OTHERS[sum(name.encode("utf-8")) % len(_OTHERS)]
+
+
+def blend(colour: Colour, towards: Colour, share: float) -> Colour:
+    """A colour on its way to another; share 0 is the first, 1 the second."""
+    share = min(1.0, max(0.0, share))
+    return tuple((1.0 - share) * a + share * b for a, b in zip(colour, towards))  # type: ignore[return-value]

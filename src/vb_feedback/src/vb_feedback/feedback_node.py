@@ -1,0 +1,72 @@
+"""The node that makes light and sound."""
+from __future__ import annotations
+
+import threading
+from dataclasses import dataclass
+
+import rospy
+from std_msgs.msg import ColorRGBA
+from vb_core import names
+from vb_core.parameters import Parameters, param
+from vb_core.ros import node, parameters
+from vb_msgs.msg import InteractionState, LaserSpot, Sound
+
+from vb_feedback import colours
+from vb_feedback.tones import Tones
+
+
+@dataclass(frozen=True)
+class FeedbackParams(Parameters):
+    """Parameters of feedback; config/feedback.yaml says why."""
+
+    tick_period: float = param(0.5, "s", above=0.0, high=10.0)
+
+
+class Feedback:
+    """Light and sound for the person (paper, Sect. 4.2: colored light and non-speech audio sound).
+
+    Subscribes to:
+        /virtual_borders/state (vb_msgs/InteractionState)
+        /virtual_borders/spots (vb_msgs/LaserSpot)
+
+    Publishes:
+        /virtual_borders/led (std_msgs/ColorRGBA, latched): one colour per state.
+        /virtual_borders/sound (vb_msgs/Sound): a tone's name per change of state, "success", "refusal",
+            and "tick" per accepted spot, at most one every ~tick_period.
+
+    Args:
+        params: see config/feedback.yaml.
+    """
+
+    def __init__(self, params: FeedbackParams) -> None:
+        self._lock = threading.Lock()
+        self._tones = Tones(params.tick_period)
+        self._lit = ""
+        self._led = rospy.Publisher(names.LED, ColorRGBA, queue_size=1, latch=True)
+        self._sound = rospy.Publisher(names.SOUND, Sound, queue_size=10)
+        rospy.Subscriber(names.STATE, InteractionState, self._on_state, queue_size=10)
+        rospy.Subscriber(names.SPOTS, LaserSpot, self._on_spot, queue_size=10)
+
+    def _on_state(self, message: InteractionState) -> None:
+        answer = (message.last_answered.to_nsec(), message.last_command, message.last_code)
+        with self._lock:
+            sounds = self._tones.on_state(message.name, message.last_success, message.last_outcome, answer)
+            self._play(sounds)
+            if message.name != self._lit:
+                self._lit = message.name
+                self._led.publish(ColorRGBA(*colours.state_colour(message.name), 1.0))
+
+    def _on_spot(self, _message: LaserSpot) -> None:
+        with self._lock:
+            self._play(self._tones.on_spot(rospy.get_time()))
+
+    def _play(self, sounds: list) -> None:
+        for name in sounds:
+            sound = Sound(name=name)
+            sound.header.stamp = rospy.Time.now()
+            self._sound.publish(sound)
+
+
+def main() -> None:
+    """Runs the node."""
+    node.run("feedback", lambda: Feedback(parameters.read(FeedbackParams)))

@@ -1,0 +1,221 @@
+"""Where things go on the smart display: the map, a panel at its right, a strip below it.
+
+The view is a rectangle in the map frame with the screen's aspect. Sizes of letters are shares of its
+height, so that the same share is the same size on the screen whatever the map's size.
+"""
+from __future__ import annotations
+
+import unicodedata
+from dataclasses import dataclass
+from typing import List, Sequence, Tuple
+
+import numpy as np
+
+from vb_core.errors import CodedError
+
+PANEL = 0.235  # share of the view's width
+STRIP = 0.165  # share of the view's height
+MARGIN = 0.015  # share of the view's height, round the map
+LINE = 1.2  # distance of lines, in heights of a line's letters
+
+
+@dataclass(frozen=True)
+class Box:
+    """A rectangle [m] in the map frame."""
+
+    x0: float
+    y0: float
+    x1: float
+    y1: float
+
+    @property
+    def width(self) -> float:
+        """[m]"""
+        return self.x1 - self.x0
+
+    @property
+    def height(self) -> float:
+        """[m]"""
+        return self.y1 - self.y0
+
+    @property
+    def centre(self) -> Tuple[float, float]:
+        """(x, y) [m]"""
+        return (self.x0 + self.x1) / 2.0, (self.y0 + self.y1) / 2.0
+
+    def overlaps(self, other: "Box") -> bool:
+        """Whether the two share an area; touching edges do not."""
+        return self.x0 < other.x1 and other.x0 < self.x1 and self.y0 < other.y1 and other.y0 < self.y1
+
+    def contains(self, other: "Box", tolerance: float = 1e-9) -> bool:
+        """Whether the other lies within this one."""
+        return (
+            self.x0 - tolerance <= other.x0
+            and self.y0 - tolerance <= other.y0
+            and self.x1 + tolerance >= other.x1
+            and self.y1 + tolerance >= other.y1
+        )
+
+    @staticmethod
+    def around(points: np.ndarray) -> "Box":
+        """The smallest box that holds points (N, 2) [m]."""
+        low, high = np.min(points, axis=0), np.max(points, axis=0)
+        return Box(float(low[0]), float(low[1]), float(high[0]), float(high[1]))
+
+    @staticmethod
+    def centred(x: float, y: float, width: float, height: float) -> "Box":
+        """A box by its centre and size [m]."""
+        return Box(x - width / 2.0, y - height / 2.0, x + width / 2.0, y + height / 2.0)
+
+
+@dataclass(frozen=True)
+class Layout:
+    """The parts of the view; none overlaps another."""
+
+    view: Box
+    map: Box
+    panel: Box
+    strip: Box
+
+    @property
+    def unit(self) -> float:
+        """[m] the view's height, of which letters' heights are shares."""
+        return self.view.height
+
+
+def fit(extent: Box, aspect: float) -> Layout:
+    """The smallest view that shows the whole map beside panel and strip.
+
+    Args:
+        extent: of the map.
+        aspect: width by height of the screen.
+
+    Raises:
+        CodedError: "bad_layout" for an empty map or a screen that leaves no room for the map.
+    """
+    across = (1.0 - PANEL) * aspect - 2.0 * MARGIN  # room for the map, in heights of the view
+    upwards = 1.0 - STRIP - 2.0 * MARGIN
+    if extent.width <= 0 or extent.height <= 0:
+        raise CodedError("bad_layout", f"the map's extent is {extent.width} m x {extent.height} m")
+    if not 0.5 <= aspect <= 5.0:
+        raise CodedError("bad_layout", f"the screen's aspect must be 0.5 to 5, got {aspect}")
+    height = max(extent.width / across, extent.height / upwards)
+    width = aspect * height
+    x, y = extent.centre
+    x0 = x - (1.0 - PANEL) * width / 2.0
+    y1 = y + (1.0 - STRIP) * height / 2.0
+    view = Box(x0, y1 - height, x0 + width, y1)
+    edge = x0 + (1.0 - PANEL) * width
+    low = view.y0 + STRIP * height
+    return Layout(view, extent, Box(edge, low, view.x1, view.y1), Box(view.x0, view.y0, view.x1, low))
+
+
+# ----------------------------------------------------------------- letters
+# advance widths of Liberation Sans, RViz's font, in thousandths of its size, from "!" on
+_WIDTHS = (
+    278, 355, 556, 556, 889, 667, 191, 333, 333, 389, 584, 278, 333, 278, 278, 556, 556, 556, 556, 556, 556, 556,
+    556, 556, 556, 278, 278, 584, 584, 584, 556, 1015, 667, 667, 722, 722, 667, 611, 778, 722, 278, 500, 667, 556,
+    833, 722, 778, 667, 778, 722, 667, 611, 722, 667, 944, 667, 667, 611, 278, 278, 278, 469, 556, 333, 556, 556,
+    500, 556, 556, 278, 556, 556, 222, 222, 500, 222, 833, 556, 556, 556, 556, 333, 500, 278, 556, 500, 722, 500,
+    500, 500, 334, 260, 334, 584,
+)
+_SPACE = 310
+# the font's size in heights of RViz's text markers: measured on words of 4 to 11 letters, 0.83 to 0.84
+_FONT = 0.84
+
+
+def plain(text: str) -> str:
+    """A text in the characters that RViz's text markers can show: accents are dropped, the rest becomes "?"."""
+    decomposed = unicodedata.normalize("NFKD", text)
+    letters = [letter for letter in decomposed if not unicodedata.combining(letter)]
+    return "".join(letter if " " <= letter <= "~" else "?" for letter in letters)
+
+
+def text_width(text: str, size: float) -> float:
+    """Width [m] of a line of text, letters of `size` [m]; of the longest of several lines."""
+
+    def one(line: str) -> float:
+        total = 0
+        for letter in line:
+            index = ord(letter) - 33
+            total += _SPACE if letter == " " else _WIDTHS[index] if 0 <= index < len(_WIDTHS) else 889
+        return total / 1000.0
+
+    return size * _FONT * max((one(line) for line in text.split("\n")), default=0.0)
+
+
+def place_words(text: str, x: float, y: float, size: float) -> List[Tuple[str, float, float]]:
+    """The words of a text, lines parted by newlines and centred at (x, y) [m], each with its own centre.
+
+    RViz makes spaces more than twice as wide as they should be, so each word is placed alone.
+    """
+    lines = text.split("\n")
+    placed = []
+    for number, line in enumerate(lines):
+        left = x - text_width(line, size) / 2.0
+        level = y + ((len(lines) - 1) / 2.0 - number) * LINE * size
+        words = line.split(" ")
+        for index, word in enumerate(words):
+            before = text_width(" ".join(words[:index] + [""]), size) if index else 0.0
+            if word:
+                placed.append((word, left + before + text_width(word, size) / 2.0, level))
+    return placed
+
+
+def text_box(text: str, x: float, y: float, size: float) -> Box:
+    """The box of a text centred at (x, y) [m]; lines are parted by newlines."""
+    lines = text.count("\n") + 1
+    return Box.centred(x, y, text_width(text, size), (1.0 + LINE * (lines - 1)) * size)
+
+
+def wrap(text: str, size: float, width: float) -> List[str]:
+    """A sentence in lines that are no wider than `width` [m]; a word that is wider alone is cut."""
+    lines: List[str] = []
+    for word in text.split():
+        while text_width(word, size) > width and len(word) > 1:
+            keep = len(word) - 1
+            while keep > 1 and text_width(word[:keep], size) > width:
+                keep -= 1
+            lines.append(word[:keep])
+            word = word[keep:]
+        if lines and text_width(f"{lines[-1]} {word}", size) <= width:
+            lines[-1] = f"{lines[-1]} {word}"
+        else:
+            lines.append(word)
+    return lines
+
+
+def fit_text(text: str, sizes: Sequence[float], width: float, height: float) -> Tuple[str, float]:
+    """A sentence in the largest of the sizes [m] in which it fits a box, wrapped, and that size.
+
+    In the smallest size what does not fit is left out, with an ellipsis at its end.
+    """
+    for size in sizes:
+        lines = wrap(text, size, width)
+        if (1.0 + LINE * (len(lines) - 1)) * size <= height:
+            return "\n".join(lines), size
+    size = sizes[-1]
+    room = max(1, int((height / size - 1.0) / LINE) + 1)
+    lines = wrap(text, size, width)[:room]
+    last = lines[-1]
+    while last and text_width(last + "...", size) > width:
+        last = last[:-1]
+    return "\n".join([*lines[:-1], last.rstrip() + "..."]), size
+
+
+def place_labels(wanted: Sequence[Box], within: Box) -> List[Box]:
+    """Moves labels as little as needed so that they lie within a box and, if there is room, not on each other."""
+    placed: List[Box] = []
+    for box in wanted:
+        x, y = box.centre
+        half_width, half_height = box.width / 2.0, box.height / 2.0
+        x = min(max(x, within.x0 + half_width), max(within.x0 + half_width, within.x1 - half_width))
+        low, high = within.y0 + half_height, max(within.y0 + half_height, within.y1 - half_height)
+        y = min(max(y, low), high)
+        steps = [0.0]
+        for count in range(1, 12):
+            steps += [count * box.height * 1.1, -count * box.height * 1.1]
+        options = [Box.centred(x, min(max(y + step, low), high), box.width, box.height) for step in steps]
+        free = [option for option in options if not any(option.overlaps(other) for other in placed)]
+        placed.append(free[0] if free else options[0])
+    return placed

@@ -1,0 +1,304 @@
+"""What the smart display shows, as plain shapes in the map frame; no ROS.
+
+Each function makes the shapes of one part of the display from plain values. Shapes are compared with the
+ones shown before, so that only what changed is sent.
+"""
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Dict, List, Optional, Sequence, Tuple
+
+import numpy as np
+
+from vb_feedback import colours
+from vb_feedback.colours import Colour
+from vb_feedback.layout import Box, Layout, fit_text, place_labels, place_words, plain, text_box, text_width
+
+LINES = "lines"
+POINTS = "points"
+DISC = "disc"
+PLATE = "plate"
+TEXT = "text"
+
+
+# heights in the scene [m]: seen from above, the higher one hides the lower one
+Z_BORDER, Z_POINTS, Z_CHAIN, Z_SEED, Z_ROBOT, Z_SPOT, Z_PLATE, Z_TEXT = (0.06 * step for step in range(1, 9))
+
+
+@dataclass(frozen=True)
+class Shape:
+    """One marker. Shapes with the same namespace and number replace each other.
+
+    Attributes:
+        kind: LINES between each two points, POINTS at all; DISC, PLATE (size is width, height), TEXT at the first one.
+        points: (x, y) [m] each.
+        size: [m] width of a line, diameter of points and disc, (width, height) of a plate, height of letters.
+        colours: one, or one per point.
+        frame: "" is the map frame; a shape in another frame moves with it.
+        lifetime: [s] 0 is for ever.
+    """
+
+    namespace: str
+    number: int
+    kind: str
+    points: Tuple[Tuple[float, float], ...]
+    z: float
+    size: Tuple[float, ...]
+    colours: Tuple[Colour, ...]
+    alpha: float = 1.0
+    text: str = ""
+    frame: str = ""
+    lifetime: float = 0.0
+
+    @property
+    def key(self) -> Tuple[str, int]:
+        """What identifies it."""
+        return self.namespace, self.number
+
+
+def changes(
+    before: Dict[Tuple[str, int], Shape], now: Sequence[Shape]
+) -> Tuple[List[Shape], List[Tuple[str, int]]]:
+    """The shapes that are new or differ, and the keys of those that are gone."""
+    keys = {shape.key for shape in now}
+    return [shape for shape in now if before.get(shape.key) != shape], [key for key in before if key not in keys]
+
+
+def _pairs(points: np.ndarray) -> Tuple[Tuple[float, float], ...]:
+    return tuple((float(x), float(y)) for x, y in np.asarray(points, dtype=float).reshape(-1, 2))
+
+
+def segments(points: Sequence[Sequence[float]], closed: bool, width: float) -> Tuple[Tuple[float, float], ...]:
+    """A chain as pairs of points, each lengthened by half a line's width so that corners are filled.
+
+    RViz's own line strips taper at sharp corners.
+    """
+    chain = np.asarray(points, dtype=float).reshape(-1, 2)
+    if closed and len(chain) > 2:
+        chain = np.vstack([chain, chain[:1]])
+    pairs: List[Tuple[float, float]] = []
+    for start, end in zip(chain[:-1], chain[1:]):
+        length = float(np.hypot(*(end - start)))
+        if length > 1e-6:
+            over = (end - start) / length * width / 2.0
+            pairs += _pairs([start - over, end + over])
+    return tuple(pairs)
+
+
+# ----------------------------------------------------------------- panel and strip
+TITLES = {"default": "Ready", "border": "Border", "seed": "Seed", "guide": "Guide"}
+
+
+@dataclass(frozen=True)
+class Talk:
+    """What the words on the display depend on."""
+
+    state: str = ""  # "": no state is known yet
+    elapsed_s: float = 0.0
+    commands: Tuple[str, ...] = ()
+    success: bool = True
+    message: str = ""
+    seeing: Tuple[str, ...] = ()  # cameras that see the spot
+
+
+def write(
+    namespace: str, text: str, x: float, y: float, size: float, tints: Sequence[Colour], z: float = Z_TEXT
+) -> List[Shape]:
+    """A text centred at (x, y), one shape per word; one colour for all words, or one per word."""
+    placed = place_words(text, x, y, size)
+    return [
+        Shape(namespace, number, TEXT, ((at_x, at_y),), z, (size,), (tints[number % len(tints)],), text=word)
+        for number, (word, at_x, at_y) in enumerate(placed)
+    ]
+
+
+def words(layout: Layout, talk: Talk) -> List[Shape]:
+    """State, time, what one can say, who sees the spot, and the last answer."""
+    unit, panel, strip = layout.unit, layout.panel, layout.strip
+    shapes: List[Shape] = []
+    centre, room = panel.centre[0], panel.width - 0.03 * unit
+
+    def line(name: str, text: str, down: float, share: float, *tints: Colour) -> None:
+        size = share * unit
+        # what is too wide, for instance a camera's long name, gets smaller letters
+        size *= min(1.0, room / max(text_width(text, size), 1e-9))
+        shapes.extend(write(f"words/{name}", text, centre, panel.y1 - down * unit, size, tints))
+
+    line("state", TITLES.get(talk.state, "Not ready"), 0.08, 0.115, colours.state_colour(talk.state))
+    if talk.state not in ("", "default"):
+        line("elapsed", clock(talk.elapsed_s), 0.175, 0.06, colours.PALE)
+    if talk.commands:
+        line("say", "You can say", 0.26, 0.048, colours.PALE)
+        for number, command in enumerate(talk.commands[:4]):
+            line(f"say/{number}", command.replace("_", " "), 0.335 + 0.075 * number, 0.068, colours.WHITE)
+    if talk.seeing:
+        line("seen", "Spot seen by", 0.66, 0.048, colours.PALE)
+        names = [plain(camera).replace(" ", "_") for camera in talk.seeing]
+        tints = [colours.blend(colours.camera_colour(camera), colours.WHITE, 0.3) for camera in talk.seeing]
+        # at most two lines of up to three names
+        for number, first in enumerate(range(0, min(len(names), 6), 3)):
+            part = slice(first, first + 3)
+            line(f"seen/{number}", " ".join(names[part]), 0.725 + 0.062 * number, 0.055, *tints[part])
+
+    message = plain(talk.message) or ("Say define border to begin." if talk.state else "Waiting for the system to start.")
+    sizes = [share * unit for share in (0.074, 0.066, 0.06, 0.052)]
+    text, size = fit_text(message, sizes, strip.width - 0.06 * unit, strip.height - 0.02 * unit)
+    tint = colours.WHITE if talk.success else colours.YELLOW
+    shapes.extend(write("words/answer", text, *strip.centre, size, (tint,)))
+    return shapes
+
+
+def clock(seconds: float) -> str:
+    """Minutes and seconds, "1:05"."""
+    whole = max(0, int(seconds))
+    return f"{whole // 60}:{whole % 60:02d}"
+
+
+def text_boxes(shapes: Sequence[Shape]) -> List[Box]:
+    """The boxes that texts and plates take, for tests and for placing."""
+    boxes = []
+    for shape in shapes:
+        x, y = shape.points[0] if shape.points else (0.0, 0.0)
+        if shape.kind == TEXT:
+            boxes.append(text_box(shape.text, x, y, shape.size[0]))
+        elif shape.kind == PLATE:
+            boxes.append(Box.centred(x, y, *shape.size))
+    return boxes
+
+
+# ----------------------------------------------------------------- borders
+@dataclass(frozen=True)
+class Border:
+    """A border in the store."""
+
+    name: str
+    points: Tuple[Tuple[float, float], ...]
+    closed: bool
+    seed: Tuple[float, float]
+    occupancy: float = 1.0
+    enabled: bool = True
+    area_m2: float = 0.0
+
+
+def borders(layout: Layout, stored: Sequence[Border]) -> List[Shape]:
+    """Outline, name and area of each border: soft ones lighter, disabled ones grey."""
+    unit, shapes = layout.unit, []
+    size = 0.042 * unit
+    texts, wanted = [], []
+    for border in stored:
+        text = plain(border.name)
+        if not border.enabled:
+            text += "\noff"
+        elif border.area_m2 > 0:
+            text += f"\n{border.area_m2:.2f} m2"
+        box = text_box(text, *border.seed, size)
+        texts.append(text)
+        wanted.append(Box.centred(*box.centre, box.width + 0.6 * size, box.height + 0.5 * size))
+    for number, (border, text, box) in enumerate(zip(stored, texts, place_labels(wanted, layout.map))):
+        if not border.enabled:
+            tint = colours.GREY
+        else:
+            tint = colours.blend(colours.CRIMSON, colours.WHITE, 0.55 * (1.0 - border.occupancy))
+        width = 0.009 * unit
+        outline = segments(border.points, border.closed, width)
+        shapes.append(Shape("borders/outline", number, LINES, outline, Z_BORDER, (width,), (tint,)))
+        shapes.append(
+            Shape("borders/plate", number, PLATE, (box.centre,), Z_PLATE, (box.width, box.height), (colours.WHITE,), 0.9)
+        )
+        label = colours.blend(colours.GREY, colours.BLACK, 0.3) if not border.enabled else colours.BLACK
+        shapes += write(f"borders/label/{number}", text, *box.centre, size, (label,))
+    return shapes
+
+
+# ----------------------------------------------------------------- drawing in progress
+@dataclass(frozen=True)
+class Drawing:
+    """What has been drawn in the present interaction."""
+
+    points: Tuple[Tuple[float, float], ...] = ()
+    point_cameras: Tuple[str, ...] = ()
+    chain: Tuple[Tuple[float, float], ...] = ()
+    closed: bool = False
+    seed: Optional[Tuple[float, float]] = None
+
+
+def drawing(layout: Layout, drawn: Drawing) -> List[Shape]:
+    """Points by camera, the chain as it grows, the seed."""
+    unit, shapes = layout.unit, []
+    if drawn.points:
+        tints = tuple(colours.blend(colours.camera_colour(name), colours.WHITE, 0.25) for name in drawn.point_cameras)
+        shapes.append(
+            Shape("drawing/points", 0, POINTS, drawn.points, Z_POINTS, (0.009 * unit,), tints or (colours.GREY,))
+        )
+    if len(drawn.chain) > 1:
+        # a dark rim keeps the line visible on white floor, on stripes and on walls
+        for name, lift, share, tint in (("rim", 0.0, 0.014, colours.BLACK), ("chain", 0.02, 0.009, colours.ORANGE)):
+            width = share * unit
+            line = segments(drawn.chain, drawn.closed, width)
+            shapes.append(Shape(f"drawing/{name}", 0, LINES, line, Z_CHAIN + lift, (width,), (tint,)))
+    if drawn.seed is not None:
+        for number, (share, tint) in enumerate(
+            ((0.052, colours.BLACK), (0.044, colours.SKY_BLUE), (0.020, colours.BLACK))
+        ):
+            shapes.append(
+                Shape("drawing/seed", number, DISC, (drawn.seed,), Z_SEED + 0.015 * number, (share * unit,), (tint,))
+            )
+    return shapes
+
+
+# ----------------------------------------------------------------- live spots
+@dataclass(frozen=True)
+class Spot:
+    """A spot that a camera saw at a time [s]."""
+
+    camera: str
+    x: float
+    y: float
+    stamp: float
+
+
+def spots(layout: Layout, seen: Sequence[Spot], now: float, fade_s: float, lifetime: float) -> List[Shape]:
+    """Per camera a disc where the spot is and a trail that fades into the floor's white.
+
+    Args:
+        seen: the newest last; those older than `fade_s`, or from the future by more than that, are left out.
+        lifetime: [s] after which RViz removes them by itself.
+    """
+    unit, shapes = layout.unit, []
+    by_camera: Dict[str, List[Spot]] = {}
+    for spot in seen:
+        if abs(now - spot.stamp) <= fade_s:
+            by_camera.setdefault(spot.camera, []).append(spot)
+    for camera, trail in by_camera.items():
+        tint = colours.camera_colour(camera)
+        faded = tuple(
+            colours.blend(tint, colours.WHITE, 0.85 * max(0.0, now - spot.stamp) / fade_s) for spot in trail
+        )
+        points = tuple((spot.x, spot.y) for spot in trail)
+        shapes.append(
+            Shape(f"spots/{camera}/trail", 0, POINTS, points, Z_SPOT, (0.014 * unit,), faded, lifetime=lifetime)
+        )
+        newest = trail[-1]
+        for number, (share, colour) in enumerate(((0.036, colours.BLACK), (0.028, tint))):
+            shapes.append(
+                Shape(
+                    f"spots/{camera}", number, DISC, ((newest.x, newest.y),), Z_SPOT + 0.015 * (number + 1),
+                    (share * unit,), (colour,), lifetime=lifetime,
+                )
+            )
+    return shapes
+
+
+# ----------------------------------------------------------------- robot
+def robot(base_frame: str, number: int, radius: float) -> List[Shape]:
+    """A robot's footprint and heading, in its own frame: RViz moves it along with tf."""
+    nose = np.array([[0.7, 0.0], [-0.4, 0.5], [-0.15, 0.0], [-0.4, -0.5]]) * radius
+    width = 0.14 * radius
+    frame = base_frame
+    return [
+        Shape("robot/rim", number, DISC, ((0.0, 0.0),), Z_ROBOT, (2.0 * radius,), (colours.BLACK,), frame=frame),
+        Shape("robot/body", number, DISC, ((0.0, 0.0),), Z_ROBOT + 0.015, (1.7 * radius,), (colours.TEAL,), frame=frame),
+        Shape(
+            "robot/nose", number, LINES, segments(nose, True, width), Z_ROBOT + 0.03, (width,), (colours.BLACK,), frame=frame
+        ),
+    ]
