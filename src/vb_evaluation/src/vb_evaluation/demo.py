@@ -278,17 +278,16 @@ class Demo:
     def _start_clock(self, observer) -> dict:
         import rospy
 
-        return {"ros": rospy.get_time(), "wall": time.monotonic(), "frames": _frames(observer), "published": _published()}
+        return {"ros": rospy.get_time(), "wall": time.monotonic(), "frames": _frames(observer)}
 
     def _stop_clock(self, observer, start: dict) -> dict:
         import rospy
 
         ros, wall = rospy.get_time() - start["ros"], time.monotonic() - start["wall"]
-        frames, published = _frames(observer), _published()
+        frames = _frames(observer)
         for camera, counts in frames.items():
             for key in counts:
                 counts[key] -= start["frames"].get(camera, {}).get(key, 0)
-            counts["published"] = published.get(camera, 0) - start["published"].get(camera, 0)
         return {"real_time_factor": ros / wall if wall > 0 else math.nan, "frames": frames, "duration_s": ros}
 
     def _plan_after(self, observer, wait_until, proof: Proof, region: np.ndarray) -> np.ndarray:
@@ -428,14 +427,9 @@ def _pose(pose: Tuple[float, float, float]) -> Tuple[float, float, float]:
 
 def _frames(observer) -> Dict[str, Dict[str, int]]:
     return {
-        camera: {"published": 0, "processed": int(status.processed), "detected": int(status.detected)}
+        camera: {"published": observer.published.get(camera, 0), "processed": int(status.processed), "detected": int(status.detected)}
         for camera, status in observer.detectors.items()
     }
-
-
-def _published() -> Dict[str, int]:
-    """Frames that the simulated cameras have published so far, by camera."""
-    return {}
 
 
 if __name__ == "__main__":

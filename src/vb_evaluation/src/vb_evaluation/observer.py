@@ -8,6 +8,7 @@ from typing import Callable, Dict, List, Optional, Tuple
 
 import numpy as np
 import rospy
+from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseStamped
 from nav_msgs.srv import GetPlan
 from sensor_msgs.msg import Image
@@ -37,6 +38,7 @@ class Observer:
         self.lab: Optional[LabState] = None
         self.detectors: Dict[str, DetectorStatus] = {}
         self.outcome: Optional[dict] = None
+        self.published: Dict[str, int] = {}
         self.trails: Dict[str, List[Tuple[float, float, float]]] = {}
         self.mobile: Dict[str, bool] = {}
         self._subscribers = [
@@ -48,6 +50,7 @@ class Observer:
             rospy.Subscriber(names.DETECTORS, DetectorStatus, self._on_detector),
             rospy.Subscriber(names.SPOTS, LaserSpot, self._on_spot),
             rospy.Subscriber("/sim/participant_done", String, self._on_done),
+            rospy.Subscriber("/sim/cameras", DiagnosticArray, self._on_cameras),
         ]
 
     # ------------------------------------------------------------- what comes in
@@ -64,6 +67,12 @@ class Observer:
 
     def _on_detector(self, message: DetectorStatus) -> None:
         self.detectors[message.camera] = message
+
+    def _on_cameras(self, message: DiagnosticArray) -> None:
+        for status in message.status:
+            for entry in status.values:
+                if entry.key == "published":
+                    self.published[status.name] = int(entry.value)
 
     def _on_spot(self, message: LaserSpot) -> None:
         with self._lock:
