@@ -2,9 +2,10 @@
 """The dispatcher against a small move_base action server."""
 import math
 import os
-import subprocess
+import signal
 import sys
 import unittest
+from xmlrpc.client import ServerProxy
 
 import actionlib
 import numpy as np
@@ -15,7 +16,9 @@ from move_base_msgs.msg import MoveBaseAction
 sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
 from stimulus import Stimulus, wait_until  # noqa: E402
 
+from vb_core.errors import ParameterError  # noqa: E402
 from vb_core.ros.messages import pose_to_2d  # noqa: E402
+from vb_robot import robot_dispatcher_node  # noqa: E402
 from vb_robot.view import FloorView, ViewParams, to_base  # noqa: E402
 
 DEFAULT, BORDER, SEED, GUIDE = range(4)
@@ -128,13 +131,24 @@ class DispatcherTest(unittest.TestCase):
         self.assertTrue(wait_until(lambda: self.navigation.preempted == 1))
         gather.unregister()
 
-    def test_bad_parameter_is_one_line(self):
-        run = subprocess.run(
-            ["rosrun", "vb_robot", "robot_dispatcher", "__name:=bad_dispatcher", "_dispatch/min_interval:=-1.0"],
-            stdout=subprocess.PIPE, stderr=subprocess.STDOUT, universal_newlines=True, timeout=30)
-        self.assertEqual(run.returncode, 1, run.stdout)
-        self.assertIn("/bad_dispatcher/dispatch/min_interval", run.stdout)
-        self.assertNotIn("Traceback", run.stdout)
+    def test_goal_of_a_killed_dispatcher_is_called_off(self):
+        self.navigation.behaviour = "hold"
+        self.stimulus.set_state(BORDER)
+        self.stimulus.spot = (2.0, 2.5, "red", False)
+        self.assertTrue(wait_until(lambda: self.navigation.goals))
+        self.stimulus.spot = None
+        uri = rospy.get_master().lookupNode("/robot_dispatcher")[2]
+        pid = ServerProxy(uri).getPid(rospy.get_name())[2]
+        os.kill(pid, signal.SIGKILL)
+        self.stimulus.set_state(DEFAULT)
+        self.assertTrue(wait_until(lambda: self.navigation.preempted == 1, 30.0), "it comes back and finds its goal")
+
+    def test_bad_parameter_is_named(self):
+        # node.run makes one line and exit status 1 of it; the parameters are those of this very process
+        rospy.set_param("~dispatch/min_interval", -1.0)
+        with self.assertRaises(ParameterError) as caught:
+            robot_dispatcher_node.build()
+        self.assertEqual(caught.exception.key, rospy.get_name() + "/dispatch/min_interval")
 
 
 if __name__ == "__main__":

@@ -16,7 +16,9 @@ sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
 from stimulus import Stimulus, room, wait_until  # noqa: E402
 
 from vb_core import names  # noqa: E402
+from vb_core.errors import ParameterError  # noqa: E402
 from vb_core.ros.messages import pose_from_2d  # noqa: E402
+from vb_robot import workspace_monitor_node  # noqa: E402
 from vb_msgs.msg import VirtualBorder, VirtualBorderArray  # noqa: E402
 
 
@@ -60,6 +62,12 @@ class MonitorTest(unittest.TestCase):
         goal.goal.target_pose.pose = pose_from_2d(2.4, 2.6, 0.0)
         self.goals.publish(goal)
         self.assertTrue(wait_until(lambda: any("goal" in s and "lies inside 'carpet'" in s for s in self.said)))
+
+    def test_unknown_policy_is_named(self):
+        rospy.set_param("~policy", "ignore")
+        with self.assertRaises(ParameterError) as caught:
+            workspace_monitor_node.build()
+        self.assertEqual(caught.exception.key, rospy.get_name() + "/policy")
 
 
 if __name__ == "__main__":

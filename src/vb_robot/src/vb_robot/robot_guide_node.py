@@ -257,7 +257,8 @@ class RobotGuideNode:
             if T is None:
                 return None
             self._laser_mounts[frame] = T
-        points = scan_points(np.asarray(scan.ranges), scan.angle_min, scan.angle_increment, scan.range_min, scan.range_max)
+        ranges = np.asarray(scan.ranges)
+        points = scan_points(ranges, scan.angle_min, scan.angle_increment, scan.range_min, scan.range_max)
         return geometry.apply(self._laser_mounts[frame], np.column_stack([points, np.zeros(len(points))]))[:, :2]
 
     def _lookup(self, target: str, source: str, stamp: rospy.Time, warn: bool = False) -> Optional[np.ndarray]:

@@ -41,10 +41,10 @@ class ServoParams(Parameters):
     def __post_init__(self) -> None:
         super().__post_init__()
         if not self.near_distance < self.back_to_distance < self.good_distance < self.far_distance:
-            raise ParameterError("good_distance", "must be in the order near_distance < back_to_distance < good_distance "
-                                 "< far_distance")
+            order = "near_distance < back_to_distance < good_distance < far_distance"
+            raise ParameterError("good_distance", f"must keep the order {order}")
         if self.settled_zone >= self.inner_zone:
-            raise ParameterError("settled_zone", f"must be below inner_zone ({self.inner_zone}), got {self.settled_zone}")
+            raise ParameterError("settled_zone", f"must be below inner_zone, {self.inner_zone}, got {self.settled_zone}")
 
 
 @dataclass(frozen=True)
@@ -126,7 +126,8 @@ class Servo:
     def _limit(self, dt: float, v: float, w: float, free_way: FreeWay) -> Motion:
         params = self.params
         w = _towards(self.w, w, params.turn_acceleration * dt)
-        wanted, reason = _towards(self.v, v, params.acceleration * dt), "follows" if v or w else "the spot is well in view"
+        wanted = _towards(self.v, v, params.acceleration * dt)
+        reason = "follows" if v or w else "the spot is well in view"
         if wanted != 0.0:
             free = free_way(wanted, w)
             if free is None:

@@ -38,7 +38,8 @@ class FloorView:
     def pixels(self, points: np.ndarray) -> np.ndarray:
         """(N, 2) [px] of floor points (N, 2) [m] in the base frame; NaN for what lies behind the camera."""
         points = np.asarray(points, dtype=float).reshape(-1, 2)
-        return self.camera.project(geometry.apply(self._T_camera_base, np.column_stack([points, np.zeros(len(points))])))
+        on_floor = np.column_stack([points, np.zeros(len(points))])
+        return self.camera.project(geometry.apply(self._T_camera_base, on_floor))
 
     def sees(self, points: np.ndarray, margin: float = 0.0) -> np.ndarray:
         """(N,) bool: which floor points (N, 2) [m], base frame, lie in the image and within range.

@@ -66,7 +66,8 @@ class Workspace:
         point = np.asarray(place, dtype=float).reshape(1, 2)
         if sample(self._grid, self.restricted, point)[0] > 0:
             return Standing.INSIDE
-        return Standing.TOUCHES if sample(self._grid, self._gap, point, outside=np.inf)[0] < self._radius else Standing.FREE
+        gap = sample(self._grid, self._gap, point, outside=np.inf)[0]
+        return Standing.TOUCHES if gap < self._radius else Standing.FREE
 
     def is_hard(self, place) -> bool:
         """Whether the restricted cell nearest to a place (2,) [m] may not be entered at all."""

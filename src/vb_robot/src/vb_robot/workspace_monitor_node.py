@@ -5,11 +5,11 @@ import threading
 from dataclasses import dataclass
 from typing import List, Optional
 
-import diagnostic_updater
 import numpy as np
 import rospy
 from actionlib_msgs.msg import GoalID
 from diagnostic_msgs.msg import DiagnosticStatus
+from diagnostic_updater import DiagnosticStatusWrapper, Updater
 from geometry_msgs.msg import Twist
 from move_base_msgs.msg import MoveBaseActionGoal
 from std_msgs.msg import String
@@ -74,7 +74,7 @@ class WorkspaceMonitorNode:
         self._cmd_vel: Optional[rospy.Publisher] = None
         if params.policy == "stop_and_alert":
             self._cmd_vel = rospy.Publisher("cmd_vel", Twist, queue_size=1)
-        self._updater = diagnostic_updater.Updater()
+        self._updater = Updater()
         self._updater.setHardwareID(params.robot or "robot")
         self._updater.add("workspace", self._diagnose)
         self._subscribers = [
@@ -125,7 +125,8 @@ class WorkspaceMonitorNode:
         standing = workspace.standing((x, y))
         if standing is not Standing.FREE and workspace.is_hard((x, y)):
             where = "lies inside" if standing is Standing.INSIDE else "is too close to"
-            self._say(f"the goal of {self._who} at x {x:.2f} m, y {y:.2f} m {where} {_quoted(workspace.names_at((x, y)))}")
+            border = _quoted(workspace.names_at((x, y)))
+            self._say(f"the goal of {self._who} at x {x:.2f} m, y {y:.2f} m {where} {border}")
 
     def _prepared(self) -> Optional[Workspace]:
         with self._lock:
@@ -187,7 +188,7 @@ class WorkspaceMonitorNode:
         rospy.logwarn("%s: %s", rospy.get_name(), sentence)
         self._publisher.publish(String(sentence))
 
-    def _diagnose(self, status: diagnostic_updater.DiagnosticStatusWrapper) -> diagnostic_updater.DiagnosticStatusWrapper:
+    def _diagnose(self, status: DiagnosticStatusWrapper) -> DiagnosticStatusWrapper:
         if self._workspace is None:
             status.summary(DiagnosticStatus.WARN, "no maps yet")
         elif not self._localised:
