@@ -293,7 +293,7 @@ def build() -> LabSimulatorNode:
     lab = Lab(
         load_world(params.world), section(models, "robot", RobotModel), localisation, section(models, "scan", ScanModel), params.seed
     )
-    folder = params.state_folder or os.path.join(rospkg.get_ros_home(), "vb_sim")
+    folder = os.path.expanduser(params.state_folder) or os.path.join(rospkg.get_ros_home(), "vb_sim")
     run: Optional[object] = rospy.get_param("/run_id", "none")
     state = StateFile(folder, "lab", str(run))
     state.forget_others()

@@ -80,6 +80,11 @@ class Planner:
         costs, _ = self._search(first)
         return float(costs[self._goal_node(np.asarray(goal, dtype=float), 0.0, costs)[0]])
 
+    def is_traversable(self, place: np.ndarray) -> bool:
+        """Whether the robot's centre may be at a place (2,) [m]."""
+        cell = self.costmap.grid.world_to_cell(place)[0]
+        return bool(self.costmap.grid.contains_cells(cell)[0] and self._ids[cell[0], cell[1]] >= 0)
+
     def is_free(self, path: np.ndarray) -> bool:
         """Whether a path (N, 2) [m] is traversable as a whole, but for its first `escape_distance`."""
         if len(path) == 0:

@@ -1,0 +1,219 @@
+"""The simulated person as a node: commands through the same service as anyone, sees what a person sees."""
+from __future__ import annotations
+
+import json
+import os
+import threading
+from dataclasses import asdict, dataclass, replace
+from typing import Any, Dict, Optional
+
+import numpy as np
+import rospy
+from geometry_msgs.msg import Point, Pose2D
+from std_msgs.msg import String
+from std_srvs.srv import Trigger, TriggerResponse
+
+from vb_core import names
+from vb_core.errors import CodedError
+from vb_core.parameters import Parameters, param
+from vb_core.ros import node, parameters, services
+from vb_msgs.msg import BorderProgress, InteractionState, LabState, LaserSpot, ParticipantState
+from vb_msgs.srv import Command, CommandRequest
+from vb_sim.lab_simulator_node import default_models
+from vb_sim.models import load_models, section
+from vb_sim.models_participant import ParticipantModel
+from vb_sim.participant import Action, Answer, ParticipantScript, Percept, Person
+from vb_sim.participant_nrs import NetworkRobotSystemScript
+from vb_sim.participant_robot_only import RobotOnlyScript
+from vb_sim.world import Scenario, World, load_world
+
+OWN_SPOT = 0.5  # [m] a dot on the display farther from the spot than this is not taken for it
+
+
+@dataclass(frozen=True)
+class ParticipantParams(Parameters):
+    """The node's own parameters; how people are is in config/models.yaml."""
+
+    world: str = param("")
+    scenario: str = param("")
+    models: str = param("")
+    method: str = param("nrs", choices=("nrs", "robot_only"))
+    seed: int = param(1, "", low=0)
+    autostart: bool = param(True)
+    color: str = param("red", choices=("red", "green"))
+
+
+class ParticipantNode:
+    """One person who carries out one scenario.
+
+    Subscribes:
+        /sim/lab_state (vb_msgs/LabState): where the robot is, and the beat of the person's life
+        /virtual_borders/spots (vb_msgs/LaserSpot): only whether the spot is seen, as sound and LED tell it
+        /virtual_borders/progress (vb_msgs/BorderProgress): whether the display shows a seed
+        /virtual_borders/state (vb_msgs/InteractionState): what the display calls the state
+    Publishes:
+        /sim/participant (vb_msgs/ParticipantState): 50 Hz with the lab's clock, 5 Hz once everything is over
+        /sim/participant_done (std_msgs/String, latched): JSON with outcome ("saved", "gave_up", "failed"), reason,
+            scenario, method, seed, tries, started, ended [s]
+    Calls:
+        /virtual_borders/command (vb_msgs/Command)
+    Services:
+        ~start (std_srvs/Trigger): begins, or begins anew
+    Parameters: see `ParticipantParams` and config/participant.yaml. A participant that is killed in the middle
+        cancels and starts over; one that had finished says so again.
+    """
+
+    def __init__(self, world: World, scenario: Scenario, model: ParticipantModel, params: ParticipantParams) -> None:
+        self._world, self._scenario, self._model, self._params = world, scenario, model, params
+        self._lock = threading.Lock()
+        self._percept = Percept()
+        self._spot: Optional[np.ndarray] = None
+        self._script: Optional[ParticipantScript] = None
+        self._started = 0.0
+        self._count = 0
+        # who is started by the same launch with the same task is the same person
+        self._identity = f"{os.getppid()} {scenario.key} {params.method} {params.seed}"
+
+        self._state = rospy.Publisher(names.PARTICIPANT, ParticipantState, queue_size=1)
+        self._done = rospy.Publisher(names.PARTICIPANT_DONE, String, queue_size=1, latch=True)
+        finished = rospy.get_param("~finished", {})
+        over = isinstance(finished, dict) and finished.get("identity") == self._identity
+        if over:
+            self._done.publish(String(str(finished.get("report", ""))))
+            rospy.loginfo("%s: had finished already", rospy.get_name())
+        elif params.autostart:
+            self._begin()
+        self._lab_states: node.Mailbox = node.Mailbox()
+        self._worker = node.Worker(self._lab_states, self._live)
+        rospy.Subscriber(names.SPOTS, LaserSpot, self._on_spot, queue_size=50)
+        rospy.Subscriber(names.PROGRESS, BorderProgress, self._on_progress, queue_size=1)
+        rospy.Subscriber(names.STATE, InteractionState, self._on_state, queue_size=5)
+        rospy.Subscriber(names.LAB_STATE, LabState, self._lab_states.put, queue_size=1, tcp_nodelay=True)
+        rospy.Service("~start", Trigger, self._on_start)
+
+    def close(self) -> None:
+        """Ends the worker."""
+        self._lab_states.close()
+
+    def _begin(self) -> None:
+        """A fresh person with the same seed."""
+        near = self._scenario.stand if self._params.method == "nrs" else np.array(self._world.robots[0].start[:2])
+        person = Person(self._world, self._scenario, self._model, self._params.seed, near)
+        script = NetworkRobotSystemScript(person) if self._params.method == "nrs" else RobotOnlyScript(person)
+        with self._lock:
+            self._percept.answer, self._percept.answered = None, 0
+            self._script = script
+            self._started = 0.0
+
+    # ------------------------------------------------------------ perception
+    def _on_start(self, _request: Trigger) -> TriggerResponse:
+        if rospy.has_param("~finished"):
+            rospy.delete_param("~finished")
+        self._begin()
+        return TriggerResponse(success=True, message=f"scenario {self._scenario.key}, method {self._params.method}")
+
+    def _on_spot(self, message: LaserSpot) -> None:
+        stamp = message.header.stamp.to_sec()
+        with self._lock:
+            if self._spot is None or stamp > self._percept.now + 0.2:
+                return
+            if np.hypot(message.position.x - self._spot[0], message.position.y - self._spot[1]) > OWN_SPOT:
+                return
+            self._percept.last_seen = max(self._percept.last_seen, stamp)
+            if message.mobile:
+                self._percept.last_seen_by_robot = max(self._percept.last_seen_by_robot, stamp)
+
+    def _on_progress(self, message: BorderProgress) -> None:
+        with self._lock:
+            self._percept.has_seed = message.has_seed
+
+    def _on_state(self, message: InteractionState) -> None:
+        with self._lock:
+            self._percept.state = message.name
+
+    # ------------------------------------------------------------ life
+    def _live(self, lab: LabState) -> None:
+        now = lab.header.stamp
+        with self._lock:
+            script = self._script
+            percept = self._percept
+            if now.to_sec() < percept.now:
+                # time jumped back: nothing was seen in the future
+                percept.last_seen = percept.last_seen_by_robot = float("-inf")
+            percept.now = now.to_sec()
+            if lab.robot_poses:
+                pose = lab.robot_poses[0]
+                percept.robot = (pose.x, pose.y, pose.theta)
+            seen = replace(percept)
+        if script is None:
+            return
+        if not self._started:
+            self._started = seen.now
+        self._count += 1
+        if script.outcome and self._count % 10:
+            return
+        over_before = bool(script.outcome)
+        action = script.step(seen)
+        with self._lock:
+            self._spot = None if action.laser is None else np.array(action.laser)
+        self._publish(action, now)
+        if action.command:
+            threading.Thread(target=self._command, args=(script, action), daemon=True).start()
+        if action.outcome and not over_before:
+            self._report(script, seen.now)
+
+    def _publish(self, action: Action, now: rospy.Time) -> None:
+        message = ParticipantState()
+        message.header.stamp, message.header.frame_id = now, names.MAP_FRAME
+        message.laser_on = action.laser is not None
+        if action.laser is not None:
+            message.laser = Point(action.laser[0], action.laser[1], 0.0)
+        message.laser_color = self._params.color
+        message.person_present = True
+        message.person = Pose2D(*action.pose)
+        message.doing = action.doing
+        self._state.publish(message)
+
+    def _command(self, script: ParticipantScript, action: Action) -> None:
+        try:
+            request = CommandRequest(command=action.command, source=action.source)
+            response = services.call(names.COMMAND, Command, request, "the interaction manager", 3.0, 15.0)
+            answer = Answer(response.success, response.code, response.message)
+        except CodedError as error:
+            answer = Answer(False, error.code, error.message)
+        rospy.loginfo("%s: %s: %s", rospy.get_name(), action.command, answer.message or answer.code)
+        with self._lock:
+            if script is self._script:  # an answer to somebody who was replaced meanwhile is nobody's
+                self._percept.answer, self._percept.answered = answer, action.number
+
+    def _report(self, script: ParticipantScript, now: float) -> None:
+        report: Dict[str, Any] = {
+            "outcome": script.outcome,
+            "reason": script.reason,
+            "scenario": self._scenario.key,
+            "method": self._params.method,
+            "seed": self._params.seed,
+            "tries": script.person.tries,
+            "started": self._started,
+            "ended": now,
+            "answer": asdict(script.person.last_answer),
+        }
+        text = json.dumps(report)
+        rospy.set_param("~finished", {"identity": self._identity, "report": text})
+        self._done.publish(String(text))
+        rospy.loginfo("%s: %s %s", rospy.get_name(), script.outcome, script.reason)
+
+
+def build() -> ParticipantNode:
+    """Makes the node of what the parameter server says."""
+    for name in ("~world", "~scenario"):
+        parameters.required(name)
+    params = parameters.read(ParticipantParams, ignore=("finished",))
+    world = load_world(params.world)
+    model = section(load_models(params.models or default_models()), "participant", ParticipantModel)
+    return ParticipantNode(world, world.scenario(params.scenario), model, params)
+
+
+def main() -> None:
+    """Entry point of the executable participant."""
+    node.run("participant", build)

@@ -1,0 +1,83 @@
+"""A person who draws with the network robot system: ceiling cameras, and a robot that comes by itself."""
+from __future__ import annotations
+
+from vb_sim.hand import Stroke
+from vb_sim.participant import FEEDBACK_GAP, ParticipantScript, Step
+
+GO_BACK = 0.08  # [m] by which a missed part is begun again before the place where feedback ended
+
+
+class NetworkRobotSystemScript(ParticipantScript):
+    """Walks to the border, says "define border", draws, shows the seed, says "save".
+
+    Where no camera sees the spot he holds still, for the robot is under way, and then draws the part that was
+    missed again.
+    """
+
+    def prepare(self) -> Step:
+        person = self.person
+        person.doing = "walks"
+        yield from person.walk(person.scenario.stand)
+        yield from person.react()
+        yield from person.insist("define_border", self.source)
+        yield from person.react()
+
+    def draw(self) -> Step:
+        person = self.person
+        stroke = person.new_stroke()
+        arc = seen_at = stroke.start
+        missed = 0
+        person.doing = "draws"
+        person.spot = stroke.at(arc)
+        yield from person.see_and_wait(0.1, person.model.patience)
+        while arc < stroke.length:
+            if person.unseen_for() < FEEDBACK_GAP:
+                seen_at = arc
+            elif missed <= person.model.retries and person.unseen_for() > FEEDBACK_GAP + person.model.notice_time:
+                missed += 1
+                yield from self._hold(stroke)
+                arc = max(seen_at - GO_BACK, stroke.start)
+                person.doing = "draws"
+                yield from person.move_spot(stroke.at(arc), person.drawing_speed)
+                # the way back counts as feedback: what follows is judged afresh
+                yield from person.see_and_wait(0.1, 2.0)
+                seen_at = arc
+            arc = min(arc + person.drawing_speed * stroke.pace(arc) * person.dt, stroke.length)
+            person.spot = stroke.at(arc)
+            person.come_within_reach(person.spot, stroke.points)
+            yield
+        yield from person.see_and_wait(0.2, 1.0)
+        person.spot = None
+
+    def _hold(self, stroke: Stroke) -> Step:
+        """Holds still where nobody sees the spot, until somebody does or patience ends."""
+        person = self.person
+        person.doing = "waits for the robot"
+        began = person.percept.now
+        aside = False
+        while person.unseen_for() > FEEDBACK_GAP and person.percept.now - began < person.model.patience:
+            if not aside and person.percept.now - began > 2.0 and person.spot is not None:
+                aside = True
+                person.step_aside(person.spot, stroke.points)
+            yield
+
+    def show_seed(self) -> Step:
+        person = self.person
+        person.doing = "walks"
+        person.come_within_reach(person.scenario.seed, person.scenario.border)
+        yield from person.react()
+        yield from person.insist("define_seed", self.source)
+        while person.legs.walking:
+            yield
+        yield from person.react()
+        person.doing = "shows the seed"
+        person.spot = person.scenario.seed.copy()
+        for _ in range(2):
+            yield from person.see_and_wait(person.model.seed_time, person.model.patience)
+            if person.percept.has_seed:
+                break
+            person.step_aside(person.spot, person.scenario.border)
+        # the display shows it a moment after the camera saw it
+        began = person.percept.now
+        while not person.percept.has_seed and person.percept.now - began < 2.0:
+            yield

@@ -1,0 +1,94 @@
+"""A small stand-in for the whole system, for testing people without ROS: cameras, robot, commands."""
+import math
+
+import numpy as np
+
+from vb_core import geometry
+from vb_sim.participant import Answer, Percept
+from vb_sim.robot_body import advance
+
+COMMANDS = {"define_border": "border", "define_seed": "seed", "guide_robot": "guide"}
+
+
+class System:
+    """Answers commands; sees the spot where `covered` says so or the robot looks; the robot comes or follows."""
+
+    def __init__(self, script, robot, covered, dispatch_after=2.0, follows=False, refuse_saves=()):
+        self.script, self.robot, self.covered = script, robot, covered
+        self.follows, self.dispatch_after = follows, dispatch_after
+        self.refusals = list(refuse_saves)
+        self.percept = Percept(now=100.0, robot=robot)
+        self.border, self.seed, self.commands, self.actions = [], [], [], []
+        self._arrives = None
+        self._answer_at = None
+
+    def robot_sees(self, spot):
+        x, y, yaw = self.robot
+        distance = math.hypot(spot[0] - x, spot[1] - y)
+        bearing = geometry.wrap_angle(math.atan2(spot[1] - y, spot[0] - x) - yaw)
+        return 0.45 < distance < 3.0 and abs(bearing) < math.radians(29.0)
+
+    def run(self, limit, dt=0.02):
+        while self.percept.now < 100.0 + limit:
+            action = self.script.step(Percept(**vars(self.percept)))
+            self.actions.append(action)
+            if action.outcome:
+                return action.outcome
+            self.percept.now += dt
+            self._see(action)
+            self._command(action)
+            self._drive(action, dt)
+        return "time is up"
+
+    def _see(self, action):
+        state = self.percept.state
+        if action.laser is None or state == "default":
+            return
+        by_robot, seen = self.robot_sees(action.laser), False
+        if self.covered(np.array(action.laser)):
+            seen = True
+            if not self.follows and self._arrives is None:
+                self._arrives = self.percept.now + self.dispatch_after
+        if by_robot:
+            self.percept.last_seen_by_robot = self.percept.now
+        if seen or by_robot:
+            self.percept.last_seen = self.percept.now
+            if state == "border":
+                self.border.append(action.laser)
+            if state == "seed":
+                self.seed.append(action.laser)
+                self.percept.has_seed = len(self.seed) >= 10
+
+    def _command(self, action):
+        if action.command:
+            self.commands.append((action.command, action.source, self.percept.state))
+            self._answer_at = (self.percept.now + 0.1, action)
+        if self._answer_at and self.percept.now >= self._answer_at[0]:
+            action, self._answer_at = self._answer_at[1], None
+            answer = Answer(True, "ok", "")
+            if action.command == "save":
+                code = self.refusals.pop(0) if self.refusals else ""
+                answer = Answer(not code, code or "ok", code)
+                if not code:
+                    self.percept.state = "default"
+            elif action.command == "cancel":
+                self.percept.state = "default"
+                self.border, self.seed, self.percept.has_seed = [], [], False
+            else:
+                self.percept.state = COMMANDS[action.command]
+            self.percept.answer, self.percept.answered = answer, action.number
+
+    def _drive(self, action, dt):
+        x, y, yaw = self.robot
+        if self._arrives is not None and self.percept.now >= self._arrives and action.laser is not None:
+            # put where it sees the spot, which stands for driving there
+            spot = np.array(action.laser)
+            if not self.robot_sees(spot):
+                self.robot = (spot[0], spot[1] - 1.0, math.pi / 2)
+                self._arrives = self.percept.now + self.dispatch_after
+        elif self.follows and action.laser is not None and self.robot_sees(action.laser):
+            distance = math.hypot(action.laser[0] - x, action.laser[1] - y)
+            bearing = geometry.wrap_angle(math.atan2(action.laser[1] - y, action.laser[0] - x) - yaw)
+            speed = float(np.clip(0.8 * (distance - 1.0), 0.0, 0.2)) * max(0.0, 1.0 - abs(bearing) / 0.44)
+            self.robot = advance(self.robot, speed * dt, float(np.clip(1.8 * bearing, -0.8, 0.8)) * dt)
+        self.percept.robot = self.robot
