@@ -24,9 +24,10 @@ GREY = rgb(150, 150, 150)
 PALE = rgb(200, 205, 212)
 CRIMSON = rgb(150, 10, 20)
 TEAL = rgb(60, 210, 165)
+MAGENTA = rgb(225, 80, 160)
 
 # the person's state at a glance, on the LED and in the large letters on dark ground
-STATE: Dict[str, Colour] = {"default": WHITE, "border": ORANGE, "seed": SKY_BLUE, "guide": TEAL}
+STATE: Dict[str, Colour] = {"default": WHITE, "border": ORANGE, "seed": SKY_BLUE, "guide": MAGENTA}
 
 # the lab names its cameras by colours: each gets the one of the set that is nearest to its name
 _NAMED: Dict[str, Colour] = {"red": VERMILION, "green": GREEN, "blue": BLUE, "robot": PURPLE}

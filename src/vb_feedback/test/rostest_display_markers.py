@@ -1,0 +1,154 @@
+#!/usr/bin/env python3
+"""display_markers over a real roscore."""
+from __future__ import annotations
+
+import os
+import sys
+import unittest
+
+import numpy as np
+import rospy
+import rostest
+from geometry_msgs.msg import Point
+
+sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
+from ros_helpers import wait_until  # noqa: E402
+from vb_core.grid_map import GridMap  # noqa: E402
+from vb_core.ros.messages import OccupancyGridArray, message_from_grid  # noqa: E402
+from vb_msgs.msg import BorderProgress, InteractionState, LaserSpot, VirtualBorder, VirtualBorderArray  # noqa: E402
+from visualization_msgs.msg import Marker, MarkerArray  # noqa: E402
+
+
+class Screen:
+    """What RViz would show: applies each marker message."""
+
+    def __init__(self):
+        self.markers = {}
+        self.messages = 0
+        self.subscriber = rospy.Subscriber("/virtual_borders/markers", MarkerArray, self.take, queue_size=100)
+
+    def take(self, message):
+        self.messages += 1
+        for marker in message.markers:
+            if marker.action == Marker.DELETEALL:
+                self.markers.clear()
+            elif marker.action == Marker.DELETE:
+                self.markers.pop((marker.ns, marker.id), None)
+            else:
+                self.markers[marker.ns, marker.id] = marker
+
+    def says(self, namespace):
+        found = sorted((key[1], marker.text) for key, marker in list(self.markers.items()) if key[0] == namespace)
+        return " ".join(text for _, text in found)
+
+    def has(self, namespace):
+        return [marker for key, marker in list(self.markers.items()) if key[0] == namespace]
+
+
+class DisplayMarkersTest(unittest.TestCase):
+    @classmethod
+    def setUpClass(cls):
+        rospy.init_node("rostest_display_markers")
+        latched = {"queue_size": 1, "latch": True}
+        cls.map = rospy.Publisher("/map", OccupancyGridArray, **latched)
+        cls.posterior = rospy.Publisher("/virtual_borders/map", OccupancyGridArray, **latched)
+        cls.state = rospy.Publisher("/virtual_borders/state", InteractionState, **latched)
+        cls.progress = rospy.Publisher("/virtual_borders/progress", BorderProgress, **latched)
+        cls.borders = rospy.Publisher("/virtual_borders/borders", VirtualBorderArray, **latched)
+        cls.spots = rospy.Publisher("/virtual_borders/spots", LaserSpot, queue_size=10)
+        cls.overlays = []
+        cls.overlay = rospy.Subscriber("/virtual_borders/display/restricted", OccupancyGridArray, cls.overlays.append)
+        cls.screen = Screen()
+        cells = np.zeros((100, 160), np.int8)
+        cells[0] = 100
+        cls.grid = GridMap(cells, 0.05, (-2.0, 1.0, 0.0))
+        cls.map.publish(message_from_grid(cls.grid, rospy.Time.now()))
+
+    def say(self, **changes):
+        message = InteractionState(name="default", commands=["define_border"], last_success=True)
+        for key, value in changes.items():
+            setattr(message, key, value)
+        self.state.publish(message)
+
+    def test_1_words_follow_the_state(self):
+        self.say()
+        wait_until(lambda: self.screen.says("words/state") == "Ready", "the default state's title")
+        self.say(name="seed", commands=["save", "cancel"], border_s=70.0, interaction_id="i",
+                 last_message="The map integrator does not answer; say save again in a moment.", last_success=False)
+        wait_until(lambda: self.screen.says("words/state") == "Seed", "the seed state's title")
+        self.assertEqual([self.screen.says(f"words/say/{number}") for number in range(3)], ["save", "cancel", ""])
+        self.assertEqual(self.screen.says("words/elapsed"), "1:10")
+        self.assertIn("say save again", self.screen.says("words/answer"))
+        self.say(name="border", interaction_id="i", last_message="Draw.")
+        wait_until(lambda: self.screen.says("words/answer") == "Draw.", "an answer with fewer words")
+        # words are beside the map, not on it: the map goes from (-2, 1) to (6, 6)
+        for marker in self.screen.has("words/state") + self.screen.has("words/answer"):
+            position = marker.pose.position
+            self.assertTrue(position.x > 6.0 or position.y < 1.0)
+
+    def test_2_drawing_belongs_to_its_interaction(self):
+        self.say(name="border", interaction_id="i7")
+        drawn = BorderProgress(
+            interaction_id="i7", cameras=["red", "robot"], seeing=["robot"], points=[Point(0, 2, 0), Point(1, 2, 0)],
+            point_cameras=bytes([0, 1]), chain=[Point(0, 2, 0), Point(1, 2, 0), Point(1, 3, 0)], has_seed=True,
+            seed=Point(0.5, 2.5, 0),
+        )
+        self.progress.publish(drawn)
+        wait_until(lambda: self.screen.has("drawing/chain"), "the chain")
+        points = self.screen.has("drawing/points")[0]
+        self.assertEqual(len(points.points), 2)
+        self.assertNotEqual(points.colors[0], points.colors[1])
+        self.assertEqual(len(self.screen.has("drawing/seed")), 3)
+        self.assertEqual(self.screen.says("words/seen/0"), "robot")
+        self.say()
+        wait_until(lambda: not self.screen.has("drawing/chain"), "the end of the chain")
+        self.assertFalse(self.screen.has("drawing/points") or self.screen.has("drawing/seed"))
+
+    def test_3_borders_and_restricted_area(self):
+        border = VirtualBorder(
+            id="b1", name="Teppich \u00fc", points=[Point(0, 2, 0), Point(2, 2, 0), Point(2, 3, 0)],
+            kind=VirtualBorder.POLYGON, seed=Point(1.5, 2.2, 0), occupancy=1.0, enabled=True, area_m2=1.0,
+        )
+        self.borders.publish(borders=[border])
+        wait_until(lambda: self.screen.says("borders/label/0") == "Teppich u 1.00 m2", "the border's label")
+        self.assertEqual(len(self.screen.has("borders/outline")[0].points), 6)
+        cells = self.grid.data.copy()
+        cells[20:40, 40:80] = 100
+        self.posterior.publish(message_from_grid(self.grid.with_data(cells), rospy.Time.now()))
+        wait_until(lambda: self.overlays and np.any(self.overlays[-1].data), "stripes")
+        shown = np.asarray(self.overlays[-1].data).reshape(100, 160).copy()
+        self.assertTrue(shown[20:40, 40:80].any())
+        shown[20:40, 40:80] = 0
+        self.assertFalse(shown.any())
+        self.borders.publish(borders=[])
+        wait_until(lambda: not self.screen.has("borders/outline"), "the end of the border")
+
+    def test_4_spots_come_and_fade(self):
+        self.say(name="border", interaction_id="i")
+        wait_until(lambda: self.spots.get_num_connections(), "the subscriber")
+        spot = LaserSpot(camera="red", position=Point(1.0, 2.0, 0.0))
+        spot.header.stamp = rospy.Time.now()
+        self.spots.publish(spot)
+        bad = LaserSpot(camera="blue", position=Point(float("nan"), 2.0, 0.0))
+        self.spots.publish(bad)
+        discs = wait_until(lambda: self.screen.has("spots/red"), "the spot")
+        self.assertEqual((discs[0].pose.position.x, discs[0].type), (1.0, Marker.CYLINDER))
+        self.assertGreater(discs[0].lifetime.to_sec(), 0.0)
+        wait_until(lambda: not self.screen.has("spots/red"), "its end")
+        self.assertFalse(self.screen.has("spots/blue"))
+
+    def test_5_a_newcomer_gets_everything(self):
+        self.say(name="guide", interaction_id="i", commands=["cancel"])
+        wait_until(lambda: self.screen.says("words/state") == "Guide", "the guide state's title")
+        # two subscribers of one process share a connection: only a new connection makes a newcomer
+        self.screen.subscriber.unregister()
+        another = Screen()
+        wait_until(lambda: another.says("words/state") == "Guide" and another.has("robot/body"), "everything")
+        robot = another.has("robot/body")[0]
+        self.assertEqual((robot.header.frame_id, robot.frame_locked), ("base_link", True))
+        self.assertEqual(another.says("words/say/0"), "cancel")
+        another.subscriber.unregister()
+
+
+if __name__ == "__main__":
+    rostest.rosrun("vb_feedback", "display_markers", DisplayMarkersTest)

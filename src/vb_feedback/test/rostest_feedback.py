@@ -1,0 +1,66 @@
+#!/usr/bin/env python3
+"""feedback over a real roscore."""
+from __future__ import annotations
+
+import os
+import sys
+import unittest
+
+import rospy
+import rostest
+from std_msgs.msg import ColorRGBA
+
+sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
+from ros_helpers import wait_until  # noqa: E402
+from vb_msgs.msg import InteractionState, LaserSpot, Sound  # noqa: E402
+
+
+class FeedbackTest(unittest.TestCase):
+    @classmethod
+    def setUpClass(cls):
+        rospy.init_node("rostest_feedback")
+        cls.lights, cls.sounds = [], []
+        cls.subscribers = [
+            rospy.Subscriber("/virtual_borders/led", ColorRGBA, cls.lights.append),
+            rospy.Subscriber("/virtual_borders/sound", Sound, lambda sound: cls.sounds.append(sound.name)),
+        ]
+        cls.state = rospy.Publisher("/virtual_borders/state", InteractionState, queue_size=10)
+        cls.spots = rospy.Publisher("/virtual_borders/spots", LaserSpot, queue_size=10)
+        wait_until(lambda: cls.state.get_num_connections() and cls.spots.get_num_connections(), "the node")
+        wait_until(lambda: all(subscriber.get_num_connections() for subscriber in cls.subscribers), "its topics")
+
+    def say(self, second, **values):
+        message = InteractionState(last_success=True, last_answered=rospy.Time(second))
+        for key, value in values.items():
+            setattr(message, key, value)
+        self.state.publish(message)
+
+    def heard(self, *expected):
+        wait_until(lambda: len(self.sounds) >= len(expected), f"{expected}, heard {self.sounds}")
+        self.assertEqual(self.sounds, list(expected))
+
+    def test_light_and_sound_of_an_interaction(self):
+        self.say(1, name="default")
+        wait_until(lambda: len(self.lights) == 1, "the light of the default state")
+        self.say(2, name="border")
+        self.heard("border")
+        wait_until(lambda: len(self.lights) == 2, "another light")
+        self.assertNotEqual(self.lights[0], self.lights[1])
+        for _ in range(5):
+            self.spots.publish(LaserSpot(camera="red"))
+        self.heard("border", "tick")
+        self.say(3, name="border", last_success=False)
+        self.say(3, name="border", last_success=False)
+        self.say(4, name="border", last_success=False)
+        self.say(5, name="default", last_outcome="saved")
+        wait_until(lambda: self.sounds and self.sounds[-1] == "success", "success")
+        self.assertEqual([sound for sound in self.sounds if sound != "tick"], ["border", "refusal", "refusal", "success"])
+        wait_until(lambda: len(self.lights) == 3, "the light of the default state again")
+        self.assertEqual(self.lights[2], self.lights[0])
+        # latched: who comes later sees the light too
+        late = rospy.wait_for_message("/virtual_borders/led", ColorRGBA, 15)
+        self.assertEqual(late, self.lights[2])
+
+
+if __name__ == "__main__":
+    rostest.rosrun("vb_feedback", "feedback", FeedbackTest)

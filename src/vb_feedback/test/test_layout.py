@@ -1,0 +1,99 @@
+"""Where things go on the smart display."""
+from __future__ import annotations
+
+import math
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from vb_core.errors import CodedError
+from vb_feedback.layout import Box, fit, fit_text, place_labels, place_words, plain, text_width, wrap
+
+sizes = st.floats(0.5, 200.0)
+places = st.floats(-1000.0, 1000.0)
+aspects = st.floats(1.0, 3.0)
+
+
+@settings(max_examples=40, deadline=None)
+@given(places, places, sizes, sizes, aspects)
+def test_the_map_is_whole_and_nothing_overlaps_it(x, y, width, height, aspect):
+    extent = Box(x, y, x + width, y + height)
+    layout = fit(extent, aspect)
+    assert layout.view.contains(extent, 1e-6)
+    assert math.isclose(layout.view.width / layout.view.height, aspect, rel_tol=1e-9)
+    for part in (layout.panel, layout.strip):
+        assert layout.view.contains(part, 1e-6) and not part.overlaps(layout.map)
+    assert not layout.panel.overlaps(layout.strip)
+    # no smaller view would do: the map touches its room's margin in one direction
+    across = layout.panel.x0 - layout.view.x0
+    upwards = layout.view.y1 - layout.strip.y1
+    slack = min(across - width, upwards - height) / layout.unit
+    assert math.isclose(slack, 0.03, abs_tol=1e-6)
+
+
+@pytest.mark.parametrize("width, height, aspect", [(0, 5, 1.8), (8, 0, 1.8), (8, 5, 0.1), (8, 5, 50.0)])
+def test_nonsense_is_refused(width, height, aspect):
+    with pytest.raises(CodedError) as caught:
+        fit(Box(0.0, 0.0, width, height), aspect)
+    assert caught.value.code == "bad_layout"
+
+
+words = st.text(alphabet=st.characters(min_codepoint=33, max_codepoint=126), min_size=1, max_size=25)
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.lists(words, min_size=1, max_size=30), st.floats(3.0, 40.0))
+def test_wrapped_lines_fit_and_lose_nothing(sentence, width):
+    lines = wrap(" ".join(sentence), 1.0, width)
+    assert all(text_width(line, 1.0) <= width for line in lines)
+    assert "".join(lines).replace(" ", "") == "".join(sentence)
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.lists(words, min_size=1, max_size=60), st.floats(5.0, 40.0), st.floats(1.0, 4.0))
+def test_text_never_leaves_its_box(sentence, width, height):
+    text, size = fit_text(" ".join(sentence), (1.0, 0.8, 0.5), width, height)
+    lines = text.count("\n") + 1
+    assert text_width(text, size) <= width
+    assert (1.0 + 1.2 * (lines - 1)) * size <= height + 1e-9
+    whole = text.replace("\n", "").replace(" ", "") == "".join(sentence)
+    assert whole or text.endswith("...")
+
+
+def test_short_text_gets_the_largest_letters():
+    assert fit_text("Saved.", (2.0, 1.0), 50.0, 3.0) == ("Saved.", 2.0)
+
+
+def test_words_stand_beside_each_other_centred():
+    placed = place_words("define border\nsave", 10.0, 5.0, 1.0)
+    assert [word for word, _, _ in placed] == ["define", "border", "save"]
+    (_, x1, y1), (_, x2, y2), (_, x3, y3) = placed
+    left, right = x1 - text_width("define", 1.0) / 2, x2 + text_width("border", 1.0) / 2
+    assert math.isclose((left + right) / 2, 10.0) and math.isclose(x3, 10.0)
+    assert x1 + text_width("define", 1.0) / 2 < x2 - text_width("border", 1.0) / 2
+    assert y1 == y2 == 5.6 and y3 == 4.4
+
+
+def test_plain_letters():
+    assert plain("K\u00fcche \u2013 Caf\u00e9") == "Kuche ? Cafe"
+    assert plain("line\nbreak") == "line?break"
+
+
+boxes = st.builds(Box.centred, st.floats(-5, 15), st.floats(-5, 12), st.floats(0.5, 1.5), st.floats(0.2, 0.5))
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.lists(boxes, max_size=6))
+def test_labels_lie_on_the_map_and_not_on_each_other(wanted):
+    within = Box(0.0, 0.0, 8.0, 6.0)
+    placed = place_labels(wanted, within)
+    for number, box in enumerate(placed):
+        assert within.contains(box, 1e-6)
+        assert math.isclose(box.width, wanted[number].width) and math.isclose(box.height, wanted[number].height)
+        assert not any(box.overlaps(other) for other in placed[:number])
+
+
+def test_a_label_with_room_stays():
+    box = Box.centred(4.0, 3.0, 1.0, 0.3)
+    assert place_labels([box], Box(0.0, 0.0, 8.0, 5.0)) == [box]

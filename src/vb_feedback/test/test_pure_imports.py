@@ -1,0 +1,28 @@
+"""The pure modules import where there is no ROS."""
+from __future__ import annotations
+
+import subprocess
+import sys
+
+import pytest
+
+PURE = ["colours", "layout", "scene", "tones", "restricted", "rviz_config", "fit_display"]
+
+BLOCK = """
+import sys
+
+class Block:
+    def find_spec(self, name, path=None, target=None):
+        top = name.split(".")[0]
+        if top in ("rospy", "tf2_ros", "cv_bridge", "rosgraph") or top.endswith("_msgs"):
+            raise ImportError(name + " is blocked")
+
+sys.meta_path.insert(0, Block())
+import importlib
+importlib.import_module(sys.argv[1])
+"""
+
+
+@pytest.mark.parametrize("module", PURE)
+def test_imports_without_ros(module):
+    subprocess.run([sys.executable, "-c", BLOCK, f"vb_feedback.{module}"], check=True)

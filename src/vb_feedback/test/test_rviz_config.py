@@ -1,0 +1,68 @@
+"""Fitting the RViz config to a map and a screen."""
+from __future__ import annotations
+
+import copy
+from pathlib import Path
+
+import pytest
+import yaml
+
+from vb_core.errors import CodedError
+from vb_feedback import fit_display
+from vb_feedback.layout import Box, fit
+from vb_feedback.rviz_config import fit_config
+
+RVIZ = Path(__file__).resolve().parents[3] / "rviz"
+
+
+def template():
+    return yaml.safe_load((RVIZ / "smart_display.rviz").read_text())
+
+
+@pytest.mark.parametrize("screen", [(1920, 1080), (1280, 720), (1024, 768)])
+@pytest.mark.parametrize("extent", [Box(0, 0, 8, 5), Box(-20, -10, 30, 12), Box(1, 1, 2, 9)])
+def test_every_part_of_the_display_is_on_the_screen(extent, screen):
+    config = template()
+    before = copy.deepcopy(config)
+    fitted = fit_config(config, extent, *screen)
+    assert config == before
+    view = fitted["Visualization Manager"]["Views"]["Current"]
+    layout = fit(extent, screen[0] / screen[1])
+    # an orthographic view from above: pixels per metre about its centre
+    for x, y in ((layout.view.x0, layout.view.y0), (layout.view.x1, layout.view.y1), extent.centre):
+        column = screen[0] / 2 + (x - view["X"]) * view["Scale"]
+        row = screen[1] / 2 - (y - view["Y"]) * view["Scale"]
+        assert -1e-6 <= column <= screen[0] + 1e-6 and -1e-6 <= row <= screen[1] + 1e-6
+    assert (fitted["Window Geometry"]["Width"], fitted["Window Geometry"]["Height"]) == screen
+
+
+@pytest.mark.parametrize("config", [None, {}, {"Visualization Manager": {"Views": {}}}])
+def test_other_files_are_refused(config):
+    with pytest.raises(CodedError) as caught:
+        fit_config(config, Box(0, 0, 8, 5), 1920, 1080)
+    assert caught.value.code == "bad_config"
+
+
+def test_another_view_is_refused():
+    config = template()
+    config["Visualization Manager"]["Views"]["Current"]["Class"] = "rviz/Orbit"
+    with pytest.raises(CodedError):
+        fit_config(config, Box(0, 0, 8, 5), 1920, 1080)
+
+
+def test_the_program(tmp_path, capsys):
+    output = tmp_path / "new" / "fitted.rviz"
+    source = str(RVIZ / "smart_display.rviz")
+    assert fit_display.run([source, str(output), "--map", "10", "4", "--origin", "-5", "-2"]) == 0
+    view = yaml.safe_load(output.read_text())["Visualization Manager"]["Views"]["Current"]
+    assert view["Scale"] > 0
+    assert fit_display.run([str(tmp_path / "none.rviz"), str(output)]) == 1
+    assert "none.rviz" in capsys.readouterr().err
+    assert fit_display.run([source, str(output), "--map", "0", "4"]) == 1
+    assert "extent" in capsys.readouterr().err
+
+
+def test_the_engineers_config_is_one():
+    config = yaml.safe_load((RVIZ / "engineer.rviz").read_text())
+    topics = {display.get("Topic") or display.get("Image Topic") for display in config["Visualization Manager"]["Displays"]}
+    assert "/virtual_borders/map" in topics

@@ -1,0 +1,160 @@
+"""What the smart display shows."""
+from __future__ import annotations
+
+import itertools
+import math
+
+import numpy as np
+import pytest
+
+from vb_feedback import colours, scene
+from vb_feedback.layout import Box, fit
+from vb_feedback.restricted import CLEAR, STRIPE, overlay
+
+COMMANDS = ("save", "define_border", "define_seed", "guide_robot", "cancel")
+LONG = "The map integrator refuses this border because it would part the kitchen from the rest of the home, " * 2
+
+
+@pytest.mark.parametrize("extent", [Box(0, 0, 8, 5), Box(-30, 7, 10, 12), Box(2, 2, 4, 12)])
+@pytest.mark.parametrize("aspect", [16 / 9, 4 / 3])
+@pytest.mark.parametrize("state", ["", "default", "border", "seed", "guide", "another"])
+def test_words_overlap_neither_map_nor_each_other(extent, aspect, state):
+    layout = fit(extent, aspect)
+    for commands, seeing, message in itertools.product(
+        ((), COMMANDS[:4]), ((), ("red",), ("red", "green", "blue", "a_camera_with_a_long_name")), ("", "Ok.", LONG)
+    ):
+        talk = scene.Talk(state, 3599.0, commands, False, message, seeing)
+        boxes = scene.text_boxes(scene.words(layout, talk))
+        for one, other in itertools.combinations(boxes, 2):
+            assert not one.overlaps(other)
+        for box in boxes:
+            assert layout.view.contains(box) and not box.overlaps(layout.map)
+
+
+def test_letters_can_be_read_from_three_metres():
+    # 22 inch at 16:9 is 0.274 m high; capitals are 0.6 of RViz's text height; 16 arc minutes is ISO 9241-303's least
+    layout = fit(Box(0, 0, 8, 5), 16 / 9)
+    talk = scene.Talk("border", 10.0, COMMANDS[:4], True, "Draw the border on the floor with the laser.", ("red",))
+    angle = {}
+    for shape in scene.words(layout, talk):
+        millimetres = shape.size[0] / layout.unit * 274.0 * 0.6
+        angle[shape.namespace] = math.degrees(math.atan(millimetres / 3000.0)) * 60.0
+    assert angle["words/state"] > 20.0
+    assert min(angle["words/answer"], angle["words/say/0"]) > 12.0
+    assert min(angle.values()) > 8.0
+
+
+def test_state_and_commands_are_said():
+    layout = fit(Box(0, 0, 8, 5), 16 / 9)
+    shapes = scene.words(layout, scene.Talk("seed", 65.0, ("save", "cancel"), False, "No.", ()))
+    said = {}
+    for shape in shapes:
+        said.setdefault(shape.namespace, []).append(shape.text)
+    assert said["words/state"] == ["Seed"] and said["words/elapsed"] == ["1:05"]
+    assert said["words/say/0"] == ["save"] and said["words/answer"] == ["No."]
+    refusal = [shape for shape in shapes if shape.namespace == "words/answer"][0]
+    assert refusal.colours != (colours.WHITE,)
+
+
+def border(**changes):
+    values = dict(name="Carpet", points=((1, 1), (3, 1), (3, 2), (1, 2)), closed=True, seed=(2, 1.5), area_m2=2.0)
+    values.update(changes)
+    return scene.Border(**values)
+
+
+def test_borders_differ_by_kind():
+    layout = fit(Box(0, 0, 8, 5), 16 / 9)
+
+    def outline(one):
+        return [shape for shape in scene.borders(layout, [one]) if shape.namespace == "borders/outline"][0]
+
+    hard, soft, off = outline(border()), outline(border(occupancy=0.4)), outline(border(enabled=False))
+    assert sum(soft.colours[0]) > sum(hard.colours[0])
+    assert len(set(off.colours[0])) == 1
+    # four sides of a polygon, three of a curve
+    assert (len(hard.points), len(outline(border(closed=False)).points)) == (8, 6)
+
+
+def test_labels_of_borders_stay_on_the_map():
+    layout = fit(Box(0, 0, 8, 5), 16 / 9)
+    stored = [border(name=f"Border {number}", seed=(0.0, 0.0)) for number in range(4)]
+    shapes = scene.borders(layout, stored)
+    plates = [box for box in scene.text_boxes([shape for shape in shapes if shape.kind == scene.PLATE])]
+    for one, other in itertools.combinations(plates, 2):
+        assert not one.overlaps(other)
+    assert all(layout.map.contains(plate) for plate in plates)
+    texts = scene.text_boxes([shape for shape in shapes if shape.kind == scene.TEXT])
+    assert all(any(plate.contains(text) for plate in plates) for text in texts)
+
+
+def test_segments_join_at_corners():
+    pairs = np.array(scene.segments([(0, 0), (2, 0), (2, 0), (2, 1)], True, 0.2)).reshape(-1, 2, 2)
+    assert len(pairs) == 3
+    np.testing.assert_allclose(pairs[0], [(-0.1, 0), (2.1, 0)])
+    np.testing.assert_allclose(pairs[1], [(2, -0.1), (2, 1.1)])
+    assert scene.segments([(1, 1)], True, 0.2) == () and scene.segments([], False, 0.2) == ()
+
+
+def test_spots_fade_and_go():
+    layout = fit(Box(0, 0, 8, 5), 16 / 9)
+    seen = [scene.Spot("red", 1.0, 1.0, 10.0), scene.Spot("red", 1.1, 1.0, 11.0), scene.Spot("blue", 2.0, 2.0, 10.9)]
+    shapes = {shape.key: shape for shape in scene.spots(layout, seen, 11.0, 1.5, 3.0)}
+    trail = shapes[("spots/red/trail", 0)]
+    assert trail.points == ((1.0, 1.0), (1.1, 1.0)) and sum(trail.colours[0]) > sum(trail.colours[1])
+    assert trail.colours[1] == colours.camera_colour("red") != colours.camera_colour("blue")
+    assert shapes[("spots/red", 1)].points == ((1.1, 1.0),) and ("spots/blue", 1) in shapes
+    assert scene.spots(layout, seen, 20.0, 1.5, 3.0) == []
+    # time that jumped back: what seems to come from the future is left out
+    assert scene.spots(layout, seen, 0.0, 1.5, 3.0) == []
+
+
+def test_drawing_needs_no_camera_names():
+    layout = fit(Box(0, 0, 8, 5), 16 / 9)
+    assert scene.drawing(layout, scene.Drawing()) == []
+    shapes = scene.drawing(layout, scene.Drawing(((1, 1), (2, 2)), ("", "red"), ((1, 1), (2, 2)), False, (3, 3)))
+    kinds = {shape.namespace for shape in shapes}
+    assert kinds == {"drawing/points", "drawing/rim", "drawing/chain", "drawing/seed"}
+
+
+def test_only_changes_are_sent():
+    layout = fit(Box(0, 0, 8, 5), 16 / 9)
+    first = scene.words(layout, scene.Talk("border", 1.0, COMMANDS[:2], True, "Draw."))
+    shown = {shape.key: shape for shape in first}
+    assert len(shown) == len(first)
+    assert scene.changes(shown, first) == ([], [])
+    later = scene.words(layout, scene.Talk("border", 2.0, COMMANDS[:1], True, "Draw."))
+    changed, gone = scene.changes(shown, later)
+    assert [shape.namespace for shape in changed] == ["words/elapsed"]
+    assert {namespace for namespace, _ in gone} == {"words/say/1"}
+
+
+def test_every_shape_has_its_own_key():
+    layout = fit(Box(0, 0, 8, 5), 16 / 9)
+    shapes = scene.words(layout, scene.Talk("border", 1.0, COMMANDS[:4], True, LONG, ("red", "blue", "green")))
+    shapes += scene.borders(layout, [border(), border(name="Room two")]) + scene.robot("base_link", 0, 0.18)
+    shapes += scene.drawing(layout, scene.Drawing(((1, 1),), ("red",), ((1, 1), (2, 2)), False, (3, 3)))
+    assert len({shape.key for shape in shapes}) == len(shapes)
+
+
+# ----------------------------------------------------------------- restricted areas
+def test_overlay_marks_only_what_borders_changed():
+    physical = np.zeros((40, 60), np.int8)
+    physical[:2] = 100
+    physical[20:, 50:] = -1
+    posterior = physical.copy()
+    posterior[10:30, 10:30] = 100
+    posterior[32:38, 5:45] = 40
+    found = overlay(physical, posterior, 4)
+    assert set(np.unique(found)) == {CLEAR, STRIPE}
+    assert not found[(physical == posterior)].any()
+    hard, soft = found[11:29, 11:29] == STRIPE, found[33:37, 6:44] == STRIPE
+    assert 0.4 < hard.mean() < 0.6 and 0 < soft.mean() < hard.mean()
+    assert (found[10, 10:30] == STRIPE).all() and (found[10:30, 29] == STRIPE).all()
+    assert not overlay(physical, physical, 4).any()
+
+
+def test_a_single_cell_is_visible():
+    physical = np.zeros((9, 9), np.int8)
+    posterior = physical.copy()
+    posterior[4, 5] = 50
+    assert overlay(physical, posterior, 4)[4, 5] == STRIPE
