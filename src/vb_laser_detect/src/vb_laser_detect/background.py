@@ -33,8 +33,8 @@ class Background:
         self._cycle_s, self._absorb_s, self._hold_s = cycle_s, absorb_s, hold_s
         self._rise = np.empty_like(image)
         blocks = (image.shape[0] // BLOCK, image.shape[1] // BLOCK)
-        self._noise = np.full(blocks, 6.0, np.float32)
-        self._deviation = np.full(blocks, 2.0, np.float32)
+        self._noise = np.zeros(blocks, np.float32)
+        self._deviation = np.zeros(blocks, np.float32)
         self._changed_s = np.zeros(blocks, np.float32)
         self._held_s = np.zeros(blocks, np.float32)
         self._row = 0
@@ -43,6 +43,12 @@ class Background:
     def rise(self, image: np.ndarray) -> np.ndarray:
         """By how much each pixel is brighter than the background; the array is used again by the next call."""
         return cv2.subtract(image, self.image, self._rise)
+
+    def learn_noise(self, maxima: np.ndarray) -> None:
+        """Takes the whole scene's noise for each block's; to be called with the second frame's rise."""
+        middle = float(np.median(maxima))
+        self._noise[:] = middle
+        self._deviation[:] = max(1.5, 1.5 * float(np.median(np.abs(maxima - middle))))
 
     def hot_blocks(self, maxima: np.ndarray, least: float) -> np.ndarray:
         """(rows, columns) bool: blocks whose rise is at least `least` and stands out of the block's own noise."""

@@ -23,6 +23,8 @@ from vb_laser_detect.background import Background
 from vb_laser_detect.blocks import BLOCK, block_maxima
 from vb_laser_detect.tracker import SLACK_M, SLACK_PX, SpotTracker
 
+_SMEAR_PX = 3.0
+
 # pixels (N, 2) to the floor (N, 2) [m], rows of NaN where there is none
 ToFloor = Callable[[np.ndarray], np.ndarray]
 
@@ -54,7 +56,7 @@ class DetectorParams(Parameters):
     min_peak: float = param(24.0, "grey levels", low=1.0, high=255.0, doc="a spot's own rise, smoothed")
     min_level: float = param(215.0, "grey levels", low=0.0, high=255.0, doc="the brightest pixel of a spot")
     max_elongation: float = param(3.0, "", low=1.0, high=20.0, doc="longest over shortest axis")
-    min_compactness: float = param(0.84, "", low=0.0, high=1.0)
+    min_compactness: float = param(0.80, "", low=0.0, high=1.0)
     max_surround: float = param(0.24, "", low=0.0, high=1.0)
     min_contrast: float = param(0.4, "", low=0.0, high=2.0)
     min_likeness: float = param(0.12, "", low=0.0, high=1.0)
@@ -65,7 +67,7 @@ class DetectorParams(Parameters):
     max_neighbours: int = param(20, "blocks", low=0, high=169, doc="changed blocks within 6 blocks of the spot")
     max_change: float = param(0.3, "of the image", low=0.01, high=1.0, doc="more change: learn the scene anew")
     min_diameter_mm: float = param(3.0, "mm", low=0.0, high=1000.0, doc="on the floor, where the pose is known")
-    max_diameter_mm: float = param(60.0, "mm", low=1.0, high=1000.0, doc="on the floor, where the pose is known")
+    max_diameter_mm: float = param(80.0, "mm", low=1.0, high=1000.0, doc="on the floor, where the pose is known")
     min_diameter_px: float = param(2.5, "px", low=0.0, high=1000.0, doc="smaller blobs are noise")
     max_diameter_px: float = param(64.0, "px", low=2.0, high=1000.0, doc="where no pose is known")
     max_speed: float = param(8.0, "m/s", above=0.0, high=100.0, doc="of a spot on the floor")
@@ -102,6 +104,7 @@ class SpotDetector:
         self.place_check: Optional[Callable[[float, float], str]] = None
         self.candidates: List[Candidate] = []
         self._background: Optional[Background] = None
+        self._noise_known = False
         self._stamp: Optional[float] = None
         self._tracker = SpotTracker(self.params.confirm_frames, self.params.max_speed, self.params.max_gap_s, SLACK_M)
         self._on_floor: Optional[bool] = None
@@ -145,17 +148,20 @@ class SpotDetector:
         p = self.params
         background = self._background
         if background is None or background.image.shape != image.shape:
-            self._background = Background(image, p.cycle_s, p.absorb_s, p.hold_s)
+            self._start(image)
             return []
         rise = background.rise(image)
         maxima = block_maxima(rise)
+        if not self._noise_known:
+            background.learn_noise(maxima)
+            self._noise_known = True
         hot = background.hot_blocks(maxima, p.min_rise)
         count = int(np.count_nonzero(hot))
         spots = np.zeros_like(hot)
         candidates: List[Candidate] = []
         if count > p.max_change * hot.size:
             # a light was switched, the exposure jumped or the camera was moved: nothing known holds any more
-            self._background = Background(image, p.cycle_s, p.absorb_s, p.hold_s)
+            self._start(image)
             return []
         if count:
             near = cv2.boxFilter(hot.astype(np.float32), -1, (13, 13), normalize=False, borderType=cv2.BORDER_CONSTANT)
@@ -176,6 +182,11 @@ class SpotDetector:
                 candidates.append(candidate)
         background.learn(image, maxima, hot, spots, elapsed)
         return _without_doubles(candidates)
+
+    def _start(self, image: np.ndarray) -> None:
+        p = self.params
+        self._background = Background(image, p.cycle_s, p.absorb_s, p.hold_s)
+        self._noise_known = False
 
     # ------------------------------------------------------------- moving camera
     def _search_moving(self, image: np.ndarray) -> List[Candidate]:
@@ -228,10 +239,10 @@ class SpotDetector:
             metre = metres_per_pixel(self.to_floor, c.u, c.v)
             if metre is None:
                 return "off_floor"
-            if c.diameter * metre > p.max_diameter_mm / 1e3:
+            # optics and pixels smear every spot by some pixels, whatever its size
+            if (c.diameter - _SMEAR_PX) * metre > p.max_diameter_mm / 1e3:
                 return "too_large"
-            # what the optics and the pixels smear is never smaller than a few pixels
-            if c.diameter * metre < p.min_diameter_mm / 1e3 and c.diameter > 4.0:
+            if c.diameter * metre < p.min_diameter_mm / 1e3:
                 return "too_small"
         elif c.diameter > p.max_diameter_px:
             return "too_large"

@@ -3,6 +3,7 @@ from __future__ import annotations
 
 import threading
 import time
+import traceback
 from collections import deque
 from dataclasses import dataclass
 from typing import Any, Deque, Dict, List, Optional, Tuple
@@ -180,6 +181,9 @@ class SpotDetectorNode:
             self._refuse(error)
         except cv2.error as error:
             self._refuse(CodedError("bad_image", f"cannot search the image: {error}"))
+        except Exception:  # a frame that shows a fault of ours must not silence the camera for good
+            self._statistics.refuse("internal_error")
+            rospy.logerr_throttle(10.0, f"{rospy.get_name()}: {traceback.format_exc()}")
 
     def _search_image(self, message: Any) -> None:
         stamp = message.header.stamp
@@ -194,6 +198,10 @@ class SpotDetectorNode:
         began = time.perf_counter()
         spots = self._detector.detect(image, stamp.to_sec())
         took = time.perf_counter() - began
+        for candidate in self._detector.candidates:
+            # these are everyday events: counted, but not worth a warning
+            if candidate.refusal:
+                self._statistics.refuse(candidate.refusal)
         if spots and not known:
             self._refuse(frame.why_unknown())
             spots = []
@@ -292,10 +300,6 @@ class SpotDetectorNode:
         self._statistics.refuse(error.code)
         rospy.logwarn_throttle(10.0, f"{rospy.get_name()}: {error}")
 
-    def count_refusal(self, code: str) -> None:
-        """Counts a refused spot; these are everyday events and not worth a warning."""
-        self._statistics.refuse(code)
-
     def _report(self, _event: Any) -> None:
         now = rospy.Time.now()
         summary = self._statistics.summary(now.to_sec())
@@ -373,7 +377,6 @@ class _Frame:
         except CodedError as error:
             if error.code in ("no_transform", "bad_transform"):
                 raise
-            self._node.count_refusal(error.code)
             return error.code
         return ""
 

@@ -1,0 +1,73 @@
+"""Rendered camera images whose spots are known to a fraction of a pixel."""
+from __future__ import annotations
+
+from typing import Optional, Sequence, Tuple
+
+import cv2
+import numpy as np
+
+RED = (0.12, 0.2, 1.0)  # how a red laser's light falls into the sensor's blue, green and red pixels
+GREEN = (0.2, 1.0, 0.15)
+
+
+class Scene:
+    """A textured floor under a camera.
+
+    Args:
+        width, height: [px]
+        brightness: [grey levels] mean of the floor.
+        noise: [grey levels] standard deviation of each pixel.
+    """
+
+    def __init__(self, width: int = 640, height: int = 360, brightness: float = 110.0, noise: float = 3.0, seed: int = 1) -> None:
+        self._random = np.random.default_rng(seed)
+        self.noise = noise
+        coarse = self._random.normal(0.0, 1.0, (height // 40 + 2, width // 40 + 2)).astype(np.float32)
+        fine = cv2.GaussianBlur(self._random.normal(0.0, 1.0, (height, width)).astype(np.float32), (0, 0), 1.5)
+        floor = brightness * (1.0 + 0.08 * cv2.resize(coarse, (width, height), interpolation=cv2.INTER_CUBIC))
+        floor += 0.12 * brightness * fine / fine.std()
+        # joints of tiles: straight edges
+        floor[:: max(60, height // 5)] *= 0.6
+        floor[:, :: max(60, width // 7)] *= 0.6
+        self.floor = floor[:, :, None] * np.array([0.86, 0.97, 1.04], np.float32)
+
+    def render(
+        self,
+        spots: Sequence[Tuple[float, float]] = (),
+        sigma: float = 2.5,
+        power: float = 420.0,
+        colour: Tuple[float, float, float] = RED,
+        smear: Tuple[float, float] = (0.0, 0.0),
+        gain: float = 1.0,
+        floor: Optional[np.ndarray] = None,
+        bayer: bool = False,
+    ) -> np.ndarray:
+        """(H, W, 3) bgr uint8, or (H, W) as bayer_rggb8.
+
+        Args:
+            spots: (u, v) [px] centres.
+            sigma: [px] of the Gaussian spot; it saturates where floor and light exceed 255.
+            power: [grey levels] light in the middle of the spot.
+            smear: [px] by which the spot moves while the shutter is open, centred on its place.
+            gain: exposure.
+            floor: another floor (H, W, 3) float.
+        """
+        light = (self.floor if floor is None else floor).copy()
+        height, width = light.shape[:2]
+        steps = 1 + int(np.hypot(*smear))
+        for u, v in spots:
+            for step in np.linspace(-0.5, 0.5, steps) if steps > 1 else [0.0]:
+                cu, cv = u + step * smear[0], v + step * smear[1]
+                gx = np.exp(-0.5 * ((np.arange(width) - cu) / sigma) ** 2)
+                gy = np.exp(-0.5 * ((np.arange(height) - cv) / sigma) ** 2)
+                light += (power / steps) * (gy[:, None] * gx[None])[:, :, None].astype(np.float32) * np.float32(colour)
+        light = light * gain
+        if bayer:
+            mosaic = np.empty((height, width), np.float32)
+            mosaic[0::2, 0::2] = light[0::2, 0::2, 2]
+            mosaic[0::2, 1::2] = light[0::2, 1::2, 1]
+            mosaic[1::2, 0::2] = light[1::2, 0::2, 1]
+            mosaic[1::2, 1::2] = light[1::2, 1::2, 0]
+            light = mosaic
+        noise = self._random.normal(0.0, self.noise, light.shape).astype(np.float32)
+        return np.clip(light + noise + 0.5, 0, 255).astype(np.uint8)
