@@ -20,6 +20,9 @@ from vb_map_integration import raster
 
 # shares of the samples beside the curve from which on the restricted area counts as touching a side
 TOUCHES = 0.1
+# where on the end of a chain, as shares of the fitted length, its direction is sampled
+_SAMPLES = np.linspace(0.0, 1.0, 16)
+_NEIGHBOURS = np.array([-1, 0, 1])
 
 
 @dataclass(frozen=True)
@@ -54,12 +57,11 @@ def end_direction(points: np.ndarray, length: float) -> np.ndarray:
     The last two points alone would follow the hand's tremor.
     """
     back = points[::-1]
-    steps = np.hypot(*np.diff(back, axis=0).T)
-    arc = np.concatenate([[0.0], np.cumsum(steps)])
-    at = np.linspace(0.0, min(length, arc[-1]), 16)
-    tail = np.column_stack([np.interp(at, arc, back[:, i]) for i in range(2)])
-    centred = tail - tail.mean(axis=0)
-    xx, yy, xy = (centred[:, 0] ** 2).sum(), (centred[:, 1] ** 2).sum(), (centred[:, 0] * centred[:, 1]).sum()
+    arc = np.concatenate([[0.0], np.cumsum(_lengths(back[1:] - back[:-1]))])
+    at = min(length, arc[-1]) * _SAMPLES
+    tail = np.column_stack([np.interp(at, arc, back[:, 0]), np.interp(at, arc, back[:, 1])])
+    centred = tail - tail.sum(axis=0) / len(tail)
+    (xx, xy), (_, yy) = centred.T @ centred
     angle = 0.5 * math.atan2(2.0 * xy, xx - yy)
     direction = np.array([math.cos(angle), math.sin(angle)])
     chord = tail[0] - tail[-1]
@@ -96,15 +98,14 @@ def separate(
     )
     trace = raster.trace_chain(chain, blocked.shape)
     inside = (trace.rows >= 0) & (trace.rows < rows) & (trace.columns >= 0) & (trace.columns < columns)
-    drawn = (trace.segment > 0) & (trace.segment < len(chain) - 2)
+    arc = trace.arc - float(_lengths(points[:1] - chain[:1])[0])
+    drawn_length = float(_lengths(points[1:] - points[:-1]).sum())
+    drawn = (arc >= -1.0) & (arc <= drawn_length + 1.0)
     if not (inside & drawn).any():
         return None
     shut = np.ones(len(trace.rows), dtype=bool)
     shut[inside] = blocked[trace.rows[inside], trace.columns[inside]] != 0
 
-    steps = np.hypot(*np.diff(points, axis=0).T)
-    arc = trace.arc - float(np.hypot(*(points[0] - chain[0])))
-    drawn_length = float(steps.sum())
     slack = min(overshoot, 0.25 * drawn_length)
     starts = _stops(shut, arc <= slack, outwards=-1)
     ends = _stops(shut, arc >= drawn_length - slack, outwards=1)
@@ -176,42 +177,46 @@ def _cut(
     seed = find_seed(barrier)
     region = raster.flood(barrier, seed)
 
-    step = np.diff(chain, axis=0)
-    unit = step / np.maximum(np.hypot(step[:, 0], step[:, 1]), 1e-12)[:, None]
-    normal = np.column_stack([-unit[:, 1], unit[:, 0]])
+    step = chain[1:] - chain[:-1]
+    steps = np.maximum(_lengths(step), 1e-12)
+    normal = np.column_stack([-step[:, 1] / steps, step[:, 0] / steps])
     middle = beside & on_map
-    shares = []
-    for side in (1.0, -1.0):
-        cells = np.floor(trace.points[middle] + side * 1.6 * normal[trace.segment[middle]] + 0.5).astype(np.int64)
-        ok = ((cells >= 0) & (cells < (blocked.shape[1], blocked.shape[0]))).all(axis=1)
-        cells = cells[ok]
-        cells = cells[barrier[cells[:, 1], cells[:, 0]] == 0]
-        shares.append(float((region[cells[:, 1], cells[:, 0]] != 0).mean()) if len(cells) else math.nan)
-    left, right = shares
+    points, aside = trace.points[middle] + 0.5, 1.6 * normal[trace.segment[middle]]
+    left, right = (_share(region, barrier, np.floor(points + side * aside).astype(np.int64)) for side in (1.0, -1.0))
 
     # the cells that the curve runs through go to the side that their centre is on
     segment = trace.segment[on_map]
     offset = np.column_stack([columns, rows]) - chain[segment]
     height = (offset * normal[segment]).sum(axis=1)
     towards = 1.0 if not (left <= right) else -1.0
-    own = (height * towards > 0.0) & (blocked[rows, columns] == 0) & _touches(region, rows, columns)
+    own = np.flatnonzero((height * towards > 0.0) & (blocked[rows, columns] == 0))
+    own = own[_touches(region, rows[own], columns[own])]
     region[rows[own], columns[own]] = 255
 
     first, last = trace.points[min(start, end)], trace.points[max(start, end)]
     between = chain[1:-1]
-    steps = np.hypot(*step.T)
     vertex_arc = np.cumsum(steps)[:-1]
     between = between[(vertex_arc > trace.arc[min(start, end)]) & (vertex_arc < trace.arc[max(start, end)])]
     stops = tuple((int(trace.rows[k]), int(trace.columns[k])) for k in (start, end))
     return Cut(region, seed, left, right, np.vstack([first, between, last]), stops)  # type: ignore[arg-type]
 
 
+def _share(region: np.ndarray, barrier: np.ndarray, cells: np.ndarray) -> float:
+    """Share of the cells (K, 2) (column, row) that lie in the region, of those that are free; NaN if none is."""
+    columns, rows = cells[:, 0], cells[:, 1]
+    ok = (columns >= 0) & (columns < barrier.shape[1]) & (rows >= 0) & (rows < barrier.shape[0])
+    columns, rows = columns[ok], rows[ok]
+    free = barrier[rows, columns] == 0
+    count = np.count_nonzero(free)
+    return np.count_nonzero(region[rows[free], columns[free]]) / count if count else math.nan
+
+
 def _touches(region: np.ndarray, rows: np.ndarray, columns: np.ndarray) -> np.ndarray:
     """(K,) bool: which cells have a neighbour, corners included, in the region."""
-    result = np.zeros(len(rows), dtype=bool)
-    for dr in (-1, 0, 1):
-        for dc in (-1, 0, 1):
-            r = np.clip(rows + dr, 0, region.shape[0] - 1)
-            c = np.clip(columns + dc, 0, region.shape[1] - 1)
-            result |= region[r, c] != 0
-    return result
+    r = np.minimum(np.maximum(rows[:, None] + _NEIGHBOURS, 0), region.shape[0] - 1)
+    c = np.minimum(np.maximum(columns[:, None] + _NEIGHBOURS, 0), region.shape[1] - 1)
+    return (region[r[:, :, None], c[:, None, :]] != 0).any(axis=(1, 2))
+
+
+def _lengths(vectors: np.ndarray) -> np.ndarray:
+    return np.hypot(vectors[:, 0], vectors[:, 1])

@@ -32,6 +32,9 @@ class IntegrationParams(Parameters):
     nearly_everything: float = param(0.98, low=0.0, high=1.0, doc="share of the free space that is worth a warning")
 
 
+_DEFAULT = IntegrationParams()
+
+
 @dataclass(frozen=True)
 class Integration:
     """The result of an integration.
@@ -81,7 +84,7 @@ def integrate(
         IntegrationError: "separates_nothing", "seed_on_both_sides", "empty_region", "outside_map",
             "seed_outside_map", "seed_on_obstacle", "too_complex".
     """
-    params = params or IntegrationParams()
+    params = params or _DEFAULT
     findings: List[Finding] = []
     points = prior.world_to_grid(border.points)
     seed = prior.world_to_grid(border.seed)[0]

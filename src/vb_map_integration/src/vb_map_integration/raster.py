@@ -83,7 +83,7 @@ class Trace:
 def trace_chain(vertices: np.ndarray, shape: Tuple[int, int]) -> Trace:
     """The cells along a chain (N, 2) (column, row), clipped to one cell beyond the map's rim."""
     start = vertices[:-1]
-    step = np.diff(vertices, axis=0)
+    step = vertices[1:] - start
     length = np.hypot(step[:, 0], step[:, 1])
     arc_start = np.cumsum(length) - length
     # the part of each segment within the map and its rim (Liang and Barsky's clipping)
@@ -92,28 +92,31 @@ def trace_chain(vertices: np.ndarray, shape: Tuple[int, int]) -> Trace:
         t_low, t_high = (low - start) / step, (high - start) / step
     enter = np.where(step == 0.0, np.where((start >= low) & (start <= high), -np.inf, np.inf), np.minimum(t_low, t_high))
     leave = np.where(step == 0.0, np.inf, np.maximum(t_low, t_high))
-    t0 = np.clip(enter.max(axis=1), 0.0, None)
-    t1 = np.clip(leave.min(axis=1), None, 1.0)
+    t0 = np.maximum(enter.max(axis=1), 0.0)
+    t1 = np.minimum(leave.min(axis=1), 1.0)
     # two samples per cell: the cells of neighbouring samples are the same or touch
-    counts = np.where(t1 >= t0, np.ceil(2.0 * (t1 - t0) * length).astype(np.int64) + 1, 0)
+    part = np.maximum(t1 - t0, 0.0)
+    counts = np.where(t1 >= t0, np.ceil(2.0 * part * length).astype(np.int64) + 1, 0)
     total = int(counts.sum())
     if total > MAX_CROSSINGS:
         raise IntegrationError("too_complex", "the border is too long for this map: draw a simpler one")
     segment = np.repeat(np.arange(len(step)), counts)
     index = np.arange(total) - (np.cumsum(counts) - counts)[segment]
-    t = t0[segment] + (t1 - t0)[segment] * index / np.maximum(counts[segment] - 1, 1)
+    t = t0[segment] + part[segment] * index / np.maximum(counts[segment] - 1, 1)
     points = start[segment] + t[:, None] * step[segment]
     arc = arc_start[segment] + t * length[segment]
     cells = np.floor(points + 0.5).astype(np.int64)
     columns, rows = cells[:, 0], cells[:, 1]
     if total:
-        new = np.concatenate([[True], (np.diff(rows) != 0) | (np.diff(columns) != 0)])
+        new = np.concatenate([[0], np.flatnonzero((rows[1:] != rows[:-1]) | (columns[1:] != columns[:-1])) + 1])
         rows, columns, points, segment, arc = rows[new], columns[new], points[new], segment[new], arc[new]
         # over a corner: one of the two cells beside it is taken too, so that nothing slips through
-        corner = np.flatnonzero((np.abs(np.diff(rows)) == 1) & (np.abs(np.diff(columns)) == 1)) + 1
-        rows = np.insert(rows, corner, rows[corner - 1])
-        columns = np.insert(columns, corner, columns[corner])
-        points, segment, arc = (np.insert(a, corner, a[corner], axis=0) for a in (points, segment, arc))
+        corner = (np.abs(rows[1:] - rows[:-1]) == 1) & (np.abs(columns[1:] - columns[:-1]) == 1)
+        twice = np.repeat(np.arange(len(rows)), np.concatenate([[1], 1 + corner]))
+        extra = np.flatnonzero(twice[1:] == twice[:-1])  # the first of each pair is the cell put in
+        before = rows[twice[extra] - 1]
+        rows, columns, points, segment, arc = (a[twice] for a in (rows, columns, points, segment, arc))
+        rows[extra] = before
     return Trace(rows, columns, points, segment, arc)
 
 

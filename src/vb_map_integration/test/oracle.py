@@ -1,0 +1,64 @@
+"""Worlds with exact geometry, and an oracle that knows nothing of the code under test: shapely."""
+from __future__ import annotations
+
+import math
+from typing import Sequence, Tuple
+
+import numpy as np
+import shapely
+from shapely.geometry import LineString, Point, Polygon, box
+from shapely.ops import split
+
+from vb_core.grid_map import GridMap
+
+RESOLUTION = 0.025
+WALL = 0.10
+
+ROOMS = {
+    "rectangle": box(0.3, 0.3, 7.7, 4.7),
+    "L": Polygon([(0.3, 0.3), (7.7, 0.3), (7.7, 2.4), (4.0, 2.4), (4.0, 4.7), (0.3, 4.7)]),
+    "U": Polygon([(0.3, 0.3), (7.7, 0.3), (7.7, 4.7), (5.2, 4.7), (5.2, 2.0), (2.8, 2.0), (2.8, 4.7), (0.3, 4.7)]),
+}
+ORIGINS = [(0.0, 0.0, 0.0), (-3.0, -7.5, 0.0), (1.0, -2.0, 0.6), (-4.0, 2.0, -2.2), (10.0, 10.0, math.pi / 2)]
+
+
+def cell_centres(grid: GridMap) -> np.ndarray:
+    """(H * W, 2) [m], in the order of the flat grid."""
+    rows, columns = np.mgrid[: grid.shape[0], : grid.shape[1]]
+    return grid.cell_to_world(np.column_stack([rows.ravel(), columns.ravel()]))
+
+
+def rasterise(shape, grid: GridMap) -> np.ndarray:
+    """(H, W) bool: the cells whose centre lies in a shape, in map coordinates."""
+    centres = cell_centres(grid)
+    shapely.prepare(shape)
+    return shapely.contains_xy(shape, centres[:, 0], centres[:, 1]).reshape(grid.shape)
+
+
+def place(shape, origin: Sequence[float]):
+    """A shape of the world's own coordinates where the map's origin puts it."""
+    x, y, yaw = origin
+    c, s = math.cos(yaw), math.sin(yaw)
+    return shapely.affinity.affine_transform(shape, [c, -s, s, c, x, y])
+
+
+def world(room, origin, boxes=(), shape=(200, 320)) -> Tuple[GridMap, np.ndarray]:
+    """A map of a room: walls round it, unknown beyond, boxes in it; and the room as it lies in the map frame."""
+    empty = GridMap(np.full(shape, -1, np.int8), RESOLUTION, origin)
+    data = empty.data.copy()
+    data[rasterise(place(room.buffer(WALL, join_style=2), origin), empty)] = 100
+    data[rasterise(place(room, origin), empty)] = 0
+    for obstacle in boxes:
+        data[rasterise(place(obstacle, origin), empty)] = 100
+    return empty.with_data(data), place(room, origin)
+
+
+def side_of(room, line: LineString, seed: Sequence[float]):
+    """The part of a room that holds the seed once a line, long enough, has parted it."""
+    parts = list(split(room, line).geoms)
+    holding = [part for part in parts if part.covers(Point(*seed))]
+    return holding[0] if len(holding) == 1 and len(parts) > 1 else None
+
+
+def jaccard(a: np.ndarray, b: np.ndarray) -> float:
+    return float((a & b).sum() / max(1, (a | b).sum()))

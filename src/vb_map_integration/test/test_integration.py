@@ -1,0 +1,359 @@
+"""The integration against exact polygons, and its invariants."""
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import shapely
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from shapely import affinity
+from shapely.geometry import LineString, Point, Polygon, box
+from shapely.ops import split
+
+from vb_core.errors import CodedError
+from vb_core.grid_map import GridMap
+from vb_map_integration.border import VirtualBorder
+from vb_map_integration.integration import IntegrationError, IntegrationParams, integrate
+
+sys.path.insert(0, str(Path(__file__).resolve().parent))
+from oracle import ORIGINS, RESOLUTION, ROOMS, jaccard, place, rasterise, side_of, world  # noqa: E402
+
+SETTINGS = settings(max_examples=40, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
+
+
+def random_polygon(random, room, least=0.6):
+    """A star-shaped polygon within a room."""
+    while True:
+        centre = random.uniform(*np.array(room.bounds).reshape(2, 2))
+        angles = np.sort(random.uniform(0.0, 2.0 * np.pi, random.integers(3, 30)))
+        radii = random.uniform(0.4, 1.6, len(angles))
+        polygon = Polygon(centre + radii[:, None] * np.column_stack([np.cos(angles), np.sin(angles)]))
+        if polygon.is_valid and polygon.area > least and room.contains(polygon):
+            return polygon
+
+
+def coordinates(shape):
+    points = np.array(shape.exterior.coords if isinstance(shape, Polygon) else shape.coords)
+    return points[:-1] if isinstance(shape, Polygon) else points
+
+
+def inside_point(random, shape, margin=0.06):
+    low, high = np.array(shape.bounds).reshape(2, 2)
+    inner = shape.buffer(-margin)
+    assert not inner.is_empty
+    while True:
+        point = random.uniform(low, high)
+        if inner.contains(Point(point)):
+            return point
+
+
+def codes(result):
+    return [found.code for found in result.findings]
+
+
+@SETTINGS
+@given(st.integers(0, 10**6), st.sampled_from(sorted(ROOMS)), st.sampled_from(ORIGINS), st.booleans())
+def test_polygons_match_exact_ones(seed, room_name, origin, inner):
+    random = np.random.default_rng(seed)
+    prior, room = world(ROOMS[room_name], origin)
+    polygon = place(random_polygon(random, ROOMS[room_name]), origin)
+    area = polygon if inner else room.difference(polygon)
+    point = inside_point(random, area)
+    result = integrate(prior, VirtualBorder(coordinates(polygon), point, closed=True))
+    truth = rasterise(area, prior)
+    assert jaccard(result.region, truth) >= 0.995
+    assert result.area_m2 == pytest.approx(area.area, rel=0.03)
+    assert np.array_equal(result.posterior.data == 100, (prior.data == 100) | result.region)
+
+
+@SETTINGS
+@given(st.integers(0, 10**6), st.sampled_from(sorted(ROOMS)), st.sampled_from(ORIGINS))
+def test_curves_match_exact_ones(seed, room_name, origin):
+    random = np.random.default_rng(seed)
+    plain = ROOMS[room_name]
+    # the exact line runs from wall to wall; only its middle is drawn, the rest is for the extension
+    while True:
+        ends = [plain.exterior.interpolate(value, normalized=True) for value in random.uniform(0, 1, 2)]
+        through = LineString(ends)
+        # slivers between wall and line would be all rounding
+        parts = [part.area for part in split(plain, affinity.scale(through, 1.01, 1.01)).geoms]
+        if through.length > 1.5 and len(parts) == 2 and min(parts) > 0.5 and plain.buffer(1e-6).covers(through):
+            break
+    margins = random.uniform(0.05, 0.4, 2) * through.length
+    count = random.integers(2, 40)
+    drawn = [through.interpolate(d) for d in np.linspace(margins[0], through.length - margins[1], count)]
+    drawn_line = place(LineString(drawn), origin)
+    full = np.array(place(through, origin).coords)
+    unit = (full[1] - full[0]) / np.linalg.norm(full[1] - full[0])
+    long_line = LineString([full[0] - 0.01 * unit, full[1] + 0.01 * unit])
+    prior, room = world(plain, origin)
+    point = inside_point(random, room.difference(drawn_line.buffer(0.1)))
+    truth_area = side_of(room, long_line, point)
+    result = integrate(prior, VirtualBorder(coordinates(drawn_line), point, closed=False))
+    assert jaccard(result.region, rasterise(truth_area, prior)) >= 0.99
+    assert (result.posterior.data[prior.data == 100] == 100).all()
+    assert (result.posterior.data[prior.data == -1] == -1).all()
+
+
+@pytest.mark.parametrize("origin", ORIGINS)
+def test_a_bent_curve_round_a_corner(origin):
+    plain = ROOMS["rectangle"]
+    prior, room = world(plain, origin)
+    chain = [(6.1, 4.2), (6.1, 3.6), (5.9, 3.0), (6.3, 2.6), (6.9, 2.6), (7.3, 2.6)]
+    line = LineString([(6.1, 4.8)] + chain + [(7.8, 2.6)])
+    for seed in ((7.0, 4.0), (2.0, 2.0)):
+        area = side_of(plain, line, seed)
+        point = np.array(place(Point(seed), origin).coords)[0]
+        result = integrate(prior, VirtualBorder(np.array(place(LineString(chain), origin).coords), point, closed=False))
+        assert jaccard(result.region, rasterise(place(area, origin), prior)) >= 0.99
+
+
+def test_a_door_line_closes_a_room():
+    """Scenario 1: 0.70 m across a doorway; the two rooms hang together only there."""
+    room = shapely.union_all([box(0.3, 0.3, 4.0, 4.7), box(4.1, 0.3, 7.7, 4.7), box(3.9, 2.0, 4.2, 2.7)])
+    prior, _ = world(room, (0.0, 0.0, 0.0))
+    chain = np.column_stack([np.full(15, 4.05), np.linspace(2.02, 2.68, 15)])
+    result = integrate(prior, VirtualBorder(chain, (6.0, 1.0)))
+    assert jaccard(result.region, rasterise(room.intersection(box(4.05, 0, 8, 5)), prior)) >= 0.99
+    assert codes(result) == []
+
+
+@pytest.mark.parametrize("tremor", [0.0, 0.01, 0.02])
+def test_a_tremor_at_the_end_hardly_turns_the_extension(tremor):
+    prior, room = world(ROOMS["rectangle"], (0.0, 0.0, 0.0))
+    for seed in range(10):
+        random = np.random.default_rng(seed)
+        chain = np.column_stack([np.full(40, 4.0), np.linspace(1.5, 3.5, 40)]) + random.normal(0, tremor, (40, 2))
+        result = integrate(prior, VirtualBorder(chain, (7.0, 1.0), closed=False))
+        assert jaccard(result.region, rasterise(room.intersection(box(4.0, 0, 8, 5)), prior)) >= 0.94
+
+
+def test_an_extension_goes_on_behind_a_table_leg():
+    leg = box(3.95, 0.8, 4.05, 0.9)
+    prior, room = world(ROOMS["rectangle"], (0.0, 0.0, 0.0), [leg])
+    result = integrate(prior, VirtualBorder([(4.0, 3.5), (4.0, 1.5)], (7.0, 1.0), closed=False))
+    assert jaccard(result.region, rasterise(room.intersection(box(4.0, 0, 8, 5)).difference(leg), prior)) >= 0.99
+    assert codes(result) == []
+
+
+def test_an_extension_goes_on_behind_several_boxes_on_both_sides():
+    boxes = [box(3.8, 0.8, 4.2, 1.0), box(3.9, 0.5, 4.1, 0.6), box(3.7, 3.8, 4.3, 4.0)]
+    prior, room = world(ROOMS["rectangle"], (0.0, 0.0, 0.4), boxes)
+    points = [np.array(place(Point(p), (0.0, 0.0, 0.4)).coords)[0] for p in ((4.0, 3.5), (4.0, 1.5), (1.0, 1.0))]
+    result = integrate(prior, VirtualBorder(points[:2], points[2], closed=False))
+    half = place(box(0, 0, 4.0, 5).intersection(ROOMS["rectangle"]).difference(shapely.union_all(boxes)), (0.0, 0.0, 0.4))
+    assert jaccard(result.region, rasterise(half, prior)) >= 0.99
+
+
+def test_an_arc_round_the_corner_of_a_large_table_stops_at_the_table():
+    table = box(2.0, 1.5, 5.0, 3.5)
+    prior, _ = world(ROOMS["rectangle"], (0.0, 0.0, 0.0), [table])
+    result = integrate(prior, VirtualBorder([(4.5, 3.6), (4.5, 4.0), (5.5, 4.0), (5.5, 3.0), (5.1, 3.0)], (5.2, 3.7), closed=False))
+    area = box(4.5, 3.0, 5.5, 4.0).difference(table)
+    assert jaccard(result.region, rasterise(area, prior)) >= 0.98
+
+
+def test_a_drawn_end_beyond_the_wall_does_not_cut_the_next_room():
+    room = shapely.union_all([box(0.3, 0.3, 4.0, 4.7), box(4.1, 0.3, 7.7, 4.7)])
+    prior, _ = world(room, (0.0, 0.0, 0.0))
+    result = integrate(prior, VirtualBorder([(1.0, 2.5), (4.2, 2.5)], (2.0, 1.0), closed=False))
+    assert jaccard(result.region, rasterise(box(0.3, 0.3, 4.0, 2.5), prior)) >= 0.99
+
+
+@SETTINGS
+@given(st.integers(0, 10**6))
+def test_nothing_leaks_through_corners(seed):
+    """Walls one cell thick, met at any angle: the two sides of the curve never mix."""
+    random = np.random.default_rng(seed)
+    size = 60
+    data = np.zeros((size, size), np.int8)
+    for k in range(size):  # diagonal walls whose cells only touch at corners
+        data[k, min(size - 1, max(0, k - 25))] = 100
+        data[k, max(0, min(size - 1, k + 25))] = 100
+    data[[0, -1]] = 100
+    data[:, [0, -1]] = 100
+    prior = GridMap(data, RESOLUTION)
+    centre = np.array([30.0, 30.0]) + random.uniform(-4, 4, 2)
+    angle = random.uniform(-1.3, 1.3) + 3 * np.pi / 4
+    unit = np.array([np.cos(angle), np.sin(angle)])
+    if abs(unit @ [1, 1]) > 1.2:
+        return
+    ends = prior.grid_to_world(centre + np.array([-6, 6])[:, None] * unit)
+    normal = np.array([-unit[1], unit[0]])
+    seeds = prior.grid_to_world(centre + np.array([-4, 4])[:, None] * normal)
+    one, other = (integrate(prior, VirtualBorder(ends, s, closed=False)).region for s in seeds)
+    assert not (one & other).any()
+    # beyond the diagonal walls nothing is restricted
+    assert not one[5, 50] and not other[5, 50] and not one[50, 5] and not other[50, 5]
+
+
+@SETTINGS
+@given(st.integers(0, 10**6), st.floats(0.0, 1.0), st.booleans())
+def test_invariants_on_noisy_maps(seed, occupancy, closed):
+    """Whatever the map: the prior stays, nothing is lowered, obstacles and unknown stay what they are."""
+    random = np.random.default_rng(seed)
+    data = random.choice([0, 0, 0, 0, 0, 20, 100, -1], (80, 120)).astype(np.int8)
+    prior = GridMap(data.copy(), 0.05, (-1.0, 2.0, 0.3))
+    points = prior.grid_to_world(random.uniform(-10, 120, (random.integers(3, 12), 2)))
+    try:
+        result = integrate(prior, VirtualBorder(points, prior.grid_to_world([random.uniform(5, 75, 2)])[0], occupancy, closed))
+    except IntegrationError as error:
+        assert error.findings[-1].code == error.code
+        assert np.array_equal(prior.data, data)
+        return
+    after = result.posterior.data
+    assert np.array_equal(prior.data, data)
+    assert result.posterior.same_geometry(prior)
+    assert (after[data >= 0] >= data[data >= 0]).all()
+    assert (after[data == 100] == 100).all()
+    assert np.array_equal(after[~result.region], data[~result.region])
+    assert not (result.region & (data >= 65)).any()
+    unknown = result.region & (data < 0)
+    assert closed or not unknown.any()
+    assert (after[unknown] == (result.value if result.value >= 65 else -1)).all()
+    known = result.region & (data >= 0)
+    assert np.array_equal(after[known], np.maximum(data[known], result.value))
+    assert result.area_m2 == pytest.approx(result.region.sum() * 0.05**2)
+
+
+def test_unknown_inside_a_polygon_is_restricted_and_stops_the_fill_elsewhere():
+    prior, _ = world(ROOMS["rectangle"], (0.0, 0.0, 0.0))
+    data = prior.data.copy()
+    data[100:120, 150:170] = -1
+    prior = prior.with_data(data)
+    square = [(3.5, 2.2), (4.5, 2.2), (4.5, 3.2), (3.5, 3.2)]
+    inner = integrate(prior, VirtualBorder(square, (3.6, 2.3), closed=True))
+    assert (inner.posterior.data[100:120, 150:170] == 100).all()
+    outer = integrate(prior, VirtualBorder([(1, 1), (2, 1), (2, 2), (1, 2)], (6.0, 2.0), closed=True))
+    assert (outer.posterior.data[100:120, 150:170] == -1).all()
+    assert (outer.posterior.data[0] == -1).all()
+
+
+@pytest.mark.parametrize("occupancy, value", [(0.0, 0), (0.25, 25), (0.75, 75), (1.0, 100)])
+def test_delta_becomes_occupancy(occupancy, value):
+    prior, _ = world(ROOMS["rectangle"], (0.0, 0.0, 0.0))
+    data = prior.data.copy()
+    data[60:80, 60:80] = 50
+    prior = prior.with_data(data)
+    result = integrate(prior, VirtualBorder([(1, 1), (3, 1), (3, 3), (1, 3)], (1.2, 1.2), occupancy))
+    assert (result.posterior.data[60:80, 60:80] == max(50, value)).all()
+    assert result.posterior.data[50, 50] == value
+    assert ("no_effect" in codes(result)) == (value == 0)
+
+
+def room_border(points, seed, **options):
+    prior, _ = world(ROOMS["rectangle"], (0.0, 0.0, 0.0), [box(2.0, 2.0, 3.0, 3.0)])
+    return prior, lambda **more: integrate(prior, VirtualBorder(points, seed, **options), **more)
+
+
+@pytest.mark.parametrize(
+    "code, points, seed, closed",
+    [
+        ("seed_on_obstacle", [(4, 1), (4, 4)], (2.5, 2.5), False),
+        ("seed_on_obstacle", [(1.5, 1.5), (3.5, 1.5), (3.5, 3.5), (1.5, 3.5)], (2.5, 2.5), True),
+        ("seed_outside_map", [(4, 1), (4, 4)], (9.0, 1.0), False),
+        ("outside_map", [(14, 1), (14, 4)], (1.0, 1.0), False),
+        ("empty_region", [(12, 1), (13, 1), (13, 2)], (1.0, 1.0), True),
+        ("separates_nothing", [(2.2, 2.2), (2.8, 2.8)], (1.0, 1.0), False),
+    ],
+)
+def test_refusals_are_coded(code, points, seed, closed):
+    prior, run = room_border(points, seed, closed=closed)
+    before = prior.data.copy()
+    with pytest.raises(IntegrationError) as caught:
+        run()
+    assert caught.value.code == code
+    assert caught.value.message and caught.value.findings[-1].code == caught.value.code
+    assert np.array_equal(prior.data, before)
+
+
+def test_a_curve_in_another_room_separates_nothing():
+    room = shapely.union_all([box(0.3, 0.3, 4.0, 4.7), box(4.1, 0.3, 7.7, 4.7)])
+    prior, _ = world(room, (0.0, 0.0, 0.0))
+    with pytest.raises(IntegrationError) as caught:
+        integrate(prior, VirtualBorder([(1.0, 2.5), (3.0, 2.5)], (6.0, 1.0), closed=False))
+    assert caught.value.code == "separates_nothing"
+
+
+def test_warnings_are_coded():
+    _, run = room_border([(1, 1), (3, 3), (3, 1), (1, 3)], (1.2, 2.0), closed=True)
+    assert "self_crossing" in codes(run())
+    _, run = room_border([(7, 4), (9, 4), (9, 5.5), (7, 5.5)], (7.2, 4.2), closed=True)
+    assert "outside_map" in codes(run())
+    _, run = room_border([(4, 1), (4, 4)], (1.9, 2.5), closed=False)
+    assert codes(run()) == []
+    _, run = room_border([(4, 1), (4, 4)], (2.1, 2.5), closed=False)
+    assert codes(run()) == ["seed_moved"]
+    _, run = room_border([(4, 1), (4, 4)], (4.0, 2.5), closed=False)
+    assert codes(run()) == ["seed_moved"]
+    _, run = room_border([(0.2, 0.2), (7.8, 0.2), (7.8, 4.8), (0.2, 4.8)], (1, 1), closed=True)
+    assert "nearly_everything" in codes(run())
+    _, run = room_border([(4, 1), (4, 4)], (6.0, 2.5), closed=False)
+    assert codes(run(places={"robot": (5.0, 2.0), "dock": (1.0, 1.0)})) == ["robot_inside"]
+
+
+def test_a_map_without_walls_is_parted_at_its_edge_and_says_so():
+    prior = GridMap(np.zeros((100, 100), np.int8), 0.05)
+    result = integrate(prior, VirtualBorder([(2.5, 1.0), (2.5, 4.0)], (1.0, 1.0), closed=False))
+    assert codes(result) == ["no_wall_found", "no_wall_found"]
+    assert result.region[:, :50].all() and not result.region[:, 50:].any()
+
+
+def test_an_overshoot_at_the_closing_point_tears_no_hole():
+    angles = np.linspace(0.0, 2.2 * np.pi, 60)
+    points = np.array([4.0, 2.5]) + np.column_stack([np.cos(angles), np.sin(angles)]) * np.linspace(1.0, 1.1, 60)[:, None]
+    prior, _ = world(ROOMS["rectangle"], (0.0, 0.0, 0.0))
+    result = integrate(prior, VirtualBorder(points, (4.0, 2.5), closed=True))
+    assert result.region[rasterise(Point(4.0, 2.5).buffer(0.95), prior)].all()
+
+
+def test_the_extension_takes_huge_and_tiny_numbers():
+    prior, _ = world(ROOMS["rectangle"], (0.0, 0.0, 0.0))
+    for points in ([(4.0, 1.0), (4.0, 9e5)], [(4.0, 2.0), (4.0, 2.0001)], [(-9e5, 2.0), (9e5, 2.0)]):
+        result = integrate(prior, VirtualBorder(points, (1.0, 1.0), closed=False))
+        assert 0.3 < result.area_m2 / (7.4 * 4.4) < 0.55
+
+
+@pytest.mark.parametrize(
+    "code, values",
+    [
+        ("bad_points", {"points": [(0, 0), (float("nan"), 1)]}),
+        ("bad_points", {"points": [(0, 0), (float("inf"), 1)]}),
+        ("bad_points", {"points": [(0, 0, 0), (1, 1, 1)]}),
+        ("bad_points", {"points": [("a", "b")]}),
+        ("bad_points", {"points": [(0, 0), (1e9, 1)]}),
+        ("too_few_points", {"points": []}),
+        ("too_few_points", {"points": [(1, 1)]}),
+        ("too_few_points", {"points": [(1, 1), (1, 1)]}),
+        ("too_few_points", {"points": [(1, 1), (2, 2)], "closed": True}),
+        ("too_many_points", {"points": np.zeros((100000, 2))}),
+        ("bad_seed", {"seed": (float("nan"), 0)}),
+        ("bad_seed", {"seed": (1, 2, 3)}),
+        ("bad_occupancy", {"occupancy": 1.01}),
+        ("bad_occupancy", {"occupancy": -0.1}),
+        ("bad_occupancy", {"occupancy": float("nan")}),
+        ("bad_time", {"expires": -1.0}),
+        ("bad_name", {"name": "a\nb"}),
+    ],
+)
+def test_a_border_is_checked_when_it_is_made(code, values):
+    with pytest.raises(IntegrationError) as caught:
+        VirtualBorder(**{"points": [(0, 0), (1, 1)], "seed": (0, 1), **values})
+    assert caught.value.code == code
+
+
+def test_the_kind_is_decided_from_the_gap():
+    circle = [(np.cos(a), np.sin(a)) for a in np.linspace(0.1, 2 * np.pi - 0.1, 50)]
+    assert VirtualBorder(circle, (0, 0)).closed is True
+    assert VirtualBorder([(0, 0), (0.35, 0.0), (0.7, 0)], (0, 1)).closed is False
+    assert VirtualBorder([(0, 0), (0, 1), (1, 1), (1, 0)], (0.5, 0.5)).closed is False
+    repeated = VirtualBorder([(0, 0), (0, 1), (1, 1), (0, 0)], (0.2, 0.5))
+    assert repeated.closed is True and len(repeated.points) == 3
+
+
+def test_parameters_are_checked():
+    for bad in ({"occupied_from": 0}, {"fit_length_m": 0.0}, {"seed_radius_m": -1.0}, {"unheard_of": 1}):
+        with pytest.raises(CodedError) as caught:
+            IntegrationParams.from_mapping(bad)
+        assert next(iter(bad)) in caught.value.message
