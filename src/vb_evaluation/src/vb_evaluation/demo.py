@@ -136,7 +136,8 @@ class Demo:
         self._launched = Child(
             ["roslaunch", "-p", str(port), self._launch_file("simulation.launch"), f"world:={options.world_path}",
              f"seed:={options.seed}", f"cameras:={cameras}", f"method:={options.method}", f"state:={state}", f"maps:={options.out}",
-             f"rviz:={'true' if options.rviz else 'false'}"],
+             f"rviz:={'true' if options.rviz else 'false'}",
+             f"rviz_config:={self._fit_display()}"],
             options.out / "log" / "roslaunch.txt", environment,
         )
         self._stack.callback(self._launched.stop)
@@ -153,6 +154,18 @@ class Demo:
             environment["LIBGL_ALWAYS_SOFTWARE"] = "1"
         environment["DISPLAY"] = self.display
         environment.setdefault("QT_X11_NO_MITSHM", "1")
+
+    def _fit_display(self) -> Path:
+        """Writes the smart display's configuration for this world's map; returns its path."""
+        from vb_feedback import fit_display
+
+        grid = floor_plan.physical_map(self.options.world)
+        low, high = grid.corners()[0], grid.corners()[2]
+        path = self.options.out / "state" / "smart_display.rviz"
+        numbers = lambda values: [f"{value:.3f}" for value in values]  # noqa: E731
+        fit_display.run([self._launch_file("../rviz/smart_display.rviz"), str(path), "--map", *numbers(high - low),
+                         "--origin", *numbers(low), "--screen", *map(str, SCREEN)])
+        return path
 
     @staticmethod
     def _launch_file(name: str) -> str:
