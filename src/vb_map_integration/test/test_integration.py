@@ -19,7 +19,7 @@ from vb_map_integration.integration import IntegrationError, IntegrationParams, 
 sys.path.insert(0, str(Path(__file__).resolve().parent))
 from oracle import ORIGINS, RESOLUTION, ROOMS, jaccard, place, rasterise, side_of, world  # noqa: E402
 
-SETTINGS = settings(max_examples=40, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
+SETTINGS = settings(max_examples=25, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
 
 
 def random_polygon(random, room, least=0.6):
@@ -291,6 +291,14 @@ def test_warnings_are_coded():
     assert "nearly_everything" in codes(run())
     _, run = room_border([(4, 1), (4, 4)], (6.0, 2.5), closed=False)
     assert codes(run(places={"robot": (5.0, 2.0), "dock": (1.0, 1.0)})) == ["robot_inside"]
+
+
+@pytest.mark.parametrize("offset", [-0.012, -0.006, 0.006, 0.012])
+def test_a_seed_within_a_cell_of_the_curve_stays_on_its_side(offset):
+    prior, room = world(ROOMS["rectangle"], (0.0, 0.0, 0.0))
+    result = integrate(prior, VirtualBorder([(4.0125, 1.0), (4.0125, 4.0)], (4.0125 + offset, 4.4), closed=False))
+    side = box(0, 0, 4.0125, 5) if offset < 0 else box(4.0125, 0, 8, 5)
+    assert jaccard(result.region, rasterise(room.intersection(side), prior)) >= 0.99
 
 
 def test_a_map_without_walls_is_parted_at_its_edge_and_says_so():

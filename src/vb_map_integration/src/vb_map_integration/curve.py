@@ -22,6 +22,7 @@ from vb_map_integration import raster
 TOUCHES = 0.1
 # where on the end of a chain, as shares of the fitted length, its direction is sampled
 _SAMPLES = np.linspace(0.0, 1.0, 16)
+FindSeed = Callable[[np.ndarray, Optional[np.ndarray]], Tuple[int, int]]
 _NEIGHBOURS = np.array([-1, 0, 1])
 
 
@@ -73,7 +74,8 @@ def separate(
     points: np.ndarray,
     fit_length: float,
     overshoot: float,
-    find_seed: Callable[[np.ndarray], Tuple[int, int]],
+    seed: np.ndarray,
+    find_seed: FindSeed,
 ) -> Optional[Cut]:
     """Cuts a separating curve into the map and fills the seed's side.
 
@@ -82,7 +84,9 @@ def separate(
         points: (N, 2) (column, row), the drawn chain.
         fit_length: [cells] how much of the chain's ends gives the extensions' direction.
         overshoot: [cells] how far a drawn end may reach beyond the wall that it belongs to.
-        find_seed: gives the seed's (row, column) for a mask of blocked cells with the curve's cells added.
+        seed: (2,) (column, row).
+        find_seed: gives the (row, column) where the fill begins, for a mask of blocked cells with the curve's cells
+            added, and, for a seed in one of these, the direction (2,) that leads away from the curve.
 
     Returns:
         The cut, which separates or does not; None if the curve never touches the map.
@@ -110,13 +114,13 @@ def separate(
     starts = _stops(shut, arc <= slack, outwards=-1)
     ends = _stops(shut, arc >= drawn_length - slack, outwards=1)
 
-    cut = _cut(blocked, chain, trace, inside, drawn & ~shut, int(starts[0]), int(ends[0]), find_seed)
+    cut = _cut(blocked, chain, trace, inside, drawn & ~shut, int(starts[0]), int(ends[0]), seed, find_seed)
     if cut.separates:
         return cut
     pair = _common_piece(blocked, trace, arc, starts, ends, drawn_length)
     if pair is None or pair == (starts[0], ends[0]):
         return cut
-    return _cut(blocked, chain, trace, inside, drawn & ~shut, pair[0], pair[1], find_seed)
+    return _cut(blocked, chain, trace, inside, drawn & ~shut, pair[0], pair[1], seed, find_seed)
 
 
 def _stops(shut: np.ndarray, where: np.ndarray, outwards: int) -> np.ndarray:
@@ -165,7 +169,8 @@ def _cut(
     beside: np.ndarray,
     start: int,
     end: int,
-    find_seed: Callable[[np.ndarray], Tuple[int, int]],
+    seed: np.ndarray,
+    find_seed: FindSeed,
 ) -> Cut:
     """Fills the seed's side of the curve between two of its stops."""
     part = np.zeros(len(inside), dtype=bool)
@@ -174,12 +179,19 @@ def _cut(
     rows, columns = trace.rows[on_map], trace.columns[on_map]
     barrier = blocked.copy()
     barrier[rows, columns] = 255
-    seed = find_seed(barrier)
-    region = raster.flood(barrier, seed)
-
     step = chain[1:] - chain[:-1]
     steps = np.maximum(_lengths(step), 1e-12)
     normal = np.column_stack([-step[:, 1] / steps, step[:, 0] / steps])
+
+    away = None
+    hit = np.flatnonzero((columns == math.floor(seed[0] + 0.5)) & (rows == math.floor(seed[1] + 0.5)))
+    if len(hit):  # within a cell of the curve, yet on one side of it
+        crossed = trace.segment[on_map][hit[0]]
+        height = float((seed - chain[crossed]) @ normal[crossed])
+        away = math.copysign(1.0, height) * normal[crossed] if abs(height) > 0.01 else None
+    start_cell = find_seed(barrier, away)
+    region = raster.flood(barrier, start_cell)
+
     middle = beside & on_map
     points, aside = trace.points[middle] + 0.5, 1.6 * normal[trace.segment[middle]]
     left, right = (_share(region, barrier, np.floor(points + side * aside).astype(np.int64)) for side in (1.0, -1.0))
@@ -198,7 +210,7 @@ def _cut(
     vertex_arc = np.cumsum(steps)[:-1]
     between = between[(vertex_arc > trace.arc[min(start, end)]) & (vertex_arc < trace.arc[max(start, end)])]
     stops = tuple((int(trace.rows[k]), int(trace.columns[k])) for k in (start, end))
-    return Cut(region, seed, left, right, np.vstack([first, between, last]), stops)  # type: ignore[arg-type]
+    return Cut(region, start_cell, left, right, np.vstack([first, between, last]), stops)  # type: ignore[arg-type]
 
 
 def _share(region: np.ndarray, barrier: np.ndarray, cells: np.ndarray) -> float:

@@ -183,13 +183,12 @@ def _curve(
     """(H, W) uint8: the area on the seed's side of a separating curve, and the curve with its extensions [m]."""
     moved: List[Finding] = []
 
-    def find_seed(barrier: np.ndarray) -> Tuple[int, int]:
+    def find_seed(barrier: np.ndarray, away: Optional[np.ndarray]) -> Tuple[int, int]:
         moved.clear()
-        return _free_cell(barrier, seed, prior, params, moved)
+        return _free_cell(barrier, seed, prior, params, moved, away)
 
-    cut = curve.separate(
-        blocked, points, params.fit_length_m / prior.resolution, params.overshoot_m / prior.resolution, find_seed
-    )
+    fit, overshoot = params.fit_length_m / prior.resolution, params.overshoot_m / prior.resolution
+    cut = curve.separate(blocked, points, fit, overshoot, seed, find_seed)
     if cut is None:
         raise IntegrationError("outside_map", "the curve lies outside the map")
     findings.extend(moved)
@@ -210,9 +209,14 @@ def _curve(
 
 
 def _free_cell(
-    barred: np.ndarray, seed: np.ndarray, prior: GridMap, params: IntegrationParams, findings: List[Finding]
+    barred: np.ndarray,
+    seed: np.ndarray,
+    prior: GridMap,
+    params: IntegrationParams,
+    findings: List[Finding],
+    away: Optional[np.ndarray] = None,
 ) -> Tuple[int, int]:
-    """The cell (row, column) of the seed, or the nearest one that is not barred.
+    """The cell (row, column) of the seed, or the nearest one that is not barred, in a direction if one is given.
 
     Raises:
         IntegrationError: "seed_on_obstacle" if there is none within the radius.
@@ -225,7 +229,10 @@ def _free_cell(
     top, left = max(0, row - reach), max(0, column - reach)
     window = barred[top : row + reach + 1, left : column + reach + 1]
     rows, columns = np.nonzero(window == 0)
-    distance = np.hypot(rows + top - seed[1], columns + left - seed[0])
+    offset = np.column_stack([columns + left, rows + top]) - seed
+    distance = np.hypot(offset[:, 0], offset[:, 1])
+    if away is not None:
+        distance[offset @ away <= 0.0] = np.inf
     if len(distance) == 0 or distance.min() > radius:
         raise IntegrationError(
             "seed_on_obstacle", f"there is no free floor within {params.seed_radius_m} m of the seed point: show it elsewhere"
