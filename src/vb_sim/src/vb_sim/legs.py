@@ -42,6 +42,7 @@ class Legs:
         self._planner = Planner(Costmap(grid, self._params))
         self._way = np.zeros((0, 2))
         self._waited = 0.0
+        self._round_robot: Optional[Tuple[np.ndarray, Planner]] = None
         self.here = np.asarray(here, dtype=float)
         self.yaw = 0.0
 
@@ -144,21 +145,22 @@ class Legs:
     def _plan(
         self, start: np.ndarray, goal: np.ndarray, robot: Optional[np.ndarray] = None, tolerance: float = 0.0
     ) -> Optional[np.ndarray]:
-        planner = self._planner
         if robot is not None:
+            try:
+                return self._planner_round(robot).plan(start, goal, tolerance)
+            except CodedError:
+                pass  # the robot is in a doorway, or at the person's feet: plan as if it will move on
+        try:
+            return self._planner.plan(start, goal, tolerance)
+        except CodedError:
+            return None
+
+    def _planner_round(self, robot: np.ndarray) -> Planner:
+        """A planner for which the robot is an obstacle; kept while the robot stays about where it is."""
+        if self._round_robot is None or np.linalg.norm(self._round_robot[0] - robot) > 0.1:
             rows, columns = np.indices(self._grid.shape)
             column, row = self._grid.world_to_grid(robot)[0]
             # a disc that makes, with the person's own radius, the distance that is kept
             disc = np.hypot(rows - row, columns - column) * self._grid.resolution < ROBOT_DISTANCE - self._model.body_radius
-            planner = Planner(Costmap(self._grid, self._params, disc))
-        try:
-            return planner.plan(start, goal, tolerance)
-        except CodedError:
-            if planner is not self._planner:
-                return self._plan(start, goal, None, tolerance)
-            return None
-
-
-def pose_of(legs: Legs) -> Tuple[float, float, float]:
-    """(x, y, yaw) [m, m, rad]."""
-    return float(legs.here[0]), float(legs.here[1]), legs.yaw
+            self._round_robot = (np.array(robot), Planner(Costmap(self._grid, self._params, disc)))
+        return self._round_robot[1]

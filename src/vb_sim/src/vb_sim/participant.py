@@ -215,9 +215,10 @@ class Person:
             self.spot = self.spot + way / distance * min(speed * self.dt, distance)
             yield
 
-    def new_stroke(self) -> Stroke:
-        """The border as this person is going to draw it this time."""
-        return Stroke(self.scenario.border, self.scenario.closed, self.model, self.rng, self.is_floor)
+    def new_stroke(self, border: Optional[np.ndarray] = None) -> Stroke:
+        """The border, or the same in another order (N, 2) [m], as this person is going to draw it this time."""
+        border = self.scenario.border if border is None else border
+        return Stroke(border, self.scenario.closed, self.model, self.rng, self.is_floor)
 
     def see_and_wait(self, seconds: float, patience: float, by_robot: bool = False) -> Step:
         """Holds the spot until it has been seen for some time in all, or patience ends."""

@@ -1,6 +1,8 @@
 """A person who draws with the network robot system: ceiling cameras, and a robot that comes by itself."""
 from __future__ import annotations
 
+from typing import Generator, Optional
+
 from vb_sim.hand import Stroke
 from vb_sim.participant import FEEDBACK_GAP, ParticipantScript, Step
 
@@ -24,30 +26,55 @@ class NetworkRobotSystemScript(ParticipantScript):
 
     def draw(self) -> Step:
         person = self.person
-        stroke = person.new_stroke()
-        arc = seen_at = stroke.start
-        missed = 0
         person.doing = "draws"
+        stroke = yield from self._seen_start()
+        first_seen = yield from self._draw_along(stroke, stroke.start, stroke.length)
+        if first_seen - stroke.start > 2.0 * GO_BACK:
+            # the beginning was drawn unseen; by now the robot is near
+            yield from self._draw_along(stroke, min(first_seen + GO_BACK, stroke.length), stroke.start)
+        yield from person.see_and_wait(0.2, 1.0)
+        person.spot = None
+
+    def _draw_along(self, stroke: Stroke, begin: float, end: float) -> Generator[None, None, float]:
+        """Draws from one arc length [m] to another, either way; gives the one where the spot was seen first."""
+        person = self.person
+        sign = 1.0 if end >= begin else -1.0
+        arc = seen_at = begin
+        first_seen: Optional[float] = None
+        missed = 0
         person.spot = stroke.at(arc)
-        yield from person.see_and_wait(0.1, person.model.patience)
-        while arc < stroke.length:
+        while (end - arc) * sign > 0.0:
             if person.unseen_for() < FEEDBACK_GAP:
                 seen_at = arc
+                first_seen = arc if first_seen is None else first_seen
             elif missed <= person.model.retries and person.unseen_for() > FEEDBACK_GAP + person.model.notice_time:
                 missed += 1
                 yield from self._hold(stroke)
-                arc = max(seen_at - GO_BACK, stroke.start)
+                arc = max((seen_at - GO_BACK * sign) * sign, begin * sign) * sign
                 person.doing = "draws"
                 yield from person.move_spot(stroke.at(arc), person.drawing_speed)
                 # the way back counts as feedback: what follows is judged afresh
                 yield from person.see_and_wait(0.1, 2.0)
                 seen_at = arc
-            arc = min(arc + person.drawing_speed * stroke.pace(arc) * person.dt, stroke.length)
+            arc += sign * min(person.drawing_speed * stroke.pace(arc) * person.dt, abs(end - arc))
             person.spot = stroke.at(arc)
             person.come_within_reach(person.spot, stroke.points)
             yield
-        yield from person.see_and_wait(0.2, 1.0)
-        person.spot = None
+        return begin if first_seen is None else first_seen
+
+    def _seen_start(self) -> Generator[None, None, Stroke]:
+        """A stroke that begins where somebody sees the spot, if there is such an end."""
+        person = self.person
+        ways = [person.scenario.border] if person.scenario.closed else [person.scenario.border, person.scenario.border[::-1]]
+        for order in [*ways, ways[0]]:
+            stroke = person.new_stroke(order)
+            person.spot = stroke.at(stroke.start)
+            person.come_within_reach(person.spot, stroke.points)
+            yield from person.see_and_wait(0.1, person.model.patience / 2.0)
+            if person.unseen_for() < FEEDBACK_GAP:
+                break
+            person.step_aside(person.spot, stroke.points)
+        return stroke
 
     def _hold(self, stroke: Stroke) -> Step:
         """Holds still where nobody sees the spot, until somebody does or patience ends."""

@@ -2,13 +2,16 @@
 from __future__ import annotations
 
 import math
-from typing import List
+from typing import Callable, List, Optional
 
 import numpy as np
+from shapely.geometry import Point, Polygon
 
 from vb_core import geometry
 from vb_sim.hand import Stroke
+from vb_sim.legs import distance_to_chain
 from vb_sim.participant import FEEDBACK_GAP, ParticipantScript, Step
+from vb_sim.rehearsal import best_order
 
 LOST = 1.5  # [s] without feedback after which the robot has lost the spot
 SIDE = math.radians(24.0)  # off the robot's axis, where the camera's image is about to end
@@ -19,6 +22,8 @@ class RobotOnlyScript(ParticipantScript):
     """The paper's baseline: guide the robot to the border, draw with the robot following, turn it to the seed."""
 
     source = "buttons"
+    _stroke: Stroke
+    _look_again = 0.0
 
     # ------------------------------------------------------------ the course
     def prepare(self) -> Step:
@@ -31,14 +36,16 @@ class RobotOnlyScript(ParticipantScript):
         yield from person.react()
         yield from person.insist("guide_robot", self.source)
         person.spot = self._before_robot()
-        stroke_start = person.new_stroke().at(0.0)
-        yield from self._lead([*person.scenario.guide, stroke_start])
+        guide = person.scenario.guide
+        from_here = guide[-1] if len(guide) else person.robot_place()
+        self._stroke = person.new_stroke(best_order(person.scenario.border, person.scenario.closed, from_here))
+        yield from self._lead([*guide, self._stroke.at(self._stroke.start)])
         yield from person.insist("define_border", self.source)
         yield from person.react()
 
     def draw(self) -> Step:
         person = self.person
-        stroke = person.new_stroke()
+        stroke = self._stroke
         arc = seen_at = stroke.start
         missed = 0
         person.doing = "draws"
@@ -78,7 +85,7 @@ class RobotOnlyScript(ParticipantScript):
         yield from person.insist("define_seed", self.source)
         yield from person.react()
         person.spot = end.copy() if end is not None else self._before_robot()
-        yield from self._lead([person.scenario.seed], "shows the seed")
+        yield from self._lead([person.scenario.seed], "shows the seed", self._is_as_good)
         person.doing = "shows the seed"
         # longer than anywhere on the way, for the place where the spot dwells is the seed
         yield from person.see_and_wait(person.model.seed_time + 1.0, person.model.patience, by_robot=True)
@@ -87,8 +94,24 @@ class RobotOnlyScript(ParticipantScript):
             yield
 
     # ------------------------------------------------------------ leading
-    def _lead(self, waypoints: List[np.ndarray], doing: str = "leads the robot") -> Step:
-        """Moves the spot along waypoints (2,) [m], no faster than the robot follows."""
+    def _is_as_good(self, place: np.ndarray) -> bool:
+        """Whether a place (2,) [m] is on the seed's side, and clearly so."""
+        region, border = self.person.scenario.region, self.person.scenario.border
+        chain = np.vstack([border, border[:1]]) if self.person.scenario.closed else border
+        return bool(Polygon(region).contains(Point(place)) and distance_to_chain(np.asarray(place), chain) > 0.2)
+
+    def _lead(
+        self,
+        waypoints: List[np.ndarray],
+        doing: str = "leads the robot",
+        good_enough: Optional[Callable[[np.ndarray], bool]] = None,
+    ) -> Step:
+        """Moves the spot along waypoints (2,) [m], no faster than the robot follows.
+
+        Args:
+            good_enough: asked about where the robot was picked up after it lost the spot twice; if so, that is where
+                the way ends.
+        """
         person = self.person
         person.doing = doing
         for index, waypoint in enumerate(waypoints):
@@ -104,6 +127,8 @@ class RobotOnlyScript(ParticipantScript):
                 elif unseen > LOST:
                     lost += 1
                     yield from self._pick_up(waypoint, lost)
+                    if lost > 2 and good_enough is not None and good_enough(person.spot):
+                        return
                 self._follow(np.zeros((0, 2)))
                 yield
             if last:
@@ -154,8 +179,9 @@ class RobotOnlyScript(ParticipantScript):
     def _follow(self, line: np.ndarray) -> None:
         """Keeps near the spot, out of the robot's way and sight."""
         person = self.person
-        if person.legs.walking or person.spot is None:
+        if person.legs.walking or person.spot is None or person.percept.now < self._look_again:
             return
+        self._look_again = person.percept.now + 0.5
         if not person.legs.suits(person.legs.here, person.spot, line, person.robot_place()):
             place = person.legs.stand_for(person.spot, line, person.robot_place())
             if place is not None:
