@@ -76,8 +76,9 @@ def test_spot_stays_in_view(path, speed):
 
 
 def test_backs_off_from_a_spot_that_comes_near():
-    run = follow([[2.0, 2.5], [1.5, 2.5]], 0.1, (1.0, 2.5, 0.0))
+    run = follow([[4.0, 2.5], [1.5, 2.5]], 0.2, (3.0, 2.4, 0.0))
     check_limits(run)
+    assert run[:, 6].all(), "a stroke towards the robot at full speed does not slip out of the image below"
     assert run[-1, 7] >= PARAMS.near_distance
     assert run[:, 4].min() < -0.02
 

@@ -23,14 +23,14 @@ class ServoParams(Parameters):
     """Gains and limits."""
 
     max_speed: float = param(0.2, "m/s", above=0.0, high=0.5, doc="while a person leads the robot")
-    max_back_speed: float = param(0.1, "m/s", low=0.0, high=0.5)
+    max_back_speed: float = param(0.2, "m/s", low=0.0, high=0.5)
     max_turn: float = param(0.8, "rad/s", above=0.0, high=3.0)
     acceleration: float = param(0.4, "m/s^2", above=0.0, high=5.0)
     turn_acceleration: float = param(2.0, "rad/s^2", above=0.0, high=20.0)
     good_distance: float = param(1.0, "m", above=0.0, doc="from base_link to the spot: it drives to this")
     far_distance: float = param(1.3, "m", above=0.0, doc="from here on it drives nearer")
-    near_distance: float = param(0.6, "m", above=0.0, doc="below this it backs off ...")
-    back_to_distance: float = param(0.75, "m", above=0.0, doc="... to this")
+    near_distance: float = param(0.75, "m", above=0.0, doc="below this it backs off ...")
+    back_to_distance: float = param(0.9, "m", above=0.0, doc="... to this")
     inner_zone: float = param(0.45, above=0.0, high=1.0, doc="part of the image's width in which nothing is done")
     settled_zone: float = param(0.12, above=0.0, high=1.0, doc="part of the width into which a turn brings the spot")
     drive_cone_deg: float = param(25.0, "deg", above=0.0, high=90.0, doc="off the axis by this it only turns")
