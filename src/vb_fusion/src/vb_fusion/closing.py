@@ -16,7 +16,7 @@ from vb_core import geometry
 # Gap in lengths of the chain up to which it is closed, by the turn [deg] that closing takes. A carpet of 6.5 m with a
 # gap of 0.4 m has 0.06, a square of 1 m a side with 0.5 m has 0.14; a line has 1, three sides of a square 0.33.
 GAP_FACING = 0.15
-GAP_SIDE_BY_SIDE = 0.03
+GAP_SIDE_BY_SIDE = 0.075
 TURN_FACING = 120.0
 TURN_SIDE_BY_SIDE = 170.0
 # share of the chain at either end in which the ends may cross or overlap

@@ -111,12 +111,14 @@ def _robust(seen: Observations, params: ExtractionParams) -> BorderChain:
     count = len(seen.points)
     seen = without_bias(without_strays(seen))
     sites = ridge.merge(seen.points, seen.weights)
-    keep, _ = ridge.supported(sites, params.eps)
-    sites = sites.select(keep)
-    if len(sites.points) == 0:
-        raise _no_line(count, params)
-    ranks = _site_ranks(seen, sites)
-    path = _best_path(sites, ranks, params)
+    everything, path = sites, None
+    # a bright thing that is seen for long may be denser by far than a quick stroke: then ask for less
+    for share in (0.1, 0.02):
+        sites = everything.select(ridge.supported(everything, params.eps, share)[0])
+        if len(sites.points):
+            path = _best_path(sites, _site_ranks(seen, sites), params)
+        if path is not None:
+            break
     if path is None:
         raise _no_line(count, params)
     raw = path.nodes
@@ -143,15 +145,17 @@ def _site_ranks(seen: Observations, sites: ridge.Sites) -> Optional[np.ndarray]:
 
 def _best_path(sites: ridge.Sites, ranks: Optional[np.ndarray], params: ExtractionParams) -> Optional[linking.Path]:
     """The path with the largest expansion within the limits: clutter is dense, but a stroke is long."""
-    found = linking.pieces(ridge.onto_ridge(sites), sites.weights, params.eps, ranks)
+    found = linking.pieces(ridge.onto_ridge(sites), sites.points, sites.weights, params.eps, ranks)
     found = [path for path in found if path.weight >= 3.0 or len(path.nodes) > 2]
-    paths = linking.join(found, params.eps)
+    # the ends of pieces lie inside of what was drawn: their points are means of several
+    paths = linking.join(found, params.eps + linking.END_MARGIN)
     fitting = [
         path
         for path in paths
         if len(path.nodes) >= 2
         and 0.8 * params.min_exp < expansion(path.nodes) < params.max_exp
         and path.weight >= 0.7 * params.min_size
+        and not linking.is_scrap(path)
     ]
     return max(fitting, key=lambda path: expansion(path.nodes), default=None)
 

@@ -16,9 +16,11 @@ from scipy.spatial import cKDTree
 
 from vb_fusion.ridge import merge
 
-NODE = 0.05  # [m] spacing of the nodes on the ridge
-LINK = 0.13  # [m] nodes of one piece are at most this far apart
-LONE_PIECE = 0.15  # [m] a piece shorter than this is no continuation of a chain across a gap longer than itself
+NODE = 0.03  # [m] spacing of the nodes on the ridge
+LINK = 0.11  # [m] nodes of one piece are at most this far apart
+END_MARGIN = 0.1  # [m] by which the ends of two pieces are farther apart than the points they stand for
+SCRAP = 0.35  # [m] a piece at an end, beyond a gap, that is shorter than this and not clearly elongated is clutter
+SCRAP_ELONGATION = 1.7  # ratio of its spread along and across; 0.2 m of a stroke have 2.3, a round spot has 1.2
 
 
 @dataclass
@@ -28,20 +30,27 @@ class Path:
     nodes: np.ndarray
     weight: float
     ranks: Optional[np.ndarray]
+    elongation: float = np.inf  # of the points it stands for: spread along over spread across
 
     @property
-    def length(self) -> float:
-        return float(np.linalg.norm(np.diff(self.nodes, axis=0), axis=1).sum())
+    def expansion(self) -> float:
+        """Diagonal [m] of its bounding box."""
+        return float(np.linalg.norm(np.ptp(self.nodes, axis=0)))
 
     def reversed(self) -> "Path":
-        return Path(self.nodes[::-1], self.weight, None if self.ranks is None else self.ranks[::-1])
+        """The same path from its other end."""
+        ranks = None if self.ranks is None else self.ranks[::-1]
+        return Path(self.nodes[::-1], self.weight, ranks, self.elongation)
 
 
-def pieces(ridge: np.ndarray, weights: np.ndarray, max_gap: float, ranks: Optional[np.ndarray]) -> List[Path]:
+def pieces(
+    ridge: np.ndarray, seen: np.ndarray, weights: np.ndarray, max_gap: float, ranks: Optional[np.ndarray]
+) -> List[Path]:
     """The longest path of each connected piece of the ridge.
 
     Args:
-        ridge: (S, 2) [m] sites on the ridge.
+        ridge: (S, 2) [m] sites moved onto the ridge.
+        seen: (S, 2) [m] the same sites where they were.
         weights: (S,).
         max_gap: [m] the longest link.
         ranks: (S,) place in time of each site, 0 first to 1 last, or None.
@@ -57,6 +66,9 @@ def pieces(ridge: np.ndarray, weights: np.ndarray, max_gap: float, ranks: Option
     link = float(np.clip(2.2 * np.median(second), LINK, max_gap))
     pairs = tree.query_pairs(link, output_type="ndarray")
     lengths = np.linalg.norm(nodes[pairs[:, 0]] - nodes[pairs[:, 1]], axis=1) + 1e-12
+    if at is not None:
+        # what was drawn at another time is a neighbour by chance: the other leg of a U, or the start at the end
+        lengths *= 1.0 + np.minimum(np.abs(at[pairs[:, 0]] - at[pairs[:, 1]]) / 0.05, 4.0)
     graph = csr_matrix((lengths, (pairs[:, 0], pairs[:, 1])), shape=(count, count))
     spanning = minimum_spanning_tree(graph)
     spanning = (spanning + spanning.T).tocsr()
@@ -65,7 +77,12 @@ def pieces(ridge: np.ndarray, weights: np.ndarray, max_gap: float, ranks: Option
     found = []
     for members in np.split(order, np.flatnonzero(np.diff(labels[order])) + 1):
         path = _longest_path(spanning, members)
-        found.append(Path(nodes[path], float(sites.weights[members].sum()), None if at is None else at[path]))
+        elongation = np.inf
+        if float(np.linalg.norm(np.ptp(nodes[members], axis=0))) < SCRAP:
+            own = np.isin(sites.of_point, members)
+            elongation = _elongation(seen[own], weights[own])
+        weight = float(sites.weights[members].sum())
+        found.append(Path(nodes[path], weight, None if at is None else at[path], elongation))
     return found
 
 
@@ -119,7 +136,7 @@ def join(found: List[Path], max_gap: float) -> List[Path]:
 
 
 def _concatenate(found: List[Path], members: np.ndarray, partner: np.ndarray) -> Path:
-    """One path of the joined pieces; scraps at its ends that are shorter than the gap before them are dropped."""
+    """One path of the joined pieces; scraps at its ends are dropped."""
     start = next(end for m in members for end in (2 * m, 2 * m + 1) if partner[end] < 0)
     sequence: List[Path] = []
     end = int(start)
@@ -127,17 +144,25 @@ def _concatenate(found: List[Path], members: np.ndarray, partner: np.ndarray) ->
         path = found[end // 2]
         sequence.append(path if end % 2 == 0 else path.reversed())
         end = int(partner[end ^ 1])
-    while len(sequence) > 1 and _is_scrap(sequence[0], sequence[1].nodes[0]):
+    while len(sequence) > 1 and is_scrap(sequence[0]):
         sequence.pop(0)
-    while len(sequence) > 1 and _is_scrap(sequence[-1], sequence[-2].nodes[-1]):
+    while len(sequence) > 1 and is_scrap(sequence[-1]):
         sequence.pop()
     ranks = None if sequence[0].ranks is None else np.concatenate([path.ranks for path in sequence])
     return Path(np.vstack([path.nodes for path in sequence]), sum(path.weight for path in sequence), ranks)
 
 
-def _is_scrap(path: Path, neighbour: np.ndarray) -> bool:
-    gap = min(np.linalg.norm(path.nodes[0] - neighbour), np.linalg.norm(path.nodes[-1] - neighbour))
-    return path.length < min(LONE_PIECE, gap)
+def is_scrap(path: Path) -> bool:
+    """Is a path no line, but something bright at one place?"""
+    return path.expansion < SCRAP and path.elongation < SCRAP_ELONGATION
+
+
+def _elongation(points: np.ndarray, weights: np.ndarray) -> float:
+    """Ratio of the standard deviations along and across the points' main direction; 1 for too few to tell."""
+    if len(points) < 3:
+        return 1.0
+    smaller, larger = np.linalg.eigvalsh(np.cov(points.T, aweights=weights, bias=True))
+    return float(np.sqrt(larger / max(smaller, 1e-8)))
 
 
 def _outward(nodes: np.ndarray) -> np.ndarray:

@@ -14,7 +14,7 @@ from scipy.spatial import cKDTree
 
 from vb_fusion.clustering import cell_keys
 
-LATTICE = 0.02  # [m] finer than the noise of a camera
+LATTICE = 0.025  # [m] finer than the noise of a camera
 MAX_SITES = 30_000  # a room drawn full; beyond it a coarser lattice
 KERNEL = 0.045  # [m] standard deviation; two tracks up to 0.1 m apart merge, 0.2 m stay apart
 REACH = 0.12  # [m] radius in which points support each other
@@ -57,11 +57,14 @@ def weighted_quantile(values: np.ndarray, weights: np.ndarray, q: float) -> floa
     return float(values[order][min(int(np.searchsorted(cumulated, q * cumulated[-1])), len(values) - 1)])
 
 
-def supported(sites: Sites, max_reach: float) -> Tuple[np.ndarray, float]:
+def supported(sites: Sites, max_reach: float, share: float = 0.1) -> Tuple[np.ndarray, float]:
     """Which sites lie on something drawn.
 
     A stroke's points have company within a radius that fits their spacing; stray detections have little. How much
     is usual is measured on the set itself: at least two of three points are drawn ones.
+
+    Args:
+        share: of the usual company that is enough.
 
     Returns:
         (S,) bool, and the radius [m] that was used.
@@ -78,14 +81,14 @@ def supported(sites: Sites, max_reach: float) -> Tuple[np.ndarray, float]:
     company = w + np.bincount(i, w[j], minlength=count) + np.bincount(j, w[i], minlength=count)
     usual = weighted_quantile(company, w, 0.5)
     # a point at the end of a stroke has half the usual company, a fast stretch seen by one camera of two a fifth
-    return company >= max(0.1 * usual, min(3.0, 0.6 * usual)) - 1e-9, reach
+    return company >= max(share * usual, min(3.0, 0.6 * usual)) - 1e-9, reach
 
 
 def onto_ridge(sites: Sites) -> np.ndarray:
     """(S, 2) [m]: each site moved to the ridge of the sites' density across the direction of its surroundings."""
     data, w = sites.points, sites.weights
     count = len(data)
-    i, j = cKDTree(data).query_pairs(3.0 * KERNEL, output_type="ndarray").T
+    i, j = cKDTree(data).query_pairs(2.5 * KERNEL, output_type="ndarray").T
     rows, columns = np.concatenate([i, j, np.arange(count)]), np.concatenate([j, i, np.arange(count)])
     seen, weight = data[columns], w[columns]
     moved = data.copy()

@@ -16,7 +16,7 @@ from scipy.spatial import cKDTree
 from vb_fusion.clustering import cell_keys
 
 # Pairs of neighbours that are listed; a drawing of a minute has about a hundred thousand. Beyond it, the lattice.
-EXACT_PAIRS = 200_000
+EXACT_PAIRS = 120_000
 _LATTICE = (0.1, 0.15, 0.2, 0.3, 0.4, 0.6)  # of max_neighbor_dist, the first that is coarse enough is taken
 _BLOCK = 1024
 
