@@ -5,13 +5,12 @@ import math
 from dataclasses import dataclass
 from typing import List, Optional, Sequence, Tuple
 
-import cv2
 import numpy as np
 
 from vb_core.camera_model import CameraModel
 from vb_core.geometry import invert
 
-_ANGLES = np.linspace(0.0, 2.0 * math.pi, 20, endpoint=False)
+_ANGLES = np.linspace(0.0, 2.0 * math.pi, 16, endpoint=False)
 _CIRCLE = np.column_stack([np.cos(_ANGLES), np.sin(_ANGLES)])
 
 SHIRT, TROUSERS, SKIN, HAIR, SHOES = (78, 118, 112), (48, 54, 78), (206, 162, 134), (72, 54, 42), (38, 36, 38)
@@ -37,7 +36,7 @@ class Piece:
 
 
 def piece_outlines(pieces: Sequence[Piece]) -> np.ndarray:
-    """(N, 40, 3) [m] points of both ellipses of each piece."""
+    """(N, 32, 3) [m] points of both ellipses of each piece."""
     yaws = np.array([piece.yaw for piece in pieces])
     c, s = np.cos(yaws)[:, None], np.sin(yaws)[:, None]
     points = np.empty((len(pieces), 2, len(_CIRCLE), 3))
@@ -147,20 +146,18 @@ class Outlines:
     """Pieces as a camera sees them, the furthest first.
 
     Attributes:
-        hulls: for each piece its convex outline (K, 2) [px], float32.
+        points: (N, 32, 2) [px]; each piece is the convex hull of its points.
         depths: (N,) [m] of each piece's middle along the optical axis.
         colors: (N, 3) rgb.
     """
 
-    hulls: List[np.ndarray]
+    points: np.ndarray
     depths: np.ndarray
     colors: np.ndarray
 
 
 def project_pieces(pieces: Sequence[Piece], camera: CameraModel, T_map_optical: np.ndarray, near: float = 0.15) -> Outlines:
     """Outlines of pieces; those that reach behind the camera are left out."""
-    if not pieces:
-        return Outlines([], np.zeros(0), np.zeros((0, 3)))
     T = invert(T_map_optical)
     points = piece_outlines(pieces).reshape(-1, 3) @ T[:3, :3].T + T[:3, 3]
     pixels = camera.project(points).reshape(len(pieces), -1, 2)
@@ -170,7 +167,7 @@ def project_pieces(pieces: Sequence[Piece], camera: CameraModel, T_map_optical: 
     with np.errstate(invalid="ignore"):
         usable = (depths.min(axis=1) > near) & (np.abs(pixels).max(axis=(1, 2)) < limit)
     middle = depths.mean(axis=1)
-    order = [index for index in np.argsort(-middle) if usable[index]]
-    hulls = [cv2.convexHull(pixels[index].astype(np.float32)).reshape(-1, 2) for index in order]
-    colors = np.array([piece.color for piece in pieces], dtype=float)[order].reshape(-1, 3)
-    return Outlines(hulls, middle[order], colors)
+    order = np.argsort(-middle)
+    order = order[usable[order]]
+    colors = np.array([piece.color for piece in pieces], dtype=float)[order]
+    return Outlines(pixels[order], middle[order], colors)

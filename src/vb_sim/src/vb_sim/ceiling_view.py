@@ -156,7 +156,7 @@ class CeilingView:
         sprites = []
         for name, pose in snapshot.robots.items():
             radius = self._radii.get(name, 0.18)
-            key = (round(pose[0] / 0.002), round(pose[1] / 0.002), round(pose[2] / 0.01))
+            key = (round(pose[0] / 0.003), round(pose[1] / 0.003), round(pose[2] / 0.02))
             sprites.append(self._sprite(f"robot {name}", key, lambda: (bodies.robot_pieces(pose, radius), pose, radius)))
         person, laser = snapshot.person, snapshot.laser
         if person is not None:
@@ -165,8 +165,8 @@ class CeilingView:
             if laser is not None:
                 target = laser
                 hand = bodies.hand_position(person, laser, self._optics.pointer_height)
-                arm = (round(hand[0] / 0.01), round(hand[1] / 0.01))
-            key = (round(person[0] / 0.004), round(person[1] / 0.004), round(person[2] / 0.02), arm)
+                arm = (round(hand[0] / 0.025), round(hand[1] / 0.025))
+            key = (round(person[0] / 0.006), round(person[1] / 0.006), round(person[2] / 0.03), arm)
             sprites.append(
                 self._sprite(
                     "person",
@@ -185,11 +185,11 @@ class CeilingView:
 
     def _draw_sprite(self, pieces: Sequence[bodies.Piece], pose, radius: float) -> Optional[_Sprite]:
         outlines = bodies.project_pieces(pieces, self.model, self.pose)
-        if not outlines.hulls:
+        if not len(outlines.points):
             return None
         shadow = self._shadow_outline(pose, radius)
         blur_px = 0.10 * self.model.focal_px / self.pose[2, 3] / _HALF
-        everything = np.concatenate(outlines.hulls)
+        everything = outlines.points.reshape(-1, 2)
         if len(shadow):
             reach = 3.0 * blur_px * _HALF
             everything = np.concatenate([everything, shadow - reach, shadow + reach])
@@ -199,37 +199,42 @@ class CeilingView:
         if (high <= low).any():
             return None
         shape = (high[1] - low[1], high[0] - low[0])
-        color, opacity = np.zeros((*shape, 3), np.uint8), np.zeros(shape, np.uint8)
-        inverse = np.zeros(shape, np.float32)
+        color, inverse = np.zeros((*shape, 3), np.uint8), np.zeros(shape, np.float32)
         offset = 0.5 / _HALF - 0.5 - low
-        for hull, depth, rgb in zip(outlines.hulls, outlines.depths, outlines.colors):
-            exact = hull / _HALF + offset
-            middle = 0.5 * (exact.min(axis=0) + exact.max(axis=0))
-            points = _fixed(exact)
-            cv2.fillConvexPoly(color, points, (0.72 * rgb).tolist(), cv2.LINE_AA, _SHIFT)
-            # lighter inside than at the rim looks round
-            cv2.fillConvexPoly(color, _fixed(middle + 0.72 * (exact - middle)), (0.92 * rgb).tolist(), cv2.LINE_AA, _SHIFT)
-            cv2.fillConvexPoly(opacity, points, 255, cv2.LINE_AA, _SHIFT)
-            cv2.fillConvexPoly(inverse, points, 1.0 / depth, cv2.LINE_8, _SHIFT)
+        outer = outlines.points / _HALF + offset
+        middle = 0.5 * (outer.min(axis=1, keepdims=True) + outer.max(axis=1, keepdims=True))
+        inner = _fixed(middle + 0.72 * (outer - middle))
+        outer = _fixed(outer)
+        # lighter inside than at the rim looks round
+        dark, light = (0.72 * outlines.colors).tolist(), (0.92 * outlines.colors).tolist()
+        for index, depth in enumerate(outlines.depths):
+            hull = cv2.convexHull(outer[index], returnPoints=False)[:, 0]
+            cv2.fillConvexPoly(color, outer[index][hull], dark[index], cv2.LINE_8, _SHIFT)
+            cv2.fillConvexPoly(color, inner[index][hull], light[index], cv2.LINE_8, _SHIFT)
+            cv2.fillConvexPoly(inverse, outer[index][hull], 1.0 / depth, cv2.LINE_8, _SHIFT)
+        opacity = cv2.compare(inverse, 0.0, cv2.CMP_GT)
+        # soft edges; both alike, since the colour is what is added to what shines through
         color, opacity = cv2.blur(color, (3, 3)), cv2.blur(opacity, (3, 3))
         rows, columns = slice(low[1], high[1]), slice(low[0], high[0])
-        hidden = (self._inverse_half[rows, columns] > inverse * 1.02) & (opacity > 0) & (inverse > 0)
-        if hidden.any():
-            color[hidden] = 0
-            opacity[hidden] = 0
+        hidden = cv2.compare(self._inverse_half[rows, columns], np.maximum(inverse * 1.02, 1e-6), cv2.CMP_GT)
+        if cv2.countNonZero(hidden):
+            seen = cv2.bitwise_not(hidden)
+            color, opacity = cv2.bitwise_and(color, color, mask=seen), cv2.bitwise_and(opacity, seen)
         # what the camera's gain and lens do to everything
         gain = self._optics.exposure_gain
         if gain != 1.0:
             color = cv2.convertScaleAbs(color, alpha=gain)
-        light = np.full(shape, 255, np.uint8)
+        lit = np.full(shape, 255, np.uint8)
         if len(shadow):
             small = np.zeros((shape[0] // 4 + 1, shape[1] // 4 + 1), np.uint8)
             cv2.fillConvexPoly(small, _fixed((shadow / _HALF + offset) * 0.25), 110, cv2.LINE_AA, _SHIFT)
-            small = cv2.GaussianBlur(small, (0, 0), max(1.0, blur_px / 4.0))
-            cv2.subtract(light, cv2.resize(small, (shape[1], shape[0]), interpolation=cv2.INTER_LINEAR), dst=light)
-        keep = cv2.multiply(light, 255 - opacity, scale=1.0 / 255.0)
+            box = 2 * int(max(1.0, blur_px / 4.0)) + 1
+            small = cv2.blur(cv2.blur(small, (box, box)), (box, box))
+            cv2.subtract(lit, cv2.resize(small, (shape[1], shape[0]), interpolation=cv2.INTER_LINEAR), dst=lit)
+        keep = cv2.multiply(lit, cv2.bitwise_not(opacity), scale=1.0 / 255.0)
         keep = cv2.resize(keep, (shape[1] * 2, shape[0] * 2), interpolation=cv2.INTER_LINEAR)
-        solid = cv2.resize((opacity > 127).view(np.uint8), (shape[1] * 2, shape[0] * 2), interpolation=cv2.INTER_NEAREST)
+        # a shadow alone keeps more
+        solid = cv2.compare(keep, 127, cv2.CMP_LT)
         pattern = pixels.encode_doubled(color, self.encoding)
         if self._noisy:
             darker = cv2.subtract(pattern, np.full(pattern.shape, _NOISE_OFFSET, np.uint8))

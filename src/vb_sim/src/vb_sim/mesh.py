@@ -256,7 +256,7 @@ class DepthBuffer:
             candidate = self.grid.combine(*plane, rows, columns)
             cv2.bitwise_and(mask, cv2.compare(candidate, inverse, cv2.CMP_GT), dst=mask)
             cv2.copyTo(candidate, mask, inverse)
-        np.copyto(self.ids[rows, columns], np.uint8(self._count), where=mask.view(bool) if False else mask > 0)
+        np.copyto(self.ids[rows, columns], np.uint8(self._count), where=mask > 0)
 
     def paint(self, image: np.ndarray) -> None:
         """Puts the things' colours over the picture (H, W, 3) of the floor, in place."""

@@ -68,7 +68,7 @@ def render_spot(
     if not (-border < center[0] < camera.width + border and -border < center[1] < camera.height + border):
         return None
     jacobian = np.column_stack([pixels[1] - center, pixels[2] - center]) / step
-    pixels_per_m2 = abs(float(np.linalg.det(jacobian)))
+    pixels_per_m2 = abs(_determinant(jacobian))
     if pixels_per_m2 < 1e-6:
         return None
     # a pixel gathers light over its own area: another 1/12 px^2
@@ -88,18 +88,23 @@ def render_spot(
         return None
     u = np.arange(first_column, last_column, dtype=np.float32)[None, :] - np.float32(center[0])
     v = np.arange(first_row, last_row, dtype=np.float32)[:, None] - np.float32(center[1])
-    inverse = np.linalg.inv(covariance).astype(np.float32)
+    determinant = _determinant(covariance)
+    uu, uv, vv = (np.float32(value / determinant) for value in (covariance[1, 1], -covariance[0, 1], covariance[0, 0]))
     count = 1 if length < 0.5 else min(11, 2 + int(length / 0.8))
     light = np.zeros((v.shape[0], u.shape[1]), np.float32)
     for share in (np.arange(count) + 0.5) / count - 0.5:
         du, dv = u - np.float32(share * smear[0]), v - np.float32(share * smear[1])
-        light += np.exp(-0.5 * (inverse[0, 0] * du * du + 2 * inverse[0, 1] * du * dv + inverse[1, 1] * dv * dv))
-    core = (1.0 - optics.halo_share) * total / (2.0 * math.pi * math.sqrt(float(np.linalg.det(covariance))))
+        light += np.exp(np.float32(-0.5) * (uu * du * du + (np.float32(2) * uv * du) * dv + vv * dv * dv))
+    core = (1.0 - optics.halo_share) * total / (2.0 * math.pi * math.sqrt(_determinant(covariance)))
     light *= np.float32(core / count)
     scale = optics.halo_scale_px
     halo = optics.halo_share * total / (2.0 * math.pi * scale**2)
     light += np.float32(halo) * np.exp(-np.sqrt(u * u + v * v) / np.float32(scale))
     return SpotImage(first_column, first_row, (float(center[0]), float(center[1])), light)
+
+
+def _determinant(matrix: np.ndarray) -> float:
+    return float(matrix[0, 0] * matrix[1, 1] - matrix[0, 1] * matrix[1, 0])
 
 
 def _footprint(point: Tuple[float, float], source: Optional[np.ndarray], optics: Optics) -> np.ndarray:
@@ -119,8 +124,9 @@ def _footprint(point: Tuple[float, float], source: Optional[np.ndarray], optics:
 
 def _radius(total: float, covariance: np.ndarray, optics: Optics) -> float:
     """[px] beyond which the spot adds less than half a grey level."""
-    sigma = math.sqrt(float(np.linalg.eigvalsh(covariance)[-1]))
-    peak = max(1.0, total / (2.0 * math.pi * math.sqrt(float(np.linalg.det(covariance)))))
+    half_trace = 0.5 * float(covariance[0, 0] + covariance[1, 1])
+    sigma = math.sqrt(half_trace + math.sqrt(max(0.0, half_trace**2 - _determinant(covariance))))
+    peak = max(1.0, total / (2.0 * math.pi * math.sqrt(_determinant(covariance))))
     core = sigma * math.sqrt(2.0 * math.log(2.0 * peak + 1.0))
     halo = optics.halo_share * total / (2.0 * math.pi * optics.halo_scale_px**2)
     return max(core, optics.halo_scale_px * math.log(max(1.0, 2.0 * halo))) + 2.0
