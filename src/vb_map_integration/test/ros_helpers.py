@@ -1,0 +1,66 @@
+"""What the node tests share: a map server, borders, and a subscriber that remembers."""
+from __future__ import annotations
+
+import time
+
+import numpy as np
+import rospy
+from geometry_msgs.msg import Point
+from vb_core.grid_map import GridMap
+from vb_core.ros.messages import OccupancyGridArray, message_from_grid
+from vb_msgs.msg import VirtualBorder
+
+DEADLINE_S = 20.0
+
+
+def wait_until(condition, what, seconds=DEADLINE_S):
+    """Waits until a condition gives something true, and returns it."""
+    end = time.monotonic() + seconds
+    while time.monotonic() < end and not rospy.is_shutdown():
+        found = condition()
+        if found:
+            return found
+        rospy.rostime.wallsleep(0.02)
+    raise AssertionError(f"gave up waiting: {what}")
+
+
+def lab(width=160, height=100):
+    """An 8 m x 5 m room at (-4, -2) with a wall of unknown cells in it."""
+    data = np.zeros((height, width), np.int8)
+    data[[0, -1]] = 100
+    data[:, [0, -1]] = 100
+    data[60:70, 20:30] = -1
+    return GridMap(data, 0.05, (-4.0, -2.0, 0.0))
+
+
+class MapServer:
+    """Latches a map on /map."""
+
+    def __init__(self, grid):
+        self.publisher = rospy.Publisher("/map", OccupancyGridArray, queue_size=1, latch=True)
+        self.publish(grid)
+
+    def publish(self, grid):
+        self.grid = grid
+        self.publisher.publish(message_from_grid(grid, rospy.Time.now()))
+
+
+class Latest:
+    """The newest message of a topic."""
+
+    def __init__(self, topic, kind):
+        self.message, self.count = None, 0
+        self.subscriber = rospy.Subscriber(topic, kind, self.take, queue_size=10, buff_size=2**22)
+
+    def take(self, message):
+        self.message = message
+        self.count += 1
+
+
+def polygon(x=0.0, y=0.0, size=1.0, **fields):
+    """A square to be restricted inside."""
+    corners = [(x, y), (x + size, y), (x + size, y + size), (x, y + size)]
+    return VirtualBorder(
+        points=[Point(*corner, 0.0) for corner in corners], kind=VirtualBorder.POLYGON, enabled=True,
+        seed=Point(x + size / 2, y + size / 2, 0.0), **{"occupancy": 1.0, **fields}
+    )

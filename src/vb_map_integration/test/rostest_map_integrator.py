@@ -1,0 +1,200 @@
+#!/usr/bin/env python3
+"""map_integrator over a real roscore."""
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+import unittest
+
+import numpy as np
+import rosnode
+import rospy
+import rostest
+from geometry_msgs.msg import Point, TransformStamped
+from std_srvs.srv import Trigger
+from tf2_ros import StaticTransformBroadcaster
+
+sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
+from ros_helpers import Latest, MapServer, lab, polygon, wait_until  # noqa: E402
+from vb_core.ros.messages import OccupancyGridArray  # noqa: E402
+from vb_map_integration.map_files import read_map  # noqa: E402
+from vb_msgs.msg import VirtualBorder, VirtualBorderArray  # noqa: E402
+from vb_msgs.srv import AddBorder, ListBorders, PreviewBorder, RemoveBorder, SaveMap, UpdateBorder  # noqa: E402
+
+SERVICES = {
+    "add_border": AddBorder, "update_border": UpdateBorder, "remove_border": RemoveBorder, "preview_border": PreviewBorder,
+    "list_borders": ListBorders, "save_map": SaveMap, "undo": Trigger, "redo": Trigger, "clear": Trigger,
+}
+
+
+class MapIntegratorTest(unittest.TestCase):
+    @classmethod
+    def setUpClass(cls):
+        rospy.init_node("rostest_map_integrator")
+        cls.folder = rospy.get_param("~folder")
+        cls.maps = Latest("/virtual_borders/map", OccupancyGridArray)
+        cls.borders = Latest("/virtual_borders/borders", VirtualBorderArray)
+        cls.grid = lab()
+        for name in SERVICES:
+            rospy.wait_for_service(f"/virtual_borders/{name}", 20.0)
+        early = cls.call("add_border", polygon(), "", "test")
+        assert not early.success and early.code == "no_map", early
+        cls.server = MapServer(cls.grid)
+        transform = TransformStamped()
+        transform.header.frame_id, transform.child_frame_id = "map", "base_link"
+        transform.transform.translation.x, transform.transform.translation.y = -2.0, -1.0
+        transform.transform.rotation.w = 1.0
+        cls.broadcaster = StaticTransformBroadcaster()
+        cls.broadcaster.sendTransform(transform)
+        wait_until(lambda: cls.maps.message is not None, "the first map, with no border")
+        assert (cls.cells() == cls.grid.data).all()
+
+    @classmethod
+    def tearDownClass(cls):
+        shutil.rmtree(cls.folder, ignore_errors=True)
+
+    @classmethod
+    def call(cls, name, *arguments):
+        return rospy.ServiceProxy(f"/virtual_borders/{name}", SERVICES[name])(*arguments)
+
+    @classmethod
+    def cells(cls):
+        message = cls.maps.message
+        return np.asarray(message.data).reshape(message.info.height, message.info.width)
+
+    def setUp(self):
+        self.call("clear")
+        wait_until(lambda: (self.cells() == self.grid.data).all(), "the map without borders")
+
+    def restricted(self):
+        return int((self.cells() != self.grid.data).sum())
+
+    def test_add_update_remove_undo_redo_clear(self):
+        added = self.call("add_border", polygon(), "map", "test")
+        self.assertTrue(added.success, added.message)
+        wait_until(lambda: self.restricted() == 400, "400 restricted cells")
+        info = self.maps.message.info
+        self.assertEqual((info.width, info.height, round(info.resolution, 6)), (160, 100, 0.05))
+        self.assertEqual(self.maps.message.header.frame_id, "map")
+        wait_until(lambda: [b.id for b in self.borders.message.borders] == [added.id], "the border in the list")
+        border = self.borders.message.borders[0]
+        self.assertAlmostEqual(border.area_m2, 1.0, places=3)
+        self.assertEqual(self.borders.message.header.stamp, self.maps.message.header.stamp)
+
+        changed = polygon(size=2.0, id=added.id)
+        self.assertTrue(self.call("update_border", changed, "", "test").success)
+        wait_until(lambda: self.restricted() == 1600, "the larger border")
+        self.assertTrue(self.call("undo").success)
+        wait_until(lambda: self.restricted() == 400, "the smaller border again")
+        self.assertTrue(self.call("redo").success)
+        wait_until(lambda: self.restricted() == 1600, "the larger border again")
+        self.assertTrue(self.call("remove_border", added.id).success)
+        wait_until(lambda: self.restricted() == 0, "no border")
+        self.assertEqual(self.call("remove_border", added.id).code, "unknown_border")
+        self.assertEqual(self.call("list_borders").borders.borders, [])
+
+    def test_a_separating_curve(self):
+        curve = VirtualBorder(
+            points=[Point(0.0, 0.0, 0.0), Point(0.0, 1.0, 0.0)], kind=VirtualBorder.SEPARATING_CURVE,
+            seed=Point(2.0, 0.0, 0.0), occupancy=1.0,
+        )
+        self.assertTrue(self.call("add_border", curve, "", "test").success)
+        wait_until(lambda: self.restricted() == 98 * 79, "half of the room")
+
+    def test_refusals_are_coded_and_change_nothing(self):
+        count, revision = self.maps.count, self.call("list_borders").borders.revision
+        nan = polygon()
+        nan.points[1].x = float("nan")
+        one = polygon()
+        one.points = one.points[:1]
+        many = polygon()
+        many.points = [Point(k * 1e-5, 0.0, 0.0) for k in range(100000)]
+        for code, border, frame in (
+            ("bad_points", nan, ""), ("too_few_points", one, ""), ("too_many_points", many, ""),
+            ("unknown_frame", polygon(), "odom"), ("bad_occupancy", polygon(occupancy=1.5), ""),
+            ("bad_kind", polygon(), ""), ("id_not_empty", polygon(id="b1"), ""), ("seed_outside_map", polygon(x=50.0), ""),
+        ):
+            if code == "bad_kind":
+                border.kind = 9
+            answer = self.call("add_border", border, frame, "test")
+            self.assertEqual((answer.success, answer.code), (False, code))
+            self.assertTrue(answer.message and answer.findings[-1].code == code)
+        for name in ("../x", "/tmp/x", "a/b"):
+            self.assertEqual(self.call("save_map", name, False).code, "bad_name")
+        self.assertFalse(self.call("redo").success)
+        self.assertEqual(self.maps.count, count)
+        self.assertEqual(self.call("list_borders").borders.revision, revision)
+
+    def test_a_preview_changes_nothing(self):
+        count = self.maps.count
+        band = VirtualBorder(
+            points=[Point(x, y, 0.0) for x, y in ((-0.5, -3.0), (0.5, -3.0), (0.5, 4.0), (-0.5, 4.0))],
+            kind=VirtualBorder.POLYGON, seed=Point(0.0, 0.0, 0.0), occupancy=1.0,
+        )
+        answer = self.call("preview_border", band, "", [Point(-3.0, 0.0, 0.0), Point(3.0, 0.0, 0.0)])
+        self.assertTrue(answer.success, answer.message)
+        self.assertEqual((answer.free_parts, list(answer.unreachable_goals)), (2, [1]))
+        self.assertAlmostEqual(answer.area_m2, 98 * 20 * 0.05**2, places=4)
+        self.assertEqual(sum(np.frombuffer(np.array(answer.region.data, np.int8), np.int8) == 100), 98 * 20)
+        self.assertEqual({f.code for f in answer.findings}, {"outside_map", "splits_free_space"})
+        self.assertEqual(self.maps.count, count)
+        refused = self.call("preview_border", polygon(x=50.0), "", [])
+        self.assertEqual((refused.success, refused.code), (False, "seed_outside_map"))
+
+    def test_warnings_for_the_robot_and_for_soft_borders(self):
+        # the transform may still be under way
+        wait_until(
+            lambda: "robot_inside" in [f.code for f in self.call("preview_border", polygon(x=-2.5, y=-1.5), "", []).findings],
+            "the warning that the robot is inside",
+        )
+        answer = self.call("add_border", polygon(occupancy=0.75), "", "test")
+        self.assertTrue(answer.success)
+        self.assertEqual([f.code for f in answer.findings], ["soft_border_ignored"])
+        wait_until(lambda: (self.cells() == 75).sum() == 400, "soft cells")
+
+    def test_a_border_that_expires(self):
+        self.assertTrue(self.call("add_border", polygon(expires=rospy.Time.now() + rospy.Duration(1.0)), "", "test").success)
+        wait_until(lambda: self.borders.message.borders and not self.borders.message.borders[0].enabled, "the expiry")
+        wait_until(lambda: self.restricted() == 0, "the map without the border")
+
+    def test_saved_maps(self):
+        self.call("add_border", polygon(occupancy=0.75), "", "test")
+        wait_until(lambda: self.restricted() == 400, "400 restricted cells")
+        answer = self.call("save_map", "soft", True)
+        self.assertTrue(answer.success, answer.message)
+        self.assertTrue(all(os.path.isfile(path) for path in answer.files) and len(answer.files) == 3)
+        saved = read_map(answer.files[1])
+        self.assertTrue((saved.data == self.cells()).all())
+
+    def test_borders_survive_the_nodes_end(self):
+        self.call("add_border", polygon(name="carpet"), "", "test")
+        wait_until(lambda: self.restricted() == 400, "400 restricted cells")
+        count = self.maps.count
+        rosnode.kill_nodes(["/map_integrator"])
+        wait_until(lambda: self.maps.count > count, "a map from the node that came back")
+        wait_until(lambda: self.restricted() == 400, "the border that came back")
+        wait_until(lambda: [b.name for b in self.borders.message.borders] == ["carpet"], "its name")
+
+        def listed():
+            try:
+                return self.call("list_borders").borders.borders
+            except rospy.ServiceException:
+                return None
+
+        self.assertEqual(wait_until(listed, "the services again")[0].name, "carpet")
+
+    def test_bad_parameters_end_the_node_with_one_line(self):
+        for setting, word in (("_occupied_from:=0", "occupied_from"), ("_no_such_thing:=1", "no_such_thing")):
+            done = subprocess.run(
+                ["rosrun", "vb_map_integration", "map_integrator", "__name:=bad_" + word, setting],
+                stdout=subprocess.PIPE, stderr=subprocess.STDOUT, timeout=30,
+            )
+            self.assertEqual(done.returncode, 1)
+            self.assertIn(word, done.stdout.decode())
+            self.assertNotIn("Traceback", done.stdout.decode())
+
+
+if __name__ == "__main__":
+    rostest.rosrun("vb_map_integration", "map_integrator", MapIntegratorTest)

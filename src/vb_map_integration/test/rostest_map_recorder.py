@@ -1,0 +1,55 @@
+#!/usr/bin/env python3
+"""map_recorder over a real roscore, behind a real map_integrator."""
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import sys
+import unittest
+from pathlib import Path
+
+import rospy
+import rostest
+from std_srvs.srv import Trigger
+
+sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
+from ros_helpers import MapServer, lab, polygon, wait_until  # noqa: E402
+from vb_map_integration.border_files import borders_from_yaml  # noqa: E402
+from vb_map_integration.map_files import read_map  # noqa: E402
+from vb_msgs.srv import AddBorder  # noqa: E402
+
+
+class MapRecorderTest(unittest.TestCase):
+    def test_each_new_map_is_stored(self):
+        rospy.init_node("rostest_map_recorder")
+        folder = Path(rospy.get_param("~folder")) / "recording"
+        self.addCleanup(shutil.rmtree, str(folder.parent), ignore_errors=True)
+        grid = lab()
+        server = MapServer(grid)
+
+        def lines(count):
+            path = folder / "index.jsonl"
+            found = path.read_text().splitlines() if path.exists() else []
+            return [json.loads(line) for line in found] if len(found) >= count else None
+
+        wait_until(lambda: lines(1), "the first record")
+        add = rospy.ServiceProxy("/virtual_borders/add_border", AddBorder)
+        self.assertTrue(add(polygon(), "", "test").success)
+        wait_until(lambda: lines(2), "the second record")
+        self.assertTrue(add(polygon(x=2.0, occupancy=0.75), "", "test").success)
+        wait_until(lambda: lines(3), "the third record")
+        self.assertTrue(rospy.ServiceProxy("/virtual_borders/clear", Trigger)().success)
+        found = wait_until(lambda: lines(4), "the fourth record")
+        self.assertEqual([line["trigger"] for line in found], ["start", "added b1", "added b2", "removed b1, b2"])
+        self.assertEqual([line["number"] for line in found], [1, 2, 3, 4])
+        stamps = [line["stamp_s"] for line in found]
+        self.assertEqual(stamps, sorted(stamps))
+        self.assertTrue((read_map(folder / "0001.yaml").data == server.grid.data).all())
+        soft = read_map(folder / "0003.yaml").data
+        self.assertEqual([int((soft == value).sum()) for value in (75, 100)], [400, 400 + int((grid.data == 100).sum())])
+        self.assertEqual(len(borders_from_yaml((folder / "0003.borders.yaml").read_text())[0]), 2)
+
+
+if __name__ == "__main__":
+    rostest.rosrun("vb_map_integration", "map_recorder", MapRecorderTest)
