@@ -175,8 +175,8 @@ class DepthBuffer:
         self.ids.fill(0)
         self._count = 0
 
-    def draw_mesh(self, mesh: Mesh, T_map_optical: np.ndarray) -> None:
-        """Draws the faces of a mesh that this camera sees, whatever hides the others."""
+    def draw_mesh(self, mesh: Mesh, T_map_optical: np.ndarray, gain: float = 1.0) -> None:
+        """Draws the faces of a mesh that this camera sees, their colours times a gain."""
         if not mesh.faces:
             return
         T = invert(T_map_optical)
@@ -201,12 +201,13 @@ class DepthBuffer:
                     break
             if len(face) >= 3:
                 a, b, c = normals[index] / offsets[index]
-                self._fill(self._outline(face), (a, b, c), mesh.colors[index], normals[index])
+                self._fill(self._outline(face), (a, b, c), mesh.colors[index] * gain, normals[index])
 
     def draw_flat(self, outline_px: np.ndarray, depth: float, color: Sequence[float], normal: np.ndarray) -> None:
-        """Draws a convex outline (N, 2) [px] that faces the camera at one depth [m]."""
+        """Draws the convex hull of points (N, 2) [px] that faces the camera at one depth [m]."""
         if self._count < 255:
-            self._fill(np.asarray(outline_px), (0.0, 0.0, 1.0 / depth), color, normal)
+            hull = cv2.convexHull(np.asarray(outline_px, dtype=np.float32))[:, 0]
+            self._fill(hull, (0.0, 0.0, 1.0 / depth), color, normal)
 
     def _clip(self, face: np.ndarray, side: int) -> np.ndarray:
         x0, x1, y0, y1 = self.grid.limits

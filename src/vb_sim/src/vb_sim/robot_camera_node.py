@@ -1,0 +1,148 @@
+"""A robot's colour and depth camera as a ROS node."""
+from __future__ import annotations
+
+import threading
+import time
+
+import cv2
+import rospy
+import tf2_ros
+from diagnostic_msgs.msg import DiagnosticArray
+from sensor_msgs.msg import CameraInfo, Image
+
+from vb_core import names
+from vb_core.errors import ParameterError
+from vb_core.ros import node, parameters
+from vb_core.ros.messages import info_from_camera, transform_message
+from vb_msgs.msg import LabState
+from vb_sim.floor_texture import render_floor
+from vb_sim.frame_clock import FrameSchedule, SmoothClock
+from vb_sim.lab_history import History
+from vb_sim.lab_messages import array_image, camera_diagnostics, snapshot_from_message
+from vb_sim.mesh import world_mesh
+from vb_sim.models_cameras import CameraModels, load_camera_models
+from vb_sim.robot_view import RobotView
+from vb_sim.world import Robot, World, load_world
+
+
+class RobotCameraNode:
+    """Renders what the camera of one robot sees, from the robot's true pose.
+
+    Subscribes:
+        /sim/lab_state (vb_msgs/LabState): what moves, this robot included. While nobody publishes it the
+            robot stays where it was and the lab is empty.
+    Publishes (relative names: a namespace works):
+        camera/rgb/image_raw (sensor_msgs/Image, 640 x 480 rgb8), camera/rgb/camera_info
+        camera/depth_registered/image_raw (sensor_msgs/Image, 160 x 120 16UC1 [mm], 0 = none),
+        camera/depth_registered/camera_info: with every `robot_camera/depth_every`-th colour image, same stamp.
+        /sim/cameras (diagnostic_msgs/DiagnosticArray, latched, 1 Hz): one status, name = the robot's; values
+            "published" (colour images sent while somebody listened), "published_depth", "skipped", "render_ms".
+        tf_static: <prefix>base_link -> <prefix>camera_optical_frame.
+
+    Args:
+        world: the world.
+        models: figures of optics and noise.
+        robot: whose camera.
+        seed: of floor and noise.
+        tf_prefix: put before the names of the frames, for instance "robot2/".
+    """
+
+    def __init__(self, world: World, models: CameraModels, robot: Robot, seed: int, tf_prefix: str) -> None:
+        self._robot = robot
+        self._history = History()
+        self._running = True
+        self._every = models.robot_camera.depth_every
+        self._schedule = FrameSchedule([robot.camera_rate], models.optics.latency_ms * 1e-3)
+        self._clock = SmoothClock(rospy.get_time, time.monotonic)
+        self._counts = {"published": 0, "published_depth": 0}
+        self._frames_taken = 0
+        self._render_s = 0.0
+        radii = {other.namespace.strip("/"): other.radius for other in world.robots}
+        radii.update({other.name: other.radius for other in world.robots})
+        # the same seed as the ceiling cameras': all of them look at the same floor
+        self._view = RobotView(robot, radii, render_floor(world, seed), world_mesh(world), models, seed)
+        frame = f"{tf_prefix}camera_optical_frame"
+        self._frame = frame
+        self._color = rospy.Publisher("camera/rgb/image_raw", Image, queue_size=2)
+        self._color_info = rospy.Publisher("camera/rgb/camera_info", CameraInfo, queue_size=2)
+        self._depth = rospy.Publisher("camera/depth_registered/image_raw", Image, queue_size=2)
+        self._depth_info = rospy.Publisher("camera/depth_registered/camera_info", CameraInfo, queue_size=2)
+        self._color_info_message = info_from_camera(self._view.color_model, rospy.Time(), frame)
+        self._depth_info_message = info_from_camera(self._view.depth_model, rospy.Time(), frame)
+        self._diagnostics = rospy.Publisher("/sim/cameras", DiagnosticArray, queue_size=1, latch=True)
+        self._broadcaster = tf2_ros.StaticTransformBroadcaster()
+        self._broadcaster.sendTransform(
+            transform_message(robot.camera_mount(), f"{tf_prefix}base_link", frame, rospy.Time.now())
+        )
+        rospy.Subscriber(names.LAB_STATE, LabState, self._on_state, queue_size=10, tcp_nodelay=True)
+        self._thread = threading.Thread(target=self._run, daemon=True)
+        self._thread.start()
+
+    def close(self) -> None:
+        """Ends the thread."""
+        self._running = False
+
+    def _on_state(self, message: LabState) -> None:
+        self._history.add(snapshot_from_message(message))
+
+    def _run(self) -> None:
+        node.wait_for_clock()
+        report_at = 0.0
+        while self._running and not rospy.is_shutdown():
+            now = self._clock.now()
+            try:
+                for _, stamp in self._schedule.due(now):
+                    self._publish(stamp)
+                if time.monotonic() >= report_at:
+                    report_at = time.monotonic() + 1.0
+                    self._report(now)
+            except rospy.ROSException:
+                # the topics close during shutdown
+                return
+            time.sleep(min(max(self._schedule.wait(self._clock.now()), 0.001), 0.02))
+
+    def _publish(self, stamp_s: float) -> None:
+        stamp = rospy.Time.from_sec(stamp_s)
+        with_depth = self._frames_taken % self._every == 0
+        self._frames_taken += 1
+        snapshot = self._history.at(stamp_s)
+        for publisher, message, wanted in (
+            (self._color_info, self._color_info_message, True),
+            (self._depth_info, self._depth_info_message, with_depth),
+        ):
+            if wanted and publisher.get_num_connections() > 0:
+                message.header.stamp = stamp
+                publisher.publish(message)
+        started = time.perf_counter()
+        # depth first: who looks up the depth of a colour image then has it already
+        if with_depth and self._depth.get_num_connections() > 0:
+            self._depth.publish(array_image(self._view.depth(snapshot), "16UC1", stamp, self._frame))
+            self._counts["published_depth"] += 1
+        if self._color.get_num_connections() > 0:
+            self._color.publish(array_image(self._view.color(snapshot), "rgb8", stamp, self._frame))
+            self._counts["published"] += 1
+            self._render_s += time.perf_counter() - started
+
+    def _report(self, now: float) -> None:
+        figures = {"camera": self._robot.name, **self._counts, "skipped": self._schedule.skipped[0]}
+        figures["render_ms"] = round(1e3 * self._render_s / max(1, self._counts["published"]), 3)
+        self._diagnostics.publish(camera_diagnostics("robot_camera", [figures], rospy.Time.from_sec(now)))
+
+
+def build() -> RobotCameraNode:
+    """Reads the parameters: ~world, ~models (files), ~robot (name; empty: the first), ~seed, ~tf_prefix."""
+    cv2.setNumThreads(1)
+    world = load_world(str(parameters.required("~world")))
+    models_path = rospy.get_param("~models", "")
+    models = load_camera_models(str(models_path)) if models_path else CameraModels()
+    name = rospy.get_param("~robot", "")
+    robot = world.robot(str(name)) if name else world.robots[0]
+    seed = rospy.get_param("~seed", 1)
+    if isinstance(seed, bool) or not isinstance(seed, int):
+        raise ParameterError(rospy.resolve_name("~seed"), f"expected a whole number, got {seed!r}")
+    return RobotCameraNode(world, models, robot, seed, str(rospy.get_param("~tf_prefix", "")))
+
+
+def main() -> None:
+    """Runs the node."""
+    node.run("robot_camera", build)

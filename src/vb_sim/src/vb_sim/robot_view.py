@@ -1,0 +1,211 @@
+"""What a robot's colour and depth camera see."""
+from __future__ import annotations
+
+import math
+from typing import Dict, List, Optional
+
+import cv2
+import numpy as np
+
+from vb_core import geometry
+from vb_sim import bodies
+from vb_sim.floor_texture import FloorTexture
+from vb_sim.lab_history import Pose2, Snapshot
+from vb_sim.mesh import DepthBuffer, Mesh, RayGrid
+from vb_sim.models_cameras import CameraModels, generator
+from vb_sim.spot import SpotImage, render_spot
+from vb_sim.world import Robot
+
+_CEILING = (206, 204, 198)
+_TILES = 7
+# a flat piece stands for a round one: its front is this much nearer than its middle [m]
+_FRONT = 0.05
+
+
+class RobotView:
+    """Renders the camera of one robot; colour and depth show the same geometry.
+
+    Args:
+        robot: whose camera.
+        radii: name of each robot to its radius [m].
+        floor, mesh: the world as it is drawn.
+        models: figures of optics and noise.
+        seed: of the noise.
+        noise: False leaves all noise away (depth keeps its holes at edges of its range and at flat angles).
+    """
+
+    def __init__(
+        self,
+        robot: Robot,
+        radii: Dict[str, float],
+        floor: FloorTexture,
+        mesh: Mesh,
+        models: CameraModels,
+        seed: int,
+        noise: bool = True,
+    ) -> None:
+        self.robot = robot
+        self.color_model, self.depth_model = robot.color_model(), robot.depth_model()
+        self._names = {robot.name, robot.namespace.strip("/")}
+        self._radii = radii
+        self._mount = robot.camera_mount()
+        self._optics, self._figures = models.optics, models.robot_camera
+        self._mesh = mesh
+        self._noisy = noise
+        self._rng = generator(seed, f"camera of robot {robot.name}")
+        self._floors = [floor]
+        while len(self._floors) < 5 and min(self._floors[-1].rgb.shape[:2]) > 64:
+            self._floors.append(self._floors[-1].halved())
+        self._color_buffer = DepthBuffer(RayGrid(self.color_model))
+        self._depth_buffer = DepthBuffer(RayGrid(self.depth_model))
+        x, y = self._depth_buffer.grid.x, self._depth_buffer.grid.y
+        self._slant = np.sqrt(1.0 + x * x + y * y)
+        self._pose: Pose2 = robot.start_pose()
+        self._make_noise()
+
+    def _make_noise(self) -> None:
+        shape = (self.color_model.height + 32, self.color_model.width + 32, 3)
+        sigma = math.sqrt(self._figures.read_sigma**2 + 110.0 * 255.0 / self._figures.full_well_e)
+        noise = sigma * self._rng.standard_normal(shape, dtype=np.float32)
+        # two unsigned halves: adding and subtracting with saturation is what processors do best
+        self._brighter = np.clip(noise + 0.5, 0, 255).astype(np.uint8)
+        self._darker = np.clip(0.5 - noise, 0, 255).astype(np.uint8)
+        size = (self.depth_model.height, self.depth_model.width)
+        self._depth_noise = self._rng.standard_normal((_TILES, *size), dtype=np.float32)
+        self._depth_holes = self._rng.random((_TILES, *size)) < self._figures.depth_holes
+
+    def camera_pose(self, snapshot: Snapshot) -> np.ndarray:
+        """T_map_optical, 4x4. A robot that the scene does not hold stays where it was."""
+        for name in self._names:
+            if name in snapshot.robots:
+                self._pose = snapshot.robots[name]
+        return geometry.pose2d_transform(*self._pose) @ self._mount
+
+    # ------------------------------------------------------------- colour
+    def color(self, snapshot: Snapshot) -> np.ndarray:
+        """(480, 640, 3) uint8 rgb."""
+        pose = self.camera_pose(snapshot)
+        image = self._draw_floor(pose)
+        if self._optics.exposure_gain != 1.0:
+            image = cv2.convertScaleAbs(image, alpha=self._optics.exposure_gain)
+        buffer = self._color_buffer
+        self._draw_things(buffer, snapshot, pose, self._optics.exposure_gain)
+        buffer.paint(image)
+        image = cv2.GaussianBlur(image, (3, 3), 0.5)
+        if snapshot.laser is not None:
+            self._add_spot(image, snapshot, pose)
+        if self._noisy:
+            top, left = (int(value) for value in self._rng.integers(0, 32, 2))
+            part = (slice(top, top + image.shape[0]), slice(left, left + image.shape[1]))
+            cv2.add(image, self._brighter[part], dst=image)
+            cv2.subtract(image, self._darker[part], dst=image)
+        return image
+
+    def _draw_floor(self, pose: np.ndarray) -> np.ndarray:
+        """The floor through its homography, further away from a coarser texture."""
+        camera = self.color_model
+        height, width = camera.height, camera.width
+        image = np.empty((height, width, 3), np.uint8)
+        rotation, origin = pose[:3, :3], pose[:3, 3]
+        to_floor = np.array([
+            origin[0] * rotation[2] - origin[2] * rotation[0],
+            origin[1] * rotation[2] - origin[2] * rotation[1],
+            rotation[2],
+        ]) @ np.linalg.inv(camera.matrix)
+        # the row's own direction downwards decides how far away its floor is
+        down = -(rotation[2, 1] * (np.arange(height) - camera.matrix[1, 2]) / camera.matrix[1, 1] + rotation[2, 2])
+        with np.errstate(divide="ignore"):
+            depth = np.where(down > 1e-3, origin[2] / down, np.inf)
+        # a pixel covers depth/f across and 1/down times that along the view: their mean, geometrically
+        footprint = depth / camera.focal_px / np.sqrt(np.clip(down, 1e-3, 1.0))
+        levels = np.clip(np.floor(np.log2(np.maximum(footprint / self._floors[0].resolution, 1.0))), 0, len(self._floors) - 1)
+        levels[~np.isfinite(depth)] = -1
+        changes = np.concatenate([[0], np.nonzero(np.diff(levels))[0] + 1, [height]])
+        for first, last in zip(changes[:-1], changes[1:]):
+            level = int(levels[first])
+            if level < 0:
+                image[first:last] = _CEILING
+                continue
+            texture = self._floors[level]
+            shifted = to_floor @ np.array([[1, 0, 0], [0, 1, first], [0, 0, 1.0]])
+            cv2.warpPerspective(
+                texture.rgb, texture.matrix() @ shifted, (width, int(last - first)), dst=image[first:last],
+                flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP, borderMode=cv2.BORDER_REPLICATE,
+            )
+        return image
+
+    def _draw_things(self, buffer: DepthBuffer, snapshot: Snapshot, pose: np.ndarray, gain: float = 1.0) -> None:
+        buffer.clear()
+        buffer.draw_mesh(self._mesh, pose, gain)
+        pieces: List[bodies.Piece] = []
+        for name, where in snapshot.robots.items():
+            if name not in self._names:
+                pieces += bodies.robot_pieces(where, self._radii.get(name, 0.18))
+        if snapshot.person is not None:
+            pieces += bodies.person_pieces(snapshot.person, snapshot.laser, self._optics.pointer_height)
+        if not pieces:
+            return
+        camera = buffer.grid.camera
+        outlines = bodies.project_pieces(pieces, camera, pose)
+        normal = np.array([0.0, 0.0, -1.0])
+        for points, depth, color in zip(outlines.points, outlines.depths, outlines.colors):
+            low, high = points.min(axis=0), points.max(axis=0)
+            if (high < 0).any() or (low > (camera.width, camera.height)).any():
+                continue
+            near = max(0.1, float(depth) - _FRONT)
+            buffer.draw_flat(points, near, 0.74 * gain * color, normal)
+            if buffer is self._color_buffer:
+                middle = 0.5 * (low + high)
+                buffer.draw_flat(middle + 0.7 * (points - middle), near - 0.001, 0.95 * gain * color, normal)
+
+    def spot(self, snapshot: Snapshot, pose: np.ndarray) -> Optional[SpotImage]:
+        """The light of the laser's spot, as if nothing hid it."""
+        source = None
+        if snapshot.person is not None:
+            source = bodies.hand_position(snapshot.person, snapshot.laser, self._optics.pointer_height)
+        return render_spot(snapshot.laser, snapshot.laser_velocity, source, self.color_model, pose, self._optics)
+
+    def _add_spot(self, image: np.ndarray, snapshot: Snapshot, pose: np.ndarray) -> None:
+        spot = self.spot(snapshot, pose)
+        if spot is None:
+            return
+        column, row = int(round(spot.center[0])), int(round(spot.center[1]))
+        if not (0 <= column < self.color_model.width and 0 <= row < self.color_model.height):
+            return
+        if self._color_buffer.ids[row, column]:
+            return
+        around = self._color_buffer.ids[max(0, row - 1) : row + 2, max(0, column - 1) : column + 2]
+        albedo = image[row, column].astype(np.float32) / np.float32(255.0 * self._optics.exposure_gain)
+        weights = float((around == 0).mean()) * albedo * self._optics.response(snapshot.laser_color)
+        part = image[spot.row : spot.row + spot.light.shape[0], spot.column : spot.column + spot.light.shape[1]]
+        light = spot.light[..., None] * weights.astype(np.float32)
+        if self._noisy:
+            sigma = np.sqrt(np.minimum(light, 255.0) * np.float32(255.0 / self._figures.full_well_e))
+            light += sigma * self._rng.standard_normal(light.shape, dtype=np.float32)
+        part[...] = np.clip(part + light + 0.5, 0, 255)
+
+    # ------------------------------------------------------------- depth
+    def depth(self, snapshot: Snapshot) -> np.ndarray:
+        """(120, 160) uint16 [mm] along the optical axis, 0 where there is none."""
+        pose = self.camera_pose(snapshot)
+        buffer = self._depth_buffer
+        self._draw_things(buffer, snapshot, pose)
+        figures = self._figures
+        down = -buffer.grid.combine(*pose[2, :3])
+        floor = buffer.ids == 0
+        inverse = np.where(floor, down / np.float32(pose[2, 3]), buffer.inverse)
+        depth = np.float32(1.0) / np.maximum(inverse, np.float32(1e-3))
+        # cosine of the angle between ray and surface normal
+        normals = buffer.normals.astype(np.float32)[buffer.ids]
+        facing = -(normals[..., 0] * buffer.grid.x + normals[..., 1] * buffer.grid.y + normals[..., 2])
+        facing = np.where(floor, down, facing) / self._slant
+        holes = (facing < math.cos(math.radians(figures.depth_grazing_deg))) | (depth < figures.depth_min) | (depth > figures.depth_max)
+        if self._noisy:
+            tile = int(self._rng.integers(_TILES))
+            holes |= self._depth_holes[tile]
+            sigma = figures.depth_sigma + figures.depth_sigma_quadratic * (depth - np.float32(0.4)) ** 2
+            # the same tile turned round is another one
+            noise = self._depth_noise[tile, :: 1 - 2 * int(self._rng.integers(2)), :: 1 - 2 * int(self._rng.integers(2))]
+            depth = depth + sigma.astype(np.float32) * noise
+        depth[holes] = 0.0
+        return np.clip(depth * 1000.0 + 0.5, 0, 65535).astype(np.uint16)
