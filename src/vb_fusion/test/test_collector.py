@@ -1,0 +1,145 @@
+"""Which spots belong to an interaction, the journal, and the live candidate's thrift."""
+import numpy as np
+import pytest
+
+from vb_core.errors import CodedError
+from vb_fusion.collector import Collector, CollectorParams, Spot
+from vb_fusion.extraction import ExtractionParams
+from vb_fusion.journal import Journal
+from vb_fusion.live import LiveCandidate
+
+
+def spot(stamp, x=0.0, y=0.0, camera="red"):
+    return Spot(stamp, x, y, camera)
+
+
+def test_collects_in_border_and_seed_only():
+    collector = Collector()
+    assert collector.add(spot(1.0)) == "state"
+    assert collector.set_state("border", "a", 2.0)
+    assert collector.add(spot(2.1)) == ""
+    assert not collector.set_state("guide", "a", 3.0)
+    assert collector.add(spot(3.1)) == "state"
+    collector.set_state("seed", "a", 4.0)
+    assert collector.add(spot(4.1)) == ""
+    collector.set_state("default", "", 5.0)
+    assert collector.add(spot(5.1)) == "state"
+    assert collector.counts == (1, 1, 2)
+
+
+def test_spots_from_before_the_state_are_ignored_and_counted():
+    collector = Collector(CollectorParams(stamp_tolerance=0.0))
+    collector.set_state("border", "a", 10.0)
+    assert collector.add(spot(9.9)) == "before_state"
+    assert collector.add(spot(10.0)) == ""
+    # cameras out of order among themselves do no harm
+    assert collector.add(spot(10.5, camera="green")) == ""
+    assert collector.add(spot(10.2, camera="blue")) == ""
+    assert collector.ignored["before_state"] == 1
+    assert collector.collection().cameras == ["red", "green", "blue"]
+
+
+def test_not_finite_spots_are_counted():
+    collector = Collector()
+    collector.set_state("border", "a", 0.0)
+    assert collector.add(spot(1.0, float("nan"))) == "not_finite"
+    assert collector.add(spot(float("inf"))) == "not_finite"
+    assert collector.counts == (0, 0, 2)
+
+
+def test_a_new_interaction_starts_afresh_and_an_old_one_stays_until_then():
+    collector = Collector()
+    collector.set_state("border", "a", 0.0)
+    collector.add(spot(1.0))
+    collector.set_state("default", "", 2.0)
+    assert collector.collection().border_total == 1
+    assert collector.set_state("border", "b", 3.0)
+    assert collector.counts == (0, 0, 0)
+    collector.add(spot(4.0))
+    # drawing is interrupted and continued
+    collector.set_state("guide", "b", 5.0)
+    collector.set_state("border", "b", 6.0)
+    collector.add(spot(7.0))
+    assert collector.collection().border_total == 2
+
+
+def test_memory_is_bounded_and_the_whole_drawing_stays():
+    collector = Collector(CollectorParams(max_spots=100))
+    collector.set_state("border", "a", 0.0)
+    for k in range(1000):
+        collector.add(spot(float(k), x=k / 1000.0))
+    rows = collector.collection().border
+    assert len(rows) <= 100 and collector.counts[0] == 1000
+    assert rows[0, 1] < 0.05 and rows[-1, 1] > 0.95
+
+
+def test_seeing():
+    collector = Collector()
+    collector.add(spot(10.0, camera="red"))
+    collector.add(spot(12.0, camera="green"))
+    assert collector.seeing(12.1) == ["green"]
+    collector.add(spot(1.0, camera="green"))  # the clock was set back
+    assert collector.seeing(1.1) == ["green"]
+
+
+def test_journal_gives_back_what_was_collected(tmp_path):
+    path = tmp_path / "folder" / "journal.jsonl"
+    journal = Journal(path)
+    assert journal.start("a") == []
+    journal.append("border", spot(1.5, 0.25, -1.0))
+    journal.append("seed", spot(2.5, 1.0, 2.0, "green"))
+    journal.flush()
+    with open(str(path), "a") as file:
+        file.write('["border", 3.0, 0.')  # killed while writing
+    again = Journal(path)
+    assert again.start("a") == [("border", spot(1.5, 0.25, -1.0)), ("seed", spot(2.5, 1.0, 2.0, "green"))]
+    again.append("border", spot(4.0))
+    again.close()
+    assert len(Journal(path).read("a")) == 3
+    assert Journal(path).start("b") == []
+    assert Journal(path).read("a") == []
+
+
+def test_journal_is_bounded_removed_and_optional(tmp_path):
+    journal = Journal(tmp_path / "j", limit=3)
+    journal.start("a")
+    for k in range(10):
+        journal.append("border", spot(float(k)))
+    journal.close()
+    assert len(journal.read("a")) == 3
+    journal.discard()
+    journal.discard()
+    assert not (tmp_path / "j").exists()
+    nothing = Journal(None)
+    assert nothing.start("a") == []
+    nothing.append("border", spot(1.0))
+    nothing.discard()
+
+
+@pytest.mark.parametrize("text", ["", "nonsense\n", "[1]\n", '{"interaction_id": "b"}\n[]\n'])
+def test_journal_that_is_no_journal(tmp_path, text):
+    path = tmp_path / "j"
+    path.write_text(text)
+    assert Journal(path).start("a") == []
+
+
+def test_journal_in_an_impossible_folder(tmp_path):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(CodedError) as caught:
+        Journal(tmp_path / "file" / "folder" / "j")
+    assert caught.value.code == "journal_unwritable"
+
+
+def test_live_candidate_keeps_to_its_share():
+    collector = Collector()
+    collector.set_state("border", "a", 0.0)
+    for k in range(100):
+        collector.add(spot(0.04 * k, x=0.02 * k))
+    ticks = iter(np.arange(0.0, 1000.0, 0.5))
+    live = LiveCandidate(ExtractionParams.robust(), share=0.1)
+    first = live.update(collector.collection(), lambda: next(ticks))
+    assert first.chain is not None and first.seed is None and first.seed_code == "no_spots"
+    assert live.update(collector.collection(), lambda: next(ticks)) is first  # nothing new
+    collector.add(spot(5.0, x=2.02))
+    assert live.update(collector.collection(), lambda: next(ticks)) is first  # too early
+    assert live.update(collector.collection(), lambda: next(ticks), force=True) is not first

@@ -1,0 +1,221 @@
+"""extract_border in robust mode: drawn strokes within bounds, the closing rule, and inputs that are no strokes."""
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+sys.path.insert(0, str(Path(__file__).parent))
+from strokes import Setting, draw, hausdorff, jaccard  # noqa: E402
+
+from vb_core.errors import ParameterError  # noqa: E402
+from vb_fusion import closing  # noqa: E402
+from vb_fusion.extraction import ExtractionError, ExtractionParams, extract_border  # noqa: E402
+
+BASE = Setting()
+
+
+@pytest.mark.parametrize(
+    "setting, allowed, overlap",
+    [
+        (BASE, 0.15, 0.93),
+        (BASE.replace(bias=0.04, tremor=0.03, noise=0.02), 0.2, 0.88),
+        (BASE.replace(outliers=0.2), 0.15, 0.93),
+        (BASE.replace(speed=0.2), 0.15, 0.93),
+        (BASE.replace(passes=2), 0.15, 0.93),
+        (BASE.replace(overlap=0.4), 0.15, 0.93),
+        (BASE.replace(cameras=4), 0.15, 0.93),
+        (BASE.replace(cameras=1, speed=0.7), 0.2, 0.88),
+    ],
+    ids=["usual", "rough", "outliers", "slow", "retraced", "overlap", "four cameras", "one camera, fast"],
+)
+@pytest.mark.parametrize("shape", ["rectangle", "L", "U"])
+@pytest.mark.parametrize("known", [False, True], ids=["bare", "with time and camera"])
+def test_closed_strokes(setting, allowed, overlap, shape, known):
+    bad, index = [], []
+    for seed in range(3):
+        stroke = draw(shape, setting, np.random.default_rng(seed))
+        extra = {"stamps": stroke.stamps, "cameras": stroke.cameras} if known else {}
+        chain = extract_border(stroke.points, **extra)
+        assert chain.closed, chain.reason
+        bad.append(hausdorff(chain.points, stroke.truth, True))
+        index.append(jaccard(chain.points, stroke.truth))
+    assert max(bad) < 0.25
+    assert np.median(bad) < allowed
+    assert np.median(index) > overlap
+
+
+@pytest.mark.parametrize("shape", ["doorway", "corner"])
+@pytest.mark.parametrize("outliers", [0.03, 0.2])
+def test_open_strokes(shape, outliers):
+    for seed in range(5):
+        stroke = draw(shape, BASE.replace(outliers=outliers), np.random.default_rng(seed))
+        chain = extract_border(stroke.points, stamps=stroke.stamps, cameras=stroke.cameras)
+        assert not chain.closed, chain.reason
+        assert hausdorff(chain.points, stroke.truth, False) < 0.2
+
+
+def test_legs_of_a_narrow_u_are_told_apart_by_time():
+    setting = BASE.replace(bias=0.04, tremor=0.03, noise=0.02)
+    for seed in range(5):
+        stroke = draw("narrow_U", setting, np.random.default_rng(seed))
+        chain = extract_border(stroke.points, stamps=stroke.stamps, cameras=stroke.cameras)
+        assert hausdorff(chain.points, stroke.truth, True) < 0.25
+
+
+def test_corners_stay_corners():
+    s = np.linspace(0, 6, 600, endpoint=False)
+    points = np.column_stack([np.interp(s, [0, 2, 3, 5, 6], [0, 2, 2, 0, 0]), np.interp(s, [0, 2, 3, 5, 6], [0, 0, 1, 1, 0])])
+    chain = extract_border(points + np.random.default_rng(0).normal(0, 0.005, points.shape))
+    for corner in ([0, 0], [2, 0], [2, 1], [0, 1]):
+        assert np.linalg.norm(chain.points - corner, axis=1).min() < 0.02
+
+
+def test_a_gap_of_half_a_metre_is_bridged():
+    x = np.linspace(0, 3, 300)
+    x = x[(x < 1.2) | (x > 1.65)]
+    chain = extract_border(np.column_stack([x, np.zeros_like(x)]))
+    assert chain.length == pytest.approx(3.0, abs=0.05)
+
+
+def test_sparse_exact_points_are_kept():
+    angle = np.linspace(0, 2 * np.pi, 24, endpoint=False)
+    chain = extract_border(1.2 * np.column_stack([np.cos(angle), np.sin(angle)]))
+    assert chain.closed
+    assert np.abs(np.linalg.norm(chain.points, axis=1) - 1.2).max() < 0.08
+
+
+def test_order_of_points_does_not_matter():
+    stroke = draw("L", BASE, np.random.default_rng(5))
+    shuffled = stroke.points[np.random.default_rng(0).permutation(len(stroke.points))]
+    assert hausdorff(extract_border(stroke.points).points, extract_border(shuffled).points, True) < 0.02
+
+
+def test_translation_and_rotation_move_the_chain():
+    stroke = draw("rectangle", BASE, np.random.default_rng(6))
+    c, s = np.cos(0.7), np.sin(0.7)
+    turn = np.array([[c, -s], [s, c]])
+    there = extract_border(stroke.points @ turn.T + [3.0, -2.0])
+    here = extract_border(stroke.points)
+    assert hausdorff(here.points @ turn.T + [3.0, -2.0], there.points, True) < 0.06
+
+
+def test_stroke_runs_in_the_direction_it_was_drawn():
+    x = np.linspace(0, 2, 200)
+    points = np.column_stack([x, 0 * x])
+    assert extract_border(points, stamps=np.arange(200) / 25.0).points[0, 0] < 0.1
+    assert extract_border(points, stamps=-np.arange(200) / 25.0).points[0, 0] > 1.9
+
+
+# ----------------------------------------------------------------- closed or open
+def carpet(gap: float, scale: float = 1.0) -> np.ndarray:
+    s = np.linspace(0.7, 0.7 + 6.5 - gap, 300)
+    corners = [0, 2, 3.25, 5.25, 6.5]
+    ring = np.column_stack([np.interp(s % 6.5, corners, [0, 2, 2, 0, 0]), np.interp(s % 6.5, corners, [0, 0, 1.25, 1.25, 0])])
+    return scale * ring
+
+
+@pytest.mark.parametrize("scale", [0.1, 1.0, 10.0])
+def test_carpet_with_a_gap_is_closed_at_every_scale(scale):
+    decision = closing.decide(carpet(0.4, scale))
+    assert decision.closed and "closed" in decision.reason
+    assert decision.gap == pytest.approx(0.4 * scale, rel=0.1)
+
+
+def test_overlapping_ends_are_cut():
+    decision = closing.decide(carpet(-0.4) + np.linspace(0, 0.05, 300)[:, None])
+    assert decision.closed
+    assert len(decision.points) < 300 or "overlap" in decision.reason
+
+
+def test_crossing_ends_are_closed_and_cut():
+    chain = np.array([[-0.2, 0], [2, 0], [2, 1.25], [0, 1.25], [0, -0.2]])
+    decision = closing.decide(chain)
+    assert decision.closed
+    assert np.abs(decision.points[[0, -1]]).max() < 0.05
+
+
+@pytest.mark.parametrize("scale", [0.1, 1.0, 10.0])
+def test_line_with_tremor_is_open(scale):
+    rng = np.random.default_rng(2)
+    chain = np.column_stack([np.linspace(0, 0.7, 20), rng.normal(0, 0.02, 20)])
+    assert not closing.decide(scale * chain).closed
+
+
+def test_line_there_and_back_is_open():
+    x = np.concatenate([np.linspace(0, 1, 50), np.linspace(1, 0, 50)])
+    assert not closing.decide(np.column_stack([x, 0.001 * np.arange(100) / 100])).closed
+
+
+def test_the_request_overrides_the_rule():
+    line = np.column_stack([np.linspace(0, 2, 200), 0.3 * np.sin(np.linspace(0, 3, 200))])
+    assert extract_border(line, ExtractionParams.robust(kind="polygon")).closed
+    assert not extract_border(carpet(0.1), ExtractionParams.robust(kind="curve")).closed
+
+
+# ----------------------------------------------------------------- no strokes
+@pytest.mark.parametrize("params", [ExtractionParams.paper(), ExtractionParams.robust()], ids=["paper", "robust"])
+@pytest.mark.parametrize(
+    "points, code",
+    [
+        (np.zeros((0, 2)), "no_spots"),
+        ([], "no_spots"),
+        (np.full((30, 2), np.nan), "no_spots"),
+        (np.full((30, 2), np.inf), "no_spots"),
+        ([[1.0, 2.0]], "too_few_spots"),
+        (np.ones((50, 2)), "no_line"),
+        (np.random.default_rng(0).normal(0, 0.02, (50, 2)), "no_line"),
+        (np.zeros((5, 3)), "bad_points"),
+        ("points", "bad_points"),
+    ],
+)
+def test_refusals(params, points, code):
+    with pytest.raises(ExtractionError) as caught:
+        extract_border(points, params)
+    assert caught.value.code == code
+    assert caught.value.message
+
+
+def test_refusal_says_what_was_seen():
+    with pytest.raises(ExtractionError, match="12 spots seen, but none form a line longer than 0.3 m"):
+        extract_border(np.random.default_rng(0).normal(0, 0.01, (12, 2)))
+
+
+def test_wrong_number_of_stamps():
+    with pytest.raises(ExtractionError) as caught:
+        extract_border(np.zeros((20, 2)), stamps=[1.0])
+    assert caught.value.code == "bad_points"
+
+
+@pytest.mark.parametrize("params", [ExtractionParams.paper(), ExtractionParams.robust()], ids=["paper", "robust"])
+def test_nan_rows_and_far_rows_are_left_out(params):
+    x = np.linspace(0, 2, 200)
+    points = np.vstack([np.column_stack([x, 0 * x]), [[np.nan, 0], [np.inf, 1], [1e300, 0]]])
+    assert extract_border(points, params).length == pytest.approx(2.0, abs=0.2)
+
+
+@pytest.mark.parametrize("params", [ExtractionParams.paper(), ExtractionParams.robust()], ids=["paper", "robust"])
+def test_of_two_clusters_one_is_taken(params):
+    rng = np.random.default_rng(0)
+    x = np.linspace(0, 2, 300)
+    line = np.column_stack([x, 0 * x]) + rng.normal(0, 0.01, (300, 2))
+    chain = extract_border(np.vstack([line, rng.normal([5, 5], 0.03, (200, 2))]), params)
+    assert chain.points[:, 1].max() < 1.0
+
+
+@pytest.mark.parametrize("params", [ExtractionParams.paper(), ExtractionParams.robust()], ids=["paper", "robust"])
+def test_many_points_all_over_the_room_come_to_an_end(params):
+    points = np.random.default_rng(0).uniform(0, 5, (60000, 2))
+    try:
+        assert len(extract_border(points, params).points) >= 2
+    except ExtractionError as error:
+        assert error.code
+
+
+def test_parameters_are_checked():
+    with pytest.raises(ParameterError, match="mode"):
+        ExtractionParams.from_mapping({"mode": "magic"})
+    with pytest.raises(ParameterError, match="eps"):
+        ExtractionParams(eps=-1.0)
+    with pytest.raises(ParameterError, match="unknown"):
+        ExtractionParams.from_mapping({"epsilon": 1.0})

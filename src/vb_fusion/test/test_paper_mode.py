@@ -1,0 +1,93 @@
+"""Algorithms 1 to 3 against their literal transcription, and their speed-ups against plain answers."""
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+sys.path.insert(0, str(Path(__file__).parent))
+import literal  # noqa: E402
+
+from vb_fusion.clustering import clustering, dbscan, dbscan_labels  # noqa: E402
+from vb_fusion.extraction import ExtractionParams, extract_border  # noqa: E402
+from vb_fusion.polygon_generation import generate_poly  # noqa: E402
+from vb_fusion.thinning import thinning  # noqa: E402
+
+# multiples of 1/64 m are exact in binary: comparisons with a distance come out alike however they are computed
+coordinate = st.integers(-128, 128).map(lambda k: k / 64.0)
+clouds = st.lists(st.tuples(coordinate, coordinate), min_size=1, max_size=60)
+dense_coordinate = st.integers(-24, 24).map(lambda k: k / 64.0)
+dense_clouds = st.lists(st.tuples(dense_coordinate, dense_coordinate), min_size=1, max_size=60)
+SETTINGS = settings(max_examples=60, deadline=None)
+
+
+@SETTINGS
+@given(clouds, st.sampled_from([0.125, 0.25, 0.5]), st.integers(1, 6))
+def test_dbscan_equals_the_definition(points, eps, min_pts):
+    found = {frozenset(c.tolist()) for c in dbscan(np.array(points), eps, min_pts)}
+    expected = literal.dbscan(points, eps, min_pts)
+    if min_pts == 1:
+        assert found == {frozenset(c) for c in expected}
+        return
+    # two core points may be equally near to a border point: compare what is not left open
+    cores = [i for i in range(len(points)) if sum(literal.near(points[i], p, eps) for p in points) >= min_pts]
+    assert {c & frozenset(cores) for c in found} == {frozenset(c) & frozenset(cores) for c in expected}
+    assert set().union(*found) == set(sum(expected, []))
+
+
+@SETTINGS
+@given(clouds, st.integers(1, 12))
+def test_clustering_equals_the_transcription(points, min_size):
+    found = clustering(np.array(points), 0.25, 1, 0.3, np.inf, min_size)
+    assert found.tolist() == sorted(literal.clustering(points, 0.25, 1, 0.3, np.inf, min_size))
+
+
+@SETTINGS
+@given(dense_clouds)
+def test_thinning_equals_the_transcription(points):
+    found, expected = thinning(np.array(points), 0.1), np.array(literal.thinning(points, 0.1))
+    assert found.shape == expected.shape
+    assert np.allclose(found, expected, atol=1e-12)
+
+
+@SETTINGS
+@given(clouds)
+def test_polygon_generation_equals_the_transcription(points):
+    assert generate_poly(np.array(points), 0.5).tolist() == literal.generate_poly(points, 0.5)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_whole_paper_mode_equals_the_transcription(seed):
+    rng = np.random.default_rng(seed)
+    s = rng.uniform(0, 4, 150)
+    points = np.column_stack([np.interp(s, range(5), [0, 1, 1, 0, 0]), np.interp(s, range(5), [0, 0, 1, 1, 0])])
+    points = np.vstack([points + rng.normal(0, 0.02, points.shape), rng.uniform(-4, 4, (15, 2))])
+    cluster = [tuple(points[i]) for i in sorted(literal.clustering([tuple(p) for p in points], 0.5, 1, 0.3, np.inf, 10))]
+    thinned = literal.thinning(cluster, 0.1)
+    expected = np.array([thinned[i] for i in literal.generate_poly(thinned, 0.5)])
+    chain = extract_border(points, ExtractionParams.paper()).points
+    assert chain.shape == expected.shape
+    assert np.allclose(chain, expected, atol=1e-9)
+
+
+def test_dbscan_on_a_large_set_equals_connected_components():
+    from scipy.sparse.csgraph import connected_components
+    from scipy.spatial import cKDTree
+
+    points = np.random.default_rng(3).uniform(0, 12, (3000, 2))
+    pairs = cKDTree(points).sparse_distance_matrix(cKDTree(points), 0.13, output_type="coo_matrix")
+    expected = connected_components(pairs, directed=False)[1]
+    found = dbscan_labels(points, 0.13, 1)
+    # the same partition: labels correspond one to one
+    assert len(set(zip(expected.tolist(), found.tolist()))) == len(set(expected.tolist())) == len(set(found.tolist()))
+
+
+def test_thinning_on_a_lattice_keeps_means_and_leaves_no_neighbours_of_many():
+    rng = np.random.default_rng(0)
+    points = np.column_stack([rng.uniform(0, 3, 30000), rng.normal(0, 0.02, 30000)])
+    thinned = thinning(points, 0.1)
+    assert 10 < len(thinned) < 400
+    assert thinned[:, 0].min() > -0.01 and thinned[:, 0].max() < 3.01
+    assert abs(thinned[:, 1]).max() < 0.1
