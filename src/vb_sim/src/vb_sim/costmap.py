@@ -75,8 +75,9 @@ def static_costs(data: np.ndarray, params: CostmapParams) -> np.ndarray:
 def inflate(static: np.ndarray, distance: np.ndarray, params: CostmapParams) -> np.ndarray:
     """Costs (H, W) uint8 with the decay of inflation_layer's computeCost about obstacles; the higher cost wins."""
     decay = (INSCRIBED - 1) * np.exp(-params.cost_scaling_factor * (distance - params.robot_radius))
-    inflated = np.where(distance <= params.robot_radius, INSCRIBED, decay)
-    inflated[distance > max(params.inflation_radius, params.robot_radius)] = 0
+    # a distance of just so many cells is within a radius of just so many, whatever the last bit says
+    inflated = np.where(distance <= params.robot_radius + 1e-6, INSCRIBED, decay)
+    inflated[distance > max(params.inflation_radius, params.robot_radius) + 1e-6] = 0
     costs = np.maximum(static, np.minimum(inflated, INSCRIBED).astype(np.uint8))
     costs[static == LETHAL] = LETHAL
     # as the real layer: unknown stays unknown unless a robot would touch an obstacle there

@@ -297,6 +297,7 @@ class ParticipantScript:
             # somebody, perhaps oneself in an earlier life, left something half done
             person.doing = "starts over"
             yield from person.insist("cancel", self.source)
+        refusal = person.last_answer
         for person.tries in range(1, person.model.tries + 1):
             yield from self.prepare()
             yield from self.draw()
@@ -311,9 +312,10 @@ class ParticipantScript:
                     break
             if saved:
                 return
+            refusal = person.last_answer
             person.doing = "starts over"
             yield from person.insist("cancel", self.source)
-        raise GivesUp(f"not saved: {person.last_answer.message} [{person.last_answer.code}]")
+        raise GivesUp(f"not saved: {refusal.message} [{refusal.code}]")
 
     def _save(self) -> Step:
         for _ in range(4):

@@ -98,8 +98,9 @@ class Planner:
 
     # ------------------------------------------------------------ ends of the path
     def _cell(self, point: np.ndarray, what: str) -> Tuple[int, int]:
-        cell = self.costmap.grid.world_to_cell(point)[0]
-        if not np.isfinite(point).all() or not self.costmap.grid.contains_cells(cell)[0]:
+        finite = bool(np.isfinite(point).all())
+        cell = self.costmap.grid.world_to_cell(point if finite else np.full(2, -1e9))[0]
+        if not finite or not self.costmap.grid.contains_cells(cell)[0]:
             raise CodedError("off_map", f"the {what} ({point[0]:.2f}, {point[1]:.2f}) is not on the map")
         return int(cell[0]), int(cell[1])
 

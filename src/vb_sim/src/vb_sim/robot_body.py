@@ -96,7 +96,8 @@ class RobotBody:
             self._touching = True
             speed = distance = 0.0
             after = advance(self.pose, 0.0, turn)
-        elif distance != 0.0:
+        elif room > self._radius + 0.02:
+            # pushing on in small steps is still the same collision
             self._touching = False
         self.pose = after
         self.velocity = (speed, turn_rate)

@@ -1,0 +1,24 @@
+"""The pure modules of motion, navigation and people must work without ROS."""
+import subprocess
+import sys
+
+PURE = ["models", "models_motion", "models_participant", "raycast", "robot_body", "lab", "pacing", "state_file", "map_file",
+        "costmap", "planner", "follower", "hand", "legs", "rehearsal", "participant", "participant_nrs", "participant_robot_only",
+        "world", "floor_plan"]
+BLOCK = """
+import sys
+class Block:
+    def find_spec(self, name, path=None, target=None):
+        top = name.split(".")[0]
+        if top in ("rospy", "tf2_ros", "cv_bridge", "actionlib") or top.endswith("_msgs"):
+            raise ImportError("blocked: " + name)
+sys.meta_path.insert(0, Block())
+import importlib
+for module in sys.argv[1:]:
+    importlib.import_module("vb_sim." + module)
+"""
+
+
+def test_pure_modules_import_without_ros():
+    run = subprocess.run([sys.executable, "-c", BLOCK, *PURE], stderr=subprocess.PIPE, universal_newlines=True)
+    assert run.returncode == 0, run.stderr

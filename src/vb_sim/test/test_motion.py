@@ -1,0 +1,297 @@
+"""The robot's body, its odometry and localisation, the scanner, time and the state file."""
+import math
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from vb_core import geometry
+from vb_core.errors import CodedError, ParameterError
+from vb_core.grid_map import FREE, OCCUPIED, GridMap
+from vb_sim.lab import PARTICIPANT_SILENCE, Lab, Participant
+from vb_sim.models import load_models, section
+from vb_sim.models_motion import LocalisationModel, RobotModel, ScanModel
+from vb_sim.pacing import Pacer, RealTimeFactor
+from vb_sim.raycast import DistanceField, cast_disc
+from vb_sim.robot_body import RobotBody, advance
+from vb_sim.state_file import StateFile
+from vb_sim.world import world_from_mapping
+
+DT = 0.02
+SURE = LocalisationModel(position_sigma=0.0, yaw_sigma=0.0)
+EXACT = RobotModel(odometry_scale_sigma=0.0, odometry_distance_noise=0.0, odometry_turn_noise=0.0, odometry_drift_noise=0.0)
+
+
+def small_world(**more):
+    return world_from_mapping({
+        "room": {"size": [4.0, 3.0]},
+        "furniture": [{"name": "pillar", "kind": "cylinder", "x": 3.0, "y": 1.5, "radius": 0.2}],
+        "robots": [{"name": "robot", "start": [1.0, 1.5, 0.0]}],
+        **more,
+    })
+
+
+def body(model=RobotModel(), localisation=LocalisationModel(), clearance=lambda x, y: 10.0, seed=0, start=(0.0, 0.0, 0.0)):
+    return RobotBody(start, 0.18, model, localisation, clearance, np.random.default_rng(seed))
+
+
+def drive(robot, speed, turn_rate, seconds, now=0.0):
+    """Drives with a fresh command in each step; gives the velocities."""
+    velocities = []
+    for _ in range(int(round(seconds / DT))):
+        robot.command(speed, turn_rate, now)
+        now += DT
+        robot.step(DT, now)
+        velocities.append(robot.velocity)
+    return np.array(velocities), now
+
+
+@settings(max_examples=100, deadline=None)
+@given(st.floats(-2, 2), st.floats(-3, 3), st.integers(1, 30))
+def test_arcs_add_up(distance, turn, parts):
+    whole = advance((0.3, -0.2, 0.5), distance, turn)
+    pieces = (0.3, -0.2, 0.5)
+    for _ in range(parts):
+        pieces = advance(pieces, distance / parts, turn / parts)
+    assert whole[:2] == pytest.approx(pieces[:2], abs=1e-9)
+    assert abs(geometry.wrap_angle(whole[2] - pieces[2])) < 1e-9
+
+
+def test_circle_has_the_radius_of_v_over_w():
+    robot = body(RobotModel(acceleration=1000.0, turn_acceleration=1000.0))
+    _, _ = drive(robot, 0.4, 0.8, math.pi / 0.8)  # half a circle of radius 0.5 m
+    assert robot.pose[:2] == pytest.approx((0.0, 1.0), abs=0.01)
+
+
+@settings(max_examples=50, deadline=None)
+@given(st.floats(-3, 3), st.floats(-9, 9), st.floats(-3, 3), st.floats(-9, 9))
+def test_limits_hold_at_every_step(v1, w1, v2, w2):
+    model = RobotModel()
+    robot = body(model)
+    first, now = drive(robot, v1, w1, 0.6)
+    second, _ = drive(robot, v2, w2, 0.6, now)
+    velocities = np.vstack([[(0.0, 0.0)], first, second])
+    assert np.abs(velocities[:, 0]).max() <= model.max_speed + 1e-9
+    assert np.abs(velocities[:, 1]).max() <= model.max_turn_rate + 1e-9
+    steps = np.abs(np.diff(velocities, axis=0)) / DT
+    assert steps[:, 0].max() <= max(model.acceleration, model.deceleration) + 1e-6
+    assert steps[:, 1].max() <= model.turn_acceleration + 1e-6
+
+
+def test_robot_stops_when_commands_end():
+    model = RobotModel(command_timeout=0.4)
+    robot = body(model)
+    _, now = drive(robot, 0.5, 0.0, 2.0)
+    last_command = now
+    while robot.velocity != (0.0, 0.0):
+        now += DT
+        robot.step(DT, now)
+        assert now - last_command <= 0.4 + 0.5 / model.deceleration + 3 * DT
+    assert now - last_command >= 0.4
+
+
+def test_commands_that_are_not_finite_are_ignored():
+    robot = body()
+    robot.command(math.nan, 0.0, 0.0)
+    robot.step(DT, DT)
+    assert robot.velocity == (0.0, 0.0)
+
+
+def test_a_wall_stops_the_robot_once_and_it_can_back_off():
+    robot = body(clearance=lambda x, y: 1.0 - x)
+    velocities, now = drive(robot, 0.5, 0.0, 3.0)
+    assert 0.80 < robot.pose[0] <= 1.0 - 0.18 + 1e-9
+    assert robot.collisions == 1 and robot.velocity[0] == 0.0
+    drive(robot, -0.3, 0.0, 1.0, now)
+    assert robot.pose[0] < 0.7 and robot.collisions == 1
+
+
+def test_exact_wheels_measure_the_true_way():
+    robot = body(EXACT, start=(2.0, 1.0, 0.7))
+    _, now = drive(robot, 0.4, 0.5, 2.0)
+    drive(robot, -0.2, -0.9, 2.0, now)
+    travelled = geometry.invert(geometry.pose2d_transform(2.0, 1.0, 0.7)) @ geometry.pose2d_transform(*robot.pose)
+    assert np.allclose(geometry.pose2d_transform(*robot.odometry), travelled, atol=1e-9)
+
+
+def test_odometry_drifts_but_the_map_correction_makes_up_for_it():
+    robot = body(seed=3)
+    drive(robot, 0.4, 0.5, 20.0)
+    composed = robot.map_to_odom() @ geometry.pose2d_transform(*robot.odometry)
+    assert np.allclose(composed, geometry.pose2d_transform(*robot.estimate()), atol=1e-9)
+    travelled = geometry.transform_pose2d(geometry.pose2d_transform(*robot.pose))
+    assert np.hypot(robot.odometry[0] - travelled[0], robot.odometry[1] - travelled[1]) > 0.002
+
+
+def test_localisation_error_has_its_sigma_and_varies_slowly():
+    model = LocalisationModel(position_sigma=0.02, yaw_sigma=0.01, correlation_time=5.0)
+    errors, steps = [], []
+    for seed in range(60):
+        robot = body(localisation=model, seed=seed)
+        now, before = 0.0, None
+        for _ in range(60):
+            _, now = drive(robot, 0.2, 0.3, 0.1, now)
+            estimate, true = robot.estimate(), robot.pose
+            error = np.array([estimate[0] - true[0], estimate[1] - true[1], geometry.wrap_angle(estimate[2] - true[2])])
+            errors.append(error)
+            if before is not None:
+                steps.append(error - before)
+            before = error
+    sigma = np.std(errors, axis=0)
+    assert sigma[:2] == pytest.approx(0.02, rel=0.35) and sigma[2] == pytest.approx(0.01, rel=0.35)
+    # over 0.1 s of 5 s an Ornstein-Uhlenbeck process moves by sqrt(2 * 0.1 / 5) = 0.2 of its sigma
+    assert np.std(steps, axis=0)[:2] == pytest.approx(0.004, rel=0.25)
+
+
+def test_a_standing_robot_is_not_relocalised_by_itself():
+    robot = body(seed=1)
+    before = robot.estimate()
+    for step in range(100):
+        robot.step(DT, step * DT)
+    assert robot.estimate() == before
+
+
+def test_initial_pose_moves_the_estimate_only():
+    robot = body(start=(1.0, 2.0, 0.3))
+    robot.relocalise((1.5, 2.0, 0.1))
+    assert robot.pose == (1.0, 2.0, 0.3)
+    assert robot.estimate() == pytest.approx((1.5, 2.0, 0.1))
+
+
+def test_checkpoint_round_trip():
+    lab, other = Lab(small_world(), seed=1), Lab(small_world(), seed=2)
+    lab.robots[0].command(0.5, 0.4, 0.0)
+    for step in range(20):
+        lab.step(DT, step * DT)
+    assert other.restore(lab.checkpoint())
+    assert other.robots[0].pose == lab.robots[0].pose
+    assert other.robots[0].estimate() == pytest.approx(lab.robots[0].estimate())
+
+
+@pytest.mark.parametrize("saved", [None, {}, {"world": "other", "robots": []}, {"world": "world", "robots": [{}]},
+                                   {"world": "world", "robots": [{"pose": [1, 2], "odometry": [0, 0, 0], "error": [0, 0, 0], "collisions": [0]}]}])
+def test_a_checkpoint_that_is_none_changes_nothing(saved):
+    lab = Lab(small_world())
+    assert not lab.restore(saved)
+    assert lab.robots[0].pose == (1.0, 1.5, 0.0)
+
+
+def test_same_seed_same_world():
+    poses = []
+    for seed in (5, 5, 6):
+        lab = Lab(small_world(), seed=seed)
+        for step in range(50):
+            lab.robots[0].command(0.4, 0.6, step * DT)
+            lab.step(DT, step * DT)
+        poses.append((lab.robots[0].odometry, lab.robots[0].estimate(), tuple(lab.scan(0)[1])))
+    assert poses[0] == poses[1] != poses[2]
+
+
+# ------------------------------------------------------------ scanner
+def test_beams_meet_the_walls_where_they_are():
+    world = small_world(furniture=[])
+    lab = Lab(world, localisation=SURE, scan=ScanModel(range_sigma=0.0))
+    angles, ranges = lab.scan(0)
+    # distances from (1.0, 1.5) to the walls of a 4 m x 3 m room
+    with np.errstate(divide="ignore"):
+        expected = np.minimum(
+            np.where(np.cos(angles) > 0, 3.0, 1.0) / np.abs(np.cos(angles)), 1.5 / np.abs(np.sin(angles)))
+    assert np.abs(ranges - expected).max() < 0.04
+
+
+def test_beams_agree_with_fine_sampling():
+    rng = np.random.default_rng(0)
+    seeds = (rng.random((60, 80)) < 0.01).astype(np.uint8)
+    data = np.where(cv2.dilate(seeds, np.ones((3, 3))), OCCUPIED, FREE).astype(np.int8)
+    data[[0, -1], :] = data[:, [0, -1]] = OCCUPIED
+    data[28:33, 38:43] = FREE
+    grid = GridMap(data, 0.05, (-1.0, 2.0, 0.0))
+    origin, angles = (-1.0 + 2.01, 2.0 + 1.51), np.linspace(-math.pi, math.pi, 200)
+    ranges = DistanceField(grid).cast(origin, angles, 10.0)
+    samples = np.arange(0.0, 6.0, 0.002)
+    points = np.stack([origin[0] + samples * np.cos(angles)[:, None], origin[1] + samples * np.sin(angles)[:, None]], axis=-1)
+    blocked = grid.values_at(points.reshape(-1, 2)).reshape(points.shape[:2]) != FREE
+    expected = samples[blocked.argmax(axis=1)]
+    # a beam may pass a cell's very corner
+    assert np.mean(np.abs(ranges - expected) < 0.05) > 0.97
+    assert (ranges > expected - 0.05).all()
+
+
+def test_clearance_is_the_distance_to_the_wall():
+    field = Lab(small_world(furniture=[])).field
+    for x in (0.3, 0.5, 1.0):
+        assert field.clearance(x, 1.5) == pytest.approx(x, abs=0.02)
+    assert field.clearance(-5.0, 1.0) == 0.0
+
+
+def test_a_person_is_seen_by_the_scanner():
+    lab = Lab(small_world(), scan=ScanModel(range_sigma=0.0, person_radius=0.15))
+    lab.hear_participant(Participant(present=True, pose=(1.0, 2.5, 0.0), heard=0.0))
+    angles, ranges = lab.scan(0)
+    assert ranges[np.argmin(np.abs(angles - math.pi / 2))] == pytest.approx(0.85, abs=1e-6)
+    assert np.isinf(cast_disc((0.0, 0.0), np.array([math.pi]), (1.0, 0.0), 0.1)).all()
+
+
+def test_the_laser_goes_out_with_a_silent_participant():
+    lab = Lab(small_world())
+    lab.step(DT, 100.0)
+    lab.hear_participant(Participant(laser_on=True, laser=(1.0, 1.0), present=True, heard=100.0))
+    lab.step(DT, 100.0 + PARTICIPANT_SILENCE - 0.1)
+    assert lab.participant().laser_on
+    lab.step(DT, 100.0 + PARTICIPANT_SILENCE + 0.1)
+    assert not lab.participant().laser_on and lab.participant().present
+
+
+# ------------------------------------------------------------ time
+def test_pacing_never_bursts_and_makes_up_for_short_delays():
+    wall, steps = 0.0, []
+    pacer = Pacer(0.02, wall)
+    for index in range(1000):
+        wall += pacer.wait(wall)
+        steps.append(wall)
+        wall += 0.1 if index == 300 else 0.001  # one hiccup of 0.1 s
+    gaps = np.diff(steps)
+    assert gaps.min() >= 0.7 * 0.02 - 1e-9
+    assert steps[-1] == pytest.approx(1000 * 0.02, abs=0.03)
+
+
+def test_pacing_gives_up_what_is_too_late():
+    pacer, wall = Pacer(0.02, 0.0), 60.0  # the machine slept for a minute
+    began = wall
+    for _ in range(1000):
+        wall += pacer.wait(wall)
+    assert wall - began == pytest.approx(1000 * 0.02, abs=0.35)
+
+
+def test_real_time_factor():
+    factor = RealTimeFactor(window=5.0)
+    assert [factor.update(wall, 0.8 * wall) for wall in np.arange(0.0, 10.0, 0.5)][-1] == pytest.approx(0.8)
+
+
+# ------------------------------------------------------------ files
+def test_state_file_is_read_by_its_own_run_only(tmp_path):
+    state = StateFile(str(tmp_path / "new"), "lab", "run-1")
+    assert state.read() is None
+    state.write({"a": 1})
+    assert StateFile(str(tmp_path / "new"), "lab", "run-1").read() == {"a": 1}
+    assert StateFile(str(tmp_path / "new"), "lab", "run-2").read() is None
+    next((tmp_path / "new").iterdir()).write_text("{broken")
+    assert state.read() is None
+
+
+def test_models_file_names_what_is_wrong(tmp_path):
+    path = tmp_path / "models.yaml"
+    path.write_text("robot: {max_speed: -1.0}\nscan: {beems: 3}\n")
+    models = load_models(str(path))
+    with pytest.raises(ParameterError, match="robot/max_speed"):
+        section(models, "robot", RobotModel)
+    with pytest.raises(ParameterError, match="scan/beems"):
+        section(models, "scan", ScanModel)
+    assert section(models, "localisation", LocalisationModel) == LocalisationModel()
+    path.write_text("[1, 2")
+    with pytest.raises(CodedError, match="line"):
+        load_models(str(path))
+    with pytest.raises(CodedError, match="cannot read"):
+        load_models(str(tmp_path / "none.yaml"))

@@ -1,0 +1,261 @@
+"""Costmap, planner and follower of the stand-in for move_base."""
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.ndimage import distance_transform_edt
+from scipy.sparse import lil_matrix
+from scipy.sparse.csgraph import dijkstra
+
+from vb_core import geometry
+from vb_core.errors import CodedError, ParameterError
+from vb_core.grid_map import FREE, OCCUPIED, UNKNOWN, GridMap
+from vb_sim.costmap import INSCRIBED, LETHAL, NO_INFORMATION, Costmap, CostmapParams
+from vb_sim.follower import Follower, FollowerParams
+from vb_sim.map_file import load_map
+from vb_sim.planner import COST_FACTOR, NEUTRAL_COST, Planner
+from vb_sim.robot_body import advance
+
+PARAMS = CostmapParams()
+
+
+def room(rows=100, columns=140, resolution=0.05, origin=(-1.0, -2.0, 0.0)):
+    data = np.zeros((rows, columns), np.int8)
+    data[[0, -1], :] = data[:, [0, -1]] = OCCUPIED
+    return GridMap(data, resolution, origin)
+
+
+def with_wall(grid, gap=True):
+    """A wall across the room at x = 2.5 m with a 1 m gap near the top."""
+    data = grid.data.copy()
+    column = grid.world_to_cell([(2.5, 0.0)])[0][1]
+    data[:, column] = OCCUPIED
+    if gap:
+        low, high = grid.world_to_cell([(2.5, 1.5), (2.5, 2.5)])[:, 0]
+        data[low:high, column] = FREE
+    return grid.with_data(data)
+
+
+# ------------------------------------------------------------ costmap
+def test_inflation_follows_costmap_2d():
+    grid = room()
+    costmap = Costmap(grid, PARAMS)
+    obstacles = grid.data == OCCUPIED
+    distance = distance_transform_edt(~obstacles) * grid.resolution
+    expected = np.zeros(grid.shape)
+    near = distance <= PARAMS.inflation_radius + 1e-6
+    expected[near] = np.floor(252 * np.exp(-PARAMS.cost_scaling_factor * (distance[near] - PARAMS.robot_radius)))
+    expected[distance <= PARAMS.robot_radius] = INSCRIBED
+    expected[obstacles] = LETHAL
+    assert np.abs(costmap.costs.astype(int) - expected).max() <= 1
+    assert ((costmap.costs == INSCRIBED) == (expected == INSCRIBED)).all()
+
+
+@pytest.mark.parametrize("value, trinary, threshold, cost", [
+    (0, False, 100, 0), (100, False, 100, LETHAL), (UNKNOWN, False, 100, NO_INFORMATION), (75, True, 100, 0),
+    (75, False, 100, 190), (75, False, 65, LETHAL), (75, True, 65, LETHAL)])
+def test_static_values_as_static_layer(value, trinary, threshold, cost):
+    grid = GridMap(np.full((3, 3), value, np.int8), 0.05)
+    params = CostmapParams(trinary_costmap=trinary, lethal_cost_threshold=threshold)
+    assert (Costmap(grid, params).costs == cost).all()
+
+
+def test_occupancy_is_that_of_the_costmap_publisher():
+    costmap = Costmap(with_wall(room()), PARAMS)
+    occupancy = costmap.occupancy()
+    assert (occupancy[costmap.costs == LETHAL] == 100).all()
+    assert (occupancy[costmap.costs == INSCRIBED] == 99).all()
+    assert (occupancy[costmap.costs == 0] == 0).all()
+    between = (costmap.costs > 0) & (costmap.costs < INSCRIBED)
+    assert occupancy[between].min() >= 1 and occupancy[between].max() <= 98
+
+
+# ------------------------------------------------------------ planner
+def oracle(costmap, start, goal):
+    """Cost between two cells by a graph built cell by cell."""
+    free = costmap.costs < INSCRIBED
+    ids = np.arange(free.size).reshape(free.shape)
+    weight = NEUTRAL_COST + COST_FACTOR * costmap.costs.astype(float)
+    graph = lil_matrix((free.size, free.size))
+    rows, columns = free.shape
+    for r in range(rows):
+        for c in range(columns):
+            for dr, dc in ((0, 1), (1, 0), (1, 1), (1, -1)):
+                r2, c2 = r + dr, c + dc
+                if not (0 <= r2 < rows and 0 <= c2 < columns and free[r, c] and free[r2, c2]):
+                    continue
+                if dr and dc and not (free[r, c2] and free[r2, c]):
+                    continue
+                graph[ids[r, c], ids[r2, c2]] = (weight[r, c] + weight[r2, c2]) / 2 * math.hypot(dr, dc)
+    return dijkstra(graph.tocsr(), directed=False, indices=ids[start])[ids[goal]]
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_paths_are_the_cheapest(seed):
+    rng = np.random.default_rng(seed)
+    data = np.where(rng.random((30, 40)) < 0.01, OCCUPIED, FREE).astype(np.int8)
+    costmap = Costmap(GridMap(data, 0.1), CostmapParams())
+    free = np.argwhere(costmap.traversable())
+    start, goal = free[0], free[-1]
+    planner = Planner(costmap)
+    ends = costmap.grid.cell_to_world(np.array([start, goal]))
+    expected = oracle(costmap, tuple(start), tuple(goal))
+    if not np.isfinite(expected):
+        with pytest.raises(CodedError):
+            planner.plan(*ends)
+        return
+    assert planner.cost_to(*ends) == pytest.approx(expected)
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.integers(0, 10**6))
+def test_no_path_touches_a_blocked_cell(seed):
+    rng = np.random.default_rng(seed)
+    data = np.where(rng.random((40, 50)) < 0.012, OCCUPIED, FREE).astype(np.int8)
+    costmap = Costmap(GridMap(data, 0.05), CostmapParams(robot_radius=0.1, inflation_radius=0.2))
+    free = np.argwhere(costmap.traversable())
+    if len(free) < 2:
+        return
+    ends = costmap.grid.cell_to_world(free[rng.integers(len(free), size=2)])
+    try:
+        path = Planner(costmap).plan(*ends)
+    except CodedError as error:
+        assert error.code == "no_path"
+        return
+    assert np.allclose(path[0], ends[0]) and np.allclose(path[-1], ends[1])
+    fine = geometry.resample_chain(path, 0.01) if len(path) > 1 else path
+    cells = costmap.grid.world_to_cell(fine)
+    # never an obstacle; the inscribed zone by less than a cell, where a line cuts its corner
+    assert (costmap.costs[cells[:, 0], cells[:, 1]] != LETHAL).all()
+    blocked = ~costmap.traversable()
+    inside = distance_transform_edt(blocked)[cells[:, 0], cells[:, 1]]
+    assert inside.max() <= 1.5
+
+
+def test_straight_lines_are_straight():
+    planner = Planner(Costmap(room(), PARAMS))
+    path = planner.plan(np.array([0.0, 0.0]), np.array([4.0, 1.3]))
+    assert geometry.chain_length(path) < 1.01 * math.hypot(4.0, 1.3)
+    assert np.linalg.norm(np.diff(path, axis=0), axis=1).max() <= 0.05 + 1e-9
+
+
+def test_a_wall_is_gone_round():
+    start, goal = np.array([0.0, 0.0]), np.array([4.5, 0.0])
+    before = Planner(Costmap(room(), PARAMS)).plan(start, goal)
+    after = Planner(Costmap(with_wall(room()), PARAMS)).plan(start, goal)
+    assert geometry.chain_length(after) > geometry.chain_length(before) + 0.5
+    assert after[:, 1].max() > 1.5
+
+
+@pytest.mark.parametrize("start, goal, tolerance, code", [
+    ((0.0, 0.0), (4.5, 0.0), 0.0, "no_path"),
+    ((0.0, 0.0), (2.5, 0.0), 0.0, "goal_blocked"),
+    ((2.5, 0.0), (0.0, 0.0), 0.0, "start_blocked"),
+    ((0.0, 0.0), (99.0, 0.0), 0.0, "off_map"),
+    ((0.0, 0.0), (math.nan, 0.0), 0.0, "off_map"),
+    ((0.0, 0.0), (4.5, 0.0), 0.5, "no_path"),
+])
+def test_why_there_is_no_path(start, goal, tolerance, code):
+    planner = Planner(Costmap(with_wall(room(), gap=False), PARAMS))
+    with pytest.raises(CodedError) as caught:
+        planner.plan(np.array(start), np.array(goal), tolerance)
+    assert caught.value.code == code
+
+
+def test_tolerance_ends_at_the_nearest_place_that_can_be_reached():
+    planner = Planner(Costmap(with_wall(room(), gap=False), PARAMS))
+    path = planner.plan(np.array([0.0, 0.0]), np.array([2.45, 0.0]), 0.5)
+    # the wall's cells begin at 2.5 m, and the nearest centre that is 0.18 m from theirs is at 2.325 m
+    assert path[-1] == pytest.approx((2.325, 0.0), abs=0.03)
+
+
+def test_a_robot_that_touches_the_inscribed_zone_gets_out():
+    planner = Planner(Costmap(with_wall(room()), PARAMS))
+    path = planner.plan(np.array([2.37, 0.0]), np.array([0.0, 0.0]))  # 0.15 m from the wall
+    assert np.allclose(path[0], (2.37, 0.0)) and path[:, 0].max() <= 2.37 + 1e-9
+
+
+def test_a_robot_inside_a_border_cannot_leave():
+    grid = room()
+    data = grid.data.copy()
+    low, high = grid.world_to_cell([(1.0, -0.5), (2.0, 0.5)])
+    data[low[0] : high[0], low[1] : high[1]] = OCCUPIED
+    with pytest.raises(CodedError) as caught:
+        Planner(Costmap(grid.with_data(data), PARAMS)).plan(np.array([1.5, 0.0]), np.array([4.0, 0.0]))
+    assert caught.value.code == "start_blocked"
+
+
+def test_start_is_goal():
+    path = Planner(Costmap(room(), PARAMS)).plan(np.array([1.0, 0.0]), np.array([1.0, 0.0]))
+    assert np.allclose(path, [1.0, 0.0])
+
+
+# ------------------------------------------------------------ follower
+def follow(path, goal, pose, obstacles=lambda pose: np.zeros((0, 2)), limit=60.0, dt=0.1):
+    follower, poses, motions = Follower(), [pose], []
+    follower.set_goal(goal)
+    follower.set_path(path)
+    for _ in range(int(limit / dt)):
+        motion = follower.step(pose, obstacles(pose), dt)
+        motions.append(motion)
+        if motion.arrived:
+            break
+        pose = advance(pose, motion.speed * dt, motion.turn_rate * dt)
+        poses.append(pose)
+    return np.array(poses), motions
+
+
+@pytest.mark.parametrize("yaw", [0.0, 2.0, math.pi, -1.5])
+def test_goal_is_reached_from_any_heading(yaw):
+    params = FollowerParams()
+    path = Planner(Costmap(with_wall(room()), PARAMS)).plan(np.array([0.0, 0.0]), np.array([4.5, 0.0]))
+    poses, motions = follow(path, (4.5, 0.0, 1.0), (0.0, 0.0, yaw))
+    assert motions[-1].arrived
+    assert np.linalg.norm(poses[-1, :2] - (4.5, 0.0)) < 3 * params.goal_distance
+    assert abs(geometry.wrap_angle(poses[-1, 2] - 1.0)) < params.goal_angle
+    assert max(abs(motion.speed) for motion in motions) <= params.max_speed
+    assert max(abs(motion.turn_rate) for motion in motions) <= params.max_turn_rate + 1e-9
+    distances = np.linalg.norm(poses[:, None, :2] - path[None], axis=2).min(axis=1)
+    assert distances.max() < 0.15
+
+
+def test_it_stops_before_an_obstacle_and_says_so():
+    path = np.column_stack([np.linspace(0.0, 3.0, 61), np.zeros(61)])
+
+    def person(pose):
+        ahead = np.array([[2.0, 0.05], [2.0, -0.05]]) - pose[:2]
+        c, s = math.cos(pose[2]), math.sin(pose[2])
+        return ahead @ np.array([[c, -s], [s, c]])
+
+    poses, motions = follow(path, (3.0, 0.0, 0.0), (0.0, 0.0, 0.0), person, limit=20.0)
+    assert not motions[-1].arrived and motions[-1].blocked and motions[-1].speed == 0.0
+    assert 1.6 < poses[-1, 0] < 2.0 - FollowerParams().robot_radius
+
+
+def test_what_stands_beside_the_path_does_not_matter():
+    path = np.column_stack([np.linspace(0.0, 3.0, 61), np.zeros(61)])
+    poses, motions = follow(path, (3.0, 0.0, 0.0), (0.0, 0.0, 0.0), lambda pose: np.array([[0.5, 0.3], [0.2, -0.3]]), 20.0)
+    assert motions[-1].arrived
+
+
+# ------------------------------------------------------------ map files
+def test_map_file_modes(tmp_path):
+    image = np.array([[0, 254, 205], [100, 254, 254]], np.uint8)
+    (tmp_path / "map.pgm").write_bytes(b"P5\n3 2\n255\n" + image.tobytes())
+    base = "image: map.pgm\nresolution: 0.1\norigin: [1.0, 2.0, 0.0]\nnegate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.196\n"
+    (tmp_path / "map.yaml").write_text(base)
+    grid = load_map(str(tmp_path / "map.yaml"))
+    assert grid.data.tolist() == [[-1, 0, 0], [100, 0, -1]] and grid.origin == (1.0, 2.0, 0.0)
+    (tmp_path / "map.yaml").write_text(base + "mode: raw\n")
+    assert load_map(str(tmp_path / "map.yaml")).data.tolist() == [[100, -1, -1], [0, -1, -1]]
+
+
+@pytest.mark.parametrize("text, key", [
+    ("resolution: 0.1\norigin: [0, 0, 0]\n", "image"), ("image: m.pgm\norigin: [0, 0, 0]\n", "resolution"),
+    ("image: m.pgm\nresolution: 0.1\norigin: [0]\n", "origin")])
+def test_map_file_names_the_key(tmp_path, text, key):
+    (tmp_path / "map.yaml").write_text(text)
+    with pytest.raises(ParameterError, match=key):
+        load_map(str(tmp_path / "map.yaml"))

@@ -1,0 +1,211 @@
+"""The simulated person, on a small stand-in for the system."""
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from vb_core import geometry
+from vb_core.errors import ParameterError
+from vb_sim.hand import Stroke, Tremor
+from vb_sim.legs import distance_to_chain
+from vb_sim.models import load_models, section
+from vb_sim.models_participant import ParticipantModel
+from vb_sim.participant import Person
+from vb_sim.participant_nrs import NetworkRobotSystemScript
+from vb_sim.participant_robot_only import RobotOnlyScript
+from vb_sim.rehearsal import best_order, orders
+from vb_sim.world import load_world
+
+sys.path.insert(0, str(Path(__file__).parent))
+from closed_loop import DT, System  # noqa: E402
+
+PACKAGE = Path(__file__).resolve().parent.parent
+WORLD = load_world(str(PACKAGE / "worlds" / "lab.yaml"))
+EVERYWHERE, NOWHERE = (lambda spot: True), (lambda spot: False)
+
+
+def chain_of(scenario):
+    return np.vstack([scenario.border, scenario.border[:1]]) if scenario.closed else scenario.border
+
+
+def system(key="carpet", method="nrs", seed=1, covered=EVERYWHERE, **more):
+    scenario = WORLD.scenario(key)
+    near = scenario.stand if method == "nrs" else np.array(WORLD.robots[0].start[:2])
+    model = more.pop("model", ParticipantModel())
+    person = Person(WORLD, scenario, model, seed, near)
+    script = NetworkRobotSystemScript(person) if method == "nrs" else RobotOnlyScript(person)
+    return System(script, WORLD.robots[0].start_pose(), covered, follows=method != "nrs", **more)
+
+
+def check_drawing(key, sim):
+    """What was seen lies on the border, and covers it."""
+    scenario = WORLD.scenario(key)
+    border, chain = np.array(sim.border), chain_of(scenario)
+    assert max(distance_to_chain(spot, chain) for spot in border[::5]) < 0.12
+    missed = [distance_to_chain(place, border[::3]) for place in geometry.resample_chain(chain, 0.05)]
+    assert max(missed) < 0.10
+
+
+@pytest.mark.parametrize("key", ["room", "carpet", "corner"])
+def test_nrs_draws_the_border_and_shows_the_seed(key):
+    sim = system(key)
+    assert sim.run(120.0) == "saved"
+    assert [command for command, _, _ in sim.commands] == ["define_border", "define_seed", "save"]
+    assert {source for _, source, _ in sim.commands} == {"participant"}
+    check_drawing(key, sim)
+    assert np.linalg.norm(np.mean(sim.seed, axis=0) - WORLD.scenario(key).seed) < 0.03
+
+
+@pytest.mark.parametrize("key", ["room", "carpet", "corner"])
+def test_robot_only_leads_the_robot_there_and_draws_before_it(key):
+    sim = system(key, "robot_only", covered=NOWHERE)
+    assert sim.run(280.0) == "saved"
+    commands = [command for command, _, _ in sim.commands]
+    assert commands[0] == "guide_robot" and commands[-2:] == ["define_seed", "save"] and "define_border" in commands
+    assert {source for _, source, _ in sim.commands} == {"buttons"}
+    check_drawing(key, sim)
+
+
+def test_an_uncovered_part_is_drawn_once_the_robot_sees_it():
+    sim = system("corner", covered=lambda spot: spot[0] < 7.0, dispatch_after=6.0)
+    assert sim.run(120.0) == "saved"
+    check_drawing("corner", sim)
+    assert "waits for the robot" in {action.doing for action in sim.actions}
+
+
+def test_a_beginning_that_nobody_sees_is_drawn_in_the_end():
+    sim = system("corner", covered=lambda spot: spot[1] < 4.2)
+    assert sim.run(200.0) == "saved"
+    check_drawing("corner", sim)
+
+
+def test_nobody_sees_anything():
+    sim = system("room", covered=NOWHERE, dispatch_after=1e9, model=ParticipantModel(time_limit=40.0))
+    assert sim.run(60.0) == "gave_up"
+    assert sim.commands[-1][0] == "cancel" and sim.percept.state == "default"
+    assert sim.actions[-1].laser is None
+
+
+def test_a_refused_seed_is_shown_again():
+    sim = system("room", refuse_saves=["no_seed"])
+    assert sim.run(120.0) == "saved"
+    assert [command for command, _, _ in sim.commands] == ["define_border", "define_seed", "save", "define_seed", "save"]
+
+
+def test_a_refused_border_is_cancelled_and_drawn_again():
+    sim = system("room", refuse_saves=["separates_nothing"])
+    assert sim.run(120.0) == "saved"
+    assert [command for command, _, _ in sim.commands] == ["define_border", "define_seed", "save", "cancel"] + [
+        "define_border", "define_seed", "save"]
+
+
+def test_the_person_gives_up_after_some_tries():
+    sim = system("room", refuse_saves=["separates_nothing"] * 9, model=ParticipantModel(tries=2))
+    assert sim.run(200.0) == "gave_up"
+    assert [command for command, _, _ in sim.commands].count("save") == 2
+    assert "separates_nothing" in sim.script.reason
+
+
+def test_who_comes_back_in_the_middle_cancels_first():
+    sim = system("room")
+    sim.percept.state = "border"
+    assert sim.run(120.0) == "saved"
+    assert sim.commands[0][0] == "cancel"
+
+
+def test_same_seed_same_drawing():
+    drawings = []
+    for seed in (3, 3, 4):
+        sim = system("room", seed=seed)
+        sim.run(60.0)
+        drawings.append(np.array(sim.border))
+    assert np.array_equal(drawings[0], drawings[1])
+    assert drawings[0].shape != drawings[2].shape or not np.allclose(drawings[0], drawings[2])
+
+
+def test_the_person_moves_as_people_do_and_keeps_off_walls_and_robot():
+    sim = system("carpet", "robot_only", covered=NOWHERE)
+    places = []
+    see = sim._see
+
+    def watch(action):
+        places.append((action.pose[:2], sim.robot[:2]))
+        see(action)
+
+    sim._see = watch
+    sim.run(280.0)
+    people, robots = (np.array(side) for side in zip(*places))
+    assert np.linalg.norm(np.diff(people, axis=0), axis=1).max() <= 1.0 * DT + 1e-6
+    grid = sim.script.person.grid
+    assert (grid.values_at(people) == 0).all()
+    moving = np.linalg.norm(np.diff(people, axis=0), axis=1) > 0
+    assert np.linalg.norm(people - robots, axis=1)[1:][moving].min() > 0.35
+
+
+# ------------------------------------------------------------ hand
+def test_tremor_has_its_strength_and_band():
+    rng = np.random.default_rng(0)
+    tremors = [Tremor(0.01, (0.3, 3.0), rng) for _ in range(30)]
+    times = np.arange(0.0, 20.0, 0.02)
+    tracks = np.array([[tremor.at(time) for time in times] for tremor in tremors])
+    assert np.sqrt((tracks**2).sum(axis=2).mean()) == pytest.approx(0.01, rel=0.1)
+    spectrum = (np.abs(np.fft.rfft(tracks - tracks.mean(axis=1, keepdims=True), axis=1)) ** 2).sum(axis=(0, 2))
+    frequencies = np.fft.rfftfreq(len(times), 0.02)
+    assert spectrum[frequencies > 4.0].sum() < 0.02 * spectrum.sum()
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.integers(0, 10**6), st.booleans())
+def test_strokes_stay_near_the_border(seed, closed):
+    rng = np.random.default_rng(seed)
+    border = np.array([[0.0, 0.0], [2.0, 0.0], [2.0, 1.0], [0.5, 1.5]]) + rng.normal(0.0, 0.1, (4, 2))
+    model = ParticipantModel()
+    stroke = Stroke(border, closed, model, rng)
+    chain = np.vstack([border, border[:1]]) if closed else border
+    places = np.array([stroke.at(arc) for arc in np.linspace(stroke.start, stroke.length, 200)])
+    assert max(distance_to_chain(place, chain) for place in places) < 6.0 * model.aim_sigma + 5.0 * model.overshoot
+    missed = [distance_to_chain(place, places) for place in geometry.resample_chain(chain, 0.05)]
+    assert max(missed) < 0.15
+    assert all(model.corner_slowdown <= stroke.pace(arc) <= 1.0 for arc in np.linspace(0.0, stroke.length, 50))
+
+
+def test_open_strokes_end_where_the_floor_ends():
+    stroke = Stroke(np.array([[0.0, 0.0], [0.0, 2.0]]), False, ParticipantModel(late_start=0.0), np.random.default_rng(0),
+                    lambda places: (places[:, 1] > 0.1) & (places[:, 1] < 1.8))
+    assert stroke.at(0.0)[1] == pytest.approx(0.11, abs=0.01)
+    assert stroke.at(stroke.length)[1] == pytest.approx(1.79, abs=0.01)
+
+
+# ------------------------------------------------------------ thinking
+def test_orders_are_the_same_border():
+    border = np.array([[0.0, 0.0], [2.0, 0.0], [2.0, 1.0], [0.0, 1.0]])
+    assert len(orders(border, True)) == 8 and len(orders(border, False)) == 2
+    for order in orders(border, True):
+        assert geometry.chain_length(order, True) == pytest.approx(6.0)
+
+
+def test_the_spot_is_drawn_away_from_the_robot():
+    border = np.array([[0.0, 0.0], [3.0, 0.0]])
+    assert np.allclose(best_order(border, False, np.array([-1.0, 0.0])), border)
+    assert np.allclose(best_order(border, False, np.array([4.0, 0.0])), border[::-1])
+
+
+# ------------------------------------------------------------ parameters
+def test_the_models_file_has_every_value_of_the_participant():
+    models = load_models(str(PACKAGE / "config" / "models.yaml"))
+    assert section(models, "participant", ParticipantModel) == ParticipantModel()
+    assert set(models["participant"]) == set(ParticipantModel.__dataclass_fields__)
+
+
+@pytest.mark.parametrize("key, value", [("drawing_speed", 0.3), ("patience", -1.0), ("tries", 0), ("tremour", 0.01)])
+def test_bad_parameters_are_named(key, value):
+    with pytest.raises(ParameterError, match=f"participant/{key}"):
+        section({"participant": {key: value}}, "participant", ParticipantModel)
+
+
+def test_unknown_scenario_names_the_key():
+    with pytest.raises(ParameterError, match="scenario.*attic.*room, carpet, corner"):
+        WORLD.scenario("attic")
