@@ -44,7 +44,7 @@ class ServoParams(Parameters):
             order = "near_distance < back_to_distance < good_distance < far_distance"
             raise ParameterError("good_distance", f"must keep the order {order}")
         if self.settled_zone >= self.inner_zone:
-            raise ParameterError("settled_zone", f"must be below inner_zone, {self.inner_zone}, got {self.settled_zone}")
+            raise ParameterError("settled_zone", f"must be below inner_zone {self.inner_zone}, got {self.settled_zone}")
 
 
 @dataclass(frozen=True)
