@@ -186,14 +186,18 @@ class MapIntegratorTest(unittest.TestCase):
         self.assertEqual(wait_until(listed, "the services again")[0].name, "carpet")
 
     def test_bad_parameters_end_the_node_with_one_line(self):
-        for setting, word in (("_occupied_from:=0", "occupied_from"), ("_no_such_thing:=1", "no_such_thing")):
-            done = subprocess.run(
-                ["rosrun", "vb_map_integration", "map_integrator", "__name:=bad_" + word, setting],
-                stdout=subprocess.PIPE, stderr=subprocess.STDOUT, timeout=30,
-            )
-            self.assertEqual(done.returncode, 1)
-            self.assertIn(word, done.stdout.decode())
-            self.assertNotIn("Traceback", done.stdout.decode())
+        # not by rosrun: it looks through whole folders first
+        script = os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "scripts", "map_integrator")
+        settings = ("_occupied_from:=0", "_no_such_thing:=1")
+        started = [
+            subprocess.Popen([sys.executable, script, f"__name:=bad_{k}", setting], stdout=subprocess.PIPE, stderr=subprocess.STDOUT)
+            for k, setting in enumerate(settings)
+        ]
+        for process, setting in zip(started, settings):
+            output = process.communicate(timeout=40)[0].decode()
+            self.assertEqual(process.returncode, 1)
+            self.assertIn(setting[1:].split(":")[0], output)
+            self.assertNotIn("Traceback", output)
 
 
 if __name__ == "__main__":

@@ -250,7 +250,6 @@ class MapIntegratorNode:
             return ()
         text = (f"move_base takes an occupancy of {border.value} for free space: set trinary_costmap to false in the "
                 f"static layer of its {' and '.join(blind)}")
-        rospy.logwarn("%s: %s", rospy.get_name(), text)
         return (Finding(WARNING, "soft_border_ignored", text),)
 
     def _refused(self, response: Any, error: CodedError) -> Any:
