@@ -120,6 +120,22 @@ def person_pieces(person: Tuple[float, float, float], target: Optional[Tuple[flo
     return pieces
 
 
+def person_key(person: Optional[Tuple[float, float, float]], target: Optional[Tuple[float, float]]) -> Tuple:
+    """The same for people who look the same to within a centimetre: a picture of one serves for the other."""
+    if person is None:
+        return ()
+    hand: Tuple = ()
+    if target is not None:
+        x, y, _ = hand_position(person, target, 0.0)
+        hand = (round(x / 0.025), round(y / 0.025))
+    return (round(person[0] / 0.006), round(person[1] / 0.006), round(person[2] / 0.03), hand)
+
+
+def robot_key(pose: Tuple[float, float, float]) -> Tuple:
+    """The same for robots that look the same to within a few millimetres."""
+    return (round(pose[0] / 0.003), round(pose[1] / 0.003), round(pose[2] / 0.02))
+
+
 def robot_pieces(pose: Tuple[float, float, float], radius: float) -> List[Piece]:
     """A TurtleBot-like robot, 0.42 m high: round base, plates on poles, a camera at the front."""
     black, plate = (40, 40, 43), (58, 56, 54)

@@ -156,24 +156,14 @@ class CeilingView:
         sprites = []
         for name, pose in snapshot.robots.items():
             radius = self._radii.get(name, 0.18)
-            key = (round(pose[0] / 0.003), round(pose[1] / 0.003), round(pose[2] / 0.02))
+            key = bodies.robot_key(pose)
             sprites.append(self._sprite(f"robot {name}", key, lambda: (bodies.robot_pieces(pose, radius), pose, radius)))
         person, laser = snapshot.person, snapshot.laser
         if person is not None:
-            target = None
-            arm = 0
-            if laser is not None:
-                target = laser
-                hand = bodies.hand_position(person, laser, self._optics.pointer_height)
-                arm = (round(hand[0] / 0.025), round(hand[1] / 0.025))
-            key = (round(person[0] / 0.006), round(person[1] / 0.006), round(person[2] / 0.03), arm)
-            sprites.append(
-                self._sprite(
-                    "person",
-                    key,
-                    lambda: (bodies.person_pieces(person, target, self._optics.pointer_height), person, 0.26),
-                )
-            )
+            height = self._optics.pointer_height
+            sprites.append(self._sprite(
+                "person", bodies.person_key(person, laser), lambda: (bodies.person_pieces(person, laser, height), person, 0.26)
+            ))
         return [sprite for sprite in sprites if sprite is not None]
 
     def _sprite(self, name: str, key: Tuple, build) -> Optional[_Sprite]:

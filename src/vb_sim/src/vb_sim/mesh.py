@@ -195,7 +195,8 @@ class DepthBuffer:
             chosen = chosen[np.argsort(nearest[chosen])][: 255 - self._count]
         for index in chosen:
             face = corners[mesh._starts[index] : mesh._starts[index + 1]]
-            for side in np.nonzero(~inside[index])[0]:
+            # without distortion what lies beside the picture does no harm: drawing cuts it off
+            for side in np.nonzero(~inside[index])[0] if self.grid.distorted else [] if inside[index, 0] else [0]:
                 face = self._clip(face, int(side))
                 if len(face) < 3:
                     break
@@ -261,6 +262,9 @@ class DepthBuffer:
 
     def paint(self, image: np.ndarray) -> None:
         """Puts the things' colours over the picture (H, W, 3) of the floor, in place."""
-        table = np.zeros((1, 256, 3), np.uint8)
-        table[0] = self.colors
-        cv2.copyTo(cv2.LUT(cv2.merge([self.ids] * 3), table), self.ids, image)
+        left, top, width, height = cv2.boundingRect(self.ids)
+        if width == 0:
+            return
+        part = (slice(top, top + height), slice(left, left + width))
+        ids = self.ids[part]
+        cv2.copyTo(cv2.LUT(cv2.merge([ids] * 3), self.colors[None]), ids, image[part])

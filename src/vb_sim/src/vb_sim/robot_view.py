@@ -2,7 +2,7 @@
 from __future__ import annotations
 
 import math
-from typing import Dict, List, Optional
+from typing import Dict, List, Optional, Tuple
 
 import cv2
 import numpy as np
@@ -61,6 +61,8 @@ class RobotView:
         x, y = self._depth_buffer.grid.x, self._depth_buffer.grid.y
         self._slant = np.sqrt(1.0 + x * x + y * y)
         self._pose: Pose2 = robot.start_pose()
+        self._color_key: Optional[Tuple] = None
+        self._depth_key: Optional[Tuple] = None
         self._make_noise()
 
     def _make_noise(self) -> None:
@@ -81,17 +83,26 @@ class RobotView:
                 self._pose = snapshot.robots[name]
         return geometry.pose2d_transform(*self._pose) @ self._mount
 
+    def _scene_key(self, snapshot: Snapshot) -> Tuple:
+        """The same as long as nothing has moved but the spot; to be called after `camera_pose`."""
+        others = tuple((name, bodies.robot_key(pose)) for name, pose in snapshot.robots.items() if name not in self._names)
+        return (self._pose, others, bodies.person_key(snapshot.person, snapshot.laser))
+
     # ------------------------------------------------------------- colour
     def color(self, snapshot: Snapshot) -> np.ndarray:
         """(480, 640, 3) uint8 rgb."""
         pose = self.camera_pose(snapshot)
-        image = self._draw_floor(pose)
-        if self._optics.exposure_gain != 1.0:
-            image = cv2.convertScaleAbs(image, alpha=self._optics.exposure_gain)
-        buffer = self._color_buffer
-        self._draw_things(buffer, snapshot, pose, self._optics.exposure_gain)
-        buffer.paint(image)
-        image = cv2.GaussianBlur(image, (3, 3), 0.5)
+        key = self._scene_key(snapshot)
+        if key != self._color_key:
+            self._color_key = key
+            image = self._draw_floor(pose)
+            if self._optics.exposure_gain != 1.0:
+                image = cv2.convertScaleAbs(image, alpha=self._optics.exposure_gain)
+            self._draw_things(self._color_buffer, snapshot, pose, self._optics.exposure_gain)
+            self._color_buffer.paint(image)
+            self._clean = cv2.GaussianBlur(image, (3, 3), 0.5)
+        # while nothing moves only spot and noise are new
+        image = self._clean.copy()
         if snapshot.laser is not None:
             self._add_spot(image, snapshot, pose)
         if self._noisy:
@@ -188,9 +199,27 @@ class RobotView:
     def depth(self, snapshot: Snapshot) -> np.ndarray:
         """(120, 160) uint16 [mm] along the optical axis, 0 where there is none."""
         pose = self.camera_pose(snapshot)
-        buffer = self._depth_buffer
-        self._draw_things(buffer, snapshot, pose)
+        key = self._scene_key(snapshot)
+        if key != self._depth_key:
+            self._depth_key = key
+            self._exact, self._blind = self._exact_depth(snapshot, pose)
+        depth, holes = self._exact, self._blind
         figures = self._figures
+        if self._noisy:
+            tile = int(self._rng.integers(_TILES))
+            holes = holes | self._depth_holes[tile]
+            sigma = np.float32(figures.depth_sigma) + np.float32(figures.depth_sigma_quadratic) * (depth - np.float32(0.4)) ** 2
+            # the same tile turned round is another one
+            noise = self._depth_noise[tile, :: 1 - 2 * int(self._rng.integers(2)), :: 1 - 2 * int(self._rng.integers(2))]
+            depth = depth + sigma * noise
+        millimetres = np.clip(depth * np.float32(1000.0) + np.float32(0.5), 0, 65535).astype(np.uint16)
+        millimetres[holes] = 0
+        return millimetres
+
+    def _exact_depth(self, snapshot: Snapshot, pose: np.ndarray) -> Tuple[np.ndarray, np.ndarray]:
+        """(120, 160) float32 [m] and (120, 160) bool: where the sensor sees nothing."""
+        buffer, figures = self._depth_buffer, self._figures
+        self._draw_things(buffer, snapshot, pose)
         down = -buffer.grid.combine(*pose[2, :3])
         floor = buffer.ids == 0
         inverse = np.where(floor, down / np.float32(pose[2, 3]), buffer.inverse)
@@ -199,13 +228,5 @@ class RobotView:
         normals = buffer.normals.astype(np.float32)[buffer.ids]
         facing = -(normals[..., 0] * buffer.grid.x + normals[..., 1] * buffer.grid.y + normals[..., 2])
         facing = np.where(floor, down, facing) / self._slant
-        holes = (facing < math.cos(math.radians(figures.depth_grazing_deg))) | (depth < figures.depth_min) | (depth > figures.depth_max)
-        if self._noisy:
-            tile = int(self._rng.integers(_TILES))
-            holes |= self._depth_holes[tile]
-            sigma = figures.depth_sigma + figures.depth_sigma_quadratic * (depth - np.float32(0.4)) ** 2
-            # the same tile turned round is another one
-            noise = self._depth_noise[tile, :: 1 - 2 * int(self._rng.integers(2)), :: 1 - 2 * int(self._rng.integers(2))]
-            depth = depth + sigma.astype(np.float32) * noise
-        depth[holes] = 0.0
-        return np.clip(depth * 1000.0 + 0.5, 0, 65535).astype(np.uint16)
+        blind = (facing < math.cos(math.radians(figures.depth_grazing_deg))) | (depth < figures.depth_min) | (depth > figures.depth_max)
+        return depth, blind
