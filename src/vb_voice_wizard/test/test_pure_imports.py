@@ -6,7 +6,7 @@ import sys
 
 import pytest
 
-PURE = ["interaction", "memory"]
+PURE = ["interaction", "memory", "buttons", "console_view"]
 
 BLOCK = """
 import sys

@@ -1,0 +1,60 @@
+"""From buttons to commands."""
+from __future__ import annotations
+
+from typing import Dict, List, Mapping, Sequence
+
+from vb_core.errors import ParameterError
+from vb_voice_wizard.interaction import COMMANDS, State, normalise
+
+STATES = tuple(state.name.lower() for state in State)
+
+
+class ButtonMap:
+    """Turns presses of buttons into commands, once per press.
+
+    Args:
+        mapping: command to the index, or list of indices, of the buttons that give it.
+        by_state: for a device with few buttons: state to a mapping that counts in that state alone;
+            buttons it does not name keep their meaning from `mapping`.
+
+    Raises:
+        ParameterError: names the key that is unknown or whose buttons make no sense.
+    """
+
+    def __init__(self, mapping: Mapping[str, object], by_state: Mapping[str, Mapping[str, object]]) -> None:
+        common = _read("mapping", mapping)
+        self._commands: Dict[str, Dict[int, str]] = {state: dict(common) for state in STATES}
+        for name, special in by_state.items():
+            if name not in STATES:
+                raise ParameterError(f"by_state/{name}", f"unknown state; known are {', '.join(STATES)}")
+            self._commands[name].update(_read(f"by_state/{name}", special))
+        if not any(self._commands.values()):
+            raise ParameterError("mapping", "no button is mapped to any command")
+        self._held: frozenset = frozenset()
+
+    def update(self, buttons: Sequence[int], state: str) -> List[str]:
+        """A new reading, 0 or 1 per button; gives the commands of the buttons that have just gone down.
+
+        A button that is held gives nothing more. A state that is not known counts as "default".
+        """
+        held = frozenset(index for index, value in enumerate(buttons) if value)
+        pressed, self._held = sorted(held - self._held), held
+        commands = self._commands.get(state, self._commands["default"])
+        return [commands[button] for button in pressed if button in commands]
+
+
+def _read(key: str, mapping: object) -> Dict[int, str]:
+    if not isinstance(mapping, Mapping):
+        raise ParameterError(key, f"expected commands with their buttons, got {mapping!r}")
+    result: Dict[int, str] = {}
+    for name, given in mapping.items():
+        command = normalise(str(name))
+        if command not in COMMANDS:
+            raise ParameterError(f"{key}/{name}", f"unknown command; known are {', '.join(COMMANDS)}")
+        for button in given if isinstance(given, (list, tuple)) else [given]:
+            if isinstance(button, bool) or not isinstance(button, int) or button < 0:
+                raise ParameterError(f"{key}/{name}", f"expected the index of a button, 0 or more, got {button!r}")
+            if result.get(button, command) != command:
+                raise ParameterError(f"{key}/{name}", f"button {button} already means {result[button]}")
+            result[button] = command
+    return result

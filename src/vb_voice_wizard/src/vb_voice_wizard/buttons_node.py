@@ -1,0 +1,77 @@
+"""The node that takes commands from buttons."""
+from __future__ import annotations
+
+import queue
+import threading
+from dataclasses import dataclass
+
+import rospy
+from sensor_msgs.msg import Joy
+from vb_core import names
+from vb_core.errors import CodedError
+from vb_core.parameters import Parameters, param
+from vb_core.ros import node, parameters, services
+from vb_msgs.msg import InteractionState
+from vb_msgs.srv import Command, CommandRequest
+
+from vb_voice_wizard.buttons import ButtonMap
+
+
+@dataclass(frozen=True)
+class ButtonsParams(Parameters):
+    """Parameters of buttons; config/buttons.yaml says why."""
+
+    mapping: dict = param({"define_border": 0, "define_seed": 1, "guide_robot": 2, "save": 3, "cancel": 4})
+    by_state: dict = param({})
+    source: str = param("buttons")
+    service_wait: float = param(1.0, "s", above=0.0, high=10.0)
+
+
+class Buttons:
+    """Commands by buttons: the baseline method's way to switch states, or a presenter.
+
+    Subscribes to:
+        joy (sensor_msgs/Joy): a command is given when a button goes down, never while it is held.
+        /virtual_borders/state (vb_msgs/InteractionState): for buttons whose meaning depends on it.
+
+    Calls:
+        /virtual_borders/command (vb_msgs/Command).
+
+    Args:
+        params: see config/buttons.yaml.
+    """
+
+    def __init__(self, params: ButtonsParams) -> None:
+        self._params = params
+        self._map = ButtonMap(params.mapping, params.by_state)
+        self._state = "default"
+        self._presses: "queue.Queue" = queue.Queue(maxsize=10)
+        threading.Thread(target=self._work, daemon=True).start()
+        rospy.Subscriber(names.STATE, InteractionState, self._on_state, queue_size=1)
+        rospy.Subscriber("joy", Joy, self._on_joy, queue_size=20)
+
+    def _on_state(self, message: InteractionState) -> None:
+        self._state = message.name
+
+    def _on_joy(self, message: Joy) -> None:
+        for command in self._map.update(message.buttons, self._state):
+            try:
+                self._presses.put_nowait(command)
+            except queue.Full:
+                rospy.logwarn_throttle(5.0, "buttons: pressed faster than commands are answered, some are lost")
+
+    def _work(self) -> None:
+        while not rospy.is_shutdown():
+            request = CommandRequest(command=self._presses.get(), source=self._params.source)
+            try:
+                answer = services.call(
+                    names.COMMAND, Command, request, "the interaction manager", self._params.service_wait, 15.0
+                )
+                rospy.loginfo("%s: %s [%s]", request.command, answer.message, answer.code)
+            except CodedError as error:
+                rospy.logwarn("%s is lost: %s", request.command, error)
+
+
+def main() -> None:
+    """Runs the node."""
+    node.run("buttons", lambda: Buttons(parameters.read(ButtonsParams)))
