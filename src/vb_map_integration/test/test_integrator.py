@@ -335,6 +335,19 @@ def test_a_gap_narrower_than_the_robot_is_no_way():
     assert ways(grid, goal, at((20, 50))[0], radius_m=0.05).unreachable == ()
 
 
+def test_a_large_map_is_looked_at_in_coarser_cells(monkeypatch):
+    from vb_map_integration import preview
+
+    data = np.zeros((100, 160), np.int8)
+    data[:, 78:82] = 100
+    data[40:61, 78:82] = 0  # a door of 1.05 m
+    grid = GridMap(data, 0.05)
+    goals = [(7.0, 2.5), (3.95, 1.0)]
+    fine = ways(grid, goals, (1.0, 1.0))
+    monkeypatch.setattr(preview, "MAX_CELLS", 2000)
+    assert ways(grid, goals, (1.0, 1.0)) == fine == preview.Ways(1, (1,))
+
+
 def test_a_recording_is_numbered_and_continued(tmp_path):
     keeper = integrator()
     recording = Recording(tmp_path)

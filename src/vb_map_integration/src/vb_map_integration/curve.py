@@ -23,6 +23,7 @@ TOUCHES = 0.1
 # where on the end of a chain, as shares of the fitted length, its direction is sampled
 _SAMPLES = np.linspace(0.0, 1.0, 16)
 FindSeed = Callable[[np.ndarray, Optional[np.ndarray]], Tuple[int, int]]
+_FILLED = 128
 _NEIGHBOURS = np.array([-1, 0, 1])
 
 
@@ -142,13 +143,22 @@ def _common_piece(
     blocked: np.ndarray, trace: raster.Trace, arc: np.ndarray, starts: np.ndarray, ends: np.ndarray, drawn_length: float
 ) -> Optional[Tuple[int, int]]:
     """The stops on one and the same connected piece of blocked cells with the shortest extensions."""
-    framed = cv2.copyMakeBorder(blocked, 1, 1, 1, 1, cv2.BORDER_CONSTANT, value=255)
-    _, labels = cv2.connectedComponents(framed, connectivity=8, ltype=cv2.CV_32S)
+    labels = cv2.copyMakeBorder(blocked, 1, 1, 1, 1, cv2.BORDER_CONSTANT, value=255)
+    row = np.minimum(np.maximum(trace.rows + 1, 0), labels.shape[0] - 1)
+    column = np.minimum(np.maximum(trace.columns + 1, 0), labels.shape[1] - 1)
+    if len(starts) < 250:
+        # filling the few pieces that one end meets is faster than labelling all there are
+        label = 0
+        for stop in starts:
+            if labels[row[stop], column[stop]] == 255:
+                label += 1
+                cv2.floodFill(labels, None, (int(column[stop]), int(row[stop])), label, flags=8)
+        ends = ends[labels[row[ends], column[ends]] != 255]
+    else:
+        _, labels = cv2.connectedComponents(labels, connectivity=8, ltype=cv2.CV_32S)
 
     def pieces(stops: np.ndarray) -> Tuple[np.ndarray, np.ndarray]:
-        row = np.clip(trace.rows[stops] + 1, 0, labels.shape[0] - 1)
-        column = np.clip(trace.columns[stops] + 1, 0, labels.shape[1] - 1)
-        found, first = np.unique(labels[row, column], return_index=True)
+        found, first = np.unique(labels[row[stops], column[stops]], return_index=True)
         return found, stops[first]
 
     start_pieces, start_stops = pieces(starts)
@@ -190,11 +200,12 @@ def _cut(
         height = float((seed - chain[crossed]) @ normal[crossed])
         away = math.copysign(1.0, height) * normal[crossed] if abs(height) > 0.01 else None
     start_cell = find_seed(barrier, away)
-    region = raster.flood(barrier, start_cell)
+    cv2.floodFill(barrier, None, start_cell[::-1], _FILLED, flags=4)
+    region = cv2.compare(barrier, _FILLED, cv2.CMP_EQ)
 
     middle = beside & on_map
     points, aside = trace.points[middle] + 0.5, 1.6 * normal[trace.segment[middle]]
-    left, right = (_share(region, barrier, np.floor(points + side * aside).astype(np.int64)) for side in (1.0, -1.0))
+    left, right = (_share(barrier, np.floor(points + side * aside).astype(np.int64)) for side in (1.0, -1.0))
 
     # the cells that the curve runs through go to the side that their centre is on
     segment = trace.segment[on_map]
@@ -213,14 +224,14 @@ def _cut(
     return Cut(region, start_cell, left, right, np.vstack([first, between, last]), stops)  # type: ignore[arg-type]
 
 
-def _share(region: np.ndarray, barrier: np.ndarray, cells: np.ndarray) -> float:
-    """Share of the cells (K, 2) (column, row) that lie in the region, of those that are free; NaN if none is."""
+def _share(barrier: np.ndarray, cells: np.ndarray) -> float:
+    """Share of the cells (K, 2) (column, row) that were filled, of those that are free; NaN if none is."""
     columns, rows = cells[:, 0], cells[:, 1]
     ok = (columns >= 0) & (columns < barrier.shape[1]) & (rows >= 0) & (rows < barrier.shape[0])
     columns, rows = columns[ok], rows[ok]
-    free = barrier[rows, columns] == 0
+    free = barrier[rows, columns] != 255
     count = np.count_nonzero(free)
-    return np.count_nonzero(region[rows[free], columns[free]]) / count if count else math.nan
+    return np.count_nonzero(barrier[rows, columns] == _FILLED) / count if count else math.nan
 
 
 def _touches(region: np.ndarray, rows: np.ndarray, columns: np.ndarray) -> np.ndarray:

@@ -10,6 +10,11 @@ import numpy as np
 from vb_core.grid_map import GridMap
 
 
+# larger maps are looked at in coarser cells: the answer is about doors and rooms, and is wanted at once
+MAX_CELLS = 2_000_000
+OCCUPIED_FROM = 65
+
+
 @dataclass(frozen=True)
 class Ways:
     """Where a robot can go in a map.
@@ -29,7 +34,7 @@ def ways(
     robot: Optional[Sequence[float]] = None,
     radius_m: float = 0.18,
     least_part_m2: float = 0.1,
-    occupied_from: int = 65,
+    occupied_from: int = OCCUPIED_FROM,
 ) -> Ways:
     """The parts of the free space, and the goals that lie in another one than the robot.
 
@@ -41,6 +46,12 @@ def ways(
     """
     free = cv2.compare(np.ascontiguousarray(grid.data).view(np.uint8), occupied_from, cv2.CMP_LT)
     radius = radius_m / grid.resolution
+    factor = int(np.ceil(np.sqrt(free.size / MAX_CELLS)))
+    if factor > 1:
+        free = _coarser(free, factor)
+        grid = GridMap(np.where(free, np.int8(0), np.int8(100)), grid.resolution * factor, grid.origin)
+        # a coarse cell is free only if all its cells are: obstacles have grown by half a coarse cell already
+        radius = max(0.0, radius / factor - 0.5)
     if radius > 1.0:
         framed = cv2.copyMakeBorder(free, 1, 1, 1, 1, cv2.BORDER_CONSTANT, value=0)
         free = cv2.compare(cv2.distanceTransform(framed, cv2.DIST_L2, 3)[1:-1, 1:-1], radius, cv2.CMP_GT)
@@ -58,6 +69,15 @@ def ways(
     return Ways(parts, tuple(i for i, goal in enumerate(goals) if home not in _labels_near(grid, labels, goal, radius)))
 
 
+def _coarser(free: np.ndarray, factor: int) -> np.ndarray:
+    """(H, W) uint8 mask with cells `factor` times as large; one is set only where all are."""
+    rows, columns = (-(-size // factor) for size in free.shape)
+    padded = cv2.copyMakeBorder(
+        free, 0, rows * factor - free.shape[0], 0, columns * factor - free.shape[1], cv2.BORDER_CONSTANT, value=0
+    )
+    return cv2.compare(cv2.resize(padded, (columns, rows), interpolation=cv2.INTER_AREA), 254, cv2.CMP_GT)
+
+
 def _labels_near(grid: GridMap, labels: np.ndarray, point: Sequence[float], radius: float) -> np.ndarray:
     """Labels of the parts within a robot's radius of a point that is itself on the map; the nearest first."""
     row, column = (int(value) for value in grid.world_to_cell(point)[0])
@@ -65,7 +85,7 @@ def _labels_near(grid: GridMap, labels: np.ndarray, point: Sequence[float], radi
         return np.array([], dtype=int)
     if labels[row, column]:
         return labels[row : row + 1, column]
-    if not 0 <= grid.data[row, column] < 65:
+    if grid.data[row, column] < 0 or grid.data[row, column] >= OCCUPIED_FROM:
         return np.array([], dtype=int)
     reach = int(radius) + 1
     top, left = max(0, row - reach), max(0, column - reach)
