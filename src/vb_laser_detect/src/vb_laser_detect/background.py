@@ -6,7 +6,7 @@ import math
 import cv2
 import numpy as np
 
-from vb_laser_detect.blocks import BLOCK, mask_of_blocks, sample_blocks
+from vb_laser_detect.blocks import BLOCK, mask_of_blocks, max_channel, sample_blocks
 
 _DARKER = 20  # [grey levels] a pixel that became darker by more than this has changed
 _NOISE_DEVIATIONS = 6.0  # how far a rise must stand out of a block's own noise
@@ -66,8 +66,7 @@ class Background:
         self._held_s[~spots] = np.maximum(self._held_s[~spots] - np.float32(dt), 0.0)
         held = spots & (self._held_s < self._hold_s)
         darker = cv2.subtract(sample_blocks(self.image), sample_blocks(image))
-        darker = darker if darker.ndim == 2 else darker.max(axis=2)
-        changed = hot | (darker > _DARKER)
+        changed = hot | (max_channel(darker) > _DARKER)
         steady = ~(changed | held)
         self._changed_s += np.float32(dt)
         self._changed_s[steady | held] = 0.0

@@ -53,14 +53,15 @@ class DetectorParams(Parameters):
     confirm_frames: int = param(2, "frames", low=1, high=50, doc="a spot must be seen in so many; 1: at once")
     max_spots: int = param(1, "", low=1, high=20, doc="at most so many spots per frame, the most certain ones")
     min_rise: float = param(18.0, "grey levels", low=2.0, high=255.0, doc="a block's rise that is looked at")
-    min_peak: float = param(24.0, "grey levels", low=1.0, high=255.0, doc="a spot's own rise, smoothed")
-    min_level: float = param(215.0, "grey levels", low=0.0, high=255.0, doc="the brightest pixel of a spot")
+    min_peak: float = param(30.0, "grey levels", low=1.0, high=255.0, doc="a spot's own rise, smoothed")
+    min_level: float = param(235.0, "grey levels", low=0.0, high=255.0, doc="the brightest pixel of a spot")
     max_elongation: float = param(3.0, "", low=1.0, high=20.0, doc="longest over shortest axis")
     min_compactness: float = param(0.80, "", low=0.0, high=1.0)
     max_surround: float = param(0.24, "", low=0.0, high=1.0)
-    min_contrast: float = param(0.4, "", low=0.0, high=2.0)
+    min_contrast: float = param(0.33, "", low=0.0, high=2.0)
     min_likeness: float = param(0.12, "", low=0.0, high=1.0)
-    min_edge: float = param(0.5, "", low=0.0, high=1.0)
+    min_edge: float = param(0.43, "", low=0.0, high=1.0, doc="of spots up to 12 px")
+    min_edge_large: float = param(0.6, "", low=0.0, high=1.0, doc="of spots from 24 px on")
     max_flatness: float = param(0.5, "", low=0.0, high=1.0, doc="of spots that do not saturate the sensor")
     min_chroma: float = param(0.0, "", low=0.0, high=1.0, doc="how coloured the spot's light must be")
     max_busy: float = param(0.1, "of the image", low=0.0, high=1.0, doc="more change elsewhere: nothing is reported")
@@ -69,7 +70,7 @@ class DetectorParams(Parameters):
     min_diameter_mm: float = param(3.0, "mm", low=0.0, high=1000.0, doc="on the floor, where the pose is known")
     max_diameter_mm: float = param(80.0, "mm", low=1.0, high=1000.0, doc="on the floor, where the pose is known")
     min_diameter_px: float = param(2.5, "px", low=0.0, high=1000.0, doc="smaller blobs are noise")
-    max_diameter_px: float = param(64.0, "px", low=2.0, high=1000.0, doc="where no pose is known")
+    max_diameter_px: float = param(48.0, "px", low=2.0, high=1000.0, doc="where no pose is known")
     max_speed: float = param(8.0, "m/s", above=0.0, high=100.0, doc="of a spot on the floor")
     max_gap_s: float = param(0.25, "s", low=0.0, high=10.0, doc="a spot may be hidden so long")
     cycle_s: float = param(1.0, "s", above=0.0, high=60.0, doc="the background takes in each pixel once per cycle")
@@ -85,7 +86,7 @@ class DetectorParams(Parameters):
     @classmethod
     def mobile(cls, **changes) -> "DetectorParams":
         """For a camera on a robot. There is no background to tell paper from light: the light's colour has to."""
-        return cls(**{**dict(moving_camera=True, confirm_frames=3, min_rise=30.0, min_peak=30.0, min_chroma=0.12,
+        return cls(**{**dict(moving_camera=True, confirm_frames=3, min_rise=30.0, min_chroma=0.25,
                              max_neighbours=169, max_busy=1.0), **changes})
 
 
@@ -229,7 +230,7 @@ class SpotDetector:
             return "not_round"
         if c.diameter < p.min_diameter_px:
             return "too_small"
-        if c.likeness < p.min_likeness or c.contrast < p.min_contrast or c.edge < p.min_edge:
+        if c.likeness < p.min_likeness or c.contrast < p.min_contrast or c.edge < _least_edge(c, p):
             return "object_left"
         if c.level < 245.0 and c.flatness > p.max_flatness:
             return "too_flat"
@@ -303,9 +304,14 @@ def regions(maxima: np.ndarray, hot: np.ndarray, most: int, large: float) -> Lis
     return result[: 2 * most]
 
 
+def _least_edge(c: Candidate, p: DetectorParams) -> float:
+    # the longer an outline, the less do noise and the edge of a table under the spot weigh in it
+    return float(np.interp(c.diameter, (12.0, 24.0), (p.min_edge, max(p.min_edge, p.min_edge_large))))
+
+
 def _cover(shape: Tuple[int, ...], c: Candidate) -> Tuple[slice, slice]:
     """The blocks that a candidate's light can have changed, halo included."""
-    reach = 0.5 * c.diameter * math.sqrt(c.elongation) * 1.5 + BLOCK
+    reach = 1.25 * c.diameter + BLOCK
     top, bottom = int(max(0, c.v - reach)) // BLOCK, int(c.v + reach) // BLOCK + 1
     left, right = int(max(0, c.u - reach)) // BLOCK, int(c.u + reach) // BLOCK + 1
     return slice(top, min(shape[0], bottom)), slice(left, min(shape[1], right))

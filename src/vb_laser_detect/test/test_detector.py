@@ -1,0 +1,210 @@
+"""Spots rendered at known places, and everything that is no spot."""
+import numpy as np
+import pytest
+
+from scenes import GREEN, RED, Scene
+from vb_core.errors import CodedError, ParameterError
+from vb_laser_detect.detector import DetectorParams, SpotDetector, metres_per_pixel
+
+PERIOD = 0.04
+
+
+def at_once(**changes):
+    return SpotDetector(DetectorParams.stationary(confirm_frames=1, **changes))
+
+
+def feed(detector, images, start=0.0):
+    """Spots of each image, 25 images a second."""
+    return [detector.detect(image, start + PERIOD * i) for i, image in enumerate(images)]
+
+
+@pytest.mark.parametrize("bayer", [False, True])
+@pytest.mark.parametrize("colour", [RED, GREEN])
+@pytest.mark.parametrize("sigma", [1.2, 2.5, 5.0])
+def test_spot_is_found_to_a_fraction_of_a_pixel(bayer, colour, sigma):
+    scene, detector, random = Scene(), at_once(), np.random.default_rng(2)
+    feed(detector, [scene.render(bayer=bayer) for _ in range(8)])
+    errors = []
+    for i in range(12):
+        truth = random.uniform((40, 40), (600, 320))
+        spots = detector.detect(scene.render([truth], sigma, colour=colour, bayer=bayer), 0.4 + PERIOD * i)
+        assert len(spots) <= 1
+        errors += [np.hypot(spot.u - truth[0], spot.v - truth[1]) for spot in spots]
+    assert len(errors) >= 11
+    assert np.median(errors) < 0.2 and max(errors) < 1.0
+
+
+@pytest.mark.parametrize("brightness", [20.0, 60.0, 180.0])
+def test_dark_and_bright_floors(brightness):
+    scene, detector = Scene(brightness=brightness), at_once()
+    feed(detector, [scene.render() for _ in range(8)])
+    found = feed(detector, [scene.render([(100 + 15.3 * i, 150)]) for i in range(20)], 0.4)
+    assert sum(len(spots) for spots in found) >= 19
+
+
+def test_spot_held_still_for_ten_seconds_stays():
+    scene, detector = Scene(320, 192), at_once()
+    feed(detector, [scene.render() for _ in range(8)])
+    still = [scene.render([(150.3, 90.7)]) for _ in range(5)]
+    found = feed(detector, [still[i % 5] for i in range(250)], 0.4)
+    assert all(len(spots) == 1 for spots in found)
+    assert feed(detector, [scene.render() for _ in range(5)], 11.0) == [[]] * 5
+
+
+def test_spot_drawn_at_more_than_a_metre_per_second_is_smeared_but_found():
+    scene, detector = Scene(), at_once()
+    feed(detector, [scene.render() for _ in range(8)])
+    # 500 px/s are 1 m/s at 2 mm per pixel; the shutter is open for 20 ms
+    found = feed(detector, [scene.render([(60 + 20.0 * i, 180)], smear=(10.0, 0.0)) for i in range(25)], 0.4)
+    errors = [abs(spots[0].u - (60 + 20.0 * i)) for i, spots in enumerate(found) if spots]
+    assert len(errors) >= 24 and np.median(errors) < 0.3
+
+
+def test_diameter_grows_with_the_spot():
+    scene = Scene(noise=1.0)
+    diameters = []
+    for sigma in (1.5, 3.0, 6.0):
+        detector = at_once()
+        feed(detector, [scene.render() for _ in range(5)])
+        diameters.append(detector.detect(scene.render([(200, 150)], sigma), 0.3)[0].diameter)
+    assert diameters[0] < diameters[1] < diameters[2]
+
+
+# ------------------------------------------------------------------ what is no spot
+def disturbances():
+    def still(scene, i):
+        return {}
+
+    def switched_light(scene, i):
+        return {"gain": 1.0 if i < 20 else 1.5}
+
+    def drifting_exposure(scene, i):
+        return {"gain": 1.0 + 0.01 * i}
+
+    def moved_dark_box(scene, i):
+        floor = scene.floor.copy()
+        x = 100 if i < 25 else 330
+        floor[100:124, x : x + 24] = 15
+        return {"floor": floor}
+
+    def moved_bright_sheet(scene, i):
+        floor = scene.floor.copy()
+        x = 100 if i < 25 else 330
+        floor[100:190, x : x + 64] = 235
+        return {"floor": floor}
+
+    def printed_dot_from_the_start(scene, i):
+        floor = scene.floor.copy()
+        floor[200:208, 400:408] = 250
+        return {"floor": floor}
+
+    def sun_patch(scene, i):
+        floor = scene.floor.copy()
+        floor[60 : 60 + 4 * i, 200:420] *= 2.6
+        return {"floor": floor}
+
+    def walking_person(scene, i):
+        floor = scene.floor.copy()
+        x = 6 * i
+        floor[120:220, x : x + 60] = (60, 50, 45)
+        floor[150:190, x + 15 : x + 45] = (90, 120, 170)
+        return {"floor": floor}
+
+    return [still, switched_light, drifting_exposure, moved_dark_box, moved_bright_sheet, printed_dot_from_the_start,
+            sun_patch, walking_person]
+
+
+@pytest.mark.parametrize("bayer", [False, True])
+@pytest.mark.parametrize("disturbance", disturbances(), ids=lambda f: f.__name__)
+def test_no_spot_without_a_laser(disturbance, bayer):
+    scene, detector = Scene(), at_once()
+    found = feed(detector, [scene.render(bayer=bayer, **disturbance(scene, i)) for i in range(60)])
+    assert found == [[]] * 60
+
+
+# ------------------------------------------------------------------ confirmation, sizes, places
+def test_one_flash_is_not_confirmed_but_a_drawn_spot_is():
+    scene, detector = Scene(), SpotDetector(DetectorParams.stationary(confirm_frames=3))
+    feed(detector, [scene.render() for _ in range(6)])
+    assert detector.detect(scene.render([(100, 100)]), 0.30) == []
+    assert detector.detect(scene.render(), 0.34) == []
+    found = feed(detector, [scene.render([(300 + 4 * i, 200)]) for i in range(6)], 1.0)
+    assert [len(spots) for spots in found] == [0, 0, 1, 1, 1, 1]
+
+
+def test_sizes_count_in_millimetres_where_the_pose_is_known():
+    scene = Scene()
+    for scale, expected in ((0.002, 1), (0.05, 0)):
+        detector = at_once()
+        detector.to_floor = lambda pixels, scale=scale: np.column_stack([pixels * scale, np.zeros(len(pixels))])
+        feed(detector, [scene.render() for _ in range(6)])
+        assert len(detector.detect(scene.render([(200, 150)]), 0.3)) == expected
+    assert detector.candidates[0].refusal == "too_large"
+
+
+def test_a_place_can_be_refused_and_the_reason_is_kept():
+    scene, detector = Scene(), at_once()
+    detector.place_check = lambda u, v: "outside_map" if u < 320 else ""
+    feed(detector, [scene.render() for _ in range(6)])
+    spots = detector.detect(scene.render([(100, 100), (500, 200)]), 0.3)
+    assert [round(spot.u) for spot in spots] == [500]
+    assert "outside_map" in [candidate.refusal for candidate in detector.candidates]
+
+
+def test_metres_per_pixel():
+    assert metres_per_pixel(lambda p: p * 0.004, 10, 10) == pytest.approx(0.004)
+    assert metres_per_pixel(lambda p: p * np.nan, 10, 10) is None
+
+
+def test_moving_camera():
+    random = np.random.default_rng(0)
+    detector = SpotDetector(DetectorParams.mobile(confirm_frames=1))
+    wide, found = Scene(900, 480, seed=4), 0
+    for i in range(20):
+        floor = wide.floor[:, 10 * i : 10 * i + 640]
+        truth = random.uniform((60, 60), (580, 420))
+        spots = detector.detect(wide.render([truth], 3.0, floor=floor), PERIOD * i)
+        found += sum(np.hypot(spot.u - truth[0], spot.v - truth[1]) < 1.5 for spot in spots)
+        assert len(spots) <= 1
+    assert found >= 18
+
+
+def test_moving_camera_takes_no_paper_for_light():
+    detector, scene = SpotDetector(DetectorParams.mobile(confirm_frames=1)), Scene(640, 480)
+    scene.floor[200:212, 300:312] = 250
+    scene.floor[300:306, 100:106] = 250
+    assert feed(detector, [scene.render() for _ in range(10)]) == [[]] * 10
+
+
+# ------------------------------------------------------------------ bad input
+@pytest.mark.parametrize(
+    "image",
+    [
+        np.zeros((0, 0), np.uint8),
+        np.zeros((8, 8), np.uint8),
+        np.zeros((64, 64), np.uint16),
+        np.zeros((64, 64, 2), np.uint8),
+        np.zeros(64, np.uint8),
+    ],
+)
+def test_bad_images_are_refused(image):
+    with pytest.raises(CodedError) as raised:
+        at_once().detect(image, 0.0)
+    assert raised.value.code == "bad_image"
+
+
+def test_time_that_jumps_back_and_images_that_change_size():
+    detector, small, large = at_once(), Scene(320, 192), Scene(331, 245)
+    feed(detector, [small.render() for _ in range(5)], 100.0)
+    feed(detector, [small.render() for _ in range(5)], 5.0)
+    assert len(detector.detect(small.render([(100, 100)]), 5.5)) == 1
+    feed(detector, [large.render() for _ in range(5)], 6.0)
+    assert len(detector.detect(large.render([(100, 100)]), 6.5)) == 1
+
+
+def test_bad_parameters_name_their_key():
+    with pytest.raises(ParameterError) as raised:
+        DetectorParams.from_mapping({"confirm_frames": 0})
+    assert raised.value.key == "confirm_frames"
+    with pytest.raises(ParameterError):
+        DetectorParams.from_mapping({"colour": "red"})

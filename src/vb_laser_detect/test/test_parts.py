@@ -1,0 +1,134 @@
+"""Blocks, background, tracker, statistics; and that none of it needs ROS."""
+import math
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+from scenes import Scene
+from vb_laser_detect.appearance import Candidate
+from vb_laser_detect.background import Background
+from vb_laser_detect.blocks import block_maxima, mask_of_blocks, max_channel
+from vb_laser_detect.debug_image import draw
+from vb_laser_detect.detector import DetectorParams, regions
+from vb_laser_detect.projection import ProjectionParams
+from vb_laser_detect.statistics import Statistics
+from vb_laser_detect.tracker import SpotTracker
+
+PACKAGE = Path(__file__).resolve().parents[1]
+
+
+@pytest.mark.parametrize("shape", [(64, 96), (64, 96, 3), (67, 101, 3), (33, 47)])
+def test_block_maxima_are_numpys(shape):
+    image = np.random.default_rng(1).integers(0, 256, shape, dtype=np.uint8)
+    flat = image if image.ndim == 2 else image.max(axis=2)
+    rows, columns = shape[0] // 8, shape[1] // 8
+    expected = flat[: rows * 8, : columns * 8].reshape(rows, 8, columns, 8).max(axis=(1, 3))
+    assert (block_maxima(image) == expected).all()
+    assert (max_channel(image) == flat).all()
+
+
+def test_mask_covers_its_blocks():
+    blocks = np.zeros((4, 5), bool)
+    blocks[1, 2] = True
+    mask = mask_of_blocks(blocks, 35, 43)
+    assert mask.sum() == 64 and mask[8:16, 16:24].all()
+
+
+def test_background_takes_in_what_stays_and_leaves_out_what_is_a_spot():
+    floor = np.full((64, 64), 100, np.uint8)
+    changed = floor.copy()
+    changed[8:16, 8:16] = 200
+    changed[32:40, 32:40] = 200
+    background = Background(floor, 1.0, 1.5, 60.0)
+    spots = np.zeros((8, 8), bool)
+    spots[4, 4] = True
+    for _ in range(60):
+        maxima = block_maxima(background.rise(changed))
+        background.learn(changed, maxima, maxima > 18, spots, 0.04)
+    assert (background.image[8:16, 8:16] == 200).all()
+    assert (background.image[32:40, 32:40] == 100).all()
+
+
+def test_background_follows_a_slow_drift():
+    background = Background(np.full((64, 64), 100, np.uint8), 0.4, 1.5, 60.0)
+    for i in range(200):
+        image = np.full((64, 64), 100 + i // 10, np.uint8)
+        maxima = block_maxima(background.rise(image))
+        background.learn(image, maxima, maxima > 18, np.zeros((8, 8), bool), 0.04)
+    assert abs(int(background.image.mean()) - 119) <= 4
+
+
+def test_regions_part_a_bright_spot_from_what_it_touches():
+    maxima = np.zeros((40, 40), np.uint8)
+    maxima[5:35, 5:20] = 50
+    maxima[20, 20] = 200
+    found = regions(maxima, maxima > 18, 10, 12.0)
+    assert (20 * 8, 20 * 8, 21 * 8, 21 * 8) in [region for region, _ in found]
+
+
+def test_tracker_confirms_what_a_hand_can_do():
+    tracker = SpotTracker(3, 8.0, 0.25, 0.05)
+    at = lambda x, t: tracker.update(np.array([[x, 0.0]]), t)  # noqa: E731
+    assert [at(0.0, 0.0), at(0.1, 0.04), at(0.2, 0.08)] == [[False], [False], [True]]
+    assert at(3.0, 0.12) == [False]  # 70 m/s: another spot
+    assert at(0.3, 0.20) == [True]  # hidden for two frames
+    assert at(0.3, 0.80) == [False]  # hidden for too long
+    assert at(0.3, 0.10) == [False]  # time jumped back
+    assert tracker.update(np.zeros((0, 2)), 0.2) == []
+
+
+def test_tracker_keeps_spots_apart():
+    tracker = SpotTracker(2, 1.0, 0.25, 0.05)
+    tracker.update(np.array([[0.0, 0.0], [2.0, 0.0]]), 0.0)
+    assert tracker.update(np.array([[2.01, 0.0], [0.01, 0.0], [1.0, 1.0]]), 0.04) == [True, True, False]
+
+
+def test_statistics():
+    statistics = Statistics()
+    assert math.isnan(statistics.summary(0.0).latency_ms)
+    for i in range(50):
+        statistics.frame(10 + 0.04 * i, 10 + 0.04 * i - 0.02, 0.002, i % 2)
+    statistics.refuse("no_transform")
+    summary = statistics.summary(12.0)
+    assert (summary.processed, summary.detected, summary.spots) == (50, 25, 25)
+    assert summary.rate_hz == pytest.approx(25, rel=0.02)
+    assert summary.latency_ms == pytest.approx(20) and summary.search_ms == pytest.approx(2)
+    assert summary.refusals == {"no_transform": 1}
+    assert statistics.summary(100.0).rate_hz == 0.0
+    assert statistics.summary(1.0).processed == 50
+
+
+@pytest.mark.parametrize("encoding, bayer", [("bgr8", False), ("rgb8", False), ("bayer_rggb8", True), ("mono8", True)])
+def test_debug_image(encoding, bayer):
+    image = Scene(160, 96).render(bayer=bayer)
+    picture = draw(image, encoding, [Candidate(50.2, 40.1, 6.0, confidence=0.9), Candidate(100, 50, 9, refusal="too_dark")])
+    assert picture.shape == (96, 160, 3) and (picture == (0, 220, 0)).all(axis=2).any()
+
+
+@pytest.mark.parametrize("name, preset", [("stationary", DetectorParams.stationary()), ("mobile", DetectorParams.mobile())])
+def test_config_files_hold_the_presets(name, preset):
+    config = yaml.safe_load((PACKAGE / "config" / f"{name}.yaml").read_text())
+    assert DetectorParams.from_mapping(config["detector"]) == preset
+    ProjectionParams.from_mapping(config["projection"])
+
+
+def test_pure_modules_need_no_ros():
+    modules = sorted(path.stem for path in (PACKAGE / "src" / "vb_laser_detect").glob("*.py")
+                     if not path.stem.endswith("_node") and path.stem != "__init__")
+    code = (
+        "import sys\n"
+        "class Block:\n"
+        "    def find_spec(self, name, path=None, target=None):\n"
+        "        top = name.split('.')[0]\n"
+        "        if top in ('rospy', 'tf2_ros', 'cv_bridge') or top.endswith('_msgs'):\n"
+        "            raise ImportError('blocked: ' + name)\n"
+        "sys.meta_path.insert(0, Block())\n"
+        f"import importlib\n[importlib.import_module('vb_laser_detect.' + name) for name in {modules!r}]\n"
+    )
+    assert len(modules) >= 8
+    result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert result.returncode == 0, result.stderr

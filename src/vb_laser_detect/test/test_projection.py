@@ -1,0 +1,126 @@
+"""Pixels to the floor and back."""
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from vb_core import geometry
+from vb_core.camera_model import CameraModel
+from vb_core.errors import CodedError, ParameterError
+from vb_core.grid_map import GridMap
+from vb_laser_detect.projection import (
+    DEPTH, GROUND_PLANE, GROUND_PLANE_FALLBACK, FloorProjector, ProjectionParams, depth_at, floor_points, pixels_of,
+)
+
+CEILING = CameraModel(1920, 1080, np.array([[1100.0, 0, 950], [0, 1105.0, 545], [0, 0, 1]]), np.array([-0.2, 0.05, 0.001, -0.001, 0]))
+ROBOT = CameraModel.ideal(640, 480, 525.0)
+
+
+def down(x=4.0, y=2.5, z=2.95, tilt=0.0):
+    return geometry.transform(geometry.rotation_from_rpy(math.pi + tilt, 0.02, 0.3), (x, y, z))
+
+
+def forward(pitch=0.6, height=0.6):
+    rotation = geometry.rotation_from_rpy(0, pitch, 0.4) @ geometry.optical_rotation()
+    return geometry.transform(rotation, (1.0, 1.0, height))
+
+
+@settings(max_examples=60, deadline=None)
+@given(u=st.floats(0, 1919), v=st.floats(0, 1079), tilt=st.floats(-0.3, 0.3))
+def test_plane_round_trip(u, v, tilt):
+    T = down(tilt=tilt)
+    point = FloorProjector().on_plane(CEILING, T, u, v)
+    assert point.source == GROUND_PLANE and point.position[2] == pytest.approx(0.0, abs=1e-9)
+    assert pixels_of(CEILING, T, point.position)[0] == pytest.approx((u, v), abs=0.02)
+
+
+def test_metres_per_pixel_of_a_camera_that_looks_down():
+    camera = CameraModel.ideal(1920, 1080, 1000.0)
+    T = geometry.transform(geometry.rotation_from_rpy(math.pi, 0, 0), (0, 0, 2.95))
+    assert FloorProjector().on_plane(camera, T, 300, 800).metres_per_pixel == pytest.approx(0.00295, rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    "T, u, v, code",
+    [
+        (forward(pitch=-0.5), 320, 240, "misses_floor"),
+        (forward(height=-0.5), 320, 240, "misses_floor"),
+        (forward(pitch=0.05), 320, 240, "too_flat_view"),
+        (down(z=20.0), 950, 545, "too_far"),
+        (down(), -3.0, 10.0, "outside_image"),
+        (down(), float("nan"), 10.0, "outside_image"),
+    ],
+)
+def test_refusals(T, u, v, code):
+    camera = CEILING if T[2, 2] < -0.9 else ROBOT
+    with pytest.raises(CodedError) as raised:
+        FloorProjector().on_plane(camera, T, u, v)
+    assert raised.value.code == code
+
+
+def test_points_outside_the_map_and_in_ignored_regions():
+    floor = GridMap(np.zeros((40, 40), np.int8), 0.05, (3.0, 1.5, 0.0))
+    square = [[3.9, 2.4], [4.1, 2.4], [4.1, 2.6], [3.9, 2.6]]
+    projector = FloorProjector(floor=floor, ignored=[square])
+    inside = pixels_of(CEILING, down(), np.array([[4.5, 3.0, 0], [4.0, 2.5, 0], [5.2, 2.5, 0]]))
+    assert projector.on_plane(CEILING, down(), *inside[0]).position[:2] == pytest.approx((4.5, 3.0), abs=1e-3)
+    for pixel, code in ((inside[1], "ignored_region"), (inside[2], "outside_map")):
+        with pytest.raises(CodedError) as raised:
+            projector.on_plane(CEILING, down(), *pixel)
+        assert raised.value.code == code
+    with pytest.raises(ParameterError):
+        FloorProjector(ignored=[[[0, 0], [1, 1]]])
+
+
+# ------------------------------------------------------------------ depth
+def depth_image(T, small, dtype="mm"):
+    grid = np.stack(np.meshgrid(np.arange(small.width), np.arange(small.height)), axis=-1).reshape(-1, 2)
+    floor = floor_points(small, T, grid)
+    depth = geometry.apply(geometry.invert(T), floor)[:, 2].reshape(small.height, small.width)
+    depth[~(depth < 6)] = np.nan
+    return np.where(np.isnan(depth), 0, depth * 1000).round().astype(np.uint16) if dtype == "mm" else depth
+
+
+@pytest.mark.parametrize("dtype", ["mm", "m"])
+@pytest.mark.parametrize("size", [(160, 120), (640, 480), (213, 160)])
+def test_depth_of_any_size_meets_the_plane(dtype, size):
+    T, small = forward(), ROBOT.scaled_to(*size)
+    depth, random = depth_image(T, small, dtype), np.random.default_rng(0)
+    for u, v in random.uniform((20, 120), (620, 460), (40, 2)):
+        plane = FloorProjector().on_plane(ROBOT, T, u, v)
+        point = FloorProjector().with_depth(ROBOT, T, u, v, depth)
+        assert point.source == DEPTH
+        assert np.linalg.norm(point.position - plane.position) < 0.012
+        assert point.metres_per_pixel == pytest.approx(plane.metres_per_pixel, rel=0.02)
+
+
+def test_holes_fall_back_to_the_plane_and_outliers_do_not_matter():
+    T, small = forward(), ROBOT.scaled_to(160, 120)
+    depth = depth_image(T, small, "m")
+    plane = FloorProjector().on_plane(ROBOT, T, 320, 300)
+    holes = depth.copy()
+    holes[60:90, 60:100] = np.nan
+    point = FloorProjector().with_depth(ROBOT, T, 320, 300, holes)
+    assert point.source == GROUND_PLANE_FALLBACK and point.position == pytest.approx(plane.position)
+    for missing in (None, np.zeros((0, 0), np.uint16), np.zeros((120, 160), np.uint16)):
+        assert FloorProjector().with_depth(ROBOT, T, 320, 300, missing).source == GROUND_PLANE_FALLBACK
+    wild = depth.copy()
+    wild[::3, ::2] = 5.5
+    wild[1::4, 1::5] = 0.0
+    point = FloorProjector().with_depth(ROBOT, T, 320, 300, wild)
+    assert point.source == DEPTH and np.linalg.norm(point.position - plane.position) < 0.03
+
+
+def test_points_above_the_floor_are_refused():
+    T, small = forward(), ROBOT.scaled_to(160, 120)
+    depth = depth_image(T, small, "m") * 0.7
+    with pytest.raises(CodedError) as raised:
+        FloorProjector().with_depth(ROBOT, T, 320, 300, depth)
+    assert raised.value.code == "not_on_floor"
+
+
+def test_depth_outside_its_image():
+    assert depth_at(np.ones((4, 4)), np.array([9.0, 1.0]), ProjectionParams()) is None
+    assert depth_at(np.ones((4, 4)), np.array([np.nan, 1.0]), ProjectionParams()) is None
