@@ -1,0 +1,165 @@
+#!/usr/bin/env python3
+"""The simulated lab over real topics: time, motion, tf, scan, participant, reset, respawn, bad worlds."""
+import math
+import os
+import subprocess
+import sys
+import unittest
+
+import numpy as np
+import rosnode
+import rospy
+import rostest
+from geometry_msgs.msg import Point, Pose2D, PoseWithCovarianceStamped, Twist
+from nav_msgs.msg import Odometry
+from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import LaserScan
+from std_srvs.srv import Trigger
+
+sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
+from waiting import Latest, wait_until  # noqa: E402
+
+from vb_core import geometry, names  # noqa: E402
+from vb_core.errors import CodedError  # noqa: E402
+from vb_core.ros.messages import pose_from_2d  # noqa: E402
+from vb_core.ros.transforms import TransformLookup  # noqa: E402
+from vb_msgs.msg import LabState, ParticipantState  # noqa: E402
+
+START = (7.6, 0.4, math.radians(150.0))
+
+
+class LabSimulatorTest(unittest.TestCase):
+    @classmethod
+    def setUpClass(cls):
+        rospy.init_node("test_lab_simulator")
+        cls.clock = Latest("/clock", Clock)
+        cls.state = Latest(names.LAB_STATE, LabState)
+        cls.odom = Latest("/odom", Odometry)
+        cls.amcl = Latest("/amcl_pose", PoseWithCovarianceStamped)
+        cls.transforms = TransformLookup()
+        cls.cmd_vel = rospy.Publisher("/cmd_vel", Twist, queue_size=1)
+        cls.initialpose = rospy.Publisher("/initialpose", PoseWithCovarianceStamped, queue_size=1)
+        cls.participant = rospy.Publisher(names.PARTICIPANT, ParticipantState, queue_size=1)
+        cls.state.next()
+        cls.reset()
+
+    @classmethod
+    def reset(cls):
+        rospy.wait_for_service("/lab_simulator/reset", 30.0)
+        assert rospy.ServiceProxy("/lab_simulator/reset", Trigger)().success
+
+    def pose(self):
+        pose = self.state.next().robot_poses[0]
+        return np.array([pose.x, pose.y, pose.theta])
+
+    def drive_until(self, condition, speed=0.3, turn_rate=0.0):
+        command = Twist()
+        command.linear.x, command.angular.z = speed, turn_rate
+
+        def driven():
+            self.cmd_vel.publish(command)
+            return condition(self.state.message)
+
+        self.assertTrue(wait_until(driven))
+
+    def test_time_goes_on_evenly(self):
+        first = self.clock.count
+        self.assertTrue(wait_until(lambda: self.clock.count > first + 60))
+        stamps = [message.clock.to_nsec() for message in self.clock.all]
+        self.assertGreater(min(np.diff(stamps[5:])), 0)
+        self.assertEqual(set(np.diff(stamps[-40:])) - {20000000, 40000000, 60000000}, set())
+        self.assertLess(self.state.next().real_time_factor, 1.2)
+
+    def test_robot_moves_and_stops_by_itself(self):
+        self.reset()
+        start = self.pose()
+        self.drive_until(lambda state: math.hypot(state.robot_poses[0].x - start[0], state.robot_poses[0].y - start[1]) > 0.3)
+        # nobody commands any longer: it stands soon
+        self.assertTrue(wait_until(lambda: abs(self.odom.next().twist.twist.linear.x) < 1e-6))
+        heading = math.atan2(*(self.pose()[:2] - start[:2])[::-1])
+        self.assertAlmostEqual(geometry.wrap_angle(heading - START[2]), 0.0, delta=0.1)
+
+    def test_tf_is_near_the_truth_at_the_image_time(self):
+        self.reset()
+        self.drive_until(lambda state: state.robot_poses[0].x < 7.3, 0.3, 0.1)
+        state = self.state.next()
+        try:
+            estimate = geometry.transform_pose2d(self.transforms.lookup("map", "base_link", state.header.stamp, 2.0))
+        except CodedError as error:
+            self.fail(str(error))
+        true = state.robot_poses[0]
+        self.assertLess(math.hypot(estimate[0] - true.x, estimate[1] - true.y), 0.12)
+        self.assertNotEqual((estimate[0], estimate[1]), (true.x, true.y))
+        mount = self.transforms.lookup("base_link", "base_laser_link", rospy.Time(0), 2.0)
+        self.assertAlmostEqual(mount[2, 3], 0.3)
+
+    def test_scan_shows_the_corner(self):
+        self.reset()
+        scan = Latest("/scan", LaserScan).next()
+        self.assertEqual((scan.header.frame_id, len(scan.ranges)), ("base_laser_link", 360))
+        # the start is 0.4 m from two walls
+        self.assertAlmostEqual(min(scan.ranges), 0.4, delta=0.08)
+
+    def test_initial_pose_moves_the_estimate_not_the_robot(self):
+        self.reset()
+        before = self.pose()
+        wanted = PoseWithCovarianceStamped()
+        wanted.header.frame_id = "map"
+        wanted.pose.pose = pose_from_2d(5.0, 2.0, 0.0)
+        self.assertTrue(wait_until(lambda: self.initialpose.get_num_connections() > 0))
+        self.initialpose.publish(wanted)
+        self.amcl.until(lambda message: abs(message.pose.pose.position.x - 5.0) < 1e-3)
+        self.assertTrue(np.allclose(self.pose(), before))
+        self.reset()
+        self.amcl.until(lambda message: abs(message.pose.pose.position.x - START[0]) < 0.2)
+
+    def test_the_participant_is_in_the_state_until_silent(self):
+        message = ParticipantState(laser_on=True, laser=Point(1.0, 2.0, 0.0), laser_color="green", person_present=True,
+                                   person=Pose2D(3.0, 1.0, 0.5), doing="draws")
+
+        def shown():
+            self.participant.publish(message)
+            return self.state.message.laser_on
+
+        self.assertTrue(wait_until(shown))
+        state = self.state.message
+        self.assertEqual((state.laser.x, state.laser_color, state.person.x, state.participant_doing), (1.0, "green", 3.0, "draws"))
+        self.state.until(lambda state: not state.laser_on)
+        self.assertTrue(self.state.message.person_present)
+
+    def test_z_a_killed_simulator_goes_on_where_it_was(self):
+        self.reset()
+        self.drive_until(lambda state: state.robot_poses[0].x < 7.2)
+        self.assertTrue(wait_until(lambda: abs(self.odom.next().twist.twist.linear.x) < 1e-6))
+        before, clock, (odometry, _) = self.pose(), self.clock.message.clock, (self.odom.next().pose.pose.position, None)
+        api = rosnode.get_api_uri(rospy.get_master(), "/lab_simulator")
+        rosnode.kill_nodes(["/lab_simulator"])
+        self.assertTrue(wait_until(lambda: rosnode.get_api_uri(rospy.get_master(), "/lab_simulator", True) not in (None, api)))
+        count = self.state.count
+        self.assertTrue(wait_until(lambda: self.state.count > count + 5, 60.0))
+        self.assertTrue(np.allclose(self.pose(), before, atol=0.02))
+        self.assertAlmostEqual(self.odom.next().pose.pose.position.x, odometry.x, delta=0.05)
+        self.assertGreater(self.clock.message.clock, clock)
+
+    def test_bad_worlds_end_with_one_line(self):
+        folder = os.path.dirname(os.path.abspath(__file__))
+        bad = os.path.join(os.environ.get("ROS_TEST_RESULTS_DIR", "/tmp"), "bad_world.yaml")
+        with open(os.path.join(folder, "..", "worlds", "lab.yaml")) as file:
+            text = file.read()
+        with open(bad, "w") as file:
+            file.write(text.replace("resolution: 0.025", "resolution: -1"))
+        cases = {"_world:=/no/such.yaml": "no_world", f"_world:={bad}": "room/resolution", "_seed:=2": "world"}
+        runs = [
+            subprocess.Popen(["rosrun", "vb_sim", "lab_simulator", f"__name:=bad_{index}", argument],
+                             stdout=subprocess.PIPE, stderr=subprocess.STDOUT, universal_newlines=True)
+            for index, argument in enumerate(cases)
+        ]
+        for run, word in zip(runs, cases.values()):
+            output, _ = run.communicate(timeout=60)
+            self.assertEqual(run.returncode, 1, output)
+            self.assertNotIn("Traceback", output)
+            self.assertIn(word, [line for line in output.splitlines() if "FATAL" in line][0])
+
+
+if __name__ == "__main__":
+    rostest.rosrun("vb_sim", "lab_simulator", LabSimulatorTest)

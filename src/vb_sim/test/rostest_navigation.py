@@ -1,0 +1,174 @@
+#!/usr/bin/env python3
+"""The stand-ins for map_server and move_base, with the simulated robot."""
+import math
+import os
+import sys
+import unittest
+
+import actionlib
+import numpy as np
+import rospy
+import rostest
+from actionlib_msgs.msg import GoalStatus
+from geometry_msgs.msg import PoseStamped, Twist
+from map_msgs.msg import OccupancyGridUpdate
+from move_base_msgs.msg import MoveBaseAction, MoveBaseGoal
+from nav_msgs.msg import Path
+from nav_msgs.srv import GetMap, GetPlan
+from std_srvs.srv import Empty, Trigger
+
+sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
+from waiting import Latest, wait_until  # noqa: E402
+
+from vb_core import geometry, names  # noqa: E402
+from vb_core.ros import node  # noqa: E402
+from vb_core.ros.messages import OccupancyGridArray, grid_from_message, message_from_grid, pose_from_2d  # noqa: E402
+from vb_msgs.msg import LabState  # noqa: E402
+
+
+def pose(x, y, yaw=0.0):
+    stamped = PoseStamped()
+    stamped.header.frame_id = "map"
+    stamped.pose = pose_from_2d(x, y, yaw)
+    return stamped
+
+
+class NavigationTest(unittest.TestCase):
+    @classmethod
+    def setUpClass(cls):
+        rospy.init_node("test_navigation")
+        node.wait_for_clock()
+        cls.state = Latest(names.LAB_STATE, LabState)
+        cls.map = Latest("/map", OccupancyGridArray)
+        cls.cmd_vel = Latest("/cmd_vel", Twist)
+        cls.costmap = Latest("/move_base/global_costmap/costmap", OccupancyGridArray)
+        cls.updates = Latest("/move_base/global_costmap/costmap_updates", OccupancyGridUpdate)
+        cls.plan = Latest("/move_base/NavfnROS/plan", Path)
+        cls.maps = rospy.Publisher(names.VIRTUAL_MAP, OccupancyGridArray, queue_size=1, latch=True)
+        cls.simple = rospy.Publisher("/move_base_simple/goal", PoseStamped, queue_size=1)
+        cls.client = actionlib.SimpleActionClient("move_base", MoveBaseAction)
+        assert cls.client.wait_for_server(rospy.Duration(60.0))
+        cls.make_plan = rospy.ServiceProxy("/move_base/make_plan", GetPlan)
+        cls.make_plan.wait_for_service(60.0)
+        cls.grid = grid_from_message(cls.map.until(lambda message: True))
+
+    def setUp(self):
+        rospy.wait_for_service("/lab_simulator/reset", 30.0)
+        rospy.ServiceProxy("/lab_simulator/reset", Trigger)()
+
+    def publish(self, blocked=None):
+        """The map with a box (x0, y0, x1, y1) [m] blocked; waits until the costmap has it."""
+        data = self.grid.data.copy()
+        if blocked is not None:
+            low, high = self.grid.world_to_cell(np.array(blocked).reshape(2, 2))
+            data[low[0] : high[0], low[1] : high[1]] = 100
+        before = self.costmap.count
+        self.assertTrue(wait_until(lambda: self.maps.get_num_connections() > 0))
+        self.maps.publish(message_from_grid(self.grid.with_data(data), rospy.Time.now()))
+        self.assertTrue(wait_until(lambda: self.costmap.count > before))
+
+    def path(self, start, goal, tolerance=0.0):
+        reply = self.make_plan(pose(*start), pose(*goal), tolerance)
+        return np.array([(p.pose.position.x, p.pose.position.y) for p in reply.plan.poses]).reshape(-1, 2)
+
+    def send(self, *goal):
+        self.client.send_goal(MoveBaseGoal(target_pose=pose(*goal)))
+
+    def finish(self, limit=90.0):
+        self.assertTrue(wait_until(lambda: self.client.get_state() not in (GoalStatus.PENDING, GoalStatus.ACTIVE), limit))
+        self.assertTrue(wait_until(self.may_plan))
+        last = self.cmd_vel.message
+        self.assertTrue(last is None or (last.linear.x == 0.0 and last.angular.z == 0.0))
+        return self.client.get_state(), self.client.get_goal_status_text()
+
+    def may_plan(self):
+        try:
+            self.path((7.0, 0.6), (7.0, 0.7))
+            return True
+        except rospy.ServiceException:
+            return False
+
+    def test_0_without_a_map_goals_are_aborted(self):
+        self.send(7.0, 1.0)
+        state, text = self.finish()
+        self.assertEqual(state, GoalStatus.ABORTED)
+        self.assertIn("no_map", text)
+
+    def test_1_map_server(self):
+        plain = rospy.ServiceProxy("/static_map", GetMap)().map
+        self.assertTrue(np.array_equal(np.array(plain.data, np.int8).reshape(self.grid.shape), self.grid.data))
+        self.assertEqual(self.map.message.header.frame_id, "map")
+
+    def test_2_plans_go_round_a_new_border(self):
+        self.publish()
+        start, goal = (7.6, 0.4), (1.6, 1.6)
+        before = self.path(start, goal)
+        self.publish((3.12, 0.3, 5.12, 2.05))
+        after = self.path(start, goal)
+        self.assertTrue(((before[:, 0] > 3.2) & (before[:, 0] < 5.0) & (before[:, 1] < 2.05)).any())
+        self.assertFalse(((after[:, 0] > 3.12) & (after[:, 0] < 5.12) & (after[:, 1] > 0.3) & (after[:, 1] < 2.05)).any())
+        self.assertGreater(geometry.chain_length(after), geometry.chain_length(before))
+        occupancy = np.array(self.costmap.message.data).reshape(self.grid.shape)
+        row, column = self.grid.world_to_cell([(4.0, 1.0)])[0]
+        self.assertEqual(occupancy[row, column], 100)
+        self.assertTrue(wait_until(lambda: self.updates.message is not None))
+        self.assertEqual((self.updates.message.height, self.updates.message.width), self.grid.shape)
+        # clearing costmaps loses no border
+        rospy.ServiceProxy("/move_base/clear_costmaps", Empty)()
+        self.assertTrue(np.allclose(self.path(start, goal), after))
+        # a goal inside it: no plan, and with a tolerance its rim
+        self.assertEqual(len(self.path(start, (4.0, 1.0))), 0)
+        self.assertEqual(len(self.path((4.0, 1.0), start)), 0)
+        self.assertGreater(len(self.path(start, (5.0, 1.0), 0.5)), 0)
+
+    def test_3_goal_is_reached(self):
+        self.publish()
+        first = len(self.cmd_vel.all)
+        self.send(6.6, 1.0, 1.5)
+        self.assertTrue(wait_until(lambda: self.client.get_state() == GoalStatus.ACTIVE))
+        # as the real one: no plans for others while a goal is active
+        self.assertFalse(self.may_plan())
+        self.assertEqual(self.finish()[0], GoalStatus.SUCCEEDED)
+        true = self.state.next().robot_poses[0]
+        self.assertLess(math.hypot(true.x - 6.6, true.y - 1.0), 0.2)
+        self.assertLess(abs(geometry.wrap_angle(true.theta - 1.5)), 0.25)
+        self.assertLessEqual(max(message.linear.x for message in self.cmd_vel.all[first:]), 0.5)
+        self.assertEqual(self.plan.message.header.frame_id, "map")
+
+    def test_4_a_border_published_while_driving_is_respected(self):
+        self.publish()
+        self.send(5.2, 1.0, math.pi)
+        self.state.until(lambda state: state.robot_poses[0].x < 7.3)
+        entered = []
+        border = (6.0, 0.4, 6.4, 1.3)
+        self.publish(border)
+        watch = rospy.Subscriber(names.LAB_STATE, LabState, lambda state: entered.append(
+            border[0] < state.robot_poses[0].x < border[2] and border[1] < state.robot_poses[0].y < border[3]))
+        self.assertEqual(self.finish()[0], GoalStatus.SUCCEEDED)
+        watch.unregister()
+        self.assertFalse(any(entered))
+
+    def test_5_sealed_off(self):
+        self.publish((5.9, 0.0, 6.1, 5.0))
+        self.send(4.0, 2.5)
+        state, text = self.finish()
+        self.assertEqual(state, GoalStatus.ABORTED)
+        self.assertIn("no_path", text)
+
+    def test_6_simple_goal_and_cancel(self):
+        self.publish()
+        self.assertTrue(wait_until(lambda: self.simple.get_num_connections() > 0))
+        first = len(self.cmd_vel.all)
+        self.simple.publish(pose(6.0, 2.5))
+        self.assertTrue(wait_until(lambda: any(message.linear.x > 0.1 for message in self.cmd_vel.all[first:])))
+        self.client.cancel_all_goals()
+        self.assertTrue(wait_until(self.may_plan))
+        self.assertTrue(wait_until(lambda: self.cmd_vel.message.linear.x == 0.0))
+        last = self.cmd_vel.count
+        for _ in range(15):
+            self.state.next()
+        self.assertEqual(self.cmd_vel.count, last)
+
+
+if __name__ == "__main__":
+    rostest.rosrun("vb_sim", "navigation", NavigationTest)

@@ -1,0 +1,402 @@
+"""The rendered cameras against geometry worked out independently."""
+import dataclasses
+import subprocess
+import sys
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from vb_core import geometry
+from vb_core.errors import CodedError, ParameterError
+from vb_sim import bodies, pixels
+from vb_sim.ceiling_view import CeilingView
+from vb_sim.floor_texture import render_floor
+from vb_sim.frame_clock import FrameSchedule, SmoothClock
+from vb_sim.lab_history import History, Snapshot
+from vb_sim.mesh import DepthBuffer, RayGrid, world_mesh
+from vb_sim.models_cameras import CameraModels, Optics, calibrated_pose, load_camera_models
+from vb_sim.robot_view import RobotView
+from vb_sim.spot import render_spot
+from vb_sim.world import load_world, world_from_mapping
+
+PACKAGE = Path(__file__).resolve().parent.parent
+WORLD = {
+    "room": {"size": [4.0, 3.0]},
+    "floor": {"kind": "plain", "color": [120, 120, 120], "contrast": 0.0},
+    "furniture": [{"name": "box", "x": 3.0, "y": 1.0, "size": [0.4, 0.4], "height": 0.8, "color": [200, 40, 40]}],
+    "cameras": [
+        {"name": "mono", "x": 2.0, "y": 1.5, "width": 960, "image_height": 540, "encoding": "mono8"},
+        {"name": "bayer", "x": 2.0, "y": 1.5, "yaw": 30, "width": 960, "image_height": 540},
+    ],
+    "robots": [{"name": "robot", "start": [0.5, 1.5, 0.0]}, {"name": "other", "namespace": "other", "start": [3.5, 2.5, 0.0]}],
+}
+RADII = {"robot": 0.18, "other": 0.18}
+
+
+@pytest.fixture(scope="module")
+def lab():
+    world = world_from_mapping(WORLD)
+    return world, render_floor(world, 3, resolution=0.005), world_mesh(world)
+
+
+def ceiling(lab, name, noise=False, models=None):
+    world, floor, mesh = lab
+    return CeilingView(world.camera(name), RADII, floor, mesh, models or CameraModels(), 5, noise)
+
+
+def robot(lab, noise=False):
+    world, floor, mesh = lab
+    return RobotView(world.robots[0], RADII, floor, mesh, CameraModels(), 5, noise)
+
+
+def expected_pixel(model, T_map_optical, x, y):
+    return model.project(geometry.apply(geometry.invert(T_map_optical), np.array([[x, y, 0.0]])))[0]
+
+
+def centroid(change):
+    rows, columns = np.indices(change.shape)
+    return np.array([(change * columns).sum(), (change * rows).sum()]) / change.sum()
+
+
+# ------------------------------------------------------------------ the spot
+@pytest.mark.parametrize("color", ["red", "green"])
+def test_spot_lies_where_the_camera_model_says(lab, color):
+    view = ceiling(lab, "mono")
+    rng = np.random.default_rng(1)
+    for x, y in np.column_stack([rng.uniform(0.8, 2.5, 15), rng.uniform(0.6, 2.4, 15)]):
+        empty = view.frame(Snapshot(1.0)).astype(float)
+        lit = view.frame(Snapshot(1.0, laser=(x, y), laser_color=color)).astype(float)
+        wanted = expected_pixel(view.model, view.pose, x, y)
+        assert np.linalg.norm(centroid(lit - empty) - wanted) < 0.2
+
+
+def test_spot_in_a_bayer_image(lab):
+    view = ceiling(lab, "bayer")
+    for x, y in [(1.5, 1.2), (2.21, 1.83), (2.503, 1.307)]:
+        empty = view.frame(Snapshot(1.0)).astype(float)
+        change = view.frame(Snapshot(1.0, laser=(x, y), laser_color="green")).astype(float) - empty
+        # the green pixels of both kinds of rows make a whole grid
+        green = np.zeros_like(change)
+        green[0::2, 1::2], green[1::2, 0::2] = change[0::2, 1::2], change[1::2, 0::2]
+        assert np.linalg.norm(centroid(green) - expected_pixel(view.model, view.pose, x, y)) < 0.2
+
+
+def test_spot_has_a_white_core_and_a_coloured_halo(lab):
+    view = robot(lab)
+    image = view.color(Snapshot(1.0, {"robot": (0.5, 1.5, 0.0)}, (1.3, 1.5), "red")).astype(int)
+    u, v = np.round(expected_pixel(view.color_model, view.camera_pose(Snapshot(1.0)), 1.3, 1.5)).astype(int)
+    assert (image[v, u] > 250).all()
+    ring = image[v, u + 5]
+    assert ring[0] > ring[1] + 20 and ring[0] > ring[2] + 20
+
+
+def test_bloom_grows_with_exposure_and_shrinks_with_distance(lab):
+    world, _, _ = lab
+    camera = world.camera("mono")
+
+    def saturated(height, exposure):
+        pose = dataclasses.replace(camera, height=height).pose()
+        spot = render_spot((2.0, 1.5), (0, 0), None, camera.model(), pose, Optics(exposure_ms=exposure))
+        return int((spot.light > 255).sum())
+
+    assert saturated(1.5, 10.0) > saturated(2.95, 10.0) > 0
+    assert saturated(2.95, 20.0) > saturated(2.95, 5.0)
+
+
+def test_a_fast_spot_is_smeared_over_the_exposure(lab):
+    view = ceiling(lab, "mono")
+    still = view.spot(Snapshot(1.0, laser=(2.0, 1.5)))
+    fast = view.spot(Snapshot(1.0, laser=(2.0, 1.5), laser_velocity=(2.0, 0.0)))
+    spread = [np.ptp(np.nonzero((spot.light > 100).any(axis=0))[0]) for spot in (still, fast)]
+    smear = 2.0 * 0.01 * view.model.focal_px / view.pose[2, 3]
+    assert spread[1] - spread[0] == pytest.approx(smear, abs=2.0)
+    assert fast.light.sum() == pytest.approx(still.light.sum(), rel=0.02)
+
+
+# ------------------------------------------------------------------ what hides it
+def test_person_and_furniture_hide_the_spot(lab):
+    view = ceiling(lab, "mono")
+    person = (1.2, 1.5, 0.0)
+    # the ray to a point beyond the person, seen from the camera, passes through the shoulders
+    hidden = (0.9, 1.5)
+
+    def change(snapshot, without):
+        lit = view.frame(snapshot).astype(int)
+        u, v = np.round(expected_pixel(view.model, view.pose, *snapshot.laser)).astype(int)
+        before = lit[v - 6 : v + 7, u - 6 : u + 7].copy()
+        return int((before - view.frame(without).astype(int)[v - 6 : v + 7, u - 6 : u + 7]).max())
+
+    assert change(Snapshot(1.0, laser=hidden), Snapshot(1.0)) > 80
+    with_person = Snapshot(1.0, laser=hidden, person=person)
+    u, v = np.round(expected_pixel(view.model, view.pose, *hidden)).astype(int)
+    assert view.frame(with_person)[v - 3 : v + 4, u - 3 : u + 4].max() < 200
+    behind_box = (3.28, 0.9)
+    assert change(Snapshot(1.0, laser=behind_box), Snapshot(1.0)) <= 2
+    assert change(Snapshot(1.0, laser=(2.6, 1.0)), Snapshot(1.0)) > 80
+
+
+def test_robot_hides_the_spot_it_stands_on(lab):
+    view = ceiling(lab, "mono")
+    u, v = np.round(expected_pixel(view.model, view.pose, 2.0, 1.5)).astype(int)
+    picture = view.frame(Snapshot(1.0, {"robot": (2.0, 1.5, 0.0)}, (2.0, 1.5)))
+    assert picture[v - 3 : v + 4, u - 3 : u + 4].max() < 200
+
+
+def test_box_hides_the_spot_from_the_robot(lab):
+    view = robot(lab)
+    base = {"robot": (2.0, 1.0, 0.0)}
+    with_spot = view.color(Snapshot(1.0, base, (3.4, 1.0))).astype(int)
+    assert np.abs(with_spot - view.color(Snapshot(1.0, base)).astype(int)).max() == 0
+    with_spot = view.color(Snapshot(1.0, base, (2.6, 1.0))).astype(int)
+    assert np.abs(with_spot - view.color(Snapshot(1.0, base)).astype(int)).max() > 80
+
+
+# ------------------------------------------------------------------ frames
+def test_a_frame_leaves_no_trace_in_the_next(lab):
+    view = ceiling(lab, "bayer")
+    empty = view.frame(Snapshot(1.0)).copy()
+    scene = Snapshot(1.0, {"robot": (2.0, 1.5, 0.3), "other": (2.2, 1.6, 0.0)}, (1.9, 1.6), "red", (0.5, 0.1), (1.6, 1.4, 0.2))
+    busy = view.frame(scene).copy()
+    assert (busy != empty).sum() > 10000
+    np.testing.assert_array_equal(view.frame(Snapshot(1.1)), empty)
+    np.testing.assert_array_equal(view.frame(scene), busy)
+
+
+def test_noise_is_as_large_as_the_model_says(lab):
+    view = ceiling(lab, "mono", noise=True)
+    first = view.frame(Snapshot(1.0)).astype(float)
+    first = first.copy()
+    second = view.frame(Snapshot(1.0)).astype(float)
+    middle = (slice(200, 340), slice(300, 500))
+    sigma = CameraModels().noise.sigma(first[middle].mean())
+    # rounding to whole grey levels adds 1/12
+    assert (first - second)[middle].std() == pytest.approx(np.sqrt(2 * (sigma**2 + 1 / 12)), rel=0.05)
+
+
+def test_the_same_seed_gives_the_same_picture(lab):
+    scene = Snapshot(1.0, laser=(2.0, 1.5), person=(1.5, 1.5, 0.0))
+    np.testing.assert_array_equal(ceiling(lab, "bayer", True).frame(scene), ceiling(lab, "bayer", True).frame(scene))
+    world = lab[0]
+    np.testing.assert_array_equal(render_floor(world, 3, 0.01).rgb, render_floor(world, 3, 0.01).rgb)
+
+
+def test_bayer_pattern():
+    rgb = np.zeros((6, 8, 3), np.uint8)
+    rgb[:] = (200, 100, 50)
+    mosaic = pixels.encode(rgb, "bayer_rggb8")
+    assert mosaic[0, 0] == 200 and mosaic[0, 1] == mosaic[1, 0] == 100 and mosaic[1, 1] == 50
+    np.testing.assert_array_equal(pixels.encode_doubled(rgb[::2, ::2], "bayer_rggb8"), mosaic)
+    np.testing.assert_array_equal(pixels.decode(mosaic, "bayer_rggb8")[2:4, 2:6], rgb[2:4, 2:6, ::-1])
+    ones = np.ones((5, 5), np.float32)
+    for column, row in [(0, 0), (1, 0), (0, 1), (1, 1)]:
+        patch = pixels.spread(ones, np.array([3.0, 2.0, 1.0]), "bayer_rggb8", column, row)
+        whole = pixels.spread(np.ones((8, 8), np.float32), np.array([3.0, 2.0, 1.0]), "bayer_rggb8", 0, 0)
+        np.testing.assert_array_equal(patch, whole[row : row + 5, column : column + 5])
+
+
+@pytest.mark.parametrize("encoding,channels", [("bgr8", 3), ("rgb8", 3), ("mono8", 1), ("bayer_rggb8", 1)])
+def test_every_encoding_shows_the_same_scene(lab, encoding, channels):
+    world, floor, mesh = lab
+    camera = dataclasses.replace(world.camera("mono"), encoding=encoding)
+    view = CeilingView(camera, RADII, floor, mesh, CameraModels(), 5, False)
+    image = view.frame(Snapshot(1.0, {"robot": (1.5, 1.5, 0.0)}, (2.0, 1.5), "red", (0, 0), (2.5, 2.2, -1.0)))
+    assert image.dtype == np.uint8 and image.shape == ((540, 960) if channels == 1 else (540, 960, 3))
+    shown = pixels.decode(image, encoding)
+    u, v = np.round(expected_pixel(view.model, view.pose, 3.0, 1.0)).astype(int)
+    assert shown.shape == (540, 960, 3)
+    if encoding != "mono8":
+        assert shown[v, u, 2] > shown[v, u, 0] + 60
+
+
+# ------------------------------------------------------------------ depth
+def test_depth_of_the_floor_is_analytic(lab):
+    view = robot(lab)
+    scene = Snapshot(1.0, {"robot": (0.6, 2.2, -0.5)})
+    depth = view.depth(scene).astype(float) / 1000.0
+    pose = view.camera_pose(scene)
+    u, v = np.meshgrid(np.arange(160), np.arange(60, 120))
+    rays = view.depth_model.rays(np.column_stack([u.ravel(), v.ravel()]))
+    points = geometry.intersect_floor(pose[:3, 3], rays @ pose[:3, :3].T)
+    wanted = geometry.apply(geometry.invert(pose), points)[:, 2].reshape(60, 160)
+    seen = depth[60:] > 0
+    assert seen.mean() > 0.95
+    assert np.abs(depth[60:] - wanted)[seen].max() < 0.001
+
+
+def test_depth_of_a_box_and_a_ray_caster_agree(lab):
+    view = robot(lab)
+    scene = Snapshot(1.0, {"robot": (1.6, 1.0, 0.0)})
+    depth = view.depth(scene) / 1000.0
+    pose = view.camera_pose(scene)
+    # the front face is the plane x = 2.8
+    column, row = 80, 6
+    ray = pose[:3, :3] @ view.depth_model.rays(np.array([[column, row]]))[0]
+    assert depth[row, column] == pytest.approx((2.8 - pose[0, 3]) / ray[0], abs=0.002)
+
+
+def test_depth_has_holes_at_flat_angles_and_noise_that_grows(lab):
+    view = robot(lab, noise=True)
+    scene = Snapshot(1.0, {"robot": (0.5, 1.5, 0.0)})
+    stack = np.array([view.depth(scene) for _ in range(30)]).astype(float)
+    assert (stack[:, :3] == 0).mean() > 0.5
+    near, far = (np.ma.masked_equal(stack[:, row], 0).std(axis=0).mean() for row in (110, 30))
+    assert 0.5 < near < far
+
+
+# ------------------------------------------------------------------ geometry of the drawing
+def test_rays_of_a_distorted_camera_are_exact(lab):
+    camera = lab[0].camera("mono").model()
+    grid = RayGrid(camera)
+    for column, row in [(0, 0), (959, 539), (13, 500), (480, 270)]:
+        exact = camera.rays(np.array([[column, row]]))[0]
+        assert abs(grid.x[row, column] - exact[0]) * camera.focal_px < 0.02
+        assert abs(grid.y[row, column] - exact[1]) * camera.focal_px < 0.02
+
+
+def test_the_nearer_box_hides_the_other_whatever_the_order():
+    boxes = [{"name": "a", "x": 2.0, "y": 1.0, "size": [0.3, 0.3], "height": 0.5, "color": [200, 0, 0]},
+             {"name": "b", "x": 2.6, "y": 1.0, "size": [0.3, 0.9], "height": 0.5, "color": [0, 0, 200]}]
+    pictures = []
+    for order in (boxes, boxes[::-1]):
+        world = world_from_mapping({**WORLD, "furniture": order})
+        buffer = DepthBuffer(RayGrid(world.robots[0].color_model()))
+        buffer.draw_mesh(world_mesh(world), geometry.pose2d_transform(0.8, 1.0, 0.0) @ world.robots[0].camera_mount())
+        image = np.zeros((480, 640, 3), np.uint8)
+        buffer.paint(image)
+        pictures.append(image)
+    np.testing.assert_array_equal(*pictures)
+    u, v = np.round(world.robots[0].color_model().project(geometry.apply(
+        geometry.invert(geometry.pose2d_transform(0.8, 1.0, 0.0) @ world.robots[0].camera_mount()), np.array([[1.85, 1.0, 0.25]])
+    ))[0]).astype(int)
+    assert pictures[0][v, u, 0] > 80 and pictures[0][v, u, 2] == 0
+
+
+def test_person_stands_upright_and_holds_the_pointer():
+    pieces = bodies.person_pieces((1.0, 1.0, 0.0), (2.0, 1.0), 1.15)
+    points = bodies.piece_outlines(pieces)
+    assert points[..., 2].max() == pytest.approx(1.75, abs=0.01) and points[..., 2].min() >= 0.0
+    hand = bodies.hand_position((1.0, 1.0, 0.0), (2.0, 1.0), 1.15)
+    assert hand[0] > 1.2 and hand[2] == 1.15
+
+
+# ------------------------------------------------------------------ time
+def test_history_interpolates_and_forgets():
+    history = History(stale_s=1.0)
+    assert history.at(5.0).person is None
+    for step in range(10):
+        t = 5.0 + 0.02 * step
+        history.add(Snapshot(t, {"robot": (t, 0.0, 3.1)}, (2 * t, 1.0), "red", (0, 0), (t, t, 0.0)))
+    scene = history.at(5.05)
+    assert scene.robots["robot"][0] == pytest.approx(5.05)
+    assert scene.laser[0] == pytest.approx(10.10) and scene.laser_velocity[0] == pytest.approx(2.0)
+    assert history.at(5.19).laser[0] == pytest.approx(10.38)
+    assert history.at(6.5).laser is None and not history.at(6.5).robots
+    history.add(Snapshot(1.0, person=(1.0, 1.0, 0.0)))
+    assert history.at(1.0).person == (1.0, 1.0, 0.0) and history.at(5.1).person is None
+
+
+def test_a_jumping_spot_is_not_swept_over_the_floor():
+    history = History()
+    history.add(Snapshot(1.0, laser=(0.0, 0.0)))
+    history.add(Snapshot(1.02, laser=(2.0, 0.0)))
+    scene = history.at(1.012)
+    assert scene.laser == (2.0, 0.0) and scene.laser_velocity == (0.0, 0.0)
+
+
+def test_frames_are_spread_evenly_and_on_time():
+    schedule = FrameSchedule([25.0, 25.0, 25.0], 0.015)
+    taken = []
+    for step in range(1, 1001):
+        taken += schedule.due(10.0 + step * 0.002)
+    stamps = {index: [stamp for i, stamp in taken if i == index] for index in range(3)}
+    for index in range(3):
+        assert len(stamps[index]) in (50, 51)
+        np.testing.assert_allclose(np.diff(stamps[index]), 0.04, atol=1e-9)
+    gaps = np.diff(sorted(stamp for _, stamp in taken))
+    np.testing.assert_allclose(gaps, 0.04 / 3, atol=1e-9)
+    assert schedule.skipped == [0, 0, 0]
+
+
+def test_schedule_survives_a_stall_and_time_that_is_set_back():
+    schedule = FrameSchedule([25.0], 0.0)
+    schedule.due(10.0)
+    assert len(schedule.due(12.0)) == 1 and schedule.skipped[0] == 49
+    assert schedule.due(12.0) == []
+    again = schedule.due(3.0)
+    assert [stamp for _, stamp in again] == [pytest.approx(3.0)]
+    assert schedule.due(3.041)[0][1] == pytest.approx(3.04)
+
+
+def test_smooth_clock_runs_between_ticks_and_stops_with_time():
+    times = {"sim": 1.0, "wall": 100.0}
+    clock = SmoothClock(lambda: times["sim"], lambda: times["wall"])
+    assert clock.now() == 1.0
+    times["wall"] += 0.01
+    assert clock.now() == pytest.approx(1.01)
+    times["wall"] += 5.0
+    assert clock.now() == pytest.approx(1.025)
+    times["sim"] = 0.5
+    assert clock.now() == pytest.approx(0.5)
+
+
+# ------------------------------------------------------------------ figures
+def test_models_file_has_the_same_figures_as_the_code():
+    assert load_camera_models(str(PACKAGE / "config" / "models.yaml")) == CameraModels()
+
+
+def test_bad_models(tmp_path):
+    with pytest.raises(CodedError) as caught:
+        load_camera_models(str(tmp_path / "none.yaml"))
+    assert caught.value.code == "no_models"
+    for text, key in [("optics: {exposure: 3}", "optics/exposure"), ("camera_noise: {frames: 0}", "camera_noise/frames"), ("[1]", "models")]:
+        (tmp_path / "bad.yaml").write_text(text)
+        with pytest.raises(ParameterError) as caught:
+            load_camera_models(str(tmp_path / "bad.yaml"))
+        assert caught.value.key == key
+
+
+def test_calibration_error_is_small_fixed_and_seeded():
+    world = load_world(str(PACKAGE / "worlds" / "lab.yaml"))
+    true = world.cameras[0].pose()
+    found = calibrated_pose(true, Optics(), 1, "red")
+    np.testing.assert_array_equal(found, calibrated_pose(true, Optics(), 1, "red"))
+    assert 0 < np.linalg.norm(found[:3, 3] - true[:3, 3]) < 0.03
+    assert not np.allclose(found, calibrated_pose(true, Optics(), 2, "red"))
+    np.testing.assert_allclose(found[:3, :3] @ found[:3, :3].T, np.eye(3), atol=1e-12)
+
+
+def test_pure_modules_import_without_ros():
+    block = """
+import sys, importlib
+class Block:
+    def find_spec(self, name, path=None, target=None):
+        top = name.split(".")[0]
+        if top in ("rospy", "tf2_ros", "cv_bridge") or top.endswith("_msgs"):
+            raise ImportError("blocked: " + name)
+sys.meta_path.insert(0, Block())
+for module in sys.argv[1:]:
+    importlib.import_module("vb_sim." + module)
+"""
+    pure = ["models_cameras", "floor_texture", "mesh", "bodies", "spot", "pixels", "ceiling_view", "robot_view", "lab_history",
+            "frame_clock", "render_views"]
+    run = subprocess.run([sys.executable, "-c", block, *pure], stderr=subprocess.PIPE, universal_newlines=True)
+    assert run.returncode == 0, run.stderr
+
+
+def test_render_views_writes_pictures_and_names_a_bad_world(tmp_path):
+    script = str(PACKAGE / "scripts" / "render_views")
+    (tmp_path / "world.yaml").write_text("""
+room: {size: [2.0, 2.0]}
+floor: {kind: tiles}
+cameras: [{name: top, x: 1.0, y: 1.0, width: 320, image_height: 240}]
+robots: [{name: robot, start: [0.4, 0.4, 45]}]
+""")
+    run = subprocess.run([sys.executable, script, "--world", str(tmp_path / "world.yaml"), "--out", str(tmp_path), "--frames", "0"],
+                         stderr=subprocess.PIPE, universal_newlines=True)
+    assert run.returncode == 0, run.stderr
+    assert cv2.imread(str(tmp_path / "top.png")).shape == (240, 320, 3)
+    assert cv2.imread(str(tmp_path / "robot.png")).shape == (480, 640, 3)
+    run = subprocess.run([sys.executable, script, "--world", str(tmp_path / "none.yaml")], stderr=subprocess.PIPE, universal_newlines=True)
+    assert run.returncode == 1 and "no_world" in run.stderr and "Traceback" not in run.stderr
