@@ -6,15 +6,13 @@ from __future__ import annotations
 
 import zlib
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any, Tuple
 
 import numpy as np
-import yaml
 
 from vb_core import geometry
-from vb_core.errors import CodedError, ParameterError
 from vb_core.parameters import Parameters, param
+from vb_sim.models import load_models, section
 
 
 @dataclass(frozen=True)
@@ -94,19 +92,11 @@ def load_camera_models(path: str) -> CameraModels:
         CodedError: "no_models" if there is no such file, "bad_models" if it is not YAML.
         ParameterError: names the key that is wrong.
     """
-    try:
-        document = yaml.safe_load(Path(path).read_text(encoding="utf-8"))
-    except OSError as error:
-        raise CodedError("no_models", f"cannot read the file of models '{path}': {error.strerror}") from None
-    except (yaml.YAMLError, UnicodeDecodeError):
-        raise CodedError("bad_models", f"the file of models '{path}' is not valid YAML") from None
-    document = {} if document is None else document
-    if not isinstance(document, dict):
-        raise ParameterError("models", "expected sections at the top of the file")
+    document = load_models(path)
     return CameraModels(
-        Optics.from_mapping(document.get("optics"), "optics"),
-        CameraNoise.from_mapping(document.get("camera_noise"), "camera_noise"),
-        RobotCamera.from_mapping(document.get("robot_camera"), "robot_camera"),
+        section(document, "optics", Optics),
+        section(document, "camera_noise", CameraNoise),
+        section(document, "robot_camera", RobotCamera),
     )
 
 
