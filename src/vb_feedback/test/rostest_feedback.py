@@ -54,7 +54,8 @@ class FeedbackTest(unittest.TestCase):
         self.say(4, name="border", last_success=False)
         self.say(5, name="default", last_outcome="saved")
         wait_until(lambda: self.sounds and self.sounds[-1] == "success", "success")
-        self.assertEqual([sound for sound in self.sounds if sound != "tick"], ["border", "refusal", "refusal", "success"])
+        tones = [sound for sound in self.sounds if sound != "tick"]
+        self.assertEqual(tones, ["border", "refusal", "refusal", "success"])
         wait_until(lambda: len(self.lights) == 3, "the light of the default state again")
         self.assertEqual(self.lights[2], self.lights[0])
         # latched: who comes later sees the light too

@@ -64,5 +64,6 @@ def test_the_program(tmp_path, capsys):
 
 def test_the_engineers_config_is_one():
     config = yaml.safe_load((RVIZ / "engineer.rviz").read_text())
-    topics = {display.get("Topic") or display.get("Image Topic") for display in config["Visualization Manager"]["Displays"]}
-    assert "/virtual_borders/map" in topics
+    displays = config["Visualization Manager"]["Displays"]
+    topics = {display.get("Topic") or display.get("Image Topic") for display in displays}
+    assert {"/virtual_borders/map", "/spot_detector_red/debug_image", "/spot_detector_robot/debug_image"} <= topics

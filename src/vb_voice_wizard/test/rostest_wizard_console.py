@@ -55,7 +55,10 @@ class Terminal:
         return re.sub(r"\x1b\[[0-9;?]*[A-Za-z]", "", self.raw.decode("utf-8", "replace"))
 
     def shows(self, what, since=0, limit_s=20.0):
-        wait_until(lambda: what in self.text[since:], f"'{what}' on the screen, which ends\n{self.text[-3000:]}", limit_s)
+        try:
+            wait_until(lambda: what in self.text[since:], what, limit_s)
+        except AssertionError:
+            raise AssertionError(f"'{what}' is not on the screen, which ends\n{self.text[-3000:]}") from None
 
     def press(self, key):
         os.write(self.master, key.encode())
@@ -82,7 +85,8 @@ class WizardConsoleTest(unittest.TestCase):
         cls.progress = rospy.Publisher("/virtual_borders/progress", BorderProgress, queue_size=1, latch=True)
         cls.borders = rospy.Publisher("/virtual_borders/borders", VirtualBorderArray, queue_size=1, latch=True)
         cls.manager = Process(
-            "interaction_manager", "__name:=interaction_manager", f"_log_file:={FOLDER}/log", f"_state_file:={FOLDER}/state"
+            "interaction_manager", "__name:=interaction_manager",
+            f"_log_file:={FOLDER}/log", f"_state_file:={FOLDER}/state",
         )
 
     @classmethod

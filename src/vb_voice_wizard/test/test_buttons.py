@@ -33,7 +33,8 @@ def test_as_many_commands_as_rising_edges(readings):
 
 def test_three_buttons_mean_what_the_state_says():
     buttons = ButtonMap(
-        {"define_border": 0, "cancel": 2}, {"default": {"guide_robot": 2}, "border": {"define_seed": 1}, "seed": {"save": 1}}
+        {"define_border": 0, "cancel": 2},
+        {"default": {"guide_robot": 2}, "border": {"define_seed": 1}, "seed": {"save": 1}},
     )
     given_commands = []
     for state, press in (("default", 2), ("guide", 0), ("border", 1), ("seed", 1), ("seed", 2), ("nowhere", 2)):

@@ -66,7 +66,10 @@ def test_messages_do_not_grow_for_ever_nor_repeat():
 
 @pytest.mark.parametrize(
     "typed, keys",
-    [("b", "b"), ("BS", "bs"), ("\x1b[As", "s"), ("\x1bOPq", "q"), ("\x1b[15~\x1b[1;5Cg", "g"), ("\x1b", ""), ("\x1bx", "")],
+    [
+        ("b", "b"), ("BS", "bs"), ("\x1b[As", "s"), ("\x1bOPq", "q"), ("\x1b[15~\x1b[1;5Cg", "g"), ("\x1b", ""),
+        ("\x1bx", ""),
+    ],
 )
 def test_arrow_and_function_keys_are_no_commands(typed, keys):
     assert keys_typed(typed) == keys

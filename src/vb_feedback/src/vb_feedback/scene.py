@@ -59,9 +59,13 @@ class Shape:
 def changes(
     before: Dict[Tuple[str, int], Shape], now: Sequence[Shape]
 ) -> Tuple[List[Shape], List[Tuple[str, int]]]:
-    """The shapes that are new or differ, and the keys of those that are gone."""
+    """The shapes that are new or differ, and the keys of those that are gone.
+
+    A shape with a lifetime counts as new each time, since it would expire otherwise.
+    """
     keys = {shape.key for shape in now}
-    return [shape for shape in now if before.get(shape.key) != shape], [key for key in before if key not in keys]
+    news = [shape for shape in now if shape.lifetime or before.get(shape.key) != shape]
+    return news, [key for key in before if key not in keys]
 
 
 def _pairs(points: np.ndarray) -> Tuple[Tuple[float, float], ...]:
@@ -140,7 +144,8 @@ def words(layout: Layout, talk: Talk) -> List[Shape]:
             part = slice(first, first + 3)
             line(f"seen/{number}", " ".join(names[part]), 0.725 + 0.062 * number, 0.055, *tints[part])
 
-    message = plain(talk.message) or ("Say define border to begin." if talk.state else "Waiting for the system to start.")
+    start = "Say define border to begin." if talk.state else "Waiting for the system to start."
+    message = plain(talk.message) or start
     sizes = [share * unit for share in (0.074, 0.066, 0.06, 0.052)]
     text, size = fit_text(message, sizes, strip.width - 0.06 * unit, strip.height - 0.02 * unit)
     tint = colours.WHITE if talk.success else colours.YELLOW
@@ -203,7 +208,9 @@ def borders(layout: Layout, stored: Sequence[Border]) -> List[Shape]:
         outline = segments(border.points, border.closed, width)
         shapes.append(Shape("borders/outline", number, LINES, outline, Z_BORDER, (width,), (tint,)))
         shapes.append(
-            Shape("borders/plate", number, PLATE, (box.centre,), Z_PLATE, (box.width, box.height), (colours.WHITE,), 0.9)
+            Shape(
+                "borders/plate", number, PLATE, (box.centre,), Z_PLATE, (box.width, box.height), (colours.WHITE,), 0.9
+            )
         )
         label = colours.blend(colours.GREY, colours.BLACK, 0.3) if not border.enabled else colours.BLACK
         shapes += write(f"borders/label/{number}", text, *box.centre, size, (label,))
@@ -294,11 +301,14 @@ def robot(base_frame: str, number: int, radius: float) -> List[Shape]:
     """A robot's footprint and heading, in its own frame: RViz moves it along with tf."""
     nose = np.array([[0.7, 0.0], [-0.4, 0.5], [-0.15, 0.0], [-0.4, -0.5]]) * radius
     width = 0.14 * radius
-    frame = base_frame
+    arrow = segments(nose, True, width)
+    middle = ((0.0, 0.0),)
+    parts = (
+        ("rim", DISC, middle, 0.0, 2.0 * radius, colours.BLACK),
+        ("body", DISC, middle, 0.015, 1.7 * radius, colours.TEAL),
+        ("nose", LINES, arrow, 0.03, width, colours.BLACK),
+    )
     return [
-        Shape("robot/rim", number, DISC, ((0.0, 0.0),), Z_ROBOT, (2.0 * radius,), (colours.BLACK,), frame=frame),
-        Shape("robot/body", number, DISC, ((0.0, 0.0),), Z_ROBOT + 0.015, (1.7 * radius,), (colours.TEAL,), frame=frame),
-        Shape(
-            "robot/nose", number, LINES, segments(nose, True, width), Z_ROBOT + 0.03, (width,), (colours.BLACK,), frame=frame
-        ),
+        Shape(f"robot/{name}", number, kind, points, Z_ROBOT + lift, (size,), (tint,), frame=base_frame)
+        for name, kind, points, lift, size, tint in parts
     ]

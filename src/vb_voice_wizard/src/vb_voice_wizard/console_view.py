@@ -98,8 +98,10 @@ def _interaction(view: View) -> Panel:
     table.add_row("time [s]", f"guide {guide:.1f}, border {border:.1f}, seed {seed:.1f}")
     table.add_row("spots", f"{view.border_spots} border, {view.seed_spots} seed")
     table.add_row("spots ignored", str(view.ignored_spots))
-    kind = "polygon" if view.closed else "curve"
-    table.add_row("chain", f"{view.chain_points} points, {kind}" if view.chain_points else view.progress_message or "none")
+    chain = view.progress_message or "none"
+    if view.chain_points:
+        chain = f"{view.chain_points} points, {'polygon' if view.closed else 'curve'}"
+    table.add_row("chain", chain)
     seeing = Text(", ".join(view.seeing) or "nobody", style="bold green" if view.seeing else "")
     table.add_row("spot seen by", seeing)
     table.add_row("cameras so far", ", ".join(view.cameras) or "none")

@@ -6,6 +6,7 @@ import threading
 from dataclasses import dataclass
 from typing import List, Optional
 
+import numpy as np
 import rospy
 from std_msgs.msg import String
 from vb_core import names
@@ -23,8 +24,6 @@ from vb_msgs.srv import (
     GetCandidate,
     GetCandidateRequest,
 )
-
-import numpy as np
 
 from vb_voice_wizard import memory
 from vb_voice_wizard.interaction import Answer, Interaction, State, normalise

@@ -145,7 +145,9 @@ class WizardConsole:
 
     def _on_borders(self, message: VirtualBorderArray) -> None:
         with self._lock:
-            self._view.borders = tuple((border.name or border.id, border.area_m2, border.enabled) for border in message.borders)
+            self._view.borders = tuple(
+                (border.name or border.id, border.area_m2, border.enabled) for border in message.borders
+            )
             self._changed.set()
 
     # ------------------------------------------------------------------ commands
