@@ -95,11 +95,12 @@ def integrate(
         # obstacles and unknown in one comparison
         blocked = cv2.compare(as_bytes, params.occupied_from - 1, cv2.CMP_GT)
         if border.closed:
-            mask = _polygon(prior, points, seed, as_bytes, blocked, params, findings)
+            mask, band = _polygon(prior, points, seed, as_bytes, blocked, params, findings)
             line = border.points
         else:
+            band = slice(None)
             mask, line = _curve(prior, points, seed, as_bytes, blocked, params, findings)
-        restricted = cv2.countNonZero(mask)
+        restricted = cv2.countNonZero(mask[band])
         if restricted == 0:
             raise IntegrationError("empty_region", "there is no free cell in the area: draw it larger or elsewhere")
         free = blocked.size - cv2.countNonZero(blocked)
@@ -114,9 +115,16 @@ def integrate(
     except IntegrationError as error:
         raise IntegrationError(error.code, error.message, findings) from None
     over_unknown = border.closed is True and border.value >= params.occupied_from
+    posterior = raster.paint(cells[band], mask[band], border.value, over_unknown)
+    region = cv2.min(mask[band], 1).view(bool)
+    if len(region) < len(mask):
+        posterior, part = cells.copy(), posterior
+        posterior[band] = part
+        region, part = np.zeros(prior.shape, dtype=bool), region
+        region[band] = part
     return Integration(
-        posterior=prior.with_data(raster.paint(cells, mask, border.value, over_unknown)),
-        region=cv2.min(mask, 1).view(bool),
+        posterior=prior.with_data(posterior),
+        region=region,
         findings=tuple(findings),
         area_m2=restricted * prior.resolution**2,
         closed=bool(border.closed),
@@ -154,21 +162,29 @@ def _polygon(
     blocked: np.ndarray,
     params: IntegrationParams,
     findings: List[Finding],
-) -> np.ndarray:
-    """(H, W) uint8: the area on the seed's side of a polygon."""
+) -> Tuple[np.ndarray, slice]:
+    """(H, W) uint8: the area on the seed's side of a polygon, and the rows that it lies in."""
     inner = raster.polygon_mask(points, prior.shape)
     if cv2.countNonZero(inner) == 0:
         raise IntegrationError("empty_region", "the polygon holds no cell of the map: draw it larger or elsewhere")
     row, column = (int(value) for value in np.floor(seed[::-1] + 0.5))
-    obstacle = cv2.inRange(as_bytes, params.occupied_from, 127)
     if inner[row, column]:
-        _free_cell(cv2.bitwise_or(obstacle, cv2.bitwise_not(inner)) if obstacle[row, column] else obstacle,
-                   seed, prior, params, findings)
-        return cv2.subtract(inner, obstacle)
+        if params.occupied_from <= as_bytes[row, column] <= 100:
+            obstacle = cv2.inRange(as_bytes, params.occupied_from, 127)
+            _free_cell(cv2.bitwise_or(obstacle, cv2.bitwise_not(inner)), seed, prior, params, findings)
+        band = _band(points, prior)
+        inner[band] = cv2.subtract(inner[band], cv2.inRange(as_bytes[band], params.occupied_from, 127))
+        return inner, band
     # the outer area is all that hangs together with the seed, also behind the polygon
     barred = cv2.bitwise_or(blocked, inner) if blocked[row, column] else blocked
     start = _free_cell(barred, seed, prior, params, findings)
-    return cv2.subtract(raster.flood(blocked, start), inner)
+    return cv2.subtract(raster.flood(blocked, start), inner), slice(None)
+
+
+def _band(points: np.ndarray, prior: GridMap) -> slice:
+    """The map's rows that a polygon reaches: on a large map most of the work is left out."""
+    low, high = np.clip((np.floor(points[:, 1].min()), np.ceil(points[:, 1].max()) + 1), 0, prior.shape[0])
+    return slice(int(low), int(high))
 
 
 def _curve(

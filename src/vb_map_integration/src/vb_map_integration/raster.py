@@ -146,12 +146,13 @@ def paint(cells: np.ndarray, mask: np.ndarray, value: int, over_unknown: bool) -
     Returns:
         (H, W) int8.
     """
-    if over_unknown:
-        table = np.full((1, 256), 128, np.uint8)  # as int8 -128: below all there is
-        table[0, 255] = value
-        return cv2.max(cells, cv2.LUT(mask, table).view(np.int8))
     # as uint8 unknown is 255 and wins
-    return cv2.max(cells.view(np.uint8), cv2.bitwise_and(mask, value)).view(np.int8)
+    as_bytes = cells.view(np.uint8)
+    raised = cv2.max(as_bytes, cv2.min(mask, value))
+    if over_unknown:
+        unknown = cv2.bitwise_and(cv2.compare(as_bytes, 255, cv2.CMP_EQ), mask)
+        raised = cv2.subtract(raised, cv2.min(unknown, 255 - value))
+    return raised.view(np.int8)
 
 
 def runs_of(mask: np.ndarray) -> np.ndarray:
