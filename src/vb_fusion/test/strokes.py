@@ -9,14 +9,20 @@ from dataclasses import dataclass
 from typing import Dict, Tuple
 
 import numpy as np
+from scipy.signal import lfilter
+from scipy.spatial import cKDTree
+from shapely.geometry import Polygon
 
 from vb_core import geometry
 
 SHAPES: Dict[str, Tuple[np.ndarray, bool]] = {
     "rectangle": (np.array([[0, 0], [2.0, 0], [2.0, 1.25], [0, 1.25]], float), True),
     "L": (np.array([[0, 0], [2.0, 0], [2.0, 0.7], [0.8, 0.7], [0.8, 1.8], [0, 1.8]], float), True),
-    "U": (np.array([[0, 0], [2.0, 0], [2.0, 1.5], [1.3, 1.5], [1.3, 0.6], [0.7, 0.6], [0.7, 1.5], [0, 1.5]], float), True),
-    "narrow_U": (np.array([[0, 0], [1.6, 0], [1.6, 1.5], [0.9, 1.5], [0.9, 0.5], [0.7, 0.5], [0.7, 1.5], [0, 1.5]], float), True),
+    "U": (np.array([[0, 0], [2, 0], [2, 1.5], [1.3, 1.5], [1.3, 0.6], [0.7, 0.6], [0.7, 1.5], [0, 1.5]], float), True),
+    "narrow_U": (
+        np.array([[0, 0], [1.6, 0], [1.6, 1.5], [0.9, 1.5], [0.9, 0.5], [0.7, 0.5], [0.7, 1.5], [0, 1.5]], float),
+        True,
+    ),
     "doorway": (np.array([[0, 0], [0.7, 0]], float), False),
     "corner": (np.array([[0, 2.0], [0.9, 1.9], [1.7, 1.2], [1.9, 0.0]], float), False),
     "circle": (np.array([[np.cos(a), np.sin(a)] for a in np.linspace(0, 2 * np.pi, 60, endpoint=False)]), True),
@@ -107,23 +113,17 @@ def _tremor(t: np.ndarray, setting: Setting, rng: np.random.Generator) -> np.nda
     keep = np.exp(-0.01 / setting.tremor_time)
     steps = rng.normal(0, setting.tremor * np.sqrt(1 - keep**2), (len(t), 2))
     steps[0] = rng.normal(0, setting.tremor, 2)
-    from scipy.signal import lfilter
-
     return lfilter([1.0], [1.0, -keep], steps, axis=0)
 
 
 def hausdorff(a: np.ndarray, b: np.ndarray, closed: bool) -> float:
     """Hausdorff distance [m] of two chains, sampled every centimetre."""
-    from scipy.spatial import cKDTree
-
     a, b = (geometry.resample_chain(chain, 0.01, closed) for chain in (a, b))
     return float(max(cKDTree(a).query(b)[0].max(), cKDTree(b).query(a)[0].max()))
 
 
 def jaccard(a: np.ndarray, b: np.ndarray) -> float:
     """Jaccard index of two polygons' areas."""
-    from shapely.geometry import Polygon
-
     if min(len(a), len(b)) < 3:
         return 0.0
     p, q = Polygon(a).buffer(0), Polygon(b).buffer(0)

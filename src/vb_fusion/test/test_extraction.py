@@ -65,7 +65,8 @@ def test_legs_of_a_narrow_u_are_told_apart_by_time():
 
 def test_corners_stay_corners():
     s = np.linspace(0, 6, 600, endpoint=False)
-    points = np.column_stack([np.interp(s, [0, 2, 3, 5, 6], [0, 2, 2, 0, 0]), np.interp(s, [0, 2, 3, 5, 6], [0, 0, 1, 1, 0])])
+    at = [0, 2, 3, 5, 6]
+    points = np.column_stack([np.interp(s, at, [0, 2, 2, 0, 0]), np.interp(s, at, [0, 0, 1, 1, 0])])
     chain = extract_border(points + np.random.default_rng(0).normal(0, 0.005, points.shape))
     for corner in ([0, 0], [2, 0], [2, 1], [0, 1]):
         assert np.linalg.norm(chain.points - corner, axis=1).min() < 0.02
@@ -109,9 +110,9 @@ def test_stroke_runs_in_the_direction_it_was_drawn():
 
 # ----------------------------------------------------------------- closed or open
 def carpet(gap: float, scale: float = 1.0) -> np.ndarray:
-    s = np.linspace(0.7, 0.7 + 6.5 - gap, 300)
-    corners = [0, 2, 3.25, 5.25, 6.5]
-    ring = np.column_stack([np.interp(s % 6.5, corners, [0, 2, 2, 0, 0]), np.interp(s % 6.5, corners, [0, 0, 1.25, 1.25, 0])])
+    s = np.linspace(0.7, 0.7 + 6.5 - gap, 300) % 6.5
+    at = [0, 2, 3.25, 5.25, 6.5]
+    ring = np.column_stack([np.interp(s, at, [0, 2, 2, 0, 0]), np.interp(s, at, [0, 0, 1.25, 1.25, 0])])
     return scale * ring
 
 

@@ -64,7 +64,8 @@ def test_whole_paper_mode_equals_the_transcription(seed):
     s = rng.uniform(0, 4, 150)
     points = np.column_stack([np.interp(s, range(5), [0, 1, 1, 0, 0]), np.interp(s, range(5), [0, 0, 1, 1, 0])])
     points = np.vstack([points + rng.normal(0, 0.02, points.shape), rng.uniform(-4, 4, (15, 2))])
-    cluster = [tuple(points[i]) for i in sorted(literal.clustering([tuple(p) for p in points], 0.5, 1, 0.3, np.inf, 10))]
+    everything = [tuple(p) for p in points]
+    cluster = [everything[i] for i in sorted(literal.clustering(everything, 0.5, 1, 0.3, np.inf, 10))]
     thinned = literal.thinning(cluster, 0.1)
     expected = np.array([thinned[i] for i in literal.generate_poly(thinned, 0.5)])
     chain = extract_border(points, ExtractionParams.paper()).points

@@ -36,7 +36,10 @@ def test_of_two_places_the_later_one():
     assert np.linalg.norm(extract_seed(points, stamps=-np.arange(120) / 25.0)) < 0.02
 
 
-@pytest.mark.parametrize("points, code", [([], "no_spots"), ([[np.nan, 1]], "no_spots"), ([[0, 0]], "no_seed"), (np.zeros(3), "bad_points")])
+@pytest.mark.parametrize(
+    "points, code",
+    [([], "no_spots"), ([[np.nan, 1]], "no_spots"), ([[0, 0]], "no_seed"), (np.zeros(3), "bad_points")],
+)
 def test_refusals(points, code):
     with pytest.raises(ExtractionError) as caught:
         extract_seed(points)

@@ -36,7 +36,7 @@ _NESTED = ("extraction", "collector")
 class FusionParams(Parameters):
     """The node's own parameters."""
 
-    rate: float = param(6.0, "Hz", low=1.0, high=50.0, doc="progress while spots come")
+    rate: float = param(8.0, "Hz", low=1.0, high=50.0, doc="progress while spots come")
     idle_rate: float = param(1.0, "Hz", above=0.0, high=50.0, doc="progress in Border and Seed while none come")
     max_points: int = param(300, low=0, high=5000, doc="points in a progress message")
     live_share: float = param(0.12, above=0.0, high=1.0, doc="share of one core that the live chain may take")

@@ -148,8 +148,10 @@ def _connect(points: np.ndarray, eps: float) -> np.ndarray:
     ordered = points[order]
     for (dx, dy), a, b in neighbours:
         towards = ordered @ np.array([float(dx), float(dy)])
-        foremost = order[_first_of_each(towards == np.repeat(np.maximum.reduceat(towards, starts[:-1]), counts), starts)]
-        hindmost = order[_first_of_each(towards == np.repeat(np.minimum.reduceat(towards, starts[:-1]), counts), starts)]
+        most = np.repeat(np.maximum.reduceat(towards, starts[:-1]), counts)
+        least = np.repeat(np.minimum.reduceat(towards, starts[:-1]), counts)
+        foremost = order[_first_of_each(towards == most, starts)]
+        hindmost = order[_first_of_each(towards == least, starts)]
         near = ((points[foremost[a]] - points[hindmost[b]]) ** 2).sum(axis=1) <= eps**2
         edges.append(np.vstack([a[near], b[near]]))
     component = _components(edges, len(unique))

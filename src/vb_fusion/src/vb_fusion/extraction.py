@@ -36,8 +36,8 @@ class ExtractionParams(Parameters):
     max_exp: float = param(float("inf"), "m", above=0.0, doc="longest border, likewise")
     min_size: int = param(10, low=2, high=100000, doc="fewest points of a border")
     thinning_dist: float = param(0.1, "m", above=0.0, high=1.0, doc="thinning: maxNeighborDist; paper mode only")
-    polygon_dist: float = param(0.5, "m", above=0.0, high=5.0, doc="polygon generation: maxNeighborDist; paper mode only")
-    bandwidth: float = param(smoothing.BANDWIDTH, "m", above=0.0, high=0.5, doc="local fit along the chain; robust only")
+    polygon_dist: float = param(0.5, "m", above=0.0, high=5.0, doc="polygon generation: maxNeighborDist; paper only")
+    bandwidth: float = param(smoothing.BANDWIDTH, "m", above=0.0, high=0.5, doc="local fit along the chain")
     tolerance: float = param(0.005, "m", low=0.0, high=0.1, doc="vertices that change less are left out; robust only")
     kind: str = param("decide", choices=("decide", "polygon", "curve"), doc="overrides the rule of closing.py")
 

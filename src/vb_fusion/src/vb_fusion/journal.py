@@ -82,7 +82,8 @@ class Journal:
                 for line in file:
                     try:
                         state, stamp, x, y, camera, confidence = json.loads(line)
-                        entries.append((str(state), Spot(float(stamp), float(x), float(y), str(camera), float(confidence))))
+                        spot = Spot(float(stamp), float(x), float(y), str(camera), float(confidence))
+                        entries.append((str(state), spot))
                     except (ValueError, TypeError):
                         continue
         except (OSError, ValueError, AttributeError):

@@ -123,7 +123,9 @@ def _local_lines(dense, step, t, at, w, closed, bandwidth, first, last) -> np.nd
     if closed:
         period = length
         keep = np.arange(0, bins, every)
-        return np.column_stack([np.interp(centre[keep], centre[good], fitted[good, axis], period=period) for axis in range(2)])
+        return np.column_stack(
+            [np.interp(centre[keep], centre[good], fitted[good, axis], period=period) for axis in range(2)]
+        )
     keep = np.unique(np.append(np.arange(0, bins, every), bins - 1))
     return np.column_stack([np.interp(centre[keep], centre[good], fitted[good, axis]) for axis in range(2)])
 
