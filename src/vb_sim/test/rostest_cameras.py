@@ -151,8 +151,9 @@ class CamerasTest(unittest.TestCase):
         self.wait("picture with the spot again", lambda: newest_is(True))
 
     def test_bad_parameters(self):
-        for arguments, words in ((["_world:=/nowhere.yaml"], "no_world"), ([], "~world"), (["_cameras:=[nobody]"], "nobody")):
-            known = "".join(arguments).startswith("_cameras")
+        for arguments, words in ((["_world:=/nowhere.yaml"], "no_world"), ([], "~world"), (["_cameras:=[nobody]"], "nobody"),
+                                  (["_sead:=3"], "sead")):
+            known = "".join(arguments).startswith(("_cameras", "_sead"))
             world = [f"_world:={rospy.get_param('/ceiling_cameras/world')}"] if known else []
             run = subprocess.run(
                 ["rosrun", "vb_sim", "ceiling_cameras", "__name:=bad_cameras", *world, *arguments],

@@ -3,6 +3,7 @@ from __future__ import annotations
 
 import threading
 import time
+from dataclasses import dataclass
 from typing import Dict, List
 
 import cv2
@@ -12,7 +13,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 from sensor_msgs.msg import CameraInfo, Image
 
 from vb_core import names
-from vb_core.errors import ParameterError
+from vb_core.parameters import Parameters, param
 from vb_core.ros import node, parameters
 from vb_core.ros.messages import info_from_camera, transform_message
 from vb_msgs.msg import LabState
@@ -20,7 +21,7 @@ from vb_sim.ceiling_view import CeilingView
 from vb_sim.floor_texture import render_floor
 from vb_sim.frame_clock import FrameSchedule, SmoothClock
 from vb_sim.lab_history import History
-from vb_sim.lab_messages import array_image, camera_diagnostics, snapshot_from_message
+from vb_sim.lab_messages import array_image, camera_diagnostics, models_file, snapshot_from_message
 from vb_sim.mesh import world_mesh
 from vb_sim.models_cameras import CameraModels, calibrated_pose, load_camera_models
 from vb_sim.world import CeilingCamera, World, load_world
@@ -128,20 +129,26 @@ class CeilingCamerasNode:
         ]
 
 
+@dataclass(frozen=True)
+class CeilingCamerasParams(Parameters):
+    """The node's own parameters; config/ceiling_cameras.yaml says what they mean."""
+
+    world: str = param("")
+    models: str = param("")
+    seed: int = param(1, low=0)
+    cameras: list = param([])
+
+
 def build() -> CeilingCamerasNode:
-    """Reads the parameters: ~world, ~models (files), ~seed, ~cameras (names; empty: all)."""
+    """Reads the parameters."""
     cv2.setNumThreads(1)
-    world = load_world(str(parameters.required("~world")))
-    models_path = rospy.get_param("~models", "")
-    models = load_camera_models(models_path) if models_path else CameraModels()
-    chosen = rospy.get_param("~cameras", [])
-    if not isinstance(chosen, list):
-        raise ParameterError(rospy.resolve_name("~cameras"), f"expected a list of names, got {chosen!r}")
-    cameras = [world.camera(str(name)) for name in chosen] if chosen else list(world.cameras)
-    seed = rospy.get_param("~seed", 1)
-    if isinstance(seed, bool) or not isinstance(seed, int):
-        raise ParameterError(rospy.resolve_name("~seed"), f"expected a whole number, got {seed!r}")
-    return CeilingCamerasNode(world, models, cameras, seed)
+    parameters.required("~world")
+    params = parameters.read(CeilingCamerasParams)
+    world = load_world(params.world)
+    cameras = [world.camera(str(name)) for name in params.cameras] if params.cameras else list(world.cameras)
+    if not cameras:
+        rospy.logwarn("world '%s' has no ceiling cameras", world.name)
+    return CeilingCamerasNode(world, load_camera_models(models_file(params.models)), cameras, params.seed)
 
 
 def main() -> None:

@@ -94,7 +94,8 @@ class CeilingView:
         down = np.minimum(down, np.float32(-1e-4)) * np.ones((self.model.height, self.model.width), np.float32)
         steps = np.float32(-origin[2]) / down
         columns, rows = (
-            ((origin[axis] + grid.combine(*rotation[axis]) * steps) * to_texture[axis, axis] + to_texture[axis, 2]).astype(np.float32)
+            (grid.combine(*rotation[axis]) * steps + np.float32(origin[axis])) * np.float32(to_texture[axis, axis])
+            + np.float32(to_texture[axis, 2])
             for axis in (0, 1)
         )
         image = cv2.remap(floor.rgb, columns, rows, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)

@@ -89,7 +89,9 @@ def _brightness(floor: Floor, shape: Tuple[int, int], resolution: float, rng: np
         breadth = length
     rows = np.arange(height, dtype=np.float32) / breadth
     row_numbers = rows.astype(int)
-    shifts = rng.random(row_numbers[-1] + 1).astype(np.float32) if floor.kind == "planks" else np.zeros(row_numbers[-1] + 1, np.float32)
+    shifts = rng.random(row_numbers[-1] + 1).astype(np.float32)
+    if floor.kind == "tiles":
+        shifts[:] = 0.0
     columns = np.arange(width, dtype=np.float32)[None, :] / length + shifts[row_numbers][:, None]
     column_numbers = columns.astype(np.int32)
     tones = rng.normal(0.0, 1.0, (row_numbers[-1] + 1, int(column_numbers.max()) + 1)).astype(np.float32)

@@ -78,4 +78,4 @@ class FrameSchedule:
             (number if number is not None else 0) * period + phase + self._latency_s
             for number, period, phase in zip(self._next, self._periods, self._phases)
         ]
-        return max(0.0, min(moments) - now)
+        return max(0.0, min(moments, default=now + 1.0) - now)

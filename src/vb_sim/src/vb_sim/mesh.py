@@ -43,7 +43,14 @@ class MeshBuilder:
         self._normals.append(normal)
         self._colors.append(np.clip(np.array(color, dtype=float) * light, 0, 255))
 
-    def prism(self, outline: np.ndarray, low: float, high: float, color: Sequence[float], bands: Sequence[Tuple[float, float]] = ()) -> None:
+    def prism(
+        self,
+        outline: np.ndarray,
+        low: float,
+        high: float,
+        color: Sequence[float],
+        bands: Sequence[Tuple[float, float]] = (),
+    ) -> None:
         """An upright solid over a convex outline (N, 2), counter-clockwise, from height low to high [m].
 
         Args:

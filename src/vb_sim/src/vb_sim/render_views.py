@@ -27,7 +27,7 @@ def main() -> None:
     parser.add_argument("--models", default="", help="file of models (YAML); default: the built-in figures")
     parser.add_argument("--out", default="out/views", help="folder for the pictures")
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--laser", type=float, nargs=2, metavar=("X", "Y"), help="[m] the spot; default: on the first scenario's border")
+    parser.add_argument("--laser", type=float, nargs=2, metavar=("X", "Y"), help="[m]; default: on the first scenario's border")
     parser.add_argument("--color", choices=("red", "green"), default="red", help="of the laser")
     parser.add_argument("--person", type=float, nargs=3, metavar=("X", "Y", "YAW"), help="[m, m, deg]")
     parser.add_argument("--robot", type=float, nargs=3, metavar=("X", "Y", "YAW"), help="[m, m, deg] of the first robot")

@@ -3,6 +3,7 @@ from __future__ import annotations
 
 import threading
 import time
+from dataclasses import dataclass
 
 import cv2
 import rospy
@@ -11,14 +12,14 @@ from diagnostic_msgs.msg import DiagnosticArray
 from sensor_msgs.msg import CameraInfo, Image
 
 from vb_core import names
-from vb_core.errors import ParameterError
+from vb_core.parameters import Parameters, param
 from vb_core.ros import node, parameters
 from vb_core.ros.messages import info_from_camera, transform_message
 from vb_msgs.msg import LabState
 from vb_sim.floor_texture import render_floor
 from vb_sim.frame_clock import FrameSchedule, SmoothClock
 from vb_sim.lab_history import History
-from vb_sim.lab_messages import array_image, camera_diagnostics, snapshot_from_message
+from vb_sim.lab_messages import array_image, camera_diagnostics, models_file, snapshot_from_message
 from vb_sim.mesh import world_mesh
 from vb_sim.models_cameras import CameraModels, load_camera_models
 from vb_sim.robot_view import RobotView
@@ -129,18 +130,26 @@ class RobotCameraNode:
         self._diagnostics.publish(camera_diagnostics("robot_camera", [figures], rospy.Time.from_sec(now)))
 
 
+@dataclass(frozen=True)
+class RobotCameraParams(Parameters):
+    """The node's own parameters; config/robot_camera.yaml says what they mean."""
+
+    world: str = param("")
+    models: str = param("")
+    seed: int = param(1, low=0)
+    robot: str = param("")
+    tf_prefix: str = param("")
+
+
 def build() -> RobotCameraNode:
-    """Reads the parameters: ~world, ~models (files), ~robot (name; empty: the first), ~seed, ~tf_prefix."""
+    """Reads the parameters."""
     cv2.setNumThreads(1)
-    world = load_world(str(parameters.required("~world")))
-    models_path = rospy.get_param("~models", "")
-    models = load_camera_models(str(models_path)) if models_path else CameraModels()
-    name = rospy.get_param("~robot", "")
-    robot = world.robot(str(name)) if name else world.robots[0]
-    seed = rospy.get_param("~seed", 1)
-    if isinstance(seed, bool) or not isinstance(seed, int):
-        raise ParameterError(rospy.resolve_name("~seed"), f"expected a whole number, got {seed!r}")
-    return RobotCameraNode(world, models, robot, seed, str(rospy.get_param("~tf_prefix", "")))
+    parameters.required("~world")
+    params = parameters.read(RobotCameraParams)
+    world = load_world(params.world)
+    robot = world.robot(params.robot) if params.robot else world.robots[0]
+    models = load_camera_models(models_file(params.models))
+    return RobotCameraNode(world, models, robot, params.seed, params.tf_prefix)
 
 
 def main() -> None:

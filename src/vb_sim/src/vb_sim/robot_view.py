@@ -228,5 +228,6 @@ class RobotView:
         normals = buffer.normals.astype(np.float32)[buffer.ids]
         facing = -(normals[..., 0] * buffer.grid.x + normals[..., 1] * buffer.grid.y + normals[..., 2])
         facing = np.where(floor, down, facing) / self._slant
-        blind = (facing < math.cos(math.radians(figures.depth_grazing_deg))) | (depth < figures.depth_min) | (depth > figures.depth_max)
+        grazing = facing < math.cos(math.radians(figures.depth_grazing_deg))
+        blind = grazing | (depth < figures.depth_min) | (depth > figures.depth_max)
         return depth, blind
