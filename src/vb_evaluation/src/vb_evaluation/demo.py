@@ -20,13 +20,21 @@ from pathlib import Path
 from typing import Dict, List, Optional, Tuple
 
 import numpy as np
+import rosgraph
+import rospy
 from rich.console import Console
-from rich.table import Table
 
+from vb_core import names
 from vb_core.errors import CodedError, ParameterError
 from vb_core.geometry import chain_length
-from vb_evaluation import metrics
+from vb_core.ros import messages
+from vb_evaluation import metrics, pictures
+from vb_evaluation.narration import Narrator, live_line, result_table
+from vb_evaluation.observer import CameraAlbum, Observer, wait_until
 from vb_evaluation.processes import Child, find_window, free_port, screenshot, start_screen
+from vb_feedback import fit_display
+from vb_msgs.msg import VirtualBorder
+from vb_msgs.srv import SaveMap
 from vb_sim import floor_plan
 from vb_sim.world import Proof, Scenario, World, load_world
 
@@ -100,7 +108,7 @@ class Demo:
     def __init__(self, options: Options, console: Console) -> None:
         self.options = options
         self.console = console
-        self._started = time.monotonic()
+        self._narrator = Narrator(console)
         self._stack = contextlib.ExitStack()
         self.display: Optional[str] = None
         self.virtual_screen = False
@@ -115,8 +123,9 @@ class Demo:
         self.console.rule(f"[bold]{options.scenario.title}[/bold], {METHOD_TITLES[options.method]}")
         with self._stack:
             self._launch()
-            import rospy  # only now: rospy reads the master's address when it is imported
-
+            # rospy would complain about a master that is not up yet
+            if not wait_until(lambda: rosgraph.is_master_online() or not self._launched.running, READY_TIMEOUT_S):
+                raise CodedError("not_ready", "the ROS master did not come up")
             rospy.init_node("demo_observer", anonymous=True, disable_signals=True, log_level=rospy.ERROR)
             return self._observe()
 
@@ -157,8 +166,6 @@ class Demo:
 
     def _fit_display(self) -> Path:
         """Writes the smart display's configuration for this world's map; returns its path."""
-        from vb_feedback import fit_display
-
         grid = floor_plan.physical_map(self.options.world)
         low, high = grid.corners()[0], grid.corners()[2]
         path = self.options.out / "state" / "smart_display.rviz"
@@ -172,11 +179,9 @@ class Demo:
         return str(Path(__file__).resolve().parents[4] / "launch" / name)
 
     def _observe(self) -> int:
-        from vb_evaluation.observer import CameraAlbum, Observer, wait_until
-
         options = self.options
         observer = Observer()
-        self._wait_until_ready(observer, wait_until)
+        self._wait_until_ready(observer)
         proof = options.scenario.proof
         before = observer.plan(_pose(proof.start), _pose(proof.goal), "/move_base/make_plan")
         self._say(f"before: the way from the robot's place to the goal is {chain_length(before):.2f} m long"
@@ -184,20 +189,20 @@ class Demo:
         album = CameraAlbum(observer, self._camera_topics())
         clock = self._start_clock(observer)
         self._start_participant()
-        self._follow(observer, wait_until)
+        self._follow(observer)
         measured = self._stop_clock(observer, clock)
         saved = observer.state is not None and observer.state.last_outcome == "saved"
         # the map that carries the border was published before the state said "saved"
         region = metrics.restricted_cells(observer.prior, observer.posterior)
         after = np.zeros((0, 2))
         if saved:
-            after = self._plan_after(observer, wait_until, proof, region)
+            after = self._plan_after(observer, proof, region)
         album.close()
         maps = self._save_map() if saved else []
         self._take_screenshot()
         return self._conclude(observer, album, before, after, region, saved, measured, maps)
 
-    def _wait_until_ready(self, observer, wait_until) -> None:
+    def _wait_until_ready(self, observer: Observer) -> None:
         options = self.options
         cameras = [camera.name for camera in options.world.cameras] if options.method == "nrs" else []
         wanted = {
@@ -210,7 +215,7 @@ class Demo:
             wanted[f"the detector of camera {camera} (/virtual_borders/detectors)"] = (
                 lambda camera=camera: camera in observer.detectors and observer.detectors[camera].processed > 0
             )
-        with self._status("waiting for all nodes"):
+        with self._narrator.status("waiting for all nodes"):
             missing = lambda: [name for name, there in wanted.items() if not there()]  # noqa: E731
             ready = wait_until(lambda: not missing() or not self._launched.running, READY_TIMEOUT_S)
         if not ready or missing():
@@ -235,67 +240,27 @@ class Demo:
         self._say("the participant takes up the laser pointer")
 
     # ------------------------------------------------------------- while it runs
-    def _follow(self, observer, wait_until) -> None:
+    def _follow(self, observer: Observer) -> None:
         """Tells what happens until the participant is done."""
-        told: Dict[str, object] = {}
 
         def tell() -> bool:
-            state, progress = observer.state, observer.progress
-            if state and state.name != told.get("state"):
-                told["state"] = state.name
-                self._say(f"state [bold]{state.name}[/bold]" + (f": {state.last_message}" if state.last_message else ""))
-            elif state and state.last_message and (state.last_command, state.last_message) != told.get("answer"):
-                if not state.last_success:
-                    self._say(f"answer to {state.last_command}: {state.last_message}")
-            if state:
-                told["answer"] = (state.last_command, state.last_message)
-            if progress:
-                seeing = ", ".join(sorted(progress.seeing))
-                if seeing != told.get("seeing"):
-                    told["seeing"] = seeing
-                    if seeing:
-                        self._say(f"seen by {seeing}; {progress.border_spots} border spots, {progress.seed_spots} seed spots")
-                if progress.has_seed and not told.get("seed"):
-                    told["seed"] = True
-                    self._say(f"the seed point is at ({progress.seed.x:.2f}, {progress.seed.y:.2f}) m")
-            doing = observer.lab.participant_doing if observer.lab else ""
-            if doing and doing != told.get("doing"):
-                told["doing"] = doing
-                self._say(f"the participant: {doing}")
-            status.update(self._live_line(observer))
+            self._narrator.tell(observer)
+            status.update(live_line(observer))
             return observer.outcome is not None or not self._launched.running
 
-        with self._status("the participant comes in") as status:
+        with self._narrator.status("the participant comes in") as status:
             wait_until(tell, INTERACTION_TIMEOUT_S, 0.1)
         if not self._launched.running:
             raise CodedError("launch_ended", f"roslaunch ended:\n{self._launched.tail()}")
         if observer.outcome is None:
             self._say(f"the participant did not finish within {INTERACTION_TIMEOUT_S:.0f} s")
-        else:
-            self._say(f"the participant is done: {observer.outcome.get('outcome', '?')}")
-
-    @staticmethod
-    def _live_line(observer) -> str:
-        parts = []
-        if observer.state:
-            parts.append(f"state {observer.state.name}")
-        if observer.progress:
-            chain = np.array([(p.x, p.y) for p in observer.progress.chain]).reshape(-1, 2)
-            parts.append(f"{observer.progress.border_spots} spots, chain {chain_length(chain, observer.progress.closed):.2f} m")
-        if observer.lab and observer.lab.robot_poses:
-            pose = observer.lab.robot_poses[0]
-            parts.append(f"robot at ({pose.x:.1f}, {pose.y:.1f})")
-            parts.append(f"real-time factor {observer.lab.real_time_factor:.2f}")
-        return "  |  ".join(parts) or "..."
+        elif observer.outcome.get("outcome") != "saved":
+            self._say(f"the participant ended with '{observer.outcome.get('outcome')}': {observer.outcome.get('reason', '')}")
 
     def _start_clock(self, observer) -> dict:
-        import rospy
-
         return {"ros": rospy.get_time(), "wall": time.monotonic(), "frames": _frames(observer)}
 
     def _stop_clock(self, observer, start: dict) -> dict:
-        import rospy
-
         ros, wall = rospy.get_time() - start["ros"], time.monotonic() - start["wall"]
         frames = _frames(observer)
         for camera, counts in frames.items():
@@ -303,7 +268,7 @@ class Demo:
                 counts[key] -= start["frames"].get(camera, {}).get(key, 0)
         return {"real_time_factor": ros / wall if wall > 0 else math.nan, "frames": frames, "duration_s": ros}
 
-    def _plan_after(self, observer, wait_until, proof: Proof, region: np.ndarray) -> np.ndarray:
+    def _plan_after(self, observer, proof: Proof, region: np.ndarray) -> np.ndarray:
         """The way after the border, as soon as move_base's costmap has it (at most 5 s)."""
         after = np.zeros((0, 2))
 
@@ -316,11 +281,6 @@ class Demo:
         return after
 
     def _save_map(self) -> List[str]:
-        import rospy
-
-        from vb_core import names
-        from vb_msgs.srv import SaveMap
-
         try:
             rospy.wait_for_service(names.SAVE_MAP, timeout=10.0)
             reply = rospy.ServiceProxy(names.SAVE_MAP, SaveMap)(name="posterior", raw=False)
@@ -341,9 +301,6 @@ class Demo:
 
     # ------------------------------------------------------------- the end
     def _conclude(self, observer, album, before, after, region, saved, measured, maps) -> int:
-        from vb_core.ros import messages
-        from vb_evaluation import pictures
-
         options = self.options
         truth = floor_plan.ground_truth(options.world, options.scenario)
         same_grid = truth.shape == region.shape
@@ -369,7 +326,7 @@ class Demo:
             "frames": measured["frames"],
         }
         (options.out / "summary.json").write_text(json.dumps(summary, indent=2) + "\n")
-        chain = np.array([(p.x, p.y) for p in observer.last_chain.chain]) if observer.last_chain else np.zeros((0, 2))
+        chain = _chain(observer, state.last_border_id)
         pictures.before_after(
             options.out / "before_after.png", observer.prior, region, truth if same_grid else None, before, after, chain,
             f"{options.scenario.title}, {METHOD_TITLES[options.method]}: Jaccard index {score:.3f}",
@@ -383,7 +340,7 @@ class Demo:
                 options.out / f"camera_{camera}.png", pictures.to_bgr(messages.image_array(image), image.encoding),
                 f"camera {camera}: {len(trail)} spots seen", drawn, now,
             )
-        self._print_table(summary)
+        self.console.print(result_table(summary))
         written = sorted(str(path.relative_to(options.out)) for path in options.out.glob("*.*"))
         self.console.print(f"written to {options.out}: {', '.join(written)}")
         if not saved:
@@ -398,44 +355,21 @@ class Demo:
         )
         return 0
 
-    def _print_table(self, summary: dict) -> None:
-        table = Table(title="result", show_header=False)
-        length = lambda value: "no way" if value is None else f"{value:.2f} m"  # noqa: E731
-        rows = [
-            ("Jaccard index against the ground truth", f"{summary['jaccard']:.3f}"),
-            *((f"time in {name}", f"{summary['time_s'][name]:.1f} s") for name in ("guide", "border", "seed", "total")),
-            ("way before", f"{length(summary['path_before_m'])}"
-             + (", crosses the area" if summary["path_before_crosses_border"] else ", does not cross the area")),
-            ("way after", f"{length(summary['path_after_m'])}"
-             + (", CROSSES the border" if summary["path_after_crosses_border"] else ", respects the border")),
-            ("real-time factor", f"{summary['real_time_factor']:.3f}"),
-        ]
-        for camera, counts in sorted(summary["frames"].items()):
-            rate = counts["published"] / summary["duration_s"] if summary["duration_s"] else 0.0
-            rows.append((f"camera {camera}", f"{rate:.1f} frames/s published, {counts['processed']} of {counts['published']} "
-                         f"searched, spot in {counts['detected']}"))
-        for row in rows:
-            table.add_row(*row)
-        self.console.print(table)
-
-    # ------------------------------------------------------------- helpers
     def _say(self, text: str) -> None:
-        self.console.print(f"[dim]{time.monotonic() - self._started:6.1f} s[/dim]  {text}")
-
-    def _status(self, text: str):
-        # a spinner is for terminals; a log file gets the events alone
-        if self.console.is_terminal:
-            return self.console.status(text)
-        return contextlib.nullcontext(_Silent())
-
-
-class _Silent:
-    def update(self, *_args, **_kwargs) -> None:
-        """Nothing to show."""
+        self._narrator.say(text)
 
 
 def _pose(pose: Tuple[float, float, float]) -> Tuple[float, float, float]:
     return pose[0], pose[1], math.radians(pose[2])
+
+
+def _chain(observer: Observer, border_id: str) -> np.ndarray:
+    """(N, 2) [m] the stored border's chain, its first point repeated if it is a polygon; empty if there is none."""
+    for border in observer.borders:
+        if border.id == border_id:
+            chain = messages.array_from_points(border.points)
+            return np.vstack([chain, chain[:1]]) if border.kind == VirtualBorder.POLYGON else chain
+    return np.zeros((0, 2))
 
 
 def _frames(observer) -> Dict[str, Dict[str, int]]:

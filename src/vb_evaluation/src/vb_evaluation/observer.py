@@ -18,7 +18,7 @@ from vb_core import names
 from vb_core.errors import CodedError
 from vb_core.grid_map import GridMap
 from vb_core.ros import messages
-from vb_msgs.msg import BorderProgress, DetectorStatus, InteractionState, LabState, LaserSpot
+from vb_msgs.msg import BorderProgress, DetectorStatus, InteractionState, LabState, LaserSpot, VirtualBorder, VirtualBorderArray
 
 
 class Observer:
@@ -32,7 +32,7 @@ class Observer:
         self._lock = threading.Lock()
         self.state: Optional[InteractionState] = None
         self.progress: Optional[BorderProgress] = None
-        self.last_chain: Optional[BorderProgress] = None
+        self.borders: List[VirtualBorder] = []
         self.prior: Optional[GridMap] = None
         self.posterior: Optional[GridMap] = None
         self.lab: Optional[LabState] = None
@@ -43,7 +43,8 @@ class Observer:
         self.mobile: Dict[str, bool] = {}
         self._subscribers = [
             rospy.Subscriber(names.STATE, InteractionState, lambda m: setattr(self, "state", m)),
-            rospy.Subscriber(names.PROGRESS, BorderProgress, self._on_progress),
+            rospy.Subscriber(names.PROGRESS, BorderProgress, lambda m: setattr(self, "progress", m)),
+            rospy.Subscriber(names.BORDERS, VirtualBorderArray, lambda m: setattr(self, "borders", m.borders)),
             rospy.Subscriber(names.PHYSICAL_MAP, messages.OccupancyGridArray, lambda m: self._on_map("prior", m)),
             rospy.Subscriber(names.VIRTUAL_MAP, messages.OccupancyGridArray, lambda m: self._on_map("posterior", m)),
             rospy.Subscriber(names.LAB_STATE, LabState, lambda m: setattr(self, "lab", m), queue_size=1),
@@ -54,11 +55,6 @@ class Observer:
         ]
 
     # ------------------------------------------------------------- what comes in
-    def _on_progress(self, message: BorderProgress) -> None:
-        self.progress = message
-        if message.chain:
-            self.last_chain = message
-
     def _on_map(self, which: str, message) -> None:
         try:
             setattr(self, which, messages.grid_from_message(message))

@@ -35,17 +35,16 @@ def before_after(
         region: (H, W) bool, what the border restricts.
         truth: (H, W) bool, what was asked for; None if unknown.
         path_before, path_after: (N, 2) [m]; an empty one means that there is no way.
-        chain: (M, 2) [m] the border's chain.
+        chain: (M, 2) [m] the border's chain, with its first point repeated at the end if it is closed.
     """
-    figure, axes = plt.subplots(1, 2, figsize=(15, 5.6), sharey=True)
+    figure, axes = plt.subplots(1, 2, figsize=(15, 6.2), sharey=True, constrained_layout=True)
     for axis, way, heading, after in ((axes[0], path_before, "Before", False), (axes[1], path_after, "After", True)):
         _draw_map(axis, prior)
         if after:
             _shade(axis, prior, region, VERMILLION, 0.45)
             axis.plot([], [], color=VERMILLION, lw=8, alpha=0.45, label="restricted")
-            closed = np.vstack([chain, chain[:1]]) if len(chain) > 2 and np.linalg.norm(chain[0] - chain[-1]) < 0.5 else chain
             if len(chain):
-                axis.plot(closed[:, 0], closed[:, 1], color=VERMILLION, lw=2, label="border as drawn")
+                axis.plot(chain[:, 0], chain[:, 1], color=VERMILLION, lw=2, label="border as drawn")
         if truth is not None:
             axis.contour(*_centres(prior), truth.astype(float), levels=[0.5], colors=[GREEN], linewidths=1.5, linestyles="dashed")
             axis.plot([], [], color=GREEN, ls="--", lw=1.5, label="area that was asked for")
@@ -56,12 +55,11 @@ def before_after(
         else:
             axis.text(0.5, 0.5, "no way leads there any more", transform=axis.transAxes, ha="center", va="center",
                       fontsize=15, color="black", bbox=dict(facecolor="white", alpha=0.85, edgecolor=GREY))
-        axis.set_title(heading, fontsize=15)
+        axis.set_title(heading, fontsize=14)
         axis.set_xlabel("x [m]")
-        axis.legend(loc="upper center", bbox_to_anchor=(0.5, -0.13), ncol=3, frameon=False, fontsize=10)
+        axis.legend(loc="upper center", bbox_to_anchor=(0.5, -0.1), ncol=3, frameon=False, fontsize=11)
     axes[0].set_ylabel("y [m]")
     figure.suptitle(title, fontsize=16)
-    figure.tight_layout()
     figure.savefig(str(path), dpi=100)
     plt.close(figure)
 
