@@ -115,13 +115,15 @@ class ParticipantNode:
     def _on_spot(self, message: LaserSpot) -> None:
         stamp = message.header.stamp.to_sec()
         with self._lock:
-            if self._spot is None or stamp > self._percept.now + 0.2:
+            # a spot of seconds ago is no feedback, and none comes from the future
+            if self._spot is None or not -0.2 < self._percept.now - stamp < 1.0:
                 return
             if np.hypot(message.position.x - self._spot[0], message.position.y - self._spot[1]) > OWN_SPOT:
                 return
-            self._percept.last_seen = max(self._percept.last_seen, stamp)
+            # people hear the sound when it comes, however old the image is
+            self._percept.last_seen = self._percept.now
             if message.mobile:
-                self._percept.last_seen_by_robot = max(self._percept.last_seen_by_robot, stamp)
+                self._percept.last_seen_by_robot = self._percept.now
 
     def _on_progress(self, message: BorderProgress) -> None:
         with self._lock:
