@@ -1,0 +1,55 @@
+#!/usr/bin/env python3
+"""A simulated person excludes a room: cameras, detection, fusion, interaction, integration, navigation."""
+import math
+import unittest
+
+import numpy as np
+import rospy
+import rostest
+
+from vb_core.geometry import chain_length
+from vb_evaluation import metrics
+from vb_evaluation.observer import Observer, wait_until
+from vb_sim import floor_plan
+from vb_sim.world import load_world
+
+
+class WholeScenario(unittest.TestCase):
+    def test_a_drawn_line_closes_the_room(self):
+        rospy.init_node("whole_scenario")
+        world = load_world(rospy.get_param("~world"))
+        scenario = world.scenario(rospy.get_param("~scenario"))
+        observer = Observer()
+        self.assertTrue(wait_until(lambda: observer.outcome is not None, 200.0), f"never done; state: {observer.state}")
+        self.assertEqual(observer.outcome["outcome"], "saved", observer.outcome)
+        self.assertTrue(wait_until(lambda: observer.state.last_outcome == "saved" and observer.borders, 10.0))
+
+        # the person's line became one open border that no ceiling camera saw alone
+        border = observer.borders[0]
+        self.assertEqual(border.id, observer.state.last_border_id)
+        self.assertEqual(border.kind, border.SEPARATING_CURVE)
+        length = chain_length(np.array([(p.x, p.y) for p in border.points]))
+        self.assertAlmostEqual(length, chain_length(scenario.border), delta=0.2)
+        self.assertTrue({"red", "green"} & set(observer.progress.cameras), observer.progress.cameras)
+
+        # it restricts what was meant, and nothing but free cells changed
+        truth = floor_plan.ground_truth(world, scenario)
+        region = metrics.restricted_cells(observer.prior, observer.posterior)
+        self.assertGreater(metrics.jaccard(truth, region), 0.9)
+        kept = ~region
+        self.assertTrue((observer.posterior.data[kept] == observer.prior.data[kept]).all())
+
+        # the interaction was timed by state: never guided, as with a network robot system
+        self.assertEqual(observer.state.guide_s, 0.0)
+        self.assertGreater(observer.state.border_s, 0.0)
+        self.assertGreater(observer.state.seed_s, 0.0)
+
+        # navigation respects it: the room cannot be reached, its outside can
+        pose = lambda p: (p[0], p[1], math.radians(p[2]))  # noqa: E731
+        start, goal = pose(scenario.proof.start), pose(scenario.proof.goal)
+        self.assertTrue(wait_until(lambda: not len(observer.plan(start, goal, "/move_base/make_plan")), 10.0))
+        self.assertTrue(len(observer.plan(start, (4.0, 2.4, 0.0), "/move_base/make_plan")))
+
+
+if __name__ == "__main__":
+    rostest.rosrun("vb_bringup", "whole_scenario", WholeScenario)
