@@ -59,7 +59,7 @@ class FeedbackTest(unittest.TestCase):
         wait_until(lambda: len(self.lights) == 3, "the light of the default state again")
         self.assertEqual(self.lights[2], self.lights[0])
         # latched: who comes later sees the light too
-        late = rospy.wait_for_message("/virtual_borders/led", ColorRGBA, 15)
+        late = rospy.wait_for_message("/virtual_borders/led", ColorRGBA, 60)
         self.assertEqual(late, self.lights[2])
 
 

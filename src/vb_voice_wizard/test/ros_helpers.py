@@ -9,7 +9,7 @@ import rospy
 from vb_msgs.srv import AddBorder, AddBorderResponse, GetCandidate, GetCandidateResponse
 
 
-def wait_until(condition, what: str, limit_s: float = 15.0):
+def wait_until(condition, what: str, limit_s: float = 60.0):
     """Waits for a condition; gives its first true value, or fails with what was waited for."""
     deadline = time.monotonic() + limit_s
     while time.monotonic() < deadline:
@@ -31,7 +31,7 @@ class Newest:
     def message(self):
         return self.all[-1] if self.all else None
 
-    def wait(self, condition, what: str, limit_s: float = 15.0):
+    def wait(self, condition, what: str, limit_s: float = 60.0):
         """Waits until the newest message fulfils a condition."""
         return wait_until(lambda: self.all and condition(self.all[-1]) and self.all[-1], what, limit_s)
 

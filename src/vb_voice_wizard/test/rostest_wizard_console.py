@@ -54,7 +54,7 @@ class Terminal:
     def text(self):
         return re.sub(r"\x1b\[[0-9;?]*[A-Za-z]", "", self.raw.decode("utf-8", "replace"))
 
-    def shows(self, what, since=0, limit_s=20.0):
+    def shows(self, what, since=0, limit_s=60.0):
         try:
             wait_until(lambda: what in self.text[since:], what, limit_s)
         except AssertionError:
@@ -65,7 +65,7 @@ class Terminal:
 
     def leave(self):
         self.press("q")
-        status = self.process.wait(timeout=20)
+        status = self.process.wait(timeout=60)
         # the terminal is as it was before: with echo, line by line
         same = termios.tcgetattr(self.slave)[3] == self.settings[3]
         os.close(self.slave)
@@ -162,7 +162,7 @@ class WizardConsoleTest(unittest.TestCase):
 
     def test_without_a_terminal(self):
         found = subprocess.run(["rosrun", "vb_voice_wizard", "wizard_console"], stdin=subprocess.DEVNULL,
-                               stdout=subprocess.PIPE, stderr=subprocess.PIPE, universal_newlines=True, timeout=30)
+                               stdout=subprocess.PIPE, stderr=subprocess.PIPE, universal_newlines=True, timeout=90)
         self.assertEqual(found.returncode, 1)
         self.assertIn("needs a terminal", found.stderr)
         self.assertNotIn("Traceback", found.stderr)

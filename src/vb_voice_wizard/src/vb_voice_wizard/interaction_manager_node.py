@@ -39,7 +39,7 @@ class ManagerParams(Parameters):
     border_name: str = param("")
     occupancy: float = param(1.0, "", low=0.0, high=1.0)
     command_text_topic: str = param("/virtual_borders/command_text")
-    service_wait: float = param(1.0, "s", above=0.0, high=10.0)
+    service_wait: float = param(2.0, "s", above=0.0, high=10.0)
     service_answer: float = param(5.0, "s", above=0.0, high=60.0)
     publish_period: float = param(1.0, "s", above=0.0, high=10.0)
 
