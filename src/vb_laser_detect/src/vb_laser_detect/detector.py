@@ -24,6 +24,7 @@ from vb_laser_detect.blocks import BLOCK, block_maxima
 from vb_laser_detect.tracker import SLACK_M, SLACK_PX, SpotTracker
 
 _SMEAR_PX = 3.0
+_SATURATED = 248.0  # [grey levels] from here on the sensor shows no more
 
 # pixels (N, 2) to the floor (N, 2) [m], rows of NaN where there is none
 ToFloor = Callable[[np.ndarray], np.ndarray]
@@ -54,6 +55,7 @@ class DetectorParams(Parameters):
     max_spots: int = param(1, "", low=1, high=20, doc="at most so many spots per frame, the most certain ones")
     min_rise: float = param(18.0, "grey levels", low=2.0, high=255.0, doc="a block's rise that is looked at")
     min_peak: float = param(30.0, "grey levels", low=1.0, high=255.0, doc="a spot's own rise, smoothed")
+    min_peak_unsaturated: float = param(60.0, "grey levels", low=1.0, high=255.0, doc="where the sensor does not saturate")
     min_level: float = param(235.0, "grey levels", low=0.0, high=255.0, doc="the brightest pixel of a spot")
     max_elongation: float = param(3.0, "", low=1.0, high=20.0, doc="longest over shortest axis")
     min_compactness: float = param(0.80, "", low=0.0, high=1.0)
@@ -65,7 +67,7 @@ class DetectorParams(Parameters):
     max_flatness: float = param(0.5, "", low=0.0, high=1.0, doc="of spots that do not saturate the sensor")
     min_chroma: float = param(0.0, "", low=0.0, high=1.0, doc="how coloured the spot's light must be")
     max_busy: float = param(0.1, "of the image", low=0.0, high=1.0, doc="more change elsewhere: nothing is reported")
-    max_neighbours: int = param(20, "blocks", low=0, high=169, doc="changed blocks within 6 blocks of the spot")
+    max_neighbours: int = param(60, "blocks", low=0, high=169, doc="changed blocks within 6 blocks of the spot")
     max_change: float = param(0.3, "of the image", low=0.01, high=1.0, doc="more change: learn the scene anew")
     min_diameter_mm: float = param(3.0, "mm", low=0.0, high=1000.0, doc="on the floor, where the pose is known")
     max_diameter_mm: float = param(80.0, "mm", low=1.0, high=1000.0, doc="on the floor, where the pose is known")
@@ -167,7 +169,9 @@ class SpotDetector:
         if count:
             near = cv2.boxFilter(hot.astype(np.float32), -1, (13, 13), normalize=False, borderType=cv2.BORDER_CONSTANT)
             for seed, blocks in regions(maxima, hot, p.max_candidates, self._largest_px() / BLOCK):
-                candidate = appearance.measure(image, rise, background.image, seed, self._largest_px())
+                candidate = self._too_dark(image, seed) or appearance.measure(
+                    image, rise, background.image, seed, self._largest_px()
+                )
                 if not candidate.refusal:
                     own = _cover(hot.shape, candidate)
                     inside = int(np.count_nonzero(hot[own]))
@@ -183,6 +187,15 @@ class SpotDetector:
                 candidates.append(candidate)
         background.learn(image, maxima, hot, spots, elapsed)
         return _without_doubles(candidates)
+
+    def _too_dark(self, image: np.ndarray, seed: Region) -> Optional[Candidate]:
+        """A refused candidate where nothing is bright enough: spares measuring what a walking person changes."""
+        left, top, right, bottom = seed
+        part = image[top:bottom, left:right]
+        # columns and channels side by side: the brightest sample is all that counts
+        if cv2.minMaxLoc(part.reshape(part.shape[0], -1))[1] >= self.params.min_level:
+            return None
+        return Candidate((left + right) / 2.0, (top + bottom) / 2.0, float(right - left), refusal="too_dark")
 
     def _start(self, image: np.ndarray) -> None:
         p = self.params
@@ -218,7 +231,7 @@ class SpotDetector:
 
     def _refusal_of(self, c: Candidate) -> str:
         p = self.params
-        if c.peak < p.min_peak:
+        if c.peak < (p.min_peak if c.level >= _SATURATED else p.min_peak_unsaturated):
             return "too_faint"
         if c.level < p.min_level:
             return "too_dark"
@@ -232,7 +245,7 @@ class SpotDetector:
             return "too_small"
         if c.likeness < p.min_likeness or c.contrast < p.min_contrast or c.edge < _least_edge(c, p):
             return "object_left"
-        if c.level < 245.0 and c.flatness > p.max_flatness:
+        if c.level < _SATURATED and c.flatness > p.max_flatness:
             return "too_flat"
         if c.chroma < p.min_chroma:
             return "not_coloured"

@@ -1,0 +1,178 @@
+#!/usr/bin/env python3
+"""How fast and how right the spot detector is.
+
+    bench/spot_detection.py                time per frame, rendered 1080p, beside the authors' design
+    bench/spot_detection.py --clips DIR    also recall and false spots on labelled clips (labels.json and clips/)
+
+Writes out/bench/spot_detection.json. Both detectors see the same frames in turn, in one run on one thread, and the
+time is that of the thread, so that other programs disturb both alike.
+"""
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+import time
+from pathlib import Path
+from typing import Any, Dict, List, Tuple
+
+import cv2
+import numpy as np
+
+TOP = Path(__file__).resolve().parent.parent
+for package in ("vb_core", "vb_laser_detect"):
+    sys.path.insert(0, str(TOP / "src" / package / "src"))
+sys.path.insert(0, str(TOP / "src" / "vb_laser_detect" / "test"))
+
+from scenes import RED, Scene  # noqa: E402
+from vb_laser_detect.detector import DetectorParams, SpotDetector  # noqa: E402
+
+PERIOD_S = 0.04
+
+
+class AuthorsDesign:
+    """The detector that the paper's authors released, written from its description alone.
+
+    An adaptive threshold and a mixture-of-Gaussians foreground mask, both over the whole image, are combined;
+    contours with an area in a fixed window [px] are spots.
+    """
+
+    def __init__(self, least_px: float = 80.0, most_px: float = 230.0) -> None:
+        self._least_px, self._most_px = least_px, most_px
+        self._foreground = cv2.createBackgroundSubtractorMOG2(detectShadows=False)
+
+    def detect(self, image: np.ndarray) -> List[Tuple[float, float]]:
+        """(u, v) [px] of the spots."""
+        grey = cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
+        bright = cv2.adaptiveThreshold(grey, 255, cv2.ADAPTIVE_THRESH_MEAN_C, cv2.THRESH_BINARY, 11, -20)
+        moved = self._foreground.apply(image)
+        contours, _ = cv2.findContours(cv2.bitwise_and(bright, moved), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE)
+        spots = []
+        for contour in contours:
+            moments = cv2.moments(contour)
+            if self._least_px <= moments["m00"] <= self._most_px:
+                spots.append((moments["m10"] / moments["m00"], moments["m01"] / moments["m00"]))
+        return spots
+
+
+def measure_time(frames: int) -> Dict[str, Any]:
+    """Milliseconds per 1080p frame of each detector on the same pictures."""
+    scene = Scene(1920, 1080)
+    # 25 pictures are played to and fro: a spot at 1 m/s and 2 mm per pixel
+    places = [(500 + 20.0 * i, 400 + 8.0 * i) for i in range(25)]
+    order = list(range(25)) + list(range(24, -1, -1))
+    color = [scene.render([place], smear=(10.0, 4.0), colour=RED) for place in places]
+    bayer = [scene.render([place], smear=(10.0, 4.0), colour=RED, bayer=True) for place in places]
+    authors = AuthorsDesign()
+    ours = {"bgr8": SpotDetector(DetectorParams.stationary()), "bayer_rggb8": SpotDetector(DetectorParams.stationary())}
+    times: Dict[str, List[float]] = {"authors_bgr8": [], "bgr8": [], "bayer_rggb8": []}
+    for i in range(frames):
+        picture = order[i % len(order)]
+        for name, images in (("bgr8", color), ("bayer_rggb8", bayer)):
+            began = time.thread_time()
+            ours[name].detect(images[picture], PERIOD_S * i)
+            times[name].append(time.thread_time() - began)
+        began = time.thread_time()
+        authors.detect(color[picture])
+        times["authors_bgr8"].append(time.thread_time() - began)
+    warm = frames // 5
+    result: Dict[str, Any] = {"frames": frames - warm}
+    for name, values in times.items():
+        result[name] = {
+            "median_ms": 1e3 * float(np.median(values[warm:])),
+            "p95_ms": 1e3 * float(np.percentile(values[warm:], 95)),
+        }
+    for name in ("bgr8", "bayer_rggb8"):
+        pairs = np.array(times["authors_bgr8"][warm:]) / np.array(times[name][warm:])
+        result[f"times_faster_{name}"] = float(np.median(pairs))
+    return result
+
+
+def measure_clips(folder: Path) -> Dict[str, Any]:
+    """Recall, false spots and errors on labelled clips, frame by frame without temporal confirmation.
+
+    A spot is right within `reach` = 10 px of a label of its frame. False spots are counted twice: strictly, and without
+    those within 10 px of a label up to `fringe` = 2 frames before or after, where a pulse's first or last light is seen.
+    """
+    labels = json.loads((folder / "labels.json").read_text())
+    reach, fringe = 10.0, 2
+    clips, errors = [], []
+    for name, video in sorted(labels["videos"].items()):
+        by_frame: Dict[int, List[dict]] = {}
+        for label in video["labels"]:
+            by_frame.setdefault(label["frame"], []).append(label)
+        capture = cv2.VideoCapture(str(folder / "clips" / name))
+        rate = capture.get(cv2.CAP_PROP_FPS) or 25.0
+        detector = SpotDetector(DetectorParams.stationary(confirm_frames=1))
+        found, hit, false, false_off_fringe, index = 0, set(), [], 0, 0
+        while True:
+            got, image = capture.read()
+            if not got:
+                break
+            here = by_frame.get(index, [])
+            matched = set()
+            for spot in detector.detect(image, index / rate):
+                distances = [np.hypot(spot.u - label["x"], spot.v - label["y"]) for label in here]
+                if distances and min(distances) < reach:
+                    matched.add(int(np.argmin(distances)))
+                    errors.append(float(min(distances)))
+                    continue
+                false.append([index, round(spot.u, 1), round(spot.v, 1)])
+                near = [label for k in range(index - fringe, index + fringe + 1) for label in by_frame.get(k, [])]
+                false_off_fringe += not any(np.hypot(spot.u - b["x"], spot.v - b["y"]) < reach for b in near)
+            found += len(matched)
+            hit |= {here[k]["event"] for k in matched}
+            index += 1
+        events = {label["event"] for label in video["labels"]}
+        if index == 0:
+            print(f"cannot read {folder / 'clips' / name}", file=sys.stderr)
+        clips.append({
+            "clip": name, "frames": index, "labels": len(video["labels"]), "found": found, "shots": len(events),
+            "shots_found": len(hit), "false": len(false), "false_off_fringe": false_off_fringe, "false_at_frame_u_v": false,
+        })
+    total = {key: sum(clip[key] for clip in clips)
+             for key in ("frames", "labels", "found", "shots", "shots_found", "false", "false_off_fringe")}
+    frames = max(1, total["frames"])
+    return {
+        **total,
+        "frame_recall": total["found"] / max(1, total["labels"]),
+        "shot_recall": total["shots_found"] / max(1, total["shots"]),
+        "false_per_1000_frames": 1e3 * total["false"] / frames,
+        "false_off_fringe_per_1000_frames": 1e3 * total["false_off_fringe"] / frames,
+        "median_error_px": float(np.median(errors)) if errors else None,
+        "p90_error_px": float(np.percentile(errors, 90)) if errors else None,
+        "clips": clips,
+    }
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--frames", type=int, default=200, help="rendered frames to time")
+    parser.add_argument("--clips", type=Path, help="folder with labels.json and clips/")
+    parser.add_argument("--out", type=Path, default=TOP / "out" / "bench" / "spot_detection.json")
+    arguments = parser.parse_args()
+    if arguments.frames < 10:
+        parser.error("--frames must be at least 10")
+    if arguments.clips and not (arguments.clips / "labels.json").is_file():
+        parser.error(f"--clips: there is no {arguments.clips / 'labels.json'}")
+    cv2.setNumThreads(1)
+    result: Dict[str, Any] = {"time_per_1080p_frame": measure_time(arguments.frames)}
+    timing = result["time_per_1080p_frame"]
+    for name in ("authors_bgr8", "bgr8", "bayer_rggb8"):
+        print(f"{name:14s} {timing[name]['median_ms']:6.2f} ms per 1080p frame (95th percentile {timing[name]['p95_ms']:.2f})")
+    print(f"faster than the authors' design: {timing['times_faster_bgr8']:.1f} times (bgr8), {timing['times_faster_bayer_rggb8']:.1f} times (Bayer)")
+    if arguments.clips:
+        result["clips"] = measure_clips(arguments.clips)
+        for clip in result["clips"]["clips"]:
+            print(f"{clip['clip']:48s} shots {clip['shots_found']:3d} of {clip['shots']:3d}, frames {clip['found']:3d} of {clip['labels']:3d}, false {clip['false']:2d}")
+        c = result["clips"]
+        print(f"all clips: shot recall {c['shot_recall']:.3f}, frame recall {c['frame_recall']:.3f}, false spots {c['false_per_1000_frames']:.2f} "
+              f"per 1000 frames ({c['false_off_fringe_per_1000_frames']:.2f} away from labels in time), median error {c['median_error_px'] or 0:.2f} px")
+    arguments.out.parent.mkdir(parents=True, exist_ok=True)
+    arguments.out.write_text(json.dumps(result, indent=2) + "\n")
+    print(f"written to {arguments.out}")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
