@@ -82,6 +82,15 @@ def test_a_beginning_that_nobody_sees_is_drawn_in_the_end():
     check_drawing("corner", sim)
 
 
+def test_a_robot_that_stays_behind_stops_nobody_whose_spot_is_seen():
+    sim = system("corner", "robot_only", covered=NOWHERE)
+    drive = sim._drive
+    # it follows while it is led and not while one draws
+    sim._drive = lambda action, dt: None if sim.percept.state == "border" else drive(action, dt)
+    assert sim.run(280.0) == "saved"
+    check_drawing("corner", sim)
+
+
 def test_nobody_sees_anything():
     sim = system("room", covered=NOWHERE, dispatch_after=1e9, model=ParticipantModel(time_limit=40.0))
     assert sim.run(60.0) == "gave_up"

@@ -24,6 +24,7 @@ class RobotOnlyScript(ParticipantScript):
     source = "buttons"
     _stroke: Stroke
     _look_again = 0.0
+    _lags_since = 0.0
 
     # ------------------------------------------------------------ the course
     def prepare(self) -> Step:
@@ -168,8 +169,11 @@ class RobotOnlyScript(ParticipantScript):
         dx, dy = person.spot[0] - x, person.spot[1] - y
         distance = math.hypot(dx, dy)
         bearing = abs(geometry.wrap_angle(math.atan2(dy, dx) - yaw))
-        if distance > person.model.leading_distance_max:
-            return 0.0
+        if distance <= person.model.leading_distance_max:
+            self._lags_since = person.percept.now
+        else:
+            # a robot that does not come after some time will not come; as long as the spot is seen one goes on
+            return 0.0 if person.percept.now - self._lags_since < person.model.patience / 2.0 else 0.5
         if bearing > SIDE and distance > 0.3:
             # the robot is turning; whoever still hears it see goes on with care
             return 0.25
