@@ -14,6 +14,7 @@ import math
 import os
 import shutil
 import sys
+import threading
 import time
 from dataclasses import dataclass
 from pathlib import Path
@@ -43,6 +44,8 @@ METHOD_TITLES = {"nrs": "network robot system", "robot_only": "robot only"}
 READY_TIMEOUT_S = 90.0
 INTERACTION_TIMEOUT_S = 900.0
 SCREEN = (1920, 1080)
+# the picture of the drawing is taken once so many spots make a good part of a border
+SPOTS_FOR_PICTURE = 60
 
 
 @dataclass(frozen=True)
@@ -144,7 +147,7 @@ class Demo:
         self._environment = environment
         self._launched = Child(
             ["roslaunch", "-p", str(port), self._launch_file("simulation.launch"), f"world:={options.world_path}",
-             f"seed:={options.seed}", f"cameras:={cameras}", f"method:={options.method}", f"state:={state}", f"maps:={options.out}",
+             f"seed:={options.seed}", f"cameras:={cameras or 'none'}", f"method:={options.method}", f"state:={state}", f"maps:={options.out}",
              f"rviz:={'true' if options.rviz else 'false'}",
              f"rviz_config:={self._fit_display()}"],
             options.out / "log" / "roslaunch.txt", environment,
@@ -199,7 +202,8 @@ class Demo:
             after = self._plan_after(observer, proof, region)
         album.close()
         maps = self._save_map() if saved else []
-        self._take_screenshot()
+        time.sleep(1.0)  # RViz draws a few frames a second: let it show the last state
+        self._take_screenshot("smart_display.png")
         return self._conclude(observer, album, before, after, region, saved, measured, maps)
 
     def _wait_until_ready(self, observer: Observer) -> None:
@@ -242,10 +246,13 @@ class Demo:
     # ------------------------------------------------------------- while it runs
     def _follow(self, observer: Observer) -> None:
         """Tells what happens until the participant is done."""
+        pictured: List[threading.Thread] = []
 
         def tell() -> bool:
             self._narrator.tell(observer)
             status.update(live_line(observer))
+            if not pictured and observer.progress and observer.progress.border_spots >= SPOTS_FOR_PICTURE:
+                pictured.append(self._start_screenshot("smart_display_drawing.png"))
             return observer.outcome is not None or not self._launched.running
 
         with self._narrator.status("the participant comes in") as status:
@@ -291,12 +298,17 @@ class Demo:
             self._say(f"the map could not be saved: {reply.message}")
         return list(reply.files)
 
-    def _take_screenshot(self) -> None:
+    def _start_screenshot(self, name: str) -> threading.Thread:
+        """Takes a picture without holding up the narration."""
+        thread = threading.Thread(target=self._take_screenshot, args=(name,), daemon=True)
+        thread.start()
+        return thread
+
+    def _take_screenshot(self, name: str) -> None:
         if not self.options.rviz:
             return
-        time.sleep(1.0)  # RViz draws a few frames a second: let it show the last state
         window = None if self.virtual_screen else find_window(self.display, "rviz")
-        if not screenshot(self.display, self.options.out / "smart_display.png", window):
+        if not screenshot(self.display, self.options.out / name, window):
             self._say("no picture of the smart display could be taken")
 
     # ------------------------------------------------------------- the end

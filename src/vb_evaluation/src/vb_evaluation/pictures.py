@@ -37,7 +37,7 @@ def before_after(
         path_before, path_after: (N, 2) [m]; an empty one means that there is no way.
         chain: (M, 2) [m] the border's chain, with its first point repeated at the end if it is closed.
     """
-    figure, axes = plt.subplots(1, 2, figsize=(15, 6.2), sharey=True, constrained_layout=True)
+    figure, axes = plt.subplots(1, 2, figsize=(15, 6.2), sharey=True)
     for axis, way, heading, after in ((axes[0], path_before, "Before", False), (axes[1], path_after, "After", True)):
         _draw_map(axis, prior)
         if after:
@@ -57,8 +57,9 @@ def before_after(
                       fontsize=15, color="black", bbox=dict(facecolor="white", alpha=0.85, edgecolor=GREY))
         axis.set_title(heading, fontsize=14)
         axis.set_xlabel("x [m]")
-        axis.legend(loc="upper center", bbox_to_anchor=(0.5, -0.1), ncol=3, frameon=False, fontsize=11)
+        axis.legend(loc="upper center", bbox_to_anchor=(0.5, -0.11), ncol=3, frameon=False, fontsize=11)
     axes[0].set_ylabel("y [m]")
+    figure.subplots_adjust(left=0.04, right=0.99, top=0.88, bottom=0.2, wspace=0.04)
     figure.suptitle(title, fontsize=16)
     figure.savefig(str(path), dpi=100)
     plt.close(figure)
