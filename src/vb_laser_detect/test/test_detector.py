@@ -169,11 +169,26 @@ def test_moving_camera():
     assert found >= 18
 
 
-def test_moving_camera_takes_no_paper_for_light():
+@pytest.mark.parametrize("tint", [(1.0, 1.0, 1.0), (0.6, 0.85, 1.05), (1.1, 0.85, 0.6), (0.6, 1.1, 0.7)])
+def test_moving_camera_takes_no_paper_for_light(tint):
+    # on a coloured floor white paper rises most in the colour that the floor lacks
     detector, scene = SpotDetector(DetectorParams.mobile(confirm_frames=1)), Scene(640, 480)
+    scene.floor *= np.array(tint, np.float32)
     scene.floor[200:212, 300:312] = 250
     scene.floor[300:306, 100:106] = 250
     assert feed(detector, [scene.render() for _ in range(10)]) == [[]] * 10
+
+
+@pytest.mark.parametrize("colour", [RED, GREEN])
+def test_moving_camera_sees_the_spot_on_the_edge_of_a_carpet(colour):
+    # borders are drawn along such edges; the brighter side must not merge with the spot
+    detector, scene = SpotDetector(DetectorParams.mobile(confirm_frames=1)), Scene(640, 480, brightness=150.0)
+    scene.floor[150:] *= 0.3
+    truths = [(100.0 + 20 * i, 150.0) for i in range(20)]
+    found = feed(detector, [scene.render([truth], 3.0, colour=colour) for truth in truths])
+    assert sum(len(spots) for spots in found) <= 20
+    hits = [spots and np.hypot(spots[0].u - u, spots[0].v - v) < 2.0 for spots, (u, v) in zip(found, truths)]
+    assert sum(map(bool, hits)) >= 19
 
 
 # ------------------------------------------------------------------ bad input

@@ -34,7 +34,8 @@ class Candidate:
         edge: the outline's gradient in the image, over that in image and background together; small for a ghost,
             whose outline is in the background alone.
         flatness: part of the blob that is nearly as bright as its peak.
-        chroma: how unevenly the colour channels rose; 0 for white light, 0 in images without colour.
+        chroma: how unevenly the colour channels rose, or how strongly the blob has the colour that rose most, whichever
+            is less; 0 for white light and for white things, 0 in images without colour.
         confidence: 0 ... 1.
         refusal: why it is no spot, or "".
     """
@@ -141,7 +142,12 @@ def _describe(
     rises = [float(channel[blob].mean()) for channel in channels]
     best = int(np.argmax(rises))
     rose = max(rises[best], 1.0)
-    candidate.chroma = (rose - min(rises)) / rose if len(rises) > 1 else 0.0
+    if len(rises) > 1:
+        # white paper on a brown floor rises most in blue, and still looks white: light of a laser rises most in its
+        # own colour and has that colour
+        levels = [float(channel[blob].mean()) for channel in cv2.split(image)]
+        tint = (levels[best] - min(levels)) / max(levels[best], 1.0)
+        candidate.chroma = min((rose - min(rises)) / rose, tint)
     now = _plane(image, best)
     inside = float(now[blob].mean())
     like = ring

@@ -88,7 +88,7 @@ class DetectorParams(Parameters):
     @classmethod
     def mobile(cls, **changes) -> "DetectorParams":
         """For a camera on a robot. There is no background to tell paper from light: the light's colour has to."""
-        return cls(**{**dict(moving_camera=True, confirm_frames=3, min_rise=30.0, min_chroma=0.25,
+        return cls(**{**dict(moving_camera=True, confirm_frames=3, min_rise=30.0, min_chroma=0.2,
                              max_neighbours=169, max_busy=1.0), **changes})
 
 
@@ -214,11 +214,10 @@ class SpotDetector:
             reach = int(max(24, 1.5 * max(right - left, bottom - top)))
             x0, y0 = max(0, left - reach), max(0, top - reach)
             window = image[y0 : bottom + reach, x0 : right + reach]
-            floor = np.median(window.reshape(-1, 1 if window.ndim == 2 else window.shape[2])[::3], axis=0)
-            flat = np.empty_like(window)
-            flat[:] = floor.astype(np.uint8)[0] if window.ndim == 2 else floor.astype(np.uint8)
+            # a median removes the spot and keeps the edges of carpets, next to which spots are drawn
+            floor = cv2.medianBlur(np.ascontiguousarray(window), 2 * reach - 7)
             seed = (left - x0, top - y0, right - x0, bottom - y0)
-            candidate = appearance.measure(window, cv2.subtract(window, flat), None, seed, self._largest_px())
+            candidate = appearance.measure(window, cv2.subtract(window, floor), None, seed, self._largest_px())
             candidate.u += x0
             candidate.v += y0
             candidate.refusal = candidate.refusal or self._refusal_of(candidate)
