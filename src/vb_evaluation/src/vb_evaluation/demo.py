@@ -265,11 +265,11 @@ class Demo:
             self._say(f"the participant ended with '{observer.outcome.get('outcome')}': {observer.outcome.get('reason', '')}")
 
     def _start_clock(self, observer) -> dict:
-        return {"ros": rospy.get_time(), "wall": time.monotonic(), "frames": _frames(observer)}
+        return {"ros": rospy.get_time(), "wall": time.monotonic(), "frames": observer.frames()}
 
     def _stop_clock(self, observer, start: dict) -> dict:
         ros, wall = rospy.get_time() - start["ros"], time.monotonic() - start["wall"]
-        frames = _frames(observer)
+        frames = observer.frames()
         for camera, counts in frames.items():
             for key in counts:
                 counts[key] -= start["frames"].get(camera, {}).get(key, 0)
@@ -382,13 +382,6 @@ def _chain(observer: Observer, border_id: str) -> np.ndarray:
             chain = messages.array_from_points(border.points)
             return np.vstack([chain, chain[:1]]) if border.kind == VirtualBorder.POLYGON else chain
     return np.zeros((0, 2))
-
-
-def _frames(observer) -> Dict[str, Dict[str, int]]:
-    return {
-        camera: {"published": observer.published.get(camera, 0), "processed": int(status.processed), "detected": int(status.detected)}
-        for camera, status in observer.detectors.items()
-    }
 
 
 if __name__ == "__main__":

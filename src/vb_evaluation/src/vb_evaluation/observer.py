@@ -37,8 +37,10 @@ class Observer:
         self.posterior: Optional[GridMap] = None
         self.lab: Optional[LabState] = None
         self.detectors: Dict[str, DetectorStatus] = {}
+        self._counted: Dict[str, Tuple[int, int]] = {}
         self.outcome: Optional[dict] = None
-        self.published: Dict[str, int] = {}
+        self._published: Dict[str, int] = {}
+        self._published_before: Dict[str, int] = {}
         self.trails: Dict[str, List[Tuple[float, float, float]]] = {}
         self.mobile: Dict[str, bool] = {}
         self._subscribers = [
@@ -62,13 +64,24 @@ class Observer:
             rospy.logwarn("%s: %s", which, error)
 
     def _on_detector(self, message: DetectorStatus) -> None:
+        last = self.detectors.get(message.camera)
+        if last is not None and message.processed < last.processed:
+            # a respawned detector counts from zero
+            before = self._counted.get(message.camera, (0, 0))
+            self._counted[message.camera] = (before[0] + last.processed, before[1] + last.detected)
         self.detectors[message.camera] = message
 
     def _on_cameras(self, message: DiagnosticArray) -> None:
         for status in message.status:
             for entry in status.values:
                 if entry.key == "published":
-                    self.published[status.name] = int(entry.value)
+                    self._on_published(status.name, int(entry.value))
+
+    def _on_published(self, camera: str, count: int) -> None:
+        last = self._published.get(camera, 0)
+        if count < last:
+            self._published_before[camera] = self._published_before.get(camera, 0) + last
+        self._published[camera] = count
 
     def _on_spot(self, message: LaserSpot) -> None:
         with self._lock:
@@ -83,6 +96,18 @@ class Observer:
             self.outcome = {"outcome": message.data}
 
     # ------------------------------------------------------------- questions
+    def frames(self) -> Dict[str, Dict[str, int]]:
+        """Frames published, processed, and with a spot, by camera; they go on counting over a node's restart."""
+        counts = {}
+        for camera, status in self.detectors.items():
+            processed, detected = self._counted.get(camera, (0, 0))
+            counts[camera] = {
+                "published": self._published.get(camera, 0) + self._published_before.get(camera, 0),
+                "processed": processed + int(status.processed),
+                "detected": detected + int(status.detected),
+            }
+        return counts
+
     def trail(self, camera: str) -> np.ndarray:
         """(N, 3) stamp [s], column, row [px] of every spot that a camera reported."""
         with self._lock:
@@ -141,7 +166,7 @@ class CameraAlbum:
         for camera, topic in self._topics.items():
             if camera not in self.images:
                 try:
-                    self.images[camera] = rospy.wait_for_message(topic, Image, timeout=3.0)
+                    self.images[camera] = rospy.wait_for_message(topic, Image, timeout=10.0)
                 except rospy.ROSException:
                     rospy.logwarn("no image from %s on %s", camera, topic)
 
