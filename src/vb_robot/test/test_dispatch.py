@@ -19,6 +19,7 @@ class Bench:
         self.policy = DispatchPolicy(DispatchParams())
         self.candidates, self.seen = candidates, seen
         self.now, self.goal, self.asked = 100.0, GoalStatus.NONE, 0
+        self.safe = True
         self.situation = dict(wanted=True, key=("1", 1), spot=(0.0, 0.0), robot=(9.0, 9.0, 0.0), server=True)
 
     def step(self, **changes):
@@ -29,7 +30,7 @@ class Bench:
             self.asked += 1
             return self.candidates
 
-        decision = self.policy.step(Situation(now=self.now, goal=self.goal, **self.situation), self.seen, rank)
+        decision = self.policy.step(Situation(now=self.now, goal=self.goal, **self.situation), self.seen, rank, lambda viewpoint: self.safe)
         if decision.kind is Kind.SEND:
             self.goal = GoalStatus.ACTIVE
         elif decision.kind is Kind.CANCEL:
@@ -140,6 +141,18 @@ def test_time_that_jumps_back_does_not_silence_it():
     assert sent(bench.run(10))
 
 
+def test_goal_whose_way_has_become_a_crossing_is_replaced_or_called_off():
+    bench = Bench([place(1), place(3)], seen=lambda pose: pose[0] in (1, 3))
+    bench.step()
+    assert not sent(bench.run(10))
+    bench.safe, bench.candidates = False, [place(3)]
+    assert place(3) in sent(bench.run(4))
+    bench.candidates = []
+    kinds = [decision.kind for decision in bench.run(4)]
+    assert Kind.CANCEL in kinds and bench.goal is GoalStatus.NONE
+    assert not sent(bench.run(20)), "it stays where it is"
+
+
 def test_bad_parameters():
     with pytest.raises(ParameterError, match="max_failures"):
         DispatchParams(max_failures=0)
@@ -191,3 +204,15 @@ def test_what_is_remembered_for_how_long():
     known.set_state(DEFAULT, "", 13.0)
     known.set_state(BORDER, "2", 14.0)
     assert not known.stationary_seen and known.first_mobile is None
+
+
+def test_who_watches_the_spot():
+    known = Sightings()
+    known.set_state(BORDER, "1", 0.0)
+    known.add(seen(1.0, 0.0))
+    known.add(seen(2.5, 0.0, camera="robot", mobile=True))
+    assert known.watched(1.5) and not known.watched(2.5)
+    known.set_state(SEED, "1", 3.0)
+    assert not known.watched(3.0)
+    known.add(seen(3.1, 0.0))
+    assert known.watched(9.0), "the seed stays where it was seen"

@@ -2,7 +2,7 @@
 import subprocess
 import sys
 
-PURE = ["view", "terrain", "viewpoint", "sightings", "dispatch", "safety", "servoing", "workspace"]
+PURE = ["view", "terrain", "keep_out", "viewpoint", "sightings", "dispatch", "safety", "drive", "servoing", "workspace", "leaving"]
 BLOCK = """
 import sys
 class Block:

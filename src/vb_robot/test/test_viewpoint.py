@@ -69,12 +69,12 @@ def test_clearance_never_says_more_than_there_is():
 
 def test_ways_lead_through_the_doorway_and_nowhere_without_one():
     start, goal = (1.0, 1.0), np.array([[7.0, 1.0]])
-    way = TERRAIN.way_length_at(TERRAIN.way_lengths(start), goal)[0]
+    way = TERRAIN.ways(start).lengths_to(goal)[0]
     least = math.dist(start, (4.0, 3.7)) + math.dist((4.0, 3.7), goal[0])
     # eight-connected ways are up to 8 % too long, and they keep off the doorposts
     assert least <= way <= 1.15 * least
     shut = Terrain(two_rooms(door=False), TerrainParams())
-    assert shut.way_length_at(shut.way_lengths(start), goal)[0] == np.inf
+    assert shut.ways(start).lengths_to(goal)[0] == np.inf
 
 
 def test_narrow_doorway_is_no_way():
@@ -82,7 +82,7 @@ def test_narrow_doorway_is_no_way():
     data = grid.data.copy()
     data[146:160, 158:162] = 100  # 0.35 m are left, the robot needs 0.42 m
     narrow = Terrain(grid.with_data(data), TerrainParams())
-    assert narrow.way_length_at(narrow.way_lengths((1.0, 1.0)), np.array([[7.0, 1.0]]))[0] == np.inf
+    assert narrow.ways((1.0, 1.0)).lengths_to(np.array([[7.0, 1.0]]))[0] == np.inf
 
 
 def test_borders_hide_nothing_but_walls_do():

@@ -100,13 +100,18 @@ class DispatchPolicy:
         self._progress: Optional[Tuple[float, Pose]] = None
 
     def step(
-        self, situation: Situation, fit: Callable[[Pose], bool], rank: Callable[[], List[Viewpoint]]
+        self,
+        situation: Situation,
+        fit: Callable[[Pose], bool],
+        rank: Callable[[], List[Viewpoint]],
+        safe: Callable[[Viewpoint], bool] = lambda viewpoint: True,
     ) -> Decision:
         """The decision for now.
 
         Args:
             fit: whether a robot at a pose would see the spot well enough.
             rank: makes the candidates, the best first; asked only when a new goal is due.
+            safe: whether the way to the present goal still keeps off what is being drawn; asked on the way only.
         """
         now = situation.now
         if now < self._now - 1.0:  # time jumped back: what was remembered is about another run
@@ -133,7 +138,7 @@ class DispatchPolicy:
             return Decision(Kind.KEEP, "no spot yet")
         if situation.robot is None:
             return Decision(Kind.KEEP, "the robot is not localised")
-        return self._choose(situation, fit, rank)
+        return self._choose(situation, fit, rank, safe)
 
     def _restart(self, forget_goal: bool) -> None:
         if forget_goal:
@@ -180,13 +185,18 @@ class DispatchPolicy:
             self._quiet_until = now + self.params.failure_pause
 
     def _choose(
-        self, situation: Situation, fit: Callable[[Pose], bool], rank: Callable[[], List[Viewpoint]]
+        self,
+        situation: Situation,
+        fit: Callable[[Pose], bool],
+        rank: Callable[[], List[Viewpoint]],
+        safe: Callable[[Viewpoint], bool],
     ) -> Decision:
         now, params, goal = situation.now, self.params, self.goal
         assert situation.spot is not None and situation.robot is not None
         under_way = goal is not None and situation.goal in (GoalStatus.SENT, GoalStatus.ACTIVE)
         place = goal.pose if under_way and goal is not None else situation.robot
-        if fit(place):
+        endangered = under_way and goal is not None and not safe(goal)
+        if fit(place) and not endangered:
             self._unfit_since = None
             return Decision(Kind.KEEP, "the spot is in view there")
         if now < self._quiet_until:
@@ -194,9 +204,11 @@ class DispatchPolicy:
         if goal is not None:
             if self._unfit_since is None:
                 self._unfit_since = now
-            if now - self._unfit_since < params.patience or now - self._sent < params.min_interval:
+            recent = now - self._sent < params.min_interval and not endangered
+            if now - self._unfit_since < params.patience or recent:
                 return Decision(Kind.KEEP, "the goal has become unfit only just now")
-            if under_way and math.dist(situation.spot, goal.spot) < params.min_spot_move and goal.sees_spot is False:
+            resting = math.dist(situation.spot, goal.spot) < params.min_spot_move
+            if under_way and resting and not goal.sees_spot and not endangered:
                 return Decision(Kind.KEEP, "on the way off the side to be restricted")
         self._failed = [entry for entry in self._failed if now - entry[0] < params.failed_memory]
         for candidate in rank():
@@ -212,9 +224,12 @@ class DispatchPolicy:
             self._unfit_since = None
             self._progress = None
             return Decision(Kind.SEND, "the spot is not in view from where the robot is or goes", candidate)
+        if endangered:
+            self.goal = None
+            return Decision(Kind.CANCEL, "the way would lead through what is being drawn")
         # asking again at once would give the same answer
         self._quiet_until = now + params.min_interval
-        return Decision(Kind.KEEP, "no place from which the spot is seen can be reached")
+        return Decision(Kind.KEEP, "no place from which the spot is seen can be reached without crossing the line")
 
 
 def _moved(a: Pose, b: Pose) -> float:

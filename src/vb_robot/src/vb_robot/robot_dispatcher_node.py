@@ -23,7 +23,7 @@ from vb_robot.dispatch import DispatchParams, DispatchPolicy, Kind, Situation
 from vb_robot.navigation_client import NavigationClient
 from vb_robot.terrain import Terrain, TerrainParams
 from vb_robot.view import FloorView, ViewParams
-from vb_robot.viewpoint import Drawing, Pose, ViewpointParams, rank_viewpoints, shows_spot
+from vb_robot.viewpoint import Drawing, Pose, Viewpoint, ViewpointParams, keeps_off, rank_viewpoints, shows_spot
 
 _GROUPS = ("dispatch", "viewpoint", "view", "terrain")
 
@@ -35,6 +35,7 @@ class DispatcherParams(Parameters):
     base_frame: str = param("base_link", doc="of the robot; with its prefix if it has one")
     action: str = param("move_base", doc="relative to the node's namespace")
     period: float = param(0.25, "s", low=0.05, high=5.0, doc="between two decisions")
+    way_check: float = param(0.5, "s", low=0.0, doc="between two looks at the way to the present goal")
     server_silence: float = param(2.0, "s", above=0.0, doc="without status the action server counts as gone")
     mobile_cameras: tuple = param(("robot",), doc="names of cameras on robots")
 
@@ -78,6 +79,9 @@ class RobotDispatcherNode:
         self._map: Optional[GridMap] = None
         self._physical: Optional[GridMap] = None
         self._terrain: Optional[Terrain] = None
+        self._judged: Optional[Viewpoint] = None  # whose way was looked at last, when, and what came out
+        self._judged_at = 0.0
+        self._way_safe = True
         self._refused_spots = 0
         self._last_reason = ""
         self._transforms = TransformLookup()
@@ -169,8 +173,18 @@ class RobotDispatcherNode:
             assert terrain is not None and drawing is not None and robot is not None
             return rank_viewpoints(terrain, self._view, robot, drawing, self._viewpoint)
 
+        def safe(viewpoint: Viewpoint) -> bool:
+            assert terrain is not None and drawing is not None and robot is not None
+            if viewpoint.risky and not drawing.seeding:
+                return True
+            # the search is too dear for every decision
+            if viewpoint is not self._judged or not 0.0 <= now - self._judged_at < self._params.way_check:
+                self._judged, self._judged_at = viewpoint, now
+                self._way_safe = keeps_off(terrain, robot, viewpoint.pose, drawing, self._viewpoint)
+            return self._way_safe
+
         situation = Situation(now, wanted, key, spot, robot, server, self._navigation.status())
-        decision = self._policy.step(situation, fit, rank)
+        decision = self._policy.step(situation, fit, rank, safe)
         if decision.kind is Kind.CANCEL:
             self._navigation.cancel()
         elif decision.kind is Kind.SEND and decision.viewpoint is not None:
@@ -192,14 +206,15 @@ class RobotDispatcherNode:
             wanted = known.state in (sightings.BORDER, sightings.SEED) and known.stationary_seen
             target = known.target(self._dispatch.min_sightings) if wanted else None
             direction = known.direction() if target is not None else None
+            watched = known.watched(now)
         if target is None:
             return None, wanted, key
-        chain, closed = np.zeros((0, 2)), False
+        chain, closed, ordered = np.zeros((0, 2)), False, True
         if progress is not None:
             chain, closed = array_from_points(progress.chain), bool(progress.closed)
             if len(chain) < 2:
-                chain, closed = array_from_points(progress.points), False
-        drawing = Drawing(target, chain, direction, closed, seeding=key[1] == sightings.SEED)
+                chain, closed, ordered = array_from_points(progress.points), False, False
+        drawing = Drawing(target, chain, direction, closed, key[1] == sightings.SEED, ordered, watched)
         return drawing, wanted, key
 
     def _robot_pose(self) -> Optional[Pose]:

@@ -5,7 +5,7 @@ import threading
 import traceback
 from collections import deque
 from dataclasses import dataclass
-from typing import Deque, Dict, Optional, Tuple
+from typing import Deque, Optional, Tuple
 
 import numpy as np
 import rospy
@@ -21,10 +21,10 @@ from vb_core.ros.messages import OccupancyGridArray, grid_from_message
 from vb_core.ros.transforms import TransformLookup
 from vb_msgs.msg import BorderProgress, InteractionState, LaserSpot
 from vb_robot import sightings
-from vb_robot.safety import ForbiddenGround, SafetyParams, free_by_scan, scan_points
+from vb_robot.safety import SafetyParams
 from vb_robot.servoing import Servo, ServoParams
+from vb_robot.surroundings import Surroundings
 from vb_robot.view import FloorView, ViewParams
-from vb_robot.viewpoint import Pose
 
 _GROUPS = ("servo", "safety", "view", "follow_in_border")
 
@@ -70,24 +70,22 @@ class RobotGuideNode:
     ) -> None:
         self._params = params
         self._follow = follow_in_border
-        self._safety = safety
         self._servo = Servo(servo, safety, FloorView(view))
         self._lock = threading.Lock()
         self._sightings = sightings.Sightings(mobile_cameras=(*params.mobile_cameras, params.camera))
         self._pending: Deque[Tuple[rospy.Time, Tuple[float, float]]] = deque(maxlen=10)
         self._spot: Optional[Tuple[rospy.Time, np.ndarray]] = None  # (2,) [m] in the odom frame
-        self._scan: Optional[LaserScan] = None
-        self._ground: Optional[ForbiddenGround] = None
-        self._laser_mounts: Dict[str, np.ndarray] = {}
         self._active = False
         self._last_tick = rospy.Time(0)
         self._reason = ""
-        self._transforms = TransformLookup()
+        self._surroundings = Surroundings(
+            params.base_frame, safety, params.use_scan, params.scan_timeout, params.pose_timeout, TransformLookup()
+        )
         self._cmd_vel = rospy.Publisher("cmd_vel", Twist, queue_size=1)
         self._cancel = rospy.Publisher(f"{params.action}/cancel", GoalID, queue_size=1)
         self._subscribers = [
             rospy.Subscriber(names.VIRTUAL_MAP, OccupancyGridArray, self._on_map, queue_size=1),
-            rospy.Subscriber("scan", LaserScan, self._on_scan, queue_size=1),
+            rospy.Subscriber("scan", LaserScan, self._surroundings.set_scan, queue_size=1),
             rospy.Subscriber(names.STATE, InteractionState, self._on_state, queue_size=10),
             rospy.Subscriber(names.SPOTS, LaserSpot, self._on_spot, queue_size=100),
             rospy.Subscriber(names.PROGRESS, BorderProgress, self._on_progress, queue_size=1),
@@ -103,16 +101,9 @@ class RobotGuideNode:
     # ------------------------------------------------------------- callbacks: only store
     def _on_map(self, message: OccupancyGridArray) -> None:
         try:
-            ground = ForbiddenGround(grid_from_message(message), self._safety)
+            self._surroundings.set_map(grid_from_message(message))
         except CodedError as error:
             rospy.logwarn_throttle(5.0, f"{rospy.get_name()}: map refused: {error}")
-            return
-        with self._lock:
-            self._ground = ground
-
-    def _on_scan(self, message: LaserScan) -> None:
-        with self._lock:
-            self._scan = message
 
     def _on_state(self, message: InteractionState) -> None:
         with self._lock:
@@ -170,7 +161,7 @@ class RobotGuideNode:
             self._cancel.publish(GoalID())
             rospy.loginfo("%s: follows the spot", rospy.get_name())
         spot, age = self._spot_in_base(now)
-        motion = self._servo.step(dt if dt > 0 else 0.0, spot, age, lambda v, w: self._free_way(now, v, w))
+        motion = self._servo.step(dt if dt > 0 else 0.0, spot, age, lambda v, w: self._surroundings.free_way(now, v, w))
         command = Twist()
         command.linear.x, command.angular.z = motion.v, motion.w
         self._cmd_vel.publish(command)
@@ -222,52 +213,8 @@ class RobotGuideNode:
         age = (now - stamp).to_sec()
         return geometry.apply(T, np.array([*place, 0.0]))[:2], max(age, 0.0) if age > -0.1 else age
 
-    def _free_way(self, now: rospy.Time, v: float, w: float) -> Optional[float]:
-        """[m] that may be driven with (v, w); None if scan, map or pose are missing or old."""
-        with self._lock:
-            scan, ground = self._scan, self._ground
-        pose = self._pose(now)
-        if ground is None or pose is None:
-            rospy.logwarn_throttle(5.0, f"{rospy.get_name()}: only turns: no {'map' if ground is None else 'pose'}")
-            return None
-        free = ground.free_way(pose, v, w)
-        if not self._params.use_scan:
-            return free
-        points = self._scanned(scan, now)
-        if points is None:
-            rospy.logwarn_throttle(5.0, f"{rospy.get_name()}: only turns: no fresh scan")
-            return None
-        return min(free, free_by_scan(points, v > 0, self._safety))
-
-    def _pose(self, now: rospy.Time) -> Optional[Pose]:
-        base = self._params.base_frame
-        # tf gives the newest transform however old: asking for one at this time tells whether it is recent
-        recent = now - rospy.Duration(min(self._params.pose_timeout, now.to_sec()))
-        if self._lookup(names.MAP_FRAME, base, recent) is None:
-            return None
-        T = self._lookup(names.MAP_FRAME, base, rospy.Time(0))
-        return None if T is None else geometry.transform_pose2d(T)
-
-    def _scanned(self, scan: Optional[LaserScan], now: rospy.Time) -> Optional[np.ndarray]:
-        if scan is None or not 0.0 <= (now - scan.header.stamp).to_sec() + 0.1 <= self._params.scan_timeout + 0.1:
-            return None
-        frame = scan.header.frame_id
-        if frame not in self._laser_mounts:
-            T = self._lookup(self._params.base_frame, frame, rospy.Time(0), warn=True)
-            if T is None:
-                return None
-            self._laser_mounts[frame] = T
-        ranges = np.asarray(scan.ranges)
-        points = scan_points(ranges, scan.angle_min, scan.angle_increment, scan.range_min, scan.range_max)
-        return geometry.apply(self._laser_mounts[frame], np.column_stack([points, np.zeros(len(points))]))[:, :2]
-
     def _lookup(self, target: str, source: str, stamp: rospy.Time, warn: bool = False) -> Optional[np.ndarray]:
-        try:
-            return self._transforms.lookup(target, source, stamp, timeout_s=0.0)
-        except CodedError as error:
-            if warn:
-                rospy.logwarn_throttle(5.0, f"{rospy.get_name()}: {error}")
-            return None
+        return self._surroundings.lookup(target, source, stamp, warn)
 
 
 def build() -> RobotGuideNode:

@@ -73,12 +73,7 @@ class ForbiddenGround:
         self._grid = grid
         self._params = params
         # the map's edge is nothing to fear: the map ends there, the floor may go on
-        forbidden = np.pad(grid.data >= params.map_threshold, 1, constant_values=False)
-        self._clearance = (
-            clearance_grid(forbidden, grid.resolution)[1:-1, 1:-1]
-            if forbidden.any()
-            else np.full(grid.shape, 1e3, dtype=np.float32)
-        )
+        self._clearance = clearance_grid(grid.data >= params.map_threshold, grid.resolution, edge=False)
 
     def clearance_at(self, points: np.ndarray) -> np.ndarray:
         """(N,) [m] from points (N, 2) to the next forbidden cell; 0 off the map."""

@@ -8,13 +8,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Callable, Optional, Tuple
+from typing import Optional, Tuple
 
 import numpy as np
 
 from vb_core.errors import ParameterError
 from vb_core.parameters import Parameters, param
-from vb_robot.safety import SafetyParams, safe_speed
+from vb_robot.drive import FreeWay, Motion, SafeDrive
+from vb_robot.safety import SafetyParams
 from vb_robot.view import FloorView
 
 
@@ -47,32 +48,19 @@ class ServoParams(Parameters):
             raise ParameterError("settled_zone", f"must be below inner_zone {self.inner_zone}, got {self.settled_zone}")
 
 
-@dataclass(frozen=True)
-class Motion:
-    """A command: forward speed [m/s], turn rate [rad/s], and why it is what it is."""
-
-    v: float
-    w: float
-    reason: str
-
-
-# how far [m] the arc of (v, w) may be driven; None if that cannot be known
-FreeWay = Callable[[float, float], Optional[float]]
-
-
 class Servo:
-    """The control law. Keeps the last command, since accelerations are bounded."""
+    """The control law."""
 
     def __init__(self, params: ServoParams, safety: SafetyParams, view: FloorView) -> None:
         self.params = params
-        self.safety = safety
+        self._drive = SafeDrive(params.acceleration, params.turn_acceleration, safety)
         self._view = view
         self._width = view.params.image_width
         self.reset()
 
     def reset(self) -> None:
         """The robot stands; nothing is being followed."""
-        self.v = self.w = 0.0
+        self._drive.reset()
         self._turning = False
         self._driving = 0  # 1 forward, -1 back
 
@@ -80,17 +68,17 @@ class Servo:
         """The command for the next dt [s].
 
         Args:
-            dt: since the last step; longer than 0.2 s counts as 0.2 s.
+            dt: since the last step.
             spot: (2,) [m] where the spot is in the base frame now, None if there never was one.
             age: [s] of the image in which it was found.
             free_way: asked before the robot drives.
         """
-        dt = min(max(dt, 0.0), 0.2)
         if spot is None or not 0.0 <= age <= self.params.max_age or not np.isfinite(spot).all():
             self._turning, self._driving = False, 0
-            return self._brake(dt, "the spot is gone")
+            return self._drive.brake(dt, "the spot is gone")
         v, w = self._wish(np.asarray(spot, dtype=float))
-        return self._limit(dt, v, w, free_way)
+        motion = self._drive.step(dt, v, w, free_way)
+        return motion if v or w or motion.reason else Motion(motion.v, motion.w, "the spot is well in view")
 
     def _wish(self, spot: np.ndarray) -> Tuple[float, float]:
         """What would be good for seeing, without regard to accelerations and obstacles."""
@@ -122,30 +110,3 @@ class Servo:
             v = params.distance_gain * (distance - params.back_to_distance - 0.05)
         v = min(max(v, -params.max_back_speed), params.max_speed)
         return v, min(max(w, -params.max_turn), params.max_turn)
-
-    def _limit(self, dt: float, v: float, w: float, free_way: FreeWay) -> Motion:
-        params = self.params
-        w = _towards(self.w, w, params.turn_acceleration * dt)
-        wanted = _towards(self.v, v, params.acceleration * dt)
-        reason = "follows" if v or w else "the spot is well in view"
-        if wanted != 0.0:
-            free = free_way(wanted, w)
-            if free is None:
-                allowed, why = 0.0, "the way is not known"
-            else:
-                allowed, why = safe_speed(free, self.safety), "something is in the way"
-            if abs(wanted) > allowed:
-                # what must be slower is braked harder than what may be
-                limited = math.copysign(allowed, wanted)
-                wanted, reason = _towards(self.v, limited, self.safety.brake * dt), why
-        self.v, self.w = wanted, w
-        return Motion(wanted, w, reason)
-
-    def _brake(self, dt: float, reason: str) -> Motion:
-        self.v = _towards(self.v, 0.0, self.safety.brake * dt)
-        self.w = _towards(self.w, 0.0, 4.0 * self.params.turn_acceleration * dt)
-        return Motion(self.v, self.w, reason)
-
-
-def _towards(value: float, target: float, step: float) -> float:
-    return min(max(target, value - step), value + step)

@@ -79,6 +79,11 @@ class Sightings:
         """The newest sighting of any camera in this state."""
         return max(self._recent, key=lambda s: s.stamp) if self._recent else None
 
+    def watched(self, now: float) -> bool:
+        """Whether a stationary camera sees the spot. The seed does not move: once seen is enough."""
+        stamps = [s.stamp for s in self._recent if not s.mobile]
+        return bool(stamps) and (self.state == SEED or now - max(stamps) <= self._window)
+
     def target(self, min_sightings: int = 3) -> Optional[np.ndarray]:
         """(2,) [m] where the spot was last: the median of the last window before the newest sighting.
 

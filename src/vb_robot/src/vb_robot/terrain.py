@@ -2,13 +2,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Optional
+from typing import Optional, Tuple
 
 import cv2
 import numpy as np
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import dijkstra
 
+from vb_core import geometry
 from vb_core.grid_map import GridMap
 from vb_core.parameters import Parameters, param
 
@@ -25,13 +26,17 @@ class TerrainParams(Parameters):
     start_tolerance: float = param(0.35, "m", low=0.0, high=2.0, doc="how far from free cells a way may start")
 
 
-def clearance_grid(blocked: np.ndarray, resolution: float) -> np.ndarray:
+def clearance_grid(blocked: np.ndarray, resolution: float, edge: bool = True) -> np.ndarray:
     """(H, W) float32 [m]: from each cell's centre to the next blocked cell; 0 in blocked cells.
 
     Half a cell's diagonal is taken off the distance between centres, so that it never says more than there is.
-    The map's edge counts as blocked.
+
+    Args:
+        edge: whether the map's edge counts as blocked. If it does not and nothing is blocked, all is inf.
     """
-    padded = np.pad(blocked, 1, constant_values=True)
+    if not edge and not blocked.any():
+        return np.full(blocked.shape, np.inf, dtype=np.float32)
+    padded = np.pad(blocked, 1, constant_values=edge)
     distance = cv2.distanceTransform((~padded).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)[1:-1, 1:-1]
     return np.maximum(distance - np.sqrt(0.5), 0.0) * np.float32(resolution)
 
@@ -113,31 +118,9 @@ class Terrain:
             (np.concatenate(cost), (np.concatenate(start), np.concatenate(end))), shape=(size, size)
         ).tocsr() if size else None
 
-    def way_lengths(self, start) -> np.ndarray:
-        """Length of the shortest way from a start (2,) [m] to every place, to be read with `way_length_at`.
-
-        Returns:
-            (h, w) [m] on the coarser grid of ways; inf where no way leads.
-        """
-        lengths = np.full(self._way.shape, np.inf)
-        if self._edges is None or not self._way.any():
-            return lengths
-        free = np.argwhere(self._way)
-        centres = self.grid.cell_to_world(free * self._step + (self._step - 1) / 2.0)
-        distances = np.linalg.norm(centres - np.asarray(start, dtype=float), axis=1)
-        nearest = int(np.argmin(distances))
-        if distances[nearest] > self.params.start_tolerance:
-            return lengths
-        source = free[nearest, 0] * self._way.shape[1] + free[nearest, 1]
-        return dijkstra(self._edges, directed=False, indices=source).reshape(self._way.shape)
-
-    def way_length_at(self, lengths: np.ndarray, points: np.ndarray) -> np.ndarray:
-        """(N,) [m] lengths of the ways to points (N, 2); inf where none leads."""
-        cells = self.grid.world_to_cell(points) // self._step
-        inside = ((cells >= 0) & (cells < np.array(lengths.shape))).all(axis=1)
-        values = np.full(len(cells), np.inf)
-        values[inside] = lengths[cells[inside, 0], cells[inside, 1]]
-        return values
+    def ways(self, start) -> "Ways":
+        """The shortest ways from a start (2,) [m] to every place."""
+        return Ways(self, np.asarray(start, dtype=float))
 
     # ------------------------------------------------------------- sides
     def side_of(self, seed, chain: np.ndarray, closed: bool) -> Optional[np.ndarray]:
@@ -175,3 +158,75 @@ class Terrain:
         points = start + steps[:, None] * (direction / norm)
         hits = np.flatnonzero(sample(self.grid, self.blocked, points, outside=1.0) > 0)
         return points[hits[0]] if len(hits) else points[-1]
+
+
+class Ways:
+    """The shortest ways from one start, searched once. Made by `Terrain.ways`."""
+
+    def __init__(self, terrain: Terrain, start: np.ndarray) -> None:
+        self._terrain = terrain
+        self._start = start
+        self._lengths, self._before = self._search()
+
+    def _search(self) -> Tuple[np.ndarray, Optional[np.ndarray]]:
+        terrain, shape = self._terrain, self._terrain._way.shape
+        nothing = np.full(shape, np.inf), None
+        free = np.argwhere(terrain._way)
+        if terrain._edges is None or not len(free):
+            return nothing
+        distances = np.linalg.norm(self._centres(free) - self._start, axis=1)
+        nearest = int(np.argmin(distances))
+        if distances[nearest] > terrain.params.start_tolerance:
+            return nothing
+        source = free[nearest, 0] * shape[1] + free[nearest, 1]
+        lengths, before = dijkstra(terrain._edges, directed=False, indices=source, return_predecessors=True)
+        return lengths.reshape(shape), before
+
+    def _centres(self, cells: np.ndarray) -> np.ndarray:
+        step = self._terrain._step
+        return self._terrain.grid.cell_to_world(cells * step + (step - 1) / 2.0)
+
+    def _cells(self, points: np.ndarray) -> Tuple[np.ndarray, np.ndarray]:
+        cells = self._terrain.grid.world_to_cell(points) // self._terrain._step
+        return cells, ((cells >= 0) & (cells < np.array(self._lengths.shape))).all(axis=1)
+
+    def lengths_to(self, points: np.ndarray) -> np.ndarray:
+        """(N,) [m] lengths of the ways to points (N, 2) [m]; inf where none leads."""
+        cells, inside = self._cells(points)
+        values = np.full(len(cells), np.inf)
+        values[inside] = self._lengths[cells[inside, 0], cells[inside, 1]]
+        return values
+
+    def route(self, goal) -> Optional[np.ndarray]:
+        """(N, 2) [m] the way to a goal (2,) [m], drawn tight like a string, at most 5 cm apart; None if there is none.
+
+        The search knows eight directions only; drawn tight the way is what a planner with costs comes near to.
+        """
+        goal = np.asarray(goal, dtype=float)
+        if not np.isfinite(self.lengths_to(goal[None])[0]) or self._before is None:
+            return None
+        cell = self._cells(goal[None])[0][0]
+        nodes = [int(cell[0] * self._lengths.shape[1] + cell[1])]
+        while self._before[nodes[-1]] >= 0:
+            nodes.append(int(self._before[nodes[-1]]))
+        cells = np.column_stack(np.unravel_index(nodes[::-1], self._lengths.shape))
+        corners = self._tightened(np.vstack([self._start, self._centres(cells)[1:-1], goal]))
+        return geometry.resample_chain(corners, 0.05) if len(corners) > 1 else corners
+
+    def _tightened(self, points: np.ndarray) -> np.ndarray:
+        terrain = self._terrain
+        # a cell of the ways is as free as its freest part
+        slack = 0.75 * terrain._step * terrain.grid.resolution
+        needed = terrain.params.robot_radius + terrain.params.travel_margin - slack
+        kept, last = [0], len(points) - 1
+        while kept[-1] < last:
+            here = points[kept[-1]]
+            targets = points[kept[-1] + 1 :]
+            reach = float(np.linalg.norm(targets - here, axis=1).max())
+            share = np.linspace(0.0, 1.0, max(3, int(reach / 0.05)))
+            samples = here + share[None, :, None] * (targets - here)[:, None, :]
+            room = terrain.clearance_at(samples.reshape(-1, 2)).reshape(len(targets), -1)
+            # from a place that is too near to something it may be left
+            visible = (room >= min(needed, float(room[0, 0])) - 1e-6).all(axis=1)
+            kept.append(kept[-1] + 1 + (int(np.flatnonzero(visible)[-1]) if visible.any() else 0))
+        return points[kept]

@@ -2,7 +2,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import List, Optional, Tuple
 
 import cv2
@@ -10,7 +10,8 @@ import numpy as np
 
 from vb_core import geometry
 from vb_core.parameters import Parameters, param
-from vb_robot.terrain import Terrain, clearance_grid, sample
+from vb_robot.keep_out import KeepOut, expected_area
+from vb_robot.terrain import Terrain, Ways, clearance_grid, sample
 from vb_robot.view import FloorView, to_base
 
 Pose = Tuple[float, float, float]
@@ -32,11 +33,21 @@ class ViewpointParams(Parameters):
     distance_cost: float = param(0.5, "m/m", low=0.0)
     enclosed_cost: float = param(3.0, "m", low=0.0, doc="for standing inside what the line encloses")
     unseen_ahead_cost: float = param(0.5, "m", low=0.0, doc="for not seeing where the line goes on")
+    min_line: float = param(0.3, "m", low=0.0, doc="ways keep off a line that extends over this or more")
+    ways_checked: int = param(40, low=1, doc="of how many of the best poses the ways are looked at")
+
+
+MAX_SAFE = 12  # as many poses as anybody will try one after the other
 
 
 @dataclass(frozen=True)
 class Viewpoint:
-    """A pose (map frame) [m, m, rad], the way's length [m], the cost [m], and the spot it was chosen for [m]."""
+    """A pose (map frame) [m, m, rad], the way's length [m], the cost [m], and the spot it was chosen for [m].
+
+    Attributes:
+        sees_spot: False for a place that only leaves the side to be restricted.
+        risky: the way leads through what is being drawn, and was chosen all the same.
+    """
 
     x: float
     y: float
@@ -45,6 +56,7 @@ class Viewpoint:
     cost: float
     spot: Tuple[float, float]
     sees_spot: bool = True
+    risky: bool = False
 
     @property
     def pose(self) -> Pose:
@@ -57,10 +69,12 @@ class Drawing:
 
     Attributes:
         spot: (2,) [m] where the spot is.
-        chain: (M, 2) [m] what has been drawn, in any order.
+        chain: (M, 2) [m] what has been drawn.
         direction: (2,) unit vector along which the spot moves, or None.
         closed: whether the chain is a polygon.
         seeding: the spot marks the side to be restricted: stay off that side.
+        ordered: whether the chain's points are in the order of the line.
+        watched: a stationary camera sees the spot, so that there is no need for a robot to take risks.
     """
 
     spot: np.ndarray
@@ -68,6 +82,8 @@ class Drawing:
     direction: Optional[np.ndarray] = None
     closed: bool = False
     seeding: bool = False
+    ordered: bool = True
+    watched: bool = False
 
     def line_ahead(self, length: float) -> np.ndarray:
         """(K, 2) [m] where the line probably goes on; the spot alone if it does not move."""
@@ -106,12 +122,12 @@ def rank_viewpoints(
     seen = terrain.line_of_sight(places, spot)
     places, yaw, distance = places[seen], yaw[seen], distance[seen]
 
-    lengths = terrain.way_lengths(robot[:2])
-    way = terrain.way_length_at(lengths, places)
+    ways = terrain.ways(robot[:2])
+    way = ways.lengths_to(places)
     reachable = np.isfinite(way)
     places, yaw, distance, way = places[reachable], yaw[reachable], distance[reachable], way[reachable]
     if not len(places):
-        return _retreat(terrain, lengths, robot, off_side, spot)
+        return _retreat(terrain, ways, robot, off_side, spot)
 
     turn = np.abs([geometry.wrap_angle(angle - robot[2]) for angle in yaw])
     cost = way + params.turn_cost * turn + params.distance_cost * np.abs(distance - params.best_distance)
@@ -121,11 +137,37 @@ def rank_viewpoints(
         unseen = [1.0 - float(np.mean(view.sees(to_base(ahead, (*place, angle))))) for place, angle in zip(places, yaw)]
         cost = cost + params.unseen_ahead_cost * np.array(unseen)
     order = np.argsort(cost, kind="stable")
-    return [
+    found = [
         Viewpoint(float(places[i, 0]), float(places[i, 1]), geometry.wrap_angle(float(yaw[i])), float(way[i]),
                   float(cost[i]), (float(spot[0]), float(spot[1])))
         for i in order
     ]
+    area = expected_area(terrain, drawing, params.min_line)
+    if area is None:
+        return found
+    keep_out = KeepOut(terrain, area)
+    safe: List[Viewpoint] = []
+    near = keep_out.near_ways(robot[:2], places[order], way[order])
+    for viewpoint in [found[i] for i in np.flatnonzero(near)[: params.ways_checked]]:
+        if keep_out.allows(ways.route((viewpoint.x, viewpoint.y))):
+            safe.append(viewpoint)
+        if len(safe) == MAX_SAFE:
+            break
+    if safe:
+        return safe
+    retreat = _retreat(terrain, ways, robot, off_side, spot)
+    if retreat or drawing.watched:
+        return retreat
+    return [replace(viewpoint, risky=True) for viewpoint in found]
+
+
+def keeps_off(terrain: Terrain, robot: Pose, goal: Pose, drawing: Drawing, params: ViewpointParams) -> bool:
+    """Whether the robot's way to a goal keeps off what is being drawn; also true if there is no way at all."""
+    area = expected_area(terrain, drawing, params.min_line)
+    if area is None:
+        return True
+    route = terrain.ways(robot[:2]).route(goal[:2])
+    return route is None or KeepOut(terrain, area).allows(route)
 
 
 def shows_spot(
@@ -176,7 +218,7 @@ def _clear_of(terrain: Terrain, side: Optional[np.ndarray]) -> Optional[np.ndarr
 
 
 def _retreat(
-    terrain: Terrain, lengths: np.ndarray, robot: Pose, off_side: Optional[np.ndarray], spot: np.ndarray
+    terrain: Terrain, ways: Ways, robot: Pose, off_side: Optional[np.ndarray], spot: np.ndarray
 ) -> List[Viewpoint]:
     """The nearest place off the side to be restricted, if the robot stands on it; else nothing."""
     if off_side is None or sample(terrain.grid, off_side, np.array([robot[:2]]))[0] > 0:
@@ -185,7 +227,7 @@ def _retreat(
     if not len(cells):
         return []
     places = terrain.grid.cell_to_world(cells)
-    way = terrain.way_length_at(lengths, places)
+    way = ways.lengths_to(places)
     best = int(np.argmin(way))
     if not np.isfinite(way[best]):
         return []

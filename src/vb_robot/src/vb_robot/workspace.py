@@ -54,12 +54,8 @@ class Workspace:
         self._hard = self.restricted & (posterior.data >= HARD)
         _, self._parts = cv2.connectedComponents(self.restricted.astype(np.uint8), connectivity=8)
         # what lies off the map is no border
-        padded = np.pad(self.restricted, 1, constant_values=False)
-        self._gap = (
-            clearance_grid(padded, posterior.resolution)[1:-1, 1:-1]
-            if padded.any()
-            else np.full(posterior.shape, np.inf, dtype=np.float32)
-        )
+        self._gap = clearance_grid(self.restricted, posterior.resolution, edge=False)
+        self._hard_gap = clearance_grid(self._hard, posterior.resolution, edge=False)
 
     def standing(self, place) -> Standing:
         """How the round footprint at a place (2,) [m] lies to the restricted area."""
@@ -68,6 +64,10 @@ class Workspace:
             return Standing.INSIDE
         gap = sample(self._grid, self._gap, point, outside=np.inf)[0]
         return Standing.TOUCHES if gap < self._radius else Standing.FREE
+
+    def hard_gap(self, place) -> float:
+        """[m] from a place (2,) [m] to the area that may not be entered at all; 0 within it."""
+        return float(sample(self._grid, self._hard_gap, np.asarray(place, dtype=float).reshape(1, 2), np.inf)[0])
 
     def is_hard(self, place) -> bool:
         """Whether the restricted cell nearest to a place (2,) [m] may not be entered at all."""

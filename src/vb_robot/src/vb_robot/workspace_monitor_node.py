@@ -3,7 +3,7 @@ from __future__ import annotations
 
 import threading
 from dataclasses import dataclass
-from typing import List, Optional
+from typing import List, Optional, Tuple
 
 import numpy as np
 import rospy
@@ -22,10 +22,12 @@ from vb_core.ros import parameters
 from vb_core.ros.messages import OccupancyGridArray, array_from_points, grid_from_message, pose_to_2d
 from vb_core.ros.transforms import TransformLookup
 from vb_msgs.msg import VirtualBorder, VirtualBorderArray
+from vb_robot.exit_driver import ExitDriver
+from vb_robot.leaving import LeaveParams
+from vb_robot.safety import SafetyParams
 from vb_robot.workspace import KnownBorder, Standing, Workspace
 
-TOPIC = "/virtual_borders/workspace"
-
+_GROUPS = ("leave", "safety", "diagnostic_period")
 
 @dataclass(frozen=True)
 class MonitorParams(Parameters):
@@ -34,9 +36,11 @@ class MonitorParams(Parameters):
     robot: str = param("", doc="the robot's name in the borders' lists; empty for the only one")
     base_frame: str = param("base_link")
     robot_radius: float = param(0.18, "m", above=0.0, high=2.0)
-    policy: str = param("report", choices=("report", "stop_and_alert"))
+    policy: str = param("report", choices=("report", "stop_and_alert", "allow_exit"))
     rate: float = param(5.0, "1/s", low=0.5, high=20.0)
     stop_s: float = param(1.0, "s", low=0.0, high=10.0, doc="how long stop_and_alert holds the robot")
+    exit_rate: float = param(12.0, "1/s", low=5.0, high=30.0, doc="of cmd_vel with allow_exit")
+    use_scan: bool = param(True, doc="with allow_exit: without a fresh scan the robot only turns")
     action: str = param("move_base")
 
 
@@ -49,13 +53,19 @@ class WorkspaceMonitorNode:
     Publishes:
         /virtual_borders/workspace (std_msgs/String, latched): a sentence at each change, and for each goal in a border
         /diagnostics: the robot's standing
-        move_base/cancel (actionlib_msgs/GoalID), cmd_vel (geometry_msgs/Twist): only with stop_and_alert, and only
-            for a moment after the robot came into a border, so that it can be led out
+        move_base/cancel (actionlib_msgs/GoalID), cmd_vel (geometry_msgs/Twist): with stop_and_alert only for a moment
+            after the robot came into a border, so that it can be led out; with allow_exit only while the robot
+            leaves a border that was put where it stands
+    Subscribes, with allow_exit only:
+        /virtual_borders/state (vb_msgs/InteractionState), move_base/status (actionlib_msgs/GoalStatusArray),
+        scan (sensor_msgs/LaserScan): while it drives
     Parameters:
-        ~* MonitorParams
+        ~* MonitorParams, ~leave/* LeaveParams, ~safety/* SafetyParams
     """
 
-    def __init__(self, params: MonitorParams) -> None:
+    def __init__(
+        self, params: MonitorParams, leave: LeaveParams = LeaveParams(), safety: SafetyParams = SafetyParams()
+    ) -> None:
         self._params = params
         self._who = f"robot '{params.robot}'" if params.robot else "the robot"
         self._lock = threading.Lock()
@@ -69,11 +79,16 @@ class WorkspaceMonitorNode:
         self._nameless = 0  # looks in a row at a border whose name is not known
         self._stop_until = rospy.Time(0)
         self._transforms = TransformLookup()
-        self._publisher = rospy.Publisher(TOPIC, String, queue_size=10, latch=True)
+        self._changed = False  # a map has come since the robot was last found free or led out
+        self._publisher = rospy.Publisher(names.WORKSPACE, String, queue_size=10, latch=True)
         self._cancel = rospy.Publisher(f"{params.action}/cancel", GoalID, queue_size=1)
         self._cmd_vel: Optional[rospy.Publisher] = None
         if params.policy == "stop_and_alert":
             self._cmd_vel = rospy.Publisher("cmd_vel", Twist, queue_size=1)
+        self._exit: Optional[ExitDriver] = None
+        if params.policy == "allow_exit":
+            self._exit = ExitDriver(params.base_frame, params.robot_radius, params.action, params.exit_rate,
+                                    params.use_scan, leave, safety, self._who, self._say, self._transforms)
         self._updater = Updater()
         self._updater.setHardwareID(params.robot or "robot")
         self._updater.add("workspace", self._diagnose)
@@ -88,6 +103,8 @@ class WorkspaceMonitorNode:
     def close(self) -> None:
         """Ends the watch."""
         self._timer.shutdown()
+        if self._exit is not None:
+            self._exit.close()
 
     def _on_map(self, message: OccupancyGridArray, where: str) -> None:
         try:
@@ -98,6 +115,7 @@ class WorkspaceMonitorNode:
         with self._lock:
             setattr(self, where, grid)
             self._workspace = None
+            self._changed = True
 
     def _on_borders(self, message: VirtualBorderArray) -> None:
         known = [
@@ -179,10 +197,26 @@ class WorkspaceMonitorNode:
                 self._stop_until = now + rospy.Duration(self._params.stop_s)
         if standing is not Standing.FREE:
             self._inside = found
+        if self._exit is not None and self._changed:
+            self._let_out(workspace, standing, (x, y))
         if self._cmd_vel is not None and now < self._stop_until:
             if (self._stop_until - now).to_sec() > self._params.stop_s:
                 self._stop_until = now  # time jumped back
             self._cmd_vel.publish(Twist())
+
+    def _let_out(self, workspace: Workspace, standing: Standing, place: Tuple[float, float]) -> None:
+        """Has the robot driven out if a new map restricts where it stands."""
+        with self._lock:
+            if self._workspace is not workspace or self._map is None or self._physical is None:
+                return  # the next look is at a newer map
+            self._changed = False
+            posterior, physical = self._map, self._physical
+        assert self._exit is not None
+        due = standing is not Standing.FREE and workspace.is_hard(place)
+        if due or self._exit.active:
+            self._exit.set_maps(posterior, physical, workspace.hard_gap)
+        if due:
+            self._exit.begin(_quoted(self._inside))
 
     def _say(self, sentence: str) -> None:
         rospy.logwarn("%s: %s", rospy.get_name(), sentence)
@@ -200,6 +234,10 @@ class WorkspaceMonitorNode:
         else:
             status.summary(DiagnosticStatus.ERROR, f"is inside {_quoted(self._inside)}")
         status.add("policy", self._params.policy)
+        if self._exit is not None:
+            status.add("leaves by itself", str(self._exit.active))
+            if self._exit.active:
+                status.summary(DiagnosticStatus.WARN, f"leaves {_quoted(self._inside)}")
         return status
 
 
@@ -209,4 +247,8 @@ def _quoted(border_names: List[str]) -> str:
 
 def build() -> WorkspaceMonitorNode:
     """Reads the parameters and makes the node."""
-    return WorkspaceMonitorNode(parameters.read(MonitorParams, "~", ignore=("diagnostic_period",)))
+    return WorkspaceMonitorNode(
+        parameters.read(MonitorParams, "~", ignore=_GROUPS),
+        parameters.read(LeaveParams, "~leave"),
+        parameters.read(SafetyParams, "~safety"),
+    )

@@ -1,0 +1,110 @@
+"""Ways keep off what is being drawn: invariants against shapely's geometry."""
+import math
+
+import numpy as np
+import pytest
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+from shapely.geometry import LineString, Point, Polygon
+
+from vb_core.grid_map import GridMap
+from vb_robot.terrain import Terrain, TerrainParams
+from vb_robot.view import FloorView, ViewParams
+from vb_robot.viewpoint import Drawing, ViewpointParams, keeps_off, rank_viewpoints
+
+VIEW, PARAMS = FloorView(ViewParams()), ViewpointParams()
+
+
+def open_room():
+    """8 m x 5 m, cells of 5 cm: walls, and a shelf in the middle of the left part."""
+    data = np.zeros((100, 160), dtype=np.int8)
+    data[[0, -1]] = 100
+    data[:, [0, -1]] = 100
+    data[40:60, 30:36] = 100
+    return GridMap(data, 0.05)
+
+
+TERRAIN = Terrain(open_room(), TerrainParams())
+CARPET = np.array([[3.1, 1.6], [5.1, 1.6], [5.1, 2.9], [3.1, 2.9]])
+
+
+def rank(robot, drawing, terrain=TERRAIN):
+    return rank_viewpoints(terrain, VIEW, robot, drawing, PARAMS)
+
+
+def route(robot, viewpoint, terrain=TERRAIN):
+    return terrain.ways(robot[:2]).route((viewpoint.x, viewpoint.y))
+
+
+def test_route_is_tight_and_keeps_off_obstacles():
+    start, goal = (1.0, 2.5), (3.0, 2.4)
+    ways = TERRAIN.ways(start)
+    way = ways.route(goal)
+    assert np.allclose(way[0], start) and np.allclose(way[-1], goal)
+    assert np.linalg.norm(np.diff(way, axis=0), axis=1).max() <= 0.05 + 1e-9
+    length = LineString(way).length
+    # round a corner of the shelf, which spans x 1.5 to 1.8 m and y 2 to 3 m
+    least = math.dist(start, (1.5, 3.0)) + 0.3 + math.dist((1.8, 3.0), goal)
+    assert least <= length <= ways.lengths_to(np.array([goal]))[0] + 0.1
+    assert TERRAIN.clearance_at(way).min() >= 0.18 - 0.025
+    free = TERRAIN.ways((4.0, 0.5)).route((7.0, 1.9))
+    assert LineString(free).length == pytest.approx(math.dist((4.0, 0.5), (7.0, 1.9)), abs=1e-6), "straight on"
+    assert ways.route((1.6, 2.5)) is None
+
+
+@settings(max_examples=15, deadline=None)
+@given(st.floats(0.4, 7.6), st.floats(0.4, 4.6), st.floats(0, 6.28), st.integers(0, 3), st.booleans())
+def test_ways_never_enter_the_polygon(x, y, yaw, corner, seeding):
+    polygon = Polygon(CARPET)
+    assume(polygon.distance(Point(x, y)) > 0.25)
+    spot = CARPET.mean(axis=0) if seeding else CARPET[corner]
+    drawing = Drawing(spot, CARPET, None, closed=True, seeding=seeding, watched=True)
+    for viewpoint in rank((x, y, yaw), drawing):
+        assert not viewpoint.risky
+        way = route((x, y), viewpoint)
+        assert polygon.distance(LineString(way)) >= TERRAIN.params.robot_radius - 0.05 / 2
+        assert keeps_off(TERRAIN, (x, y, yaw), viewpoint.pose, drawing, PARAMS)
+
+
+@settings(max_examples=8, deadline=None)
+@given(st.floats(3.15, 5.05), st.floats(1.65, 2.85), st.floats(0, 6.28))
+def test_robot_inside_leaves_when_the_seed_is_shown(x, y, yaw):
+    drawing = Drawing(CARPET.mean(axis=0), CARPET, None, closed=True, seeding=True, watched=True)
+    found = rank((x, y, yaw), drawing)
+    assert found
+    polygon = Polygon(CARPET)
+    for viewpoint in found:
+        assert polygon.distance(Point(viewpoint.x, viewpoint.y)) >= TERRAIN.params.robot_radius
+        way = [polygon.contains(Point(p)) for p in route((x, y), viewpoint)]
+        out = way.index(False)
+        assert not any(way[out:]), "once out it stays out"
+
+
+def test_half_drawn_polygon_counts_with_what_it_will_enclose():
+    # three sides are drawn; the way from the left to the right of the last one leads through
+    drawing = Drawing(CARPET[3], CARPET, np.array([0.0, -1.0]), watched=True)
+    robot = (6.5, 2.3, math.pi)
+    for viewpoint in rank(robot, drawing):
+        assert Polygon(CARPET).distance(LineString(route(robot, viewpoint))) >= 0.15
+
+
+def test_short_line_changes_nothing():
+    line = np.array([[4.0, 2.0], [4.2, 2.0]])
+    assert rank((6.0, 2.0, 0.0), Drawing(line[1], line, watched=True)) == rank((6.0, 2.0, 0.0), Drawing(line[1], line))
+
+
+def test_without_a_safe_way_it_depends_on_who_sees_the_spot():
+    # the line parts the room from wall to wall, and everything that shows the spot lies beyond it
+    line = np.array([[4.0, 0.05], [4.0, 4.95]])
+    spot = np.array([2.4, 0.7])
+    robot = (6.5, 2.5, 0.0)
+    assert rank(robot, Drawing(spot, line, watched=True)) == []
+    alone = rank(robot, Drawing(spot, line, watched=False))
+    assert alone and all(viewpoint.risky for viewpoint in alone)
+
+
+def test_seed_outside_sends_the_robot_into_the_allowed_corner():
+    line = np.array([[6.0, 4.95], [6.0, 3.4], [7.95, 3.4]])
+    drawing = Drawing(np.array([5.3, 3.0]), line, None, closed=False, seeding=True, watched=True)
+    best = rank((7.0, 1.0, 1.5), drawing)[0]
+    assert best.x > 6.1 and best.y > 3.5
