@@ -17,6 +17,7 @@ from vb_core.parameters import Parameters, param
 from vb_fusion import closing, linking, ridge, smoothing
 from vb_fusion.chain import BorderChain, ExtractionError
 from vb_fusion.clustering import clustering, expansion
+from vb_fusion.fixed_places import evened, without_fixed_places
 from vb_fusion.observations import Observations, observations, without_bias, without_strays
 from vb_fusion.polygon_generation import generate_poly
 from vb_fusion.seed import extract_seed
@@ -109,7 +110,7 @@ def _paper(seen: Observations, params: ExtractionParams) -> BorderChain:
 
 def _robust(seen: Observations, params: ExtractionParams) -> BorderChain:
     count = len(seen.points)
-    seen = without_bias(without_strays(seen))
+    seen = without_bias(evened(without_fixed_places(without_strays(seen))))
     sites = ridge.merge(seen.points, seen.weights)
     everything, path = sites, None
     # a bright thing that is seen for long may be denser by far than a quick stroke: then ask for less

@@ -19,8 +19,10 @@ from vb_fusion.ridge import merge
 NODE = 0.03  # [m] spacing of the nodes on the ridge
 LINK = 0.11  # [m] nodes of one piece are at most this far apart
 END_MARGIN = 0.1  # [m] by which the ends of two pieces are farther apart than the points they stand for
+TINY = 0.12  # [m] a piece that is shorter, at an end and beyond a gap, is no part of the line
 SCRAP = 0.35  # [m] a piece at an end, beyond a gap, that is shorter than this and not clearly elongated is clutter
 SCRAP_ELONGATION = 1.7  # ratio of its spread along and across; 0.2 m of a stroke have 2.3, a round spot has 1.2
+DRAWN = 0.75  # correlation of place and time in a piece that was drawn
 
 
 @dataclass
@@ -80,7 +82,7 @@ def pieces(
         elongation = np.inf
         if float(np.linalg.norm(np.ptp(nodes[members], axis=0))) < SCRAP:
             own = np.isin(sites.of_point, members)
-            elongation = _elongation(seen[own], weights[own])
+            elongation = _elongation(seen[own], weights[own], None if ranks is None else ranks[own])
         weight = float(sites.weights[members].sum())
         found.append(Path(nodes[path], weight, None if at is None else at[path], elongation))
     return found
@@ -102,7 +104,17 @@ def _longest_path(tree: csr_matrix, members: np.ndarray) -> np.ndarray:
 
 
 def join(found: List[Path], max_gap: float) -> List[Path]:
-    """Joins pieces end to end, the best continuation first, across gaps of at most `max_gap` [m].
+    """Joins pieces end to end across gaps of at most `max_gap` [m]: lines first, then with what scraps there are.
+
+    Something bright beside the line must not become a stop on the way from one piece of it to the next.
+    """
+    lines, scraps = [path for path in found if not is_scrap(path)], [path for path in found if is_scrap(path)]
+    joined = _join(lines, max_gap)
+    return _join(joined + scraps, max_gap) if scraps else joined
+
+
+def _join(found: List[Path], max_gap: float) -> List[Path]:
+    """Joins pieces end to end, the best continuation first.
 
     The cost of a join is its length, up to three times as much where the chain would have to turn back, and half as
     much again where the one end was not drawn right after the other.
@@ -154,15 +166,23 @@ def _concatenate(found: List[Path], members: np.ndarray, partner: np.ndarray) ->
 
 def is_scrap(path: Path) -> bool:
     """Is a path no line, but something bright at one place?"""
-    return path.expansion < SCRAP and path.elongation < SCRAP_ELONGATION
+    return path.expansion < TINY or (path.expansion < SCRAP and path.elongation < SCRAP_ELONGATION)
 
 
-def _elongation(points: np.ndarray, weights: np.ndarray) -> float:
-    """Ratio of the standard deviations along and across the points' main direction; 1 for too few to tell."""
+def _elongation(points: np.ndarray, weights: np.ndarray, ranks: Optional[np.ndarray]) -> float:
+    """Ratio of the standard deviations along and across the points' main direction.
+
+    It is 1 for too few points to tell, and for points that were not seen one after the other along that direction:
+    what a camera looks at askance is elongated too.
+    """
     if len(points) < 3:
         return 1.0
-    smaller, larger = np.linalg.eigvalsh(np.cov(points.T, aweights=weights, bias=True))
-    return float(np.sqrt(larger / max(smaller, 1e-8)))
+    spread, axes = np.linalg.eigh(np.cov(points.T, aweights=weights, bias=True))
+    if ranks is not None and len(points) >= 5 and np.ptp(ranks) > 0.0:
+        along = (points - points.mean(axis=0)) @ axes[:, 1]
+        if abs(np.corrcoef(along, ranks)[0, 1]) < DRAWN:
+            return 1.0
+    return float(np.sqrt(spread[1] / max(spread[0], 1e-8)))
 
 
 def _outward(nodes: np.ndarray) -> np.ndarray:

@@ -42,12 +42,16 @@ class Observations:
 
     @property
     def ranks(self) -> Optional[np.ndarray]:
-        """(N,) place of each spot in the order of drawing, 0 first to 1 last; pauses do not count."""
+        """(N,) place of each spot in the order of drawing, 0 first to 1 last.
+
+        It is the share of the weight seen before: neither a pause nor, with bounded weights, a spot held still counts.
+        """
         if self.stamps is None:
             return None
         order = np.argsort(self.stamps, kind="stable")
+        before = np.cumsum(self.weights[order]) - self.weights[order]
         ranks = np.empty(len(order))
-        ranks[order] = np.arange(len(order)) / max(1, len(order) - 1)
+        ranks[order] = before / max(before[-1], 1e-9)
         return ranks
 
 
@@ -120,7 +124,7 @@ def without_bias(seen: Observations) -> Observations:
             theirs = order[seen.cameras[order] == b]
             if min(len(ours), len(theirs)) < MIN_SIMULTANEOUS:
                 continue
-            partner = theirs[_nearest(seen.stamps[theirs], seen.stamps[ours])]
+            partner = theirs[nearest_in(seen.stamps[theirs], seen.stamps[ours])]
             difference = seen.points[ours] - seen.points[partner]
             same = (np.abs(seen.stamps[ours] - seen.stamps[partner]) <= SIMULTANEOUS) & (
                 np.linalg.norm(difference, axis=1) <= SAME_SPOT
@@ -138,8 +142,8 @@ def without_bias(seen: Observations) -> Observations:
     return Observations(seen.points - bias[seen.cameras], seen.weights, seen.stamps, seen.cameras)
 
 
-def _nearest(sorted_values: np.ndarray, wanted: np.ndarray) -> np.ndarray:
+def nearest_in(sorted_values: np.ndarray, wanted: np.ndarray) -> np.ndarray:
     """Index of the nearest of the sorted values for each wanted one."""
-    right = np.clip(np.searchsorted(sorted_values, wanted), 1, len(sorted_values) - 1)
-    left = right - 1
+    right = np.minimum(np.searchsorted(sorted_values, wanted), len(sorted_values) - 1)
+    left = np.maximum(right - 1, 0)
     return np.where(wanted - sorted_values[left] <= sorted_values[right] - wanted, left, right)

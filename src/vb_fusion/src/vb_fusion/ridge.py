@@ -79,9 +79,19 @@ def supported(sites: Sites, max_reach: float, share: float = 0.1) -> Tuple[np.nd
     i, j = tree.query_pairs(reach, output_type="ndarray").T
     w = sites.weights
     company = w + np.bincount(i, w[j], minlength=count) + np.bincount(j, w[i], minlength=count)
-    usual = weighted_quantile(company, w, 0.5)
+    usual = _usual(sites, company)
     # a point at the end of a stroke has half the usual company, a fast stretch seen by one camera of two a fifth
     return company >= max(share * usual, min(3.0, 0.6 * usual)) - 1e-9, reach
+
+
+def _usual(sites: Sites, company: np.ndarray) -> float:
+    """The usual company of what was drawn: each piece of the floor counts once, however often it was seen."""
+    _, keys = cell_keys(sites.points, REACH)
+    _, inverse = np.unique(keys, return_inverse=True)
+    most = np.zeros(int(inverse.max()) + 1)
+    np.maximum.at(most, inverse, company)
+    drawn = most[most >= 3.0]  # stray detections have one or two
+    return float(np.median(drawn if len(drawn) else most))
 
 
 def onto_ridge(sites: Sites) -> np.ndarray:

@@ -1,0 +1,73 @@
+"""What happens while somebody draws and is no part of the border: a spot held still, something bright that stays."""
+from __future__ import annotations
+
+import numpy as np
+from strokes import Setting, Stroke, draw
+
+from vb_core import geometry
+
+USUAL = Setting(clutter=0)
+
+
+def timed(shape: str, seed: int, setting: Setting = USUAL) -> Stroke:
+    """A stroke in the order of its stamps, its vertices' truth with it."""
+    return draw(shape, setting.replace(shuffled=False), np.random.default_rng(seed))
+
+
+def _with(stroke: Stroke, points, stamps, cameras) -> Stroke:
+    p = np.vstack([stroke.points, points])
+    t, c = np.concatenate([stroke.stamps, stamps]), np.concatenate([stroke.cameras, cameras])
+    order = np.argsort(t, kind="stable")
+    return Stroke(stroke.truth, stroke.closed, p[order], t[order], c[order])
+
+
+def held(stroke: Stroke, share: float, count: int, cameras: int, seed: int, seconds: float = 10.0) -> Stroke:
+    """The stroke with the spot held still for a while, after `share` of the drawing time.
+
+    Args:
+        count: spots seen of it, by all cameras together.
+    """
+    rng = np.random.default_rng([seed, 7])
+    begin = share * stroke.stamps.max()
+    near = np.argsort(np.abs(stroke.stamps - begin))[:15]
+    place = np.median(stroke.points[near], axis=0)
+    later = stroke.stamps > begin
+    moved = Stroke(
+        stroke.truth, stroke.closed, stroke.points, np.where(later, stroke.stamps + seconds, stroke.stamps),
+        stroke.cameras,
+    )  # fmt: skip
+    stamps = begin + np.linspace(0.0, seconds, count)
+    return _with(moved, place + rng.normal(0, 0.012, (count, 2)), stamps, np.arange(count) % cameras)
+
+
+def beside(stroke: Stroke, distance: float, share: float) -> np.ndarray:
+    """(2,) a place at a distance [m] from the stroke and from no part of it less, abreast of `share` of its length."""
+    dense = geometry.resample_chain(stroke.truth, 0.01, stroke.closed)
+    k = int(np.clip(share * (len(dense) - 1), 5, len(dense) - 6))
+    along = dense[k + 5] - dense[k - 5]
+    normal = np.array([-along[1], along[0]]) / np.linalg.norm(along)
+    sides = [dense[k] + distance * normal, dense[k] - distance * normal]
+    return max(sides, key=lambda place: np.linalg.norm(dense - place, axis=1).min())
+
+
+def with_fixed_place(stroke: Stroke, place, count: int, when: str, camera: int, seed: int, spread=(0.04, 0.02)) -> Stroke:
+    """The stroke with false spots at one place, as a piece of paper gives them.
+
+    Args:
+        when: "at the same stamps" as the other camera's true spots, "interleaved" with the true spots of its own
+            camera, "before" the drawing, "after" it, or "throughout", from 10 s before to 10 s after.
+        spread: [m] standard deviation along and across the camera's line of sight.
+    """
+    rng = np.random.default_rng([seed, 11])
+    end = stroke.stamps.max()
+    if when == "at the same stamps":
+        stamps = np.sort(rng.choice(stroke.stamps, count, replace=count > len(stroke.stamps)))
+    elif when == "interleaved":
+        stamps = np.sort(rng.uniform(0.0, end, count))
+    else:
+        first, last = {"before": (-10.0, 0.0), "after": (end, end + 10.0), "throughout": (-10.0, end + 10.0)}[when]
+        stamps = np.linspace(first, last, count)
+    angle = rng.uniform(0, np.pi)
+    turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+    points = place + (rng.normal(0, 1, (count, 2)) * spread) @ turn.T
+    return _with(stroke, points, stamps, np.full(count, camera))

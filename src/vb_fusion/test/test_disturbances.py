@@ -1,0 +1,89 @@
+"""Density must not outweigh geometry: a spot held still, and false spots that stay at one place."""
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+sys.path.insert(0, str(Path(__file__).parent))
+from disturbances import beside, held, timed, with_fixed_place  # noqa: E402
+from strokes import hausdorff  # noqa: E402
+
+from vb_fusion.extraction import extract_border  # noqa: E402
+
+BAD = 0.25  # [m]
+
+
+def distance(stroke, known=True) -> float:
+    """Hausdorff distance [m] of the chain to the intended one."""
+    extra = {"stamps": stroke.stamps, "cameras": stroke.cameras} if known else {}
+    chain = extract_border(stroke.points, **extra)
+    assert chain.closed == stroke.closed, chain.reason
+    return hausdorff(chain.points, stroke.truth, stroke.closed)
+
+
+@pytest.mark.parametrize("shape", ["corner", "doorway", "rectangle"])
+@pytest.mark.parametrize("share", [0.0, 0.5, 1.0], ids=["start", "middle", "end"])
+@pytest.mark.parametrize("count, cameras", [(250, 1), (750, 3)])
+@pytest.mark.parametrize("known", [True, False], ids=["timed", "bare"])
+def test_a_spot_held_still_does_no_harm(shape, share, count, cameras, known):
+    for seed in range(2):
+        stroke = timed(shape, seed)
+        assert distance(held(stroke, share, count, cameras, seed), known) < max(0.12, distance(stroke, known) + 0.06)
+
+
+WHEN = ["at the same stamps", "interleaved", "before", "after", "throughout"]
+
+
+@pytest.mark.parametrize("count", [100, 500, 2000])
+@pytest.mark.parametrize("away", [0.3, 0.6, 1.0])
+@pytest.mark.parametrize("when", WHEN)
+def test_false_spots_at_one_place_do_no_harm(count, away, when):
+    for seed, (shape, share) in enumerate([("corner", 0.5), ("corner", 0.02), ("rectangle", 0.7), ("doorway", 0.9)]):
+        stroke = timed(shape, seed)
+        seen = with_fixed_place(stroke, beside(stroke, away, share), count, when, seed % 2, seed)
+        assert distance(seen) < max(0.12, distance(stroke) + 0.06), (shape, share)
+
+
+@pytest.mark.parametrize("count", [100, 500, 2000])
+@pytest.mark.parametrize("away", [0.3, 0.6, 1.0])
+def test_false_spots_at_one_place_in_a_bare_point_set(count, away):
+    for seed, share in enumerate([0.3, 0.5, 0.7]):
+        stroke = timed("corner", seed)
+        seen = with_fixed_place(stroke, beside(stroke, away, share), count, "interleaved", 0, seed)
+        assert distance(seen, known=False) < BAD
+
+
+@pytest.mark.parametrize("known", [True, False], ids=["timed", "bare"])
+def test_the_chain_does_not_shrink_while_the_false_place_grows(known):
+    stroke = timed("corner", 3)
+    place = beside(stroke, 0.7, 0.6)
+    lengths = []
+    for count in (0, 50, 200, 1000, 4000):
+        seen = with_fixed_place(stroke, place, count, "interleaved", 1, 3)
+        extra = {"stamps": seen.stamps, "cameras": seen.cameras} if known else {}
+        lengths.append(extract_border(seen.points, **extra).length)
+    assert np.ptp(lengths) < 0.1
+
+
+def test_held_still_while_a_false_place_is_seen_all_the_time():
+    for seed in range(3):
+        stroke = timed("corner", seed)
+        both = held(stroke, 0.6, 500, 2, seed)
+        seen = with_fixed_place(both, beside(stroke, 0.5, 0.4), 1500, "throughout", 1, seed)
+        assert distance(seen) < max(0.12, distance(stroke) + 0.06)
+
+
+def test_two_false_places_at_once():
+    for seed in range(3):
+        stroke = timed("corner", seed)
+        seen = with_fixed_place(stroke, beside(stroke, 0.6, 0.3), 800, "interleaved", 0, seed)
+        seen = with_fixed_place(seen, beside(stroke, 0.4, 0.8), 800, "at the same stamps", 1, seed + 20)
+        assert distance(seen) < max(0.12, distance(stroke) + 0.06)
+
+
+def test_a_false_place_on_the_line_leaves_no_hole():
+    for seed in range(3):
+        stroke = timed("corner", seed)
+        seen = with_fixed_place(stroke, beside(stroke, 0.0, 0.5), 1000, "throughout", 1, seed)
+        assert distance(seen) < max(0.12, distance(stroke) + 0.06)
