@@ -211,8 +211,23 @@ def test_who_watches_the_spot():
     known.set_state(BORDER, "1", 0.0)
     known.add(seen(1.0, 0.0))
     known.add(seen(2.5, 0.0, camera="robot", mobile=True))
-    assert known.watched(1.5) and not known.watched(2.5)
+    assert not known.watched(2.5), "only the robot sees it"
+    known.add(seen(2.6, 0.0))
+    assert known.watched(2.6) and known.watched(5.0) and not known.watched(6.0)
     known.set_state(SEED, "1", 3.0)
     assert not known.watched(3.0)
     known.add(seen(3.1, 0.0))
     assert known.watched(9.0), "the seed stays where it was seen"
+
+
+def test_lost_spot_is_thought_on():
+    known = Sightings()
+    known.set_state(BORDER, "1", 0.0)
+    assert known.gone_on(5.0, 0.3, 0.5) == 0.0
+    known.add(seen(1.0, 0.0))
+    assert known.gone_on(1.2, 0.3, 0.5) == 0.0, "cameras miss some images"
+    assert known.gone_on(2.0, 0.3, 0.5) == pytest.approx(0.3)
+    assert known.gone_on(9.0, 0.3, 0.5) == 0.5
+    known.set_state(SEED, "1", 9.0)
+    known.add(seen(9.5, 0.0))
+    assert known.gone_on(12.0, 0.3, 0.5) == 0.0, "the seed does not move"

@@ -148,7 +148,8 @@ class ExitDriver:
                 self._end(f"{self._who} cannot leave {self._border}: no way leads to allowed floor")
                 return
             leaving.set_route(route)
-            if not self._driving:
+            # one that only makes its margin wider is no news
+            if not self._driving and self._gap(pose[:2]) < self._radius:
                 self._say(f"{self._who} leaves {self._border} by itself")
         elif progress is Progress.GIVEN_UP:
             self._end(f"{self._who} gives up leaving {self._border}: {motion.reason}")

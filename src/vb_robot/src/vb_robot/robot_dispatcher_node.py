@@ -3,7 +3,7 @@ from __future__ import annotations
 
 import threading
 import traceback
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Optional, Tuple
 
 import numpy as np
@@ -36,6 +36,8 @@ class DispatcherParams(Parameters):
     action: str = param("move_base", doc="relative to the node's namespace")
     period: float = param(0.25, "s", low=0.05, high=5.0, doc="between two decisions")
     way_check: float = param(0.5, "s", low=0.0, doc="between two looks at the way to the present goal")
+    lost_speed: float = param(0.3, "m/s", low=0.0, high=2.0, doc="a spot that nobody sees has moved on like this")
+    lost_distance: float = param(0.5, "m", low=0.0, high=2.0, doc="but not farther than this")
     server_silence: float = param(2.0, "s", above=0.0, doc="without status the action server counts as gone")
     mobile_cameras: tuple = param(("robot",), doc="names of cameras on robots")
 
@@ -155,11 +157,13 @@ class RobotDispatcherNode:
     def _decide(self) -> None:
         now = rospy.Time.now().to_sec()
         server = self._navigation.alive()
-        drawing, wanted, key = self._gather(now)
+        drawing, gone_on, wanted, key = self._gather(now)
         robot = self._robot_pose() if wanted else None
         if server and self._navigation.cancel_leftovers():
             rospy.logwarn("%s: called off a goal that was left from before a restart", rospy.get_name())
         terrain = self._prepared_terrain() if wanted else None
+        if drawing is not None and terrain is not None and drawing.direction is not None and gone_on > 0.0:
+            drawing = replace(drawing, spot=_thought_on(terrain, drawing.spot, drawing.direction, gone_on))
         spot = (float(drawing.spot[0]), float(drawing.spot[1])) if drawing is not None and terrain is not None else None
         goal = self._policy.goal
 
@@ -193,8 +197,8 @@ class RobotDispatcherNode:
             self._last_reason = decision.reason
             rospy.loginfo("%s: %s: %s", rospy.get_name(), decision.kind.value, decision.reason)
 
-    def _gather(self, now: float) -> Tuple[Optional[Drawing], bool, Tuple[str, int]]:
-        """(what is being drawn, whether a robot is wanted, the key of interaction and state)."""
+    def _gather(self, now: float) -> Tuple[Optional[Drawing], float, bool, Tuple[str, int]]:
+        """(what is being drawn, how far its spot has gone on unseen [m], whether a robot is wanted, the key)."""
         with self._lock:
             known, progress = self._sightings, self._progress
             known.forget_after(now)
@@ -207,15 +211,16 @@ class RobotDispatcherNode:
             target = known.target(self._dispatch.min_sightings) if wanted else None
             direction = known.direction() if target is not None else None
             watched = known.watched(now)
+            gone_on = known.gone_on(now, self._params.lost_speed, self._params.lost_distance)
         if target is None:
-            return None, wanted, key
+            return None, 0.0, wanted, key
         chain, closed, ordered = np.zeros((0, 2)), False, True
         if progress is not None:
             chain, closed = array_from_points(progress.chain), bool(progress.closed)
             if len(chain) < 2:
                 chain, closed, ordered = array_from_points(progress.points), False, False
         drawing = Drawing(target, chain, direction, closed, key[1] == sightings.SEED, ordered, watched)
-        return drawing, wanted, key
+        return drawing, gone_on, wanted, key
 
     def _robot_pose(self) -> Optional[Pose]:
         try:
@@ -245,6 +250,12 @@ class RobotDispatcherNode:
         message.pose = pose_from_2d(*pose)
         self._viewpoint_publisher.publish(message)
         rospy.loginfo("%s: sent to x %.2f m, y %.2f m, yaw %.2f rad", rospy.get_name(), *pose)
+
+
+def _thought_on(terrain: Terrain, spot: np.ndarray, direction: np.ndarray, distance: float) -> np.ndarray:
+    """(2,) [m] a spot (2,) moved on along a unit vector (2,), but not into a wall."""
+    room = float(np.linalg.norm(terrain.ray_end(spot, direction) - spot)) - 0.05
+    return spot + min(distance, max(0.0, room)) * direction
 
 
 def build() -> RobotDispatcherNode:

@@ -79,10 +79,30 @@ class Sightings:
         """The newest sighting of any camera in this state."""
         return max(self._recent, key=lambda s: s.stamp) if self._recent else None
 
-    def watched(self, now: float) -> bool:
-        """Whether a stationary camera sees the spot. The seed does not move: once seen is enough."""
+    def watched(self, now: float, patience: float = 3.0) -> bool:
+        """Whether a stationary camera sees the spot, or did when it was seen last.
+
+        The seed does not move: once seen is enough. A border's spot that nobody sees any more, for longer than a
+        patience [s], is not watched.
+        """
+        newest = self.newest()
         stamps = [s.stamp for s in self._recent if not s.mobile]
-        return bool(stamps) and (self.state == SEED or now - max(stamps) <= self._window)
+        if newest is None or not stamps:
+            return False
+        return self.state == SEED or (newest.stamp - max(stamps) <= self._window and now - newest.stamp <= patience)
+
+    def gone_on(self, now: float, speed: float, most: float) -> float:
+        """[m] by which a border's spot that nobody sees any more has probably moved on since it was seen last.
+
+        Cameras lose a spot that leaves their image, so the place where it was last is one that they see well.
+
+        Args:
+            speed: [m/s] at which people draw; most: [m]
+        """
+        newest = self.newest()
+        if newest is None or self.state != BORDER or now - newest.stamp < 0.5 * self._window:
+            return 0.0
+        return min(speed * (now - newest.stamp), most)
 
     def target(self, min_sightings: int = 3) -> Optional[np.ndarray]:
         """(2,) [m] where the spot was last: the median of the last window before the newest sighting.

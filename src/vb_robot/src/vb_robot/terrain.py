@@ -136,8 +136,8 @@ class Terrain:
         if len(chain) < 2:
             return None
         if not closed:
-            chain = np.vstack([self._ray_end(chain[0], chain[0] - chain[1]), chain,
-                               self._ray_end(chain[-1], chain[-1] - chain[-2])])
+            chain = np.vstack([self.ray_end(chain[0], chain[0] - chain[1]), chain,
+                               self.ray_end(chain[-1], chain[-1] - chain[-2])])
         canvas = (~self.blocked).astype(np.uint8)
         pixels = np.rint(self.grid.world_to_grid(chain)).astype(np.int32)
         cv2.polylines(canvas, [pixels.reshape(-1, 1, 2)], closed, 0, thickness=1, lineType=cv2.LINE_8)
@@ -149,7 +149,8 @@ class Terrain:
         free = int(canvas.sum())
         return None if side.sum() > 0.98 * free else side
 
-    def _ray_end(self, start: np.ndarray, direction: np.ndarray) -> np.ndarray:
+    def ray_end(self, start: np.ndarray, direction: np.ndarray) -> np.ndarray:
+        """(2,) [m] where a ray from a start (2,) [m] along a direction (2,) meets what is blocked or the map's edge."""
         norm = float(np.linalg.norm(direction))
         if norm < 1e-9:
             return start
