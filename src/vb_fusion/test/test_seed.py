@@ -48,3 +48,53 @@ def test_refusals(points, code):
 
 def test_equal_points():
     assert extract_seed(np.ones((10, 2))) == pytest.approx([1, 1])
+
+
+# ----------------------------------------------------------- a bright thing that a camera takes for the spot
+FALSE = (2.0, 1.0)
+
+
+def scene(*parts, seed=0):
+    """Points, stamps and cameras of (place, first [s], last [s], rate [1/s], camera)."""
+    rng = np.random.default_rng(seed)
+    points, stamps, cameras = [], [], []
+    for place, first, last, rate, camera in parts:
+        count = int((last - first) * rate)
+        points.append(rng.normal(place, 0.015, (count, 2)))
+        stamps.append(np.sort(rng.uniform(first, last, count)))
+        cameras.append(np.full(count, camera))
+    return np.vstack(points), {"stamps": np.concatenate(stamps), "cameras": np.concatenate(cameras)}
+
+
+@pytest.mark.parametrize("rate", [5, 25, 100])
+@pytest.mark.parametrize("known", [True, False], ids=["seen before", "new with the state"])
+def test_a_place_that_was_bright_before_is_not_the_seed(rate, known):
+    # the robot's camera sees the paper all the time, a ceiling camera the pointer once it has got there
+    points, extra = scene((FALSE, 0.0, 6.0, rate, "robot"), ((1, 2), 1.5, 6.0, 18, "red"))
+    before = np.random.default_rng(1).normal(FALSE, 0.02, (1000, 2)) if known else None
+    assert np.linalg.norm(extract_seed(points, before=before, **extra) - [1, 2]) < 0.02
+
+
+def test_the_place_that_more_cameras_see():
+    points, extra = scene(
+        ((1, 2), 0.0, 6.0, 18, "red"), ((1, 2), 0.0, 6.0, 18, "green"), (FALSE, 1.5, 6.0, 100, "robot")
+    )
+    assert np.linalg.norm(extract_seed(points, **extra) - [1, 2]) < 0.02
+
+
+def test_the_same_camera_sees_pointer_and_bright_place_in_turn():
+    points, extra = scene((FALSE, 0.0, 8.0, 15, "robot"), ((1, 2), 2.0, 8.0, 6, "robot"))
+    assert np.linalg.norm(extract_seed(points, **extra) - [1, 2]) < 0.03
+
+
+def test_the_end_of_the_border_where_the_spot_rested_is_not_the_seed():
+    points, extra = scene(((0, 0), 0.0, 3.0, 25, "red"), ((1, 2), 3.0, 4.0, 25, "red"))
+    before = np.column_stack([np.linspace(-2, 0, 100), np.zeros(100)])
+    before = np.vstack([before, np.random.default_rng(2).normal(0, 0.015, (50, 2))])
+    assert np.linalg.norm(extract_seed(points, before=before, **extra) - [1, 2]) < 0.02
+
+
+def test_a_seed_on_a_known_place_is_still_a_seed():
+    # the person pointed there before the state was entered
+    before = spots(100)
+    assert np.linalg.norm(extract_seed(spots(seed=3), before=before) - [1, 2]) < 0.01

@@ -10,9 +10,8 @@ from __future__ import annotations
 from typing import List, Tuple
 
 import numpy as np
-from scipy.spatial import cKDTree
 
-from vb_fusion.clustering import cell_keys
+from vb_fusion.clustering import cell_keys, dbscan
 from vb_fusion.observations import FASTEST, Observations, nearest_in
 
 CELL = 0.05  # [m] pieces of the floor whose weight is bounded
@@ -21,9 +20,9 @@ LEAST_BOUND = 5.0  # weights up to this are never bounded
 PLACE = 0.15  # [m] radius of a place; a camera's noise and a robot's localisation stay within
 CANDIDATES = 8  # densest places that are looked at
 MOST_PLACES = 6  # bright things on one floor
-EXAMINED = 6000  # spots, evenly chosen in time
+EXAMINED = 3000  # spots, evenly chosen in time
 MIN_RIVALS = 10  # spots elsewhere at the same time
-COMPANY = 0.15  # [m] rivals have two other rivals within it, else they are strays themselves
+COMPANY = 0.15  # [m] between the sights of a pointer that moves; rivals without company are strays themselves
 MOVED = 0.3  # [m] the rivals extend over at least as much
 MOVED_RATIO = 2.5  # and over so many times the extent of the place
 WIDEST = 0.25  # [m] radius in which spots are left out
@@ -108,12 +107,10 @@ def _judge(sample: Observations, place: np.ndarray) -> Tuple[float, np.ndarray, 
     if inside.sum() < MIN_RIVALS:
         return nothing
     rivals = sample.points[~inside][_beyond_reach(sample.select(~inside), sample.select(inside))]
-    if len(rivals) < MIN_RIVALS:
-        return nothing
-    rivals = rivals[cKDTree(rivals).query(rivals, k=[3])[0][:, 0] <= COMPANY]
-    if len(rivals) < MIN_RIVALS:
-        return nothing
-    moved, own = _extent(rivals), _extent(sample.points[inside])
+    # strays have no company, and another bright thing extends over nothing
+    lines = [line for line in dbscan(rivals, COMPANY, 3) if len(line) >= MIN_RIVALS]
+    moved = max((_extent(rivals[line]) for line in lines), default=0.0)
+    own = _extent(sample.points[inside])
     if moved < max(MOVED, MOVED_RATIO * own) or (own > PLACE and _passes(sample.select(inside))):
         return nothing
     return moved, place, float(np.clip(5.0 * np.median(away[inside]), 0.1, WIDEST))

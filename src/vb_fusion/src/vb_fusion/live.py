@@ -48,13 +48,13 @@ def evenly(rows: np.ndarray, limit: int) -> np.ndarray:
 
 
 def extract_seed_of(collection: Collection) -> np.ndarray:
-    """The seed of all seed spots.
+    """The seed of all seed spots, with the border's as what was seen before.
 
     Raises:
         ExtractionError
     """
-    rows = collection.seed
-    return extract_seed(rows[:, 1:3], stamps=rows[:, 0], cameras=rows[:, 4], confidences=rows[:, 3])
+    rows, before = collection.seed, collection.border[:, 1:3]
+    return extract_seed(rows[:, 1:3], stamps=rows[:, 0], cameras=rows[:, 4], confidences=rows[:, 3], before=before)
 
 
 class LiveCandidate:
