@@ -30,7 +30,8 @@ class Bench:
             self.asked += 1
             return self.candidates
 
-        decision = self.policy.step(Situation(now=self.now, goal=self.goal, **self.situation), self.seen, rank, lambda viewpoint: self.safe)
+        situation = Situation(now=self.now, goal=self.goal, **self.situation)
+        decision = self.policy.step(situation, self.seen, rank, lambda viewpoint: self.safe)
         if decision.kind is Kind.SEND:
             self.goal = GoalStatus.ACTIVE
         elif decision.kind is Kind.CANCEL:

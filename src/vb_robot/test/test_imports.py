@@ -2,7 +2,8 @@
 import subprocess
 import sys
 
-PURE = ["view", "terrain", "keep_out", "viewpoint", "sightings", "dispatch", "safety", "drive", "servoing", "workspace", "leaving"]
+PURE = ["view", "terrain", "keep_out", "viewpoint", "sightings", "dispatch", "safety", "drive",
+        "servoing", "workspace", "leaving"]
 BLOCK = """
 import sys
 class Block:
