@@ -7,7 +7,7 @@ alone finds a command in every sentence.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import List, Sequence, Tuple
+from typing import List, Optional, Sequence, Tuple
 
 import numpy as np
 
@@ -51,6 +51,8 @@ class PhoneSet:
         self._order = np.argsort(group, kind="stable")
         self._order = self._order[group[self._order] >= 0]
         self._starts = np.searchsorted(group[self._order], np.arange(len(self.names) * STATES))
+        # each senone's class in a phone network: its phone, or silence behind the last phone
+        self._class = np.where(group >= 0, group // STATES, len(self.names))
         self.loop_stay, self.loop_leave = self._transitions()
 
     def _transitions(self) -> Tuple[np.ndarray, np.ndarray]:
@@ -62,9 +64,20 @@ class PhoneSet:
                 leave.append(matrix[place, place + 1])
         return np.array(stay), np.array(leave)
 
-    def likelihoods(self, features: np.ndarray) -> Likelihoods:
-        """Scores (3, T, 13) features against the whole model."""
+    def likelihoods(self, features: np.ndarray, weight: float = 1.0, network: Optional[np.ndarray] = None) -> Likelihoods:
+        """Scores features against the whole model.
+
+        Args:
+            features: (3, T, 13) from speech_features.dynamic.
+            weight: of the Gaussian model's log likelihoods. Gaussians take neighbouring frames for
+                independent, so beside a second opinion theirs must be toned down.
+            network: (T, P + 1) log likelihoods of the phones and of silence to add, or None.
+        """
         scores = self.model.score(features, np.arange(self.model.senones))
+        if weight != 1.0:
+            scores *= np.float32(weight)
+        if network is not None:
+            scores += network.astype(np.float32)[:, self._class]
         phones = np.maximum.reduceat(scores[:, self._order], self._starts, axis=1)
         return Likelihoods(
             senones=scores,

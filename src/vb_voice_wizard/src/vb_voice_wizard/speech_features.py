@@ -91,7 +91,7 @@ def remove_noise(spectrum: np.ndarray) -> np.ndarray:
         peak = peak * _MASK_DECAY
         masked = np.where(signal < _MASK_DECAY * peak, peak * _MASK_LEVEL, signal)
         peak = np.maximum(peak, signal)
-        gain = np.clip(np.maximum(masked, floor) / power, 1.0 / _MOST_GAIN, _MOST_GAIN)
+        gain = np.clip(np.maximum(masked, floor) / np.maximum(power, 1e-30), 1.0 / _MOST_GAIN, _MOST_GAIN)
         sums = np.concatenate(([0.0], np.cumsum(gain)))
         cleaned[row] = now * (sums[high] - sums[low]) / (high - low)
     return cleaned

@@ -1,0 +1,214 @@
+"""Synthetic speech in room noise, for training and for judging the voice recogniser.
+
+Three groups of voices and sentences that share none: "training" teaches the phone network, "calibration"
+the decision, "evaluation" judges. Voices come from espeak-ng (accents and variants), flite and festival;
+all are Debian packages: apt-get install espeak-ng flite festival festvox-kdlpc16k festvox-us-slt-hts
+"""
+from __future__ import annotations
+
+import io
+import subprocess
+import sys
+import tempfile
+import wave
+import zlib
+from dataclasses import dataclass
+from pathlib import Path
+from typing import List, Optional, Sequence, Tuple
+
+import numpy as np
+from scipy.signal import fftconvolve, resample_poly
+
+TOP = Path(__file__).resolve().parent.parent
+sys.path[:0] = [str(TOP / "src" / package / "src") for package in ("vb_voice_wizard", "vb_core")]
+RATE = 16000
+
+COMMANDS = {
+    "define_border": "define border",
+    "define_seed": "define seed",
+    "guide_robot": "guide robot",
+    "save": "save",
+    "cancel": "cancel",
+}
+
+Voice = Tuple[str, str]  # program, its name for the voice
+
+
+def _espeak(accent: str, *variants: str) -> List[Voice]:
+    return [("espeak-ng", accent + (f"+{variant}" if variant else "")) for variant in variants]
+
+
+CALIBRATION_VOICES = [
+    *_espeak("en-us", "", "f2", "m3", "f4", "m6", "Annie", "john", "linda", "Mike", "boris", "klatt2"),
+    *_espeak("en-gb", "f1", "m1", "f5", "Andy", "adam", "steph"),
+    *_espeak("en-gb-x-rp", "", "m2", "f3"),
+    *_espeak("en-029", "m5", "f1"),
+    ("flite", "rms"),
+]
+EVALUATION_VOICES = [
+    *_espeak("en-gb-scotland", "", "f3", "m7"),
+    *_espeak("en-us-nyc", "", "f5", "belinda", "edward"),
+    *_espeak("en-gb-x-gbclan", "m4", "david", "Alicia"),
+    *_espeak("en-gb-x-gbcwmd", "", "m8", "steph2"),
+    *_espeak("en-us", "benjamin", "pablo", "max", "zac", "Lee", "paul"),
+    *_espeak("en-gb", "iven", "quincy", "shelby", "klatt3", "Gene"),
+    ("flite", "awb"),
+    ("flite", "slt"),
+    ("festival", "ked_diphone"),
+    ("festival", "cmu_us_slt_arctic_hts"),
+]
+TRAINING_ACCENTS = ("en-us", "en-gb", "en-gb-x-rp", "en-029")
+# whispers, monsters and an announcer's echo: nobody would give commands with them
+ODD_VARIANTS = {"whisper", "whisperf", "Demonic", "croak", "Mr serious", "fast", "UniRobot", "anikaRobot"}
+NOISES = ("white", "pink", "brown", "hoth", "fan", "office")
+
+
+def training_voices() -> List[Voice]:
+    """Every espeak-ng variant that no other group uses, in four accents, and one voice of flite."""
+    listing = subprocess.run(["espeak-ng", "--voices=variant"], stdout=subprocess.PIPE, check=True).stdout.decode()
+    variants = {line.split("!v/")[1].split("  ")[0].strip() for line in listing.splitlines() if "!v/" in line}
+    used = {name.split("+")[1] for program, name in CALIBRATION_VOICES + EVALUATION_VOICES if "+" in name}
+    free = sorted(variants - used - ODD_VARIANTS)
+    return [voice for accent in TRAINING_ACCENTS for voice in _espeak(accent, *free)] + [("flite", "kal16")] * 8
+
+
+def sentences(name: str) -> List[str]:
+    """The lines of bench/voice_sentences/<name>.txt."""
+    return (Path(__file__).parent / "voice_sentences" / f"{name}.txt").read_text().split("\n")[:-1]
+
+
+# ------------------------------------------------------------------ speech
+def synthesise(voice: Voice, text: str, speed: float = 1.0, pitch: int = 50) -> np.ndarray:
+    """Speaks a text: (N,) float64 at 16 kHz, silence trimmed, largest sample 1."""
+    program, name = voice
+    if program == "espeak-ng":
+        command = ["espeak-ng", "-v", name, "-s", str(int(160 * speed)), "-p", str(pitch), "--stdout", text]
+        data = subprocess.run(command, stdout=subprocess.PIPE, check=True).stdout
+    else:
+        with tempfile.NamedTemporaryFile(suffix=".wav") as file:
+            if program == "flite":
+                command = ["flite", "-voice", name, "--setf", f"duration_stretch={1 / speed:.3f}", "-t", text, "-o", file.name]
+            else:
+                command = ["text2wave", "-eval", f"(voice_{name})", "-o", file.name]
+            subprocess.run(command, input=text.encode(), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, check=True)
+            data = Path(file.name).read_bytes()
+    with wave.open(io.BytesIO(data)) as file:
+        rate = file.getframerate()
+    # espeak-ng writes to a pipe and cannot tell the length in the header
+    samples = np.frombuffer(data[44 : len(data) // 2 * 2], "<i2").astype(float)
+    common = int(np.gcd(rate, RATE))
+    samples = resample_poly(samples, RATE // common, rate // common)
+    loud = np.flatnonzero(np.abs(samples) > 0.02 * np.abs(samples).max())
+    samples = samples[loud[0] : loud[-1] + 1]
+    return samples / np.abs(samples).max()
+
+
+# ------------------------------------------------------------------ rooms
+def _coloured(rng: np.random.Generator, count: int, exponent: float) -> np.ndarray:
+    frequency = np.fft.rfftfreq(count, 1 / RATE)
+    noise = np.fft.irfft(np.fft.rfft(rng.normal(size=count)) * np.maximum(frequency, 40.0) ** (-exponent / 2), count)
+    return noise / noise.std()
+
+
+def room_noise(rng: np.random.Generator, count: int, kind: str, talkers: Sequence[np.ndarray] = ()) -> np.ndarray:
+    """(count,) samples of noise; "hoth" is about the spectrum of rooms, "babble" needs talkers."""
+    if kind == "babble":
+        noise = np.zeros(count)
+        for _ in range(8):
+            talker = talkers[rng.integers(len(talkers))]
+            noise += np.resize(np.roll(talker, -int(rng.integers(len(talker)))), count) / talker.std()
+        return noise
+    noise = _coloured(rng, count, {"white": 0.0, "pink": 1.0, "brown": 2.0, "hoth": 1.6, "fan": 1.3, "office": 1.2}[kind])
+    if kind == "fan":
+        time, base = np.arange(count) / RATE, rng.uniform(80, 140)
+        hum = sum(
+            rng.uniform(0.2, 1) / k * np.sin(2 * np.pi * base * k * time + rng.uniform(0, 6)) for k in range(1, 8)
+        )
+        noise += 0.6 * hum / hum.std()
+    if kind == "office":
+        for _ in range(rng.poisson(1.5 * count / RATE)):
+            at = int(rng.integers(count))
+            length = min(int(0.06 * RATE), count - at)
+            click = rng.uniform(1, 3) * rng.normal(size=length) * np.exp(-np.arange(length) / 200)
+            noise[at : at + length] += click
+    return noise
+
+
+def in_a_room(
+    rng: np.random.Generator, speech: np.ndarray, kind: str, snr_db: float = 10.0, talkers: Sequence[np.ndarray] = ()
+) -> Tuple[np.ndarray, int]:
+    """Speech with noise, in every other case with reverberation of 0.15 to 0.4 s, between two pauses.
+
+    The ratio counts the speech alone, its pauses before and after left out.
+
+    Returns:
+        (N,) int16, and the index of the first sample of speech.
+    """
+    if rng.random() < 0.5:
+        length = int(rng.uniform(0.15, 0.4) * RATE)
+        tail = rng.normal(size=length) * 10 ** (-3 * np.arange(length) / length)
+        tail *= rng.uniform(0.1, 0.35) / np.sqrt((tail**2).sum())
+        tail[0] = 1.0
+        speech = fftconvolve(speech, tail)
+    before, after = int(rng.uniform(0.3, 1.0) * RATE), int(rng.uniform(0.4, 1.0) * RATE)
+    padded = np.concatenate([np.zeros(before), speech, np.zeros(after)])
+    noise = room_noise(rng, len(padded), kind, talkers)
+    noise *= np.sqrt(np.mean(speech**2) / 10 ** (snr_db / 10) / np.mean(noise**2))
+    mixed = padded + noise
+    return (mixed / np.abs(mixed).max() * rng.uniform(2000, 25000)).astype(np.int16), before
+
+
+# ------------------------------------------------------------------ utterances
+@dataclass(frozen=True)
+class Spoken:
+    """One utterance to be recognised: its command or "", kind "command", "other" or "near_miss", and the sound."""
+
+    command: str
+    kind: str
+    text: str
+    voice: Voice
+    noise: str
+    pcm: np.ndarray
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What is to be said, by whom, in which noise; everything else follows from it."""
+
+    command: str
+    kind: str
+    text: str
+    voice: Voice
+    noise: str
+    take: int
+    snr_db: float = 10.0
+
+    def speak(self, talkers: Sequence[np.ndarray] = ()) -> Optional[Spoken]:
+        """Makes the sound; the same plan gives the same sound. None if the voice is not installed."""
+        rng = np.random.default_rng(zlib.crc32(repr(self).encode()))
+        try:
+            speech = synthesise(self.voice, self.text, rng.uniform(0.8, 1.25), int(rng.integers(30, 71)))
+        except (OSError, subprocess.CalledProcessError, wave.Error, EOFError):
+            return None
+        pcm, _ = in_a_room(rng, speech, self.noise, self.snr_db, talkers)
+        return Spoken(self.command, self.kind, self.text, self.voice, self.noise, pcm)
+
+
+def plans(group: str, voices: Sequence[Voice], takes: int, noises: Sequence[str] = NOISES, snr_db: float = 10.0) -> List[Plan]:
+    """Every command by every voice `takes` times; every other sentence and near miss by `takes` voices."""
+    rng = np.random.default_rng(zlib.crc32(group.encode()))
+
+    def noise() -> str:
+        return noises[rng.integers(len(noises))]
+
+    result = [
+        Plan(command, "command", text, voice, noise(), take, snr_db)
+        for command, text in COMMANDS.items()
+        for voice in voices
+        for take in range(takes)
+    ]
+    for kind, name in (("other", "others"), ("near_miss", "near_misses")):
+        for text in sentences(f"{group}_{name}"):
+            for take, index in enumerate(rng.permutation(len(voices))[:takes]):
+                result.append(Plan("", kind, text, voices[index], noise(), take, snr_db))
+    return result

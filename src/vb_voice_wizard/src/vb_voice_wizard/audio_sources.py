@@ -1,0 +1,114 @@
+"""Where sound comes from: a microphone by way of ALSA's arecord, or a WAV file. 16 kHz mono, int16."""
+from __future__ import annotations
+
+import math
+import subprocess
+import threading
+import wave
+from pathlib import Path
+from typing import Callable, Optional
+
+import numpy as np
+from scipy.signal import resample_poly
+
+from vb_core.errors import CodedError
+
+from vb_voice_wizard.speech_features import SAMPLE_RATE
+
+
+def to_model_rate(pcm: np.ndarray, rate: int) -> np.ndarray:
+    """(N,) int16 at any rate to (M,) int16 at 16 kHz."""
+    if rate == SAMPLE_RATE:
+        return np.asarray(pcm, dtype=np.int16)
+    common = math.gcd(int(rate), SAMPLE_RATE)
+    resampled = resample_poly(np.asarray(pcm, dtype=np.float64), SAMPLE_RATE // common, int(rate) // common)
+    return np.clip(np.rint(resampled), -32768, 32767).astype(np.int16)
+
+
+def read_wav(path: Path) -> np.ndarray:
+    """A whole WAV file of 16-bit samples; channels are averaged, other rates converted.
+
+    Raises:
+        CodedError: "bad_audio" if it cannot be read or is of another kind.
+    """
+    try:
+        with wave.open(str(path), "rb") as file:
+            if file.getsampwidth() != 2:
+                raise CodedError("bad_audio", f"{path}: expected samples of 16 bits, got {8 * file.getsampwidth()}")
+            channels, rate = file.getnchannels(), file.getframerate()
+            # a file that is still being written or came through a pipe may claim any length
+            data = file.readframes(file.getnframes())
+    except (OSError, EOFError, wave.Error) as error:
+        raise CodedError("bad_audio", f"cannot read {path}: {error}") from error
+    samples = np.frombuffer(data[: len(data) // (2 * channels) * 2 * channels], dtype="<i2").reshape(-1, channels)
+    return to_model_rate(samples.mean(axis=1) if channels > 1 else samples[:, 0], rate)
+
+
+class Microphone:
+    """Reads raw samples from a program that writes them to its standard output; starts it again when it ends.
+
+    Args:
+        command: the program with its arguments; see `arecord`.
+        on_samples: called with (N,) int16 from a thread of this object.
+        on_trouble: called with a sentence each time the program cannot be started or ends.
+        chunk: how many samples to hand over at a time.
+        retry: [s] how long to wait before another start.
+    """
+
+    def __init__(
+        self,
+        command: list,
+        on_samples: Callable[[np.ndarray], None],
+        on_trouble: Callable[[str], None],
+        chunk: int = 800,
+        retry: float = 2.0,
+    ) -> None:
+        self._command = list(command)
+        self._on_samples = on_samples
+        self._on_trouble = on_trouble
+        self._chunk = chunk
+        self._retry = retry
+        self._closing = threading.Event()
+        self._process: Optional[subprocess.Popen] = None
+        self._lock = threading.Lock()
+        self._thread = threading.Thread(target=self._run, daemon=True)
+        self._thread.start()
+
+    def close(self) -> None:
+        """Ends the program and the thread."""
+        self._closing.set()
+        with self._lock:
+            if self._process is not None and self._process.poll() is None:
+                self._process.terminate()
+        self._thread.join(timeout=5.0)
+
+    def _run(self) -> None:
+        while not self._closing.is_set():
+            trouble = self._record()
+            if self._closing.is_set():
+                return
+            self._on_trouble(trouble)
+            self._closing.wait(self._retry)
+
+    def _record(self) -> str:
+        try:
+            with self._lock:
+                self._process = subprocess.Popen(self._command, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+        except OSError as error:
+            return f"cannot start {self._command[0]}: {error.strerror}; is alsa-utils installed?"
+        process = self._process
+        while True:
+            data = process.stdout.read(2 * self._chunk)
+            if len(data) < 2 * self._chunk:
+                break
+            self._on_samples(np.frombuffer(data, dtype="<i2").astype(np.int16))
+        said = process.stderr.read().decode(errors="replace").strip().splitlines()
+        process.wait()
+        process.stdout.close()
+        process.stderr.close()
+        return f"{self._command[0]} ended with status {process.returncode}: {said[-1] if said else 'it said nothing'}"
+
+
+def arecord(device: str) -> list:
+    """The command line that records from an ALSA device as the model wants it."""
+    return ["arecord", "-q", "-D", device, "-t", "raw", "-f", "S16_LE", "-r", str(SAMPLE_RATE), "-c", "1", "--buffer-time=200000"]

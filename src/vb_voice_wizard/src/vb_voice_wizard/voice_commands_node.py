@@ -1,0 +1,238 @@
+"""The node that hears commands."""
+from __future__ import annotations
+
+import queue
+import threading
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Dict, Optional
+
+import numpy as np
+import rospy
+from vb_core import names
+from vb_core.errors import CodedError, ParameterError
+from vb_core.parameters import Parameters, param
+from vb_core.ros import node, parameters, services
+from vb_msgs.msg import Audio, Heard, Sound
+from vb_msgs.srv import Command, CommandRequest
+
+from vb_voice_wizard.audio_sources import Microphone, arecord, read_wav, to_model_rate
+from vb_voice_wizard.endpointing import Endpointer, Utterance
+from vb_voice_wizard.recognizer import CommandRecognizer, Finding, RecognizerParams
+from vb_voice_wizard.speech_features import SAMPLE_RATE
+
+HEARD = "/virtual_borders/voice/heard"
+AUDIO = "/virtual_borders/voice/audio"
+
+
+@dataclass(frozen=True)
+class VoiceParams(Parameters):
+    """Parameters of the voice commands beside the recogniser's; config/voice_commands.yaml says why."""
+
+    source: str = param("microphone", choices=("microphone", "wav", "topic"))
+    device: str = param("default")
+    wav_file: str = param("")
+    audio_topic: str = param(AUDIO)
+    heard_topic: str = param(HEARD)
+    sounds: dict = param({"default": 0.3, "border": 0.3, "seed": 0.3, "guide": 0.3, "success": 0.6, "refusal": 0.4})
+    mute_after: float = param(0.25, "s", low=0.0, high=2.0)
+    repeat_after: float = param(0.5, "s", low=0.0, high=10.0)
+    service_wait: float = param(1.0, "s", above=0.0, high=10.0)
+    service_answer: float = param(12.0, "s", above=0.0, high=60.0)
+
+
+class VoiceCommands:
+    """Recognises spoken commands and gives them to the interaction.
+
+    Sound is handled as it comes: whoever speaks does so in wall time, whatever /clock says.
+
+    Subscribes to:
+        /virtual_borders/sound (vb_msgs/Sound): while one of ~sounds plays, nothing is listened to.
+        ~audio_topic (vb_msgs/Audio): the sound, if ~source is "topic".
+
+    Publishes:
+        ~heard_topic (vb_msgs/Heard): every utterance, accepted or not, and how its command was answered.
+
+    Calls:
+        /virtual_borders/command (vb_msgs/Command) with source "voice".
+
+    Args:
+        params: where sound comes from, and what to do with what was heard.
+        recognizer: how commands are recognised.
+
+    Raises:
+        ParameterError: for a sound's duration that is no number.
+        CodedError: if the WAV file cannot be read.
+    """
+
+    def __init__(self, params: VoiceParams, recognizer: CommandRecognizer) -> None:
+        self._params = params
+        self._recognizer = recognizer
+        self._durations = _durations(params.sounds)
+        self._endpointer = Endpointer(recognizer.params.endpointing)
+        self._muted_until = 0.0
+        self._mute_lock = threading.Lock()
+        self._last_command = ""
+        self._last_time = 0.0
+        # 20 s of sound: whoever falls behind further should not act on what was said long ago
+        self._sound: "queue.Queue" = queue.Queue(maxsize=400)
+        # a command's answer may take seconds; listening goes on meanwhile
+        self._calls: "queue.Queue" = queue.Queue(maxsize=4)
+        self._microphone: Optional[Microphone] = None
+        self._heard = rospy.Publisher(params.heard_topic, Heard, queue_size=10)
+        for work in (self._listen, self._call):
+            threading.Thread(target=work, daemon=True).start()
+        rospy.Subscriber(names.SOUND, Sound, self._on_sound, queue_size=10)
+        if params.source == "topic":
+            rospy.Subscriber(params.audio_topic, Audio, self._on_audio, queue_size=100)
+        elif params.source == "wav":
+            threading.Thread(target=self._play, args=(read_wav(Path(params.wav_file).expanduser()),), daemon=True).start()
+        else:
+            self._microphone = Microphone(arecord(params.device), self._put, self._on_trouble)
+
+    def close(self) -> None:
+        """Lets go of the microphone."""
+        if self._microphone is not None:
+            self._microphone.close()
+
+    # ------------------------------------------------------------------ sound in
+    def _put(self, pcm: np.ndarray) -> None:
+        try:
+            self._sound.put_nowait((pcm, time.monotonic()))
+        except queue.Full:
+            rospy.logwarn_throttle(5.0, "voice_commands: too slow for the sound that comes in, some is lost")
+
+    def _on_audio(self, message: Audio) -> None:
+        if not 4000 <= message.sample_rate <= 192000 or len(message.data) % 2:
+            rospy.logwarn_throttle(
+                5.0, f"voice_commands: sound dropped: {message.sample_rate} samples/s in {len(message.data)} bytes"
+            )
+            return
+        self._put(to_model_rate(np.frombuffer(message.data, dtype="<i2"), message.sample_rate))
+
+    def _on_trouble(self, sentence: str) -> None:
+        rospy.logwarn_throttle(30.0, f"voice_commands: no sound: {sentence}")
+
+    def _play(self, pcm: np.ndarray) -> None:
+        """Hands over a recording at the pace at which it was spoken, then a second of silence to end it."""
+        chunk = SAMPLE_RATE // 20
+        pcm = np.concatenate([pcm, np.zeros(SAMPLE_RATE, dtype=np.int16)])
+        started = time.monotonic()
+        for at in range(0, len(pcm), chunk):
+            if rospy.is_shutdown():
+                return
+            rospy.rostime.wallsleep(max(0.0, started + (at + chunk) / SAMPLE_RATE - time.monotonic()))
+            self._put(pcm[at : at + chunk])
+        rospy.loginfo("voice_commands: %s is over", self._params.wav_file)
+
+    # ------------------------------------------------------------------ own sounds
+    def _on_sound(self, message: Sound) -> None:
+        duration = self._durations.get(message.name, 0.0)
+        if duration > 0.0:
+            with self._mute_lock:
+                self._muted_until = max(self._muted_until, time.monotonic() + duration + self._params.mute_after)
+
+    def _muted(self, when: float) -> bool:
+        with self._mute_lock:
+            return when < self._muted_until
+
+    # ------------------------------------------------------------------ listening
+    def _listen(self) -> None:
+        while not rospy.is_shutdown():
+            try:
+                pcm, when = self._sound.get(timeout=0.5)
+            except queue.Empty:
+                continue
+            if self._muted(when):
+                if self._endpointer.speaking:
+                    self._publish(Finding(reason="muted"), 0.0, 0.0)
+                self._endpointer.reset()
+                # the noise goes on being learnt from what is no sound of ours
+                continue
+            for utterance in self._endpointer.push(pcm):
+                self._handle(utterance, when)
+
+    def _handle(self, utterance: Utterance, when: float) -> None:
+        """One utterance that ended; `when` is when its last piece of sound came in."""
+        finding = self._recognizer.classify(utterance)
+        if finding.command and self._muted(time.monotonic()):
+            finding = finding.refused("muted")
+        now = time.monotonic()
+        if finding.command and finding.command == self._last_command and now - self._last_time < self._params.repeat_after:
+            finding = finding.refused("repeated")
+        silence = 0.0 if utterance.too_long else self._recognizer.params.endpointing.end_silence
+        answer_s = now - when + silence
+        if not finding.command:
+            self._publish(finding, utterance.end - utterance.start, answer_s)
+            return
+        self._last_command, self._last_time = finding.command, now
+        try:
+            self._calls.put_nowait((finding, utterance.end - utterance.start, answer_s))
+        except queue.Full:
+            self._publish(finding.refused("busy"), utterance.end - utterance.start, answer_s)
+
+    def _call(self) -> None:
+        while not rospy.is_shutdown():
+            try:
+                finding, duration, answer_s = self._calls.get(timeout=0.5)
+            except queue.Empty:
+                continue
+            request = CommandRequest(command=finding.command, source="voice")
+            try:
+                answer = services.call(
+                    names.COMMAND,
+                    Command,
+                    request,
+                    "The interaction manager",
+                    self._params.service_wait,
+                    self._params.service_answer,
+                )
+                success, code, message = answer.success, answer.code, answer.message
+            except CodedError as error:
+                success, code, message = False, error.code, error.message
+                rospy.logwarn("voice_commands: %s is lost: %s", finding.command, error)
+            self._publish(finding, duration, answer_s, success, code, message)
+
+    def _publish(
+        self, finding: Finding, duration: float, answer_s: float, success: bool = False, code: str = "", message: str = ""
+    ) -> None:
+        heard = Heard(
+            command=finding.best,
+            accepted=bool(finding.command),
+            confidence=finding.confidence,
+            reason=finding.reason,
+            duration_s=duration,
+            answer_s=answer_s,
+            success=success,
+            code=code,
+            message=message,
+        )
+        heard.header.stamp = rospy.Time.now()
+        rospy.loginfo(
+            "heard %s (%s, confidence %.2f, %.1f s, answered after %.2f s) %s",
+            finding.best or "something", finding.reason, finding.confidence, duration, answer_s, message,
+        )
+        self._heard.publish(heard)
+
+
+def _durations(sounds: dict) -> Dict[str, float]:
+    for name, duration in sounds.items():
+        if isinstance(duration, bool) or not isinstance(duration, (int, float)) or not 0.0 <= duration <= 10.0:
+            raise ParameterError(rospy.resolve_name(f"~sounds/{name}"), f"expected 0 to 10 seconds, got {duration!r}")
+    return {str(name): float(duration) for name, duration in sounds.items()}
+
+
+def _build() -> VoiceCommands:
+    params = parameters.read(VoiceParams, ignore=("recognizer",))
+    if params.source == "wav" and not params.wav_file:
+        raise ParameterError(rospy.resolve_name("~wav_file"), "this parameter must be set when ~source is wav")
+    where = rospy.resolve_name("~recognizer")
+    recognizer_params = RecognizerParams.from_mapping(rospy.get_param(where, {}), where)
+    rospy.loginfo("%s: %s", where, recognizer_params.describe())
+    return VoiceCommands(params, CommandRecognizer(recognizer_params))
+
+
+def main() -> None:
+    """Runs the node."""
+    node.run("voice_commands", _build)

@@ -1,0 +1,149 @@
+#!/usr/bin/env python3
+"""The real voice node with spoken commands: from sound to the command service."""
+from __future__ import annotations
+
+import subprocess
+import sys
+import tempfile
+import threading
+import unittest
+import wave
+from pathlib import Path
+
+import rospy
+import rostest
+
+sys.path.insert(0, str(Path(__file__).resolve().parent))
+from ros_helpers import Newest, Process, wait_until  # noqa: E402
+from speech import RATE, say  # noqa: E402
+
+from vb_msgs.msg import Audio, Heard, Sound  # noqa: E402
+from vb_msgs.srv import Command, CommandResponse  # noqa: E402
+
+HEARD = "/virtual_borders/voice/heard"
+AUDIO = "/virtual_borders/voice/audio"
+
+
+class VoiceCommandsTest(unittest.TestCase):
+    @classmethod
+    def setUpClass(cls):
+        rospy.init_node("rostest_voice_commands")
+        cls.requests = []
+        cls.answer = CommandResponse(True, "ok", "Draw the border.")
+        cls.hold = threading.Event()
+        cls.hold.set()
+        cls.service = rospy.Service("/virtual_borders/command", Command, cls.on_command)
+        cls.audio = rospy.Publisher(AUDIO, Audio, queue_size=100)
+        cls.sound = rospy.Publisher("/virtual_borders/sound", Sound, queue_size=10)
+        # a long success sound: the test must not race against it on a slow machine
+        cls.node = Process("voice_commands", "_source:=topic", "_sounds/success:=4.0", "_mute_after:=0.0")
+        cls.heard = Newest(HEARD, Heard)
+        wait_until(cls.audio.get_num_connections, "the node's ear", 30)
+        wait_until(cls.heard.subscriber.get_num_connections, "the node's report", 30)
+        wait_until(cls.sound.get_num_connections, "the node to hear its own sounds", 30)
+
+    @classmethod
+    def tearDownClass(cls):
+        cls.node.stop()
+
+    @classmethod
+    def on_command(cls, request):
+        cls.requests.append(request)
+        cls.hold.wait(20)
+        return cls.answer
+
+    def setUp(self):
+        del self.requests[:]
+        del self.heard.all[:]
+
+    def speak(self, text, voice="en-us"):
+        pcm = say(text, voice)
+        for at in range(0, len(pcm), RATE // 10):
+            self.audio.publish(Audio(sample_rate=RATE, data=pcm[at : at + RATE // 10].tobytes()))
+
+    def test_a_command_reaches_the_interaction(self):
+        self.speak("define border")
+        heard = self.heard.wait(lambda message: message.accepted, "the command")
+        self.assertEqual([(request.command, request.source) for request in self.requests], [("define_border", "voice")])
+        self.assertEqual((heard.command, heard.reason, heard.success, heard.code), ("define_border", "ok", True, "ok"))
+        self.assertEqual(heard.message, "Draw the border.")
+        self.assertGreater(heard.confidence, 0.5)
+        self.assertTrue(0.3 < heard.duration_s < 3.0)
+
+    def test_other_speech_is_shown_and_not_acted_on(self):
+        self.speak("has anyone seen my glasses")
+        heard = self.heard.wait(lambda message: message.reason == "unlike_a_command", "the other sentence")
+        self.assertFalse(heard.accepted or heard.success)
+        self.speak("this sentence goes on and on and on for much longer than any command could ever take")
+        self.heard.wait(lambda message: message.reason == "too_long", "the long sentence")
+        self.assertEqual(self.requests, [])
+
+    def test_a_slow_answer_does_not_make_it_deaf(self):
+        self.hold.clear()
+        self.addCleanup(self.hold.set)
+        self.speak("save")
+        wait_until(lambda: len(self.requests) == 1, "the first command")
+        self.speak("has anyone seen my glasses")
+        self.heard.wait(lambda message: message.reason == "unlike_a_command", "a sentence meanwhile")
+        self.hold.set()
+        self.heard.wait(lambda message: message.command == "save" and message.success, "the late answer")
+
+    def test_nothing_is_done_during_own_sounds(self):
+        self.sound.publish(Sound(name="success"))
+        # what comes before the sound is known may still be heard: speak until it is muted
+        wait_until(lambda: self.silenced(), "silence during the sound", 30)
+        self.speak("cancel")
+        wait_until(lambda: self.spoken_again("cancel"), "the command after the sound", 40)
+
+    def silenced(self):
+        count = len(self.heard.all)
+        self.speak("define seed")
+        rospy.rostime.wallsleep(1.0)
+        return len(self.heard.all) == count
+
+    def spoken_again(self, text):
+        self.speak(text)
+        rospy.rostime.wallsleep(1.0)
+        return any(message.command == text and message.accepted for message in self.heard.all)
+
+    def test_broken_sound_is_dropped(self):
+        self.audio.publish(Audio(sample_rate=0, data=b"ab"))
+        self.audio.publish(Audio(sample_rate=RATE, data=b"abc"))
+        self.test_a_command_reaches_the_interaction()
+
+    def test_a_recording(self):
+        with tempfile.TemporaryDirectory() as folder:
+            with wave.open(f"{folder}/command.wav", "wb") as file:
+                file.setnchannels(1)
+                file.setsampwidth(2)
+                file.setframerate(RATE)
+                file.writeframes(say("guide robot", "en-gb").tobytes())
+            node = Process("voice_commands", "__name:=player", "_source:=wav", f"_wav_file:={folder}/command.wav")
+            self.addCleanup(node.stop)
+            wait_until(lambda: [request.command for request in self.requests] == ["guide_robot"], "the recording", 30)
+
+    def test_a_bad_parameter_is_one_line(self):
+        cases = {
+            "xyzzyx": ["_source:=topic", "_recognizer/wake_word:=xyzzyx"],
+            "source": ["_source:=telephone"],
+            "treshold": ["_source:=topic", "_recognizer/treshold:=0.5"],
+            "sounds/success": ["_source:=topic", "_sounds/success:=loud"],
+            "none.wav": ["_source:=wav", "_wav_file:=/none.wav"],
+            "wav_file": ["_source:=wav"],
+        }
+        started = {
+            word: subprocess.Popen(
+                ["rosrun", "vb_voice_wizard", "voice_commands", f"__name:=bad_{number}", *arguments],
+                stdout=subprocess.PIPE, stderr=subprocess.STDOUT, universal_newlines=True,
+            )
+            for number, (word, arguments) in enumerate(cases.items())
+        }
+        for word, process in started.items():
+            output, _ = process.communicate(timeout=40)
+            self.assertEqual(process.returncode, 1, output)
+            self.assertIn(word, output)
+            self.assertNotIn("Traceback", output)
+
+
+if __name__ == "__main__":
+    rostest.rosrun("vb_voice_wizard", "voice_commands", VoiceCommandsTest)

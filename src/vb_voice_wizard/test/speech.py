@@ -1,0 +1,38 @@
+"""Speech for the tests: espeak-ng in room noise."""
+from __future__ import annotations
+
+import subprocess
+
+import numpy as np
+from scipy.signal import resample_poly
+
+RATE = 16000
+_ESPEAK_RATE = 22050
+
+
+def say(text: str, voice: str = "en-us", pause: float = 0.6, snr_db: float = 10.0, seed: int = 0) -> np.ndarray:
+    """(N,) int16 at 16 kHz: a pause, the text, a pause, all in noise with the spectrum of a room."""
+    command = ["espeak-ng", "-v", voice, "-s", "150", "--stdout", text]
+    data = subprocess.run(command, stdout=subprocess.PIPE, check=True).stdout
+    samples = np.frombuffer(data[44 : len(data) // 2 * 2], "<i2").astype(float)
+    spoken = resample_poly(samples, 320, 441)
+    assert 320 * _ESPEAK_RATE == 441 * RATE
+    loud = np.flatnonzero(np.abs(spoken) > 0.02 * np.abs(spoken).max())
+    spoken = spoken[loud[0] : loud[-1] + 1] / np.abs(spoken).max() * 8000
+    silence = np.zeros(int(pause * RATE))
+    clean = np.concatenate([silence, spoken, silence])
+    level = np.sqrt(np.mean(spoken**2) / 10 ** (snr_db / 10))
+    return (clean + room_noise(len(clean), level, seed)).clip(-32768, 32767).astype(np.int16)
+
+
+def room_noise(count: int, level: float, seed: int = 0) -> np.ndarray:
+    """(count,) float samples of pink noise of that effective value."""
+    frequency = np.maximum(np.fft.rfftfreq(count, 1 / RATE), 40.0)
+    white = np.random.default_rng(seed).normal(size=count)
+    noise = np.fft.irfft(np.fft.rfft(white) / np.sqrt(frequency), count)
+    return noise / noise.std() * level
+
+
+def tone(hertz: float, duration: float) -> np.ndarray:
+    """(N,) int16: a beep."""
+    return (6000 * np.sin(2 * np.pi * hertz * np.arange(int(duration * RATE)) / RATE)).astype(np.int16)
