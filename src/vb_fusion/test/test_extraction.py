@@ -79,6 +79,29 @@ def test_a_gap_of_half_a_metre_is_bridged():
     assert chain.length == pytest.approx(3.0, abs=0.05)
 
 
+@pytest.mark.parametrize("closed", [True, False], ids=["polygon", "curve"])
+@pytest.mark.parametrize("before, after", [(0.2, 0.2), (0.05, 0.35), (0.3, 0.1)])
+def test_a_corner_that_nobody_saw_stays_a_corner(closed, before, after):
+    s = np.linspace(0, 6, 1200, endpoint=False)
+    s = s[(s < 2 - before) | (s > 2 + after)]
+    if not closed:
+        s = s[s < 4.5]
+    at = [0, 2, 3, 5, 6]
+    points = np.column_stack([np.interp(s, at, [0, 2, 2, 0, 0]), np.interp(s, at, [0, 0, 1, 1, 0])])
+    for known in (False, True):
+        noisy = points + np.random.default_rng(0).normal(0, 0.005, points.shape)
+        chain = extract_border(noisy, stamps=s / 0.4 if known else None)
+        assert chain.closed == closed
+        assert np.linalg.norm(chain.points - [2, 0], axis=1).min() < 0.04
+
+
+def test_a_gap_in_a_straight_line_gets_no_corner():
+    for seed in range(10):
+        stroke = draw("corner", BASE.replace(gap=0.35), np.random.default_rng(seed))
+        chain = extract_border(stroke.points, stamps=stroke.stamps, cameras=stroke.cameras)
+        assert hausdorff(chain.points, stroke.truth, False) < 0.2
+
+
 def test_sparse_exact_points_are_kept():
     angle = np.linspace(0, 2 * np.pi, 24, endpoint=False)
     chain = extract_border(1.2 * np.column_stack([np.cos(angle), np.sin(angle)]))

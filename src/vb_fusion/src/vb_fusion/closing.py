@@ -62,6 +62,8 @@ def decide(points: np.ndarray, kind: str = "decide") -> Closing:
     allowed = float(np.interp(turn, [TURN_FACING, TURN_SIDE_BY_SIDE], [GAP_FACING, GAP_SIDE_BY_SIDE]))
     measured = f"the ends are {gap:.2f} m apart, {100 * ratio:.0f} % of {length:.2f} m"
     if ratio > allowed:
+        whole = geometry.chain_length(points)
+        measured = f"the ends are {end_gap:.2f} m apart, {100 * end_gap / whole:.0f} % of {whole:.2f} m"
         side_by_side = ratio <= GAP_FACING
         why = " and lie side by side like the legs of a U" if side_by_side else ""
         return Closing(False, f"open: {measured}{why}", end_gap, points)

@@ -123,12 +123,17 @@ def _robust(seen: Observations, params: ExtractionParams) -> BorderChain:
     if path is None:
         raise _no_line(count, params)
     raw = path.nodes
+    # what lies beside the path and was not found to belong to it must not draw it there
+    of_path = np.zeros(len(sites.points), dtype=bool)
+    of_path[path.sites] = True
+    sites = sites.select(of_path)
     if path.ranks is not None and path.ranks[-(len(raw) // 3 or 1) :].mean() < path.ranks[: len(raw) // 3 or 1].mean():
         raw = raw[::-1]
     # a first fit takes the nodes' raggedness out: the ends' directions decide on closed or open
     calm = smoothing.fit(raw, sites.points, sites.weights, False, params.bandwidth)
     decision = closing.decide(calm, params.kind)
     fitted = smoothing.fit(decision.points, sites.points, sites.weights, decision.closed, params.bandwidth)
+    fitted = smoothing.corners_in_gaps(fitted, sites.points, decision.closed)
     chain = _simplified(smoothing.sharpen_corners(fitted, decision.closed), decision.closed, params.tolerance)
     if not expansion(chain) > 0.8 * params.min_exp:
         raise _no_line(count, params)

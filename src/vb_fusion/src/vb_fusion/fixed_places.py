@@ -18,9 +18,9 @@ CELL = 0.05  # [m] pieces of the floor whose weight is bounded
 HEAVIEST = 3.0  # a piece weighs at most as much as so many usual ones: a corner, a crossing, a slow stretch
 LEAST_BOUND = 5.0  # weights up to this are never bounded
 PLACE = 0.15  # [m] radius of a place; a camera's noise and a robot's localisation stay within
-CANDIDATES = 8  # densest places that are looked at
+CANDIDATES = 6  # densest places that are looked at
 MOST_PLACES = 6  # bright things on one floor
-EXAMINED = 3000  # spots, evenly chosen in time
+EXAMINED = 2500  # spots, evenly chosen in time
 MIN_RIVALS = 10  # spots elsewhere at the same time
 COMPANY = 0.15  # [m] between the sights of a pointer that moves; rivals without company are strays themselves
 MOVED = 0.3  # [m] the rivals extend over at least as much
@@ -61,15 +61,14 @@ def without_fixed_places(seen: Observations) -> Observations:
     candidates = _densest(sample.points)
     for _ in range(MOST_PLACES):
         judged = [_judge(sample, place) for place in candidates]
-        if not judged or max(moved for moved, _, _ in judged) == 0.0:
+        # a place that has no rivals now has none when there are fewer spots
+        judged = [verdict for verdict in judged if verdict[0] > 0.0]
+        if not judged:
             break
         _, centre, radius = max(judged, key=lambda verdict: verdict[0])
-        gone = _fixed(seen, centre, radius) & keep
-        if not gone.any():
-            break
-        keep &= ~gone
+        keep &= ~_fixed(seen, centre, radius)
         sample = sample.select(~_fixed(sample, centre, radius))
-        candidates = [place for place in candidates if np.linalg.norm(place - centre) > radius]
+        candidates = [place for _, place, _ in judged if np.linalg.norm(place - centre) > radius]
         if len(sample.points) < 2 * MIN_RIVALS:
             break
     return seen.select(keep) if keep.sum() >= MIN_RIVALS else seen

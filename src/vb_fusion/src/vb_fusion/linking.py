@@ -21,17 +21,19 @@ LINK = 0.11  # [m] nodes of one piece are at most this far apart
 END_MARGIN = 0.1  # [m] by which the ends of two pieces are farther apart than the points they stand for
 TINY = 0.12  # [m] a piece that is shorter, at an end and beyond a gap, is no part of the line
 SCRAP = 0.35  # [m] a piece at an end, beyond a gap, that is shorter than this and not clearly elongated is clutter
-SCRAP_ELONGATION = 1.7  # ratio of its spread along and across; 0.2 m of a stroke have 2.3, a round spot has 1.2
+SCRAP_ELONGATION = 2.0  # ratio of its spread along and across; 0.2 m of a stroke have 2.3, a round spot has 1.2
 DRAWN = 0.75  # correlation of place and time in a piece that was drawn
 
 
 @dataclass
 class Path:
-    """A path: nodes (K, 2) [m], weight of the points it stands for, mean place in time (rank 0..1) of its nodes."""
+    """A path: nodes (K, 2) [m], weight of the points it stands for, mean place in time (rank 0..1) of its nodes, and
+    the indices of the sites it was found in."""
 
     nodes: np.ndarray
     weight: float
     ranks: Optional[np.ndarray]
+    sites: np.ndarray
     elongation: float = np.inf  # of the points it stands for: spread along over spread across
 
     @property
@@ -42,7 +44,7 @@ class Path:
     def reversed(self) -> "Path":
         """The same path from its other end."""
         ranks = None if self.ranks is None else self.ranks[::-1]
-        return Path(self.nodes[::-1], self.weight, ranks, self.elongation)
+        return Path(self.nodes[::-1], self.weight, ranks, self.sites, self.elongation)
 
 
 def pieces(
@@ -61,7 +63,7 @@ def pieces(
     nodes, count = sites.points, len(sites.points)
     at = None if ranks is None else np.bincount(sites.of_point, weights * ranks) / sites.weights
     if count == 1:
-        return [Path(nodes, float(sites.weights[0]), at)]
+        return [Path(nodes, float(sites.weights[0]), at, np.arange(len(seen)))]
     tree = cKDTree(nodes)
     k = min(3, count)
     second = tree.query(nodes, k=[k])[0][:, 0]
@@ -76,15 +78,18 @@ def pieces(
     spanning = (spanning + spanning.T).tocsr()
     _, labels = connected_components(spanning, directed=False)
     order = np.argsort(labels, kind="stable")
+    label_of_site = labels[sites.of_point]
+    by_label = np.argsort(label_of_site, kind="stable")
+    starts = np.searchsorted(label_of_site[by_label], np.arange(labels.max() + 2))
     found = []
-    for members in np.split(order, np.flatnonzero(np.diff(labels[order])) + 1):
+    for k, members in enumerate(np.split(order, np.flatnonzero(np.diff(labels[order])) + 1)):
         path = _longest_path(spanning, members)
         elongation = np.inf
+        own = by_label[starts[k] : starts[k + 1]]
         if float(np.linalg.norm(np.ptp(nodes[members], axis=0))) < SCRAP:
-            own = np.isin(sites.of_point, members)
             elongation = _elongation(seen[own], weights[own], None if ranks is None else ranks[own])
         weight = float(sites.weights[members].sum())
-        found.append(Path(nodes[path], weight, None if at is None else at[path], elongation))
+        found.append(Path(nodes[path], weight, None if at is None else at[path], own, elongation))
     return found
 
 
@@ -161,7 +166,8 @@ def _concatenate(found: List[Path], members: np.ndarray, partner: np.ndarray) ->
     while len(sequence) > 1 and is_scrap(sequence[-1]):
         sequence.pop()
     ranks = None if sequence[0].ranks is None else np.concatenate([path.ranks for path in sequence])
-    return Path(np.vstack([path.nodes for path in sequence]), sum(path.weight for path in sequence), ranks)
+    weight, sites = sum(path.weight for path in sequence), np.concatenate([path.sites for path in sequence])
+    return Path(np.vstack([path.nodes for path in sequence]), weight, ranks, sites)
 
 
 def is_scrap(path: Path) -> bool:

@@ -102,8 +102,16 @@ def without_strays(seen: Observations) -> Observations:
     # within NEXT_IN_TIME a spot moves its way at most; one metric for both: radius COMPANY
     speed_scale = COMPANY / NEXT_IN_TIME
     space = np.column_stack([seen.points * (COMPANY / (COMPANY + FASTEST * 0.08)), seen.stamps * speed_scale])
-    second = cKDTree(space).query(space, k=[3])[0][:, 0]
-    kept = second <= 1.5 * COMPANY
+    reach = 1.5 * COMPANY
+    # three in a cell whose diagonal is the reach have each other; only the rest has to be looked at
+    cells = np.floor((space - space.min(axis=0)) / (reach / np.sqrt(3.0))).astype(np.int64)
+    width = cells.max(axis=0) + 1
+    keys = (cells[:, 0] * width[1] + cells[:, 1]) * width[2] + cells[:, 2]
+    _, inverse, counts = np.unique(keys, return_inverse=True, return_counts=True)
+    kept = counts[inverse] >= 3
+    lonely = np.flatnonzero(~kept)
+    if lonely.size:
+        kept[lonely] = cKDTree(space).query(space[lonely], k=[3])[0][:, 0] <= reach
     # recordings at a low rate have no such company at all
     return seen.select(kept) if kept.mean() > 0.6 else seen
 

@@ -6,6 +6,7 @@ meet at an angle, since a local fit rounds them.
 from __future__ import annotations
 
 import math
+from typing import Optional
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -17,8 +18,12 @@ BANDWIDTH = 0.08  # [m] of the local fit along the path: longer than the tremor,
 FAR = 0.15  # [m] across the path: no point of the stroke
 SPACING = 0.04  # [m] of the fitted chain
 CORNER_ANGLE = math.radians(35.0)
+STRAIGHT = 0.015  # [m] rms distance from a line that is one
 CORNER_ARM = (0.06, 0.30)  # [m] from the corner: where its two lines are fitted
 CORNER_SHIFT = 0.10  # [m] a corner lies at most this far off the rounded chain
+HOLE = 0.08  # [m] a stretch of the chain farther from all points is a gap that was bridged
+GAP_ARMS = (0.30, 0.18)  # [m] lengths of the lines at either side of a gap, the first that are straight are taken
+GAP_REACH = 1.3  # a corner in a gap is at most so many widths of the gap away from its ends
 
 
 def fit(path: np.ndarray, points: np.ndarray, weights: np.ndarray, closed: bool, bandwidth: float) -> np.ndarray:
@@ -130,6 +135,64 @@ def _local_lines(dense, step, t, at, w, closed, bandwidth, first, last) -> np.nd
     return np.column_stack([np.interp(centre[keep], centre[good], fitted[good, axis]) for axis in range(2)])
 
 
+def corners_in_gaps(chain: np.ndarray, points: np.ndarray, closed: bool) -> np.ndarray:
+    """Where a corner itself was not seen: both sides of the gap go on to where they meet, if that is near.
+
+    Args:
+        chain: (M, 2) [m], fitted; a gap is bridged by a straight line.
+        points: (S, 2) [m] that it was fitted to.
+    """
+    step = 0.02
+    dense = geometry.resample_chain(chain, step, closed)
+    count = len(dense)
+    tree = cKDTree(points)
+    usual = float(np.median(tree.query(points, k=[min(3, len(points))])[0])) if len(points) > 1 else 0.0
+    hole = max(HOLE, 3.0 * usual)
+    empty = tree.query(dense)[0] > hole
+    if not empty.any() or empty.all():
+        return chain
+    # a closed chain is turned so that it does not begin in a gap
+    shift = int(np.argmin(empty)) if closed else 0
+    dense, empty = np.roll(dense, -shift, axis=0), np.roll(empty, -shift)
+    edges = np.flatnonzero(np.diff(empty.astype(int)))
+    margin = int(round(hole / step))
+    vertices, done = [], 0
+    for first, last in zip(edges[:-1:2] + 1, edges[1::2] + 1):
+        corner = _corner_between(dense, first - margin, last - 1 + margin, step, closed)
+        if corner is not None and first - margin >= done:
+            vertices += [dense[done : first - margin + 1], corner[None]]
+            done = last - 1 + margin
+    if not vertices:
+        return chain
+    return np.vstack(vertices + [dense[done:]]) if done < count else np.vstack(vertices)
+
+
+def _corner_between(dense: np.ndarray, a: int, b: int, step: float, closed: bool) -> Optional[np.ndarray]:
+    """(2,) where the lines that end at sample a and begin at sample b meet, if they do so ahead of both and near."""
+    count = len(dense)
+    for arm in GAP_ARMS:
+        size = int(round(arm / step))
+        before, after = np.arange(a - size, a + 1), np.arange(b, b + size + 1)
+        if closed:
+            before, after = before % count, after % count
+        elif before[0] < 0 or after[-1] >= count:
+            continue
+        mean, direction, off = _lines(np.stack([dense[before], dense[after]]))
+        if off.max() < STRAIGHT:
+            break
+    else:
+        return None
+    (u, v), gap = direction, dense[b % count] - dense[a]
+    cross = float(u[0] * v[1] - u[1] * v[0])
+    if not CORNER_ANGLE < abs(math.atan2(cross, float(u @ v))) < math.pi - CORNER_ANGLE:
+        return None
+    between = mean[1] - mean[0]
+    meet = mean[0] + (between[0] * v[1] - between[1] * v[0]) / cross * u
+    ahead = np.array([(meet - dense[a]) @ u, (dense[b % count] - meet) @ v])
+    near = GAP_REACH * float(np.linalg.norm(gap))
+    return meet if (ahead > -2.0 * step).all() and (ahead < near).all() else None
+
+
 def sharpen_corners(chain: np.ndarray, closed: bool) -> np.ndarray:
     """Puts a vertex where the chain's two sides would meet at an angle; the rounded stretch between goes.
 
@@ -152,7 +215,7 @@ def sharpen_corners(chain: np.ndarray, closed: bool) -> np.ndarray:
         s = ((q - p)[:, 0] * v[:, 1] - (q - p)[:, 1] * v[:, 0]) / cross
     meet = p + s[:, None] * u
     shift = np.linalg.norm(meet - dense, axis=1)
-    straight = np.maximum(err_p, err_q) < 0.015
+    straight = np.maximum(err_p, err_q) < STRAIGHT
     corner = usable & (turn > CORNER_ANGLE) & straight & (shift < CORNER_SHIFT)
     if not corner.any():
         return chain
