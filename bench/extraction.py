@@ -3,7 +3,7 @@
 
     python3 bench/extraction.py                     20 strokes per cell, a few minutes
     python3 bench/extraction.py --strokes 40 --only usual rough
-    python3 bench/extraction.py --figure docs/extraction-stages.png
+    python3 bench/extraction.py --figure docs/images/extraction_stages.png
 
 Robust mode runs twice: on the bare point set, and with stamps and cameras as the node has them. A stroke is bad if its
 chain is more than 0.25 m (Hausdorff distance) from the intended one, or if there is none. Writes

@@ -151,7 +151,7 @@ def _site_ranks(seen: Observations, sites: ridge.Sites) -> Optional[np.ndarray]:
 
 def _best_path(sites: ridge.Sites, ranks: Optional[np.ndarray], params: ExtractionParams) -> Optional[linking.Path]:
     """The path with the largest expansion within the limits: clutter is dense, but a stroke is long."""
-    found = linking.pieces(ridge.onto_ridge(sites), sites.points, sites.weights, params.eps, ranks)
+    found = linking.pieces(ridge.onto_ridge(sites, ranks), sites.points, sites.weights, params.eps, ranks)
     found = [path for path in found if path.weight >= 3.0 or len(path.nodes) > 2]
     # the ends of pieces lie inside of what was drawn: their points are means of several
     paths = linking.join(found, params.eps + linking.END_MARGIN)

@@ -72,9 +72,16 @@ def pieces(
     lengths = np.linalg.norm(nodes[pairs[:, 0]] - nodes[pairs[:, 1]], axis=1) + 1e-12
     if at is not None:
         # what was drawn at another time is a neighbour by chance: the other leg of a U, or the start at the end
-        lengths *= 1.0 + np.minimum(np.abs(at[pairs[:, 0]] - at[pairs[:, 1]]) / 0.05, 4.0)
+        lengths *= _another_time(at[pairs[:, 0]], at[pairs[:, 1]])
     graph = csr_matrix((lengths, (pairs[:, 0], pairs[:, 1])), shape=(count, count))
     spanning = minimum_spanning_tree(graph)
+    spanning = spanning.tocoo()
+    rows, columns = spanning.row, spanning.col
+    reward = np.linalg.norm(nodes[rows] - nodes[columns], axis=1) + 1e-12
+    if at is not None:
+        # nor does it make a path longer, when something bright lies beside the end of the line
+        reward /= _another_time(at[rows], at[columns])
+    spanning = csr_matrix((reward, (rows, columns)), shape=(count, count))
     spanning = (spanning + spanning.T).tocsr()
     _, labels = connected_components(spanning, directed=False)
     order = np.argsort(labels, kind="stable")
@@ -91,6 +98,11 @@ def pieces(
         weight = float(sites.weights[members].sum())
         found.append(Path(nodes[path], weight, None if at is None else at[path], own, elongation))
     return found
+
+
+def _another_time(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Factor 1 .. 5 by which links are longer whose ends were drawn at other times (ranks a, b)."""
+    return 1.0 + np.minimum(np.abs(a - b) / 0.05, 4.0)
 
 
 def _longest_path(tree: csr_matrix, members: np.ndarray) -> np.ndarray:

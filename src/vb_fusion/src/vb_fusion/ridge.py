@@ -7,7 +7,7 @@ tracks: a kernel wider than their distance makes them one ridge, and still keeps
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Tuple
+from typing import Optional, Tuple
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -19,6 +19,8 @@ MAX_SITES = 30_000  # a room drawn full; beyond it a coarser lattice
 KERNEL = 0.045  # [m] standard deviation; two tracks up to 0.1 m apart merge, 0.2 m stay apart
 REACH = 0.12  # [m] radius in which points support each other
 ITERATIONS = 3
+ANOTHER_TIME = 0.12  # share of the drawing after which the spot passes by again, as on the other leg of a U
+FOREIGN = 0.3  # weight of what was drawn at another time
 
 
 @dataclass(frozen=True)
@@ -94,13 +96,20 @@ def _usual(sites: Sites, company: np.ndarray) -> float:
     return float(np.median(drawn if len(drawn) else most))
 
 
-def onto_ridge(sites: Sites) -> np.ndarray:
-    """(S, 2) [m]: each site moved to the ridge of the sites' density across the direction of its surroundings."""
+def onto_ridge(sites: Sites, ranks: Optional[np.ndarray] = None) -> np.ndarray:
+    """(S, 2) [m]: each site moved to the ridge of the sites' density across the direction of its surroundings.
+
+    Args:
+        ranks: (S,) place in time of each site, 0 first to 1 last: what was drawn at another time attracts less.
+    """
     data, w = sites.points, sites.weights
     count = len(data)
     i, j = cKDTree(data).query_pairs(2.5 * KERNEL, output_type="ndarray").T
     rows, columns = np.concatenate([i, j, np.arange(count)]), np.concatenate([j, i, np.arange(count)])
     seen, weight = data[columns], w[columns]
+    if ranks is not None:
+        apart = np.abs(ranks[rows] - ranks[columns])
+        weight = weight * np.where(apart > ANOTHER_TIME, FOREIGN, 1.0)
     moved = data.copy()
     for _ in range(ITERATIONS):
         d = seen - moved[rows]
