@@ -1,3 +1,5 @@
+import subprocess
+import sys
 import threading
 
 from vb_core.ros.node import Mailbox
@@ -19,3 +21,28 @@ def test_closing_wakes_the_one_who_waits():
     mailbox.close()
     thread.join(10)
     assert taken == [None] and not thread.is_alive()
+
+
+FAULTY = """
+import threading
+import rospy
+from vb_core.ros import node
+
+rospy.signal_shutdown = lambda reason: ended.set()
+ended = threading.Event()
+mailbox = node.Mailbox()
+worker = node.Worker(mailbox, lambda item: 1 / item)
+mailbox.put(1)
+mailbox.put(0)
+assert ended.wait(30)
+print("failures", [error.code for error in node._failures])
+"""
+
+
+def test_a_fault_in_a_worker_ends_the_node():
+    done = subprocess.run(
+        [sys.executable, "-c", FAULTY], stdout=subprocess.PIPE, stderr=subprocess.PIPE, universal_newlines=True
+    )
+    assert done.returncode == 0, done.stderr
+    assert "failures ['internal_error']" in done.stdout
+    assert "ZeroDivisionError" in done.stderr

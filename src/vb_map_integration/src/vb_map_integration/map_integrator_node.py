@@ -39,6 +39,8 @@ from vb_map_integration.integrator import IntegratorParams, MapIntegrator, Outco
 
 KINDS = {BorderMessage.DECIDE: None, BorderMessage.POLYGON: True, BorderMessage.SEPARATING_CURVE: False}
 
+_MAP_PATIENCE_S = 5.0  # without a map for so long, a warning
+
 # carries the region as one block of memory, not cell by cell
 ArrayPreviewResponse = numpy_msg(PreviewBorderResponse)
 
@@ -59,6 +61,7 @@ class NodeParams(Parameters):
     robot_frame: str = param("")
     move_base: str = param("/move_base")
     expiry_period_s: float = param(1.0, "s", above=0.0)
+    map_timeout_s: float = param(60.0, "s", low=0.0)
 
 
 # ----------------------------------------------------------------- messages
@@ -159,10 +162,24 @@ class MapIntegratorNode:
             names.PHYSICAL_MAP, messages.OccupancyGridArray, self._maps.put, queue_size=1, buff_size=2**24, tcp_nodelay=True
         )
         rospy.Timer(rospy.Duration(params.expiry_period_s), self._expire, reset=True)
+        self._closing = threading.Event()
+        threading.Thread(target=self._wait_for_map, daemon=True).start()
 
     def close(self) -> None:
-        """Ends the worker."""
+        """Ends worker and wait."""
         self._maps.close()
+        self._closing.set()
+
+    def _wait_for_map(self) -> None:
+        # wall time: whoever forgot map_server may have forgotten /clock too
+        waited = 0.0
+        while not self._closing.wait(_MAP_PATIENCE_S) and not self._integrator.has_map:
+            waited += _MAP_PATIENCE_S
+            missing = f"no map has come on {names.PHYSICAL_MAP}: start map_server, or remap {names.PHYSICAL_MAP}"
+            if self._params.map_timeout_s and waited >= self._params.map_timeout_s:
+                node.fail(CodedError("no_map", missing))
+                return
+            rospy.logwarn("%s: %s", rospy.get_name(), missing)
 
     # ------------------------------------------------------------- map in, map out
     def _take_map(self, message: Any) -> None:

@@ -3,13 +3,15 @@ from __future__ import annotations
 
 import sys
 import threading
-from typing import Any, Callable, Generic, Optional, TypeVar
+from typing import Any, Callable, Generic, List, Optional, TypeVar
 
 import rospy
 
 from vb_core.errors import CodedError
 
 T = TypeVar("T")
+
+_failures: List[CodedError] = []
 
 
 def run(name: str, build: Callable[[], Any]) -> None:
@@ -18,7 +20,7 @@ def run(name: str, build: Callable[[], Any]) -> None:
     Args:
         name: the node's default name.
         build: makes the node's object. A `CodedError` from it, for instance a bad parameter, is
-            logged as one line, and the process exits with status 1.
+            logged as one line, and the process exits with status 1; so it does after `fail`.
     """
     rospy.init_node(name)
     try:
@@ -31,6 +33,15 @@ def run(name: str, build: Callable[[], Any]) -> None:
     if hasattr(node, "close"):
         rospy.on_shutdown(node.close)
     rospy.spin()
+    if _failures:
+        sys.exit(1)
+
+
+def fail(error: CodedError) -> None:
+    """Ends a running node that cannot do its work: one line, and `run` exits with status 1."""
+    rospy.logfatal("%s: %s", rospy.get_name(), error)
+    _failures.append(error)
+    rospy.signal_shutdown(error.code)
 
 
 class Mailbox(Generic[T]):
@@ -72,7 +83,11 @@ class Mailbox(Generic[T]):
 
 
 class Worker:
-    """A thread that handles a mailbox's items one after the other, and survives a faulty item."""
+    """A thread that handles a mailbox's items one after the other, and survives a faulty item.
+
+    A `CodedError` is a faulty item. Anything else is a fault of the node: it ends with a traceback, and roslaunch
+    brings it back; a node whose worker had died alone would go on deaf.
+    """
 
     def __init__(self, mailbox: Mailbox, handle: Callable[[Any], None]) -> None:
         self._mailbox = mailbox
@@ -81,6 +96,15 @@ class Worker:
         self._thread.start()
 
     def _run(self) -> None:
+        sound = False
+        try:
+            self._work()
+            sound = True
+        finally:
+            if not sound:
+                fail(CodedError("internal_error", "a fault of the program, see the traceback: please report it"))
+
+    def _work(self) -> None:
         while True:
             item = self._mailbox.take()
             if item is None:
