@@ -66,7 +66,14 @@ class MapIntegratorTest(unittest.TestCase):
 
     def setUp(self):
         self.call("clear")
-        wait_until(lambda: (self.cells() == self.grid.data).all(), "the map without borders")
+        # the map may have been without borders before: only the stamp tells that it is the newest one
+        revision = self.call("list_borders").borders.revision
+        wait_until(
+            lambda: self.borders.message.revision == revision
+            and self.maps.message.header.stamp == self.borders.message.header.stamp,
+            "the map that goes with the empty list of borders",
+        )
+        self.assertTrue((self.cells() == self.grid.data).all())
 
     def restricted(self):
         return int((self.cells() != self.grid.data).sum())
