@@ -121,13 +121,13 @@ def person_pieces(person: Tuple[float, float, float], target: Optional[Tuple[flo
 
 
 def person_key(person: Optional[Tuple[float, float, float]], target: Optional[Tuple[float, float]]) -> Tuple:
-    """The same for people who look the same to within a centimetre: a picture of one serves for the other."""
+    """The same for people who look the same to within some centimetres: a picture of one serves for the other."""
     if person is None:
         return ()
     hand: Tuple = ()
     if target is not None:
         x, y, _ = hand_position(person, target, 0.0)
-        hand = (round(x / 0.025), round(y / 0.025))
+        hand = (round(x / 0.04), round(y / 0.04))
     return (round(person[0] / 0.006), round(person[1] / 0.006), round(person[2] / 0.03), hand)
 
 
