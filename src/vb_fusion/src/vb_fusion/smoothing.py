@@ -14,6 +14,7 @@ from scipy.spatial import cKDTree
 from vb_core import geometry
 
 BIN = 0.01  # [m] along the path
+KNOWN = 0.08  # of the usual support: a fit goes a little beyond the edge of a gap, not across it
 BANDWIDTH = 0.08  # [m] of the local fit along the path: longer than the tremor, shorter than a side
 FAR = 0.15  # [m] across the path: no point of the stroke
 SPACING = 0.04  # [m] of the fitted chain
@@ -22,8 +23,11 @@ STRAIGHT = 0.015  # [m] rms distance from a line that is one
 CORNER_ARM = (0.06, 0.30)  # [m] from the corner: where its two lines are fitted
 CORNER_SHIFT = 0.10  # [m] a corner lies at most this far off the rounded chain
 HOLE = 0.08  # [m] a stretch of the chain farther from all points is a gap that was bridged
-GAP_ARMS = (0.30, 0.18)  # [m] lengths of the lines at either side of a gap, the first that are straight are taken
-GAP_REACH = 1.3  # a corner in a gap is at most so many widths of the gap away from its ends
+GAP_ARMS = (0.40, 0.22)  # [m] lengths of the lines at either side of a gap: the short ones must agree with the long
+GAP_STRAIGHT = 0.02  # [m] rms distance from its line
+GAP_AGREE = 0.1  # [m] on where the corner is; a tremor beside the gap bends the short ones
+GAP_ANGLE = (math.radians(45.0), math.radians(135.0))
+GAP_REACH = 1.1  # a corner in a gap is at most so many widths of the gap away from its ends
 
 
 def fit(path: np.ndarray, points: np.ndarray, weights: np.ndarray, closed: bool, bandwidth: float) -> np.ndarray:
@@ -115,7 +119,7 @@ def _local_lines(dense, step, t, at, w, closed, bandwidth, first, last) -> np.nd
     s0, s1, s2 = (gather(sums[0], order) for order in range(3))
     determinant = s0 * s2 - s1 * s1
     fitted = np.empty((bins, 2))
-    known = s0 > 1e-3 * np.median(s0[s0 > 0])
+    known = s0 > KNOWN * np.median(s0[s0 > 0])
     sound = determinant > 0.02 * (bandwidth * s0) ** 2
     for axis in range(2):
         b0, b1 = gather(sums[1 + axis], 0), gather(sums[1 + axis], 1)
@@ -170,27 +174,28 @@ def corners_in_gaps(chain: np.ndarray, points: np.ndarray, closed: bool) -> np.n
 def _corner_between(dense: np.ndarray, a: int, b: int, step: float, closed: bool) -> Optional[np.ndarray]:
     """(2,) where the lines that end at sample a and begin at sample b meet, if they do so ahead of both and near."""
     count = len(dense)
+    start, end = dense[a], dense[b % count]
+    near = GAP_REACH * float(np.linalg.norm(end - start))
+    corners = []
     for arm in GAP_ARMS:
         size = int(round(arm / step))
         before, after = np.arange(a - size, a + 1), np.arange(b, b + size + 1)
         if closed:
             before, after = before % count, after % count
         elif before[0] < 0 or after[-1] >= count:
-            continue
-        mean, direction, off = _lines(np.stack([dense[before], dense[after]]))
-        if off.max() < STRAIGHT:
-            break
-    else:
-        return None
-    (u, v), gap = direction, dense[b % count] - dense[a]
-    cross = float(u[0] * v[1] - u[1] * v[0])
-    if not CORNER_ANGLE < abs(math.atan2(cross, float(u @ v))) < math.pi - CORNER_ANGLE:
-        return None
-    between = mean[1] - mean[0]
-    meet = mean[0] + (between[0] * v[1] - between[1] * v[0]) / cross * u
-    ahead = np.array([(meet - dense[a]) @ u, (dense[b % count] - meet) @ v])
-    near = GAP_REACH * float(np.linalg.norm(gap))
-    return meet if (ahead > -2.0 * step).all() and (ahead < near).all() else None
+            return None
+        mean, (u, v), off = _lines(np.stack([dense[before], dense[after]]))
+        cross = float(u[0] * v[1] - u[1] * v[0])
+        turn = abs(math.atan2(cross, float(u @ v)))
+        if off.max() > GAP_STRAIGHT or not GAP_ANGLE[0] < turn < GAP_ANGLE[1]:
+            return None
+        between = mean[1] - mean[0]
+        meet = mean[0] + (between[0] * v[1] - between[1] * v[0]) / cross * u
+        ahead = np.array([(meet - start) @ u, (end - meet) @ v])
+        if (ahead < -2.0 * step).any() or (ahead > near).any():
+            return None
+        corners.append(meet)
+    return corners[0] if np.linalg.norm(corners[0] - corners[1]) < GAP_AGREE else None
 
 
 def sharpen_corners(chain: np.ndarray, closed: bool) -> np.ndarray:
