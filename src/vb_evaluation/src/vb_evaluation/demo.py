@@ -45,8 +45,8 @@ READY_TIMEOUT_S = 90.0
 INTERACTION_TIMEOUT_S = 900.0
 # software OpenGL pays for each pixel, and the cameras need the cores: the virtual screen is no larger than legible
 SCREEN = (1280, 720)
-# the picture of the drawing is taken once so many spots make a good part of a border
-SPOTS_FOR_PICTURE = 60
+# the picture of the drawing is taken once this part of the border is drawn
+DRAWN_FOR_PICTURE = 0.6
 
 
 @dataclass(frozen=True)
@@ -248,11 +248,14 @@ class Demo:
     def _follow(self, observer: Observer) -> None:
         """Tells what happens until the participant is done."""
         pictured: List[threading.Thread] = []
+        scenario = self.options.scenario
+        wanted_m = DRAWN_FOR_PICTURE * chain_length(scenario.border, scenario.closed)
 
         def tell() -> bool:
             self._narrator.tell(observer)
             status.update(live_line(observer))
-            if not pictured and observer.progress and observer.progress.border_spots >= SPOTS_FOR_PICTURE:
+            chain = messages.array_from_points(observer.progress.chain) if observer.progress else np.zeros((0, 2))
+            if not pictured and chain_length(chain) > wanted_m:
                 pictured.append(self._start_screenshot("smart_display_drawing.png"))
             return observer.outcome is not None or not self._launched.running
 

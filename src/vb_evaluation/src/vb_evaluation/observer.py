@@ -145,7 +145,7 @@ def wait_until(condition: Callable[[], bool], timeout_s: float, period_s: float 
 
 
 class CameraAlbum:
-    """Keeps, for each camera, one image in which its detector found a spot.
+    """Keeps, for each camera, one image in which its detector found a spot: the one with the spot nearest the middle.
 
     Images are large, so a camera is listened to only for a moment, and only one at a time.
     """
@@ -156,6 +156,7 @@ class CameraAlbum:
         self._pause_s = pause_s
         self._closing = threading.Event()
         self.images: Dict[str, Image] = {}
+        self._off_middle: Dict[str, float] = {}
         self._thread = threading.Thread(target=self._run, daemon=True)
         self._thread.start()
 
@@ -189,8 +190,11 @@ class CameraAlbum:
         subscriber = rospy.Subscriber(topic, Image, keep, queue_size=1, buff_size=2**23)
         done.wait(1.5)
         subscriber.unregister()
-        stamps = {round(stamp, 4) for stamp in self._observer.trail(camera)[-100:, 0]}
+        spots = {round(stamp, 4): (u, v) for stamp, u, v in self._observer.trail(camera)[-100:]}
         for image in taken:
-            if round(image.header.stamp.to_sec(), 4) in stamps:
-                self.images[camera] = image
-                return
+            spot = spots.get(round(image.header.stamp.to_sec(), 4))
+            if spot is None:
+                continue
+            off = max(abs(2.0 * spot[0] / image.width - 1.0), abs(2.0 * spot[1] / image.height - 1.0))
+            if off < self._off_middle.get(camera, 2.0):
+                self._off_middle[camera], self.images[camera] = off, image

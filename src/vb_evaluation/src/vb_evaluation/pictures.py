@@ -83,10 +83,10 @@ def camera_picture(path: Path, image_bgr: np.ndarray, title: str, trail: np.ndar
         centre = (int(round(u)), int(round(v)))
         cv2.circle(picture, centre, int(24 * scale) + 4, (0, 0, 0), max(2, int(5 * scale)), cv2.LINE_AA)
         cv2.circle(picture, centre, int(24 * scale) + 4, (255, 255, 255), max(1, int(2 * scale)), cv2.LINE_AA)
-    size = 0.8 * max(scale, 0.6)
-    (width, height), base = cv2.getTextSize(title, cv2.FONT_HERSHEY_SIMPLEX, size, 2)
+    size, weight = 0.8 * max(scale, 0.7), 2 if scale > 0.8 else 1
+    (width, height), base = cv2.getTextSize(title, cv2.FONT_HERSHEY_SIMPLEX, size, weight)
     cv2.rectangle(picture, (0, 0), (width + 24, height + base + 16), (0, 0, 0), -1)
-    cv2.putText(picture, title, (12, height + 10), cv2.FONT_HERSHEY_SIMPLEX, size, (255, 255, 255), 2, cv2.LINE_AA)
+    cv2.putText(picture, title, (12, height + 10), cv2.FONT_HERSHEY_SIMPLEX, size, (255, 255, 255), weight, cv2.LINE_AA)
     cv2.imwrite(str(path), picture)
 
 

@@ -56,10 +56,16 @@ class RobotView:
         self._floors = [floor]
         while len(self._floors) < 5 and min(self._floors[-1].rgb.shape[:2]) > 64:
             self._floors.append(self._floors[-1].halved())
-        self._color_buffer = DepthBuffer(RayGrid(self.color_model))
-        self._depth_buffer = DepthBuffer(RayGrid(self.depth_model))
-        x, y = self._depth_buffer.grid.x, self._depth_buffer.grid.y
+        self._buffer = DepthBuffer(RayGrid(self.color_model))
+        self._depth_grid = RayGrid(self.depth_model)
+        x, y = self._depth_grid.x, self._depth_grid.y
         self._slant = np.sqrt(1.0 + x * x + y * y)
+        # the colour pixel nearest to the middle of each depth pixel
+        self._sampled = tuple(
+            np.floor((np.arange(coarse) + 0.5) * fine / coarse).astype(int)
+            for coarse, fine in ((self.depth_model.height, self.color_model.height), (self.depth_model.width, self.color_model.width))
+        )
+        self._drawn_key: Optional[Tuple] = None
         self._pose: Pose2 = robot.start_pose()
         self._color_key: Optional[Tuple] = None
         self._depth_key: Optional[Tuple] = None
@@ -98,8 +104,8 @@ class RobotView:
             image = self._draw_floor(pose)
             if self._optics.exposure_gain != 1.0:
                 image = cv2.convertScaleAbs(image, alpha=self._optics.exposure_gain)
-            self._draw_things(self._color_buffer, snapshot, pose, self._optics.exposure_gain)
-            self._color_buffer.paint(image)
+            self._draw_things(snapshot, pose, key)
+            self._buffer.paint(image)
             self._clean = cv2.GaussianBlur(image, (3, 3), 0.5)
         # while nothing moves only spot and noise are new
         image = self._clean.copy()
@@ -146,7 +152,12 @@ class RobotView:
             )
         return image
 
-    def _draw_things(self, buffer: DepthBuffer, snapshot: Snapshot, pose: np.ndarray, gain: float = 1.0) -> None:
+    def _draw_things(self, snapshot: Snapshot, pose: np.ndarray, key: Tuple) -> None:
+        """Draws all that is no floor into the buffer, once for colour and depth of the same scene."""
+        if key == self._drawn_key:
+            return
+        self._drawn_key = key
+        buffer, gain = self._buffer, self._optics.exposure_gain
         buffer.clear()
         buffer.draw_mesh(self._mesh, pose, gain)
         pieces: List[bodies.Piece] = []
@@ -166,9 +177,8 @@ class RobotView:
                 continue
             near = max(0.1, float(depth) - _FRONT)
             buffer.draw_flat(points, near, 0.74 * gain * color, normal)
-            if buffer is self._color_buffer:
-                middle = 0.5 * (low + high)
-                buffer.draw_flat(middle + 0.7 * (points - middle), near - 0.001, 0.95 * gain * color, normal)
+            middle = 0.5 * (low + high)
+            buffer.draw_flat(middle + 0.7 * (points - middle), near - 0.001, 0.95 * gain * color, normal)
 
     def spot(self, snapshot: Snapshot, pose: np.ndarray) -> Optional[SpotImage]:
         """The light of the laser's spot, as if nothing hid it."""
@@ -184,9 +194,9 @@ class RobotView:
         column, row = int(round(spot.center[0])), int(round(spot.center[1]))
         if not (0 <= column < self.color_model.width and 0 <= row < self.color_model.height):
             return
-        if self._color_buffer.ids[row, column]:
+        if self._buffer.ids[row, column]:
             return
-        around = self._color_buffer.ids[max(0, row - 1) : row + 2, max(0, column - 1) : column + 2]
+        around = self._buffer.ids[max(0, row - 1) : row + 2, max(0, column - 1) : column + 2]
         albedo = image[row, column].astype(np.float32) / np.float32(255.0 * self._optics.exposure_gain)
         weights = float((around == 0).mean()) * albedo * self._optics.response(snapshot.laser_color)
         part = image[spot.row : spot.row + spot.light.shape[0], spot.column : spot.column + spot.light.shape[1]]
@@ -203,7 +213,8 @@ class RobotView:
         key = self._scene_key(snapshot)
         if key != self._depth_key:
             self._depth_key = key
-            self._exact, self._blind = self._exact_depth(snapshot, pose)
+            self._draw_things(snapshot, pose, key)
+            self._exact, self._blind = self._exact_depth(pose)
         depth, holes = self._exact, self._blind
         figures = self._figures
         if self._noisy:
@@ -217,17 +228,18 @@ class RobotView:
         millimetres[holes] = 0
         return millimetres
 
-    def _exact_depth(self, snapshot: Snapshot, pose: np.ndarray) -> Tuple[np.ndarray, np.ndarray]:
+    def _exact_depth(self, pose: np.ndarray) -> Tuple[np.ndarray, np.ndarray]:
         """(120, 160) float32 [m] and (120, 160) bool: where the sensor sees nothing."""
-        buffer, figures = self._depth_buffer, self._figures
-        self._draw_things(buffer, snapshot, pose)
-        down = -buffer.grid.combine(*pose[2, :3])
-        floor = buffer.ids == 0
-        inverse = np.where(floor, down / np.float32(pose[2, 3]), buffer.inverse)
+        grid, figures = self._depth_grid, self._figures
+        at = np.ix_(*self._sampled)
+        ids = self._buffer.ids[at]
+        down = -grid.combine(*pose[2, :3])
+        floor = ids == 0
+        inverse = np.where(floor, down / np.float32(pose[2, 3]), self._buffer.inverse[at])
         depth = np.float32(1.0) / np.maximum(inverse, np.float32(1e-3))
         # cosine of the angle between ray and surface normal
-        normals = buffer.normals.astype(np.float32)[buffer.ids]
-        facing = -(normals[..., 0] * buffer.grid.x + normals[..., 1] * buffer.grid.y + normals[..., 2])
+        normals = self._buffer.normals.astype(np.float32)[ids]
+        facing = -(normals[..., 0] * grid.x + normals[..., 1] * grid.y + normals[..., 2])
         facing = np.where(floor, down, facing) / self._slant
         grazing = facing < math.cos(math.radians(figures.depth_grazing_deg))
         blind = grazing | (depth < figures.depth_min) | (depth > figures.depth_max)
