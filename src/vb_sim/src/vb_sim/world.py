@@ -128,7 +128,11 @@ class Light(Parameters):
 
 @dataclass(frozen=True)
 class CeilingCamera(Parameters):
-    """A stationary camera. Pitch 90 looks straight down; yaw turns the image about the vertical."""
+    """A stationary camera.
+
+    Pitch 90 looks straight down, and at yaw 0 the top of its image is +y. A camera with less pitch looks towards
+    +y at yaw 0, towards -x at yaw 90.
+    """
 
     name: str = param("camera")
     x: float = param(0.0, "m")
