@@ -3,6 +3,7 @@
 
     python3 bench/extraction.py                     20 strokes per cell, a few minutes
     python3 bench/extraction.py --strokes 40 --only usual rough
+    python3 bench/extraction.py --disturbances      a spot held still, false spots at one place
     python3 bench/extraction.py --figure docs/images/extraction_stages.png
 
 Robust mode runs twice: on the bare point set, and with stamps and cameras as the node has them. A stroke is bad if its
@@ -21,6 +22,7 @@ import numpy as np
 
 TOP = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(TOP / "src" / "vb_fusion" / "test"))
+from disturbances import beside, held, timed, with_fixed_place  # noqa: E402
 from strokes import SHAPES, Setting, draw, hausdorff, jaccard  # noqa: E402
 
 from vb_fusion.extraction import ExtractionError, ExtractionParams, extract_border  # noqa: E402
@@ -47,6 +49,8 @@ METHODS = {
     "robust, timed": (ExtractionParams.robust(), True),
 }
 BAD_M = 0.25
+DISTURBED = ("corner", "doorway", "rectangle")
+FIGURE = (("L", 4), ("corner", 2))  # shapes and seeds of the figure
 
 
 def measure(stroke, params: ExtractionParams, known: bool) -> dict:
@@ -85,6 +89,34 @@ def cell(shape: str, setting: Setting, count: int) -> dict:
     return result
 
 
+def disturbances(count: int) -> dict:
+    """Bad strokes [%] of each method while the spot is held still, or false spots are seen at one place."""
+    scenes = {}
+    for spots, cameras in ((250, 1), (750, 3)):
+        for where, share in (("start", 0.0), ("middle", 0.5), ("end", 1.0)):
+            scenes[f"held still 10 s at the {where}, {spots} spots"] = [
+                held(timed(shape, k), share, spots, cameras, k) for shape in DISTURBED for k in range(count)
+            ]
+    for spots in (100, 500, 2000):
+        for away in (0.3, 0.6, 1.0):
+            scenes[f"{spots} false spots {away} m away"] = [
+                with_fixed_place(stroke, beside(stroke, away, share), spots, when, k % 2, k)
+                for k in range(count)
+                for shape in DISTURBED
+                for when, share in (("at the same stamps", 0.5), ("interleaved", 0.02), ("throughout", 0.8))
+                for stroke in [timed(shape, k)]
+            ]
+    result = {}
+    for name, strokes in scenes.items():
+        result[name] = {"strokes": len(strokes)}
+        for method, (params, known) in METHODS.items():
+            bad = np.mean([measure(stroke, params, known)["hausdorff"] > BAD_M for stroke in strokes])
+            result[name][method + ", bad_percent"] = round(100.0 * float(bad), 1)
+        shares = "  ".join(f"{method} {result[name][method + ', bad_percent']:5.1f} %" for method in METHODS)
+        print(f"{name:45s} {shares}", flush=True)
+    return result
+
+
 def speed() -> dict:
     """Processor time [ms] of one extraction, by number of points."""
     result = {name: {} for name in ("paper", "robust")}
@@ -106,24 +138,30 @@ def figure(path: Path) -> None:
     matplotlib.use("Agg")
     import matplotlib.pyplot as plt
 
-    panels, axes = plt.subplots(2, 5, figsize=(17, 6.5), constrained_layout=True)
-    titles = ("point set", "paper: cluster", "paper: thinned", "paper: chain", "robust: chain")
-    for row, shape in zip(axes, ("L", "corner")):
-        stroke = draw(shape, USUAL.replace(outliers=0.1), np.random.default_rng(4))
+    columns = ("point set", "paper: cluster", "paper: thinned", "paper: chain", "robust: chain")
+    panels, axes = plt.subplots(2, 5, figsize=(17, 4.7), sharex=True, sharey=True, constrained_layout=True)
+    for axis, title in zip(axes[0], columns):
+        axis.set_title(title)
+    for row, (shape, seed) in zip(axes, FIGURE):
+        stroke = draw(shape, USUAL.replace(outliers=0.1), np.random.default_rng(seed))
         paper = extract_border(stroke.points, ExtractionParams.paper())
         robust = extract_border(stroke.points)
-        for axis, title in zip(row, titles):
-            axis.set_title(title)
+        for axis in row:
             axis.set_aspect("equal")
-            axis.set_xlim(-2.5, 2.5)
-            axis.set_ylim(-2.0, 2.0)
-            axis.set_xlabel("x [m]")
-            axis.plot(*stroke.points.T, ".", color="0.7", markersize=2)
-        row[1].plot(*paper.stages["cluster"].T, ".", color="tab:green", markersize=3)
-        row[2].plot(*paper.stages["thinned"].T, ".", color="tab:red", markersize=5)
+            axis.set_xlim(-4.1, 4.1)
+            axis.set_ylim(-2.6, 2.6)
+            axis.set_xticks([])
+            axis.set_yticks([])
+        row[0].plot(*stroke.points.T, ".", color="black", markersize=2)
+        for axis in row[1:]:
+            axis.plot(*stroke.points.T, ".", color="0.75", markersize=2)
+        row[1].plot(*paper.stages["cluster"].T, ".", color="tab:green", markersize=2.5)
+        row[2].plot(*paper.stages["thinned"].T, ".", color="tab:red", markersize=4)
         for axis, chain in ((row[3], paper), (row[4], robust)):
             points = np.vstack([chain.points, chain.points[:1]]) if chain.closed else chain.points
-            axis.plot(*points.T, "-", color="tab:blue", linewidth=1.5)
+            axis.plot(*points.T, ".-", color="tab:blue", linewidth=1.5, markersize=4)
+    axes[1, 0].plot([-3.8, -2.8], [-2.3, -2.3], "-", color="black", linewidth=3)
+    axes[1, 0].text(-2.7, -2.3, "1 m", verticalalignment="center")
     path.parent.mkdir(parents=True, exist_ok=True)
     panels.savefig(str(path), dpi=90)
 
@@ -135,11 +173,19 @@ def main() -> int:
     usual_shapes = [shape for shape in SHAPES if shape != "circle"]
     parser.add_argument("--shapes", nargs="*", choices=list(SHAPES), default=usual_shapes)
     parser.add_argument("--figure", type=Path, help="only draw the stages into this file")
+    parser.add_argument("--disturbances", action="store_true", help="only the disturbances, beside --out")
     parser.add_argument("--out", type=Path, default=TOP / "out" / "bench" / "extraction.json")
     arguments = parser.parse_args()
     if arguments.figure:
         figure(arguments.figure)
         print(f"wrote {arguments.figure}")
+        return 0
+    if arguments.disturbances:
+        found = disturbances(arguments.strokes)
+        path = arguments.out.with_name("extraction_disturbances.json")
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(json.dumps({"bad_above_m": BAD_M, "cells": found}, indent=1) + "\n")
+        print(f"wrote {path}")
         return 0
     print(f"{'setting':20s} {'shape':10s} " + " ".join(f"{name:^33s}" for name in METHODS))
     print(f"{'':31s} " + " ".join(f"{'Jaccard':>8s} {'Hausd. m':>8s} {'bad %':>6s} {'ms':>6s}  " for _ in METHODS))

@@ -1,6 +1,8 @@
 """What happens while somebody draws and is no part of the border: a spot held still, something bright that stays."""
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 from strokes import Setting, Stroke, draw
 
@@ -31,11 +33,8 @@ def held(stroke: Stroke, share: float, count: int, cameras: int, seed: int, seco
     begin = share * stroke.stamps.max()
     near = np.argsort(np.abs(stroke.stamps - begin))[:15]
     place = np.median(stroke.points[near], axis=0)
-    later = stroke.stamps > begin
-    moved = Stroke(
-        stroke.truth, stroke.closed, stroke.points, np.where(later, stroke.stamps + seconds, stroke.stamps),
-        stroke.cameras,
-    )  # fmt: skip
+    resumed = np.where(stroke.stamps > begin, stroke.stamps + seconds, stroke.stamps)
+    moved = dataclasses.replace(stroke, stamps=resumed)
     stamps = begin + np.linspace(0.0, seconds, count)
     return _with(moved, place + rng.normal(0, 0.012, (count, 2)), stamps, np.arange(count) % cameras)
 
@@ -50,7 +49,9 @@ def beside(stroke: Stroke, distance: float, share: float) -> np.ndarray:
     return max(sides, key=lambda place: np.linalg.norm(dense - place, axis=1).min())
 
 
-def with_fixed_place(stroke: Stroke, place, count: int, when: str, camera: int, seed: int, spread=(0.04, 0.02)) -> Stroke:
+def with_fixed_place(
+    stroke: Stroke, place, count: int, when: str, camera: int, seed: int, spread=(0.04, 0.02)
+) -> Stroke:
     """The stroke with false spots at one place, as a piece of paper gives them.
 
     Args:
