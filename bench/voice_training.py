@@ -30,7 +30,7 @@ from vb_voice_wizard import recognizer as recognition
 from vb_voice_wizard.acoustic_model import SILENCE, AcousticModel, embedded_model
 from vb_voice_wizard.phone_network import network_input
 from vb_voice_wizard.phone_scoring import PhoneSet, PhraseScorer
-from vb_voice_wizard.speech_features import FRAME_LENGTH, FRAME_SHIFT, cepstra, dynamic, mel_spectrum, remove_noise
+from vb_voice_wizard.speech_features import FRAME_LENGTH, FRAME_SHIFT, cepstra, clean_spectrum, dynamic, mel_spectrum, remove_noise
 
 OUTPUT = TOP / "src" / "vb_voice_wizard" / "config" / "voice"
 CACHE = TOP / "out" / "bench" / "voice_cache"
@@ -129,7 +129,7 @@ def _lesson(job: Tuple[int, str, speech.Voice]) -> Optional[Tuple[np.ndarray, np
         # cut as the endpointing cuts
         start = max(0, before - int(rng.uniform(0.12, 0.28) * RATE))
         pcm = pcm[start : before + len(spoken) + int(rng.uniform(0.12, 0.28) * RATE)]
-        values = network_input(remove_noise(mel_spectrum(pcm)))
+        values = network_input(clean_spectrum(pcm))
         middle = np.arange(len(values)) * FRAME_SHIFT + FRAME_LENGTH // 2 - (before - start)
         source = np.floor((middle / stretch + pad - FRAME_LENGTH // 2) / FRAME_SHIFT + 0.5).astype(int)
         inside = (source >= 0) & (source < len(labels))

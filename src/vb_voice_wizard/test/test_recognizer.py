@@ -140,6 +140,12 @@ def test_commands_are_recognised(recognizer, command):
     assert recognizer.recognize(say(*COMMANDS[command])) == command
 
 
+def test_a_recording_without_any_noise(recognizer):
+    pcm = say("define seed", snr_db=200.0)
+    assert recognizer.recognize(pcm) == "define_seed"
+    assert recognizer.recognize(pcm[int(0.5 * RATE) : -int(0.5 * RATE)]) == "define_seed"
+
+
 @pytest.mark.parametrize(
     "text", ["what is for dinner tonight", "good afternoon", "the robot got stuck under the sofa", "has anyone seen my glasses"]
 )

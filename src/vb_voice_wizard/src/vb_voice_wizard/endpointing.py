@@ -24,7 +24,7 @@ class EndpointParams(Parameters):
     noise_window: float = param(3.0, "s", low=0.5, high=30.0)
     noise_percentile: float = param(30.0, "%", low=1.0, high=90.0)
     start_speech: float = param(0.08, "s", low=0.01, high=1.0)
-    end_silence: float = param(0.3, "s", low=0.05, high=2.0)
+    end_silence: float = param(0.25, "s", low=0.05, high=2.0)
     shortest: float = param(0.15, "s", low=0.0, high=5.0)
     longest: float = param(3.0, "s", low=0.5, high=30.0)
     padding: float = param(0.2, "s", low=0.0, high=1.0)

@@ -23,7 +23,7 @@ from vb_voice_wizard.acoustic_model import SILENCE, AcousticModel, embedded_mode
 from vb_voice_wizard.endpointing import EndpointParams, Utterance, utterances
 from vb_voice_wizard.phone_network import PhoneNetwork
 from vb_voice_wizard.phone_scoring import Alignment, Likelihoods, PhoneSet, PhraseScorer, phone_loop
-from vb_voice_wizard.speech_features import FRAMES_PER_SECOND, cepstra, dynamic, mel_spectrum, remove_noise
+from vb_voice_wizard.speech_features import FRAMES_PER_SECOND, cepstra, clean_spectrum, dynamic
 
 MEASURES = (
     "loop",  # command minus phone loop, per frame of the command
@@ -58,7 +58,7 @@ class RecognizerParams(Parameters):
     noise_window: float = param(3.0, "s", low=0.5, high=30.0)
     noise_percentile: float = param(30.0, "%", low=1.0, high=90.0)
     start_speech: float = param(0.08, "s", low=0.01, high=1.0)
-    end_silence: float = param(0.3, "s", low=0.05, high=2.0)
+    end_silence: float = param(0.25, "s", low=0.05, high=2.0)
     shortest: float = param(0.15, "s", low=0.0, high=5.0)
     longest: float = param(3.0, "s", low=0.5, high=30.0)
     padding: float = param(0.2, "s", low=0.0, high=1.0)
@@ -159,7 +159,7 @@ class CommandRecognizer:
         """What became of one utterance."""
         if utterance.too_long:
             return Finding(reason="too_long")
-        spectrum = remove_noise(mel_spectrum(utterance.pcm))
+        spectrum = clean_spectrum(utterance.pcm)
         if len(spectrum) < _FEWEST_FRAMES:
             return Finding(reason="too_short")
         finding = self._measure(spectrum)
