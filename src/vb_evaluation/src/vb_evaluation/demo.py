@@ -60,7 +60,6 @@ class Options:
     seed: int
     out: Path
     rviz: bool
-    sim_time: bool
 
 
 def parse(arguments: Optional[List[str]], top: Path) -> Options:
@@ -88,7 +87,7 @@ def parse(arguments: Optional[List[str]], top: Path) -> Options:
     if given.scenario not in world.scenarios:
         raise ParameterError("SCENARIO", f"'{given.scenario}' is not in {path.name}; known are {', '.join(world.scenarios)}")
     return Options(
-        path, world, world.scenarios[given.scenario], given.method, seed, Path(given.out).resolve(), not given.no_rviz, True
+        path, world, world.scenarios[given.scenario], given.method, seed, Path(given.out).resolve(), not given.no_rviz
     )
 
 
@@ -202,10 +201,11 @@ class Demo:
         if saved:
             after = self._plan_after(observer, proof, region)
         album.close()
-        maps = self._save_map() if saved else []
+        if saved:
+            self._save_map()
         time.sleep(1.0)  # RViz draws a few frames a second: let it show the last state
         self._take_screenshot("smart_display.png")
-        return self._conclude(observer, album, before, after, region, saved, measured, maps)
+        return self._conclude(observer, album, before, after, region, saved, measured)
 
     def _wait_until_ready(self, observer: Observer) -> None:
         options = self.options
@@ -291,16 +291,15 @@ class Demo:
         wait_until(respected, 5.0, 0.25)
         return after
 
-    def _save_map(self) -> List[str]:
+    def _save_map(self) -> None:
         try:
             rospy.wait_for_service(names.SAVE_MAP, timeout=10.0)
             reply = rospy.ServiceProxy(names.SAVE_MAP, SaveMap)(name="posterior", raw=False)
         except (rospy.ROSException, rospy.ServiceException) as error:
             self._say(f"the map could not be saved: {error}")
-            return []
+            return
         if not reply.success:
             self._say(f"the map could not be saved: {reply.message}")
-        return list(reply.files)
 
     def _start_screenshot(self, name: str) -> threading.Thread:
         """Takes a picture without holding up the narration."""
@@ -316,7 +315,7 @@ class Demo:
             self._say("no picture of the smart display could be taken")
 
     # ------------------------------------------------------------- the end
-    def _conclude(self, observer, album, before, after, region, saved, measured, maps) -> int:
+    def _conclude(self, observer, album, before, after, region, saved, measured) -> int:
         options = self.options
         truth = floor_plan.ground_truth(options.world, options.scenario)
         same_grid = truth.shape == region.shape

@@ -17,6 +17,7 @@ from vb_core.parameters import Parameters, param
 from vb_core.ros import node, parameters
 from vb_core.ros.messages import info_from_camera, transform_message
 from vb_msgs.msg import LabState
+from vb_sim.camera_loop import run_cameras
 from vb_sim.ceiling_view import CeilingView
 from vb_sim.floor_texture import render_floor
 from vb_sim.frame_clock import FrameSchedule, SmoothClock
@@ -58,9 +59,7 @@ class CeilingCamerasNode:
         self._published = [0] * len(cameras)
         self._render_s = [0.0] * len(cameras)
         floor, mesh = render_floor(world, seed), world_mesh(world)
-        radii: Dict[str, float] = {robot.namespace.strip("/"): robot.radius for robot in world.robots}
-        radii.update({robot.name: robot.radius for robot in world.robots})
-        self._views = [CeilingView(camera, radii, floor, mesh, models, seed) for camera in cameras]
+        self._views = [CeilingView(camera, world.robot_radii(), floor, mesh, models, seed) for camera in cameras]
         self._frames = [f"{camera.name}_optical_frame" for camera in cameras]
         self._images = [rospy.Publisher(f"/{camera.name}/image_raw", Image, queue_size=2) for camera in cameras]
         self._infos = [rospy.Publisher(f"/{camera.name}/camera_info", CameraInfo, queue_size=2) for camera in cameras]
@@ -85,22 +84,10 @@ class CeilingCamerasNode:
         self._history.add(snapshot_from_message(message))
 
     def _run(self) -> None:
-        node.wait_for_clock()
-        report_at = 0.0
-        while self._running and not rospy.is_shutdown():
-            now = self._clock.now()
-            try:
-                for index, stamp in self._schedule.due(now):
-                    self._publish(index, stamp)
-                # on a steady clock: the counts matter most when simulated time is in trouble
-                if time.monotonic() >= report_at:
-                    report_at = time.monotonic() + 1.0
-                    self._diagnostics.publish(camera_diagnostics("ceiling_cameras", self._figures(), rospy.Time.from_sec(now)))
-            except rospy.ROSException:
-                # the topics close during shutdown
-                return
-            # simulated time may run slower than the wall's: look again at least every few milliseconds
-            time.sleep(min(max(self._schedule.wait(self._clock.now()), 0.001), 0.02))
+        run_cameras(self._schedule, self._clock, lambda: self._running, self._publish, self._report)
+
+    def _report(self, now: float) -> None:
+        self._diagnostics.publish(camera_diagnostics("ceiling_cameras", self._figures(), rospy.Time.from_sec(now)))
 
     def _publish(self, index: int, stamp_s: float) -> None:
         stamp = rospy.Time.from_sec(stamp_s)

@@ -16,6 +16,7 @@ from vb_core.parameters import Parameters, param
 from vb_core.ros import node, parameters
 from vb_core.ros.messages import info_from_camera, transform_message
 from vb_msgs.msg import LabState
+from vb_sim.camera_loop import run_cameras
 from vb_sim.floor_texture import render_floor
 from vb_sim.frame_clock import FrameSchedule, SmoothClock
 from vb_sim.lab_history import History
@@ -58,10 +59,8 @@ class RobotCameraNode:
         self._counts = {"published": 0, "published_depth": 0}
         self._frames_taken = 0
         self._render_s = 0.0
-        radii = {other.namespace.strip("/"): other.radius for other in world.robots}
-        radii.update({other.name: other.radius for other in world.robots})
         # the same seed as the ceiling cameras': all of them look at the same floor
-        self._view = RobotView(robot, radii, render_floor(world, seed), world_mesh(world), models, seed)
+        self._view = RobotView(robot, world.robot_radii(), render_floor(world, seed), world_mesh(world), models, seed)
         frame = f"{tf_prefix}camera_optical_frame"
         self._frame = frame
         self._color = rospy.Publisher("camera/rgb/image_raw", Image, queue_size=2)
@@ -87,22 +86,9 @@ class RobotCameraNode:
         self._history.add(snapshot_from_message(message))
 
     def _run(self) -> None:
-        node.wait_for_clock()
-        report_at = 0.0
-        while self._running and not rospy.is_shutdown():
-            now = self._clock.now()
-            try:
-                for _, stamp in self._schedule.due(now):
-                    self._publish(stamp)
-                if time.monotonic() >= report_at:
-                    report_at = time.monotonic() + 1.0
-                    self._report(now)
-            except rospy.ROSException:
-                # the topics close during shutdown
-                return
-            time.sleep(min(max(self._schedule.wait(self._clock.now()), 0.001), 0.02))
+        run_cameras(self._schedule, self._clock, lambda: self._running, self._publish, self._report)
 
-    def _publish(self, stamp_s: float) -> None:
+    def _publish(self, _index: int, stamp_s: float) -> None:
         stamp = rospy.Time.from_sec(stamp_s)
         with_depth = self._frames_taken % self._every == 0
         self._frames_taken += 1

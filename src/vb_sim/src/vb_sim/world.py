@@ -268,6 +268,12 @@ class World:
                 return robot
         raise ParameterError("robot", f"'{name}' is not in world '{self.name}'")
 
+    def robot_radii(self) -> Dict[str, float]:
+        """Radius [m] of each robot, by its name and by its namespace: people and topics call it by either."""
+        radii = {robot.namespace.strip("/"): robot.radius for robot in self.robots}
+        radii.update({robot.name: robot.radius for robot in self.robots})
+        return radii
+
 
 def _rectangle(x: float, y: float, size: Tuple[float, float], yaw_deg: float) -> np.ndarray:
     hx, hy = size[0] / 2.0, size[1] / 2.0
