@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from vb_core.errors import CodedError
-from vb_core.grid_map import UNKNOWN, GridMap
+from vb_core.grid_map import UNKNOWN, GridMap, distance_to
 
 
 @given(st.floats(-20, 20), st.floats(-20, 20), st.floats(-math.pi, math.pi), st.floats(0.01, 1.0))
@@ -59,3 +59,19 @@ def test_geometry_is_compared_not_content():
     assert not grid.same_geometry(GridMap(np.zeros((2, 3), np.int8), 0.1, (1, 2.1, 0.5)))
     with pytest.raises(CodedError):
         grid.with_data(np.zeros((3, 2), np.int8))
+
+
+def test_distances_are_those_of_every_pair_and_the_same_every_time():
+    rng = np.random.default_rng(4)
+    marked = rng.random((31, 47)) < 0.01
+    cells = np.argwhere(np.ones(marked.shape, bool))
+    pairs = np.linalg.norm(cells[:, None] - np.argwhere(marked)[None], axis=2)
+    expected = pairs.min(axis=1).reshape(marked.shape).astype(np.float32)
+    ballast = []
+    for size in rng.integers(1, 5000, 500):  # rows come to lie at other addresses
+        ballast = ballast[-20:] + [np.empty(size, np.uint8)]
+        assert (distance_to(marked) == expected).all()
+
+
+def test_nothing_marked_is_infinitely_far():
+    assert np.isinf(distance_to(np.zeros((3, 4), bool))).all()

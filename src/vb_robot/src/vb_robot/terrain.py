@@ -10,7 +10,7 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import dijkstra
 
 from vb_core import geometry
-from vb_core.grid_map import GridMap
+from vb_core.grid_map import GridMap, distance_to
 from vb_core.parameters import Parameters, param
 
 
@@ -34,10 +34,7 @@ def clearance_grid(blocked: np.ndarray, resolution: float, edge: bool = True) ->
     Args:
         edge: whether the map's edge counts as blocked. If it does not and nothing is blocked, all is inf.
     """
-    if not edge and not blocked.any():
-        return np.full(blocked.shape, np.inf, dtype=np.float32)
-    padded = np.pad(blocked, 1, constant_values=edge)
-    distance = cv2.distanceTransform((~padded).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)[1:-1, 1:-1]
+    distance = distance_to(np.pad(blocked, 1, constant_values=edge))[1:-1, 1:-1]
     return np.maximum(distance - np.sqrt(0.5), 0.0) * np.float32(resolution)
 
 

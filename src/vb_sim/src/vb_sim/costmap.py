@@ -4,10 +4,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Optional
 
-import cv2
 import numpy as np
 
-from vb_core.grid_map import OCCUPIED, UNKNOWN, GridMap
+from vb_core.grid_map import OCCUPIED, UNKNOWN, GridMap, distance_to
 from vb_core.parameters import Parameters, param
 
 LETHAL = 254
@@ -46,7 +45,7 @@ class Costmap:
         static = static_costs(grid.data, params)
         if obstacles is not None:
             static[obstacles] = LETHAL
-        self.distance = _distance(static == LETHAL) * np.float32(grid.resolution)
+        self.distance = distance_to(static == LETHAL) * np.float32(grid.resolution)
         self.costs = inflate(static, self.distance, params)
 
     def traversable(self) -> np.ndarray:
@@ -84,12 +83,6 @@ def inflate(static: np.ndarray, distance: np.ndarray, params: CostmapParams) -> 
     unknown = static == NO_INFORMATION
     costs[unknown] = np.where(inflated[unknown] >= INSCRIBED, INSCRIBED, NO_INFORMATION)
     return costs
-
-
-def _distance(obstacles: np.ndarray) -> np.ndarray:
-    if not obstacles.any():
-        return np.full(obstacles.shape, np.inf, np.float32)
-    return cv2.distanceTransform((~obstacles).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
 
 
 assert UNKNOWN == -1  # static_costs relies on how -1 looks as an unsigned byte

@@ -3,11 +3,10 @@ from __future__ import annotations
 
 from typing import Tuple
 
-import cv2
 import numpy as np
 
 from vb_core.errors import CodedError
-from vb_core.grid_map import OCCUPIED, GridMap
+from vb_core.grid_map import OCCUPIED, GridMap, distance_to
 
 TRACING_STEPS = 14
 
@@ -29,7 +28,7 @@ class DistanceField:
         self._resolution = grid.resolution
         self._origin = np.array(grid.origin[:2])
         self._free = np.pad((grid.data >= 0) & (grid.data < OCCUPIED), 1)  # a rim of obstacles ends every beam
-        cells = cv2.distanceTransform(self._free.astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+        cells = distance_to(~self._free)
         # from cell centre to the obstacle's edge, which is half a cell before its centre
         self._distance = np.maximum(cells.astype(float) - 0.5, 0.0) * grid.resolution
         self._rows, self._columns = self._free.shape
