@@ -1,0 +1,172 @@
+"""Statistics against published worked examples, and against what the paper itself reports."""
+import itertools
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from vb_core.errors import CodedError
+from vb_evaluation import statistics
+
+# Field (2009), Discovering Statistics Using SPSS, 3rd ed., Sect. 15.4: depression on Sunday and on Wednesday
+ECSTASY = ([15, 35, 16, 18, 19, 17, 27, 16, 13, 20], [28, 35, 35, 24, 39, 32, 27, 29, 36, 35])
+ALCOHOL = ([16, 15, 20, 15, 16, 13, 14, 19, 18, 18], [5, 6, 30, 8, 9, 7, 6, 17, 3, 10])
+# Hollander & Wolfe (1973), Nonparametric Statistical Methods, Table 3.1; also the example of R's ?wilcox.test
+HAMILTON = ([1.83, 0.50, 1.62, 2.48, 1.68, 1.88, 1.55, 3.06, 1.30], [0.878, 0.647, 0.598, 2.05, 1.06, 1.29, 1.06, 3.14, 1.29])
+# Darwin's maize as in Fisher (1935), The Design of Experiments, Sect. 17; the example of scipy.stats.wilcoxon
+MAIZE = [49, -67, 8, 16, 6, 23, 28, 41, 14, 29, 56, 24, 75, 60, -48]
+
+
+@pytest.mark.parametrize("sunday_wednesday, z, p, r", [(ECSTASY, -2.53, 0.012, 0.57), (ALCOHOL, -1.99, 0.047, 0.44)])
+def test_spss_as_in_fields_textbook(sunday_wednesday, z, p, r):
+    found = statistics.compare(*sunday_wednesday)
+    assert round(found.test.z, 2) == z and round(found.test.p, 3) == p
+    assert found.r == pytest.approx(r, abs=0.0051)  # the book divides the rounded Z
+
+
+def test_ecstasy_has_two_ties_with_zero_that_are_left_out():
+    test = statistics.compare(*ECSTASY).test
+    assert (test.n, test.zeros, test.w_plus, test.w_minus) == (8, 2, 0.0, 36.0)
+
+
+def test_hollander_and_wolfe_exact_p_estimate_and_interval():
+    found = statistics.compare(HAMILTON[1], HAMILTON[0], confidence=0.96)
+    assert (found.test.w_plus, found.test.w_minus) == (5.0, 40.0)
+    assert found.test.p_exact == 2 * 0.01953125  # R: V = 40, one-sided p = 0.01953
+    assert found.shift.estimate == pytest.approx(-0.46)
+    assert (found.shift.low, found.shift.high) == pytest.approx((-0.786, -0.010))
+    assert found.shift.confidence == pytest.approx(0.961, abs=5e-4)
+
+
+def test_darwins_maize():
+    test = statistics.signed_rank(np.array(MAIZE, float))
+    assert min(test.w_plus, test.w_minus) == 24.0 and test.p_exact == 0.041259765625
+
+
+def test_shapiro_wilk_as_in_the_original_article():
+    # Shapiro & Wilk (1965), Biometrika 52, example 1: weights of eleven men, W = 0.79, 1 % level
+    found = statistics.shapiro([148, 154, 158, 160, 161, 162, 166, 170, 182, 195, 236])
+    assert round(found.w, 2) == 0.79 and found.p < 0.01
+
+
+def test_rank_biserial_of_a_worked_example():
+    # Lowry, Concepts and Applications of Inferential Statistics, ch. 12a (and Wikipedia): W+ = 27, W- = 18
+    found = statistics.compare(
+        [125, 115, 130, 140, 140, 115, 140, 125, 140, 135], [110, 122, 125, 120, 140, 124, 123, 137, 135, 145]
+    )
+    assert (found.test.w_plus, found.test.w_minus, found.test.n) == (27.0, 18.0, 9)
+    assert found.rank_biserial == pytest.approx(0.2)
+
+
+@pytest.mark.parametrize(
+    "ties, z",
+    # Sect. 5.7.1: all 15 participants were faster; the three Z differ by ties alone (times of whole seconds)
+    [((), -3.408), ((2, 2), -3.409), ((3,), -3.411)],
+)
+def test_the_papers_z_of_the_interaction_times(ties, z):
+    differences = -np.arange(1.0, 16.0)
+    start = 0
+    for size in ties:
+        differences[start : start + size] = differences[start]
+        start += size + 1
+    test = statistics.signed_rank(differences)
+    assert round(test.z, 3) == z and test.p < 0.001 and test.p_exact == 2.0**-14
+
+
+@pytest.mark.parametrize("w, z, p", [(37, -0.594, ".588"), (1, -3.110, "< .001")])
+def test_the_papers_accuracy_in_scenarios_1_and_2_is_an_exact_test_of_13_pairs(w, z, p):
+    # Sect. 5.7.4: Z and p fit together for 13 pairs, those where both runs were completed (93.3 % each), and exact p
+    signs = next(chosen for size in range(14) for chosen in itertools.combinations(range(1, 14), size) if sum(chosen) == w)
+    differences = np.array([rank if rank in signs else -rank for rank in range(1, 14)], float)
+    test = statistics.signed_rank(differences)
+    assert round(test.z, 3) == z and statistics.format_p(test.p_exact) == p
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.lists(st.integers(-6, 6), min_size=1, max_size=9))
+def test_exact_p_against_all_signs(values):
+    test = statistics.signed_rank(np.array(values, float))
+    ranked = np.array([value for value in values if value])
+    if len(ranked) == 0:
+        assert test.p_exact == 1.0 and math.isnan(test.z)
+        return
+    magnitudes = np.abs(ranked)
+    ranks = np.array([(magnitudes < m).sum() + ((magnitudes == m).sum() + 1) / 2 for m in magnitudes])
+    sums = [sum(rank for rank, plus in zip(ranks, signs) if plus) for signs in itertools.product((0, 1), repeat=len(ranks))]
+    expected = min(1.0, 2 * np.mean(np.array(sums) <= min(test.w_plus, test.w_minus) + 1e-9))
+    assert test.p_exact == pytest.approx(expected)
+    assert test.z <= 1e-12 and test.w_plus + test.w_minus == pytest.approx(ranks.sum())
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.lists(st.floats(-50, 50), min_size=2, max_size=12), st.lists(st.floats(-50, 50), min_size=12, max_size=12))
+def test_exchanging_the_samples_turns_the_signs(first, second):
+    second = second[: len(first)]
+    a, b = statistics.compare(first, second), statistics.compare(second, first)
+    assert (a.test.w_plus, a.test.w_minus) == (b.test.w_minus, b.test.w_plus)
+    assert a.shift.estimate == pytest.approx(-b.shift.estimate) and a.shift.low == pytest.approx(-b.shift.high)
+    assert a.shift.low <= a.shift.estimate <= a.shift.high
+    assert (a.test.p_exact, a.r) == pytest.approx((b.test.p_exact, b.r), nan_ok=True)
+
+
+def test_ties_that_floating_point_hides():
+    assert statistics.compare([0.3, 0.4], [0.1, 0.2]).test.w_plus == 3.0
+    assert statistics.signed_rank(np.round(np.array([0.3 - 0.1, 0.4 - 0.2, -0.1]), 9)).w_plus == 5.0
+
+
+def test_the_interval_covers_the_truth_as_often_as_it_says():
+    random = np.random.default_rng(3)
+    hits = [
+        interval.low <= 2.0 <= interval.high
+        for interval in (statistics.hodges_lehmann(random.normal(2.0, 1.0, 15)) for _ in range(400))
+    ]
+    assert 0.92 <= np.mean(hits) <= 0.98
+
+
+def test_outliers_are_those_that_a_boxplot_draws():
+    from matplotlib.cbook import boxplot_stats
+
+    values = np.array([1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 30.0, -20.0])
+    assert set(values[list(statistics.outliers(values))]) == set(boxplot_stats(values)[0]["fliers"]) == {30.0, -20.0}
+
+
+def test_few_participants():
+    three = statistics.compare([3.0, 4.0, 5.0], [1.0, 1.0, 1.0])
+    assert three.shift.confidence == 0.75 and three.test.p_exact == 0.25
+    one = statistics.compare([2.0], [1.0])
+    assert math.isnan(one.normality.p) and one.test.p_exact == 1.0
+    none = statistics.compare([], [])
+    assert none.n == 0 and math.isnan(none.r) and math.isnan(none.shift.estimate)
+    equal = statistics.compare([2.0, 2.0], [2.0, 2.0])
+    assert equal.test.p_exact == 1.0 and math.isnan(equal.test.z) and math.isnan(equal.rank_biserial)
+
+
+@pytest.mark.parametrize("first, second", [([1.0], [1.0, 2.0]), ([math.nan], [1.0]), ([[1.0]], [[1.0]])])
+def test_bad_samples(first, second):
+    with pytest.raises(CodedError) as caught:
+        statistics.compare(first, second)
+    assert caught.value.code == "bad_sample"
+
+
+def test_bootstrap_intervals():
+    slow, fast = np.array([52.0, 61, 48, 75, 66, 58]), np.array([21.0, 25, 22, 30, 24, 26])
+    found = statistics.ratio_of_means(slow, fast)
+    assert found.estimate == pytest.approx(slow.mean() / fast.mean()) and found.low < found.estimate < found.high
+    assert found == statistics.ratio_of_means(slow, fast)
+    assert statistics.ratio_of_means(np.ones(4), np.ones(4)) == statistics.Interval(1.0, 1.0, 1.0, 0.95)
+    assert statistics.median([1.0, 2.0, 9.0]).estimate == 2.0
+    assert math.isnan(statistics.median([1.0]).low) and math.isnan(statistics.median([]).estimate)
+
+
+def test_success_rates():
+    # Newcombe (1998), Statistics in Medicine 17, Table I, method 3: 15 of 148
+    found = statistics.proportion(15, 148)
+    assert (round(found.low, 4), round(found.high, 4)) == (0.0624, 0.1605)
+    assert statistics.mcnemar([1, 1, 1, 0], [1, 0, 0, 0]) == 0.5 and statistics.mcnemar([1, 0], [1, 0]) == 1.0
+
+
+@pytest.mark.parametrize("p, text", [(0.0004, "< .001"), (0.0164, ".016"), (1.0, "1"), (0.9996, "1"), (math.nan, "–")])
+def test_p_as_the_paper_writes_it(p, text):
+    assert statistics.format_p(p) == text
