@@ -6,6 +6,7 @@ import pytest
 import rospy
 from nav_msgs.msg import OccupancyGrid
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image
+from vb_msgs.msg import BorderPreview
 
 from vb_core.camera_model import CameraModel
 from vb_core.errors import CodedError
@@ -28,6 +29,16 @@ def test_maps_round_trip_byte_for_byte():
         back = messages.grid_from_message(message)
         assert back.same_geometry(grid) and (back.data == cells).all()
         assert message.header.frame_id == "map" and message.header.stamp == rospy.Time(7)
+
+
+def test_previews_round_trip_byte_for_byte():
+    region = messages.message_from_grid(GridMap(np.full((3, 4), 100, np.int8), 0.05), rospy.Time(7))
+    sent = io.BytesIO()
+    messages.BorderPreviewArray(code="ok", area_m2=2.5, region=region).serialize(sent)
+    again = io.BytesIO()
+    BorderPreview().deserialize(sent.getvalue()).serialize(again)
+    assert again.getvalue() == sent.getvalue()
+    assert (messages.BorderPreviewArray().deserialize(sent.getvalue()).region.data == 100).all()
 
 
 def test_a_map_whose_size_is_a_lie_is_refused():

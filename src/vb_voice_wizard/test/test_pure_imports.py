@@ -6,7 +6,7 @@ import sys
 
 import pytest
 
-PURE = ["interaction", "memory", "buttons", "console_view"]
+PURE = ["interaction", "memory", "buttons", "console_view", "preview_pace"]
 
 BLOCK = """
 import sys

@@ -88,15 +88,13 @@ def pieces(
     label_of_site = labels[sites.of_point]
     by_label = np.argsort(label_of_site, kind="stable")
     starts = np.searchsorted(label_of_site[by_label], np.arange(labels.max() + 2))
+    members_of = np.split(order, np.flatnonzero(np.diff(labels[order])) + 1)
     found = []
-    for k, members in enumerate(np.split(order, np.flatnonzero(np.diff(labels[order])) + 1)):
-        path = _longest_path(spanning, members)
-        elongation = np.inf
+    for k, (members, path) in enumerate(zip(members_of, _longest_paths(spanning, labels, members_of))):
         own = by_label[starts[k] : starts[k + 1]]
-        if float(np.linalg.norm(np.ptp(nodes[members], axis=0))) < SCRAP:
-            elongation = _elongation(seen[own], weights[own], None if ranks is None else ranks[own])
-        weight = float(sites.weights[members].sum())
-        found.append(Path(nodes[path], weight, None if at is None else at[path], own, elongation))
+        found.append(Path(nodes[path], float(sites.weights[members].sum()), None if at is None else at[path], own))
+        if TINY <= found[-1].expansion and float(np.linalg.norm(np.ptp(nodes[members], axis=0))) < SCRAP:
+            found[-1].elongation = _elongation(seen[own], weights[own], None if ranks is None else ranks[own])
     return found
 
 
@@ -105,19 +103,31 @@ def _another_time(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     return 1.0 + np.minimum(np.abs(a - b) / 0.05, 4.0)
 
 
-def _longest_path(tree: csr_matrix, members: np.ndarray) -> np.ndarray:
-    """Nodes of the longest path in the tree that holds `members`."""
-    if len(members) == 1:
-        return members
-    sub = tree[members][:, members]
-    far = int(np.argmax(dijkstra(sub, indices=0)))
-    distance, before = dijkstra(sub, indices=far, return_predecessors=True)
-    at = int(np.argmax(distance))
-    path = [at]
-    while at != far:
-        at = int(before[at])
-        path.append(at)
-    return members[np.array(path)]
+def _longest_paths(forest: csr_matrix, labels: np.ndarray, members_of: List[np.ndarray]) -> List[np.ndarray]:
+    """Nodes of the longest path in each tree of a forest, all trees at once.
+
+    Args:
+        forest: (K, K) lengths of the edges, symmetric.
+        labels: (K,) which tree each node belongs to, 0 .. T-1.
+        members_of: T arrays with each tree's nodes, ascending.
+    """
+    some = np.array([members[0] for members in members_of])
+    one_end = _farthest(dijkstra(forest, indices=some, min_only=True), labels)
+    # the node farthest from anywhere in a tree is an end of a longest path
+    distance, before, _ = dijkstra(forest, indices=one_end, min_only=True, return_predecessors=True)
+    paths = []
+    for at in _farthest(distance, labels):
+        path = [int(at)]
+        while before[path[-1]] >= 0:  # scipy marks a path's start with a negative number
+            path.append(int(before[path[-1]]))
+        paths.append(np.array(path))
+    return paths
+
+
+def _farthest(distance: np.ndarray, labels: np.ndarray) -> np.ndarray:
+    """(T,) for each label 0 .. T-1 its first node with the largest distance."""
+    order = np.lexsort((-distance, labels))
+    return order[np.searchsorted(labels[order], np.arange(labels.max() + 1))]
 
 
 def join(found: List[Path], max_gap: float) -> List[Path]:
@@ -205,6 +215,8 @@ def _elongation(points: np.ndarray, weights: np.ndarray, ranks: Optional[np.ndar
 
 def _outward(nodes: np.ndarray) -> np.ndarray:
     """Unit direction in which a path leaves through its first node; zero if it is too short to tell."""
+    if len(nodes) < 2:
+        return np.zeros(2)
     steps = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(nodes, axis=0), axis=1))])
     inner = nodes[min(int(np.searchsorted(steps, 0.2)), len(nodes) - 1)]
     direction = nodes[0] - inner

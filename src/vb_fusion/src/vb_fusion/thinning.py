@@ -19,6 +19,7 @@ from vb_fusion.clustering import cell_keys
 EXACT_PAIRS = 120_000
 _LATTICE = (0.1, 0.15, 0.2, 0.3, 0.4, 0.6)  # of max_neighbor_dist, the first that is coarse enough is taken
 _BLOCK = 1024
+_FEW_BLOCKS = 16  # looking at all of them costs less than finding out which have changed
 
 
 def thinning(pointset_in: np.ndarray, max_neighbor_dist: float) -> np.ndarray:
@@ -122,18 +123,15 @@ class _Neighbors:
         self.alive.mask[taken] = False
         self.alive.left -= len(taken)
         starts, ends = self._starts[taken], self._starts[taken + 1]
-        sizes = ends - starts
-        offsets = np.arange(sizes.sum()) - np.repeat(np.cumsum(sizes) - sizes, sizes)
-        touched = self._columns[np.repeat(starts, sizes) + offsets]
-        lost = np.repeat(self._weights[taken], sizes)
-        remaining = self.alive.mask[touched]
-        touched, lost = touched[remaining], lost[remaining]
+        touched = np.concatenate([self._columns[start:end] for start, end in zip(starts.tolist(), ends.tolist())])
+        lost = np.repeat(self._weights[taken], ends - starts)
+        # counts of points already taken go down too, from -1: nobody looks at them again
         if 20 * len(touched) > len(self._counts):
             self._counts -= np.bincount(touched, lost, minlength=len(self._counts)).astype(np.int64)
         else:
             np.subtract.at(self._counts, touched, lost)
         self._counts[taken] = -1
-        if len(self._best) == 1:
+        if len(self._best) <= _FEW_BLOCKS:
             self._best = self._blocks.max(axis=1)
         else:
             changed = np.unique(np.concatenate([touched, taken]) // _BLOCK)

@@ -7,11 +7,13 @@ import numpy as np
 BLOCK = 8  # [px] edge of a block
 
 
-def block_maxima(image: np.ndarray) -> np.ndarray:
+def block_maxima(image: np.ndarray, background: Optional[np.ndarray] = None, row_step: int = 1) -> np.ndarray:
     """The largest value of each block of 8 x 8 pixels, over all channels.
 
     Args:
         image: (H, W) or (H, W, C) uint8, contiguous. Pixels right of and below the last whole block are left out.
+        background: of the same shape; then the largest rise over it, which is never stored at full size.
+        row_step: 2 looks at every second row only, for half the time; rows of a Bayer image differ in colour.
 
     Returns:
         (H // 8, W // 8) uint8.
@@ -20,25 +22,27 @@ def block_maxima(image: np.ndarray) -> np.ndarray:
     channels = 1 if image.ndim == 2 else image.shape[2]
     rows, columns = height // BLOCK, width // BLOCK
     # first over rows, where memory is contiguous; then the small rest is turned and reduced the same way
-    reduced = _reduce(image[: rows * BLOCK].reshape(rows, -1))
-    reduced = reduced.reshape(rows, width, channels)[:, : columns * BLOCK]
+    stacked = image[: rows * BLOCK].reshape(rows, -1)
+    before = None if background is None else background[: rows * BLOCK].reshape(rows, -1)
+    reduced = _reduce(stacked, before, row_step).reshape(rows, width, channels)[:, : columns * BLOCK]
     turned = cv2.transpose(np.ascontiguousarray(reduced)).reshape(columns, -1)
     maxima = cv2.transpose(_reduce(turned).reshape(columns, rows, channels))
-    if channels == 1:
-        return maxima.reshape(rows, columns)
-    planes = cv2.split(maxima)
-    result = planes[0]
-    for plane in planes[1:]:
-        result = cv2.max(result, plane)
-    return result
+    return max_channel(maxima.reshape(rows, columns) if channels == 1 else maxima)
 
 
-def _reduce(stacked: np.ndarray) -> np.ndarray:
-    """(N, 8 * M) holding eight rows of M one after the other, to their maxima (N, M)."""
-    step = stacked.shape[1] // BLOCK
-    result = cv2.max(stacked[:, :step], stacked[:, step : 2 * step])
-    for i in range(2, BLOCK):
-        cv2.max(result, stacked[:, i * step : (i + 1) * step], result)
+def _reduce(stacked: np.ndarray, before: Optional[np.ndarray] = None, step: int = 1) -> np.ndarray:
+    """(N, 8 * M) holding eight rows of M one after the other, to the maxima (N, M) of every `step`-th, from the last."""
+    length = stacked.shape[1] // BLOCK
+    result = difference = None
+    for row in range(BLOCK - 1, -1, -step):
+        part = stacked[:, row * length : (row + 1) * length]
+        if before is not None:
+            part = difference = cv2.subtract(part, before[:, row * length : (row + 1) * length], difference)
+        if result is None:
+            result, difference = part, None
+        else:
+            # the first part may be a view of the image
+            result = cv2.max(result, part, result if result.base is not stacked.base else None)
     return result
 
 

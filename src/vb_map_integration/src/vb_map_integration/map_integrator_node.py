@@ -8,7 +8,6 @@ from typing import Any, Dict, List, Sequence, Tuple
 
 import numpy as np
 import rospy
-from rospy.numpy_msg import numpy_msg
 from std_srvs.srv import Trigger, TriggerResponse
 from vb_msgs.msg import Finding as FindingMessage
 from vb_msgs.msg import VirtualBorder as BorderMessage
@@ -18,8 +17,6 @@ from vb_msgs.srv import (
     AddBorderResponse,
     ListBorders,
     ListBordersResponse,
-    PreviewBorder,
-    PreviewBorderResponse,
     RemoveBorder,
     RemoveBorderResponse,
     SaveMap,
@@ -40,15 +37,6 @@ from vb_map_integration.integrator import IntegratorParams, MapIntegrator, Outco
 KINDS = {BorderMessage.DECIDE: None, BorderMessage.POLYGON: True, BorderMessage.SEPARATING_CURVE: False}
 
 _MAP_PATIENCE_S = 5.0  # without a map for so long, a warning
-
-# carries the region as one block of memory, not cell by cell
-ArrayPreviewResponse = numpy_msg(PreviewBorderResponse)
-
-
-class ArrayPreviewBorder(PreviewBorder):
-    """PreviewBorder with numpy arrays in its response; the same on the wire."""
-
-    _response_class = ArrayPreviewResponse
 
 
 @dataclass(frozen=True)
@@ -148,7 +136,7 @@ class MapIntegratorNode:
             (names.ADD_BORDER, AddBorder, self._add),
             (names.UPDATE_BORDER, UpdateBorder, self._update),
             (names.REMOVE_BORDER, RemoveBorder, self._remove),
-            (names.PREVIEW_BORDER, ArrayPreviewBorder, self._preview),
+            (names.PREVIEW_BORDER, messages.PreviewBorderArray, self._preview),
             (names.LIST_BORDERS, ListBorders, self._list),
             (names.SAVE_MAP, SaveMap, self._save),
             (names.UNDO, Trigger, lambda _: self._trigger(self._integrator.undo)),
@@ -324,7 +312,7 @@ class MapIntegratorNode:
         return self._done(response, outcome)
 
     def _preview(self, request: Any) -> Any:
-        response = ArrayPreviewResponse()
+        response = messages.PreviewBorderArrayResponse()
         response.region.data = np.zeros(0, np.int8)
         response.unreachable_goals = np.zeros(0, np.uint32)
         try:

@@ -12,21 +12,16 @@ from std_msgs.msg import String
 from vb_core import names
 from vb_core.errors import CodedError
 from vb_core.parameters import Parameters, param
-from vb_core.ros import node, parameters, services
+from vb_core.ros import node, parameters
 from vb_core.ros.messages import array_from_points
 from vb_msgs.msg import BorderProgress, InteractionState, VirtualBorder, VirtualBorderArray
-from vb_msgs.srv import (
-    AddBorder,
-    AddBorderRequest,
-    Command,
-    CommandRequest,
-    CommandResponse,
-    GetCandidate,
-    GetCandidateRequest,
-)
+from vb_msgs.srv import Command, CommandRequest, CommandResponse
 
 from vb_voice_wizard import memory
 from vb_voice_wizard.interaction import Answer, Interaction, State, normalise
+from vb_voice_wizard.neighbours import UNANSWERED, Neighbours
+from vb_voice_wizard.preview_pace import PreviewParams
+from vb_voice_wizard.previewer import Previewer
 
 
 @dataclass(frozen=True)
@@ -50,13 +45,16 @@ class InteractionManager:
     Subscribes to:
         /virtual_borders/command_text (std_msgs/String): a command as text, "define_border" or "define border";
             its answer is in the state.
-        /virtual_borders/progress (vb_msgs/BorderProgress): which cameras contributed, for the record.
+        /virtual_borders/progress (vb_msgs/BorderProgress): which cameras contributed, for the record; border and
+            seed so far, for the preview.
         /virtual_borders/borders (vb_msgs/VirtualBorderArray): to see whether a save whose answer was lost
-            has arrived after all.
+            has arrived after all, and whether the preview is still right.
 
     Publishes:
         /virtual_borders/state (vb_msgs/InteractionState, latched): on each change, and every
             ~publish_period while an interaction is under way.
+        /virtual_borders/preview (vb_msgs/BorderPreview, latched): what saving now would do, as soon as there are
+            border and seed, and anew when they, the map or the borders in it change.
 
     Offers:
         /virtual_borders/command (vb_msgs/Command).
@@ -65,12 +63,15 @@ class InteractionManager:
         /virtual_borders/get_candidate (vb_msgs/GetCandidate), then /virtual_borders/add_border (vb_msgs/AddBorder).
         No lock is held meanwhile; other commands are answered with "busy".
 
+    Calls for the preview, from a thread of its own:
+        /virtual_borders/get_candidate, then /virtual_borders/preview_border (vb_msgs/PreviewBorder).
+
     Args:
-        params: see config/interaction_manager.yaml.
+        params, preview: see config/interaction_manager.yaml.
         run_id: the roscore's /run_id, by which a memory of another run is told apart.
     """
 
-    def __init__(self, params: ManagerParams, run_id: str) -> None:
+    def __init__(self, params: ManagerParams, preview: PreviewParams, run_id: str) -> None:
         self._params = params
         self._log_file = memory.writable("~log_file", params.log_file)
         self._state_file = memory.StateFile(memory.writable("~state_file", params.state_file), run_id)
@@ -84,6 +85,10 @@ class InteractionManager:
         self._texts: "queue.Queue" = queue.Queue(maxsize=20)
         self._recall()
 
+        self._neighbours = Neighbours(
+            params.border_name, params.occupancy, params.service_wait, params.service_answer
+        )
+        self._preview = Previewer(preview, self._neighbours)
         self._publisher = rospy.Publisher(names.STATE, InteractionState, queue_size=10, latch=True)
         with self._lock:
             self._publish()
@@ -95,14 +100,20 @@ class InteractionManager:
         # reset: simulated time may jump back when a simulation starts afresh
         self._timer = rospy.Timer(rospy.Duration(params.publish_period), self._on_timer, reset=True)
 
+    def close(self) -> None:
+        """Ends the preview's worker."""
+        self._preview.close()
+
     # ------------------------------------------------------------------ inputs
     def _on_progress(self, message: BorderProgress) -> None:
         with self._lock:
             self._cameras, self._cameras_of = list(message.cameras), message.interaction_id
+        self._preview.on_progress(message)
 
     def _on_borders(self, message: VirtualBorderArray) -> None:
         with self._lock:
             self._borders = list(message.borders)
+        self._preview.on_borders(message)
 
     def _on_text(self, message: String) -> None:
         try:
@@ -130,7 +141,9 @@ class InteractionManager:
             answer = self._interaction.command(command, source, rospy.get_time())
             save = answer.success and self._interaction.saving
             interaction_id, unsure = self._interaction.interaction_id, self._unsure
-            if not save:
+            if save:
+                self._preview.on_interaction(interaction_id, saving=True)
+            else:
                 self._changed()
         if save:
             answer = self._save(interaction_id, unsure)
@@ -140,13 +153,17 @@ class InteractionManager:
     def _save(self, interaction_id: str, unsure: bool) -> Answer:
         """Asks the neighbours, without the lock, then ends or continues the interaction."""
         try:
-            border = self._candidate(interaction_id)
+            border = self._neighbours.candidate(interaction_id)
             border_id = self._find(border) if unsure else ""
             if not border_id:
                 border_id = self._add(border)
         except CodedError as error:
+            message = error.message
+            if error.code in UNANSWERED:
+                rospy.logwarn("interaction_manager: %s: %s", error, error.__cause__)
+                message = f"{message}; say save again in a moment."
             with self._lock:
-                answer = self._interaction.refuse_save(error.code, error.message, rospy.get_time())
+                answer = self._interaction.refuse_save(error.code, message, rospy.get_time())
                 self._changed()
             return answer
         with self._lock:
@@ -155,47 +172,22 @@ class InteractionManager:
             self._changed()
         return answer
 
-    def _candidate(self, interaction_id: str) -> VirtualBorder:
-        response = self._ask(
-            names.CANDIDATE, GetCandidate, GetCandidateRequest(interaction_id=interaction_id), "The border fusion"
-        )
-        if not response.success:
-            raise CodedError(response.code, response.message)
-        border = response.border
-        border.id = ""
-        border.name = self._params.border_name
-        border.occupancy = self._params.occupancy
-        border.enabled = True
-        return border
-
     def _add(self, border: VirtualBorder) -> str:
         with self._lock:
             self._unsure = True
             self._remember()
             source = self._interaction.last_source
-        request = AddBorderRequest(border=border, frame_id=names.MAP_FRAME, source=source)
         try:
-            response = self._ask(names.ADD_BORDER, AddBorder, request, "The map integrator")
+            border_id = self._neighbours.add(border, source)
         except CodedError as error:
-            if error.code == "no_service":
-                # nothing was sent, so nothing can have arrived
+            # only what was sent and not answered may have arrived
+            if error.code != "no_answer":
                 with self._lock:
                     self._unsure = False
             raise
         with self._lock:
             self._unsure = False
-        if not response.success:
-            raise CodedError(response.code, response.message)
-        return response.id
-
-    def _ask(self, name: str, service: type, request: object, who: str) -> object:
-        try:
-            return services.call(
-                name, service, request, who, self._params.service_wait, self._params.service_answer
-            )
-        except CodedError as error:
-            rospy.logwarn("interaction_manager: %s: %s", error, error.__cause__)
-            raise CodedError(error.code, f"{who} does not answer; say save again in a moment.") from None
+        return border_id
 
     def _find(self, border: VirtualBorder) -> str:
         """The id of a border in the store with this very chain and seed, or ""."""
@@ -248,6 +240,7 @@ class InteractionManager:
             )
 
     def _publish(self) -> None:
+        self._preview.on_interaction(self._interaction.interaction_id, self._interaction.saving)
         interaction, now = self._interaction, rospy.get_time()
         durations = interaction.durations(now)
         message = InteractionState()
@@ -282,10 +275,11 @@ def _await_clock(limit_s: float = 3.0) -> None:
 
 
 def _build() -> InteractionManager:
-    params = parameters.read(ManagerParams)
+    params = parameters.read(ManagerParams, ignore=("preview",))
+    preview = parameters.read(PreviewParams, "~preview")
     _await_clock()
     run_id: Optional[str] = rospy.get_param("/run_id", "")
-    return InteractionManager(params, str(run_id or ""))
+    return InteractionManager(params, preview, str(run_id or ""))
 
 
 def main() -> None:

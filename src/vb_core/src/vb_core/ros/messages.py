@@ -12,6 +12,8 @@ from geometry_msgs.msg import Point, Pose, Quaternion, Transform, TransformStamp
 from nav_msgs.msg import OccupancyGrid
 from rospy.numpy_msg import numpy_msg
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image
+from vb_msgs.msg import BorderPreview
+from vb_msgs.srv import PreviewBorder, PreviewBorderResponse
 
 from vb_core import geometry
 from vb_core.camera_model import CameraModel
@@ -20,6 +22,15 @@ from vb_core.grid_map import GridMap
 
 # rospy packs and unpacks int8[] cell by cell; with this type for publisher and subscriber it is one copy
 OccupancyGridArray = numpy_msg(OccupancyGrid)
+BorderPreviewArray = numpy_msg(BorderPreview)
+PreviewBorderArrayResponse = numpy_msg(PreviewBorderResponse)
+
+
+class PreviewBorderArray(PreviewBorder):
+    """The service PreviewBorder with numpy arrays in its response; the same on the wire."""
+
+    _response_class = PreviewBorderArrayResponse
+
 
 _bridge = CvBridge()
 
