@@ -6,7 +6,14 @@ import time
 
 import rospy
 
-from vb_msgs.srv import AddBorder, AddBorderResponse, GetCandidate, GetCandidateResponse
+from vb_msgs.srv import (
+    AddBorder,
+    AddBorderResponse,
+    GetCandidate,
+    GetCandidateResponse,
+    PreviewBorder,
+    PreviewBorderResponse,
+)
 
 
 def wait_until(condition, what: str, limit_s: float = 60.0):
@@ -70,12 +77,17 @@ class StubNeighbours:
         self.candidate.border.points = [rospy_point(0, 0), rospy_point(1, 0), rospy_point(1, 1)]
         self.candidate.border.seed = rospy_point(0.5, 0.5)
         self.add = AddBorderResponse(success=True, code="ok", id="b1")
+        self.preview = PreviewBorderResponse(success=True, code="ok", area_m2=0.5, free_parts=1)
+        self.preview.region.info.width, self.preview.region.info.height = 2, 1
+        self.preview.region.data = [100, 0]
         self.before_add = lambda: None
-        self.candidates, self.added = [], []
+        self.candidates, self.added, self.previews = [], [], []
         self.services = []
 
-    def offer(self, candidate: bool = True, add: bool = True) -> None:
+    def offer(self, candidate: bool = True, add: bool = True, preview: bool = True) -> None:
         """Starts the services."""
+        if preview:
+            self.services.append(rospy.Service("/virtual_borders/preview_border", PreviewBorder, self._on_preview))
         if candidate:
             self.services.append(rospy.Service("/virtual_borders/get_candidate", GetCandidate, self._on_candidate))
         if add:
@@ -90,6 +102,14 @@ class StubNeighbours:
     def _on_candidate(self, request):
         self.candidates.append(request)
         return self.candidate
+
+    def _on_preview(self, request):
+        self.previews.append(request)
+        return self.preview_answer(request)
+
+    def preview_answer(self, _request):
+        """A test may put another one in its place."""
+        return self.preview
 
     def _on_add(self, request):
         self.before_add()

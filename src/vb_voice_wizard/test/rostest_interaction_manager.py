@@ -15,16 +15,16 @@ import rostest
 from std_msgs.msg import String
 
 sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
-from ros_helpers import Newest, Process, StubNeighbours, wait_until  # noqa: E402
+from ros_helpers import Newest, Process, StubNeighbours, rospy_point, wait_until  # noqa: E402
 
-from vb_msgs.msg import BorderProgress, InteractionState, VirtualBorder, VirtualBorderArray  # noqa: E402
-from vb_msgs.srv import AddBorderResponse, Command, GetCandidateResponse  # noqa: E402
+from vb_msgs.msg import BorderPreview, BorderProgress, Finding, InteractionState, VirtualBorder, VirtualBorderArray  # noqa: E402
+from vb_msgs.srv import AddBorderResponse, Command, GetCandidateResponse, PreviewBorderResponse  # noqa: E402
 
 FOLDER = tempfile.mkdtemp(prefix="vb_interaction_")
 LOG = os.path.join(FOLDER, "interactions.jsonl")
 ARGUMENTS = [
     f"_log_file:={LOG}", f"_state_file:={FOLDER}/state.json", "_method:=a_method", "_publish_period:=0.2",
-    "_service_wait:=2.5", "_service_answer:=3.0",
+    "_service_wait:=2.5", "_service_answer:=3.0", "_preview/period:=0.05", "_preview/retry:=0.2",
 ]
 
 
@@ -38,6 +38,7 @@ class InteractionManagerTest(unittest.TestCase):
         cls.borders = rospy.Publisher("/virtual_borders/borders", VirtualBorderArray, queue_size=1, latch=True)
         cls.text = rospy.Publisher("/virtual_borders/command_text", String, queue_size=5)
         cls.state = Newest("/virtual_borders/state", InteractionState)
+        cls.preview = Newest("/virtual_borders/preview", BorderPreview)
         cls.node = Process("interaction_manager", "__name:=interaction_manager", *ARGUMENTS)
         rospy.wait_for_service("/virtual_borders/command", 60)
 
@@ -90,6 +91,68 @@ class InteractionManagerTest(unittest.TestCase):
         self.assertEqual((record["outcome"], record["border_id"], record["method"]), ("saved", "b1", "a_method"))
         self.assertEqual(record["sources"], ["voice", "test", "wizard"])
         self.assertAlmostEqual(record["border_s"] + record["seed_s"], record["ended"] - record["started"], places=2)
+
+    def draw(self, identity, dx=0.0):
+        """Progress with border and seed, as the border fusion tells it."""
+        self.progress.publish(
+            interaction_id=identity, code="ok", has_seed=True, seed=rospy_point(0.5 + dx, 0.5),
+            chain=[rospy_point(0, 0), rospy_point(1, 0), rospy_point(1, 1)],
+        )
+
+    def test_the_preview_follows_what_is_drawn(self):
+        self.command("define_border")
+        identity = self.in_state("border").interaction_id
+        nothing = self.preview.wait(lambda message: message.interaction_id == identity, "a preview of nothing yet")
+        self.assertFalse(nothing.available)
+        self.command("define_seed")
+        self.draw(identity)
+        first = self.preview.wait(lambda message: message.available, "the preview")
+        self.assertEqual((first.success, first.code, first.area_m2, first.free_parts), (True, "ok", 0.5, 1))
+        self.assertEqual((first.header.frame_id, list(first.region.data)), ("map", [100, 0]))
+        self.assertEqual(len(first.border.points), 3)
+        self.assertEqual(self.stub.previews[-1].border.points, first.border.points)
+        # a moved seed is looked at anew, and so are borders that others change
+        refusal = PreviewBorderResponse(success=False, code="separates_nothing", message="It separates nothing.")
+        refusal.findings = [Finding(Finding.ERROR, "separates_nothing", "It separates nothing.")]
+        good, self.stub.preview = self.stub.preview, refusal
+        self.draw(identity, dx=0.2)
+        refused = self.preview.wait(lambda message: message.code == "separates_nothing", "the refusal")
+        self.assertEqual((refused.available, refused.success, len(refused.findings)), (True, False, 1))
+        self.stub.preview = good
+        self.borders.publish(revision=77)
+        self.preview.wait(lambda message: message.success, "the preview in another map")
+        # a neighbour that is away is said so, and asked again
+        self.stub.withdraw()
+        self.draw(identity, dx=0.4)
+        away = self.preview.wait(lambda message: message.code in ("no_service", "no_answer"), "the missing neighbour")
+        self.assertFalse(away.available)
+        self.assertIn("does not answer", away.message)
+        self.stub.offer()
+        self.preview.wait(lambda message: message.available, "the neighbour that is back")
+        self.assertTrue(self.command("save").success)
+        self.preview.wait(lambda message: not message.interaction_id and not message.available, "the cleared preview")
+
+    def test_a_preview_without_an_answer_holds_nobody_up(self):
+        stuck, reached = threading.Event(), threading.Event()
+        original = self.stub.preview_answer
+
+        def hang(request):
+            reached.set()
+            stuck.wait(60)
+            return original(request)
+
+        self.stub.preview_answer = hang
+        try:
+            self.command("define_border")
+            self.command("define_seed")
+            self.draw(self.in_state("seed").interaction_id)
+            self.assertTrue(reached.wait(60))
+            self.assertTrue(self.command("guide_robot").success)
+            self.assertTrue(self.command("save").success)
+        finally:
+            stuck.set()
+            self.stub.preview_answer = original
+        self.preview.wait(lambda message: not message.interaction_id and not message.available, "the cleared preview")
 
     def test_the_record_names_the_cameras(self):
         def tried():

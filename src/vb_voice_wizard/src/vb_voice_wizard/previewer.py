@@ -1,0 +1,128 @@
+"""The part of the interaction manager that shows what saving would do before anybody says so."""
+from __future__ import annotations
+
+import dataclasses
+import threading
+import time
+from typing import Optional
+
+import numpy as np
+import rospy
+from vb_core import names
+from vb_core.errors import CodedError
+from vb_core.ros import node
+from vb_core.ros.messages import BorderPreviewArray, array_from_points
+from vb_msgs.msg import BorderProgress, VirtualBorderArray
+
+from vb_voice_wizard.neighbours import UNANSWERED, Neighbours
+from vb_voice_wizard.preview_pace import PreviewPace, PreviewParams, Situation
+
+
+class Previewer:
+    """Publishes /virtual_borders/preview (vb_msgs/BorderPreview, latched) from a thread of its own.
+
+    The `on_*` methods only store; a command never waits for a preview.
+
+    Args:
+        params: how often, and after what change.
+        neighbours: who is asked.
+    """
+
+    def __init__(self, params: PreviewParams, neighbours: Neighbours) -> None:
+        self._neighbours = neighbours
+        self._pace = PreviewPace(params)
+        self._condition = threading.Condition()
+        self._situation = Situation()
+        self._progress: Optional[BorderProgress] = None
+        self._held = False
+        self._closed = False
+        self._publisher = rospy.Publisher(names.PREVIEW, BorderPreviewArray, queue_size=1, latch=True)
+        node.Worker(self, self._make)
+
+    # ------------------------------------------------------------------ inputs
+    def on_interaction(self, interaction_id: str, saving: bool) -> None:
+        """The interaction under way ("" for none). While it is being saved, nothing is looked at any more."""
+        with self._condition:
+            self._held = saving
+            if interaction_id != self._situation.interaction_id:
+                self._situation = Situation(interaction_id, borders=self._situation.borders)
+                self._take_progress()
+            self._condition.notify()
+
+    def on_progress(self, message: BorderProgress) -> None:
+        """What was drawn so far."""
+        with self._condition:
+            self._progress = message
+            self._take_progress()
+            self._condition.notify()
+
+    def on_borders(self, message: VirtualBorderArray) -> None:
+        """The borders in the map; they come again whenever the map changes."""
+        with self._condition:
+            borders = (message.header.stamp.to_sec(), message.revision)
+            self._situation = dataclasses.replace(self._situation, borders=borders)
+            self._condition.notify()
+
+    def _take_progress(self) -> None:
+        message = self._progress
+        if message is None or not message.interaction_id or message.interaction_id != self._situation.interaction_id:
+            return
+        refused = message.code != "ok"
+        self._situation = dataclasses.replace(
+            self._situation,
+            chain=array_from_points(message.chain),
+            seed=array_from_points([message.seed] if message.has_seed else []),
+            code=message.code if refused else "missing_seed",
+            message=message.message if refused else "The seed is missing.",
+        )
+
+    # ------------------------------------------------------------------ work
+    def take(self) -> Optional[Situation]:
+        """Waits for a situation that has to be looked at; None once closed. For the worker alone."""
+        with self._condition:
+            while not self._closed:
+                wait_s = None if self._held else self._pace.wait_s(self._situation, time.monotonic())
+                if wait_s == 0.0:
+                    return self._situation
+                self._condition.wait(wait_s)
+        return None
+
+    def close(self) -> None:
+        """Ends the worker."""
+        with self._condition:
+            self._closed = True
+            self._condition.notify()
+
+    def _make(self, situation: Situation) -> None:
+        started, answered = time.monotonic(), True
+        preview = self._empty(situation, situation.code, situation.message)
+        if situation.complete:
+            try:
+                preview = self._look(situation)
+            except CodedError as error:
+                answered = error.code not in UNANSWERED
+                preview = self._empty(situation, error.code, error.message)
+        with self._condition:
+            # an interaction that ended or is being saved meanwhile has nothing to show any more
+            if self._situation.interaction_id == situation.interaction_id and not self._held:
+                self._publisher.publish(preview)
+                self._pace.done(situation, started, time.monotonic(), answered)
+
+    def _look(self, situation: Situation) -> BorderPreviewArray:
+        border = self._neighbours.candidate(situation.interaction_id)
+        answer = self._neighbours.preview(border)
+        border.area_m2 = answer.area_m2
+        preview = self._empty(situation, answer.code, answer.message)
+        preview.available, preview.success = True, answer.success
+        preview.findings = answer.findings
+        preview.border, preview.region = border, answer.region
+        preview.area_m2, preview.free_parts = answer.area_m2, answer.free_parts
+        return preview
+
+    @staticmethod
+    def _empty(situation: Situation, code: str, message: str) -> BorderPreviewArray:
+        preview = BorderPreviewArray(interaction_id=situation.interaction_id, code=code, message=message)
+        preview.header.stamp = rospy.Time.now()
+        preview.header.frame_id = names.MAP_FRAME
+        preview.region.data = np.zeros(0, np.int8)
+        return preview

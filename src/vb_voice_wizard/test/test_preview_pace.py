@@ -1,0 +1,82 @@
+"""When a preview is made anew."""
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from vb_core.errors import ParameterError
+from vb_voice_wizard.preview_pace import PreviewPace, PreviewParams, Situation
+
+PARAMS = PreviewParams(period=0.5, retry=2.0, tolerance=0.02, share=0.25)
+DRAWN = Situation("i1", np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0]]), np.array([[0.5, 0.5]]), (7.0, 3))
+
+
+def changed(**changes) -> Situation:
+    return dataclasses.replace(DRAWN, **changes)
+
+
+def shown(situation: Situation = DRAWN, started: float = 100.0, took: float = 0.0, answered: bool = True) -> PreviewPace:
+    pace = PreviewPace(PARAMS)
+    pace.done(situation, started, started + took, answered)
+    return pace
+
+
+def test_the_first_one_is_due_at_once():
+    assert PreviewPace(PARAMS).wait_s(Situation(), 0.0) == 0.0
+    assert PreviewPace(PARAMS).wait_s(DRAWN, 0.0) == 0.0
+
+
+def test_nothing_is_done_while_nothing_changes():
+    assert shown().wait_s(DRAWN, 1e9) is None
+    assert shown().wait_s(changed(chain=DRAWN.chain + 0.01, seed=DRAWN.seed - 0.01), 1e9) is None
+    # without border and seed the borders in the map are no matter
+    assert shown(Situation("i1")).wait_s(Situation("i1", borders=(8.0, 4)), 1e9) is None
+
+
+@pytest.mark.parametrize(
+    "now",
+    [
+        changed(chain=DRAWN.chain + 0.03),
+        changed(chain=DRAWN.chain[:2]),
+        changed(seed=DRAWN.seed + 0.03),
+        changed(seed=np.zeros((0, 2))),
+        changed(borders=(7.0, 4)),
+        changed(borders=(7.1, 3)),
+    ],
+)
+def test_what_matters_is_looked_at_after_the_period(now):
+    assert shown().wait_s(now, 100.2) == pytest.approx(0.3)
+    assert shown().wait_s(now, 100.5) == 0.0
+
+
+def test_slow_changes_add_up():
+    pace, drifting = shown(), [changed(seed=DRAWN.seed + step * 0.015) for step in (1, 2)]
+    assert [pace.wait_s(situation, 200.0) for situation in drifting] == [None, 0.0]
+
+
+def test_another_interaction_is_shown_at_once():
+    assert shown().wait_s(Situation(), 100.0) == 0.0
+    assert shown().wait_s(changed(interaction_id="i2"), 100.0) == 0.0
+
+
+def test_a_neighbour_that_is_away_is_asked_again():
+    assert shown(answered=False).wait_s(DRAWN, 101.5) == pytest.approx(0.5)
+    assert shown(answered=False).wait_s(DRAWN, 103.0) == 0.0
+
+
+@given(st.floats(0.0, 100.0))
+def test_previews_take_no_more_than_their_share(took):
+    moved = changed(seed=DRAWN.seed + 1.0)
+    pause = shown(took=took).wait_s(moved, 100.0 + took)
+    assert took <= PARAMS.share * (took + pause) + 1e-6
+    assert took + pause >= PARAMS.period - 1e-6
+
+
+def test_bad_parameters_name_themselves():
+    for key, value in (("period", 0.0), ("share", 0.0), ("share", 1.5), ("tolerance", -1.0), ("retry", "x")):
+        with pytest.raises(ParameterError, match=key):
+            PreviewParams.from_mapping({key: value})
