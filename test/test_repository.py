@@ -1,6 +1,8 @@
 """Rules that hold across all packages (docs/architecture.md)."""
 import ast
 import re
+import subprocess
+import sys
 import xml.etree.ElementTree as ElementTree
 from pathlib import Path
 
@@ -66,3 +68,55 @@ def test_requirements_are_pinned():
     lines = (TOP / "requirements.txt").read_text().splitlines()
     wanted = [line for line in lines if line.strip() and not line.startswith("#")]
     assert wanted and all(re.fullmatch(r"[A-Za-z0-9_.-]+==[0-9][A-Za-z0-9.+]*", line.strip()) for line in wanted), wanted
+
+
+# ------------------------------------------------------------ pure modules
+ROS = ("rospy", "roslib", "rosgraph", "rosbag", "roslaunch", "tf2_ros", "cv_bridge", "actionlib", "dynamic_reconfigure",
+       "interactive_markers", "message_filters")
+# what other programs may import on a machine without ROS (docs/architecture.md)
+PROMISED = ("vb_core.grid_map", "vb_laser_detect.detector", "vb_fusion.extraction", "vb_map_integration.border",
+            "vb_map_integration.integration", "vb_voice_wizard.recognizer", "vb_voice_wizard.interaction",
+            "vb_evaluation.metrics")
+IMPORT_WITHOUT_ROS = """
+import importlib, sys
+
+class NoRos:
+    def find_spec(self, name, path=None, target=None):
+        top = name.split(".")[0]
+        if top in sys.argv[1].split(",") or top.endswith("_msgs"):
+            raise ImportError(name + " is blocked")
+
+sys.meta_path.insert(0, NoRos())
+for module in sys.argv[2:]:
+    importlib.import_module(module)
+"""
+
+
+def module_name(path):
+    parts = path.relative_to(TOP / "src").with_suffix("").parts[2:]
+    return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
+
+
+def says_it_needs_ros(path):
+    """A file that imports ROS or the ROS side of the project says so; all others promise to do without."""
+    text = path.read_text(encoding="utf-8")
+    return (
+        path.stem.endswith("_node")
+        or any(name in ROS or name.endswith("_msgs") for name in imported(path))
+        or "from vb_core.ros" in text
+        or "import vb_core.ros" in text
+    )
+
+
+def pure_modules(package):
+    files = TOP.glob(f"src/{package}/src/{package}/**/*.py")
+    return sorted(module_name(path) for path in files if path.stem != "__main__" and not says_it_needs_ros(path))
+
+
+@pytest.mark.parametrize("package", [name for name in PACKAGES if (TOP / "src" / name / "src").exists()])
+def test_pure_modules_load_without_ros(package):
+    modules = pure_modules(package)
+    assert {name for name in PROMISED if name.split(".")[0] == package} <= set(modules)
+    done = subprocess.run([sys.executable, "-c", IMPORT_WITHOUT_ROS, ",".join(ROS), *modules],
+                          stderr=subprocess.PIPE, universal_newlines=True)
+    assert done.returncode == 0, done.stderr
