@@ -14,8 +14,10 @@ from geometry_msgs.msg import Point
 sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
 from ros_helpers import wait_until  # noqa: E402
 from vb_core.grid_map import GridMap  # noqa: E402
-from vb_core.ros.messages import OccupancyGridArray, message_from_grid  # noqa: E402
-from vb_msgs.msg import BorderProgress, InteractionState, LaserSpot, VirtualBorder, VirtualBorderArray  # noqa: E402
+from vb_core.ros.messages import BorderPreviewArray, OccupancyGridArray, message_from_grid  # noqa: E402
+from std_msgs.msg import String  # noqa: E402
+from vb_feedback.restricted import PREVIEW  # noqa: E402
+from vb_msgs.msg import BorderProgress, Finding, InteractionState, LaserSpot, VirtualBorder, VirtualBorderArray  # noqa: E402
 from visualization_msgs.msg import Marker, MarkerArray  # noqa: E402
 
 
@@ -55,6 +57,8 @@ class DisplayMarkersTest(unittest.TestCase):
         cls.state = rospy.Publisher("/virtual_borders/state", InteractionState, **latched)
         cls.progress = rospy.Publisher("/virtual_borders/progress", BorderProgress, **latched)
         cls.borders = rospy.Publisher("/virtual_borders/borders", VirtualBorderArray, **latched)
+        cls.preview = rospy.Publisher("/virtual_borders/preview", BorderPreviewArray, **latched)
+        cls.workspace = rospy.Publisher("/virtual_borders/workspace", String, **latched)
         cls.spots = rospy.Publisher("/virtual_borders/spots", LaserSpot, queue_size=10)
         cls.overlays = []
         cls.overlay = rospy.Subscriber("/virtual_borders/display/restricted", OccupancyGridArray, cls.overlays.append)
@@ -122,6 +126,32 @@ class DisplayMarkersTest(unittest.TestCase):
         self.assertFalse(shown.any())
         self.borders.publish(borders=[])
         wait_until(lambda: not self.screen.has("borders/outline"), "the end of the border")
+
+    def test_3_preview_belongs_to_its_interaction(self):
+        self.posterior.publish(message_from_grid(self.grid, rospy.Time.now()))
+        self.say(name="seed", interaction_id="i8", commands=["save", "cancel"], last_message="Point at the side.")
+        cells = np.zeros_like(self.grid.data)
+        cells[50:70, 20:60] = 100
+        preview = BorderPreviewArray(
+            interaction_id="i8", available=True, success=True, area_m2=2.0,
+            findings=[Finding(Finding.WARNING, "splits", "the free space would fall into 2 parts")],
+            region=message_from_grid(self.grid.with_data(cells), rospy.Time.now()),
+        )
+        self.preview.publish(preview)
+
+        def orange():
+            shown = np.asarray(self.overlays[-1].data).reshape(100, 160) if self.overlays else np.zeros(1)
+            return np.nonzero(shown == PREVIEW)
+
+        rows, columns = wait_until(lambda: orange() if len(orange()[0]) else None, "the region that save would restrict")
+        self.assertEqual((rows.min(), rows.max(), columns.min(), columns.max()), (50, 69, 20, 59))
+        wait_until(lambda: self.screen.says("words/notice/1") == "Save would restrict 2.00 m2.", "its size in words")
+        self.assertEqual(self.screen.says("words/notice/2"), "Mind: the free space would fall into 2 parts")
+        self.workspace.publish("the robot is inside 'Carpet'")
+        wait_until(lambda: self.screen.says("words/notice/1") == "The robot is inside 'Carpet'.", "the robot's standing")
+        self.workspace.publish("the robot has left 'Carpet'")
+        self.say(last_message="Saved.", last_outcome="saved")
+        wait_until(lambda: not len(orange()[0]) and not self.screen.has("words/notice/2"), "the end of the preview")
 
     def test_4_spots_come_and_fade(self):
         self.say(name="border", interaction_id="i")

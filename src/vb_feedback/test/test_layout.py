@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from vb_core.errors import CodedError
-from vb_feedback.layout import Box, fit, fit_text, place_labels, place_words, plain, text_width, wrap
+from vb_feedback.layout import Box, fit, fit_text, fit_texts, place_labels, place_words, plain, text_width, wrap
 
 sizes = st.floats(0.5, 200.0)
 places = st.floats(-1000.0, 1000.0)
@@ -59,6 +59,16 @@ def test_text_never_leaves_its_box(sentence, width, height):
     assert (1.0 + 1.2 * (lines - 1)) * size <= height + 1e-9
     whole = text.replace("\n", "").replace(" ", "") == "".join(sentence)
     assert whole or text.endswith("...")
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.lists(st.lists(words, min_size=1, max_size=30), min_size=1, max_size=3))
+def test_texts_share_their_box(sentences):
+    width, height = 20.0, 4.0
+    texts, size = fit_texts([" ".join(sentence) for sentence in sentences], (1.0, 0.8, 0.5), width, height)
+    assert len(texts) == len(sentences) and all(texts)
+    assert (1.0 + 1.2 * (sum(text.count("\n") + 1 for text in texts) - 1)) * size <= height + 1e-9
+    assert all(text_width(text, size) <= width for text in texts)
 
 
 def test_short_text_gets_the_largest_letters():

@@ -6,7 +6,7 @@ import sys
 
 import pytest
 
-PURE = ["colours", "layout", "scene", "tones", "restricted", "rviz_config", "fit_display"]
+PURE = ["colours", "layout", "scene", "words", "notices", "tones", "restricted", "rviz_config", "fit_display"]
 
 BLOCK = """
 import sys

@@ -2,58 +2,17 @@
 from __future__ import annotations
 
 import itertools
-import math
 
 import numpy as np
 import pytest
 
 from vb_feedback import colours, scene
 from vb_feedback.layout import Box, fit
-from vb_feedback.restricted import CLEAR, STRIPE, overlay
+from vb_feedback.restricted import CLEAR, PREVIEW, STRIPE, overlay
+from vb_feedback.words import Talk, words
 
 COMMANDS = ("save", "define_border", "define_seed", "guide_robot", "cancel")
 LONG = "The map integrator refuses this border because it would part the kitchen from the rest of the home, " * 2
-
-
-@pytest.mark.parametrize("extent", [Box(0, 0, 8, 5), Box(-30, 7, 10, 12), Box(2, 2, 4, 12)])
-@pytest.mark.parametrize("aspect", [16 / 9, 4 / 3])
-@pytest.mark.parametrize("state", ["", "default", "border", "seed", "guide", "another"])
-def test_words_overlap_neither_map_nor_each_other(extent, aspect, state):
-    layout = fit(extent, aspect)
-    for commands, seeing, message in itertools.product(
-        ((), COMMANDS[:4]), ((), ("red",), ("red", "green", "blue", "a_camera_with_a_long_name")), ("", "Ok.", LONG)
-    ):
-        talk = scene.Talk(state, 3599.0, commands, False, message, seeing)
-        boxes = scene.text_boxes(scene.words(layout, talk))
-        for one, other in itertools.combinations(boxes, 2):
-            assert not one.overlaps(other)
-        for box in boxes:
-            assert layout.view.contains(box) and not box.overlaps(layout.map)
-
-
-def test_letters_can_be_read_from_three_metres():
-    # 22 inch at 16:9 is 0.274 m high; capitals are 0.6 of RViz's text height; 16 arc minutes is ISO 9241-303's least
-    layout = fit(Box(0, 0, 8, 5), 16 / 9)
-    talk = scene.Talk("border", 10.0, COMMANDS[:4], True, "Draw the border on the floor with the laser.", ("red",))
-    angle = {}
-    for shape in scene.words(layout, talk):
-        millimetres = shape.size[0] / layout.unit * 274.0 * 0.6
-        angle[shape.namespace] = math.degrees(math.atan(millimetres / 3000.0)) * 60.0
-    assert angle["words/state"] > 20.0
-    assert min(angle["words/answer"], angle["words/say/0"]) > 12.0
-    assert min(angle.values()) > 8.0
-
-
-def test_state_and_commands_are_said():
-    layout = fit(Box(0, 0, 8, 5), 16 / 9)
-    shapes = scene.words(layout, scene.Talk("seed", 65.0, ("save", "cancel"), False, "No.", ()))
-    said = {}
-    for shape in shapes:
-        said.setdefault(shape.namespace, []).append(shape.text)
-    assert said["words/state"] == ["Seed"] and said["words/elapsed"] == ["1:05"]
-    assert said["words/say/0"] == ["save"] and said["words/answer"] == ["No."]
-    refusal = [shape for shape in shapes if shape.namespace == "words/answer"][0]
-    assert refusal.colours != (colours.WHITE,)
 
 
 def border(**changes):
@@ -87,6 +46,14 @@ def test_labels_of_borders_stay_on_the_map():
     assert all(any(plate.contains(text) for plate in plates) for text in texts)
 
 
+def test_long_names_are_cut_and_stay_on_the_map():
+    layout = fit(Box(0, 0, 8, 5), 16 / 9)
+    for name in ("Carpet in front of the fireplace and behind the sofa where the dog sleeps at night", "X" * 200, ""):
+        shapes = scene.borders(layout, [border(name=name, seed=(7.9, 0.1))])
+        assert all(layout.map.contains(box) for box in scene.text_boxes(shapes))
+        assert any(shape.text for shape in shapes)
+
+
 def test_segments_join_at_corners():
     pairs = np.array(scene.segments([(0, 0), (2, 0), (2, 0), (2, 1)], True, 0.2)).reshape(-1, 2, 2)
     assert len(pairs) == 3
@@ -98,14 +65,15 @@ def test_segments_join_at_corners():
 def test_spots_fade_and_go():
     layout = fit(Box(0, 0, 8, 5), 16 / 9)
     seen = [scene.Spot("red", 1.0, 1.0, 10.0), scene.Spot("red", 1.1, 1.0, 11.0), scene.Spot("blue", 2.0, 2.0, 10.9)]
-    shapes = {shape.key: shape for shape in scene.spots(layout, seen, 11.0, 1.5, 3.0)}
+    shapes = {shape.key: shape for shape in scene.trails(layout, seen, 11.0, 1.5, 3.0)}
     trail = shapes[("spots/red/trail", 0)]
     assert trail.points == ((1.0, 1.0), (1.1, 1.0)) and sum(trail.colours[0]) > sum(trail.colours[1])
     assert trail.colours[1] == colours.camera_colour("red") != colours.camera_colour("blue")
-    assert shapes[("spots/red", 1)].points == ((1.1, 1.0),) and ("spots/blue", 1) in shapes
-    assert scene.spots(layout, seen, 20.0, 1.5, 3.0) == []
-    # time that jumped back: what seems to come from the future is left out
-    assert scene.spots(layout, seen, 0.0, 1.5, 3.0) == []
+    discs = {shape.key: shape for shape in scene.live_spots(layout, seen, 11.0, 1.5, 3.0)}
+    assert discs[("spots/red", 1)].points == ((1.1, 1.0),) and ("spots/blue", 1) in discs
+    # long ago; and time that jumped back: what seems to come from the future is left out
+    for now in (20.0, 0.0):
+        assert scene.trails(layout, seen, now, 1.5, 3.0) == scene.live_spots(layout, seen, now, 1.5, 3.0) == []
 
 
 def test_drawing_needs_no_camera_names():
@@ -118,11 +86,11 @@ def test_drawing_needs_no_camera_names():
 
 def test_only_changes_are_sent():
     layout = fit(Box(0, 0, 8, 5), 16 / 9)
-    first = scene.words(layout, scene.Talk("border", 1.0, COMMANDS[:2], True, "Draw."))
+    first = words(layout, Talk("border", 1.0, COMMANDS[:2], True, "Draw."))
     shown = {shape.key: shape for shape in first}
     assert len(shown) == len(first)
     assert scene.changes(shown, first) == ([], [])
-    later = scene.words(layout, scene.Talk("border", 2.0, COMMANDS[:1], True, "Draw."))
+    later = words(layout, Talk("border", 2.0, COMMANDS[:1], True, "Draw."))
     changed, gone = scene.changes(shown, later)
     assert [shape.namespace for shape in changed] == ["words/elapsed"]
     assert {namespace for namespace, _ in gone} == {"words/say/1"}
@@ -130,7 +98,7 @@ def test_only_changes_are_sent():
 
 def test_every_shape_has_its_own_key():
     layout = fit(Box(0, 0, 8, 5), 16 / 9)
-    shapes = scene.words(layout, scene.Talk("border", 1.0, COMMANDS[:4], True, LONG, ("red", "blue", "green")))
+    shapes = words(layout, Talk("border", 1.0, COMMANDS[:4], True, LONG, ("red", "blue", "green")))
     shapes += scene.borders(layout, [border(), border(name="Room two")]) + scene.robot("base_link", 0, 0.18)
     shapes += scene.drawing(layout, scene.Drawing(((1, 1),), ("red",), ((1, 1), (2, 2)), False, (3, 3)))
     assert len({shape.key for shape in shapes}) == len(shapes)
@@ -151,6 +119,18 @@ def test_overlay_marks_only_what_borders_changed():
     assert 0.4 < hard.mean() < 0.6 and 0 < soft.mean() < hard.mean()
     assert (found[10, 10:30] == STRIPE).all() and (found[10:30, 29] == STRIPE).all()
     assert not overlay(physical, physical, 4).any()
+
+
+def test_what_save_would_restrict_is_told_from_what_is_saved():
+    physical = np.zeros((40, 60), np.int8)
+    posterior, wanted = physical.copy(), np.zeros((40, 60), np.int8)
+    posterior[5:20, 5:20] = 100
+    wanted[22:38, 30:55] = 100
+    found = overlay(physical, posterior, 4, wanted)
+    assert set(np.unique(found[wanted > 0])) == {CLEAR, PREVIEW} and (found[wanted == 0] != PREVIEW).all()
+    assert 0.4 < (found[23:37, 31:54] == PREVIEW).mean() < 0.6
+    # stripes run down to the right here and up to the right there
+    assert np.array_equal(found[8:14, 8:14], found[9:15, 7:13]) and np.array_equal(found[24:30, 32:38], found[25:31, 33:39])
 
 
 def test_a_single_cell_is_visible():

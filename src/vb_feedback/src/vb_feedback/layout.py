@@ -13,9 +13,10 @@ import numpy as np
 
 from vb_core.errors import CodedError
 
-PANEL = 0.235  # share of the view's width
-STRIP = 0.165  # share of the view's height
-MARGIN = 0.015  # share of the view's height, round the map
+PANEL = 0.5  # shares of the view's height: width of the panel, ...
+STRIP = 0.23  # ... height of the strip, ...
+MARGIN = 0.015  # ... and what is left free round the map
+PANEL_MOST = 0.38  # share of the view's width, for screens that are hardly wider than high
 LINE = 1.2  # distance of lines, in heights of a line's letters
 
 
@@ -93,7 +94,8 @@ def fit(extent: Box, aspect: float) -> Layout:
     Raises:
         CodedError: "bad_layout" for an empty map or a screen that leaves no room for the map.
     """
-    across = (1.0 - PANEL) * aspect - 2.0 * MARGIN  # room for the map, in heights of the view
+    panel = min(PANEL / aspect, PANEL_MOST)
+    across = (1.0 - panel) * aspect - 2.0 * MARGIN  # room for the map, in heights of the view
     upwards = 1.0 - STRIP - 2.0 * MARGIN
     if extent.width <= 0 or extent.height <= 0:
         raise CodedError("bad_layout", f"the map's extent is {extent.width} m x {extent.height} m")
@@ -102,10 +104,10 @@ def fit(extent: Box, aspect: float) -> Layout:
     height = max(extent.width / across, extent.height / upwards)
     width = aspect * height
     x, y = extent.centre
-    x0 = x - (1.0 - PANEL) * width / 2.0
+    x0 = x - (1.0 - panel) * width / 2.0
     y1 = y + (1.0 - STRIP) * height / 2.0
     view = Box(x0, y1 - height, x0 + width, y1)
-    edge = x0 + (1.0 - PANEL) * width
+    edge = x0 + (1.0 - panel) * width
     low = view.y0 + STRIP * height
     return Layout(view, extent, Box(edge, low, view.x1, view.y1), Box(view.x0, view.y0, view.x1, low))
 
@@ -165,7 +167,7 @@ def place_words(text: str, x: float, y: float, size: float) -> List[Tuple[str, f
 def text_box(text: str, x: float, y: float, size: float) -> Box:
     """The box of a text centred at (x, y) [m]; lines are parted by newlines."""
     lines = text.count("\n") + 1
-    return Box.centred(x, y, text_width(text, size), (1.0 + LINE * (lines - 1)) * size)
+    return Box.centred(x, y, text_width(text, size), text_height(lines, size))
 
 
 def wrap(text: str, size: float, width: float) -> List[str]:
@@ -186,21 +188,44 @@ def wrap(text: str, size: float, width: float) -> List[str]:
 
 
 def fit_text(text: str, sizes: Sequence[float], width: float, height: float) -> Tuple[str, float]:
-    """A sentence in the largest of the sizes [m] in which it fits a box, wrapped, and that size.
+    """A sentence in the largest of the sizes [m] in which it fits a box, wrapped, and that size; see `fit_texts`."""
+    texts, size = fit_texts([text], sizes, width, height)
+    return texts[0], size
 
-    In the smallest size what does not fit is left out, with an ellipsis at its end.
+
+def fit_texts(
+    texts: Sequence[str], sizes: Sequence[float], width: float, height: float
+) -> Tuple[List[str], float]:
+    """Sentences below each other in the largest of the sizes [m] in which all fit a box, wrapped, and that size.
+
+    In the smallest size what does not fit is left out, with an ellipsis at its end: of the longest first, each keeps
+    at least one line.
     """
     for size in sizes:
-        lines = wrap(text, size, width)
-        if (1.0 + LINE * (len(lines) - 1)) * size <= height:
-            return "\n".join(lines), size
+        wrapped = [wrap(text, size, width) for text in texts]
+        if text_height(sum(map(len, wrapped)), size) <= height:
+            return ["\n".join(lines) for lines in wrapped], size
     size = sizes[-1]
-    room = max(1, int((height / size - 1.0) / LINE) + 1)
-    lines = wrap(text, size, width)[:room]
-    last = lines[-1]
+    room = max(len(texts), int((height / size - 1.0) / LINE) + 1)
+    wrapped = [wrap(text, size, width) for text in texts]
+    keep = [len(lines) for lines in wrapped]
+    while sum(keep) > room:
+        keep[keep.index(max(keep))] -= 1
+    return [_cut(lines, count, size, width) for lines, count in zip(wrapped, keep)], size
+
+
+def text_height(lines: int, size: float) -> float:
+    """[m] of lines of text, letters of `size` [m]."""
+    return (1.0 + LINE * (lines - 1)) * size
+
+
+def _cut(lines: List[str], count: int, size: float, width: float) -> str:
+    if count >= len(lines):
+        return "\n".join(lines)
+    last = lines[count - 1]
     while last and text_width(last + "...", size) > width:
         last = last[:-1]
-    return "\n".join([*lines[:-1], last.rstrip() + "..."]), size
+    return "\n".join([*lines[: count - 1], last.rstrip() + "..."])
 
 
 def place_labels(wanted: Sequence[Box], within: Box) -> List[Box]:

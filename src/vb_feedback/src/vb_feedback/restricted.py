@@ -1,36 +1,49 @@
 """The overlay of restricted areas on the smart display."""
 from __future__ import annotations
 
+from typing import Optional
+
 import numpy as np
 
-# In RViz's colour scheme "costmap" 0 is clear, 98 red, 1 blue; walls of the physical map are black.
+# In RViz's colour scheme "costmap" 0 is clear, 98 red, and 128 .. 254 (negative as int8) run from red to yellow.
 CLEAR = 0
 STRIPE = 98
+PREVIEW = 200 - 256
 
 
-def overlay(physical: np.ndarray, posterior: np.ndarray, stripe: int = 4) -> np.ndarray:
+def overlay(
+    physical: np.ndarray, posterior: np.ndarray, stripe: int = 4, preview: Optional[np.ndarray] = None
+) -> np.ndarray:
     """Stripes where borders restrict the map: a pattern is told from walls by any eye.
 
-    Hard borders get stripes as broad as the gaps between them, soft ones narrower stripes.
+    Hard borders get stripes as broad as the gaps between them, soft ones narrower stripes. What saving now would
+    restrict is orange, and its stripes run the other way: no eye takes it for what is saved.
 
     Args:
         physical, posterior: (H, W) int8, without and with the virtual borders.
         stripe: [cells] width of a stripe.
+        preview: (H, W), above 0 where saving now would restrict the map; None: nowhere.
 
     Returns:
         (H, W) int8 for RViz's colour scheme "costmap".
     """
     rows, columns = np.indices(posterior.shape)
-    phase = (rows + columns) % (2 * stripe)
     changed = (posterior != physical) & (posterior > 0)
-    narrow = max(1, stripe // 3)
-    broad = np.where(posterior >= 100, stripe, narrow)
-    result = np.where(changed & (phase < broad), STRIPE, CLEAR).astype(np.int8)
-    # an edge all round makes small areas visible too
-    inner = changed.copy()
-    inner[1:, :] &= changed[:-1, :]
-    inner[:-1, :] &= changed[1:, :]
-    inner[:, 1:] &= changed[:, :-1]
-    inner[:, :-1] &= changed[:, 1:]
-    result[changed & ~inner] = STRIPE
+    broad = np.where(posterior >= 100, stripe, max(1, stripe // 3))
+    result = np.where(changed & ((rows + columns) % (2 * stripe) < broad), STRIPE, CLEAR).astype(np.int8)
+    result[_edge(changed)] = STRIPE
+    if preview is not None:
+        wanted = preview > 0
+        result[wanted & ((rows - columns) % (2 * stripe) < stripe)] = PREVIEW
+        result[_edge(wanted)] = PREVIEW
     return result
+
+
+def _edge(area: np.ndarray) -> np.ndarray:
+    """The outermost cells of an area: an edge all round makes small ones visible too."""
+    inner = area.copy()
+    inner[1:, :] &= area[:-1, :]
+    inner[:-1, :] &= area[1:, :]
+    inner[:, 1:] &= area[:, :-1]
+    inner[:, :-1] &= area[:, 1:]
+    return area & ~inner

@@ -12,7 +12,7 @@ import numpy as np
 
 from vb_feedback import colours
 from vb_feedback.colours import Colour
-from vb_feedback.layout import Box, Layout, fit_text, place_labels, place_words, plain, text_box, text_width
+from vb_feedback.layout import Box, Layout, fit_text, place_labels, place_words, plain, text_box
 
 LINES = "lines"
 POINTS = "points"
@@ -21,8 +21,9 @@ PLATE = "plate"
 TEXT = "text"
 
 
-# heights in the scene [m]: seen from above, the higher one hides the lower one
-Z_BORDER, Z_POINTS, Z_CHAIN, Z_SEED, Z_ROBOT, Z_SPOT, Z_PLATE, Z_TEXT = (0.06 * step for step in range(1, 9))
+# heights in the scene [m]: seen from above, the higher one hides the lower one. What is being drawn hides names.
+_LEVELS = tuple(0.06 * step for step in range(1, 11))
+Z_BORDER, Z_LABEL, Z_NAME, Z_POINTS, Z_CHAIN, Z_SEED, Z_ROBOT, Z_SPOT, Z_PLATE, Z_TEXT = _LEVELS
 
 
 @dataclass(frozen=True)
@@ -89,22 +90,6 @@ def segments(points: Sequence[Sequence[float]], closed: bool, width: float) -> T
     return tuple(pairs)
 
 
-# ----------------------------------------------------------------- panel and strip
-TITLES = {"default": "Ready", "border": "Border", "seed": "Seed", "guide": "Guide"}
-
-
-@dataclass(frozen=True)
-class Talk:
-    """What the words on the display depend on."""
-
-    state: str = ""  # "": no state is known yet
-    elapsed_s: float = 0.0
-    commands: Tuple[str, ...] = ()
-    success: bool = True
-    message: str = ""
-    seeing: Tuple[str, ...] = ()  # cameras that see the spot
-
-
 def write(
     namespace: str, text: str, x: float, y: float, size: float, tints: Sequence[Colour], z: float = Z_TEXT
 ) -> List[Shape]:
@@ -114,49 +99,6 @@ def write(
         Shape(namespace, number, TEXT, ((at_x, at_y),), z, (size,), (tints[number % len(tints)],), text=word)
         for number, (word, at_x, at_y) in enumerate(placed)
     ]
-
-
-def words(layout: Layout, talk: Talk) -> List[Shape]:
-    """State, time, what one can say, who sees the spot, and the last answer."""
-    unit, panel, strip = layout.unit, layout.panel, layout.strip
-    shapes: List[Shape] = []
-    centre, room = panel.centre[0], panel.width - 0.03 * unit
-
-    def line(name: str, text: str, down: float, share: float, *tints: Colour) -> None:
-        size = share * unit
-        # what is too wide, for instance a camera's long name, gets smaller letters
-        size *= min(1.0, room / max(text_width(text, size), 1e-9))
-        shapes.extend(write(f"words/{name}", text, centre, panel.y1 - down * unit, size, tints))
-
-    line("state", TITLES.get(talk.state, "Not ready"), 0.08, 0.115, colours.state_colour(talk.state))
-    if talk.state not in ("", "default"):
-        line("elapsed", clock(talk.elapsed_s), 0.175, 0.06, colours.PALE)
-    if talk.commands:
-        line("say", "You can say", 0.26, 0.048, colours.PALE)
-        for number, command in enumerate(talk.commands[:4]):
-            line(f"say/{number}", command.replace("_", " "), 0.335 + 0.075 * number, 0.068, colours.WHITE)
-    if talk.seeing:
-        line("seen", "Spot seen by", 0.66, 0.048, colours.PALE)
-        names = [plain(camera).replace(" ", "_") for camera in talk.seeing]
-        tints = [colours.blend(colours.camera_colour(camera), colours.WHITE, 0.3) for camera in talk.seeing]
-        # at most two lines of up to three names
-        for number, first in enumerate(range(0, min(len(names), 6), 3)):
-            part = slice(first, first + 3)
-            line(f"seen/{number}", " ".join(names[part]), 0.725 + 0.062 * number, 0.055, *tints[part])
-
-    start = "Say define border to begin." if talk.state else "Waiting for the system to start."
-    message = plain(talk.message) or start
-    sizes = [share * unit for share in (0.074, 0.066, 0.06, 0.052)]
-    text, size = fit_text(message, sizes, strip.width - 0.06 * unit, strip.height - 0.02 * unit)
-    tint = colours.WHITE if talk.success else colours.YELLOW
-    shapes.extend(write("words/answer", text, *strip.centre, size, (tint,)))
-    return shapes
-
-
-def clock(seconds: float) -> str:
-    """Minutes and seconds, "1:05"."""
-    whole = max(0, int(seconds))
-    return f"{whole // 60}:{whole % 60:02d}"
 
 
 def text_boxes(shapes: Sequence[Shape]) -> List[Box]:
@@ -188,33 +130,35 @@ class Border:
 def borders(layout: Layout, stored: Sequence[Border]) -> List[Shape]:
     """Outline, name and area of each border: soft ones lighter, disabled ones grey."""
     unit, shapes = layout.unit, []
-    size = 0.042 * unit
+    size = 0.055 * unit
     texts, wanted = [], []
     for border in stored:
-        text = plain(border.name)
+        # a name too long for the map's smaller half goes over two lines, and is cut at the end of the second
+        text, _ = fit_text(plain(border.name) or "?", (size,), 0.45 * layout.map.width, 2.4 * size)
         if not border.enabled:
             text += "\noff"
         elif border.area_m2 > 0:
             text += f"\n{border.area_m2:.2f} m2"
         box = text_box(text, *border.seed, size)
         texts.append(text)
-        wanted.append(Box.centred(*box.centre, box.width + 0.6 * size, box.height + 0.5 * size))
+        wanted.append(Box.centred(*box.centre, box.width + 0.5 * size, box.height + 0.3 * size))
     for number, (border, text, box) in enumerate(zip(stored, texts, place_labels(wanted, layout.map))):
-        if not border.enabled:
-            tint = colours.GREY
-        else:
-            tint = colours.blend(colours.CRIMSON, colours.WHITE, 0.55 * (1.0 - border.occupancy))
+        tint = border_colour(border)
         width = 0.009 * unit
         outline = segments(border.points, border.closed, width)
+        plate = (box.width, box.height)
+        label = colours.BLACK if border.enabled else colours.blend(colours.GREY, colours.BLACK, 0.3)
         shapes.append(Shape("borders/outline", number, LINES, outline, Z_BORDER, (width,), (tint,)))
-        shapes.append(
-            Shape(
-                "borders/plate", number, PLATE, (box.centre,), Z_PLATE, (box.width, box.height), (colours.WHITE,), 0.9
-            )
-        )
-        label = colours.blend(colours.GREY, colours.BLACK, 0.3) if not border.enabled else colours.BLACK
-        shapes += write(f"borders/label/{number}", text, *box.centre, size, (label,))
+        shapes.append(Shape("borders/plate", number, PLATE, (box.centre,), Z_LABEL, plate, (colours.WHITE,), 0.9))
+        shapes += write(f"borders/label/{number}", text, *box.centre, size, (label,), Z_NAME)
     return shapes
+
+
+def border_colour(border: Border) -> Colour:
+    """Dark red, the lighter the softer; grey if it is disabled."""
+    if not border.enabled:
+        return colours.GREY
+    return colours.blend(colours.CRIMSON, colours.WHITE, 0.55 * (1.0 - border.occupancy))
 
 
 # ----------------------------------------------------------------- drawing in progress
@@ -264,35 +208,36 @@ class Spot:
     stamp: float
 
 
-def spots(layout: Layout, seen: Sequence[Spot], now: float, fade_s: float, lifetime: float) -> List[Shape]:
-    """Per camera a disc where the spot is and a trail that fades into the floor's white.
+def trails(layout: Layout, seen: Sequence[Spot], now: float, fade_s: float, lifetime: float) -> List[Shape]:
+    """Per camera a trail that fades into the floor's white.
 
     Args:
         seen: the newest last; those older than `fade_s`, or from the future by more than that, are left out.
         lifetime: [s] after which RViz removes them by itself.
     """
-    unit, shapes = layout.unit, []
     by_camera: Dict[str, List[Spot]] = {}
     for spot in seen:
         if abs(now - spot.stamp) <= fade_s:
             by_camera.setdefault(spot.camera, []).append(spot)
+    shapes = []
     for camera, trail in by_camera.items():
         tint = colours.camera_colour(camera)
         faded = tuple(
             colours.blend(tint, colours.WHITE, 0.85 * max(0.0, now - spot.stamp) / fade_s) for spot in trail
         )
-        points = tuple((spot.x, spot.y) for spot in trail)
-        shapes.append(
-            Shape(f"spots/{camera}/trail", 0, POINTS, points, Z_SPOT, (0.014 * unit,), faded, lifetime=lifetime)
-        )
-        newest = trail[-1]
-        for number, (share, colour) in enumerate(((0.036, colours.BLACK), (0.028, tint))):
-            shapes.append(
-                Shape(
-                    f"spots/{camera}", number, DISC, ((newest.x, newest.y),), Z_SPOT + 0.015 * (number + 1),
-                    (share * unit,), (colour,), lifetime=lifetime,
-                )
-            )
+        points, width = tuple((spot.x, spot.y) for spot in trail), 0.014 * layout.unit
+        shapes.append(Shape(f"spots/{camera}/trail", 0, POINTS, points, Z_SPOT, (width,), faded, lifetime=lifetime))
+    return shapes
+
+
+def live_spots(layout: Layout, seen: Sequence[Spot], now: float, fade_s: float, lifetime: float) -> List[Shape]:
+    """Per camera a disc where it saw the spot last; arguments as for `trails`."""
+    newest = {spot.camera: spot for spot in seen if abs(now - spot.stamp) <= fade_s}
+    shapes = []
+    for camera, spot in newest.items():
+        for number, (share, tint) in enumerate(((0.036, colours.BLACK), (0.028, colours.camera_colour(camera)))):
+            z, size = Z_SPOT + 0.015 * (number + 1), (share * layout.unit,)
+            shapes.append(Shape(f"spots/{camera}", number, DISC, ((spot.x, spot.y),), z, size, (tint,), lifetime=lifetime))
     return shapes
 
 

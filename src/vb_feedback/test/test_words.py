@@ -1,0 +1,97 @@
+"""The words on the smart display: nothing overlaps, nothing is cut, everything can be read from afar."""
+from __future__ import annotations
+
+import itertools
+import math
+
+import pytest
+
+from vb_feedback import colours
+from vb_feedback.layout import Box, fit
+from vb_feedback.scene import PLATE, TEXT, text_boxes
+from vb_feedback.words import Notice, Talk, words
+
+COMMANDS = ("save", "define_border", "define_seed", "guide_robot", "cancel")
+LONG = "The map integrator refuses this border because it would part the kitchen from the rest of the home, " * 2
+NOTICES = (Notice("Save would restrict 12.50 m2."), Notice("Mind: " + LONG, True))
+LAB, STUDIO = Box(-0.2, -0.2, 8.2, 5.2), Box(-0.2, -0.2, 6.2, 4.2)
+
+
+@pytest.mark.parametrize("extent", [LAB, STUDIO, Box(-30, 7, 10, 12), Box(2, 2, 4, 12)])
+@pytest.mark.parametrize("aspect", [16 / 9, 16 / 10, 4 / 3])
+@pytest.mark.parametrize("state", ["", "default", "border", "seed", "guide", "another"])
+def test_words_overlap_neither_map_nor_each_other(extent, aspect, state):
+    layout = fit(extent, aspect)
+    many = ("red", "green", "blue", "a_camera_with_a_long_name", "hall", "robot", "one too many")
+    for commands, seeing, message, notices in itertools.product(
+        ((), COMMANDS[:4]), ((), many), ("Ok.", LONG), ((), NOTICES)
+    ):
+        shapes = words(layout, Talk(state, 3599.0, commands, False, message, seeing, notices))
+        for kind in (TEXT, PLATE):
+            boxes = text_boxes([shape for shape in shapes if shape.kind == kind])
+            for one, other in itertools.combinations(boxes, 2):
+                assert not one.overlaps(other)
+            for box in boxes:
+                assert layout.view.contains(box) and not box.overlaps(layout.map)
+
+
+def arc_minutes(size, layout):
+    """Of the capitals' height, seen from 3 m on 22 inches at 16:9, 0.274 m high; capitals are 0.6 of RViz's text height."""
+    return math.degrees(math.atan(size / layout.unit * 0.274 * 0.6 / 3.0)) * 60.0
+
+
+@pytest.mark.parametrize("extent", [LAB, STUDIO])
+@pytest.mark.parametrize("message, notices, least", [
+    # ISO 9241-303: at least 16 minutes of arc; Snellen: 20/40 eyes need 10
+    ("Draw the border on the floor with the laser.", (), 16.0),
+    ("Saved: the robot keeps out of this area now.", (), 16.0),
+    ("Point at the side that the robot must not enter.", (Notice("Save would restrict 2.50 m2."),), 14.0),
+    ("Save needs a seed: say define seed, then point at the side that is off limits.", (), 14.0),
+    (LONG[:100], (Notice("Save would be refused: the border separates nothing from the rest.", True),), 10.0),
+])
+def test_letters_can_be_read_from_three_metres(extent, message, notices, least):
+    layout = fit(extent, 16 / 9)
+    angle = {}
+    for shape in words(layout, Talk("border", 10.0, COMMANDS[:4], True, message, ("red", "robot"), notices)):
+        if shape.kind == TEXT:
+            angle[shape.namespace] = arc_minutes(shape.size[0], layout)
+    assert angle["words/state"] > 22.0
+    assert min(angle[f"words/say/{number}"] for number in range(4)) > 16.0
+    assert angle["words/answer"] >= least
+    assert min(angle.values()) > 10.0
+
+
+def said(shapes):
+    found = {}
+    for shape in shapes:
+        if shape.kind == TEXT:
+            found.setdefault(shape.namespace, []).append(shape.text)
+    return {name: " ".join(parts) for name, parts in found.items()}
+
+
+def test_state_and_commands_are_said():
+    layout = fit(LAB, 16 / 9)
+    found = said(words(layout, Talk("seed", 65.0, ("save", "cancel"), True, "Yes.", ("red",), NOTICES[:1])))
+    assert found == {
+        "words/state": "Seed", "words/elapsed": "1:05", "words/say": "You can say", "words/say/0": "save",
+        "words/say/1": "cancel", "words/seen": "Spot seen by", "words/seen/0": "red", "words/answer": "Yes.",
+        "words/notice/1": "Save would restrict 12.50 m2.",
+    }
+
+
+def test_a_refusal_stands_out_for_every_eye():
+    layout = fit(LAB, 16 / 9)
+    good, bad = (words(layout, Talk("seed", 1.0, (), success, "Why not.")) for success in (True, False))
+    assert not [shape for shape in good if shape.kind == PLATE]
+    plate = [shape for shape in bad if shape.kind == PLATE][0]
+    answer = [shape for shape in bad if shape.namespace == "words/answer"]
+    assert plate.colours == (colours.YELLOW,) and all(shape.colours == (colours.BLACK,) for shape in answer)
+    box = text_boxes([plate])[0]
+    assert all(box.contains(text) for text in text_boxes(answer))
+
+
+def test_a_usual_sentence_is_not_cut():
+    layout = fit(LAB, 16 / 9)
+    sentence = " ".join(["word"] * 34)
+    found = said(words(layout, Talk("seed", 1.0, (), True, sentence, (), NOTICES[:1])))
+    assert found["words/answer"] == sentence
