@@ -1,0 +1,216 @@
+"""A printed ChArUco board on the floor: how it is printed, found in an image, and where its corners lie in the map.
+
+Seen from above, the board's point P1 is its upper left corner and P2 its upper right one. The person lays them on two
+places that are known in the map.
+"""
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import List, Sequence, Tuple
+
+import cv2
+import numpy as np
+
+from vb_core.errors import CodedError
+from vb_core.parameters import Parameters, param
+
+PAPERS_MM = {"A4": (297.0, 210.0), "A3": (420.0, 297.0), "A2": (594.0, 420.0), "A1": (841.0, 594.0), "A0": (1189.0, 841.0)}
+_EDGE_MM = 8.0  # printers leave a margin
+_MODULE_PX = 2.3  # a marker's modules cannot be told apart when they are smaller in the image
+_MODULES = 6  # of a marker of DICT_4X4, with its black border
+_LEAST_CORNERS = 6
+
+
+@dataclass(frozen=True)
+class BoardParams(Parameters):
+    """The board's design. The squares are large, as it is seen from the ceiling."""
+
+    squares_x: int = param(5, "", low=3, high=20, doc="along P1 to P2")
+    squares_y: int = param(4, "", low=3, high=20)
+    square: float = param(0.07, "m", above=0.0, high=1.0, doc="side of a square")
+    marker_share: float = param(0.75, "", low=0.4, high=0.9, doc="side of a marker, as a part of its square")
+
+    @classmethod
+    def for_paper(cls, paper: str) -> "BoardParams":
+        """The largest board that a sheet takes.
+
+        Raises:
+            CodedError: "unknown_paper".
+        """
+        if paper not in PAPERS_MM:
+            raise CodedError("unknown_paper", f"'{paper}' is not known; known are {', '.join(PAPERS_MM)}")
+        width, height = PAPERS_MM[paper]
+        square = min((width - 2 * _EDGE_MM) / cls.squares_x, (height - 2 * _EDGE_MM) / cls.squares_y)
+        return cls(square=math.floor(square) / 1e3)
+
+    @property
+    def size(self) -> Tuple[float, float]:
+        """(width, height) [m]; the width is the distance of P1 and P2."""
+        return self.squares_x * self.square, self.squares_y * self.square
+
+    def opencv(self) -> "cv2.aruco.CharucoBoard":
+        """The board as OpenCV knows it."""
+        dictionary = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_4X4_50)
+        count = self.squares_x * self.squares_y // 2
+        if count > 50:
+            raise CodedError("board_too_large", f"{self.squares_x} x {self.squares_y} squares need {count} markers of 50")
+        return cv2.aruco.CharucoBoard(
+            (self.squares_x, self.squares_y), self.square, self.square * self.marker_share, dictionary
+        )
+
+
+@dataclass(frozen=True)
+class BoardView:
+    """A board's corners as an image shows them.
+
+    Attributes:
+        pixels: (N, 2) [px]
+        corners: (N, 2) [m] of the same corners on the board: x from P1 to P2, y from P1 to the lower edge.
+        ids: (N,)
+    """
+
+    pixels: np.ndarray
+    corners: np.ndarray
+    ids: np.ndarray
+
+
+def draw_board(board: BoardParams, pixels_per_metre: float) -> np.ndarray:
+    """(H, W) uint8: the board without a margin. The upper left pixel's own corner is P1."""
+    width, height = (int(round(side * pixels_per_metre)) for side in board.size)
+    return board.opencv().generateImage((width, height), marginSize=0, borderBits=1)
+
+
+def find_board(board: BoardParams, image: np.ndarray) -> BoardView:
+    """Finds the board in an image, mono or bgr, uint8.
+
+    Raises:
+        CodedError: "no_board" if there is none; "board_too_small" if it is, or may be, too small in the image;
+            "board_hidden" if too few of its corners are seen.
+    """
+    grey = cv2.cvtColor(image, cv2.COLOR_BGR2GRAY) if image.ndim == 3 else image
+    parameters = cv2.aruco.DetectorParameters()
+    # relative to the image's longer side; OpenCV's default of 0.03 asks for 15 px per side at 1920
+    parameters.minMarkerPerimeterRate = 0.01
+    # markers that lie on a floor are small: more samples of each module, from a smoother outline
+    parameters.perspectiveRemovePixelPerCell = 8
+    parameters.adaptiveThreshWinSizeMax = 33
+    design = board.opencv()
+    detector = cv2.aruco.CharucoDetector(design, cv2.aruco.CharucoParameters(), parameters)
+    corners, ids, markers, _ = detector.detectBoard(grey)
+    side = 0.0
+    if markers:
+        side = float(np.median([cv2.arcLength(marker, True) / 4 for marker in markers]))
+        if side < _MODULES * _MODULE_PX:
+            raise CodedError(
+                "board_too_small",
+                f"the board's markers are {side:.0f} px wide in the image, {_MODULES * _MODULE_PX:.0f} px are needed: "
+                "print it on larger paper",
+            )
+    found = 0 if ids is None else len(ids)
+    if not found and not markers:
+        raise CodedError(
+            "no_board",
+            "no board in the image: is it whole in the camera's view, lit evenly, without glare, and not too small?",
+        )
+    if found < _LEAST_CORNERS:
+        raise CodedError("board_hidden", f"only {found} of the board's corners are seen, {_LEAST_CORNERS} are needed")
+    ids = ids.ravel()
+    # refined once more: whether the detector counts pixels from their centres or their edges depends on its version
+    # and within the white between corner and markers
+    window = max(2, min(5, int(side * (1.0 / board.marker_share - 1.0) / 2.0)))
+    criteria = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 50, 0.001)
+    pixels = cv2.cornerSubPix(grey, corners.astype(np.float32), (window, window), (-1, -1), criteria)
+    return BoardView(pixels.reshape(-1, 2).astype(float), design.getChessboardCorners()[ids][:, :2].astype(float), ids)
+
+
+def merge_views(views: Sequence[BoardView]) -> BoardView:
+    """One view of several of a board that did not move: each corner's median, of those seen in half of the views.
+
+    Raises:
+        CodedError: "no_board" without a view; "board_moved" if corners wander by more than a pixel.
+    """
+    if not views:
+        raise CodedError("no_board", "the board was seen in no image")
+    seen: dict = {}
+    for view in views:
+        for number, pixel, corner in zip(view.ids, view.pixels, view.corners):
+            seen.setdefault(int(number), (corner, []))[1].append(pixel)
+    kept = {number: entry for number, entry in sorted(seen.items()) if len(entry[1]) >= 0.5 * len(views)}
+    if len(kept) < _LEAST_CORNERS:
+        raise CodedError("board_hidden", f"only {len(kept)} of the board's corners are seen reliably")
+    medians = np.array([np.median(pixels, axis=0) for _, pixels in kept.values()])
+    spread = np.array([np.linalg.norm(np.asarray(pixels) - median, axis=1).mean()
+                       for (_, pixels), median in zip(kept.values(), medians)])
+    if np.median(spread) > 1.0:
+        raise CodedError("board_moved", "the board moved in the image: wait until it and the camera are still")
+    return BoardView(medians, np.array([corner for corner, _ in kept.values()]), np.array(list(kept)))
+
+
+def corners_on_map(board: BoardParams, corners: np.ndarray, p1: Sequence[float], p2: Sequence[float]) -> np.ndarray:
+    """(N, 2) [m] of a board's corners in the map, where P1 and P2 lie on two places of the map [m].
+
+    Raises:
+        CodedError: "placement_mismatch" if the places are not as far apart as the points on the board.
+    """
+    p1, p2 = np.asarray(p1, dtype=float), np.asarray(p2, dtype=float)
+    distance, width = float(np.linalg.norm(p2 - p1)), board.size[0]
+    if not abs(distance - width) <= max(0.02, 0.02 * width):
+        raise CodedError(
+            "placement_mismatch",
+            f"the two places are {100 * distance:.1f} cm apart, but P1 and P2 of the board {100 * width:.1f} cm: "
+            "check the places, the paper, and that it was printed at 100 %",
+        )
+    # seen from above with P1 at the left and P2 at the right, the board's y points towards the viewer
+    along = (p2 - p1) / distance
+    down = np.array([along[1], -along[0]])
+    middle = (p1 + p2) / 2.0
+    corners = np.asarray(corners, dtype=float).reshape(-1, 2)
+    return middle + (corners[:, :1] - width / 2.0) * along + corners[:, 1:] * down
+
+
+def write_board(board: BoardParams, paper: str, path: str) -> List[str]:
+    """Writes the board at true size as PDF or PNG, after the path's ending; gives lines that say what to do with it.
+
+    Raises:
+        CodedError: "unknown_paper", "bad_file".
+    """
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    if paper not in PAPERS_MM:
+        raise CodedError("unknown_paper", f"'{paper}' is not known; known are {', '.join(PAPERS_MM)}")
+    if not path.lower().endswith((".pdf", ".png")):
+        raise CodedError("bad_file", f"'{path}' must end with .pdf or .png")
+    width, height = PAPERS_MM[paper]
+    board_width, board_height = (1e3 * side for side in board.size)
+    left, top = (width - board_width) / 2, (height - board_height) / 2
+    if left < 0 or top < 0:
+        raise CodedError("board_too_large", f"the board of {board_width:.0f} x {board_height:.0f} mm does not fit on {paper}")
+    figure = Figure(figsize=(width / 25.4, height / 25.4), dpi=300)
+    FigureCanvasAgg(figure)
+    page = figure.add_axes([0, 0, 1, 1])
+    page.set_xlim(0, width)
+    page.set_ylim(height, 0)
+    page.axis("off")
+    # each module gets a whole number of pixels, so that nothing is resampled but by the printer
+    picture = draw_board(board, 1e3 * round(300 / 25.4))
+    page.imshow(picture, cmap="gray", vmin=0, vmax=255, interpolation="none", aspect="equal",
+                extent=(left, left + board_width, top + board_height, top))
+    page.set_xlim(0, width)
+    page.set_ylim(height, 0)
+    small = dict(fontsize=9, color="black", va="center")
+    page.text(left, top - 3.0, "◤ P1: this corner of the black and white pattern", ha="left", **small)
+    page.text(left + board_width, top - 3.0, f"P2, {board_width:.0f} mm from P1 ◥", ha="right", **small)
+    below = top + board_height + 3.5
+    page.plot([left, left + 100.0], [below, below], color="black", linewidth=0.8)
+    page.text(left + 103.0, below, f"100 mm: print at 100 %, not fitted to the page.   {paper}, squares of "
+              f"{1e3 * board.square:.0f} mm", ha="left", **small)
+    try:
+        figure.savefig(path)
+    except OSError as error:
+        raise CodedError("bad_file", f"cannot write '{path}': {error.strerror}") from None
+    return [
+        f"wrote {path}: {paper}, {board.squares_x} x {board.squares_y} squares of {1e3 * board.square:.0f} mm",
+        f"Print it at 100 %. Check with a ruler: P1 to P2 is {board_width:.0f} mm. Glue it on something flat.",
+    ]

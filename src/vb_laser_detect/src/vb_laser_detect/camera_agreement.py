@@ -1,0 +1,95 @@
+"""How well cameras that overlap agree: the same spot, seen by two of them, must lie on one place of the floor."""
+from __future__ import annotations
+
+import itertools
+import math
+from dataclasses import dataclass
+from typing import Dict, Iterable, List, Tuple
+
+import numpy as np
+
+from vb_core.errors import CodedError
+
+Sighting = Tuple[str, float, float, float]  # camera, stamp [s], x [m], y [m]
+
+
+@dataclass(frozen=True)
+class Agreement:
+    """What two cameras say of the same spot.
+
+    Attributes:
+        first, second: the cameras' names.
+        count: pairs of sightings.
+        offset: (2,) [m] mean of the second's place minus the first's.
+        median, p95: [m] of the distance.
+    """
+
+    first: str
+    second: str
+    count: int
+    offset: Tuple[float, float]
+    median: float
+    p95: float
+
+    def describe(self) -> str:
+        """A line for a person."""
+        x, y = (100 * value for value in self.offset)
+        return (
+            f"{self.first} - {self.second}: {self.count} pairs, {self.second} is {x:+.1f} cm in x and {y:+.1f} cm in y of "
+            f"{self.first}; distance {100 * self.median:.1f} cm median, {100 * self.p95:.1f} cm 95th percentile"
+        )
+
+
+def agreement(sightings: Iterable[Sighting], max_gap_s: float = 0.1, least: int = 20) -> List[Agreement]:
+    """Compares every two cameras that saw the spot at the same time.
+
+    Cameras do not take their images at the same time, and a spot moves: the second one's place is interpolated to the
+    first one's time, between two sightings that are not farther apart than `max_gap_s`. A camera that saw two spots at
+    once is left out at that time.
+
+    Raises:
+        CodedError: "one_camera" if fewer than two cameras saw a spot; "no_overlap" if no two of them saw it together
+            at least `least` times.
+    """
+    tracks = _tracks(sightings)
+    if len(tracks) < 2:
+        seen = ", ".join(tracks) or "none"
+        raise CodedError("one_camera", f"two cameras have to see the spot, so far: {seen}")
+    found = []
+    for first, second in itertools.combinations(sorted(tracks), 2):
+        a, b = tracks[first], tracks[second]
+        after = np.searchsorted(b[:, 0], a[:, 0], side="right")
+        inside = (after > 0) & (after < len(b))
+        a, after = a[inside], after[inside]
+        before = after - 1
+        near = b[after, 0] - b[before, 0] <= max_gap_s
+        a, before, after = a[near], before[near], after[near]
+        if len(a) < least:
+            continue
+        share = ((a[:, 0] - b[before, 0]) / (b[after, 0] - b[before, 0]))[:, None]
+        off = b[before, 1:] + share * (b[after, 1:] - b[before, 1:]) - a[:, 1:]
+        distance = np.linalg.norm(off, axis=1)
+        x, y = (float(value) for value in off.mean(axis=0))
+        found.append(
+            Agreement(first, second, len(off), (x, y), float(np.median(distance)), float(np.percentile(distance, 95)))
+        )
+    if not found:
+        raise CodedError(
+            "no_overlap",
+            f"no two of {', '.join(sorted(tracks))} saw the spot together {least} times: draw slowly where they overlap",
+        )
+    return found
+
+
+def _tracks(sightings: Iterable[Sighting]) -> Dict[str, np.ndarray]:
+    """Camera to (N, 3) [s, m, m], sorted by time; times with more than one spot are left out."""
+    collected: Dict[str, Dict[float, List[Tuple[float, float]]]] = {}
+    for camera, stamp, x, y in sightings:
+        if math.isfinite(stamp) and math.isfinite(x) and math.isfinite(y):
+            collected.setdefault(camera, {}).setdefault(stamp, []).append((x, y))
+    tracks = {}
+    for camera, times in collected.items():
+        rows = [(stamp, *places[0]) for stamp, places in sorted(times.items()) if len(places) == 1]
+        if rows:
+            tracks[camera] = np.array(rows)
+    return tracks
