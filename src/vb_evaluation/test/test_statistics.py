@@ -62,7 +62,7 @@ def test_rank_biserial_of_a_worked_example():
 
 @pytest.mark.parametrize(
     "ties, z",
-    # Sect. 5.7.1: all 15 participants were faster; the three Z differ by ties alone (times of whole seconds)
+    # Sect. 5.8.1: all 15 participants were faster; the three Z differ by ties alone (times of whole seconds)
     [((), -3.408), ((2, 2), -3.409), ((3,), -3.411)],
 )
 def test_the_papers_z_of_the_interaction_times(ties, z):
@@ -77,7 +77,7 @@ def test_the_papers_z_of_the_interaction_times(ties, z):
 
 @pytest.mark.parametrize("w, z, p", [(37, -0.594, ".588"), (1, -3.110, "< .001")])
 def test_the_papers_accuracy_in_scenarios_1_and_2_is_an_exact_test_of_13_pairs(w, z, p):
-    # Sect. 5.7.4: Z and p fit together for 13 pairs, those where both runs were completed (93.3 % each), and exact p
+    # Sect. 5.8.4: Z and p fit together for 13 pairs, those where both runs were completed (93.3 % each), and exact p
     signs = next(chosen for size in range(14) for chosen in itertools.combinations(range(1, 14), size) if sum(chosen) == w)
     differences = np.array([rank if rank in signs else -rank for rank in range(1, 14)], float)
     test = statistics.signed_rank(differences)

@@ -1,4 +1,4 @@
-"""The paper's statistics of paired measurements (Sect. 5.7), with effect sizes and intervals beside p.
+"""The paper's statistics of paired measurements (Sect. 5.8), with effect sizes and intervals beside p.
 
 The Wilcoxon signed-rank test is reported as SPSS and the paper do: zero differences are left out, ties share
 their mean rank and shrink the variance, Z has no continuity correction and is never above 0.

@@ -1,0 +1,126 @@
+"""Representative maps, coloured as in the paper's figure of the accuracy (Sect. 5.8.4)."""
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import List, Optional, Tuple
+
+import cv2
+import numpy as np
+
+from vb_core.errors import CodedError
+from vb_core.grid_map import GridMap
+from vb_evaluation import metrics
+from vb_evaluation.report.data import RUNS, Row, Study, number
+from vb_map_integration.map_files import read_map
+
+# RGB, the paper's colours
+TRUTH, AGREEMENT, EXCESS, UNION = (247, 214, 70), (64, 176, 88), (222, 60, 50), (25, 60, 220)
+FREE, OCCUPIED, UNKNOWN = (255, 255, 255), (0, 0, 0), (176, 176, 176)
+LEAST_WIDTH_PX = 640
+
+
+@dataclass(frozen=True)
+class MapPicture:
+    """One run's map.
+
+    Attributes:
+        png: the picture.
+        line: the run's line in runs.csv; 0 for a ground truth.
+        jaccard: as read from the map itself; nan for a ground truth.
+        row: the run.
+    """
+
+    scenario: str
+    method: str
+    png: bytes
+    line: int = 0
+    jaccard: float = float("nan")
+    row: Optional[Row] = None
+
+
+def picture(prior: GridMap, truth: np.ndarray, drawn: Optional[np.ndarray] = None, start: Optional[Tuple[float, float, float]] = None) -> bytes:
+    """A PNG of a ground truth, or of what somebody restricted against it.
+
+    Args:
+        prior: the physical map.
+        truth: (H, W) bool.
+        drawn: (H, W) bool, what was restricted; None draws the ground truth in yellow.
+        start: the robot's start pose [m, m, rad], a red arrow.
+    """
+    colors = np.full((*prior.shape, 3), UNKNOWN, np.uint8)
+    colors[(prior.data >= 0) & (prior.data < 50)] = FREE
+    if drawn is None:
+        colors[truth] = TRUTH
+    else:
+        colors[truth & drawn] = AGREEMENT
+        colors[drawn & ~truth] = EXCESS
+    colors[prior.data >= 50] = OCCUPIED
+    scale = max(1, -(-LEAST_WIDTH_PX // prior.shape[1]))
+    image = cv2.resize(colors, None, fx=scale, fy=scale, interpolation=cv2.INTER_NEAREST)
+    if drawn is not None:
+        union = cv2.resize((truth | drawn).astype(np.uint8), None, fx=scale, fy=scale, interpolation=cv2.INTER_NEAREST)
+        outlines, _ = cv2.findContours(union, cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE)
+        # small holes are the feet of furniture: their outlines would hide what is to be seen
+        cv2.drawContours(image, [line for line in outlines if len(line) > 12 * scale], -1, UNION, 2)
+    if start is not None:
+        _arrow(image, prior, start, scale)
+    _, content = cv2.imencode(".png", image[::-1, :, ::-1], [cv2.IMWRITE_PNG_COMPRESSION, 9])
+    return content.tobytes()
+
+
+def _arrow(image: np.ndarray, prior: GridMap, start: Tuple[float, float, float], scale: int) -> None:
+    x, y, yaw = start
+    ends = prior.world_to_grid(np.array([[x, y], [x + 0.55 * np.cos(yaw), y + 0.55 * np.sin(yaw)]]))
+    (x0, y0), (x1, y1) = np.round((ends + 0.5) * scale).astype(int)
+    cv2.arrowedLine(image, (int(x0), int(y0)), (int(x1), int(y1)), EXCESS, 2 * scale, cv2.LINE_AA, tipLength=0.4)
+
+
+def representatives(study: Study) -> Tuple[List[MapPicture], List[str]]:
+    """(pictures, notes): per scenario the ground truth and, by method, the completed run nearest to the median.
+
+    Notes say in a sentence each why a map is missing or does not agree with runs.csv.
+    """
+    pictures: List[MapPicture] = []
+    notes: List[str] = []
+    try:
+        prior = read_map(study.folder / "maps" / "physical.yaml")
+    except CodedError as error:
+        return [], [f"There are no maps: {error.message}."]
+    start = study.meta.get("robot_start")
+    for scenario in study.scenarios:
+        try:
+            truth = metrics.restricted_cells(prior, read_map(study.folder / "maps" / f"truth_{scenario}.yaml"))
+        except CodedError as error:
+            notes.append(f"{scenario}: no ground truth: {error.message}.")
+            continue
+        pictures.append(MapPicture(scenario, "", picture(prior, truth, start=tuple(start) if start else None)))
+        for method in study.methods:
+            chosen = nearest_to_median(study, scenario, method)
+            if chosen is None:
+                notes.append(f"{scenario}, {method}: no completed run has a map.")
+                continue
+            line, row = chosen
+            try:
+                drawn = metrics.restricted_cells(prior, read_map(study.folder / row["map"]))
+            except CodedError as error:
+                notes.append(f"{scenario}, {method}: {error.message}.")
+                continue
+            score = metrics.jaccard(truth, drawn)
+            if abs(score - number(row, "jaccard")) > 0.0006:
+                notes.append(f"{RUNS}, line {line}: the map {row['map']} gives a Jaccard index of {score:.3f}, "
+                             f"the line says {number(row, 'jaccard'):.3f}.")
+            pictures.append(MapPicture(scenario, method, picture(prior, truth, drawn), line, score, row))
+    return pictures, notes
+
+
+def nearest_to_median(study: Study, scenario: str, method: str) -> Optional[Tuple[int, Row]]:
+    """(line, row) of the completed run with a map whose Jaccard index is nearest to the median; None if there is none."""
+    table = study.runs.select(scenario=scenario, method=method, completed="1")
+    values = [number(row, "jaccard") for row in table.rows]
+    known = [value for value in values if np.isfinite(value)]
+    candidates = [(abs(value - float(np.median(known))), line, row) for value, line, row in zip(values, table.lines, table.rows)
+                  if np.isfinite(value) and row.get("map") and (study.folder / row["map"]).is_file()]
+    if not candidates:
+        return None
+    _, line, row = min(candidates, key=lambda entry: entry[:2])
+    return line, row
