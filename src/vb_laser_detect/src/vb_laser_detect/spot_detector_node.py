@@ -6,7 +6,8 @@ import time
 import traceback
 from collections import deque
 from dataclasses import dataclass
-from typing import Any, Deque, Dict, List, Optional, Tuple
+from functools import partial
+from typing import Any, Deque, List, Optional, Tuple
 
 import cv2
 import diagnostic_updater
@@ -27,6 +28,7 @@ from vb_laser_detect import projection
 from vb_laser_detect.blocks import sample_blocks
 from vb_laser_detect.debug_image import draw
 from vb_laser_detect.detector import DetectorParams, Spot, SpotDetector
+from vb_laser_detect.frame import Frame, search
 from vb_laser_detect.projection import FloorPoint, FloorProjector, ProjectionParams
 from vb_laser_detect.statistics import Statistics
 from vb_msgs.msg import DetectorStatus, LaserSpot
@@ -97,7 +99,6 @@ class SpotDetectorNode:
         self._statistics = Statistics()
         self._last_image: Optional[np.ndarray] = None
         self._last_debug: Optional[rospy.Time] = None
-        self._frame: Optional[_Frame] = None
         self._started = rospy.Time.now()
         self._spots = rospy.Publisher(names.SPOTS, LaserSpot, queue_size=20, tcp_nodelay=True)
         self._status = rospy.Publisher(names.DETECTORS, DetectorStatus, queue_size=5)
@@ -191,22 +192,22 @@ class SpotDetectorNode:
             raise CodedError("no_stamp", "the images carry no time: they cannot be matched with poses")
         compressed = self._params.image_transport == "compressed"
         image = messages.compressed_image_array(message) if compressed else messages.image_array(message)
-        frame = _Frame(self, stamp, self._params.frame or message.header.frame_id, image.shape)
-        known = frame.camera is not None and (self._mobile or self._stationary_pose(frame.frame_id) is not None)
-        self._detector.to_floor = frame.to_floor if known else None
-        self._detector.place_check = frame.refusal_at if known else None
+        frame_id = self._params.frame or message.header.frame_id
+        camera = self._camera_for(image.shape)
+        frame = self._place(camera, frame_id, stamp)
         began = time.perf_counter()
-        spots = self._detector.detect(image, stamp.to_sec())
+        spots = search(self._detector, image, stamp.to_sec(), frame)
         took = time.perf_counter() - began
         for candidate in self._detector.candidates:
             # these are everyday events: counted, but not worth a warning
             if candidate.refusal:
                 self._statistics.refuse(candidate.refusal)
-        if spots and not known:
-            self._refuse(frame.why_unknown())
+        if frame is not None:
+            for spot in spots:
+                self._spots.publish(self._message(spot, frame.point(spot.u, spot.v), stamp))
+        elif spots:
+            self._refuse(_why_unknown(camera, frame_id, image.shape))
             spots = []
-        for spot in spots:
-            self._spots.publish(self._message(spot, frame.point(spot.u, spot.v), stamp))
         self._statistics.frame(rospy.Time.now().to_sec(), stamp.to_sec(), took, len(spots))
         self._last_image = image
         if self._debug.get_num_connections() > 0:
@@ -225,8 +226,15 @@ class SpotDetectorNode:
         result.projection = _SOURCES[point.source]
         return result
 
-    # ------------------------------------------------------------- for _Frame
-    def camera_for(self, shape: Tuple[int, ...]) -> Optional[CameraModel]:
+    # ------------------------------------------------------------- geometry
+    def _place(self, camera: Optional[CameraModel], frame_id: str, stamp: rospy.Time) -> Optional[Frame]:
+        """The image's geometry; None while camera or pose are unknown."""
+        if camera is None or not (self._mobile or self._stationary_pose(frame_id) is not None):
+            return None
+        depth = partial(self._depth_near, stamp) if self._params.depth else None
+        return Frame(camera, partial(self._camera_pose, frame_id, stamp), self._projector, depth)
+
+    def _camera_for(self, shape: Tuple[int, ...]) -> Optional[CameraModel]:
         """The camera model, if one came that fits images of this shape."""
         with self._lock:
             camera = self._info
@@ -234,7 +242,7 @@ class SpotDetectorNode:
             return None
         return camera
 
-    def pose_at(self, frame_id: str, stamp: rospy.Time) -> np.ndarray:
+    def _camera_pose(self, frame_id: str, stamp: rospy.Time) -> np.ndarray:
         """(4, 4) T_map_camera at a time."""
         if not self._mobile:
             pose = self._stationary_pose(frame_id)
@@ -260,17 +268,6 @@ class SpotDetectorNode:
                 return None
         self._pose, self._pose_frame, self._pose_at = pose, frame_id, now
         return pose
-
-    def project(self, frame: "_Frame", u: float, v: float) -> FloorPoint:
-        """The floor point of a pixel of a frame; CodedError where there is none."""
-        if not self._params.depth:
-            return self._projector.on_plane(frame.camera, frame.pose, u, v)
-        depth, camera = self._depth_near(frame.stamp)
-        return self._projector.with_depth(frame.camera, frame.pose, u, v, depth, camera)
-
-    def floor_height(self) -> float:
-        """[m]"""
-        return self._projector.params.floor_height
 
     def _depth_near(self, stamp: rospy.Time) -> Tuple[Optional[np.ndarray], Optional[CameraModel]]:
         with self._lock:
@@ -342,50 +339,12 @@ class SpotDetectorNode:
         return status
 
 
-class _Frame:
-    """One image's geometry, worked out only if a candidate asks for it: most images hold none."""
-
-    def __init__(self, node: SpotDetectorNode, stamp: rospy.Time, frame_id: str, shape: Tuple[int, ...]) -> None:
-        self._node = node
-        self._shape = shape
-        self.stamp = stamp
-        self.frame_id = frame_id
-        self.camera = node.camera_for(shape)
-        self._pose: Optional[np.ndarray] = None
-        self._points: Dict[Tuple[float, float], FloorPoint] = {}
-
-    @property
-    def pose(self) -> np.ndarray:
-        if self._pose is None:
-            self._pose = self._node.pose_at(self.frame_id, self.stamp)
-        return self._pose
-
-    def to_floor(self, pixels: np.ndarray) -> np.ndarray:
-        """Pixels (N, 2) to the floor (N, 3) [m]."""
-        return projection.floor_points(self.camera, self.pose, pixels, self._node.floor_height())
-
-    def point(self, u: float, v: float) -> FloorPoint:
-        """The floor point of a pixel, worked out once."""
-        if (u, v) not in self._points:
-            self._points[u, v] = self._node.project(self, u, v)
-        return self._points[u, v]
-
-    def refusal_at(self, u: float, v: float) -> str:
-        """Why no spot can be at a pixel, or ""."""
-        try:
-            self.point(u, v)
-        except CodedError as error:
-            if error.code in ("no_transform", "bad_transform"):
-                raise
-            return error.code
-        return ""
-
-    def why_unknown(self) -> CodedError:
-        """Why the place of a spot in this frame is unknown."""
-        if self.camera is not None:
-            return CodedError("no_transform", f"the pose of '{self.frame_id}' in the map is unknown")
-        height, width = self._shape[:2]
-        return CodedError("no_camera_info", f"no camera_info that fits an image of {width} x {height}")
+def _why_unknown(camera: Optional[CameraModel], frame_id: str, shape: Tuple[int, ...]) -> CodedError:
+    """Why the place of a spot in an image of this shape is unknown."""
+    if camera is not None:
+        return CodedError("no_transform", f"the pose of '{frame_id}' in the map is unknown")
+    height, width = shape[:2]
+    return CodedError("no_camera_info", f"no camera_info that fits an image of {width} x {height}")
 
 
 def beside(topic: str, name: str) -> str:

@@ -1,4 +1,4 @@
-"""Person and robot as stacks of rounded pieces; all measures of the person are assumed for 1.75 m."""
+"""Person and robot as stacks of rounded pieces; all measures of the person are assumed for 1.75 m and scaled."""
 from __future__ import annotations
 
 import math
@@ -9,11 +9,20 @@ import numpy as np
 
 from vb_core.camera_model import CameraModel
 from vb_core.geometry import invert
+from vb_core.parameters import Parameters, param
 
 _ANGLES = np.linspace(0.0, 2.0 * math.pi, 16, endpoint=False)
 _CIRCLE = np.column_stack([np.cos(_ANGLES), np.sin(_ANGLES)])
 
 SHIRT, TROUSERS, SKIN, HAIR, SHOES = (78, 118, 112), (48, 54, 78), (206, 162, 134), (72, 54, 42), (38, 36, 38)
+
+
+@dataclass(frozen=True)
+class Build(Parameters):
+    """How tall and how broad a person is."""
+
+    height: float = param(1.75, "m", low=1.0, high=2.3)
+    breadth: float = param(1.0, "", low=0.5, high=2.0, doc="share of an average person's breadth")
 
 
 @dataclass(frozen=True)
@@ -68,7 +77,7 @@ def _stack(x: float, y: float, yaw: float, rows: Sequence[Tuple]) -> List[Piece]
 
 
 def hand_position(person: Tuple[float, float, float], target: Optional[Tuple[float, float]], height: float) -> np.ndarray:
-    """(3,) [m] where the right hand holds the pointer."""
+    """(3,) [m] where the right hand holds the pointer, at a height [m]."""
     x, y, yaw = person
     shoulder = np.array([x + 0.20 * math.sin(yaw), y - 0.20 * math.cos(yaw)])
     direction = np.array([math.cos(yaw), math.sin(yaw)])
@@ -80,8 +89,14 @@ def hand_position(person: Tuple[float, float, float], target: Optional[Tuple[flo
     return np.array([*(shoulder + 0.42 * direction), height])
 
 
-def person_pieces(person: Tuple[float, float, float], target: Optional[Tuple[float, float]], hand_height: float) -> List[Piece]:
-    """A standing person with the right arm raised towards a point on the floor, or hanging."""
+def person_pieces(
+    person: Tuple[float, float, float], target: Optional[Tuple[float, float]], hand_height: float, build: Build = Build()
+) -> List[Piece]:
+    """A standing person with the right arm raised towards a point on the floor, or hanging.
+
+    Args:
+        hand_height: [m] at which someone of 1.75 m holds the pointer.
+    """
     x, y, yaw = person
     pieces: List[Piece] = []
     for left in (0.10, -0.10):
@@ -117,7 +132,18 @@ def person_pieces(person: Tuple[float, float, float], target: Optional[Tuple[flo
         beam = np.array([*target, 0.0]) - hand
         tip = hand + beam / max(1e-6, float(np.linalg.norm(beam))) * 0.09
         pieces.append(Piece(hand, tip, (0.014, 0.014), (0.01, 0.01), yaw, (30, 30, 32)))
-    return pieces
+    return pieces if build == Build() else [_built(piece, (x, y), build) for piece in pieces]
+
+
+def _built(piece: Piece, middle: Tuple[float, float], build: Build) -> Piece:
+    """A piece of someone who is taller or broader than the average."""
+    scale = np.array([build.breadth, build.breadth, build.height / Build().height])
+    at = np.array([*middle, 0.0])
+    return Piece(
+        at + (piece.low - at) * scale, at + (piece.high - at) * scale,
+        (piece.low_radii[0] * build.breadth, piece.low_radii[1] * build.breadth),
+        (piece.high_radii[0] * build.breadth, piece.high_radii[1] * build.breadth), piece.yaw, piece.color,
+    )
 
 
 def person_key(person: Optional[Tuple[float, float, float]], target: Optional[Tuple[float, float]]) -> Tuple:

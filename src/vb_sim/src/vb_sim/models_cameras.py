@@ -12,6 +12,7 @@ import numpy as np
 
 from vb_core import geometry
 from vb_core.parameters import Parameters, param
+from vb_sim.bodies import Build
 from vb_sim.models import load_models, section
 
 
@@ -83,10 +84,16 @@ class CameraModels:
     optics: Optics = field(default_factory=Optics)
     noise: CameraNoise = field(default_factory=CameraNoise)
     robot_camera: RobotCamera = field(default_factory=RobotCamera)
+    body: Build = field(default_factory=Build)
+
+    @property
+    def hand_height(self) -> float:
+        """[m] at which this person holds the pointer."""
+        return self.optics.pointer_height * self.body.height / Build().height
 
 
 def load_camera_models(path: str) -> CameraModels:
-    """Reads the sections `optics`, `camera_noise` and `robot_camera`; others belong to others.
+    """Reads the sections `optics`, `camera_noise`, `robot_camera` and `body`; others belong to others.
 
     Raises:
         CodedError: "no_models" if there is no such file, "bad_models" if it is not YAML.
@@ -97,6 +104,7 @@ def load_camera_models(path: str) -> CameraModels:
         section(document, "optics", Optics),
         section(document, "camera_noise", CameraNoise),
         section(document, "robot_camera", RobotCamera),
+        section(document, "body", Build),
     )
 
 

@@ -35,3 +35,6 @@ class ParticipantModel(Parameters):
     leading_distance: float = param(0.9, "m", above=0.3)
     leading_distance_max: float = param(1.5, "m", above=0.3)
     robot_drawing_speed: float = param(0.2, "m/s", above=0.0, high=2.0)
+    slip: float = param(0.0, "", low=0.0, high=1.0)
+    slip_size: float = param(0.4, "m", above=0.0, high=2.0)
+    wrong_side: float = param(0.0, "", low=0.0, high=1.0)

@@ -20,29 +20,24 @@ from std_srvs.srv import Empty, EmptyResponse
 from vb_core import geometry, names
 from vb_core.errors import CodedError
 from vb_core.grid_map import GridMap
-from vb_core.parameters import Parameters, param
+from vb_core.parameters import param
 from vb_core.ros import messages, node, parameters
 from vb_core.ros.transforms import TransformLookup
-from vb_sim.costmap import Costmap, CostmapParams
-from vb_sim.follower import Follower, FollowerParams
-from vb_sim.planner import Planner, PlannerParams
+from vb_sim.costmap import CostmapParams
+from vb_sim.follower import FollowerParams
+from vb_sim.navigator import Navigator, NavigatorParams
+from vb_sim.planner import PlannerParams
 
 OccupancyGridUpdateArray = numpy_msg(OccupancyGridUpdate)
 Pose = Tuple[float, float, float]
 
 
 @dataclass(frozen=True)
-class NavigationParams(Parameters):
+class NavigationParams(NavigatorParams):
     """The node's own parameters; names as in move_base where it has them."""
 
     base_frame: str = param("base_link")
     controller_frequency: float = param(10.0, "1/s", low=1.0, high=50.0)
-    planner_frequency: float = param(1.0, "1/s", low=0.1, high=10.0)
-    planner_patience: float = param(3.0, "s", low=0.0)
-    controller_patience: float = param(15.0, "s", low=0.0)
-    replan_distance: float = param(0.3, "m", above=0.0)
-    obstacle_range: float = param(2.5, "m", low=0.0)
-    map_tolerance: float = param(0.10, "m", low=0.0)
     local_costmap_rate: float = param(1.0, "1/s", above=0.0, high=10.0)
     local_costmap_size: float = param(3.0, "m", above=0.1)
     make_plan_while_driving: bool = param(False)
@@ -71,12 +66,8 @@ class NavigationNode:
 
     def __init__(self, params: NavigationParams, costmap: CostmapParams, planner: PlannerParams, follower: FollowerParams) -> None:
         self._params = params
-        self._costmap_params = costmap
-        self._planner_params = planner
-        self._follower = Follower(follower)
+        self._navigator = Navigator(params, costmap, planner, follower)
         self._lock = threading.Lock()
-        self._planner: Optional[Planner] = None  # on the static map
-        self._revision = 0
         self._obstacles = np.zeros((0, 2))  # robot's frame, from the newest scan
         self._mount: Optional[np.ndarray] = None  # T_base_laser
         self._driving = False
@@ -110,11 +101,7 @@ class NavigationNode:
         if abs(grid.origin[2]) > 1e-6:
             rospy.logwarn_once("%s: the map's rotation is ignored, as move_base does", rospy.get_name())
             grid = GridMap(grid.data, grid.resolution, (grid.origin[0], grid.origin[1], 0.0))
-        costmap = Costmap(grid, self._costmap_params)
-        planner = Planner(costmap, self._planner_params)
-        with self._lock:
-            self._planner = planner
-            self._revision += 1
+        costmap = self._navigator.set_map(grid)
         occupancy = grid.with_data(costmap.occupancy())
         now = rospy.Time.now()
         self._global.publish(messages.message_from_grid(occupancy, now))
@@ -123,39 +110,6 @@ class NavigationNode:
         update.height, update.width = grid.shape
         update.data = np.ascontiguousarray(occupancy.data).ravel()
         self._updates.publish(update)
-
-    def _static(self) -> Tuple[Planner, int]:
-        with self._lock:
-            if self._planner is None:
-                raise CodedError("no_map", f"no map has come on {names.VIRTUAL_MAP} yet")
-            return self._planner, self._revision
-
-    def _with_obstacles(self, static: Planner, pose: Pose) -> Planner:
-        """The planner on map and scan; that on the map alone where the scan shows nothing new."""
-        fresh = self._unmapped(static, pose)
-        if not len(fresh):
-            return static
-        grid = static.costmap.grid
-        cells = grid.world_to_cell(fresh)
-        mask = np.zeros(grid.shape, bool)
-        mask[cells[:, 0], cells[:, 1]] = True
-        return Planner(Costmap(grid, self._costmap_params, mask), self._planner_params)
-
-    def _unmapped(self, static: Planner, pose: Pose) -> np.ndarray:
-        """(N, 2) [m] what the scanner sees and the map has not, map frame."""
-        with self._lock:
-            seen = self._obstacles
-        if not len(seen):
-            return seen
-        seen = seen[np.hypot(seen[:, 0], seen[:, 1]) < self._params.obstacle_range]
-        c, s = np.cos(pose[2]), np.sin(pose[2])
-        points = seen @ np.array([[c, s], [-s, c]]) + pose[:2]
-        grid = static.costmap.grid
-        cells = grid.world_to_cell(points)
-        inside = grid.contains_cells(cells)
-        points, cells = points[inside], cells[inside]
-        # a wall seen a little beside its place is no new obstacle
-        return points[static.costmap.distance[cells[:, 0], cells[:, 1]] > self._params.map_tolerance]
 
     # ------------------------------------------------------------ scan and pose
     def _on_scan(self, message: LaserScan) -> None:
@@ -198,7 +152,7 @@ class NavigationNode:
             raise rospy.ServiceException("move_base must be in an inactive state to make a plan for an external user")
         response = GetPlanResponse()
         try:
-            planner, _ = self._static()
+            planner, _ = self._navigator.static()
             start = self._in_map(request.start) if request.start.header.frame_id else self._pose()
             goal = self._in_map(request.goal)
             path = planner.plan(np.array(start[:2]), np.array(goal[:2]), max(request.tolerance, 0.0))
@@ -221,9 +175,11 @@ class NavigationNode:
         if not self._local.get_num_connections():
             return
         try:
-            static, _ = self._static()
+            static, _ = self._navigator.static()
             pose = self._pose()
-            costmap = self._with_obstacles(static, pose).costmap
+            with self._lock:
+                obstacles = self._obstacles
+            costmap = self._navigator.with_obstacles(static, pose, obstacles).costmap
         except CodedError as error:
             rospy.logdebug("no local costmap: %s", error)
             return
@@ -253,7 +209,7 @@ class NavigationNode:
             with self._lock:
                 self._obstacles = np.zeros((0, 2))
             self._driving = False
-            self._follower.halt()
+            self._navigator.halt()
             if not rospy.is_shutdown():
                 self._cmd_vel.publish(Twist())
 
@@ -263,71 +219,32 @@ class NavigationNode:
         Raises:
             CodedError: why it cannot be reached.
         """
-        self._follower.set_goal(goal)
+        self._navigator.begin(goal)
         period = 1.0 / self._params.controller_frequency
-        planned_at = reached_at = moved_at = None
-        revision, count, planning_failed = -1, 0, False
+        count = 0
         while not rospy.is_shutdown():
-            now = rospy.Time.now().to_sec()
             if self._server.is_preempt_requested():
                 self._server.set_preempted(MoveBaseResult(), "the goal was cancelled or replaced")
                 return
             pose = self._pose()
-            static, newest = self._static()
-            due = planned_at is None or now - planned_at >= 1.0 / self._params.planner_frequency or now < planned_at
-            if due or newest != revision:
-                planned_at, revision = now, newest
-                problem = self._replan(static, pose, goal)
-                if problem is None:
-                    reached_at = now
-                else:
-                    # nobody drives on along a path that the map no longer allows
-                    self._stop()
-                    reached_at = now if reached_at is None else reached_at
-                    if now - reached_at >= self._params.planner_patience:
-                        raise problem
-                planning_failed = problem is not None
-            if not planning_failed:
-                with self._lock:
-                    obstacles = self._obstacles
-                motion = self._follower.step(pose, obstacles, period)
-                if motion.arrived:
-                    self._server.set_succeeded(MoveBaseResult(), "the goal is reached")
-                    return
-                moved_at = now if moved_at is None or not motion.blocked else moved_at
-                if now - moved_at >= self._params.controller_patience:
-                    raise CodedError("blocked", "something has been standing in the way for too long")
-                if motion.off_path > self._params.replan_distance:
-                    planned_at = None
-                self._send(motion.speed, motion.turn_rate)
+            with self._lock:
+                obstacles = self._obstacles
+            drive = self._navigator.step(rospy.Time.now().to_sec(), pose, obstacles, period)
+            if drive.path is not None:
+                self._plan.publish(path_message(drive.path, goal[2]))
+            if drive.arrived:
+                self._server.set_succeeded(MoveBaseResult(), "the goal is reached")
+                return
+            self._send(drive.speed, drive.turn_rate)
             count += 1
             if count % 2 == 0:
                 self._feedback(pose)
             self._sleep(period)
 
-    def _replan(self, static: Planner, pose: Pose, goal: Pose) -> Optional[CodedError]:
-        """Gives the follower a new path; says why there is none."""
-        start, end = np.array(pose[:2]), np.array(goal[:2])
-        try:
-            try:
-                path = self._with_obstacles(static, pose).plan(start, end)
-            except CodedError:
-                # a person at the goal or at the robot's side: plan by the map alone, the follower stops before him
-                path = static.plan(start, end)
-        except CodedError as error:
-            return error
-        self._follower.set_path(path)
-        self._plan.publish(path_message(path, goal[2]))
-        return None
-
     def _send(self, speed: float, turn_rate: float) -> None:
         message = Twist()
         message.linear.x, message.angular.z = speed, turn_rate
         self._cmd_vel.publish(message)
-
-    def _stop(self) -> None:
-        self._follower.halt()
-        self._send(0.0, 0.0)
 
     def _feedback(self, pose: Pose) -> None:
         feedback = MoveBaseFeedback()

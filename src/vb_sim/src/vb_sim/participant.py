@@ -12,6 +12,7 @@ from typing import Generator, Optional, Tuple
 
 import numpy as np
 
+from vb_core import geometry
 from vb_core.grid_map import FREE, GridMap
 from vb_sim.floor_plan import physical_map
 from vb_sim.hand import Stroke, Tremor
@@ -21,6 +22,7 @@ from vb_sim.world import Scenario, World
 
 Step = Generator[None, None, None]
 FEEDBACK_GAP = 0.3  # [s] between two sounds of "I see it" after which there is none
+OWN_SPOT = 0.5  # [m] a dot on the display farther from the spot than this is not taken for it
 
 DEFAULT = "default"
 
@@ -56,6 +58,25 @@ class Percept:
     answer: Optional[Answer] = None
     answered: int = 0
 
+    def hear(self, spot: Optional[Tuple[float, float]], stamp: float, seen: Tuple[float, float], mobile: bool) -> None:
+        """Takes note that some camera saw something.
+
+        Args:
+            spot: (x, y) [m] where the person's own spot is now; None while the laser is off.
+            stamp: [s] of the camera's image.
+            seen: (x, y) [m] where the camera saw it.
+            mobile: whether it is a robot's camera.
+        """
+        # a spot of seconds ago is no feedback, and none comes from the future
+        if spot is None or not -0.2 < self.now - stamp < 1.0:
+            return
+        if math.hypot(seen[0] - spot[0], seen[1] - spot[1]) > OWN_SPOT:
+            return
+        # people hear the sound when it comes, however old the image is
+        self.last_seen = self.now
+        if mobile:
+            self.last_seen_by_robot = self.now
+
 
 @dataclass(frozen=True)
 class Action:
@@ -81,6 +102,10 @@ class GivesUp(Exception):
     """The person has had enough; the message says why."""
 
 
+class Slips(Exception):
+    """The drawing went wrong, and the person has noticed."""
+
+
 class Person:
     """Body, hand and speech. `ParticipantScript` classes tell it what to do.
 
@@ -93,6 +118,7 @@ class Person:
     def __init__(self, world: World, scenario: Scenario, model: ParticipantModel, seed: int, start_near: np.ndarray) -> None:
         # another scenario is another day: the same seed must not tremble alike in all of them
         self.rng = np.random.default_rng([seed, *scenario.key.encode()])
+        self._seed = seed
         self.model = model
         self.scenario = scenario
         self.grid: GridMap = physical_map(world)
@@ -107,6 +133,26 @@ class Person:
         self.tries = 0
         self.last_answer = Answer(True, "ok", "")
         self._command, self._number, self._source = "", 0, "participant"
+        self._err()
+
+    def _err(self) -> None:
+        """Decides what this person will do wrong; apart from all other chance, so that who errs is otherwise the same."""
+        rng = np.random.default_rng([self._seed, *self.scenario.key.encode(), 1])
+        slips, wrong_side = rng.random(2) < (self.model.slip, self.model.wrong_side)
+        # where along the border it goes wrong [share], and to which side
+        self._slip: Optional[Tuple[float, float]] = (rng.uniform(0.2, 0.9), rng.choice([-1.0, 1.0])) if slips else None
+        self.seed = self._mirrored_seed() if wrong_side else self.scenario.seed.copy()
+
+    def _mirrored_seed(self) -> np.ndarray:
+        """(2,) [m] the seed on the other side of the border, by the shortest way across it that ends on free floor."""
+        chain = geometry.resample_chain(self.scenario.border, 0.05, self.scenario.closed)
+        across = chain - self.scenario.seed
+        for index in np.argsort(np.linalg.norm(across, axis=1), kind="stable"):
+            place = self.scenario.seed + 2.0 * across[index]
+            around = place + 0.15 * np.array([[0, 0], [1, 0], [-1, 0], [0, 1], [0, -1]])
+            if self.is_floor(around).all() and np.linalg.norm(chain - place, axis=1).min() > 0.25:
+                return place
+        return self.scenario.seed.copy()
 
     # ------------------------------------------------------------ the world's side
     def step(self, percept: Percept, script: Step) -> None:
@@ -220,6 +266,23 @@ class Person:
         border = self.scenario.border if border is None else border
         return Stroke(border, self.scenario.closed, self.model, self.rng, self.is_floor)
 
+    def may_slip(self, stroke: Stroke, arc: float, speed: float) -> Step:
+        """Once in a lifetime, at some place of the stroke, the hand goes wrong.
+
+        Raises:
+            Slips: when the person has noticed.
+        """
+        if self._slip is None or arc < self._slip[0] * stroke.length:
+            return
+        side, self._slip = self._slip[1], None
+        along = stroke.at(min(arc + 0.05, stroke.length)) - stroke.at(max(arc - 0.05, 0.0))
+        across = np.array([-along[1], along[0]]) / max(float(np.linalg.norm(along)), 1e-9)
+        aside = stroke.at(arc) + self.model.slip_size * side * across
+        yield from self.move_spot(aside if self.is_floor(aside)[0] else stroke.at(arc), speed)
+        yield from self.react()
+        self.spot = None
+        raise Slips()
+
     def see_and_wait(self, seconds: float, patience: float, by_robot: bool = False) -> Step:
         """Holds the spot until it has been seen for some time in all, or patience ends."""
         seen, began = 0.0, self.percept.now
@@ -300,7 +363,13 @@ class ParticipantScript:
         refusal = person.last_answer
         for person.tries in range(1, person.model.tries + 1):
             yield from self.prepare()
-            yield from self.draw()
+            try:
+                yield from self.draw()
+            except Slips:
+                refusal = Answer(False, "slipped", "the drawing went wrong")
+                person.doing = "starts over"
+                yield from person.insist("cancel", self.source)
+                continue
             saved = False
             for _ in range(person.model.tries):
                 yield from self.show_seed()

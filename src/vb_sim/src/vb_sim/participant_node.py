@@ -5,7 +5,7 @@ import json
 import os
 import threading
 from dataclasses import asdict, dataclass, replace
-from typing import Any, Dict, Optional
+from typing import Any, Dict, Optional, Tuple
 
 import numpy as np
 import rospy
@@ -26,8 +26,6 @@ from vb_sim.participant import Action, Answer, ParticipantScript, Percept, Perso
 from vb_sim.participant_nrs import NetworkRobotSystemScript
 from vb_sim.participant_robot_only import RobotOnlyScript
 from vb_sim.world import Scenario, World, load_world
-
-OWN_SPOT = 0.5  # [m] a dot on the display farther from the spot than this is not taken for it
 
 
 @dataclass(frozen=True)
@@ -67,7 +65,7 @@ class ParticipantNode:
         self._world, self._scenario, self._model, self._params = world, scenario, model, params
         self._lock = threading.Lock()
         self._percept = Percept()
-        self._spot: Optional[np.ndarray] = None
+        self._spot: Optional[Tuple[float, float]] = None
         self._script: Optional[ParticipantScript] = None
         self._started = 0.0
         self._count = 0
@@ -113,17 +111,9 @@ class ParticipantNode:
         return TriggerResponse(success=True, message=f"scenario {self._scenario.key}, method {self._params.method}")
 
     def _on_spot(self, message: LaserSpot) -> None:
-        stamp = message.header.stamp.to_sec()
+        seen = (message.position.x, message.position.y)
         with self._lock:
-            # a spot of seconds ago is no feedback, and none comes from the future
-            if self._spot is None or not -0.2 < self._percept.now - stamp < 1.0:
-                return
-            if np.hypot(message.position.x - self._spot[0], message.position.y - self._spot[1]) > OWN_SPOT:
-                return
-            # people hear the sound when it comes, however old the image is
-            self._percept.last_seen = self._percept.now
-            if message.mobile:
-                self._percept.last_seen_by_robot = self._percept.now
+            self._percept.hear(self._spot, message.header.stamp.to_sec(), seen, message.mobile)
 
     def _on_progress(self, message: BorderProgress) -> None:
         with self._lock:
@@ -157,7 +147,7 @@ class ParticipantNode:
         over_before = bool(script.outcome)
         action = script.step(seen)
         with self._lock:
-            self._spot = None if action.laser is None else np.array(action.laser)
+            self._spot = action.laser
         self._publish(action, now)
         if action.command:
             threading.Thread(target=self._command, args=(script, action), daemon=True).start()

@@ -56,6 +56,7 @@ class NetworkRobotSystemScript(ParticipantScript):
                 # the way back counts as feedback: what follows is judged afresh
                 yield from person.see_and_wait(0.1, 2.0)
                 seen_at = arc
+            yield from person.may_slip(stroke, arc, person.drawing_speed)
             arc += sign * min(person.drawing_speed * stroke.pace(arc) * person.dt, abs(end - arc))
             person.spot = stroke.at(arc)
             person.come_within_reach(person.spot, stroke.points)
@@ -91,14 +92,14 @@ class NetworkRobotSystemScript(ParticipantScript):
     def show_seed(self) -> Step:
         person = self.person
         person.doing = "walks"
-        person.come_within_reach(person.scenario.seed, person.scenario.border)
+        person.come_within_reach(person.seed, person.scenario.border)
         yield from person.react()
         yield from person.insist("define_seed", self.source)
         while person.legs.walking:
             yield
         yield from person.react()
         person.doing = "shows the seed"
-        person.spot = person.scenario.seed.copy()
+        person.spot = person.seed.copy()
         for _ in range(2):
             yield from person.see_and_wait(person.model.seed_time, person.model.patience)
             if person.percept.has_seed:

@@ -53,6 +53,7 @@ class RobotOnlyScript(ParticipantScript):
         yield from person.move_spot(stroke.at(arc), person.model.robot_drawing_speed)
         while arc < stroke.length:
             unseen = person.unseen_for(by_robot=True)
+            yield from person.may_slip(stroke, arc, person.model.robot_drawing_speed)
             if unseen < FEEDBACK_GAP:
                 seen_at = arc
                 arc = min(arc + self._pace() * person.model.robot_drawing_speed * stroke.pace(arc) * person.dt, stroke.length)
@@ -86,7 +87,7 @@ class RobotOnlyScript(ParticipantScript):
         yield from person.insist("define_seed", self.source)
         yield from person.react()
         person.spot = end.copy() if end is not None else self._before_robot()
-        yield from self._lead([person.scenario.seed], "shows the seed", self._is_as_good)
+        yield from self._lead([person.seed], "shows the seed", self._is_as_good)
         person.doing = "shows the seed"
         # longer than anywhere on the way, for the place where the spot dwells is the seed
         yield from person.see_and_wait(person.model.seed_time + 1.0, person.model.patience, by_robot=True)
@@ -96,10 +97,12 @@ class RobotOnlyScript(ParticipantScript):
 
     # ------------------------------------------------------------ leading
     def _is_as_good(self, place: np.ndarray) -> bool:
-        """Whether a place (2,) [m] is on the seed's side, and clearly so."""
-        region, border = self.person.scenario.region, self.person.scenario.border
-        chain = np.vstack([border, border[:1]]) if self.person.scenario.closed else border
-        return bool(Polygon(region).contains(Point(place)) and distance_to_chain(np.asarray(place), chain) > 0.2)
+        """Whether a place (2,) [m] is on the side of the seed that the person has in mind, and clearly so."""
+        person = self.person
+        region, border = Polygon(person.scenario.region), person.scenario.border
+        chain = np.vstack([border, border[:1]]) if person.scenario.closed else border
+        same_side = region.contains(Point(place)) == region.contains(Point(person.seed))
+        return bool(same_side and distance_to_chain(np.asarray(place), chain) > 0.2)
 
     def _lead(
         self,

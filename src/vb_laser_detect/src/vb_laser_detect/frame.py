@@ -1,0 +1,84 @@
+"""One image's geometry: where its pixels lie on the floor, worked out only where a candidate asks for it."""
+from __future__ import annotations
+
+from typing import Callable, Dict, List, Optional, Tuple
+
+import numpy as np
+
+from vb_core.camera_model import CameraModel
+from vb_core.errors import CodedError
+from vb_laser_detect import projection
+from vb_laser_detect.detector import Spot, SpotDetector
+from vb_laser_detect.projection import FloorPoint, FloorProjector
+
+# a depth image (h, w), and its camera if that is known; (None, None) where there is none near the image's time
+DepthAt = Callable[[], Tuple[Optional[np.ndarray], Optional[CameraModel]]]
+
+
+class Frame:
+    """Places the pixels of one image on the floor. Most images hold no candidate and cost nothing here.
+
+    Args:
+        camera: of the image.
+        pose: gives (4, 4) T_map_camera at the image's time; asked at most once. CodedError "no_transform" if unknown.
+        projector: the camera's.
+        depth: gives the depth image of that time; None: the floor is a plane.
+    """
+
+    def __init__(
+        self,
+        camera: CameraModel,
+        pose: Callable[[], np.ndarray],
+        projector: FloorProjector,
+        depth: Optional[DepthAt] = None,
+    ) -> None:
+        self._camera = camera
+        self._ask_pose = pose
+        self._pose: Optional[np.ndarray] = None
+        self._projector = projector
+        self._depth = depth
+        self._points: Dict[Tuple[float, float], FloorPoint] = {}
+
+    @property
+    def pose(self) -> np.ndarray:
+        """(4, 4) T_map_camera."""
+        if self._pose is None:
+            self._pose = self._ask_pose()
+        return self._pose
+
+    def to_floor(self, pixels: np.ndarray) -> np.ndarray:
+        """Pixels (N, 2) to the floor (N, 3) [m]."""
+        return projection.floor_points(self._camera, self.pose, pixels, self._projector.params.floor_height)
+
+    def point(self, u: float, v: float) -> FloorPoint:
+        """The floor point of a pixel, worked out once; CodedError where there is none."""
+        if (u, v) not in self._points:
+            self._points[u, v] = self._project(u, v)
+        return self._points[u, v]
+
+    def _project(self, u: float, v: float) -> FloorPoint:
+        if self._depth is None:
+            return self._projector.on_plane(self._camera, self.pose, u, v)
+        return self._projector.with_depth(self._camera, self.pose, u, v, *self._depth())
+
+    def refusal_at(self, u: float, v: float) -> str:
+        """Why no spot can be at a pixel, or ""."""
+        try:
+            self.point(u, v)
+        except CodedError as error:
+            if error.code in ("no_transform", "bad_transform"):
+                raise
+            return error.code
+        return ""
+
+
+def search(detector: SpotDetector, image: np.ndarray, stamp: float, frame: Optional[Frame]) -> List[Spot]:
+    """Searches one image; each spot's place is `frame.point(spot.u, spot.v)`.
+
+    Args:
+        stamp: [s] when the image was taken.
+        frame: None while camera or pose are unknown: sizes and speeds are judged in pixels then.
+    """
+    detector.to_floor = frame.to_floor if frame is not None else None
+    detector.place_check = frame.refusal_at if frame is not None else None
+    return detector.detect(image, stamp)
