@@ -376,7 +376,7 @@ def test_the_hundredth_border_touches_no_other(monkeypatch):
         assert len(painted) == 1
 
 
-PURE = ["border", "border_files", "composition", "curve", "findings", "integration", "integrator", "map_binding", "map_files",
+PURE = ["border", "border_files", "border_folders", "composition", "curve", "findings", "history_file", "integration", "integrator", "map_binding", "map_files",
         "preview", "raster", "recording", "store"]
 BLOCKED = """
 import sys

@@ -2,87 +2,101 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Dict, Iterable
+from typing import Dict, Mapping, Optional
 
 import numpy as np
 
 from vb_core.grid_map import GridMap
 from vb_map_integration import raster
-from vb_map_integration.integration import Integration
+from vb_map_integration.integration import Area
 
 
 @dataclass(frozen=True)
 class Region:
-    """What one border does to the map.
+    """What one border does to the map; one bit for each cell of its window.
 
     Attributes:
-        runs: (N, 2) int64, [start, end) in the flat grid.
+        window: the part of the map that it lies in.
+        bits: the packed mask of that window.
         value: 0 .. 100.
         over_unknown: whether it covers unknown cells.
         area_m2: [m^2].
     """
 
-    runs: np.ndarray
+    window: raster.Window
+    bits: np.ndarray
     value: int
     over_unknown: bool
     area_m2: float
 
     @classmethod
-    def of(cls, result: Integration) -> "Region":
-        """The region of an integration; small, however large the map is."""
-        return cls(raster.runs_of(result.mask), result.value, result.over_unknown, result.area_m2)
+    def of(cls, area: Area) -> "Region":
+        """The region of an area."""
+        return cls(area.window, np.packbits(area.mask), area.value, area.over_unknown, area.area_m2)
 
-    def paint(self, cells: np.ndarray, window=None) -> None:
-        """Raises the cells (H, W) int8 in place, within a window [start, end) of the flat grid."""
-        raster.paint_runs(cells, self.runs, self.value, self.over_unknown, window or (0, cells.size))
+    @property
+    def mask(self) -> np.ndarray:
+        """(h, w) uint8 mask of the window."""
+        rows, columns = self.window
+        shape = rows.stop - rows.start, columns.stop - columns.start
+        bits = np.unpackbits(self.bits, count=shape[0] * shape[1]).reshape(shape)
+        return np.negative(bits, out=bits)  # 1 becomes 255
+
+    def paint(self, cells: np.ndarray) -> None:
+        """Raises the cells (H, W) int8 in place."""
+        raster.paint(cells[self.window], self.mask, self.value, self.over_unknown)
+
+    def paint_within(self, cells: np.ndarray, window: raster.Window) -> None:
+        """`paint`, limited to a window of the map."""
+        rows, columns = (_overlap(own, other) for own, other in zip(self.window, window))
+        if rows is None or columns is None:
+            return
+        part = self.mask[
+            rows.start - self.window[0].start : rows.stop - self.window[0].start,
+            columns.start - self.window[1].start : columns.stop - self.window[1].start,
+        ]
+        raster.paint(cells[rows, columns], part, self.value, self.over_unknown)
 
 
 class Composition:
-    """Physical map plus regions by border id; the order of the regions does not matter, as none lowers a cell.
+    """Physical map plus regions by border id. It never changes: `changed` gives another one.
 
-    Adding one costs the same however many there are. Taking one away recomputes only the rows that it covered.
+    The order of the regions does not matter, as none lowers a cell. Adding one costs the same however many there
+    are; taking one away looks only at those that overlap its window.
+
+    Attributes:
+        physical: the map without borders.
+        posterior: the map with them.
     """
 
-    def __init__(self, physical: GridMap, regions: Iterable = ()) -> None:
+    def __init__(self, physical: GridMap) -> None:
         self.physical = physical
+        self.posterior = physical
         self._regions: Dict[str, Region] = {}
-        self._cells = np.ascontiguousarray(physical.data).copy()
-        for key, region in regions:
-            self.put(key, region)
-
-    @property
-    def posterior(self) -> GridMap:
-        """The map now. Its cells are the composition's own: use them before the next change, and do not write."""
-        return self.physical.with_data(self._cells)
 
     def area_m2(self, key: str) -> float:
         """[m^2] that a region restricts; 0 if it does not act."""
         return self._regions[key].area_m2 if key in self._regions else 0.0
 
-    def put(self, key: str, region: Region) -> None:
-        """Adds or replaces a region."""
-        self.drop(key)
-        self._regions[key] = region
-        region.paint(self._cells)
+    def changed(self, changes: Mapping[str, Optional[Region]]) -> "Composition":
+        """The composition with some regions added or replaced, and those left out whose value is None."""
+        result = Composition(self.physical)
+        result._regions = {key: region for key, region in self._regions.items() if key not in changes}
+        cells = np.array(self.posterior.data, order="C")
+        for key in changes:
+            old = self._regions.get(key)
+            if old is not None:
+                cells[old.window] = self.physical.data[old.window]
+                for region in result._regions.values():
+                    region.paint_within(cells, old.window)
+        for key, region in changes.items():
+            if region is not None:
+                result._regions[key] = region
+                region.paint(cells)
+        result.posterior = self.physical.with_data(cells)
+        return result
 
-    def drop(self, key: str) -> None:
-        """Takes a region away; one that is not there is no error."""
-        self._without(key, self._cells)
-        self._regions.pop(key, None)
 
-    def preview(self, region: Region, instead_of: str = "") -> GridMap:
-        """The posterior as it would be with one more region, or with one instead of another."""
-        cells = self._cells.copy()
-        self._without(instead_of, cells)
-        region.paint(cells)
-        return self.physical.with_data(cells)
-
-    def _without(self, key: str, cells: np.ndarray) -> None:
-        old = self._regions.get(key)
-        if old is None or len(old.runs) == 0:
-            return
-        window = (int(old.runs[0, 0]), int(old.runs[-1, 1]))
-        cells.reshape(-1)[slice(*window)] = np.ascontiguousarray(self.physical.data).reshape(-1)[slice(*window)]
-        for other, region in self._regions.items():
-            if other != key:
-                region.paint(cells, window)
+def _overlap(a: slice, b: slice) -> Optional[slice]:
+    start, stop = max(a.start, b.start), min(a.stop, b.stop)
+    return slice(start, stop) if start < stop else None

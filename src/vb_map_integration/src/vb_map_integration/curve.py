@@ -11,19 +11,22 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Callable, Optional, Tuple
+from typing import Callable, Iterator, Optional, Tuple
 
 import cv2
 import numpy as np
 
 from vb_map_integration import raster
 
-# shares of the samples beside the curve from which on the restricted area counts as touching a side
+# share of the samples beside the curve from which on the restricted area counts as touching a side
 TOUCHES = 0.1
 # where on the end of a chain, as shares of the fitted length, its direction is sampled
 _SAMPLES = np.linspace(0.0, 1.0, 16)
 FindSeed = Callable[[np.ndarray, Optional[np.ndarray]], Tuple[int, int]]
-_FILLED = 128
+# what cells of the map in work are: free ones, ones reached from the seed, blocked ones, and blocked pieces that
+# were met from the curve's start, its end, or both
+_FREE, _FILLED, _BLOCKED = 0, 128, 255
+_MET_BY_START, _MET_BY_END, _MET_BY_BOTH = 1, 2, 3
 _NEIGHBOURS = np.array([-1, 0, 1])
 
 
@@ -32,15 +35,15 @@ class Cut:
     """A separating curve cut into the map.
 
     Attributes:
-        region: (H, W) uint8, the free cells on the seed's side.
-        seed: (row, column) where the fill began.
+        window: the part of the map that the region lies in.
+        region: (h, w) uint8 mask of that window, the free cells on the seed's side.
         left, right: share of the free cells beside the drawn curve that the region holds; NaN if there are none.
         line: (M, 2) (column, row) the curve with its extensions.
         stops: for each end, the (row, column) of the blocked cell where it ends; may lie one beyond the map's rim.
     """
 
+    window: raster.Window
     region: np.ndarray
-    seed: Tuple[int, int]
     left: float
     right: float
     line: np.ndarray
@@ -58,70 +61,55 @@ def end_direction(points: np.ndarray, length: float) -> np.ndarray:
 
     The last two points alone would follow the hand's tremor.
     """
-    back = points[::-1]
-    arc = np.concatenate([[0.0], np.cumsum(_lengths(back[1:] - back[:-1]))])
-    at = min(length, arc[-1]) * _SAMPLES
-    tail = np.column_stack([np.interp(at, arc, back[:, 0]), np.interp(at, arc, back[:, 1])])
-    centred = tail - tail.sum(axis=0) / len(tail)
-    (xx, xy), (_, yy) = centred.T @ centred
-    angle = 0.5 * math.atan2(2.0 * xy, xx - yy)
-    direction = np.array([math.cos(angle), math.sin(angle)])
-    chord = tail[0] - tail[-1]
-    return direction if direction @ chord >= 0.0 else -direction
+    back = points[::-1, 0] + 1j * points[::-1, 1]
+    arc = np.concatenate([[0.0], np.cumsum(np.abs(back[1:] - back[:-1]))])
+    tail = np.interp(min(length, arc[-1]) * _SAMPLES, arc, back)
+    chord = complex(tail[0] - tail[-1])
+    # the squares of complex numbers add up to a vector of twice the angle of the tail's main axis
+    axis = complex(np.sqrt(np.square(tail - tail.sum() / len(tail)).sum()))
+    if abs(axis) < 1e-12:
+        axis = chord or 1.0 + 0.0j
+    if (axis * chord.conjugate()).real < 0.0:
+        axis = -axis
+    return np.array([axis.real, axis.imag]) / abs(axis)
 
 
 def separate(
-    blocked: np.ndarray,
-    points: np.ndarray,
-    fit_length: float,
-    overshoot: float,
-    seed: np.ndarray,
-    find_seed: FindSeed,
+    cells: np.ndarray, points: np.ndarray, fit_length: float, overshoot: float, seed: np.ndarray, find_seed: FindSeed
 ) -> Optional[Cut]:
     """Cuts a separating curve into the map and fills the seed's side.
 
     Args:
-        blocked: (H, W) uint8 mask of cells that the fill may not enter.
+        cells: (H + 2, W + 2) uint8, 255 where the fill may not enter, else 0, with a frame of 255 round the map;
+            is worked in.
         points: (N, 2) (column, row), the drawn chain.
         fit_length: [cells] how much of the chain's ends gives the extensions' direction.
         overshoot: [cells] how far a drawn end may reach beyond the wall that it belongs to.
         seed: (2,) (column, row).
-        find_seed: gives the (row, column) where the fill begins, for a mask of blocked cells with the curve's cells
-            added, and, for a seed in one of these, the direction (2,) that leads away from the curve.
+        find_seed: gives the (row, column) where the fill begins, for a mask (H, W) of barred cells, those of the curve
+            among them, and, for a seed in one of these, the direction (2,) that leads away from the curve.
 
     Returns:
         The cut, which separates or does not; None if the curve never touches the map.
     """
-    rows, columns = blocked.shape
-    reach = 2.0 * (rows + columns) + float(np.abs(points).max())
-    chain = np.vstack(
-        [
-            points[0] + reach * end_direction(points[::-1], fit_length),
-            points,
-            points[-1] + reach * end_direction(points, fit_length),
-        ]
-    )
-    trace = raster.trace_chain(chain, blocked.shape)
-    inside = (trace.rows >= 0) & (trace.rows < rows) & (trace.columns >= 0) & (trace.columns < columns)
-    arc = trace.arc - float(_lengths(points[:1] - chain[:1])[0])
-    drawn_length = float(_lengths(points[1:] - points[:-1]).sum())
+    shape = (cells.shape[0] - 2, cells.shape[1] - 2)
+    reach = 2.0 * sum(shape) + float(np.abs(points).max())
+    first = points[0] + reach * end_direction(points[::-1], fit_length)
+    last = points[-1] + reach * end_direction(points, fit_length)
+    chain = np.concatenate([[first], points, [last]])
+    trace = raster.trace_chain(chain, shape)
+    arc = trace.arc - reach
+    drawn_length = float(np.hypot(*(points[1:] - points[:-1]).T).sum())
     drawn = (arc >= -1.0) & (arc <= drawn_length + 1.0)
-    if not (inside & drawn).any():
+    on_map = (trace.rows >= 0) & (trace.rows < shape[0]) & (trace.columns >= 0) & (trace.columns < shape[1])
+    if not (on_map & drawn).any():
         return None
-    shut = np.ones(len(trace.rows), dtype=bool)
-    shut[inside] = blocked[trace.rows[inside], trace.columns[inside]] != 0
-
+    shut = cells[trace.rows + 1, trace.columns + 1] != _FREE
     slack = min(overshoot, 0.25 * drawn_length)
     starts = _stops(shut, arc <= slack, outwards=-1)
     ends = _stops(shut, arc >= drawn_length - slack, outwards=1)
-
-    cut = _cut(blocked, chain, trace, inside, drawn & ~shut, int(starts[0]), int(ends[0]), seed, find_seed)
-    if cut.separates:
-        return cut
-    pair = _common_piece(blocked, trace, arc, starts, ends, drawn_length)
-    if pair is None or pair == (starts[0], ends[0]):
-        return cut
-    return _cut(blocked, chain, trace, inside, drawn & ~shut, pair[0], pair[1], seed, find_seed)
+    start, end = _common_piece(cells, trace, arc, starts, ends, drawn_length) or (starts[0], ends[0])
+    return _cut(cells, chain, trace, drawn & ~shut, shut, int(start), int(end), seed, find_seed)
 
 
 def _stops(shut: np.ndarray, where: np.ndarray, outwards: int) -> np.ndarray:
@@ -133,113 +121,107 @@ def _stops(shut: np.ndarray, where: np.ndarray, outwards: int) -> np.ndarray:
     if len(indices) == 0:  # the whole end lies off the map
         return np.array([0 if outwards < 0 else len(shut) - 1])
     hit = shut[indices]
-    hit = hit & ~np.concatenate([[False], hit[:-1]])
-    if not hit.any():
-        return indices[-1:]
-    return indices[hit]
+    hit[1:] &= ~hit[:-1]
+    return indices[hit] if hit.any() else indices[-1:]
 
 
 def _common_piece(
-    blocked: np.ndarray, trace: raster.Trace, arc: np.ndarray, starts: np.ndarray, ends: np.ndarray, drawn_length: float
+    cells: np.ndarray, trace: raster.Trace, arc: np.ndarray, starts: np.ndarray, ends: np.ndarray, drawn_length: float
 ) -> Optional[Tuple[int, int]]:
-    """The stops on one and the same connected piece of blocked cells with the shortest extensions."""
-    labels = cv2.copyMakeBorder(blocked, 1, 1, 1, 1, cv2.BORDER_CONSTANT, value=255)
-    row = np.minimum(np.maximum(trace.rows + 1, 0), labels.shape[0] - 1)
-    column = np.minimum(np.maximum(trace.columns + 1, 0), labels.shape[1] - 1)
-    if len(starts) < 250:
-        # filling the few pieces that one end meets is faster than labelling all there are
-        label = 0
-        for stop in starts:
-            if labels[row[stop], column[stop]] == 255:
-                label += 1
-                cv2.floodFill(labels, None, (int(column[stop]), int(row[stop])), label, flags=8)
-        ends = ends[labels[row[ends], column[ends]] != 255]
-    else:
-        _, labels = cv2.connectedComponents(labels, connectivity=8, ltype=cv2.CV_32S)
+    """The nearest stops of both ends that lie on one and the same connected piece of blocked cells.
 
-    def pieces(stops: np.ndarray) -> Tuple[np.ndarray, np.ndarray]:
-        found, first = np.unique(labels[row[stops], column[stops]], return_index=True)
-        return found, stops[first]
+    Both extensions grow at the same pace; each piece that one of them meets is marked.
+    """
 
-    start_pieces, start_stops = pieces(starts)
-    end_pieces, end_stops = pieces(ends)
-    _, i, j = np.intersect1d(start_pieces, end_pieces, assume_unique=True, return_indices=True)
-    if len(i) == 0:
-        return None
-    extension = np.maximum(-arc[start_stops[i]], 0.0) + np.maximum(arc[end_stops[j]] - drawn_length, 0.0)
-    best = int(np.argmin(extension))
-    return int(start_stops[i[best]]), int(end_stops[j[best]])
+    def at(stop: int) -> Tuple[int, int]:
+        return int(trace.columns[stop]) + 1, int(trace.rows[stop]) + 1
+
+    def value(stop: int) -> int:
+        return int(cells[at(stop)[::-1]])
+
+    def first(stops: np.ndarray, mark: int) -> int:
+        return next(int(stop) for stop in stops if value(stop) == mark)
+
+    for stop, mark, other in _by_extension(starts, ends, arc, drawn_length):
+        met = value(stop)
+        if met == other:
+            cv2.floodFill(cells, None, at(stop), _MET_BY_BOTH, flags=8)
+            return first(starts, _MET_BY_BOTH), first(ends, _MET_BY_BOTH)
+        if met == _BLOCKED:
+            cv2.floodFill(cells, None, at(stop), mark, flags=8)
+    return None
+
+
+def _by_extension(
+    starts: np.ndarray, ends: np.ndarray, arc: np.ndarray, drawn_length: float
+) -> Iterator[Tuple[int, int, int]]:
+    """The stops of both ends, those with the shortest extension first; with the marks of their own end and the other."""
+    stops = np.concatenate([starts, ends])
+    extension = np.maximum(np.concatenate([-arc[starts], arc[ends] - drawn_length]), 0.0)
+    for index in np.argsort(extension, kind="stable").tolist():
+        own, other = (_MET_BY_START, _MET_BY_END) if index < len(starts) else (_MET_BY_END, _MET_BY_START)
+        yield int(stops[index]), own, other
 
 
 def _cut(
-    blocked: np.ndarray,
+    cells: np.ndarray,
     chain: np.ndarray,
     trace: raster.Trace,
-    inside: np.ndarray,
     beside: np.ndarray,
+    shut: np.ndarray,
     start: int,
     end: int,
     seed: np.ndarray,
     find_seed: FindSeed,
 ) -> Cut:
     """Fills the seed's side of the curve between two of its stops."""
-    part = np.zeros(len(inside), dtype=bool)
-    part[min(start, end) : max(start, end) + 1] = True
-    on_map = part & inside
-    rows, columns = trace.rows[on_map], trace.columns[on_map]
-    barrier = blocked.copy()
-    barrier[rows, columns] = 255
+    part = slice(start, end + 1)
+    rows, columns, segment = trace.rows[part], trace.columns[part], trace.segment[part]
+    cells[rows + 1, columns + 1] = _BLOCKED
     step = chain[1:] - chain[:-1]
-    steps = np.maximum(_lengths(step), 1e-12)
-    normal = np.column_stack([-step[:, 1] / steps, step[:, 0] / steps])
+    steps = np.maximum(np.hypot(step[:, 0], step[:, 1]), 1e-12)
+    normal = np.column_stack([-step[:, 1], step[:, 0]]) / steps[:, None]
+    # of each cell's centre over the line
+    height = ((np.column_stack([columns, rows]) - chain[segment]) * normal[segment]).sum(axis=1)
 
     away = None
     hit = np.flatnonzero((columns == math.floor(seed[0] + 0.5)) & (rows == math.floor(seed[1] + 0.5)))
     if len(hit):  # within a cell of the curve, yet on one side of it
-        crossed = trace.segment[on_map][hit[0]]
-        height = float((seed - chain[crossed]) @ normal[crossed])
-        away = math.copysign(1.0, height) * normal[crossed] if abs(height) > 0.01 else None
-    start_cell = find_seed(barrier, away)
-    cv2.floodFill(barrier, None, start_cell[::-1], _FILLED, flags=4)
-    region = cv2.compare(barrier, _FILLED, cv2.CMP_EQ)
+        crossed = segment[hit[0]]
+        side = float((seed - chain[crossed]) @ normal[crossed])
+        away = math.copysign(1.0, side) * normal[crossed] if abs(side) > 0.01 else None
+    row, column = find_seed(cells[1:-1, 1:-1], away)
+    _, _, _, (left, top, width, depth) = cv2.floodFill(cells, None, (column + 1, row + 1), _FILLED, flags=4)
 
-    middle = beside & on_map
-    points, aside = trace.points[middle] + 0.5, 1.6 * normal[trace.segment[middle]]
-    left, right = (_share(barrier, np.floor(points + side * aside).astype(np.int64)) for side in (1.0, -1.0))
+    middle = beside[part]
+    shares = [_share(cells, trace.points[part][middle] + side * normal[segment[middle]]) for side in (1.6, -1.6)]
 
     # the cells that the curve runs through go to the side that their centre is on
-    segment = trace.segment[on_map]
-    offset = np.column_stack([columns, rows]) - chain[segment]
-    height = (offset * normal[segment]).sum(axis=1)
-    towards = 1.0 if not (left <= right) else -1.0
-    own = np.flatnonzero((height * towards > 0.0) & (blocked[rows, columns] == 0))
-    own = own[_touches(region, rows[own], columns[own])]
-    region[rows[own], columns[own]] = 255
+    towards = 1.0 if not shares[0] <= shares[1] else -1.0
+    own = np.flatnonzero((height * towards > 0.0) & ~shut[part])
+    r, c = rows[own] + 1, columns[own] + 1
+    beside_filled = (cells[r[:, None, None] + _NEIGHBOURS[:, None], c[:, None, None] + _NEIGHBOURS] == _FILLED).any(axis=(1, 2))
+    cells[r[beside_filled], c[beside_filled]] = _FILLED
 
-    first, last = trace.points[min(start, end)], trace.points[max(start, end)]
-    between = chain[1:-1]
-    vertex_arc = np.cumsum(steps)[:-1]
-    between = between[(vertex_arc > trace.arc[min(start, end)]) & (vertex_arc < trace.arc[max(start, end)])]
+    # one cell more all round for those of the curve, and from the frame's coordinates to the map's
+    window = (
+        slice(max(top - 2, 0), min(top + depth, cells.shape[0] - 2)),
+        slice(max(left - 2, 0), min(left + width, cells.shape[1] - 2)),
+    )
+    region = cv2.compare(cells[1:-1, 1:-1][window], _FILLED, cv2.CMP_EQ)
+    vertex_arc = np.cumsum(steps[:-1])
+    between = chain[1:-1][(vertex_arc > trace.arc[start]) & (vertex_arc < trace.arc[end])]
+    line = np.concatenate([trace.points[start : start + 1], between, trace.points[end : end + 1]])
     stops = tuple((int(trace.rows[k]), int(trace.columns[k])) for k in (start, end))
-    return Cut(region, start_cell, left, right, np.vstack([first, between, last]), stops)  # type: ignore[arg-type]
+    return Cut(window, region, shares[0], shares[1], line, stops)  # type: ignore[arg-type]
 
 
-def _share(barrier: np.ndarray, cells: np.ndarray) -> float:
-    """Share of the cells (K, 2) (column, row) that were filled, of those that are free; NaN if none is."""
-    columns, rows = cells[:, 0], cells[:, 1]
-    ok = (columns >= 0) & (columns < barrier.shape[1]) & (rows >= 0) & (rows < barrier.shape[0])
-    columns, rows = columns[ok], rows[ok]
-    free = barrier[rows, columns] != 255
-    count = np.count_nonzero(free)
-    return np.count_nonzero(barrier[rows, columns] == _FILLED) / count if count else math.nan
-
-
-def _touches(region: np.ndarray, rows: np.ndarray, columns: np.ndarray) -> np.ndarray:
-    """(K,) bool: which cells have a neighbour, corners included, in the region."""
-    r = np.minimum(np.maximum(rows[:, None] + _NEIGHBOURS, 0), region.shape[0] - 1)
-    c = np.minimum(np.maximum(columns[:, None] + _NEIGHBOURS, 0), region.shape[1] - 1)
-    return (region[r[:, :, None], c[:, None, :]] != 0).any(axis=(1, 2))
-
-
-def _lengths(vectors: np.ndarray) -> np.ndarray:
-    return np.hypot(vectors[:, 0], vectors[:, 1])
+def _share(cells: np.ndarray, points: np.ndarray) -> float:
+    """Share of the cells at points (K, 2) (column, row) that were filled, of those that are free; NaN if none is."""
+    columns, rows = np.floor(points.T + 1.5).astype(np.int64)
+    columns = np.minimum(np.maximum(columns, 0), cells.shape[1] - 1)
+    rows = np.minimum(np.maximum(rows, 0), cells.shape[0] - 1)
+    values = cells[rows, columns]
+    filled = np.count_nonzero(values == _FILLED)
+    count = filled + np.count_nonzero(values == _FREE)
+    return filled / count if count else math.nan

@@ -18,14 +18,19 @@ from vb_map_integration import curve, raster
 from vb_map_integration.border import VirtualBorder
 from vb_map_integration.findings import ERROR, WARNING, Finding, IntegrationError
 
-__all__ = ["ERROR", "WARNING", "Finding", "Integration", "IntegrationError", "IntegrationParams", "integrate"]
+__all__ = [
+    "ERROR", "WARNING", "Area", "Finding", "Integration", "IntegrationError", "IntegrationParams", "integrate",
+    "restricted_area",
+]
+# positions [m] of things that had better not be inside, by name
+Places = Mapping[str, Sequence[float]]
 
 
 @dataclass(frozen=True)
 class IntegrationParams(Parameters):
     """What the integration goes by."""
 
-    occupied_from: int = param(65, low=1, high=100, doc="occupancy from which on a cell is an obstacle (map_server's 0.65)")
+    occupied_from: int = param(65, low=1, high=100, doc="occupancy from which on a cell is an obstacle; map_server's")
     fit_length_m: float = param(0.3, "m", above=0.0, doc="length of a curve's end that gives its extension's direction")
     overshoot_m: float = param(0.2, "m", low=0.0, doc="how far a drawn end may reach beyond the wall it belongs to")
     seed_radius_m: float = param(0.2, "m", low=0.0, doc="how far a seed on an obstacle or on the line is moved")
@@ -33,6 +38,37 @@ class IntegrationParams(Parameters):
 
 
 _DEFAULT = IntegrationParams()
+# marks what a fill reached, in a mask of blocked cells
+_FILLED = 128
+
+
+@dataclass(frozen=True)
+class Area:
+    """What a border restricts on a map.
+
+    Attributes:
+        window: the part of the map that it lies in.
+        mask: (h, w) uint8 of that window; obstacles are not among the cells.
+        value: 0 .. 100, what the cells are raised to.
+        over_unknown: whether unknown cells are raised too.
+        area_m2: [m^2].
+        line: (M, 2) [m] map frame, the border as it acts: a curve with its extensions.
+        findings: warnings.
+    """
+
+    window: raster.Window
+    mask: np.ndarray = field(repr=False)
+    value: int
+    over_unknown: bool
+    area_m2: float
+    line: np.ndarray
+    findings: Tuple[Finding, ...]
+
+    def region(self, shape: Tuple[int, int]) -> np.ndarray:
+        """(H, W) bool, the cells that the border restricts."""
+        region = np.zeros(shape, dtype=bool)
+        np.not_equal(self.mask, 0, out=region[self.window])
+        return region
 
 
 @dataclass(frozen=True)
@@ -48,7 +84,6 @@ class Integration:
         line: (M, 2) [m] map frame, the border as it acts: a curve with its extensions.
         value: what the region was raised to, 0 .. 100.
         over_unknown: whether unknown cells in the region were raised too.
-        mask: the region as (H, W) uint8, 0 or 255.
     """
 
     posterior: GridMap
@@ -59,21 +94,15 @@ class Integration:
     line: np.ndarray
     value: int
     over_unknown: bool
-    mask: np.ndarray = field(repr=False)
 
 
 def integrate(
     prior: GridMap,
     border: VirtualBorder,
     params: Optional[IntegrationParams] = None,
-    places: Optional[Mapping[str, Sequence[float]]] = None,
+    places: Optional[Places] = None,
 ) -> Integration:
-    """Integrates a border into a map.
-
-    A polygon restricts its inside, unknown cells included, or all the free space outside that hangs together
-    with the seed. A separating curve is extended to the physical borders and restricts what can be reached from
-    the seed without crossing it. Unknown cells are raised only by a value that counts as an obstacle: a soft
-    one would make them look freer than they were.
+    """Integrates a border into a map; `restricted_area` says what is restricted, and what is raised.
 
     Args:
         prior: the map; it stays as it is.
@@ -81,58 +110,90 @@ def integrate(
         places: things whose being inside is worth a warning, for instance {"robot": (x, y)} [m] gives "robot_inside".
 
     Raises:
+        IntegrationError: those of `restricted_area`.
+    """
+    area = restricted_area(prior, border, params, places)
+    posterior = np.array(prior.data, order="C")
+    raster.paint(posterior[area.window], area.mask, area.value, area.over_unknown)
+    return Integration(
+        posterior=prior.with_data(posterior),
+        region=area.region(prior.shape),
+        findings=area.findings,
+        area_m2=area.area_m2,
+        closed=bool(border.closed),
+        line=area.line,
+        value=area.value,
+        over_unknown=area.over_unknown,
+    )
+
+
+def restricted_area(
+    prior: GridMap,
+    border: VirtualBorder,
+    params: Optional[IntegrationParams] = None,
+    places: Optional[Places] = None,
+) -> Area:
+    """What a border restricts.
+
+    A polygon restricts its inside, unknown cells included, or all the free space outside that hangs together
+    with the seed. A separating curve is extended to the physical borders and restricts what can be reached from
+    the seed without crossing it. Unknown cells are raised only by a value that counts as an obstacle: a soft
+    one would make them look freer than they were.
+
+    Args:
+        prior, border, places: as for `integrate`.
+
+    Raises:
         IntegrationError: "separates_nothing", "seed_on_both_sides", "empty_region", "outside_map",
             "seed_outside_map", "seed_on_obstacle", "too_complex".
     """
     params = params or _DEFAULT
     findings: List[Finding] = []
-    points = prior.world_to_grid(border.points)
-    seed = prior.world_to_grid(border.seed)[0]
-    cells = np.ascontiguousarray(prior.data)
-    as_bytes = cells.view(np.uint8)  # unknown is 255
+    grid = prior.world_to_grid(np.concatenate([border.points, [border.seed]]))
+    points, seed = grid[:-1], grid[-1]
+    # the cells as bytes, where unknown is 255, and the blocked ones, obstacles and unknown in one comparison
+    cells = np.ascontiguousarray(prior.data).view(np.uint8)
+    framed = _framed(cells, params.occupied_from)
+    free = cells.size - cv2.countNonZero(framed[1:-1, 1:-1])
     try:
         _check_shape(prior, border, points, seed, findings)
-        # obstacles and unknown in one comparison
-        blocked = cv2.compare(as_bytes, params.occupied_from - 1, cv2.CMP_GT)
         if border.closed:
-            mask, band = _polygon(prior, points, seed, as_bytes, blocked, params, findings)
+            window, mask = _polygon(prior, points, seed, cells, framed[1:-1, 1:-1], params, findings)
             line = border.points
         else:
-            band = slice(None)
-            mask, line = _curve(prior, points, seed, as_bytes, blocked, params, findings)
-        restricted = cv2.countNonZero(mask[band])
+            window, mask, line = _curve(prior, points, seed, cells, framed, params, findings)
+        restricted = cv2.countNonZero(mask)
         if restricted == 0:
             raise IntegrationError("empty_region", "there is no free cell in the area: draw it larger or elsewhere")
-        free = blocked.size - cv2.countNonZero(blocked)
         if restricted > params.nearly_everything * free:
-            _warn(findings, "nearly_everything", "the area covers nearly all of the free space: is the seed on the right side?")
+            text = "the area covers nearly all of the free space: is the seed on the right side?"
+            _warn(findings, "nearly_everything", text)
         if border.value == 0:
             _warn(findings, "no_effect", "an occupancy of 0 restricts nothing")
         for name, place in (places or {}).items():
-            row, column = prior.world_to_cell(place)[0]
-            if prior.contains_cells([[row, column]])[0] and mask[row, column]:
+            row, column = prior.world_to_cell(place)[0] - (window[0].start, window[1].start)
+            if 0 <= row < mask.shape[0] and 0 <= column < mask.shape[1] and mask[row, column]:
                 _warn(findings, f"{name}_inside", f"the {name} stands in the area: it may find no way out")
     except IntegrationError as error:
         raise IntegrationError(error.code, error.message, findings) from None
-    over_unknown = border.closed is True and border.value >= params.occupied_from
-    posterior = raster.paint(cells[band], mask[band], border.value, over_unknown)
-    region = cv2.min(mask[band], 1).view(bool)
-    if len(region) < len(mask):
-        posterior, part = cells.copy(), posterior
-        posterior[band] = part
-        region, part = np.zeros(prior.shape, dtype=bool), region
-        region[band] = part
-    return Integration(
-        posterior=prior.with_data(posterior),
-        region=region,
-        findings=tuple(findings),
-        area_m2=restricted * prior.resolution**2,
-        closed=bool(border.closed),
-        line=line,
-        value=border.value,
-        over_unknown=over_unknown,
+    return Area(
+        window=window,
         mask=mask,
+        value=border.value,
+        over_unknown=border.closed is True and border.value >= params.occupied_from,
+        area_m2=restricted * prior.resolution**2,
+        line=line,
+        findings=tuple(findings),
     )
+
+
+def _framed(cells: np.ndarray, occupied_from: int) -> np.ndarray:
+    """(H + 2, W + 2) uint8 mask of what no fill may enter: obstacles, unknown, and a frame round the map."""
+    framed = np.empty((cells.shape[0] + 2, cells.shape[1] + 2), np.uint8)
+    framed[[0, -1]] = 255
+    framed[:, [0, -1]] = 255
+    cv2.compare(cells, occupied_from - 1, cv2.CMP_GT, dst=framed[1:-1, 1:-1])
+    return framed
 
 
 def _warn(findings: List[Finding], code: str, message: str) -> None:
@@ -146,10 +207,11 @@ def _check_shape(
     limit = np.array([columns, rows]) - 0.5
     outside = int(((points < -0.5) | (points >= limit)).any(axis=1).sum())
     if outside:
-        _warn(findings, "outside_map", f"{outside} of {len(points)} points lie outside the map: the border was clipped to it")
+        text = f"{outside} of {len(points)} points lie outside the map: the border was clipped to it"
+        _warn(findings, "outside_map", text)
     if ((seed < -0.5) | (seed >= limit)).any():
         raise IntegrationError("seed_outside_map", "the seed point lies outside the map")
-    chain = np.vstack([border.points, border.points[:1]]) if border.closed else border.points
+    chain = np.concatenate([border.points, border.points[:1]]) if border.closed else border.points
     if not shapely.linestrings(chain).is_simple:
         _warn(findings, "self_crossing", "the border crosses itself: everything that it encloses counts as inside")
 
@@ -158,56 +220,58 @@ def _polygon(
     prior: GridMap,
     points: np.ndarray,
     seed: np.ndarray,
-    as_bytes: np.ndarray,
+    cells: np.ndarray,
     blocked: np.ndarray,
     params: IntegrationParams,
     findings: List[Finding],
-) -> Tuple[np.ndarray, slice]:
-    """(H, W) uint8: the area on the seed's side of a polygon, and the rows that it lies in."""
-    inner = raster.polygon_mask(points, prior.shape)
-    if cv2.countNonZero(inner) == 0:
+) -> Tuple[raster.Window, np.ndarray]:
+    """The area on the seed's side of a polygon: a window, and a (h, w) uint8 mask of it."""
+    window, inner = raster.polygon_mask(points, prior.shape)
+    if not inner.any():
         raise IntegrationError("empty_region", "the polygon holds no cell of the map: draw it larger or elsewhere")
     row, column = (int(value) for value in np.floor(seed[::-1] + 0.5))
-    if inner[row, column]:
-        if params.occupied_from <= as_bytes[row, column] <= 100:
-            obstacle = cv2.inRange(as_bytes, params.occupied_from, 127)
-            _free_cell(cv2.bitwise_or(obstacle, cv2.bitwise_not(inner)), seed, prior, params, findings)
-        band = _band(points, prior)
-        inner[band] = cv2.subtract(inner[band], cv2.inRange(as_bytes[band], params.occupied_from, 127))
-        return inner, band
+    rows, columns = window
+    is_inner = rows.start <= row < rows.stop and columns.start <= column < columns.stop and (
+        inner[row - rows.start, column - columns.start] != 0
+    )
+    if is_inner:
+        # less the obstacles; unknown, 255, stays
+        mask = cv2.bitwise_and(inner, cv2.bitwise_not(cv2.inRange(cells[window], params.occupied_from, 127)))
+        if params.occupied_from <= cells[row, column] <= 127:
+            barred = np.full(prior.shape, 255, np.uint8)
+            np.invert(mask, out=barred[window])
+            _free_cell(barred, seed, prior, params, findings)
+        return window, mask
     # the outer area is all that hangs together with the seed, also behind the polygon
-    barred = cv2.bitwise_or(blocked, inner) if blocked[row, column] else blocked
-    start = _free_cell(barred, seed, prior, params, findings)
-    return cv2.subtract(raster.flood(blocked, start), inner), slice(None)
-
-
-def _band(points: np.ndarray, prior: GridMap) -> slice:
-    """The map's rows that a polygon reaches: on a large map most of the work is left out."""
-    low, high = np.clip((np.floor(points[:, 1].min()), np.ceil(points[:, 1].max()) + 1), 0, prior.shape[0])
-    return slice(int(low), int(high))
+    start = row, column
+    if blocked[start]:
+        barred = blocked.copy()
+        barred[window] = np.bitwise_or(barred[window], inner)
+        start = _free_cell(barred, seed, prior, params, findings)
+    _, _, _, (left, top, width, depth) = cv2.floodFill(blocked, None, start[::-1], _FILLED, flags=4)
+    blocked[window] = cv2.subtract(blocked[window], inner)
+    outer = slice(top, top + depth), slice(left, left + width)
+    return outer, cv2.compare(blocked[outer], _FILLED, cv2.CMP_EQ)
 
 
 def _curve(
     prior: GridMap,
     points: np.ndarray,
     seed: np.ndarray,
-    as_bytes: np.ndarray,
-    blocked: np.ndarray,
+    cells: np.ndarray,
+    framed: np.ndarray,
     params: IntegrationParams,
     findings: List[Finding],
-) -> Tuple[np.ndarray, np.ndarray]:
-    """(H, W) uint8: the area on the seed's side of a separating curve, and the curve with its extensions [m]."""
-    moved: List[Finding] = []
+) -> Tuple[raster.Window, np.ndarray, np.ndarray]:
+    """The area on the seed's side of a separating curve: a window, a (h, w) uint8 mask of it, and the line [m]."""
 
-    def find_seed(barrier: np.ndarray, away: Optional[np.ndarray]) -> Tuple[int, int]:
-        moved.clear()
-        return _free_cell(barrier, seed, prior, params, moved, away)
+    def find_seed(barred: np.ndarray, away: Optional[np.ndarray]) -> Tuple[int, int]:
+        return _free_cell(barred, seed, prior, params, findings, away)
 
     fit, overshoot = params.fit_length_m / prior.resolution, params.overshoot_m / prior.resolution
-    cut = curve.separate(blocked, points, fit, overshoot, seed, find_seed)
+    cut = curve.separate(framed, points, fit, overshoot, seed, find_seed)
     if cut is None:
         raise IntegrationError("outside_map", "the curve lies outside the map")
-    findings.extend(moved)
     if cut.left >= curve.TOUCHES and cut.right >= curve.TOUCHES:
         raise IntegrationError(
             "seed_on_both_sides", "the curve does not part the area: from the seed one gets to both of its sides"
@@ -216,12 +280,12 @@ def _curve(
         raise IntegrationError(
             "separates_nothing", "the curve parts no area round the seed from the rest: draw it across free floor"
         )
-    for stop in cut.stops:
-        on_map = bool(prior.contains_cells([stop])[0])
-        if not on_map or as_bytes[stop] > 127:
+    for row, column in cut.stops:
+        on_map = 0 <= row < prior.shape[0] and 0 <= column < prior.shape[1]
+        if not on_map or cells[row, column] > 127:
             where = "in unknown space" if on_map else "at the map's edge"
             _warn(findings, "no_wall_found", f"the curve's extension found no wall, it ended {where}")
-    return cut.region, prior.grid_to_world(cut.line)
+    return cut.window, cut.region, prior.grid_to_world(cut.line)
 
 
 def _free_cell(
@@ -250,11 +314,11 @@ def _free_cell(
     if away is not None:
         distance[offset @ away <= 0.0] = np.inf
     if len(distance) == 0 or distance.min() > radius:
-        raise IntegrationError(
-            "seed_on_obstacle", f"there is no free floor within {params.seed_radius_m} m of the seed point: show it elsewhere"
-        )
+        text = f"there is no free floor within {params.seed_radius_m} m of the seed point: show it elsewhere"
+        raise IntegrationError("seed_on_obstacle", text)
     best = int(np.argmin(distance))
-    _warn(findings, "seed_moved", f"the seed point was not on free floor and was moved by {distance[best] * prior.resolution:.2f} m")
+    moved = distance[best] * prior.resolution
+    _warn(findings, "seed_moved", f"the seed point was not on free floor and was moved by {moved:.2f} m")
     return int(rows[best] + top), int(columns[best] + left)
 
 

@@ -10,11 +10,12 @@ from vb_core.grid_map import GridMap
 from vb_core.parameters import param
 from vb_map_integration import map_files
 from vb_map_integration.border import VirtualBorder
-from vb_map_integration.border_files import BorderFolder, BorderFolders, borders_to_yaml
+from vb_map_integration.border_files import borders_to_yaml
+from vb_map_integration.border_folders import BorderFolder, BorderFolders
 from vb_map_integration.composition import Composition, Region
 from vb_map_integration.findings import WARNING, Finding, IntegrationError
-from vb_map_integration.integration import Integration, IntegrationParams, integrate
-from vb_map_integration.map_binding import fingerprint
+from vb_map_integration.integration import Area, IntegrationParams, restricted_area
+from vb_map_integration.map_binding import compatible, fingerprint
 from vb_map_integration.preview import Ways, ways
 from vb_map_integration.store import BorderStore, Change
 
@@ -40,16 +41,16 @@ class Check:
     """What adding or changing a border would do.
 
     Attributes:
-        result: the integration into the physical map.
-        region: of the result.
+        area: what it would restrict.
         findings: warnings, those of the integration first.
         ways: parts of the free space and goals out of reach; None if they were not asked for.
+        composition: the map with it.
     """
 
-    result: Integration
-    region: Region
+    area: Area
     findings: Tuple[Finding, ...]
     ways: Optional[Ways]
+    composition: Composition
 
 
 @dataclass(frozen=True)
@@ -132,6 +133,11 @@ class MapIntegrator:
         if map_id == self._map_id:
             return False, ()
         notes: List[str] = []
+        known = self._composition
+        if known is not None and self._folder is None and not compatible(known.physical, grid):
+            # without files borders cannot wait for their map to come back
+            self._store = BorderStore()
+            notes.append("this is another map: the borders of the one before are gone")
         if self._folders is not None:
             try:
                 folder, found = self._folders.open(grid)
@@ -139,33 +145,32 @@ class MapIntegrator:
                 if self._folder is None or folder.folder != self._folder.folder:
                     loaded = folder.load()
                     notes.extend(loaded.notes)
-                    self._store = BorderStore(loaded.borders, loaded.next_number, loaded.revision)
+                    self._store = loaded.store
                     self._folder = folder
                 self._folder.map_id = map_id
             except CodedError as error:
-                self._folder = None
+                if self._folder is not None:
+                    self._folder, self._store = None, BorderStore()
                 notes.append(f"{error.message}: borders will be lost when this program ends")
         self._map_id = map_id
-        self._composition = Composition(grid)
         self._parts = None
-        for border in self.borders:
-            notes.extend(self._compose(border))
-        return True, tuple(notes)
+        self._composition, doubts = self._composed(Composition(grid), {border.id: border for border in self.borders})
+        return True, tuple(notes + doubts)
 
-    def _compose(self, border: VirtualBorder, region: Optional[Region] = None) -> List[str]:
-        """Puts a border's region into the posterior, or takes it out."""
-        composition = self._ready()
-        if not self._acts(border):
-            composition.drop(border.id)
-            return []
-        if region is None:
-            try:
-                region = Region.of(integrate(composition.physical, border, self.params))
-            except IntegrationError as error:
-                composition.drop(border.id)
-                return [f"the border '{border.name}' does not fit the map and does not act: {error.message}"]
-        composition.put(border.id, region)
-        return []
+    def _composed(
+        self, composition: Composition, borders: Mapping[str, Optional[VirtualBorder]]
+    ) -> Tuple[Composition, List[str]]:
+        """A composition with some borders' regions, and without those that do not act; sentences about misfits."""
+        regions: Dict[str, Optional[Region]] = {}
+        notes: List[str] = []
+        for key, border in borders.items():
+            regions[key] = None
+            if border is not None and self._acts(border):
+                try:
+                    regions[key] = Region.of(restricted_area(composition.physical, border, self.params))
+                except IntegrationError as error:
+                    notes.append(f"the border '{border.name}' does not fit the map and does not act: {error.message}")
+        return composition.changed(regions), notes
 
     def _acts(self, border: VirtualBorder) -> bool:
         mine = not self.params.robot_name or not border.robots or self.params.robot_name in border.robots
@@ -187,13 +192,13 @@ class MapIntegrator:
         Raises:
             CodedError: "no_map", or an IntegrationError with all findings.
         """
-        composition = self._ready()
+        before = self._ready()
         places = dict(places or {})
         if self.params.dock:
             places["dock"] = self.params.dock
-        result = integrate(composition.physical, border, self.params, places)
-        region = Region.of(result)
-        findings = list(result.findings)
+        area = restricted_area(before.physical, border, self.params, places)
+        after = before.changed({border.id: Region.of(area)})
+        findings = list(area.findings)
         found: Optional[Ways] = None
         if goals is not None or self.params.check_ways:
             options = {
@@ -203,32 +208,40 @@ class MapIntegrator:
                 "occupied_from": self.params.occupied_from,
             }
             if self._parts is None:
-                self._parts = ways(composition.posterior, **options).free_parts
-            found = ways(composition.preview(region, border.id), goals or (), **options)
+                self._parts = ways(before.posterior, **options).free_parts
+            found = ways(after.posterior, goals or (), **options)
             if found.free_parts > self._parts:
-                findings.append(Finding(
-                    WARNING, "splits_free_space", f"the free space would fall into {found.free_parts} parts, not {self._parts}"
-                ))
+                text = f"the free space would fall into {found.free_parts} parts, not {self._parts}"
+                findings.append(Finding(WARNING, "splits_free_space", text))
             if found.free_parts == 0 and self._parts > 0:
                 findings.append(Finding(WARNING, "nothing_left", "no free space would be left for the robot"))
-        return Check(result, region, tuple(findings), found)
+        return Check(area, tuple(findings), found, after)
 
     # ------------------------------------------------------------- changes
     def add(self, border: VirtualBorder, now: float, places: Optional[Mapping[str, Sequence[float]]] = None) -> Outcome:
         """Adds a border; `now` is [s] ROS time. Raises CodedError if it is refused; then nothing changed."""
-        change = self._prepared(self._store.adding(border, now))
-        check = self.check(border, places)
-        new = change[0].after
-        assert new is not None
-        self._commit(change, "new", {new.id: check.region})
-        return Outcome((new.id,), check.findings, f"'{new.name}' restricts {check.region.area_m2:.2f} m2")
+        check = self._checked(self._store.adding(border, now), places)
+        new = self._store.borders[-1]
+        return Outcome((new.id,), check.findings, f"'{new.name}' restricts {check.area.area_m2:.2f} m2")
 
-    def update(self, border: VirtualBorder, now: float, places: Optional[Mapping[str, Sequence[float]]] = None) -> Outcome:
+    def update(
+        self, border: VirtualBorder, now: float, places: Optional[Mapping[str, Sequence[float]]] = None
+    ) -> Outcome:
         """Replaces the border of the same id; raises CodedError if it is refused; then nothing changed."""
-        change = self._prepared(self._store.updating(border, now))
+        check = self._checked(self._store.updating(border, now), places)
+        return Outcome((border.id,), check.findings, f"'{self._store.get(border.id).name}' was changed")
+
+    def _checked(self, change: Change, places: Optional[Mapping[str, Sequence[float]]]) -> Check:
+        """Makes the change of one border if the check allows it."""
+        border = change[0].after
+        assert border is not None
         check = self.check(border, places)
-        self._commit(change, "new", {border.id: check.region})
-        return Outcome((border.id,), check.findings, f"'{change[0].after.name}' was changed")  # type: ignore[union-attr]
+        if self._acts(border):
+            self._commit(change, "new", check.composition)
+            self._parts = check.ways.free_parts if check.ways else None
+        else:
+            self._commit(change, "new")
+        return check
 
     def enable(self, border_id: str, enabled: bool, now: float, expires: float = 0.0) -> Outcome:
         """Turns a border on or off, for ever or until `expires` [s]; raises CodedError."""
@@ -257,27 +270,20 @@ class MapIntegrator:
         return self._plain(change, "quiet", "turned over, their time has come") if change else None
 
     def _plain(self, change: Change, kind: str, what: str) -> Outcome:
-        notes = self._commit(self._prepared(change), kind, {})
+        notes = self._commit(change, kind)
         findings = tuple(Finding(WARNING, "does_not_act", note) for note in notes)
         names = ", ".join(f"'{(entry.after or entry.before).name}'" for entry in change)  # type: ignore[union-attr]
         return Outcome(tuple(entry.id for entry in change), findings, f"{what}: {names}")
 
-    def _prepared(self, change: Change) -> Change:
-        self._ready()
-        return change
-
-    def _commit(self, change: Change, kind: str, regions: Dict[str, Region]) -> List[str]:
-        if self._folder is not None:
-            number = max([self._store.next_number] + [BorderStore([e.after]).next_number for e in change if e.after])
-            self._folder.write(self._store.after(change), number, self._store.revision + 1)
-        self._store.apply(change, kind)
+    def _commit(self, change: Change, kind: str, composition: Optional[Composition] = None) -> List[str]:
+        """Makes a change, all of it or, with a CodedError, nothing; gives sentences about borders that do not fit."""
         notes: List[str] = []
-        for entry in change:
-            if entry.after is None:
-                self._ready().drop(entry.id)
-            else:
-                notes.extend(self._compose(entry.after, regions.get(entry.id)))
-        self._parts = None
+        if composition is None:
+            composition, notes = self._composed(self._ready(), {entry.id: entry.after for entry in change})
+        store = self._store.changed(change, kind)
+        if self._folder is not None:
+            self._folder.write(store, change, kind)
+        self._store, self._composition, self._parts = store, composition, None
         return notes
 
     # ------------------------------------------------------------- files

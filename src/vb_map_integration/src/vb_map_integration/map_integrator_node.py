@@ -324,16 +324,15 @@ class MapIntegratorNode:
                 check = self._integrator.check(border, self._places(), goals.tolist())
         except CodedError as error:
             return self._refused(response, error)
-        response.region = messages.message_from_grid(
-            check.result.posterior.with_data(np.where(check.result.region, np.int8(100), np.int8(0))),
-            self._now(), self._params.frame_id,
-        )
-        response.area_m2 = check.region.area_m2
+        after = check.composition.posterior
+        region = after.with_data(np.where(check.area.region(after.shape), np.int8(100), np.int8(0)))
+        response.region = messages.message_from_grid(region, self._now(), self._params.frame_id)
+        response.area_m2 = check.area.area_m2
         if check.ways is not None:
             response.free_parts = check.ways.free_parts
             response.unreachable_goals = np.array(check.ways.unreachable, np.uint32)
         response.success, response.code = True, "ok"
-        response.message = f"the border would restrict {check.region.area_m2:.2f} m2"
+        response.message = f"the border would restrict {check.area.area_m2:.2f} m2"
         response.findings = finding_messages((*check.findings, *self._soft_findings(border)))
         return response
 

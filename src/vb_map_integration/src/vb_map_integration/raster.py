@@ -1,23 +1,26 @@
 """Polygons, chains and regions on the cells of a grid.
 
 Coordinates are (column, row) as `GridMap.world_to_grid` gives them: whole numbers are the centres of cells.
-Masks are (H, W) uint8, 0 or 255, as OpenCV wants them.
+Masks are uint8, 0 or 255, as OpenCV wants them; most belong to a window of the map, as the less is touched of a
+large map the better.
 """
 from __future__ import annotations
 
 from dataclasses import dataclass
 from typing import Tuple
 
-import cv2
 import numpy as np
 
 from vb_map_integration.findings import IntegrationError
+
+# rows and columns of a part of a map
+Window = Tuple[slice, slice]
 
 # [cells] crossings of edges and rows that one polygon may have; a scribble beyond it would fill the memory
 MAX_CROSSINGS = 4_000_000
 
 
-def polygon_mask(vertices: np.ndarray, shape: Tuple[int, int]) -> np.ndarray:
+def polygon_mask(vertices: np.ndarray, shape: Tuple[int, int]) -> Tuple[Window, np.ndarray]:
     """The cells whose centre lies in a polygon, clipped to the map.
 
     Where the outline crosses itself everything is inside that it winds round (nonzero rule), so that an
@@ -28,38 +31,38 @@ def polygon_mask(vertices: np.ndarray, shape: Tuple[int, int]) -> np.ndarray:
         shape: (H, W) of the map.
 
     Returns:
-        (H, W) uint8 mask.
+        The window of the map that the polygon reaches, which may be empty, and a (h, w) uint8 mask of it.
 
     Raises:
         IntegrationError: "too_complex" for an outline that crosses millions of rows.
     """
-    rows, columns = shape
-    mask = np.zeros(shape, np.uint8)
-    start, end = vertices, np.roll(vertices, -1, axis=0)
-    low = np.ceil(np.clip(np.minimum(start[:, 1], end[:, 1]), 0, rows)).astype(np.int64)
-    high = np.ceil(np.clip(np.maximum(start[:, 1], end[:, 1]), 0, rows)).astype(np.int64)
+    corners = np.array([vertices.min(axis=0), vertices.max(axis=0) + 1.0])
+    (left, top), (right, bottom) = np.ceil(np.minimum(np.maximum(corners, 0.0), shape[::-1])).astype(int).tolist()
+    window = slice(top, bottom), slice(left, right)
+    mask = np.zeros((bottom - top, right - left), np.uint8)
+    start = vertices - (left, top)
+    end = np.concatenate([start[1:], start[:1]])
+    y0, y1 = start[:, 1], end[:, 1]
+    low, high = np.ceil(np.minimum(np.maximum([np.minimum(y0, y1), np.maximum(y0, y1)], 0.0), len(mask))).astype(np.int64)
     counts = high - low
     total = int(counts.sum())
     if total == 0:
-        return mask
+        return window, mask
     if total > MAX_CROSSINGS:
         raise IntegrationError("too_complex", "the border goes up and down too often: draw a simpler one")
-    edge = np.repeat(np.arange(len(vertices)), counts)
-    first = np.cumsum(counts) - counts
-    row = np.arange(total) - first[edge] + low[edge]
-    slope = np.divide(
-        end[:, 0] - start[:, 0], end[:, 1] - start[:, 1], out=np.zeros(len(start)), where=counts > 0
-    )
-    x = start[edge, 0] + (row - start[edge, 1]) * slope[edge]
+    edge = np.repeat(np.arange(len(start)), counts)
+    row = np.arange(total) - (np.cumsum(counts) - counts - low)[edge]
+    slope = np.divide(end[:, 0] - start[:, 0], y1 - y0, out=np.zeros(len(start)), where=counts > 0)
+    x = start[edge, 0] + (row - y0[edge]) * slope[edge]
     order = np.lexsort((x, row))
     row, x = row[order], x[order]
-    winding = np.cumsum(np.where(end[edge, 1] > start[edge, 1], 1, -1)[order])
+    winding = np.cumsum(np.where(y1 > y0, 1, -1)[edge[order]])
     # in each row the windings add up to zero, so no span reaches into the next one
     spans = np.flatnonzero(winding[:-1] != 0)
-    column = np.ceil(np.clip(x, 0, columns)).astype(np.int64)
+    column = np.ceil(np.minimum(np.maximum(x, 0.0), mask.shape[1])).astype(np.int64)
     for r, a, b in zip(row[spans].tolist(), column[spans].tolist(), column[spans + 1].tolist()):
         mask[r, a:b] = 255
-    return mask
+    return window, mask
 
 
 @dataclass(frozen=True)
@@ -120,59 +123,18 @@ def trace_chain(vertices: np.ndarray, shape: Tuple[int, int]) -> Trace:
     return Trace(rows, columns, points, segment, arc)
 
 
-def flood(blocked: np.ndarray, cell: Tuple[int, int]) -> np.ndarray:
-    """The cells that can be reached from a cell (row, column) over edges, not corners, of cells that are not blocked.
+def paint(cells: np.ndarray, mask: np.ndarray, value: int, over_unknown: bool) -> None:
+    """Raises the cells under a mask to a value, in place; none is lowered.
 
     Args:
-        blocked: (H, W) uint8 mask; stays as it is. The cell itself must be free.
-
-    Returns:
-        (H, W) uint8 mask.
-    """
-    filled = blocked.copy()
-    cv2.floodFill(filled, None, (int(cell[1]), int(cell[0])), 128, flags=4)
-    return cv2.compare(filled, 128, cv2.CMP_EQ)
-
-
-def paint(cells: np.ndarray, mask: np.ndarray, value: int, over_unknown: bool) -> np.ndarray:
-    """Raises the cells under a mask to a value; none is lowered.
-
-    Args:
-        cells: (H, W) int8 occupancies; stay as they are.
+        cells: (H, W) int8 occupancies.
         mask: (H, W) uint8.
         value: 0 .. 100.
         over_unknown: whether unknown cells take the value too.
-
-    Returns:
-        (H, W) int8.
     """
-    # as uint8 unknown is 255 and wins
-    as_bytes = cells.view(np.uint8)
-    raised = cv2.max(as_bytes, cv2.min(mask, value))
-    if over_unknown:
-        unknown = cv2.bitwise_and(cv2.compare(as_bytes, 255, cv2.CMP_EQ), mask)
-        raised = cv2.subtract(raised, cv2.min(unknown, 255 - value))
-    return raised.view(np.int8)
-
-
-def runs_of(mask: np.ndarray) -> np.ndarray:
-    """A mask as runs of cells: (N, 2) int64 [start, end) in the flat grid. Small however large the mask is."""
-    flat = np.ascontiguousarray(mask).ravel()
-    change = np.flatnonzero(flat[1:] != flat[:-1]) + 1
-    if flat[0]:
-        change = np.concatenate([[0], change])
-    if flat[-1]:
-        change = np.concatenate([change, [flat.size]])
-    return change.reshape(-1, 2).astype(np.int64)
-
-
-def paint_runs(cells: np.ndarray, runs: np.ndarray, value: int, over_unknown: bool, window: Tuple[int, int]) -> None:
-    """`paint` in place, with runs instead of a mask, within the window [start, end) of the flat grid."""
-    flat = cells.reshape(-1)
-    flat = flat if over_unknown else flat.view(np.uint8)
-    low = np.searchsorted(runs[:, 1], window[0], side="right")
-    high = np.searchsorted(runs[:, 0], window[1], side="left")
-    part = np.clip(runs[low:high], window[0], window[1])
-    limit = flat.dtype.type(value)
-    for a, b in part.tolist():
-        np.maximum(flat[a:b], limit, out=flat[a:b])
+    if over_unknown:  # as int8 unknown is -1, the least there is
+        layer = np.bitwise_or(np.invert(mask), np.uint8(value)).view(np.int8)
+        np.maximum(cells, layer, out=cells)
+    else:  # as uint8 it is 255, the greatest
+        as_bytes = cells.view(np.uint8)
+        np.maximum(as_bytes, np.bitwise_and(mask, np.uint8(value)), out=as_bytes)

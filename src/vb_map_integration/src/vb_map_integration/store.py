@@ -1,7 +1,8 @@
 """The borders that there are, with a history."""
 from __future__ import annotations
 
-from typing import Dict, Iterable, List, NamedTuple, Optional, Tuple
+import copy
+from typing import Dict, Iterable, List, NamedTuple, Optional, Sequence, Tuple
 
 from vb_core.errors import CodedError
 from vb_map_integration.border import VirtualBorder
@@ -22,17 +23,26 @@ Change = Tuple[Entry, ...]
 class BorderStore:
     """Borders by id, in the order in which they were made, with undo and redo without limit.
 
-    The history holds only what each change touched, so it stays small; it begins anew with each start.
+    A store never changes: `changed` gives another one. The history holds only what each change touched, so it
+    stays small.
 
     Attributes:
         revision: grows with every change.
+        undoable, redoable: what `undoing` and `redoing` go back to, the next one last.
     """
 
-    def __init__(self, borders: Iterable[VirtualBorder] = (), next_number: int = 1, revision: int = 0) -> None:
+    def __init__(
+        self,
+        borders: Iterable[VirtualBorder] = (),
+        next_number: int = 1,
+        revision: int = 0,
+        undoable: Sequence[Change] = (),
+        redoable: Sequence[Change] = (),
+    ) -> None:
         self._borders: Dict[str, VirtualBorder] = {}
         self._order: Dict[str, int] = {}
-        self._undo: List[Change] = []
-        self._redo: List[Change] = []
+        self.undoable: List[Change] = list(undoable)
+        self.redoable: List[Change] = list(redoable)
         self._next = next_number
         self.revision = revision
         for border in borders:
@@ -65,7 +75,7 @@ class BorderStore:
             raise CodedError("unknown_border", f"there is no border with the id '{border_id}'") from None
 
     # ------------------------------------------------------------- changes
-    # each method only prepares a change; `apply` makes it, once it is on the disk
+    # each method only prepares a change; `changed` makes it
 
     def adding(self, border: VirtualBorder, now: float) -> Change:
         """The change that adds a border under a new id; without a name it becomes "border N".
@@ -74,11 +84,12 @@ class BorderStore:
             CodedError: "id_not_empty", "already_expired".
         """
         if border.id:
-            raise CodedError("id_not_empty", f"a new border gets its id from the store, this one came with '{border.id}'")
+            text = f"a new border gets its id from the store, this one came with '{border.id}'"
+            raise CodedError("id_not_empty", text)
         _check_expiry(border, now)
         key = f"b{self._next}"
-        return (Entry(key, None, border.replace(
-            id=key, name=border.name or f"border {self._next}", created=now, modified=now)),)
+        name = border.name or f"border {self._next}"
+        return (Entry(key, None, border.replace(id=key, name=name, created=now, modified=now)),)
 
     def updating(self, border: VirtualBorder, now: float) -> Change:
         """The change that replaces the border of the same id.
@@ -115,41 +126,36 @@ class BorderStore:
 
     def undoing(self) -> Change:
         """The change that takes the last one back; raises CodedError "nothing_to_undo"."""
-        if not self._undo:
+        if not self.undoable:
             raise CodedError("nothing_to_undo", "there is nothing to undo")
-        return tuple(Entry(e.id, e.after, e.before) for e in reversed(self._undo[-1]))
+        return tuple(Entry(e.id, e.after, e.before) for e in reversed(self.undoable[-1]))
 
     def redoing(self) -> Change:
         """The change that makes again what was undone last; raises CodedError "nothing_to_redo"."""
-        if not self._redo:
+        if not self.redoable:
             raise CodedError("nothing_to_redo", "there is nothing to redo")
-        return self._redo[-1]
+        return self.redoable[-1]
 
-    def after(self, change: Change) -> Tuple[VirtualBorder, ...]:
-        """All borders as they will be after a change."""
-        changed = {entry.id: entry.after for entry in change}
-        kept = [changed.pop(border.id, border) for border in self.borders]
-        # undo and redo may bring a border back: it takes its old place
-        back = sorted(changed.items(), key=lambda item: self._order.get(item[0], self._next))
-        everything = [border for border in kept + [border for _, border in back] if border is not None]
-        return tuple(sorted(everything, key=lambda border: self._order.get(border.id, self._next)))
-
-    def apply(self, change: Change, kind: str = "new") -> None:
-        """Makes a change.
+    def changed(self, change: Change, kind: str = "new") -> "BorderStore":
+        """The store after a change; this one stays as it is.
 
         Args:
             kind: "new" (undone things are forgotten), "undo", "redo", or "quiet" (no place in the history).
         """
+        result = copy.copy(self)
+        result._borders, result._order = dict(self._borders), dict(self._order)
+        result.undoable, result.redoable = list(self.undoable), list(self.redoable)
         for entry in change:
-            self._put(entry)
+            result._put(entry)
         if kind == "undo":
-            self._redo.append(self._undo.pop())
+            result.redoable.append(result.undoable.pop())
         elif kind == "redo":
-            self._undo.append(self._redo.pop())
+            result.undoable.append(result.redoable.pop())
         elif kind == "new":
-            self._undo.append(change)
-            self._redo.clear()
-        self.revision += 1
+            result.undoable.append(change)
+            result.redoable.clear()
+        result.revision += 1
+        return result
 
     def _put(self, entry: Entry) -> None:
         if entry.after is None:
@@ -168,4 +174,5 @@ def _number_of(border_id: str) -> int:
 
 def _check_expiry(border: VirtualBorder, now: float) -> None:
     if 0.0 < border.expires <= now:
-        raise CodedError("already_expired", f"the border's time is over: it expires at {border.expires:.1f} s, now is {now:.1f} s")
+        text = f"the border's time is over: it expires at {border.expires:.1f} s, now is {now:.1f} s"
+        raise CodedError("already_expired", text)

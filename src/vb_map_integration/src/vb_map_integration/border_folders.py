@@ -1,0 +1,176 @@
+"""The folders that keep borders from one start to the next, one for each physical map.
+
+    <store>/<id of the map>/borders.yaml       the borders
+                            borders.yaml.bak   the state before the last change
+                            history.jsonl      what can be undone and redone
+                            map.npz            the physical map that they belong to
+"""
+from __future__ import annotations
+
+import hashlib
+import io
+import os
+import zipfile
+from pathlib import Path
+from typing import Dict, List, NamedTuple, Optional, Tuple
+
+import numpy as np
+
+from vb_core.errors import CodedError
+from vb_core.grid_map import GridMap
+from vb_map_integration.border import VirtualBorder
+from vb_map_integration.border_files import borders_from_yaml, borders_to_yaml
+from vb_map_integration.history_file import HistoryFile
+from vb_map_integration.map_binding import compatible, fingerprint
+from vb_map_integration.map_files import write_atomically
+from vb_map_integration.store import BorderStore, Change
+
+FORMAT = 1
+
+
+class Loaded(NamedTuple):
+    """What a folder held.
+
+    Attributes:
+        store: the borders, with their history.
+        notes: sentences about what was not as it should be.
+    """
+
+    store: BorderStore
+    notes: Tuple[str, ...]
+
+
+class BorderFolder:
+    """The files of one physical map's borders."""
+
+    def __init__(self, folder: Path, map_id: str) -> None:
+        self.folder = folder
+        self.map_id = map_id
+        self._texts: Dict[int, Tuple[VirtualBorder, str]] = {}
+        self._history = HistoryFile(folder / "history.jsonl")
+
+    @property
+    def path(self) -> Path:
+        """The YAML file."""
+        return self.folder / "borders.yaml"
+
+    def write(self, store: BorderStore, change: Change, kind: str) -> None:
+        """Writes the borders, atomically, the state before as backup, and the change that led to them.
+
+        Raises:
+            CodedError: "cannot_write"; then the files are as they were.
+        """
+        size = self._history.append(store.revision, kind, change)
+        body = f"next_number: {store.next_number}\nrevision: {store.revision}\n"
+        body += borders_to_yaml(store.borders, self._texts)
+        digest = hashlib.sha256(body.encode()).hexdigest()
+        # a file that was cut off may still be YAML: the sum tells
+        head = f"format: {FORMAT}\nsha256: '{digest}'\nmap: '{self.map_id}'\n# below: what the sum is of\n"
+        try:
+            write_atomically(self.path, (head + body).encode(), backup=True)
+        except CodedError:
+            self._history.truncate(size)
+            raise
+
+    def load(self) -> Loaded:
+        """Reads the borders, the backup if the file is damaged; damaged files are set aside.
+
+        Raises:
+            CodedError: "cannot_write".
+        """
+        notes: List[str] = []
+        for path in (self.path, Path(f"{self.path}.bak")):
+            if not path.exists():
+                continue
+            try:
+                borders, number, revision = _checked(path)
+            except (CodedError, OSError, ValueError, TypeError, KeyError) as error:
+                aside = _free_name(path.with_name(f"{path.name}.damaged"))
+                os.replace(str(path), str(aside))
+                reason = error.message if isinstance(error, CodedError) else str(error)
+                notes.append(f"{path} is damaged ({reason}): set aside as {aside.name}, the backup is used")
+                continue
+            return Loaded(BorderStore(borders, number, revision, *self._history.read(revision)), tuple(notes))
+        if notes:
+            notes.append(f"there is no readable backup in {self.folder}: the borders of this map are lost")
+        return Loaded(BorderStore(), tuple(notes))
+
+    def write_map(self, grid: GridMap) -> None:
+        """Binds the folder to a map."""
+        stream = io.BytesIO()
+        np.savez_compressed(stream, data=grid.data, resolution=grid.resolution, origin=grid.origin)
+        write_atomically(self.folder / "map.npz", stream.getvalue())
+        self.map_id = fingerprint(grid)
+
+    def read_map(self) -> Optional[GridMap]:
+        """The map that the folder is bound to; None if there is none that can be read."""
+        try:
+            with np.load(str(self.folder / "map.npz")) as found:
+                return GridMap(found["data"], float(found["resolution"]), tuple(found["origin"].tolist()))
+        except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile, CodedError):
+            return None
+
+
+class BorderFolders:
+    """All folders below the store's folder: finds the one that belongs to a map."""
+
+    def __init__(self, root: Path) -> None:
+        self.root = root
+
+    def open(self, grid: GridMap) -> Tuple[BorderFolder, Tuple[str, ...]]:
+        """The folder of a map: of the very same one, else of one that it grew out of, else a new one.
+
+        Returns:
+            The folder, and sentences for the person.
+
+        Raises:
+            CodedError: "cannot_write".
+        """
+        map_id = fingerprint(grid)
+        notes: List[str] = []
+        others = 0
+        for folder in sorted(self._folders(), key=lambda path: path.stat().st_mtime, reverse=True):
+            candidate = BorderFolder(folder, map_id)
+            bound = candidate.read_map()
+            if bound is None:
+                continue
+            if fingerprint(bound) == map_id:
+                return candidate, ()
+            if compatible(bound, grid):
+                candidate.write_map(grid)
+                note = f"the map has changed since, but it is the same place: its borders in {folder} are kept"
+                return candidate, (note,)
+            others += 1
+        candidate = BorderFolder(_free_name(self.root / map_id[:12]), map_id)
+        candidate.write_map(grid)
+        if others:
+            where = f"the borders in {self.root} belong to {others} other map(s)"
+            notes.append(f"{where}: they are kept there, none acts on this map")
+        return candidate, tuple(notes)
+
+    def _folders(self) -> List[Path]:
+        try:
+            return [path for path in self.root.iterdir() if (path / "map.npz").is_file()]
+        except OSError:
+            return []
+
+
+def _checked(path: Path) -> Tuple[List[VirtualBorder], int, int]:
+    """(borders, next number, revision) of a file whose sum is right."""
+    text = path.read_text(encoding="utf-8")
+    borders, document = borders_from_yaml(text)
+    if document.get("format") != FORMAT:
+        raise CodedError("bad_border_file", f"format: expected {FORMAT}, got {document.get('format')!r}")
+    start = text.find("next_number:")
+    if hashlib.sha256(text[start:].encode()).hexdigest() != document.get("sha256"):
+        raise CodedError("bad_border_file", "its sum does not fit: it was cut off, or changed by hand")
+    return borders, int(document["next_number"]), int(document["revision"])
+
+
+def _free_name(path: Path) -> Path:
+    """The path, or the first of path-2, path-3 ... that does not exist."""
+    number, result = 1, path
+    while result.exists():
+        number += 1
+        result = path.with_name(f"{path.name}-{number}")
+    return result
