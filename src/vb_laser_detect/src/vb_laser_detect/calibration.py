@@ -24,6 +24,7 @@ from vb_laser_detect.projection import floor_points
 LEAST_POINTS = 4
 _MOST_SETS = 200  # minimal sets tried; with 40 % wrong points 50 are enough for one without any, at 99.9 %
 _PROMISING = 10  # of them are solved again, more exactly
+_SAME_TURN = math.radians(2.0)  # solutions that differ by less are one
 _LIKELY = 9.0  # difference of chi square within which two poses are both believable: 3 sigma
 
 
@@ -201,8 +202,12 @@ def check_points(camera: CameraModel, observed: Observations, params: Calibratio
 
 def errors_on_floor(camera: CameraModel, T_map_camera: np.ndarray, observed: Observations, height: float) -> np.ndarray:
     """(N,) [m] between points and the floor points of their pixels; inf where a ray misses the floor."""
-    seen = floor_points(camera, T_map_camera, observed.pixels, height)[:, :2]
-    errors = np.linalg.norm(seen - observed.points, axis=1)
+    return _off_floor(T_map_camera, camera.rays(observed.pixels), observed.points, height)
+
+
+def _off_floor(T_map_camera: np.ndarray, rays: np.ndarray, points: np.ndarray, height: float) -> np.ndarray:
+    seen = geometry.intersect_floor(T_map_camera[:3, 3], rays @ T_map_camera[:3, :3].T, height)[:, :2]
+    errors = np.linalg.norm(seen - points, axis=1)
     return np.where(np.isfinite(errors), errors, np.inf)
 
 
@@ -283,7 +288,7 @@ def _consensus(camera: CameraModel, observed: Observations, params: CalibrationP
         result = []
         for chosen in sets:
             for pose in _planar_poses(rays[chosen], observed.points[chosen], params.floor_height, polish):
-                errors = errors_on_floor(camera, pose, observed, params.floor_height) / params.outlier
+                errors = _off_floor(pose, rays, observed.points, params.floor_height) / params.outlier
                 result.append((float((np.minimum(errors, 1.0) ** 2).sum()), pose, chosen))
         return sorted(result, key=lambda entry: entry[0])
 
@@ -292,7 +297,7 @@ def _consensus(camera: CameraModel, observed: Observations, params: CalibrationP
     if not best:
         raise CodedError("no_agreement", "no pose explains any four of the points: check the places in the map")
     pose = best[0][1]
-    return pose, errors_on_floor(camera, pose, observed, params.floor_height) < params.outlier
+    return pose, _off_floor(pose, rays, observed.points, params.floor_height) < params.outlier
 
 
 def _minimal_sets(observed: Observations) -> List[np.ndarray]:
@@ -361,9 +366,15 @@ class _Fit:
 def _refuse_if_ambiguous(camera: CameraModel, observed: Observations, params: CalibrationParams, fit: _Fit) -> None:
     """A small or distant plane looks alike from two sides; the less likely one has to be clearly so."""
     for pose in _planar_poses(camera.rays(observed.pixels), observed.points, params.floor_height):
+        if _turn(pose, fit.T_map_camera) < _SAME_TURN:
+            continue
         other = _Fit(camera, observed, params, pose)
-        turn = cv2.Rodrigues(other.T_map_camera[:3, :3].T @ fit.T_map_camera[:3, :3])[0]
-        if np.linalg.norm(turn) > math.radians(2.0) and other.chi_square < fit.chi_square + _LIKELY:
+        if _turn(other.T_map_camera, fit.T_map_camera) > _SAME_TURN and other.chi_square < fit.chi_square + _LIKELY:
             raise CodedError(
                 "ambiguous", "two different poses explain the points equally well: spread them wider over the image"
             )
+
+
+def _turn(a: np.ndarray, b: np.ndarray) -> float:
+    """[rad] between two poses."""
+    return float(np.linalg.norm(cv2.Rodrigues(a[:3, :3].T @ b[:3, :3])[0]))

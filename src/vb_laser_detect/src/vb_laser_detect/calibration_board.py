@@ -6,6 +6,7 @@ places that are known in the map.
 from __future__ import annotations
 
 import math
+import os
 from dataclasses import dataclass
 from typing import List, Sequence, Tuple
 
@@ -182,6 +183,8 @@ def write_board(board: BoardParams, paper: str, path: str) -> List[str]:
         raise CodedError("unknown_paper", f"'{paper}' is not known; known are {', '.join(PAPERS_MM)}")
     if not path.lower().endswith((".pdf", ".png")):
         raise CodedError("bad_file", f"'{path}' must end with .pdf or .png")
+    if not os.path.isdir(os.path.dirname(os.path.abspath(path))):
+        raise CodedError("bad_file", f"there is no folder for '{path}'")
     width, height = PAPERS_MM[paper]
     board_width, board_height = (1e3 * side for side in board.size)
     left, top = (width - board_width) / 2, (height - board_height) / 2

@@ -7,13 +7,8 @@ import cv2
 import numpy as np
 
 from vb_laser_detect.appearance import Candidate
+from vb_laser_detect.pixels import to_bgr
 
-_BAYER = {
-    "bayer_rggb8": cv2.COLOR_BayerRGGB2BGR,
-    "bayer_bggr8": cv2.COLOR_BayerBGGR2BGR,
-    "bayer_gbrg8": cv2.COLOR_BayerGBRG2BGR,
-    "bayer_grbg8": cv2.COLOR_BayerGRBG2BGR,
-}
 _SPOT, _REFUSED = (0, 220, 0), (0, 140, 255)
 
 
@@ -24,14 +19,7 @@ def draw(image: np.ndarray, encoding: str, candidates: Iterable[Candidate]) -> n
         image: (H, W) or (H, W, 3) uint8.
         encoding: as in sensor_msgs/Image.
     """
-    if encoding in _BAYER:
-        picture = cv2.cvtColor(image, _BAYER[encoding])
-    elif image.ndim == 2:
-        picture = cv2.cvtColor(image, cv2.COLOR_GRAY2BGR)
-    elif encoding.startswith("rgb"):
-        picture = cv2.cvtColor(image[:, :, :3], cv2.COLOR_RGB2BGR)
-    else:
-        picture = image[:, :, :3].copy()
+    picture = to_bgr(image, encoding)
     scale = max(0.4, picture.shape[0] / 1500.0)
     for c in candidates:
         colour = _REFUSED if c.refusal else _SPOT

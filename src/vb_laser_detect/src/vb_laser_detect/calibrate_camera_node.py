@@ -1,0 +1,365 @@
+"""Guides a person through the calibration of a ceiling camera, in a terminal. docs/calibration.md shows it step by step."""
+from __future__ import annotations
+
+import argparse
+import datetime
+import queue
+import sys
+import threading
+from typing import Any, List, Optional, Tuple
+
+import cv2
+import numpy as np
+import rospy
+from geometry_msgs.msg import PointStamped
+from sensor_msgs.msg import CameraInfo, CompressedImage, Image
+
+from vb_core import names
+from vb_core.camera_model import CameraModel
+from vb_core.errors import CodedError
+from vb_core.ros import messages
+from vb_core.ros.node import Mailbox, Worker
+from vb_laser_detect import calibration_file
+from vb_laser_detect.calibration import CalibrationParams
+from vb_laser_detect.calibration_board import BoardParams, BoardView, find_board, write_board
+from vb_laser_detect.calibration_session import BoardSession, HeldSpot, SpotSession, describe, parse_numbers
+from vb_laser_detect.camera_agreement import Sighting, agreement
+from vb_laser_detect.detector import DetectorParams, SpotDetector
+from vb_laser_detect.pixels import to_grey
+from vb_msgs.msg import LaserSpot
+
+FOLDER = "~/.ros/virtual_borders/cameras"
+_PATIENCE_S = 15.0  # [s] for the first image and camera_info
+_BOARD_IMAGES = 10
+_BOARD_PATIENCE_S = 10.0
+
+
+def say(text: str) -> None:
+    """A line for the person, at once, whatever the output is."""
+    print(text, flush=True)
+
+
+class CameraInput:
+    """One camera's images and model.
+
+    Subscribes:
+        <image> (sensor_msgs/Image) or <image>/compressed (sensor_msgs/CompressedImage), <camera_info>
+    """
+
+    def __init__(self, image: str, info: str, compressed: bool, handle: Any) -> None:
+        self._ready = threading.Condition()
+        self._info: Optional[CameraInfo] = None
+        self.frame_id = ""
+        self._size: Optional[Tuple[int, int]] = None
+        self._compressed, self._handle = compressed, handle
+        self._mailbox: Mailbox = Mailbox()
+        self._worker = Worker(self._mailbox, self._take)
+        rospy.Subscriber(info, CameraInfo, self._on_info, queue_size=1)
+        kind, topic = (CompressedImage, image + "/compressed") if compressed else (Image, image)
+        self._topics = f"{topic} and {info}"
+        rospy.Subscriber(topic, kind, self._mailbox.put, queue_size=1, buff_size=2**24)
+
+    def _on_info(self, message: CameraInfo) -> None:
+        with self._ready:
+            self._info = message
+            self._ready.notify_all()
+
+    def _take(self, message: Any) -> None:
+        image = messages.compressed_image_array(message) if self._compressed else messages.image_array(message)
+        with self._ready:
+            self.frame_id = message.header.frame_id
+            self._size = (image.shape[1], image.shape[0])
+            self._ready.notify_all()
+        self._handle(image, "bgr8" if self._compressed else message.encoding, message.header.stamp.to_sec())
+
+    def wait(self) -> CameraModel:
+        """The camera's model, once images and camera_info came.
+
+        Raises:
+            CodedError: "no_camera" if they do not come; "bad_camera_info" if they do not fit or the lens is uncalibrated.
+        """
+        with self._ready:
+            if not self._ready.wait_for(lambda: self._info is not None and self._size is not None, _PATIENCE_S):
+                raise CodedError("no_camera", f"nothing comes on {self._topics}: is the camera's driver running?")
+            camera = messages.camera_from_info(self._info)
+            if (camera.width, camera.height) != self._size:
+                raise CodedError(
+                    "bad_camera_info",
+                    f"camera_info is for {camera.width} x {camera.height}, the images are {self._size[0]} x {self._size[1]}",
+                )
+            return camera
+
+
+class Inputs:
+    """What the person does: lines typed, and points clicked in RViz, in their order.
+
+    Subscribes:
+        /clicked_point (geometry_msgs/PointStamped): RViz' tool "Publish Point", fixed frame map.
+    """
+
+    def __init__(self) -> None:
+        self._events: "queue.Queue[Tuple[str, Any]]" = queue.Queue()
+        rospy.Subscriber("/clicked_point", PointStamped, self._on_click, queue_size=10)
+        threading.Thread(target=self._read, daemon=True).start()
+
+    def _on_click(self, message: PointStamped) -> None:
+        if message.header.frame_id.lstrip("/") != names.MAP_FRAME:
+            say(f"! this point is in the frame '{message.header.frame_id}': set RViz' fixed frame to '{names.MAP_FRAME}'")
+            return
+        self._events.put(("click", (message.point.x, message.point.y)))
+
+    def _read(self) -> None:
+        for line in sys.stdin:
+            self._events.put(("line", line.strip()))
+        self._events.put(("line", "quit"))
+
+    def next(self) -> Tuple[str, Any]:
+        """("line", text) or ("click", (x, y)); ("line", "quit") when ROS ends."""
+        while not rospy.is_shutdown():
+            try:
+                return self._events.get(timeout=0.2)
+            except queue.Empty:
+                continue
+        return "line", "quit"
+
+
+class Guide:
+    """The dialogue that both ways of calibrating share."""
+
+    help = ""
+
+    def __init__(self, arguments: argparse.Namespace) -> None:
+        self._arguments = arguments
+        self._inputs = Inputs()
+        image = arguments.image or f"/{arguments.camera}/image_raw"
+        info = arguments.camera_info or image.rsplit("/", 1)[0] + "/camera_info"
+        self._input = CameraInput(image, info, arguments.compressed, self.on_image)
+        self.camera = self._input.wait()
+        self.session: Any = None
+
+    def on_image(self, image: np.ndarray, encoding: str, stamp: float) -> None:
+        """Each image, in a thread of its own."""
+
+    def measured(self, values: List[float]) -> None:
+        """Takes places of the map that were typed or clicked."""
+
+    def run(self) -> int:
+        """Until the person is done; gives the process's exit status."""
+        say(self.help)
+        clicked: List[float] = []
+        wanted = self.numbers
+        while True:
+            kind, value = self._inputs.next()
+            try:
+                if kind == "click":
+                    clicked += value
+                    if len(clicked) < wanted:
+                        say(f"  P1 at {value[0]:.3f} {value[1]:.3f}; now click P2")
+                        continue
+                    values, clicked = clicked, []
+                    self.measured(values)
+                elif value == "quit":
+                    say("nothing was written")
+                    return 1
+                elif value == "undo":
+                    clicked = []
+                    say("  taken back" if self.session.undo() else "  there is nothing to take back")
+                elif value == "done":
+                    return self._finish()
+                elif value:
+                    numbers = parse_numbers(value, wanted)
+                    if numbers is None:
+                        say(self.help)
+                        continue
+                    clicked = []
+                    self.measured(numbers)
+                if value != "":
+                    say("  " + self.session.progress())
+            except CodedError as error:
+                clicked = []
+                say(f"! {error}")
+
+    numbers = 2
+
+    def _finish(self) -> int:
+        estimate, observed = self.session.solve(), self.session.observed
+        say("")
+        for line in describe(estimate, observed):
+            say("  " + line)
+        a = self._arguments
+        pose = calibration_file.CameraPose(
+            a.camera, names.MAP_FRAME, a.frame or self._input.frame_id or f"{a.camera}_optical_frame", estimate.T_map_camera
+        )
+        path = calibration_file.calibration_path(a.folder, a.camera)
+        date = datetime.datetime.now().isoformat(" ", "minutes")
+        calibration_file.save(path, calibration_file.document(pose, estimate, observed, self.session.method, date))
+        say(f"wrote {path}; a running lab.launch with calibration:={a.folder} takes it within seconds")
+        return 0
+
+
+class SpotGuide(Guide):
+    """Laser spots that are held still on places which are known in the map."""
+
+    help = """
+Hold the spot still on a place that you know in the map, for two seconds, then
+  click the place in RViz ("Publish Point"), or type its map coordinates: x y [m]
+Four places are needed, six to eight are good: near the corners of what the camera sees, and some within.
+  undo   takes the last place back      done   ends and writes      quit   ends without writing"""
+
+    def __init__(self, arguments: argparse.Namespace) -> None:
+        self._held, self._lock = HeldSpot(), threading.Lock()
+        # a held spot must not become background while the person finds the place in RViz
+        self._detector = SpotDetector(DetectorParams.stationary(hold_s=3600.0))
+        super().__init__(arguments)
+        self.session = SpotSession(self.camera, CalibrationParams(point_sigma=arguments.point_sigma))
+
+    def on_image(self, image: np.ndarray, encoding: str, stamp: float) -> None:
+        for spot in self._detector.detect(image, stamp):
+            with self._lock:
+                self._held.see(stamp, spot.u, spot.v)
+
+    def measured(self, values: List[float]) -> None:
+        with self._lock:
+            u, v = self._held.place(rospy.get_time())
+        self.session.add((u, v), (values[0], values[1]))
+        say(f"  ({values[0]:.3f}, {values[1]:.3f}) m is at ({u:.1f}, {v:.1f}) px")
+
+
+class BoardGuide(Guide):
+    """A printed ChArUco board that is laid on places which are known in the map."""
+
+    help = """
+Lay the board flat on the floor, with P1 and P2 on two places that you know in the map. Step back, then
+  click P1, then P2 in RViz ("Publish Point"), or type their map coordinates: x1 y1 x2 y2 [m]
+Lay it on three or four places that are far from each other in the image.
+  undo   takes the last place back      done   ends and writes      quit   ends without writing"""
+    numbers = 4
+
+    def __init__(self, arguments: argparse.Namespace) -> None:
+        board = BoardParams.for_paper(arguments.paper)
+        self._board = board if arguments.square is None else board.replace(square=arguments.square)
+        self._changed = threading.Condition()
+        self._wanted = 0
+        self._views: List[BoardView] = []
+        self._reason: Optional[CodedError] = None
+        super().__init__(arguments)
+        self.session = BoardSession(self.camera, CalibrationParams(placement_sigma=arguments.placement_sigma), self._board)
+
+    def on_image(self, image: np.ndarray, encoding: str, stamp: float) -> None:
+        with self._changed:
+            if self._wanted == 0:
+                return
+        try:
+            view, reason = find_board(self._board, to_grey(image, encoding)), None
+        except CodedError as error:
+            view, reason = None, error
+        with self._changed:
+            self._wanted = max(0, self._wanted - 1)
+            self._reason = reason or self._reason
+            if view is not None:
+                self._views.append(view)
+            self._changed.notify_all()
+
+    def measured(self, values: List[float]) -> None:
+        with self._changed:
+            self._wanted, self._views, self._reason = _BOARD_IMAGES, [], None
+            self._changed.wait_for(lambda: self._wanted == 0, _BOARD_PATIENCE_S)
+            self._wanted = 0
+            views, reason = self._views, self._reason
+        if not views and reason is not None:
+            raise reason
+        seen = self.session.add(views, (values[0], values[1]), (values[2], values[3]))
+        say(f"  {seen} corners seen in {len(views)} images")
+
+
+def check(arguments: argparse.Namespace) -> int:
+    """Measures how well cameras that overlap agree, on live spots or on those of a recorded bag."""
+    if arguments.bag:
+        sightings = _from_bag(arguments.bag)
+    else:
+        rospy.init_node("calibrate_camera", anonymous=True)
+        sightings = []
+        say(f"Draw slowly with the spot where cameras overlap, for {arguments.seconds:.0f} s.")
+        rospy.Subscriber(names.SPOTS, LaserSpot, lambda message: sightings.append(_sighting(message)), queue_size=100)
+        end = rospy.Time.now() + rospy.Duration(arguments.seconds)
+        while not rospy.is_shutdown() and rospy.Time.now() < end:
+            rospy.rostime.wallsleep(0.1)
+    worst = 0.0
+    for pair in agreement([s for s in list(sightings) if s is not None]):
+        say(pair.describe())
+        worst = max(worst, pair.median)
+    limit = arguments.limit / 100.0
+    say(f"cameras agree to {arguments.limit:g} cm" if worst <= limit else
+        f"cameras do NOT agree to {arguments.limit:g} cm: calibrate the one anew that is off in most lines")
+    return 0 if worst <= limit else 1
+
+
+def _sighting(message: LaserSpot) -> Optional[Sighting]:
+    # a camera on a robot carries the robot's localisation error: it says nothing about the ceiling's cameras
+    if message.mobile:
+        return None
+    return message.camera, message.header.stamp.to_sec(), message.position.x, message.position.y
+
+
+def _from_bag(path: str) -> List[Optional[Sighting]]:
+    import rosbag
+
+    try:
+        with rosbag.Bag(path) as bag:
+            return [_sighting(message) for _, message, _ in bag.read_messages(topics=[names.SPOTS])]
+    except (OSError, rosbag.ROSBagException) as error:
+        raise CodedError("bad_file", f"cannot read the bag '{path}': {error}") from None
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(prog="calibrate_camera", description="Finds the pose of a ceiling camera in the map.")
+    commands = parser.add_subparsers(dest="command", metavar="COMMAND")
+    commands.required = True
+    board_paper = dict(default="A3", help="of the board: A4, A3 (default), A2, A1, A0")
+
+    printed = commands.add_parser("print_board", help="write the board as PDF or PNG, at true size")
+    printed.add_argument("file")
+    printed.add_argument("--paper", **board_paper)
+
+    guided = argparse.ArgumentParser(add_help=False)
+    guided.add_argument("camera", help="its name: /NAME/image_raw, /NAME/camera_info")
+    guided.add_argument("--image", default="", help="image topic, if it is another")
+    guided.add_argument("--camera_info", default="", help="camera_info topic, if it is not beside the image topic")
+    guided.add_argument("--compressed", action="store_true", help="take the compressed images")
+    guided.add_argument("--frame", default="", help="optical frame; default: what the images say")
+    guided.add_argument("--folder", default=FOLDER, help=f"where NAME.yaml is written; default: {FOLDER}")
+
+    board = commands.add_parser("board", parents=[guided], help="from a printed board on known places")
+    board.add_argument("--paper", **board_paper)
+    board.add_argument("--square", type=float, help="[m] side of a square as measured, if the print is not exact")
+    board.add_argument("--placement_sigma", type=float, default=CalibrationParams.placement_sigma,
+                       help="[m] how exactly P1 and P2 lie on their places; default: %(default)s")
+    spots = commands.add_parser("spots", parents=[guided], help="from laser spots on known places")
+    spots.add_argument("--point_sigma", type=float, default=CalibrationParams.point_sigma,
+                       help="[m] how exactly the places are known; default: %(default)s, as clicked in RViz")
+
+    agreed = commands.add_parser("check", help="how well cameras that overlap agree")
+    agreed.add_argument("--seconds", type=float, default=30.0, help="how long to listen to live spots")
+    agreed.add_argument("--bag", default="", help=f"read {names.SPOTS} from a bag instead")
+    agreed.add_argument("--limit", type=float, default=2.0, help="[cm] median distance from which on the status is not 0")
+    return parser
+
+
+def main() -> int:
+    """The command; --help says what it takes."""
+    arguments = _parser().parse_args(rospy.myargv()[1:])
+    cv2.setNumThreads(1)
+    try:
+        if arguments.command == "print_board":
+            for line in write_board(BoardParams.for_paper(arguments.paper), arguments.paper, arguments.file):
+                say(line)
+            return 0
+        if arguments.command == "check":
+            return check(arguments)
+        rospy.init_node("calibrate_camera", anonymous=True)
+        return (BoardGuide if arguments.command == "board" else SpotGuide)(arguments).run()
+    except CodedError as error:
+        print(f"calibrate_camera: {error}", file=sys.stderr)
+        return 1
+    except (KeyboardInterrupt, rospy.ROSInterruptException):
+        return 1

@@ -1,0 +1,225 @@
+"""Poses from points with noise and wrong ones among them, against the truth; and everything that determines no pose."""
+import math
+
+import numpy as np
+import pytest
+
+from board_scene import CAMERA, POSE
+from vb_core import geometry
+from vb_core.camera_model import CameraModel
+from vb_core.errors import CodedError
+from vb_laser_detect import calibration_file
+from vb_laser_detect.calibration import CalibrationParams, Observations, estimate_pose
+from vb_laser_detect.calibration_session import HeldSpot, SpotSession, describe, parse_numbers
+from vb_laser_detect.projection import floor_points, pixels_of
+
+GRID = np.array([(u, v) for u in (96, 960, 1824) for v in (54, 540, 1026)], float)
+SPREAD = np.array([(150, 120), (1780, 130), (1750, 960), (170, 950), (960, 150), (960, 930), (200, 540), (1700, 540)], float)
+
+
+def observe(rng, count=8, pixel_noise=0.3, point_noise=0.005, pose=POSE, jitter=35.0):
+    """Points near the image's edge, as a person would choose them, with what is measured of them."""
+    pixels = SPREAD[:count] + rng.uniform(-jitter, jitter, (count, 2))
+    points = floor_points(CAMERA, pose, pixels)[:, :2]
+    return Observations.single(pixels + rng.normal(0, pixel_noise, pixels.shape), points + rng.normal(0, point_noise, points.shape))
+
+
+def on_floor_apart(estimate, pose=POSE):
+    """[m] by which spots in all of the image would be misplaced."""
+    return np.linalg.norm(floor_points(CAMERA, estimate.T_map_camera, GRID) - floor_points(CAMERA, pose, GRID), axis=1)
+
+
+def refusal(observed, params=None, camera=CAMERA):
+    with pytest.raises(CodedError) as raised:
+        estimate_pose(camera, observed, params)
+    assert len(str(raised.value)) > 30
+    return raised.value.code
+
+
+@pytest.mark.parametrize("count", [4, 5, 8])
+@pytest.mark.parametrize("pose", [
+    POSE,
+    geometry.transform(geometry.rotation_from_rpy(math.pi, 0, 0), (1.0, -2.0, 2.4)),
+    geometry.transform(geometry.rotation_from_rpy(math.pi + 0.3, -0.1, -2.4), (-3.0, 7.0, 3.4)),
+])
+def test_exact_points_give_the_exact_pose(count, pose):
+    observed = observe(np.random.default_rng(count), count, 0.0, 0.0, pose)
+    estimate = estimate_pose(CAMERA, observed)
+    assert estimate.used.all() and estimate.rms_px < 0.05
+    assert np.abs(estimate.T_map_camera - pose).max() < 1e-4
+
+
+@pytest.mark.parametrize("count, point_noise, median, most", [
+    (4, 0.005, 0.018, 0.05), (8, 0.005, 0.012, 0.035), (8, 0.015, 0.035, 0.1),
+])
+def test_noise_moves_the_floor_by_centimetres_and_as_much_as_is_said(count, point_noise, median, most):
+    worst, sigma, inside = [], [], []
+    for seed in range(12):
+        estimate = estimate_pose(CAMERA, observe(np.random.default_rng(seed), count, 0.3, point_noise),
+                                 CalibrationParams(point_sigma=point_noise))
+        worst.append(on_floor_apart(estimate).max())
+        sigma.append(estimate.floor_sigma[1])
+        inside.append((np.abs(estimate.T_map_camera[:3, 3] - POSE[:3, 3]) < 3 * estimate.position_sigma).all())
+    assert np.median(worst) < median and max(worst) < most
+    # the worst place is the worst of nine, so that it is a bit more than one standard deviation of the worst
+    assert 0.5 < np.median(worst) / np.median(sigma) < 2.0
+    assert np.mean(inside) > 0.85
+
+
+@pytest.mark.parametrize("wrong", [1, 2])
+def test_wrong_points_are_found_and_left_out(wrong):
+    for seed in range(8):
+        rng = np.random.default_rng(100 + seed)
+        observed = observe(rng, 8)
+        points, bad = observed.points.copy(), rng.choice(8, wrong, replace=False)
+        angle = rng.uniform(0, 2 * math.pi, wrong)
+        # mistaken for another tile, a slip of the mouse
+        points[bad] += (rng.uniform(0.25, 1.0, wrong) * np.array([np.cos(angle), np.sin(angle)])).T
+        estimate = estimate_pose(CAMERA, Observations.single(observed.pixels, points))
+        assert not estimate.used[bad].any() and estimate.used.sum() >= 7 - wrong
+        assert on_floor_apart(estimate).max() < 0.08
+
+
+def test_one_wrong_coordinate_of_five_is_found():
+    observed = observe(np.random.default_rng(3), 5, 0.3, 0.003)
+    points = observed.points.copy()
+    points[1] += (0.4, 0.3)
+    estimate = estimate_pose(CAMERA, Observations.single(observed.pixels, points))
+    assert list(np.flatnonzero(~estimate.used)) == [1]
+
+
+# ------------------------------------------------------------------ what determines no pose
+def test_three_points_are_too_few():
+    assert refusal(observe(np.random.default_rng(0), 3)) == "too_few_points"
+    assert refusal(Observations.single(np.zeros((0, 2)), np.zeros((0, 2)))) == "too_few_points"
+
+
+def test_points_on_a_line_are_refused():
+    pixels = np.column_stack([np.linspace(100, 1800, 8), np.linspace(200, 900, 8)])
+    assert refusal(Observations.single(pixels, floor_points(CAMERA, POSE, pixels)[:, :2])) == "collinear"
+    assert refusal(Observations.single(np.full((5, 2), 500.0), np.full((5, 2), 2.0))) == "collinear"
+
+
+def test_points_close_together_are_refused():
+    pixels = np.array([900, 500]) + np.random.default_rng(1).uniform(0, 120, (10, 2))
+    assert refusal(Observations.single(pixels, floor_points(CAMERA, POSE, pixels)[:, :2])) == "clustered"
+
+
+@pytest.mark.parametrize("focal, tilt, part, code", [(1100.0, 0.15, 0.25, "uncertain"), (3000.0, 0.3, 0.15, "ambiguous")])
+def test_points_that_leave_the_pose_open_are_refused(focal, tilt, part, code):
+    camera = CameraModel.ideal(1920, 1080, focal)
+    pose = geometry.transform(geometry.rotation_from_rpy(math.pi + tilt, 0, 0), (0, 0, 3.0))
+    pixels = (SPREAD[:4] - (960, 540)) * part + (960, 540)
+    observed = Observations.single(pixels, floor_points(camera, pose, pixels)[:, :2])
+    assert refusal(observed, CalibrationParams(point_sigma=0.02, min_area=0.0), camera) == code
+
+
+def test_mirrored_coordinates_are_refused():
+    observed = observe(np.random.default_rng(5), 8, 0.0, 0.0)
+    mirrored = Observations.single(observed.pixels, observed.points * (1, -1))
+    assert refusal(mirrored) in ("below_floor", "no_agreement")
+
+
+def test_points_of_another_lens_or_in_disorder_do_not_agree():
+    observed = observe(np.random.default_rng(6), 8, 0.0, 0.0)
+    assert refusal(Observations.single(observed.pixels, observed.points[[3, 0, 6, 1, 7, 2, 5, 4]])) == "no_agreement"
+
+
+def test_points_outside_the_image_and_no_numbers():
+    observed = observe(np.random.default_rng(7), 8)
+    pixels = observed.pixels.copy()
+    pixels[2] = (2000, 100)
+    assert refusal(Observations.single(pixels, observed.points)) == "outside_image"
+    pixels[2] = (np.nan, 100)
+    assert refusal(Observations.single(pixels, observed.points)) == "bad_points"
+    with pytest.raises(CodedError) as raised:
+        Observations.single(pixels, observed.points[:5])
+    assert raised.value.code == "bad_points"
+
+
+# ------------------------------------------------------------------ what a person collects
+def test_a_spot_is_taken_only_while_it_is_still():
+    held, rng = HeldSpot(), np.random.default_rng(0)
+    with pytest.raises(CodedError) as raised:
+        held.place(0.0)
+    assert raised.value.code == "no_spot"
+    for i in range(25):
+        held.see(0.04 * i, 300 + 20 * i, 200)
+    with pytest.raises(CodedError) as raised:
+        held.place(1.0)
+    assert raised.value.code == "spot_moves"
+    for i in range(25, 60):
+        held.see(0.04 * i, 800 + rng.normal(0, 0.5), 400 + rng.normal(0, 0.5))
+    assert held.place(2.4) == pytest.approx((800, 400), abs=0.5)
+    with pytest.raises(CodedError) as raised:
+        held.place(9.0)  # long gone
+    assert raised.value.code == "no_spot"
+    held.see(0.0, 1, 1)  # time jumped back
+    with pytest.raises(CodedError):
+        held.place(0.1)
+
+
+def test_session_guides_to_a_result_and_back():
+    observed = observe(np.random.default_rng(8), 8)
+    session = SpotSession(CAMERA, CalibrationParams())
+    assert not session.undo() and "at least 4" in session.progress()
+    for pixel, point in zip(observed.pixels, observed.points):
+        session.add(tuple(pixel), tuple(point))
+    with pytest.raises(CodedError) as raised:
+        session.add(tuple(observed.pixels[0] + 1), (0.0, 0.0))
+    assert raised.value.code == "same_place" and len(session) == 8
+    assert "cm on the floor" in session.progress()
+    text = "\n".join(describe(session.solve(), session.observed))
+    assert "px rms" in text and "cm rms" in text and "8 of 8" in text
+    for _ in range(6):
+        assert session.undo()
+    with pytest.raises(CodedError):
+        session.solve()
+    assert parse_numbers("1.5, -2", 2) == [1.5, -2.0]
+    assert parse_numbers("1.5", 2) is None and parse_numbers("a b", 2) is None and parse_numbers("nan 1", 2) is None
+
+
+# ------------------------------------------------------------------ the file
+def test_file_round_trip(tmp_path):
+    observed = observe(np.random.default_rng(9), 8)
+    estimate = estimate_pose(CAMERA, observed)
+    path = calibration_file.calibration_path(str(tmp_path / "new"), "red")
+    pose = calibration_file.CameraPose("red", "map", "red_optical_frame", estimate.T_map_camera)
+    for _ in range(2):
+        calibration_file.save(path, calibration_file.document(pose, estimate, observed, "spots", "2020-01-01 12:00"))
+    assert path.with_name("red.yaml.old").exists() and not list(path.parent.glob("*.part"))
+    loaded = calibration_file.load(path)
+    assert (loaded.camera, loaded.parent, loaded.frame) == ("red", "map", "red_optical_frame")
+    assert np.abs(loaded.T - estimate.T_map_camera).max() < 1e-5
+
+
+@pytest.mark.parametrize("content, code", [
+    (None, "no_calibration"),
+    ("{", "bad_calibration"),
+    ("[1, 2]", "bad_calibration"),
+    ("{camera: red, parent: map, frame: f, translation: [0, 0], rotation: [0, 0, 0, 1]}", "bad_calibration"),
+    ("{camera: red, parent: map, frame: f, translation: [0, 0, .nan], rotation: [0, 0, 0, 1]}", "bad_calibration"),
+    ("{camera: red, parent: map, frame: f, translation: [0, 0, 1], rotation: [0, 0, 0, 0]}", "bad_calibration"),
+    ("{camera: red, parent: '', frame: f, translation: [0, 0, 1], rotation: [0, 0, 0, 1]}", "bad_calibration"),
+])
+def test_bad_files_are_refused(tmp_path, content, code):
+    path = tmp_path / "red.yaml"
+    if content is not None:
+        path.write_text(content)
+    with pytest.raises(CodedError) as raised:
+        calibration_file.load(path)
+    assert raised.value.code == code
+
+
+def test_unwritable_folder_is_said(tmp_path):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(CodedError) as raised:
+        calibration_file.save(tmp_path / "file" / "red.yaml", {"camera": "red"})
+    assert raised.value.code == "bad_file"
+
+
+def test_projection_of_the_estimate_goes_back_to_the_pixels():
+    observed = observe(np.random.default_rng(10), 8, 0.0, 0.0)
+    estimate = estimate_pose(CAMERA, observed)
+    floor = np.column_stack([observed.points, np.zeros(8)])
+    assert np.abs(pixels_of(CAMERA, estimate.T_map_camera, floor) - observed.pixels).max() < 0.05

@@ -1,0 +1,197 @@
+"""The printed board, rendered under a camera with noise and lens distortion; and cameras that agree or do not."""
+import math
+
+import cv2
+import numpy as np
+import pytest
+
+from board_scene import CAMERA, POSE, p2_of, render_board
+from vb_core.errors import CodedError
+from vb_laser_detect.calibration import CalibrationParams
+from vb_laser_detect.calibration_board import (
+    PAPERS_MM, BoardParams, BoardView, corners_on_map, draw_board, find_board, merge_views, write_board,
+)
+from vb_laser_detect.calibration_session import BoardSession
+from vb_laser_detect.camera_agreement import agreement
+from vb_laser_detect.projection import floor_points, pixels_of
+
+BOARD = BoardParams.for_paper("A3")
+PLACES = [((3.1, 3.2), -1.2), ((5.0, 3.0), 0.3), ((4.9, 1.7), 2.0), ((2.9, 2.0), 0.0)]
+
+
+@pytest.fixture(scope="module")
+def views():
+    """(P1, P2, view) of the board in each place."""
+    result = []
+    for seed, (p1, yaw) in enumerate(PLACES):
+        p2 = p2_of(BOARD, p1, yaw)
+        result.append((p1, p2, find_board(BOARD, render_board(BOARD, p1, p2, np.random.default_rng(seed)))))
+    return result
+
+
+def test_corners_are_found_to_a_fraction_of_a_pixel(views):
+    for p1, p2, view in views:
+        assert len(view.ids) == 12
+        truth = pixels_of(CAMERA, POSE, np.column_stack([corners_on_map(BOARD, view.corners, p1, p2), np.zeros(12)]))
+        assert np.abs((view.pixels - truth).mean(axis=0)).max() < 0.06  # no bias: pixel centres are whole numbers
+        assert np.linalg.norm(view.pixels - truth, axis=1).max() < 0.5
+
+
+def test_pose_from_a_board_in_four_places(views):
+    session = BoardSession(CAMERA, CalibrationParams(), BOARD)
+    for p1, p2, view in views:
+        session.add([view], p1, p2)
+    estimate = session.solve()
+    assert estimate.rms_px < 0.4 and estimate.rms_m < 0.001
+    assert np.linalg.norm(estimate.T_map_camera[:3, 3] - POSE[:3, 3]) < 0.01
+    grid = np.array([(u, v) for u in (96, 960, 1824) for v in (54, 540, 1026)], float)
+    apart = floor_points(CAMERA, estimate.T_map_camera, grid) - floor_points(CAMERA, POSE, grid)
+    assert np.linalg.norm(apart, axis=1).max() < 0.01
+    assert estimate.floor_sigma[0] < 0.005
+    session.undo(), session.undo(), session.undo()
+    with pytest.raises(CodedError) as raised:
+        session.solve()
+    assert raised.value.code == "clustered"
+
+
+def test_errors_of_the_places_are_shared_out_and_a_wrong_place_is_left_out(views):
+    rng = np.random.default_rng(1)
+    params = CalibrationParams(placement_sigma=0.006)
+    session, apart = BoardSession(CAMERA, params, BOARD), []
+    for wrong in (False, True):
+        while session.undo():
+            pass
+        for i, (p1, p2, view) in enumerate(views):
+            slip = (0.3, -0.2) if wrong and i == 1 else (0.0, 0.0)
+            p1 = np.add(p1, rng.normal(0, 0.004, 2)) + slip
+            p2 = np.add(p2, rng.normal(0, 0.004, 2)) + slip
+            session.add([view], p1, p2)
+        estimate = session.solve()
+        apart.append(np.linalg.norm(estimate.T_map_camera[:2, 3] - POSE[:2, 3]))
+        assert (~estimate.used).sum() == (12 if wrong else 0)
+    assert max(apart) < 0.06
+
+
+def test_boards_that_cannot_be_used_are_refused():
+    rng = np.random.default_rng(2)
+    small = BoardParams.for_paper("A4")
+    for image, code in (
+        (np.full((1080, 1920), 110, np.uint8), "no_board"),
+        (render_board(small, (4.0, 2.5), p2_of(small, (4.0, 2.5), 0.2), rng), "board_too_small"),
+    ):
+        with pytest.raises(CodedError) as raised:
+            find_board(BOARD, image)
+        assert raised.value.code == code
+    p2 = p2_of(BOARD, (4.0, 2.5), 0.0)
+    hidden = render_board(BOARD, (4.0, 2.5), p2, rng)
+    middle = pixels_of(CAMERA, POSE, np.array([[4.2, 2.4, 0.0]]))[0].astype(int)
+    cv2.circle(hidden, (int(middle[0]), int(middle[1])), 45, 60, -1)  # a foot
+    with pytest.raises(CodedError) as raised:
+        find_board(BOARD, hidden)
+    assert raised.value.code in ("board_hidden", "no_board")
+
+
+def test_colour_images_are_taken_too():
+    p2 = p2_of(BOARD, (4.0, 2.5), 0.4)
+    image = render_board(BOARD, (4.0, 2.5), p2, np.random.default_rng(4))
+    assert len(find_board(BOARD, cv2.cvtColor(image, cv2.COLOR_GRAY2BGR)).ids) == 12
+
+
+def test_views_are_merged_and_a_moving_board_is_refused(views):
+    view = views[0][2]
+    rng = np.random.default_rng(3)
+    noisy = [BoardView(view.pixels + rng.normal(0, 0.3, view.pixels.shape), view.corners, view.ids) for _ in range(15)]
+    noisy.append(BoardView(view.pixels[:3], view.corners[:3], view.ids[:3]))
+    merged = merge_views(noisy)
+    assert (merged.ids == view.ids).all() and np.abs(merged.pixels - view.pixels).max() < 0.5
+    for moving, code in (
+        ([BoardView(view.pixels + 5.0 * i, view.corners, view.ids) for i in range(5)], "board_moved"),
+        ([], "no_board"),
+        ([BoardView(view.pixels[:4], view.corners[:4], view.ids[:4])], "board_hidden"),
+    ):
+        with pytest.raises(CodedError) as raised:
+            merge_views(moving)
+        assert raised.value.code == code
+
+
+def test_place_on_the_map_is_seen_from_above():
+    corners = np.array([[0.0, 0.0], [BOARD.size[0], 0.0], [0.0, BOARD.size[1]]])
+    placed = corners_on_map(BOARD, corners, (1.0, 2.0), p2_of(BOARD, (1.0, 2.0), math.pi / 2))
+    # P1 to P2 points up in the map, so the board's lower edge is at its right
+    assert placed == pytest.approx(np.array([[1.0, 2.0], [1.0, 2.35], [1.28, 2.0]]))
+    with pytest.raises(CodedError) as raised:
+        corners_on_map(BOARD, corners, (1.0, 2.0), (1.4, 2.0))
+    assert raised.value.code == "placement_mismatch"
+
+
+@pytest.mark.parametrize("paper", sorted(PAPERS_MM))
+def test_the_board_fits_its_paper(paper):
+    board = BoardParams.for_paper(paper)
+    assert all(1e3 * side <= length - 10 for side, length in zip(board.size, PAPERS_MM[paper]))
+    width, height = board.size
+    assert draw_board(board, 1000.0).shape == (round(1e3 * height), round(1e3 * width))
+
+
+def test_print_is_true_to_size(tmp_path):
+    # measured in the file itself: the sheet, and the pattern on it
+    path = tmp_path / "board.png"
+    write_board(BoardParams.for_paper("A4"), "A4", str(path))
+    page = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
+    assert np.abs(np.subtract(page.shape, (210 / 25.4 * 300, 297 / 25.4 * 300))).max() <= 1
+    view = find_board(BoardParams.for_paper("A4"), cv2.resize(page, None, fx=0.25, fy=0.25, interpolation=cv2.INTER_AREA))
+    assert len(view.ids) == 12
+    per_metre = np.linalg.norm(np.ptp(view.pixels, axis=0)) / np.linalg.norm(np.ptp(view.corners, axis=0))
+    assert per_metre == pytest.approx(75 / 0.0254, rel=2e-3)
+    pdf = tmp_path / "board.pdf"
+    write_board(BOARD, "A3", str(pdf))
+    content = pdf.read_bytes()
+    assert content.startswith(b"%PDF") and b"/MediaBox [ 0 0 1190.55" in content  # 420 mm in points
+    for paper, file, code in (("A9", path, "unknown_paper"), ("A3", "board.txt", "bad_file"),
+                              ("A4", path, "board_too_large"), ("A3", tmp_path / "no" / "x.png", "bad_file")):
+        with pytest.raises(CodedError) as raised:
+            write_board(BOARD, paper, str(file))
+        assert raised.value.code == code
+
+
+# ------------------------------------------------------------------ cameras that overlap
+def draw(cameras, seconds=10.0, gap=()):
+    """Sightings of a spot that draws a circle at 0.6 m/s; cameras: name to (offset, phase [s])."""
+    rng, result = np.random.default_rng(0), []
+    for name, (offset, phase) in cameras.items():
+        for t in np.arange(0, seconds, 0.04) + phase:
+            if gap and gap[0] <= t <= gap[1]:
+                continue
+            place = np.array([math.cos(0.6 * t), math.sin(0.6 * t)]) + offset + rng.normal(0, 0.001, 2)
+            result.append((name, 100.0 + t, *place))
+    return result
+
+
+def test_agreement_finds_offsets_whatever_the_cameras_phases():
+    found = agreement(draw({"red": ((0.0, 0.0), 0.0), "green": ((0.03, -0.02), 0.017), "blue": ((0.0, 0.0), 0.009)}))
+    pairs = {(pair.first, pair.second): pair for pair in found}
+    assert set(pairs) == {("blue", "green"), ("blue", "red"), ("green", "red")}
+    assert pairs["green", "red"].offset == pytest.approx((-0.03, 0.02), abs=0.001)
+    assert pairs["green", "red"].median == pytest.approx(math.hypot(0.03, 0.02), abs=0.001)
+    assert pairs["blue", "red"].median < 0.003 < pairs["green", "red"].p95
+    assert pairs["blue", "red"].count > 200 and "cm" in pairs["blue", "red"].describe()
+
+
+def test_agreement_needs_cameras_that_see_the_spot_together():
+    for sightings, code in (
+        ([], "one_camera"),
+        (draw({"red": ((0, 0), 0.0)}), "one_camera"),
+        (draw({"red": ((0, 0), 0.0)}, 2.0) + draw({"green": ((0, 0), 50.0)}, 2.0), "no_overlap"),
+        (draw({"red": ((0, 0), 0.0), "green": ((0, 0), 0.0)}, 0.5), "no_overlap"),
+    ):
+        with pytest.raises(CodedError) as raised:
+            agreement(sightings)
+        assert raised.value.code == code
+
+
+def test_agreement_does_not_bridge_gaps_nor_take_double_spots():
+    red = draw({"red": ((0, 0), 0.0)}, 10.0)
+    green = draw({"green": ((0, 0), 0.01)}, 10.0, gap=(2.0, 8.0))
+    assert agreement(red + green)[0].count < 110
+    double = [(camera, stamp, x + 1.0, y) for camera, stamp, x, y in green]
+    with pytest.raises(CodedError):
+        agreement(red + green + double)
