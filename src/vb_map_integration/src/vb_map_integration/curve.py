@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Callable, Iterator, Optional, Tuple
+from typing import Callable, Iterator, List, Optional, Tuple
 
 import cv2
 import numpy as np
@@ -27,7 +27,6 @@ FindSeed = Callable[[np.ndarray, Optional[np.ndarray]], Tuple[int, int]]
 # were met from the curve's start, its end, or both
 _FREE, _FILLED, _BLOCKED = 0, 128, 255
 _MET_BY_START, _MET_BY_END, _MET_BY_BOTH = 1, 2, 3
-_NEIGHBOURS = np.array([-1, 0, 1])
 
 
 @dataclass(frozen=True)
@@ -177,12 +176,12 @@ def _cut(
     """Fills the seed's side of the curve between two of its stops."""
     part = slice(start, end + 1)
     rows, columns, segment = trace.rows[part], trace.columns[part], trace.segment[part]
-    cells[rows + 1, columns + 1] = _BLOCKED
+    flat, stride = cells.reshape(-1), cells.shape[1]
+    line_cells = (rows + 1) * stride + columns + 1
+    flat[line_cells] = _BLOCKED
     step = chain[1:] - chain[:-1]
     steps = np.maximum(np.hypot(step[:, 0], step[:, 1]), 1e-12)
-    normal = np.column_stack([-step[:, 1], step[:, 0]]) / steps[:, None]
-    # of each cell's centre over the line
-    height = ((np.column_stack([columns, rows]) - chain[segment]) * normal[segment]).sum(axis=1)
+    normal = step[:, ::-1] * (-1.0, 1.0) / steps[:, None]
 
     away = None
     hit = np.flatnonzero((columns == math.floor(seed[0] + 0.5)) & (rows == math.floor(seed[1] + 0.5)))
@@ -194,14 +193,16 @@ def _cut(
     _, _, _, (left, top, width, depth) = cv2.floodFill(cells, None, (column + 1, row + 1), _FILLED, flags=4)
 
     middle = beside[part]
-    shares = [_share(cells, trace.points[part][middle] + side * normal[segment[middle]]) for side in (1.6, -1.6)]
+    points, aside = trace.points[part][middle], 1.6 * normal[segment[middle]]
+    left_share, right_share = _shares(cells, np.array([points + aside, points - aside]))
 
     # the cells that the curve runs through go to the side that their centre is on
-    towards = 1.0 if not shares[0] <= shares[1] else -1.0
-    own = np.flatnonzero((height * towards > 0.0) & ~shut[part])
-    r, c = rows[own] + 1, columns[own] + 1
-    beside_filled = (cells[r[:, None, None] + _NEIGHBOURS[:, None], c[:, None, None] + _NEIGHBOURS] == _FILLED).any(axis=(1, 2))
-    cells[r[beside_filled], c[beside_filled]] = _FILLED
+    offset = (normal * chain[:-1]).sum(axis=1)
+    height = columns * normal[segment, 0] + rows * normal[segment, 1] - offset[segment]
+    towards = 1.0 if not left_share <= right_share else -1.0
+    own = line_cells[(height * towards > 0.0) & ~shut[part]]
+    round_it = (np.array([-stride, 0, stride])[:, None] + [-1, 0, 1]).ravel()
+    flat[own[(flat[own[:, None] + round_it] == _FILLED).any(axis=1)]] = _FILLED
 
     # one cell more all round for those of the curve, and from the frame's coordinates to the map's
     window = (
@@ -213,15 +214,14 @@ def _cut(
     between = chain[1:-1][(vertex_arc > trace.arc[start]) & (vertex_arc < trace.arc[end])]
     line = np.concatenate([trace.points[start : start + 1], between, trace.points[end : end + 1]])
     stops = tuple((int(trace.rows[k]), int(trace.columns[k])) for k in (start, end))
-    return Cut(window, region, shares[0], shares[1], line, stops)  # type: ignore[arg-type]
+    return Cut(window, region, left_share, right_share, line, stops)  # type: ignore[arg-type]
 
 
-def _share(cells: np.ndarray, points: np.ndarray) -> float:
-    """Share of the cells at points (K, 2) (column, row) that were filled, of those that are free; NaN if none is."""
-    columns, rows = np.floor(points.T + 1.5).astype(np.int64)
-    columns = np.minimum(np.maximum(columns, 0), cells.shape[1] - 1)
-    rows = np.minimum(np.maximum(rows, 0), cells.shape[0] - 1)
-    values = cells[rows, columns]
-    filled = np.count_nonzero(values == _FILLED)
-    count = filled + np.count_nonzero(values == _FREE)
-    return filled / count if count else math.nan
+def _shares(cells: np.ndarray, points: np.ndarray) -> List[float]:
+    """Shares of the cells at points (2, K, 2) (column, row) that were filled, of those that are free; NaN if none is."""
+    # from the map's coordinates to the frame's, whose cells are neither
+    at = np.minimum(np.maximum(points + 1.5, 0.0), (cells.shape[1] - 1, cells.shape[0] - 1)).astype(np.int64)
+    values = cells[at[..., 1], at[..., 0]]
+    filled = (values == _FILLED).sum(axis=1)
+    count = filled + (values == _FREE).sum(axis=1)
+    return [f / c if c else math.nan for f, c in zip(filled.tolist(), count.tolist())]

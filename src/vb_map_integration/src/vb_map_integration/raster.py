@@ -105,22 +105,26 @@ def trace_chain(vertices: np.ndarray, shape: Tuple[int, int]) -> Trace:
         raise IntegrationError("too_complex", "the border is too long for this map: draw a simpler one")
     segment = np.repeat(np.arange(len(step)), counts)
     index = np.arange(total) - (np.cumsum(counts) - counts)[segment]
-    t = t0[segment] + part[segment] * index / np.maximum(counts[segment] - 1, 1)
+    t = t0[segment] + (part / np.maximum(counts - 1, 1))[segment] * index
+    columns, rows = (np.floor(s[segment] + t * d[segment] + 0.5).astype(np.int64) for s, d in zip(start.T, step.T))
+    if total == 0:
+        return Trace(rows, columns, np.zeros((0, 2)), segment, t)
+    distance = np.full(total, 2)
+    np.add(np.abs(rows[1:] - rows[:-1]), np.abs(columns[1:] - columns[:-1]), out=distance[1:])
+    new = np.flatnonzero(distance)
+    # over a corner: one of the two cells beside it is taken too, so that nothing slips through; but not where the
+    # chain was outside the map
+    distance = distance[new]
+    corner = (distance == 2) & (rows[new] != rows[new - 1]) & (columns[new] != columns[new - 1])
+    corner[0] = False
+    times = 1 + corner
+    twice = np.repeat(new, times)
+    extra = np.flatnonzero(times == 2)
+    extra = extra + np.arange(len(extra))  # the first of each pair is the cell put in
+    rows, columns, segment, t = rows[twice], columns[twice], segment[twice], t[twice]
+    rows[extra] = rows[extra - 1]
     points = start[segment] + t[:, None] * step[segment]
-    arc = arc_start[segment] + t * length[segment]
-    cells = np.floor(points + 0.5).astype(np.int64)
-    columns, rows = cells[:, 0], cells[:, 1]
-    if total:
-        new = np.concatenate([[0], np.flatnonzero((rows[1:] != rows[:-1]) | (columns[1:] != columns[:-1])) + 1])
-        rows, columns, points, segment, arc = rows[new], columns[new], points[new], segment[new], arc[new]
-        # over a corner: one of the two cells beside it is taken too, so that nothing slips through
-        corner = (np.abs(rows[1:] - rows[:-1]) == 1) & (np.abs(columns[1:] - columns[:-1]) == 1)
-        twice = np.repeat(np.arange(len(rows)), np.concatenate([[1], 1 + corner]))
-        extra = np.flatnonzero(twice[1:] == twice[:-1])  # the first of each pair is the cell put in
-        before = rows[twice[extra] - 1]
-        rows, columns, points, segment, arc = (a[twice] for a in (rows, columns, points, segment, arc))
-        rows[extra] = before
-    return Trace(rows, columns, points, segment, arc)
+    return Trace(rows, columns, points, segment, arc_start[segment] + t * length[segment])
 
 
 def paint(cells: np.ndarray, mask: np.ndarray, value: int, over_unknown: bool) -> None:
@@ -133,8 +137,9 @@ def paint(cells: np.ndarray, mask: np.ndarray, value: int, over_unknown: bool) -
         over_unknown: whether unknown cells take the value too.
     """
     if over_unknown:  # as int8 unknown is -1, the least there is
-        layer = np.bitwise_or(np.invert(mask), np.uint8(value)).view(np.int8)
-        np.maximum(cells, layer, out=cells)
+        layer = np.invert(mask)
+        np.bitwise_or(layer, np.uint8(value), out=layer)
+        np.maximum(cells, layer.view(np.int8), out=cells)
     else:  # as uint8 it is 255, the greatest
         as_bytes = cells.view(np.uint8)
         np.maximum(as_bytes, np.bitwise_and(mask, np.uint8(value)), out=as_bytes)
