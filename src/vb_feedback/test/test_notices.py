@@ -33,6 +33,10 @@ def test_a_robot_in_a_border_stays_said_until_it_has_left():
     assert texts(workspace.notices(500.0)) == [("The robot is inside 'Carpet'.", True)]
     workspace.hear("the robot has left 'Carpet'", 501.0)
     assert texts(workspace.notices(502.0)) == [("The robot has left 'Carpet'.", False)]
+    workspace.hear("the robot is inside 'Carpet'", 503.0)
+    workspace.hear("", 503.5)
+    assert workspace.notices(504.0) == []
+    workspace.hear("the robot has left 'Carpet'", 505.0)
     # it goes, also if time jumps back
     assert workspace.notices(600.0) == workspace.notices(3.0) == []
 
@@ -45,7 +49,8 @@ def test_a_spot_that_nobody_sees():
     assert of_spot("default", (), (1.0, 1.0), partly, True) == of_spot("border", ("red",), (1.0, 1.0), partly, True) == []
     assert of_spot("border", (), None, partly, True) == []
     assert texts(of_spot("border", (), (1.2, 0.5), partly, True)) == [("No camera sees this place: a robot will be sent.", True)]
-    for coverage in (None, covered):
-        found = texts(of_spot("seed", (), (1.2, 0.5), coverage, True))
-        assert found == [("No camera sees the spot. If it shines, a robot will be sent.", False)]
-    assert "robot" not in texts(of_spot("seed", (), (6.0, 4.0), partly, False))[0][0]
+    # where cameras see all the floor it was switched off
+    assert of_spot("seed", (), (1.2, 0.5), covered, True) == of_spot("seed", (), (6.0, 4.0), partly, True) == []
+    assert texts(of_spot("seed", (), (1.2, 0.5), None, True)) == [("No camera sees a spot. Keep pointing: a robot comes.", False)]
+    for coverage in (None, partly):
+        assert "robot" not in texts(of_spot("seed", (), (1.2, 0.5), coverage, False))[0][0]

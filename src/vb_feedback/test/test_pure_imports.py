@@ -3,10 +3,12 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from pathlib import Path
 
-import pytest
-
-PURE = ["colours", "layout", "scene", "words", "notices", "tones", "restricted", "rviz_config", "fit_display"]
+FILES = (Path(__file__).resolve().parents[1] / "src" / "vb_feedback").glob("*.py")
+# nodes, and what converts messages for them
+ROS = {"display_messages", "__init__"}
+PURE = sorted(path.stem for path in FILES if path.stem not in ROS and not path.stem.endswith("_node"))
 
 BLOCK = """
 import sys
@@ -14,15 +16,16 @@ import sys
 class Block:
     def find_spec(self, name, path=None, target=None):
         top = name.split(".")[0]
-        if top in ("rospy", "tf2_ros", "cv_bridge", "rosgraph") or top.endswith("_msgs"):
+        if top in ("rospy", "tf2_ros", "cv_bridge", "rosgraph", "tkinter") or top.endswith("_msgs"):
             raise ImportError(name + " is blocked")
 
 sys.meta_path.insert(0, Block())
 import importlib
-importlib.import_module(sys.argv[1])
+for name in sys.argv[1:]:
+    importlib.import_module(name)
 """
 
 
-@pytest.mark.parametrize("module", PURE)
-def test_imports_without_ros(module):
-    subprocess.run([sys.executable, "-c", BLOCK, f"vb_feedback.{module}"], check=True)
+def test_pure_modules_import_without_ros():
+    assert len(PURE) > 10
+    subprocess.run([sys.executable, "-c", BLOCK, *[f"vb_feedback.{module}" for module in PURE]], check=True)

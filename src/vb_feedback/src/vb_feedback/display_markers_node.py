@@ -238,7 +238,8 @@ class DisplayMarkers:
             everything = MarkerArray([Marker(action=Marker.DELETEALL)])
             everything.markers += [marker_from_shape(shape) for shape in shapes]
             publish(everything)
-        return any(abs(now - spot.stamp) <= self._params.fade for spot in known.spots)
+        # what fades is drawn again, and once more to take it away
+        return any(shape.lifetime for shape in shapes)
 
     def _show_restricted(self, known: _Known) -> None:
         physical, posterior, preview = known.physical, known.posterior, self._current_preview(known)

@@ -50,8 +50,11 @@ class Workspace:
         self._since = 0.0
 
     def hear(self, sentence: str, now: float) -> None:
-        """A sentence of the monitor at a time [s]."""
-        sentence = sentence[:1].upper() + sentence[1:].rstrip(".") + "." if sentence else ""
+        """A sentence of the monitor at a time [s]; an empty one: all is well."""
+        if not sentence:
+            self._standing = self._passing = ""
+            return
+        sentence = sentence[:1].upper() + sentence[1:].rstrip(".") + "."
         if " is inside " in sentence or " touches " in sentence:
             self._standing, self._passing = sentence, ""
             return
@@ -85,10 +88,13 @@ def of_spot(
     """
     if state not in ("border", "seed") or seeing or lost is None:
         return []
+    if coverage is None:
+        return [Notice("No camera sees a spot. Keep pointing: a robot comes." if robots else "No camera sees a spot.")]
+    if _sees_all(coverage, lost):
+        # it was switched off
+        return []
     comes = "a robot will be sent" if robots else "draw where a camera sees it"
-    if coverage is not None and not _sees_all(coverage, lost):
-        return [Notice(f"No camera sees this place: {comes}.", warning=True)]
-    return [Notice(f"No camera sees the spot. If it shines, {comes}." if robots else "No camera sees the spot.")]
+    return [Notice(f"No camera sees this place: {comes}.", warning=True)]
 
 
 def _sees_all(coverage: GridMap, place: Tuple[float, float]) -> bool:

@@ -1,0 +1,104 @@
+"""The node that plays the sounds."""
+from __future__ import annotations
+
+import threading
+import time
+from dataclasses import dataclass
+
+import rospy
+from vb_core import names
+from vb_core.errors import CodedError
+from vb_core.parameters import Parameters, param
+from vb_core.ros import node, parameters
+from vb_msgs.msg import Sound
+
+from vb_feedback import synthesis
+from vb_feedback.audio_sink import AudioSink
+from vb_feedback.playlist import Playlist
+
+
+@dataclass(frozen=True)
+class SoundParams(Parameters):
+    """Parameters of sound_player; config/sound_player.yaml says why."""
+
+    device: str = param("default")
+    program: str = param("aplay")
+    volume: float = param(0.7, "", low=0.0, high=1.0)
+    tick_period: float = param(0.4, "s", above=0.0, high=10.0)
+    max_age: float = param(1.0, "s", above=0.0, high=10.0)
+    retry: float = param(30.0, "s", low=1.0, high=3600.0)
+
+
+class SoundPlayer:
+    """Plays sounds on this computer. Without a sound device it says so once and stays quiet.
+
+    Subscribes to:
+        /virtual_borders/sound (vb_msgs/Sound): names of sounds; see synthesis.SOUNDS for what they sound like.
+
+    Args:
+        params: see config/sound_player.yaml.
+        sink: what plays.
+    """
+
+    def __init__(self, params: SoundParams, sink: AudioSink) -> None:
+        self._params = params
+        self._sink = sink
+        self._playlist = Playlist(params.tick_period, params.max_age)
+        self._condition = threading.Condition()
+        self._running = True
+        self._silent_until = 0.0
+        self._said = False
+        self._thread = threading.Thread(target=self._work, daemon=True)
+        self._thread.start()
+        rospy.Subscriber(names.SOUND, Sound, self._on_sound, queue_size=10)
+
+    def close(self) -> None:
+        """Ends the thread."""
+        with self._condition:
+            self._running = False
+            self._condition.notify()
+
+    # on a steady clock: a loudspeaker does not follow simulated time
+    def _on_sound(self, message: Sound) -> None:
+        if message.name not in synthesis.SOUNDS:
+            rospy.logwarn_throttle(10.0, f"sound_player: no sound is called '{message.name}'")
+            return
+        with self._condition:
+            if self._playlist.add(message.name, time.monotonic()):
+                self._condition.notify()
+
+    def _work(self) -> None:
+        while True:
+            with self._condition:
+                name = self._playlist.take(time.monotonic())
+                while name is None and self._running:
+                    self._condition.wait()
+                    name = self._playlist.take(time.monotonic())
+                if not self._running:
+                    return
+            if name is not None and time.monotonic() >= self._silent_until:
+                self._play(name)
+
+    def _play(self, name: str) -> None:
+        try:
+            self._sink.play(synthesis.samples(name, self._params.volume))
+        except CodedError as error:
+            # a device may be plugged in later: tried again now and then, without a second word
+            self._silent_until = time.monotonic() + self._params.retry
+            if not self._said:
+                self._said = True
+                rospy.logwarn("sound_player: there is no sound: %s", error)
+            return
+        if self._said:
+            self._said = False
+            rospy.loginfo("sound_player: sounds are played again")
+
+
+def _build() -> SoundPlayer:
+    params = parameters.read(SoundParams)
+    return SoundPlayer(params, AudioSink(params.device, params.program))
+
+
+def main() -> None:
+    """Runs the node."""
+    node.run("sound_player", _build)

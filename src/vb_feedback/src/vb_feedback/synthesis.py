@@ -1,0 +1,75 @@
+"""What the sounds sound like: notes to samples. No files, no ROS."""
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Dict, Tuple
+
+import numpy as np
+
+RATE = 48000  # [1/s] samples; what sound cards have without converting
+
+# share of full scale of the loudest note: leaves room for whatever else plays
+_PEAK = 0.6
+# [s] over which a note swells and fades: shorter clicks
+_FADE = 0.005
+
+
+@dataclass(frozen=True)
+class Note:
+    """A tone with two soft overtones, or silence at frequency 0.
+
+    Attributes:
+        frequency: [Hz]
+        seconds: [s]
+        loudness: share of the loudest note.
+    """
+
+    frequency: float
+    seconds: float
+    loudness: float = 1.0
+
+
+C5, E5, G5, C6, LOW = 523.25, 659.26, 783.99, 1046.50, 220.0
+_REST = Note(0.0, 0.05)
+
+# Going up: the interaction goes on; each active state ends on a tone of its own, a third or more from the next.
+# Going down: back to Default. A refusal is low and repeated, a success the longest run up: both are told without
+# knowing the others. A tick is far above all of them and soft: it comes often.
+SOUNDS: Dict[str, Tuple[Note, ...]] = {
+    "border": (Note(C5, 0.09), Note(E5, 0.16)),
+    "seed": (Note(C5, 0.09), Note(G5, 0.16)),
+    "guide": (Note(C5, 0.09), Note(C6, 0.16)),
+    "default": (Note(E5, 0.09), Note(C5, 0.20)),
+    "success": (Note(C5, 0.09), Note(E5, 0.09), Note(G5, 0.09), Note(C6, 0.30)),
+    "refusal": (Note(LOW, 0.16), _REST, Note(LOW, 0.24)),
+    "tick": (Note(2093.0, 0.02, 0.15),),
+}
+TICK = "tick"
+
+# overtones, as shares of the fundamental: small speakers do not give the low ones' fundamental
+_OVERTONES = (1.0, 0.3, 0.12)
+
+
+def samples(name: str, volume: float = 1.0) -> np.ndarray:
+    """A sound as (N,) int16 at `RATE`, mono; empty for a name that is not known.
+
+    Args:
+        volume: 0 .. 1.
+    """
+    notes = SOUNDS.get(name, ())
+    if not notes:
+        return np.zeros(0, np.int16)
+    wave = np.concatenate([_tone(note) for note in notes])
+    return np.rint(wave * (_PEAK * min(1.0, max(0.0, volume)) * 32767.0)).astype(np.int16)
+
+
+def _tone(note: Note) -> np.ndarray:
+    """(N,) float64, -1 .. 1."""
+    time = np.arange(int(round(note.seconds * RATE))) / RATE
+    if note.frequency <= 0:
+        return np.zeros(len(time))
+    wave = sum(share * np.sin(2.0 * np.pi * (order + 1) * note.frequency * time) for order, share in enumerate(_OVERTONES))
+    # swells at once, then fades like a struck bar
+    envelope = np.minimum(1.0, time / _FADE) * np.minimum(1.0, (note.seconds - time) / _FADE)
+    envelope = envelope * np.exp(-2.0 * time / note.seconds)
+    return note.loudness * envelope * wave / sum(_OVERTONES)

@@ -1,0 +1,98 @@
+#!/usr/bin/env python3
+"""sound_player with a program that takes the samples, one without a sound device, and kobuki_feedback without Kobuki."""
+from __future__ import annotations
+
+import importlib.util
+import os
+import stat
+import subprocess
+import sys
+import tempfile
+import unittest
+
+import rospy
+import rostest
+from rosgraph_msgs.msg import Log
+
+sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
+from ros_helpers import wait_until  # noqa: E402
+from vb_feedback.synthesis import samples  # noqa: E402
+from vb_msgs.msg import Sound  # noqa: E402
+
+
+class SoundPlayerTest(unittest.TestCase):
+    @classmethod
+    def setUpClass(cls):
+        rospy.init_node("rostest_sound_player")
+        cls.said = []
+        cls.log = rospy.Subscriber("/rosout", Log, lambda log: cls.said.append((log.name, log.level, log.msg)))
+        cls.sounds = rospy.Publisher("/virtual_borders/sound", Sound, queue_size=20)
+        cls.folder = tempfile.TemporaryDirectory()
+        hears = cls.program("hears", f"cat >> {cls.folder.name}/pcm")
+        deaf = cls.program("deaf", f'echo tried >> {cls.folder.name}/tried; exec aplay "$@"')
+        cls.nodes = [
+            subprocess.Popen(["rosrun", "vb_feedback", "sound_player", f"__name:={name}", *more])
+            for name, more in (
+                ("hears", [f"_program:={hears}", "_volume:=1.0", "_max_age:=10.0"]),
+                ("deaf", [f"_program:={deaf}", "_device:=no_such_device", "_retry:=1.0"]),
+            )
+        ]
+        wait_until(lambda: cls.sounds.get_num_connections() == 2, "both players")
+
+    @classmethod
+    def program(cls, name, text):
+        path = os.path.join(cls.folder.name, name)
+        with open(path, "w") as file:
+            file.write(f"#!/bin/sh\n{text}\n")
+        os.chmod(path, os.stat(path).st_mode | stat.S_IXUSR)
+        return path
+
+    def written(self, name):
+        try:
+            with open(os.path.join(self.folder.name, name), "rb") as file:
+                return file.read()
+        except OSError:
+            return b""
+
+    @classmethod
+    def tearDownClass(cls):
+        for node in cls.nodes:
+            node.terminate()
+            node.wait()
+        cls.folder.cleanup()
+
+    def test_1_sounds_are_played_whole_and_in_order(self):
+        names = ["border", "tick", "refusal"]
+        for name in names:
+            self.sounds.publish(name=name)
+        # the tick may have to give way, and which of the two played first is not a matter of luck
+        wanted = (samples("border").tobytes() + samples("refusal").tobytes(),
+                  samples("border").tobytes() + samples("tick").tobytes() + samples("refusal").tobytes())
+
+        wait_until(lambda: self.written("pcm") in wanted, "the samples of both sounds")
+
+    def test_2_without_a_device_it_says_so_once(self):
+        def try_again():
+            self.sounds.publish(name="seed")
+            return self.written("tried").count(b"tried") >= 3
+
+        wait_until(try_again, "the device to be tried thrice")
+        said = [text for name, level, text in self.said if name == "/deaf" and level >= Log.WARN]
+        self.assertEqual(len(said), 1, said)
+        self.assertIn("there is no sound:", said[0])
+        self.assertIsNone(self.nodes[1].poll())
+
+    def test_3_kobuki_without_its_messages_ends_with_one_sentence(self):
+        if importlib.util.find_spec("kobuki_msgs") is not None:
+            self.skipTest("kobuki_msgs is installed here")
+        run = subprocess.run(
+            ["rosrun", "vb_feedback", "kobuki_feedback"], stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
+            universal_newlines=True, timeout=60,
+        )
+        self.assertEqual(run.returncode, 1, run.stdout)
+        self.assertIn("kobuki_msgs is not installed", run.stdout)
+        self.assertNotIn("Traceback", run.stdout)
+
+
+if __name__ == "__main__":
+    rostest.rosrun("vb_feedback", "sound_player", SoundPlayerTest)

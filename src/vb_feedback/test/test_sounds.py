@@ -1,0 +1,115 @@
+"""What the sounds sound like, and which are played."""
+from __future__ import annotations
+
+import itertools
+import os
+import stat
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from vb_core.errors import CodedError
+from vb_feedback.audio_sink import AudioSink
+from vb_feedback.playlist import Playlist
+from vb_feedback.synthesis import RATE, SOUNDS, samples
+
+
+def pitch(pcm):
+    """[Hz] of the strongest line of a spectrum."""
+    spectrum = np.abs(np.fft.rfft(pcm * np.hanning(len(pcm)), 1 << 17))
+    return np.argmax(spectrum) * RATE / (1 << 17)
+
+
+@pytest.mark.parametrize("name", SOUNDS)
+def test_each_note_has_the_pitch_that_it_says(name):
+    pcm, start = samples(name).astype(float), 0
+    for note in SOUNDS[name]:
+        part = pcm[start : start + int(round(note.seconds * RATE))]
+        start += len(part)
+        if note.frequency:
+            # a short note has a broad line
+            assert abs(pitch(part) - note.frequency) < 0.25 / note.seconds
+        else:
+            assert not part.any()
+    assert start == len(pcm)
+
+
+def test_sounds_are_told_apart():
+    for one, other in itertools.combinations(SOUNDS, 2):
+        notes = [[(note.frequency, round(note.seconds, 2)) for note in SOUNDS[name]] for name in (one, other)]
+        assert notes[0] != notes[1]
+    # states end at least a minor third apart, whoever has no absolute pitch hears that; a refusal is below all
+    ends = sorted(SOUNDS[name][-1].frequency for name in ("border", "seed", "guide", "default"))
+    assert all(high / low > 1.18 for low, high in zip(ends, ends[1:]))
+    assert max(note.frequency for note in SOUNDS["refusal"]) * 2 < min(ends)
+
+
+@pytest.mark.parametrize("name", SOUNDS)
+def test_nothing_clicks_or_is_cut_off(name):
+    pcm = samples(name).astype(int)
+    assert 0 < len(pcm) < RATE and np.abs(pcm).max() < 32767 * 0.7
+    assert abs(pcm[0]) < 300 and abs(pcm[-1]) < 300
+
+
+def test_a_tick_is_soft_and_volume_counts():
+    def power(pcm):
+        return float((pcm.astype(float) ** 2).sum())
+
+    assert power(samples("tick")) * 100 < min(power(samples(name)) for name in SOUNDS if name != "tick")
+    assert np.abs(samples("border", 0.5)).max() == pytest.approx(np.abs(samples("border")).max() / 2, abs=1)
+    assert not samples("border", 0.0).any() and len(samples("no such sound")) == 0
+
+
+# ----------------------------------------------------------------- which are played
+def test_ticks_give_way():
+    playlist = Playlist(0.4, 1.0)
+    assert playlist.add("tick", 0.0) and playlist.add("border", 0.1) and not playlist.add("tick", 0.5)
+    assert playlist.take(0.5) == "border" and playlist.take(0.5) is None
+    assert not playlist.add("tick", 0.39) and playlist.add("tick", 0.6) and playlist.take(0.6) == "tick"
+    assert not playlist.add("no such sound", 1.0)
+
+
+def test_old_sounds_are_dropped():
+    playlist = Playlist(0.4, 1.0)
+    for number, name in enumerate(["border", "refusal", "seed", "guide", "success"]):
+        playlist.add(name, 0.1 * number)
+    # the first had to go since five are too many; the next two are too old
+    assert [playlist.take(1.25), playlist.take(1.25), playlist.take(1.25)] == ["guide", "success", None]
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.lists(st.tuples(st.sampled_from(sorted(SOUNDS)), st.floats(0.0, 0.5)), max_size=40))
+def test_whatever_comes_ticks_keep_their_distance(events):
+    playlist, now, ticks = Playlist(0.4, 1.0), 0.0, []
+    for name, pause in events:
+        now += pause
+        playlist.add(name, now)
+        if playlist.take(now) == "tick":
+            ticks.append(now)
+    assert all(later - earlier >= 0.4 for earlier, later in zip(ticks, ticks[1:]))
+
+
+# ----------------------------------------------------------------- the device
+def program(folder, text):
+    path = folder / "player"
+    path.write_text("#!/bin/sh\n" + text)
+    path.chmod(path.stat().st_mode | stat.S_IXUSR)
+    return str(path)
+
+
+def test_the_player_gets_all_samples(tmp_path):
+    sink = AudioSink("front", program(tmp_path, f'echo "$@" > {tmp_path}/arguments; cat > {tmp_path}/pcm\n'))
+    pcm = samples("success")
+    sink.play(pcm)
+    assert np.array_equal(np.fromfile(str(tmp_path / "pcm"), "<i2"), pcm)
+    assert (tmp_path / "arguments").read_text().split() == "-q -D front -t raw -f S16_LE -r 48000 -c 1".split()
+
+
+def test_no_device_is_a_reason_and_no_crash(tmp_path):
+    with pytest.raises(CodedError, match="No such device"):
+        AudioSink("front", program(tmp_path, "cat > /dev/null; echo 'audio open error: No such device' >&2; exit 1\n")).play(samples("tick"))
+    with pytest.raises(CodedError) as caught:
+        AudioSink("front", os.path.join(str(tmp_path), "none")).play(samples("tick"))
+    assert caught.value.code == "no_audio"
