@@ -1,4 +1,7 @@
 from setuptools import setup
 from catkin_pkg.python_setup import generate_distutils_setup
 
-setup(**generate_distutils_setup(packages=["vb_evaluation"], package_dir={"": "src"}))
+setup(**generate_distutils_setup(
+    packages=["vb_evaluation", "vb_evaluation.kit", "vb_evaluation.report"], package_dir={"": "src"},
+    package_data={"vb_evaluation.report": ["page.html.j2", "page.css"]},
+))

@@ -1,0 +1,1 @@
+"""For a study with people: plan, record, measure, replay, questionnaire (docs/study.md)."""

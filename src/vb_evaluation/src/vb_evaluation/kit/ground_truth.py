@@ -1,0 +1,92 @@
+"""Ground-truth maps: what a scenario asks to restrict, drawn over the map's picture in any image editor."""
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Dict, Sequence
+
+import cv2
+import numpy as np
+
+from vb_core.errors import CodedError
+from vb_core.grid_map import GridMap
+from vb_evaluation import metrics
+from vb_map_integration.map_files import FREE_PIXEL, OCCUPIED_PIXEL, UNKNOWN_PIXEL, read_map
+
+# [grey levels] between the largest and the smallest channel: half of a strong colour, so that the soft edge that
+# an editor gives an area is cut in its middle
+LEAST_COLOR = 64
+# [grey levels] darker is black: map_server's occupied_thresh of 0.65
+BLACK = 89
+ENDINGS = (".png", ".pgm", ".bmp", ".yaml")
+
+
+def read_ground_truth(path: Path, physical: GridMap) -> np.ndarray:
+    """(H, W) bool: free cells of the physical map that a ground truth marks.
+
+    Args:
+        path: a picture as large as the map's, in which an area has any strong colour or is black; transparent
+            pixels mark nothing. Or a map_server YAML file whose map has the area occupied.
+        physical: the map that it was drawn over.
+
+    Raises:
+        CodedError: "bad_ground_truth" naming the file and what is wrong with it.
+    """
+    path = Path(path)
+    try:
+        if path.suffix == ".yaml":
+            marked = metrics.restricted_cells(physical, read_map(path))
+        else:
+            marked = _marked(path, physical) & (physical.data >= 0) & (physical.data < metrics.RESTRICTED)
+    except CodedError as error:
+        raise CodedError("bad_ground_truth", f"{path}: {error.message}") from None
+    if not marked.any():
+        raise CodedError("bad_ground_truth", f"{path}: no free floor is marked: fill the area with a strong colour or black")
+    return marked
+
+
+def find_ground_truths(folder: Path, scenarios: Sequence[str], physical: GridMap) -> Dict[str, np.ndarray]:
+    """Ground truths by scenario, of files <scenario>.png, .pgm, .bmp or .yaml.
+
+    Raises:
+        CodedError: "bad_ground_truth" if one is missing or wrong.
+    """
+    found = {}
+    for scenario in scenarios:
+        paths = [folder / f"{scenario}{ending}" for ending in ENDINGS if (folder / f"{scenario}{ending}").is_file()]
+        if not paths:
+            raise CodedError("bad_ground_truth", f"{folder}: there is no {scenario}.png: draw it over the map's picture")
+        found[scenario] = read_ground_truth(paths[0], physical)
+    return found
+
+
+def picture_of(physical: GridMap) -> np.ndarray:
+    """(H, W) uint8, the map's picture to draw over, as map_server stores it: row 0 is the map's highest y."""
+    shades = np.full(physical.shape, UNKNOWN_PIXEL, np.uint8)
+    shades[(physical.data >= 0) & (physical.data < 20)] = FREE_PIXEL
+    shades[physical.data >= 65] = OCCUPIED_PIXEL
+    return np.ascontiguousarray(shades[::-1])
+
+
+def _marked(path: Path, physical: GridMap) -> np.ndarray:
+    """(H, W) bool: coloured or black pixels, in the map's order of rows."""
+    try:
+        content = np.fromfile(str(path), np.uint8)
+    except OSError as error:
+        raise CodedError("bad_ground_truth", str(error.strerror)) from None
+    image = cv2.imdecode(content, cv2.IMREAD_UNCHANGED) if content.size else None
+    if image is None:
+        raise CodedError("bad_ground_truth", "this is no picture, or a damaged one")
+    if image.dtype != np.uint8:
+        image = (image // 257).astype(np.uint8)  # 16 bits per channel
+    if image.shape[:2] != physical.shape:
+        rows, columns = physical.shape
+        raise CodedError("bad_ground_truth", f"the picture has {image.shape[1]} x {image.shape[0]} pixels, the map {columns} x {rows}: "
+                         "draw over the map's own picture and do not scale it")
+    opaque = np.ones(image.shape[:2], bool)
+    if image.ndim == 3 and image.shape[2] == 4:
+        opaque = image[..., 3] >= 128
+        image = image[..., :3]
+    channels = image.reshape(*image.shape[:2], -1).astype(int)
+    colored = channels.max(axis=2) - channels.min(axis=2) >= LEAST_COLOR
+    black = channels.max(axis=2) <= BLACK
+    return ((colored | black) & opaque)[::-1]

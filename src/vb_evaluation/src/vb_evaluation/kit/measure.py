@@ -1,0 +1,130 @@
+"""The paper's measures (Sect. 5.5) from recordings of people: the same runs.csv that a simulated study has."""
+from __future__ import annotations
+
+import json
+import math
+import shutil
+from pathlib import Path
+from typing import Any, Dict, List, Mapping, Optional, Sequence, Tuple
+
+import numpy as np
+
+from vb_core.errors import CodedError
+from vb_core.grid_map import GridMap
+from vb_evaluation import metrics
+from vb_evaluation.kit import protocol
+from vb_evaluation.kit.ground_truth import find_ground_truths
+from vb_evaluation.kit.recording import Interaction, Recording
+from vb_evaluation.report.data import META, REQUIRED, RUNS, write_table
+from vb_map_integration.map_files import write_map
+
+COLUMNS = (*REQUIRED, "map", "saved", "seed_correct", "recording", "interaction", "note")
+
+
+def measure(protocol_file: Path, ground_truths: Path, out: Path, physical: Optional[GridMap] = None) -> List[str]:
+    """Measures every run of a protocol and writes runs.csv, study.json and maps/ for the report.
+
+    Args:
+        protocol_file: names the recordings, relative to its own folder.
+        ground_truths: folder of <scenario>.png.
+        physical: the physical map; None takes it from the first recording.
+
+    Returns:
+        Sentences about what was found strange.
+
+    Raises:
+        CodedError: what is wrong with protocol, recordings or ground truths.
+    """
+    entries = protocol.read(protocol_file)
+    if not entries:
+        raise CodedError("bad_protocol", f"{protocol_file}: no run has a recording yet")
+    recordings = {entry.recording: Recording(protocol_file.parent / Path(entry.recording).expanduser()) for entry in entries}
+    if physical is None:
+        physical = recordings[entries[0].recording].physical()
+    scenarios = list(dict.fromkeys(entry.scenario for entry in entries))
+    truths = find_ground_truths(ground_truths, scenarios, physical)
+    maps = out / "maps"
+    shutil.rmtree(str(maps), ignore_errors=True)
+    maps.mkdir(parents=True)
+    write_map(maps / "physical", physical)
+    for scenario, truth in truths.items():
+        write_map(maps / f"truth_{scenario}", physical.with_data(np.where(truth, 100, physical.data).astype(np.int8)))
+    rows, notes = [], []
+    for entry, interaction in assign(entries, recordings):
+        row, words = _row(entry, interaction, recordings[entry.recording], physical, truths[entry.scenario], maps)
+        rows.append(row)
+        notes += words
+    write_table(out / RUNS, COLUMNS, rows)
+    (out / META).write_text(json.dumps({"people": True, "protocol": protocol_file.name}, indent=2) + "\n", encoding="utf-8")
+    return notes
+
+
+def assign(
+    entries: Sequence[protocol.Entry], recordings: Mapping[str, Recording]
+) -> List[Tuple[protocol.Entry, Optional[Interaction]]]:
+    """Which interaction is which run: by id where the protocol gives one, else in the order of time.
+
+    A recording for one run may hold cancelled attempts before the last interaction, which counts. One without any
+    interaction is a run that did not get so far.
+
+    Raises:
+        CodedError: "bad_protocol" where runs and interactions of a recording cannot be told apart by their number.
+    """
+    found: List[Tuple[protocol.Entry, Optional[Interaction]]] = []
+    for name, recording in recordings.items():
+        here = [entry for entry in entries if entry.recording == name]
+        if all(entry.interaction for entry in here):
+            found += [(entry, recording.interaction(entry.interaction)) for entry in here]
+            continue
+        known = [interaction for interaction in recording.interactions if interaction.id not in {entry.interaction for entry in here}]
+        open_entries = [entry for entry in here if not entry.interaction]
+        if len(open_entries) == 1 and len(known) != 1:
+            known = known[-1:] or [None]  # type: ignore[list-item]
+        if len(known) != len(open_entries):
+            raise CodedError("bad_protocol", f"{name}: {len(open_entries)} runs but {len(known)} interactions "
+                             f"({', '.join(entry.id for entry in known if entry)}): fill the column 'interaction'")
+        found += [(entry, recording.interaction(entry.interaction)) for entry in here if entry.interaction]
+        found += list(zip(open_entries, known))
+    order = {id(entry): number for number, entry in enumerate(entries)}
+    return sorted(found, key=lambda pair: order[id(pair[0])])
+
+
+def _row(entry: protocol.Entry, interaction: Optional[Interaction], recording: Recording, physical: GridMap, truth: np.ndarray,
+         maps: Path) -> Tuple[Dict[str, Any], List[str]]:
+    row: Dict[str, Any] = {"participant": entry.participant, "scenario": entry.scenario, "method": entry.method, "recording": entry.recording,
+                           "note": entry.note, "completed": 0, "saved": 0, "seed_correct": 0}
+    where = f"{entry.participant}, {entry.scenario}, {entry.method}"
+    if interaction is None:
+        return row, [f"{where}: nothing was begun in this recording"]
+    notes = []
+    if interaction.method and interaction.method != entry.method:
+        notes.append(f"{where}: the system was started with method:={interaction.method}")
+    row.update(interaction=interaction.id, time_guide_s=interaction.guide_s, time_border_s=interaction.border_s,
+               time_seed_s=interaction.seed_s, time_total_s=interaction.total_s)
+    made = recording.result(interaction)
+    if made is not None:
+        posterior, border = made
+        if not posterior.same_geometry(physical):
+            raise CodedError("bad_recording", f"{where}: its map differs from the physical map in size, resolution or origin")
+        drawn = metrics.restricted_cells(physical, posterior)
+        name = "_".join((entry.participant, entry.scenario, entry.method)).replace("/", "-")
+        write_map(maps / name, posterior)
+        row.update(saved=1, map=f"maps/{name}.yaml", jaccard=round(metrics.jaccard(truth, drawn), 4),
+                   seed_correct=int(seed_is_right(border.seed, physical, truth)))
+    row["completed"] = int(entry.completed if entry.completed is not None else row["saved"] and row["seed_correct"])
+    if entry.completed and made is None:
+        notes.append(f"{where}: noted as completed, but nothing was saved")
+    elif entry.completed is not None and bool(row["seed_correct"]) != entry.completed:
+        notes.append(f"{where}: noted as {'completed' if entry.completed else 'not completed'}, but the seed point lies "
+                     f"{'within' if row['seed_correct'] else 'outside'} the ground truth")
+    return row, notes
+
+
+def seed_is_right(seed: np.ndarray, physical: GridMap, truth: np.ndarray, reach_m: float = 0.2) -> bool:
+    """Whether a seed (2,) [m] points into the ground truth: nearer to it than to any other free floor, within reach."""
+    rows, columns = np.nonzero((physical.data >= 0) & (physical.data < metrics.RESTRICTED))
+    centres = physical.cell_to_world(np.column_stack([rows, columns]))
+    distance = np.hypot(*(centres - np.asarray(seed, dtype=float)).T)
+    nearest = int(np.argmin(distance)) if len(distance) else 0
+    return bool(len(distance)) and math.isfinite(distance[nearest]) and distance[nearest] <= reach_m and bool(
+        truth[rows[nearest], columns[nearest]])

@@ -1,0 +1,167 @@
+"""Spots from recorded images, by today's detectors."""
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass
+from typing import Any, Deque, Dict, Iterator, List, Optional, Sequence, Tuple
+
+import numpy as np
+import rospy
+import tf2_ros
+
+from vb_core import names
+from vb_core.camera_model import CameraModel
+from vb_core.errors import CodedError
+from vb_core.ros import messages
+from vb_evaluation.kit import bags
+from vb_evaluation.kit.recording import Recording
+from vb_evaluation.kit.replay import Event
+from vb_evaluation.kit.session import ROBOT_IMAGES
+from vb_fusion.collector import Spot
+from vb_laser_detect.detector import DetectorParams, SpotDetector
+from vb_laser_detect.projection import FloorPoint, FloorProjector, ProjectionParams, floor_points
+
+_KEPT_DEPTHS = 4
+
+
+@dataclass
+class CameraCounts:
+    """What one camera saw: images, images in which today's detector finds a spot, and spots that were recorded."""
+
+    images: int = 0
+    today: int = 0
+    recorded: int = 0
+
+
+class RecordedCamera:
+    """One camera's detector over recorded images, wired as the node wires it.
+
+    Args:
+        name: in the spots.
+        mobile: on a robot.
+        transforms: all recorded ones.
+    """
+
+    def __init__(self, name: str, mobile: bool, transforms: tf2_ros.BufferCore) -> None:
+        values = bags.config("vb_laser_detect", "mobile" if mobile else "stationary")
+        self.name = name
+        self._mobile = mobile
+        self._depth_age_s = float(values.get("depth_age_s", 0.08))
+        self._transforms = transforms
+        self._detector = SpotDetector(DetectorParams.from_mapping(values.get("detector")))
+        self.projector = FloorProjector(ProjectionParams.from_mapping(values.get("projection")), None, values.get("ignore_regions") or ())
+        self.model: Optional[CameraModel] = None
+        self.depth_model: Optional[CameraModel] = None
+        self.depths: Deque[Tuple[float, np.ndarray]] = deque(maxlen=_KEPT_DEPTHS)
+
+    def search(self, image: np.ndarray, stamp: rospy.Time, frame: str) -> List[Spot]:
+        """The spots of one image on the floor.
+
+        Raises:
+            CodedError: if the image cannot be searched or the camera's place is unknown.
+        """
+        if self.model is None:
+            raise CodedError("no_camera_info", f"{self.name}: no camera_info was recorded before the first image")
+        pose = self._pose(frame, stamp)
+        model, height = self.model, self.projector.params.floor_height
+        self._detector.to_floor = lambda pixels: floor_points(model, pose, pixels, height)
+
+        def refusal(u: float, v: float) -> str:
+            try:
+                self._project(pose, u, v, stamp.to_sec())
+            except CodedError as error:
+                return error.code
+            return ""
+
+        self._detector.place_check = refusal
+        found = []
+        for spot in self._detector.detect(image, stamp.to_sec()):
+            point = self._project(pose, spot.u, spot.v, stamp.to_sec())
+            found.append(Spot(stamp.to_sec(), float(point.position[0]), float(point.position[1]), self.name, float(spot.confidence)))
+        return found
+
+    def _pose(self, frame: str, stamp: rospy.Time) -> np.ndarray:
+        try:
+            found = self._transforms.lookup_transform_core(names.MAP_FRAME, frame, stamp)
+        except tf2_ros.TransformException as error:
+            raise CodedError("no_transform", f"{self.name}: no transform from '{frame}': {error}") from None
+        return messages.matrix_from_transform(found.transform)
+
+    def _project(self, pose: np.ndarray, u: float, v: float, stamp: float) -> FloorPoint:
+        if not self._mobile:
+            return self.projector.on_plane(self.model, pose, u, v)
+        near = min(self.depths, key=lambda entry: abs(entry[0] - stamp), default=None)
+        depth = near[1] if near is not None and abs(near[0] - stamp) <= self._depth_age_s else None
+        model = self.depth_model if depth is not None and self.depth_model is not None and (
+            (self.depth_model.height, self.depth_model.width) == depth.shape[:2]) else None
+        return self.projector.with_depth(self.model, pose, u, v, depth, model)
+
+
+def events(recording: Recording, cameras: Sequence[str], robots: Sequence[str]) -> Tuple[List[Event], Dict[str, CameraCounts]]:
+    """(states and spots in the order of arrival, counts by camera); the spots are found anew in the images.
+
+    Args:
+        cameras: names of the ceiling cameras.
+        robots: namespaces; "" is the robot without one, whose camera is called "robot".
+
+    Raises:
+        CodedError: "bad_recording" if there are no images.
+    """
+    transforms = _transforms(recording)
+    found = {f"/{camera}/image_raw": RecordedCamera(camera, False, transforms) for camera in cameras}
+    depths: Dict[str, RecordedCamera] = {}
+    for robot in robots:
+        name = robot.strip("/")
+        prefix = f"/{name}/" if name else "/"
+        camera = found[prefix + ROBOT_IMAGES[0]] = RecordedCamera(name or "robot", True, transforms)
+        depths[prefix + ROBOT_IMAGES[1]] = camera
+    counts = {camera.name: CameraCounts() for camera in found.values()}
+    gathered = list(_search(recording, found, depths, counts))
+    if not any(count.images for count in counts.values()):
+        raise CodedError("bad_recording", f"{recording.folder}: no images were recorded: record with record_images:=raw or compressed")
+    return gathered, counts
+
+
+def _search(recording: Recording, images: Dict[str, RecordedCamera], depths: Dict[str, RecordedCamera],
+            counts: Dict[str, CameraCounts]) -> Iterator[Event]:
+    infos = {topic.rsplit("/", 1)[0] + "/camera_info": camera for topic, camera in images.items()}
+    depth_infos = {topic.rsplit("/", 1)[0] + "/camera_info": camera for topic, camera in depths.items()}
+    compressed = {f"{topic}/compressed": camera for topic, camera in images.items()}
+    wanted = [names.STATE, names.SPOTS, names.PHYSICAL_MAP, *images, *compressed, *depths, *infos, *depth_infos]
+    for topic, message in bags.messages_of(recording, wanted):
+        if topic == names.STATE:
+            yield bags.state_change(message)
+        elif topic == names.SPOTS:
+            if message.camera in counts:
+                counts[message.camera].recorded += 1
+        elif topic == names.PHYSICAL_MAP:
+            for camera in images.values():
+                camera.projector.floor = messages.grid_from_message(message)
+        elif topic in infos:
+            infos[topic].model = messages.camera_from_info(message)
+        elif topic in depth_infos:
+            depth_infos[topic].depth_model = messages.camera_from_info(message)
+        elif topic in depths:
+            depths[topic].depths.append((message.header.stamp.to_sec(), messages.image_array(message)))
+        else:
+            camera = images.get(topic) or compressed[topic]
+            count = counts[camera.name]
+            count.images += 1
+            image = messages.image_array(message) if topic in images else messages.compressed_image_array(message)
+            try:
+                spots = camera.search(image, message.header.stamp, message.header.frame_id)
+            except CodedError as error:
+                if error.code in ("no_transform", "no_camera_info"):
+                    continue  # the first images of a recording come before what they need
+                raise
+            count.today += bool(spots)
+            yield from spots
+
+
+def _transforms(recording: Recording) -> tf2_ros.BufferCore:
+    """All recorded transforms: an image may come before the transform of its time."""
+    buffer = tf2_ros.BufferCore(rospy.Duration(24 * 3600))
+    for topic, message in bags.messages_of(recording, ("/tf", "/tf_static")):
+        for transform in message.transforms:
+            (buffer.set_transform_static if topic == "/tf_static" else buffer.set_transform)(transform, "bag")
+    return buffer

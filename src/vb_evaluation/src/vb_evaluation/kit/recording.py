@@ -1,0 +1,171 @@
+"""What a recording's folder holds, and what each interaction in it left behind.
+
+    <recording>/session.yaml            how the system was started
+                interactions.jsonl      one line per interaction, from the interaction manager
+                recordings/             numbered maps with their borders, from the map recorder
+                bags/NN.bag             the topics that matter
+"""
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Dict, List, Mapping, Optional, Tuple
+
+import yaml
+
+from vb_core.errors import CodedError
+from vb_core.grid_map import GridMap
+from vb_map_integration.border import VirtualBorder
+from vb_map_integration.border_files import borders_from_yaml
+from vb_map_integration.integration import IntegrationParams, integrate
+from vb_map_integration.map_files import read_map
+
+LOG, MAPS, INDEX, BAGS, SESSION = "interactions.jsonl", "recordings", "index.jsonl", "bags", "session.yaml"
+
+
+@dataclass(frozen=True)
+class Interaction:
+    """One line of the interaction log; times in seconds."""
+
+    id: str
+    outcome: str
+    border_id: str
+    started: float
+    guide_s: float
+    border_s: float
+    seed_s: float
+    total_s: float
+    method: str
+    cameras: Tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class StoredMap:
+    """One record of the map recorder."""
+
+    number: int
+    stamp_s: float
+    trigger: str
+    map_path: Path
+    borders_path: Path
+
+    def grid(self) -> GridMap:
+        """The posterior map."""
+        return read_map(self.map_path)
+
+    def borders(self) -> List[VirtualBorder]:
+        """The borders that acted on it."""
+        try:
+            return borders_from_yaml(self.borders_path.read_text(encoding="utf-8"))[0]
+        except (OSError, UnicodeDecodeError) as error:
+            raise CodedError("bad_recording", f"cannot read {self.borders_path}: {error}") from None
+
+
+class Recording:
+    """A recording, read and checked.
+
+    Raises:
+        CodedError: "bad_recording" naming the file, and the line if there is one.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = Path(folder).expanduser()
+        if not self.folder.is_dir():
+            raise CodedError("bad_recording", f"there is no folder {self.folder}")
+        self.interactions = [_interaction(values, where) for values, where in _lines(self.folder / LOG)]
+        self.maps = [_stored(values, where, self.folder / MAPS) for values, where in _lines(self.folder / MAPS / INDEX)]
+        self.bags = sorted((self.folder / BAGS).glob("*.bag"))
+
+    @property
+    def session(self) -> Mapping[str, Any]:
+        """How the system was started; empty if that was not recorded."""
+        try:
+            found = yaml.safe_load((self.folder / SESSION).read_text(encoding="utf-8"))
+        except FileNotFoundError:
+            return {}
+        except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+            raise CodedError("bad_recording", f"cannot read {self.folder / SESSION}: {error}") from None
+        return found if isinstance(found, dict) else {}
+
+    def interaction(self, wanted: str) -> Interaction:
+        """The interaction with an id."""
+        for interaction in self.interactions:
+            if interaction.id == wanted:
+                return interaction
+        raise CodedError("bad_recording", f"{self.folder / LOG}: there is no interaction {wanted}; there are "
+                         f"{', '.join(entry.id for entry in self.interactions) or 'none'}")
+
+    def physical(self) -> GridMap:
+        """The physical map: the first one recorded without any border."""
+        for stored in self.maps:
+            if not stored.borders():
+                return stored.grid()
+        raise CodedError("bad_recording", f"{self.folder / MAPS}: no map without borders was recorded: start each recording "
+                         "in a folder of its own")
+
+    def result(self, interaction: Interaction) -> Optional[Tuple[GridMap, VirtualBorder]]:
+        """(posterior, border) that an interaction made; None if nothing was saved.
+
+        The map is the recorder's, unless borders of earlier interactions act on it too: then the border is put
+        into the physical map alone.
+
+        Raises:
+            CodedError: "bad_recording" if the map that belongs to it was not recorded.
+        """
+        if interaction.outcome != "saved":
+            return None
+        for stored in self.maps:
+            if stored.stamp_s < interaction.started:
+                continue
+            borders = stored.borders()
+            own = [border for border in borders if border.id == interaction.border_id]
+            if own and [border for border in borders if border.enabled] == own:
+                return stored.grid(), own[0]
+            if own:
+                return integrate(self.physical(), own[0], IntegrationParams()).posterior, own[0]
+        raise CodedError("bad_recording", f"{self.folder / MAPS}: the map of interaction {interaction.id} with border "
+                         f"{interaction.border_id} was not recorded")
+
+
+def _lines(path: Path) -> List[Tuple[Dict[str, Any], str]]:
+    """(values, where) of each line of JSON."""
+    try:
+        text = path.read_text(encoding="utf-8")
+    except FileNotFoundError:
+        return []
+    except (OSError, UnicodeDecodeError) as error:
+        raise CodedError("bad_recording", f"cannot read {path}: {error}") from None
+    found = []
+    for number, line in enumerate(text.splitlines(), 1):
+        if not line.strip():
+            continue
+        try:
+            values = json.loads(line)
+        except ValueError as error:
+            raise CodedError("bad_recording", f"{path}, line {number}: {error}") from None
+        found.append((values, f"{path}, line {number}"))
+    return found
+
+
+def _interaction(values: Mapping[str, Any], where: str) -> Interaction:
+    try:
+        found = Interaction(
+            str(values["interaction_id"]), str(values["outcome"]), str(values["border_id"]), float(values["started"]),
+            float(values["guide_s"]), float(values["border_s"]), float(values["seed_s"]), float(values["total_s"]),
+            str(values["method"]), tuple(values.get("cameras", ())),
+        )
+    except (KeyError, TypeError, ValueError) as error:
+        raise CodedError("bad_recording", f"{where}: this is no interaction: {error!r}") from None
+    if not all(math.isfinite(value) and value >= 0.0 for value in (found.guide_s, found.border_s, found.seed_s, found.total_s)):
+        raise CodedError("bad_recording", f"{where}: times must not be negative")
+    return found
+
+
+def _stored(values: Mapping[str, Any], where: str, folder: Path) -> StoredMap:
+    try:
+        return StoredMap(int(values["number"]), float(values["stamp_s"]), str(values["trigger"]), folder / str(values["map"]),
+                         folder / str(values["borders"]))
+    except (KeyError, TypeError, ValueError) as error:
+        raise CodedError("bad_recording", f"{where}: this is no record of a map: {error!r}") from None
