@@ -143,7 +143,11 @@ class Judge:
         return [rule for rule, broken in rules.items() if broken]
 
 
-def run_ros(world_path: Path, scenario: str, method: str, seed: int, log: Path) -> dict:
+BAG_TOPICS = [names.SPOTS, names.LAB_STATE, names.STATE, names.PROGRESS, names.DETECTORS, "/tf", "/tf_static",
+              "/robot_dispatcher/viewpoint", "/spot_detector_robot/debug_image"]
+
+
+def run_ros(world_path: Path, scenario: str, method: str, seed: int, log: Path, record: bool = False) -> dict:
     """One run through ROS. To be called once per process: rospy takes one node name."""
     world = load_world(str(world_path))
     cameras = [camera.name for camera in world.cameras] if method == "nrs" else []
@@ -156,7 +160,7 @@ def run_ros(world_path: Path, scenario: str, method: str, seed: int, log: Path) 
         ["roslaunch", "-p", str(port), str(TOP / "launch" / "simulation.launch"), f"world:={world_path}", f"seed:={seed}",
          f"cameras:={' '.join(cameras) or 'none'}", f"method:={method}", f"state:={state}", "rviz:=false"],
         log / "roslaunch.txt", environment)
-    person = None
+    person = bag = None
     try:
         if not wait_until(rosgraph.is_master_online, READY_S):
             raise CodedError("not_ready", "the ROS master did not come up")
@@ -174,6 +178,8 @@ def run_ros(world_path: Path, scenario: str, method: str, seed: int, log: Path) 
         wanted = set(cameras) | {"robot"}
         if not wait_until(lambda: judge.detectors >= wanted and judge._border_gap is None and judge.lab_states, READY_S):
             raise CodedError("not_ready", f"not all detectors came up, only {sorted(judge.detectors)}; see {log}")
+        if record:
+            bag = Child(["rosbag", "record", "-O", str(log / "run.bag"), *BAG_TOPICS], log / "rosbag.txt", environment)
         person = Child(
             ["roslaunch", "-p", str(port), str(TOP / "launch" / "parts" / "participant.launch"), f"world:={world_path}",
              f"scenario:={scenario}", f"method:={method}", f"seed:={seed}"], log / "participant.txt", environment)
@@ -183,7 +189,7 @@ def run_ros(world_path: Path, scenario: str, method: str, seed: int, log: Path) 
         for subscriber in subscribers:
             subscriber.unregister()
     finally:
-        for child in (person, launched):
+        for child in (bag, person, launched):
             if child is not None:
                 child.stop()
         shutil.rmtree(state, ignore_errors=True)
@@ -218,7 +224,8 @@ def main() -> int:
     parser.add_argument("--seeds", nargs="+", type=int, default=list(range(1, 21)))
     parser.add_argument("--out", type=Path, default=TOP / "out" / "bench" / "robot_runs.json")
     parser.add_argument("--resume", action="store_true", help="keep the runs that the file has")
-    parser.add_argument("--only-print", action="store_true")
+    parser.add_argument("--record", action="store_true", help="a bag of each run beside its log, some 300 MB")
+    parser.add_argument("--only-print", action="store_true", help="the table of the runs that the file has")
     arguments = parser.parse_args()
     runs = json.loads(arguments.out.read_text()) if (arguments.resume or arguments.only_print) and arguments.out.exists() else []
     arguments.out.parent.mkdir(parents=True, exist_ok=True)
@@ -227,7 +234,7 @@ def main() -> int:
             for seed in arguments.seeds:
                 if any((run["scenario"], run["method"], run["seed"]) == (scenario, method, seed) for run in runs):
                     continue
-                runs.append(in_child(arguments.world.resolve(), scenario, method, seed, arguments.out.with_suffix("")))
+                runs.append(in_child(arguments.world.resolve(), scenario, method, seed, arguments.out.with_suffix(""), arguments.record))
                 arguments.out.write_text(json.dumps(runs, indent=1) + "\n")
                 print({key: value for key, value in runs[-1].items() if key != "participant"}, flush=True)
     if not runs:
@@ -237,7 +244,7 @@ def main() -> int:
     return int(any(run["breaches"] for run in runs))
 
 
-def in_child(world: Path, scenario: str, method: str, seed: int, folder: Path) -> dict:
+def in_child(world: Path, scenario: str, method: str, seed: int, folder: Path, record: bool) -> dict:
     """A run in a forked process, since a process can be one ROS node only."""
     log = folder / f"{scenario}_{method}_{seed}"
     log.mkdir(parents=True, exist_ok=True)
@@ -247,7 +254,7 @@ def in_child(world: Path, scenario: str, method: str, seed: int, folder: Path) -
     if child == 0:
         status = 1
         try:
-            result.write_text(json.dumps(run_ros(world, scenario, method, seed, log)))
+            result.write_text(json.dumps(run_ros(world, scenario, method, seed, log, record)))
             status = 0
         except CodedError as error:
             print(error, file=sys.stderr)

@@ -4,7 +4,7 @@ from __future__ import annotations
 import enum
 import math
 from dataclasses import dataclass
-from typing import Callable, Hashable, List, Optional, Tuple
+from typing import Callable, Hashable, List, Optional, Sequence, Tuple
 
 from vb_core.parameters import Parameters, param
 from vb_robot.viewpoint import Pose, Viewpoint
@@ -28,6 +28,7 @@ class DispatchParams(Parameters):
     ack_timeout: float = param(4.0, "s", above=0.0, doc="for navigation to accept a goal")
     stuck_timeout: float = param(15.0, "s", above=0.0, doc="without progress, then the goal has failed")
     stuck_distance: float = param(0.10, "m", above=0.0, doc="less than this is no progress")
+    switch_gain: float = param(1.0, "m", low=0.0, doc="so much better another robot must be placed to take over")
 
 
 class GoalStatus(enum.Enum):
@@ -113,6 +114,42 @@ class DispatchPolicy:
             rank: makes the candidates, the best first; asked only when a new goal is due.
             safe: whether the way to the present goal still keeps off what is being drawn; asked on the way only.
         """
+        return self.observe(situation) or self.choose(situation, fit, rank, safe)
+
+    @property
+    def failures(self) -> int:
+        """Goals in a row that failed."""
+        return self._failures
+
+    def pausing(self, now: float) -> bool:
+        """Whether it gives no goals for a while: after a failure, or because somebody else took the robot."""
+        return now < self._quiet_until
+
+    def usable(self, candidates: Sequence[Viewpoint]) -> List[Viewpoint]:
+        """Those that lie off the places that failed lately."""
+        self._failed = [entry for entry in self._failed if self._now - entry[0] < self.params.failed_memory]
+        return [
+            candidate for candidate in candidates
+            if all(math.dist((candidate.x, candidate.y), entry[1:]) >= self.params.failed_radius for entry in self._failed)
+        ]
+
+    def take(self, viewpoint: Viewpoint, reason: str) -> Decision:
+        """Makes a viewpoint the goal."""
+        self.goal = viewpoint
+        self._sent = self._now
+        self._unfit_since = None
+        self._progress = None
+        return Decision(Kind.SEND, reason, viewpoint)
+
+    def release(self, situation: Situation, reason: str) -> Decision:
+        """Gives the robot free, for another one goes; what failed is remembered."""
+        self.goal = None
+        self._unfit_since = self._progress = None
+        running = situation.goal in (GoalStatus.SENT, GoalStatus.ACTIVE)
+        return Decision(Kind.CANCEL if running else Kind.KEEP, reason)
+
+    def observe(self, situation: Situation) -> Optional[Decision]:
+        """Takes note of what happened; gives a decision if there is nothing to choose now."""
         now = situation.now
         if now < self._now - 1.0:  # time jumped back: what was remembered is about another run
             self._restart(forget_goal=False)
@@ -138,7 +175,7 @@ class DispatchPolicy:
             return Decision(Kind.KEEP, "no spot yet")
         if situation.robot is None:
             return Decision(Kind.KEEP, "the robot is not localised")
-        return self._choose(situation, fit, rank, safe)
+        return None
 
     def _restart(self, forget_goal: bool) -> None:
         if forget_goal:
@@ -184,13 +221,14 @@ class DispatchPolicy:
             self._failures = 0
             self._quiet_until = now + self.params.failure_pause
 
-    def _choose(
+    def choose(
         self,
         situation: Situation,
         fit: Callable[[Pose], bool],
         rank: Callable[[], List[Viewpoint]],
         safe: Callable[[Viewpoint], bool],
     ) -> Decision:
+        """The decision after `observe` gave none; the arguments are those of `step`."""
         now, params, goal = situation.now, self.params, self.goal
         assert situation.spot is not None and situation.robot is not None
         under_way = goal is not None and situation.goal in (GoalStatus.SENT, GoalStatus.ACTIVE)
@@ -210,20 +248,13 @@ class DispatchPolicy:
             resting = math.dist(situation.spot, goal.spot) < params.min_spot_move
             if under_way and resting and not goal.sees_spot and not endangered:
                 return Decision(Kind.KEEP, "on the way off the side to be restricted")
-        self._failed = [entry for entry in self._failed if now - entry[0] < params.failed_memory]
-        for candidate in rank():
-            if any(math.dist((candidate.x, candidate.y), entry[1:]) < params.failed_radius for entry in self._failed):
-                continue
+        for candidate in self.usable(rank()):
             if goal is not None and _same(candidate, goal, params.min_gain):
                 # what is best is where the robot goes or stands already
                 if under_way or math.dist(situation.spot, goal.spot) < params.min_spot_move:
                     self._unfit_since = now
                     return Decision(Kind.KEEP, "there is no better place")
-            self.goal = candidate
-            self._sent = now
-            self._unfit_since = None
-            self._progress = None
-            return Decision(Kind.SEND, "the spot is not in view from where the robot is or goes", candidate)
+            return self.take(candidate, "the spot is not in view from where the robot is or goes")
         if endangered:
             self.goal = None
             return Decision(Kind.CANCEL, "the way would lead through what is being drawn")

@@ -1,16 +1,17 @@
 """The move_base action as the dispatcher uses it: nothing here waits."""
 from __future__ import annotations
 
-from typing import Optional, Set
+from collections import deque
+from typing import Deque, Optional, Tuple
 
 import actionlib
 import rospy
 from actionlib import CommState
 from actionlib_msgs.msg import GoalID, GoalStatus as StatusMessage
-from move_base_msgs.msg import MoveBaseAction, MoveBaseGoal
+from move_base_msgs.msg import MoveBaseAction, MoveBaseActionGoal, MoveBaseGoal
 
 from vb_core.names import MAP_FRAME
-from vb_core.ros.messages import pose_from_2d
+from vb_core.ros.messages import pose_from_2d, pose_to_2d
 from vb_robot.dispatch import GoalStatus
 from vb_robot.viewpoint import Pose
 
@@ -33,7 +34,12 @@ class NavigationClient:
         self._cancelled = False
         self._status_seen: Optional[object] = None
         self._heard = rospy.Time(0)
-        self._known: Set[str] = set()
+        self._known: Deque[str] = deque(maxlen=100)  # ids of goals that are this client's own
+        self._newest_goal: Optional[MoveBaseActionGoal] = None
+        self._goals = rospy.Subscriber(f"{name}/goal", MoveBaseActionGoal, self._on_goal, queue_size=5)
+
+    def _on_goal(self, message: MoveBaseActionGoal) -> None:
+        self._newest_goal = message
 
     def alive(self) -> bool:
         """Whether the server is there: connected, and heard of lately. To be asked regularly."""
@@ -54,7 +60,7 @@ class NavigationClient:
         goal.target_pose.pose = pose_from_2d(*pose)
         self._cancelled = False
         self._handle = self._client.send_goal(goal)
-        self._known.add(self._goal_id(self._handle))
+        self._known.append(self._goal_id(self._handle))
 
     def cancel(self) -> None:
         """Calls the goal off, if there is one."""
@@ -72,10 +78,28 @@ class NavigationClient:
             if entry.status not in (StatusMessage.PENDING, StatusMessage.ACTIVE) or entry.goal_id.id in self._known:
                 continue
             if entry.goal_id.id.startswith(f"{rospy.get_name()}-"):
-                self._known.add(entry.goal_id.id)
+                self._known.append(entry.goal_id.id)
                 self._client.pub_cancel.publish(GoalID(id=entry.goal_id.id))
                 count += 1
         return count
+
+    def busy(self) -> bool:
+        """Whether it drives to a goal that somebody else gave."""
+        status = self._client.last_status_msg
+        running = (StatusMessage.PENDING, StatusMessage.ACTIVE)
+        return status is not None and any(
+            entry.status in running and entry.goal_id.id not in self._known for entry in status.status_list)
+
+    def goal_place(self) -> Optional[Tuple[float, float]]:
+        """(x, y) [m], map frame, where it drives to, whoever gave the goal; None if nowhere that is known."""
+        goal, status = self._newest_goal, self._client.last_status_msg
+        if goal is None or status is None:
+            return None
+        running = (StatusMessage.PENDING, StatusMessage.ACTIVE)
+        if not any(entry.status in running and entry.goal_id.id == goal.goal_id.id for entry in status.status_list):
+            return None
+        target = goal.goal.target_pose
+        return pose_to_2d(target.pose)[:2] if target.header.frame_id.lstrip("/") == MAP_FRAME else None
 
     def status(self) -> GoalStatus:
         """What became of the goal that was sent last."""

@@ -6,7 +6,7 @@ from typing import Optional, Tuple
 
 import cv2
 import numpy as np
-from scipy.sparse import coo_matrix
+from scipy.sparse import coo_matrix, csr_matrix
 from scipy.sparse.csgraph import dijkstra
 
 from vb_core import geometry
@@ -115,9 +115,9 @@ class Terrain:
             (np.concatenate(cost), (np.concatenate(start), np.concatenate(end))), shape=(size, size)
         ).tocsr() if size else None
 
-    def ways(self, start) -> "Ways":
-        """The shortest ways from a start (2,) [m] to every place."""
-        return Ways(self, np.asarray(start, dtype=float))
+    def ways(self, start, others=()) -> "Ways":
+        """The shortest ways from a start (2,) [m] to every place, round other robots (K, 2) [m] of the same size."""
+        return Ways(self, np.asarray(start, dtype=float), np.asarray(others, dtype=float).reshape(-1, 2))
 
     # ------------------------------------------------------------- sides
     def side_of(self, seed, chain: np.ndarray, closed: bool) -> Optional[np.ndarray]:
@@ -161,24 +161,39 @@ class Terrain:
 class Ways:
     """The shortest ways from one start, searched once. Made by `Terrain.ways`."""
 
-    def __init__(self, terrain: Terrain, start: np.ndarray) -> None:
+    def __init__(self, terrain: Terrain, start: np.ndarray, others: np.ndarray = np.zeros((0, 2))) -> None:
         self._terrain = terrain
         self._start = start
+        self._others = others
         self._lengths, self._before = self._search()
 
     def _search(self) -> Tuple[np.ndarray, Optional[np.ndarray]]:
         terrain, shape = self._terrain, self._terrain._way.shape
         nothing = np.full(shape, np.inf), None
-        free = np.argwhere(terrain._way)
-        if terrain._edges is None or not len(free):
+        way, edges = terrain._way, terrain._edges
+        if edges is not None and len(self._others):
+            way, edges = self._round_others()
+        free = np.argwhere(way)
+        if edges is None or not len(free):
             return nothing
         distances = np.linalg.norm(self._centres(free) - self._start, axis=1)
         nearest = int(np.argmin(distances))
         if distances[nearest] > terrain.params.start_tolerance:
             return nothing
         source = free[nearest, 0] * shape[1] + free[nearest, 1]
-        lengths, before = dijkstra(terrain._edges, directed=False, indices=source, return_predecessors=True)
+        lengths, before = dijkstra(edges, directed=False, indices=source, return_predecessors=True)
         return lengths.reshape(shape), before
+
+    def _round_others(self) -> Tuple[np.ndarray, csr_matrix]:
+        """Cells and edges of the ways without those at other robots."""
+        terrain = self._terrain
+        free = np.argwhere(terrain._way)
+        gaps = np.linalg.norm(self._centres(free)[:, None] - self._others[None], axis=2).min(axis=1)
+        way = terrain._way.copy()
+        way[tuple(free[gaps < 2.0 * terrain.params.robot_radius + terrain.params.travel_margin].T)] = False
+        edges, open_cells = terrain._edges.tocoo(), way.ravel()
+        kept = open_cells[edges.row] & open_cells[edges.col]
+        return way, coo_matrix((edges.data[kept], (edges.row[kept], edges.col[kept])), shape=edges.shape).tocsr()
 
     def _centres(self, cells: np.ndarray) -> np.ndarray:
         step = self._terrain._step
@@ -226,5 +241,9 @@ class Ways:
             room = terrain.clearance_at(samples.reshape(-1, 2)).reshape(len(targets), -1)
             # from a place that is too near to something it may be left
             visible = (room >= min(needed, float(room[0, 0])) - 1e-6).all(axis=1)
+            for other in self._others:
+                gaps = np.linalg.norm(samples - other, axis=2)
+                apart = 2.0 * terrain.params.robot_radius + terrain.params.travel_margin - slack
+                visible &= (gaps >= np.minimum(apart, gaps[:, :1]) - 1e-6).all(axis=1)
             kept.append(kept[-1] + 1 + (int(np.flatnonzero(visible)[-1]) if visible.any() else 0))
         return points[kept]

@@ -29,13 +29,15 @@ class ViewpointParams(Parameters):
     image_margin: float = param(0.15, low=0.0, high=0.45, doc="how far from the image's edges the spot must lie")
     chain_margin: float = param(0.10, "m", low=0.0, high=1.0, doc="beyond the radius, from the line being drawn")
     ahead: float = param(0.8, "m", low=0.0, high=3.0, doc="how far the line is thought on")
-    turn_cost: float = param(0.2, "m/rad", low=0.0)
+    turn_cost: float = param(0.4, "m/rad", low=0.0, doc="of the turns before and after the way")
     distance_cost: float = param(0.5, "m/m", low=0.0)
     enclosed_cost: float = param(3.0, "m", low=0.0, doc="for standing inside what the line encloses")
     unseen_ahead_cost: float = param(0.5, "m", low=0.0, doc="for not seeing where the line goes on")
     min_line: float = param(0.3, "m", low=0.0, doc="ways keep off a line that extends over this or more")
     ways_checked: int = param(40, low=1, doc="of how many of the best poses the ways are looked at")
 
+
+_SPOT_MARGIN = 0.06  # fraction of the image that must lie beyond a spot which is not what is looked at
 
 MAX_SAFE = 12  # as many poses as anybody will try one after the other
 
@@ -75,6 +77,8 @@ class Drawing:
         seeding: the spot marks the side to be restricted: stay off that side.
         ordered: whether the chain's points are in the order of the line.
         watched: a stationary camera sees the spot, so that there is no need for a robot to take risks.
+        focus: (2,) [m] what the robot is to look at, for instance where the spot will leave the stationary cameras'
+            sight. None: the spot.
     """
 
     spot: np.ndarray
@@ -84,52 +88,66 @@ class Drawing:
     seeding: bool = False
     ordered: bool = True
     watched: bool = False
+    focus: Optional[np.ndarray] = None
+
+    @property
+    def look_at(self) -> np.ndarray:
+        """(2,) [m] what the robot is to look at."""
+        return np.asarray(self.spot if self.focus is None else self.focus, dtype=float)
 
     def line_ahead(self, length: float) -> np.ndarray:
-        """(K, 2) [m] where the line probably goes on; the spot alone if it does not move."""
+        """(K, 2) [m] where the line probably goes on, as far as what is looked at; the spot alone if it does not move."""
         spot = np.asarray(self.spot, dtype=float)
+        if self.focus is not None and self.direction is not None:
+            length = max(length, float(np.dot(self.look_at - spot, self.direction)))
         if self.direction is None or length <= 0:
             return spot[None]
         return spot + np.linspace(0.0, length, 6)[:, None] * self.direction
 
 
 def rank_viewpoints(
-    terrain: Terrain, view: FloorView, robot: Pose, drawing: Drawing, params: ViewpointParams
+    terrain: Terrain, view: FloorView, robot: Pose, drawing: Drawing, params: ViewpointParams, others=()
 ) -> List[Viewpoint]:
-    """The poses that show the spot and that the robot can reach, the best first.
+    """The poses that show what is to be looked at and that the robot can reach, the best first.
 
     Each is clear of obstacles and borders by radius and margin, off the line drawn and the line ahead,
-    faces the spot at a distance within the limits, has a free line of sight and a way that leads there.
+    faces what is looked at from a distance within the limits, has a free line of sight and a way that leads there.
+    A spot that no stationary camera sees lies in the image too. Where the robot stands counts if it only has to turn.
     While the seed is being shown, poses on its side are left out: the border to come would lock the robot in.
     If none is left then and the robot itself stands on that side, the nearest place off it is given.
-    """
-    spot = np.asarray(drawing.spot, dtype=float)
-    distance = np.linspace(params.min_distance, max(params.min_distance, params.max_distance), params.distances)
-    yaw = np.arange(params.bearings) * (2.0 * math.pi / params.bearings)
-    # from the robot's own bearing on, so that a robot that only has to come nearer need not go round
-    yaw = yaw + math.atan2(spot[1] - robot[1], spot[0] - robot[0])
-    distance, yaw = (values.ravel() for values in np.meshgrid(distance, yaw))
-    places = spot - distance[:, None] * np.column_stack([np.cos(yaw), np.sin(yaw)])
 
+    Args:
+        others: (K, 2) [m] where other robots stand or drive to.
+    """
+    spot, look_at = np.asarray(drawing.spot, dtype=float), drawing.look_at
+    others = np.asarray(others, dtype=float).reshape(-1, 2)
+    places, yaw, distance = _poses_round(look_at, robot, params)
     keep = view.sees(np.column_stack([distance, np.zeros_like(distance)]), params.image_margin)
     keep &= terrain.stands_free(places)
     keep &= off_the_line(terrain, places, drawing, params)
+    if len(others):
+        apart = 2.0 * terrain.params.robot_radius + terrain.params.margin
+        keep &= np.linalg.norm(places[:, None] - others[None], axis=2).min(axis=1) >= apart
+    if not drawing.watched and drawing.focus is not None:
+        keep &= [bool(view.sees(to_base(spot[None], (*place, angle)), _SPOT_MARGIN)[0]) for place, angle in zip(places, yaw)]
     side = terrain.side_of(spot, drawing.chain, drawing.closed) if drawing.seeding else None
     off_side = _clear_of(terrain, side)
     if off_side is not None:
         keep &= sample(terrain.grid, off_side, places) > 0
     places, yaw, distance = places[keep], yaw[keep], distance[keep]
-    seen = terrain.line_of_sight(places, spot)
+    seen = terrain.line_of_sight(places, look_at)
     places, yaw, distance = places[seen], yaw[seen], distance[seen]
 
-    ways = terrain.ways(robot[:2])
+    ways = terrain.ways(robot[:2], others)
     way = ways.lengths_to(places)
+    at_home = np.linalg.norm(places - robot[:2], axis=1) < 1e-6
+    way[at_home] = 0.0
     reachable = np.isfinite(way)
     places, yaw, distance, way = places[reachable], yaw[reachable], distance[reachable], way[reachable]
     if not len(places):
         return _retreat(terrain, ways, robot, off_side, spot)
 
-    turn = np.abs([geometry.wrap_angle(angle - robot[2]) for angle in yaw])
+    turn = np.array([_turns(robot, place, angle) for place, angle in zip(places, yaw)])
     cost = way + params.turn_cost * turn + params.distance_cost * np.abs(distance - params.best_distance)
     cost = cost + params.enclosed_cost * _enclosed(places, drawing)
     ahead = drawing.line_ahead(params.ahead)
@@ -139,7 +157,7 @@ def rank_viewpoints(
     order = np.argsort(cost, kind="stable")
     found = [
         Viewpoint(float(places[i, 0]), float(places[i, 1]), geometry.wrap_angle(float(yaw[i])), float(way[i]),
-                  float(cost[i]), (float(spot[0]), float(spot[1])))
+                  float(cost[i]), (float(look_at[0]), float(look_at[1])))
         for i in order
     ]
     area = expected_area(terrain, drawing, params.min_line)
@@ -161,6 +179,29 @@ def rank_viewpoints(
     return [replace(viewpoint, risky=True) for viewpoint in found]
 
 
+def _poses_round(look_at: np.ndarray, robot: Pose, params: ViewpointParams) -> Tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Places (N, 2) [m], yaws (N,) [rad] and distances (N,) [m] of poses that face a point; the robot's own place too."""
+    own = look_at - robot[:2]
+    home = float(np.hypot(*own)), math.atan2(own[1], own[0])
+    distance = np.linspace(params.min_distance, max(params.min_distance, params.max_distance), params.distances)
+    # from the robot's own bearing on, so that a robot that only has to come nearer need not go round
+    yaw = np.arange(params.bearings) * (2.0 * math.pi / params.bearings) + home[1]
+    distance, yaw = (values.ravel() for values in np.meshgrid(distance, yaw))
+    if 0.8 * params.min_distance <= home[0] <= 1.3 * params.max_distance:
+        # to turn is quicker than to drive to a place that is a little better
+        distance, yaw = np.append(distance, home[0]), np.append(yaw, home[1])
+    return look_at - distance[:, None] * np.column_stack([np.cos(yaw), np.sin(yaw)]), yaw, distance
+
+
+def _turns(robot: Pose, place: np.ndarray, yaw: float) -> float:
+    """[rad] that a robot turns in all: towards the place, and there to a yaw."""
+    way = place - robot[:2]
+    if float(np.hypot(*way)) < 0.1:
+        return abs(geometry.wrap_angle(yaw - robot[2]))
+    heading = math.atan2(way[1], way[0])
+    return abs(geometry.wrap_angle(heading - robot[2])) + abs(geometry.wrap_angle(yaw - heading))
+
+
 def keeps_off(terrain: Terrain, robot: Pose, goal: Pose, drawing: Drawing, params: ViewpointParams) -> bool:
     """Whether the robot's way to a goal keeps off what is being drawn; also true if there is no way at all."""
     area = expected_area(terrain, drawing, params.min_line)
@@ -173,7 +214,7 @@ def keeps_off(terrain: Terrain, robot: Pose, goal: Pose, drawing: Drawing, param
 def shows_spot(
     terrain: Terrain, view: FloorView, pose: Pose, drawing: Drawing, params: ViewpointParams, image_margin: float = 0.06
 ) -> bool:
-    """Whether a robot at a pose would see the spot well enough to stay: a laxer test than the one for new poses.
+    """Whether a robot at a pose would see well enough what it is to look at: a laxer test than the one for new poses.
 
     While the seed is being shown, no pose on its side is good enough.
     """
@@ -182,11 +223,13 @@ def shows_spot(
     off_side = _clear_of(terrain, side)
     if off_side is not None and not sample(terrain.grid, off_side, place)[0] > 0:
         return False
-    if float(np.linalg.norm(place[0] - drawing.spot)) < 0.6 * params.min_distance:
+    look_at = drawing.look_at
+    wanted = look_at[None] if drawing.watched else np.vstack([look_at, drawing.spot])
+    if float(np.linalg.norm(wanted - place[0], axis=1).min()) < 0.6 * params.min_distance:
         return False
-    if not view.sees(to_base(np.asarray(drawing.spot)[None], pose), image_margin)[0]:
+    if not view.sees(to_base(wanted, pose), image_margin).all():
         return False
-    return bool(off_the_line(terrain, place, drawing, params)[0] and terrain.line_of_sight(place, drawing.spot)[0])
+    return bool(off_the_line(terrain, place, drawing, params)[0] and terrain.line_of_sight(place, look_at)[0])
 
 
 def off_the_line(terrain: Terrain, places: np.ndarray, drawing: Drawing, params: ViewpointParams) -> np.ndarray:

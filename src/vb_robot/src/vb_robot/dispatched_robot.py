@@ -1,0 +1,47 @@
+"""One robot as the dispatcher deals with it: where it is, and its navigation."""
+from __future__ import annotations
+
+from typing import Optional
+
+import rospy
+
+from vb_core import geometry, names
+from vb_core.errors import CodedError
+from vb_core.ros.transforms import TransformLookup
+from vb_robot.dispatcher import RobotStatus
+from vb_robot.navigation_client import NavigationClient
+from vb_robot.viewpoint import Pose
+
+
+class DispatchedRobot:
+    """Its frame and its action carry its name before them, if it has one.
+
+    Action client:
+        [<name>/]move_base (move_base_msgs/MoveBaseAction)
+    """
+
+    def __init__(self, name: str, base_frame: str, action: str, silence_s: float, transforms: TransformLookup) -> None:
+        prefix = f"{name}/" if name else ""
+        self.name = name
+        self.who = f"robot {name}" if name else "the robot"
+        self.navigation = NavigationClient(prefix + action, silence_s)
+        self._base_frame = prefix + base_frame
+        self._transforms = transforms
+
+    def status(self, wanted: bool) -> RobotStatus:
+        """How it is now; where it is only if a robot is wanted."""
+        navigation = self.navigation
+        server = navigation.alive()
+        if server and navigation.cancel_leftovers():
+            rospy.logwarn("%s: called off a goal that %s had from before a restart", rospy.get_name(), self.who)
+        pose = self._pose() if wanted else None
+        return RobotStatus(pose, server, navigation.status(), navigation.busy(), navigation.goal_place())
+
+    def _pose(self) -> Optional[Pose]:
+        """(x, y, yaw), map frame; None if it is not localised."""
+        try:
+            T = self._transforms.lookup(names.MAP_FRAME, self._base_frame, rospy.Time(0), timeout_s=0.0)
+        except CodedError as error:
+            rospy.logwarn_throttle(5.0, f"{rospy.get_name()}: {self.who} is not localised: {error}")
+            return None
+        return geometry.transform_pose2d(T)

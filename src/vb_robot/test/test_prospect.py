@@ -1,0 +1,87 @@
+"""Where a robot is to look: the edge of what the cameras see, or a little ahead of a spot that it alone sees."""
+import numpy as np
+import pytest
+
+from vb_core.errors import ParameterError
+from vb_core.grid_map import GridMap
+from vb_robot.notices import Notices
+from vb_robot.prospect import ProspectParams, UnseenFloor, thought_on, with_focus
+from vb_robot.terrain import Terrain, TerrainParams
+from vb_robot.viewpoint import Drawing
+
+PARAMS = ProspectParams()
+NO_CHAIN = np.zeros((0, 2))
+RIGHT = np.array([1.0, 0.0])
+
+
+def room():
+    """8 m x 5 m with walls; the cameras see x < 6 m, apart from a shadow 0.1 m wide at x = 3 m."""
+    data = np.zeros((100, 160), dtype=np.int8)
+    data[[0, -1]] = 100
+    data[:, [0, -1]] = 100
+    coverage = np.where(data > 0, np.int8(-1), np.int8(1))
+    coverage[1:-1, 120:-1] = 0
+    coverage[1:-1, 60:62] = 0
+    return Terrain(GridMap(data, 0.05), TerrainParams()), UnseenFloor(GridMap(coverage, 0.05), PARAMS.least_gap)
+
+
+TERRAIN, UNSEEN = room()
+
+
+def focus(spot, direction=None, watched=True, unseen=UNSEEN, seeding=False):
+    drawing = Drawing(np.array(spot), NO_CHAIN, direction, watched=watched, seeding=seeding)
+    return with_focus(TERRAIN, unseen, drawing, PARAMS).look_at
+
+
+def test_unseen_floor_is_known_to_a_cell_and_narrow_shadows_do_not_count():
+    assert UNSEEN.at(np.array([[6.03, 2.5], [7.9, 4.9], [5.97, 2.5], [3.05, 2.5], [20.0, 0.0]])).tolist() == [
+        True, True, False, False, False]
+    assert not UnseenFloor(GridMap(np.ones((5, 5), np.int8), 0.1), 0.15).mask.any()
+    assert UnseenFloor(GridMap(np.zeros((5, 5), np.int8), 0.1), 0.15).mask.all()
+
+
+def test_looks_where_the_line_ahead_leaves_what_cameras_see():
+    assert focus((4.5, 2.5), RIGHT) == pytest.approx((6.0 + PARAMS.beyond, 2.5), abs=0.06)
+    assert focus((7.6, 2.5), RIGHT)[0] < 7.95, "not into the wall"
+
+
+def test_looks_at_the_spot_while_nothing_unseen_is_near():
+    assert focus((2.0, 2.5), RIGHT) == pytest.approx((2.0, 2.5))
+    assert focus((5.5, 2.5), None) == pytest.approx((6.025, 2.5), abs=0.04), "floor beside it that nobody sees"
+    assert focus((5.5, 2.5), None, unseen=None) == pytest.approx((5.5, 2.5))
+    assert focus((5.5, 2.5), RIGHT, seeding=True) == pytest.approx((5.5, 2.5))
+
+
+def test_looks_ahead_of_a_spot_that_it_alone_sees():
+    assert focus((7.0, 2.5), RIGHT, watched=False) == pytest.approx((7.0 + PARAMS.lead, 2.5))
+    assert focus((7.0, 2.5), None, watched=False) == pytest.approx((7.0, 2.5))
+
+
+def test_thought_on_stops_at_walls():
+    assert thought_on(TERRAIN, np.array([7.0, 2.5]), RIGHT, 0.5) == pytest.approx((7.5, 2.5))
+    assert thought_on(TERRAIN, np.array([7.8, 2.5]), RIGHT, 0.5)[0] <= 7.95
+
+
+def test_bad_parameters():
+    with pytest.raises(ParameterError, match="horizon"):
+        ProspectParams(horizon=-1.0)
+
+
+# ------------------------------------------------------------------ words
+def say(notices, now, silent=0.0, uncovered=False, ahead=False, comes=True, able=True, key=("a", 1)):
+    return notices.step(now, key, silent, uncovered, ahead, comes, able, "robot ada")
+
+
+def test_people_are_told_once_what_matters():
+    notices = Notices()
+    assert say(notices, 1.0) is None
+    assert "robot ada comes to look" in say(notices, 2.0, ahead=True)
+    assert say(notices, 2.1, ahead=True) is None
+    assert say(notices, 3.0, silent=1.0, uncovered=True) == "Nobody can see this corner: robot ada comes to look, hold still"
+    assert say(notices, 3.1, silent=1.1, uncovered=True) is None
+    assert "no robot can come" in say(notices, 4.0, silent=2.0, able=False)
+    assert say(notices, 5.0) is None
+    assert say(notices, 6.0, silent=1.0) is None, "said a moment ago"
+    assert say(notices, 40.0) is None
+    assert say(notices, 41.0, silent=1.0) == "Nobody sees the spot: robot ada comes to look, hold still"
+    assert say(notices, 42.0, silent=1.0, key=("b", 1)), "another interaction is another matter"
