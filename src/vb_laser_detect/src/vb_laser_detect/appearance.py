@@ -29,13 +29,16 @@ class Candidate:
         compactness: area over that of the ellipse with the same second moments; 1 for discs and ellipses.
         surround: rise just outside the blob, as a part of the peak; near 0 for a spot.
         contrast: by how much it stands out of those surroundings that looked the same before, as a part of the
-            rise; near 1 for a light, near 0 where an object has left.
+            rise; near 1 for a light, near 0 where an object has left, more than 1 beside something dark that came.
         likeness: part of the surroundings that looked as the blob's place did before.
         edge: the outline's gradient in the image, over that in image and background together; small for a ghost,
             whose outline is in the background alone.
+        darker: part of the surroundings that became darker; near 0 for a light, more where something moves in.
         flatness: part of the blob that is nearly as bright as its peak.
         chroma: how unevenly the colour channels rose, or how strongly the blob has the colour that rose most, whichever
             is less; 0 for white light and for white things, 0 in images without colour.
+        busy: part of the whole image that changed elsewhere.
+        neighbours: blocks near it that became brighter, beyond those that its own light reaches.
         confidence: 0 ... 1.
         refusal: why it is no spot, or "".
     """
@@ -51,23 +54,26 @@ class Candidate:
     contrast: float = 1.0
     likeness: float = 1.0
     edge: float = 1.0
+    darker: float = 0.0
     flatness: float = 0.0
     chroma: float = 0.0
+    busy: float = 0.0
+    neighbours: int = 0
     confidence: float = 0.0
     refusal: str = ""
 
 
 def measure(
-    image: np.ndarray, rise: np.ndarray, background: Optional[np.ndarray], seed: Region, largest: float
+    image: np.ndarray, background: np.ndarray, seed: Region, largest: float, learnt: bool = True
 ) -> Candidate:
     """Measures the brightest blob of a region.
 
     Args:
         image: (H, W) or (H, W, C) uint8.
-        rise: the same shape; how much brighter than the background each pixel is.
-        background: the same shape, or None if it is not known what was there before.
+        background: the same shape; what the place looks like without a spot.
         seed: region that holds the peak.
         largest: [px] largest extent looked for.
+        learnt: whether the background was seen before; a guessed one says nothing about what was there.
 
     Returns:
         The candidate; its refusal is "too_large" or "too_faint" if no blob was measured.
@@ -80,7 +86,8 @@ def measure(
         x0, y0 = max(0, left - margin), max(0, top - margin)
         x1, y1 = min(width, right + margin), min(height, bottom + margin)
         # [1 2 1]: noise, and a Bayer image's mosaic, cancel out in it
-        smooth = cv2.GaussianBlur(max_channel(rise[y0:y1, x0:x1]), (3, 3), 0, borderType=cv2.BORDER_REFLECT_101)
+        rise = cv2.subtract(image[y0:y1, x0:x1], background[y0:y1, x0:x1])
+        smooth = cv2.GaussianBlur(max_channel(rise), (3, 3), 0, borderType=cv2.BORDER_REFLECT_101)
         _, peak, _, at = cv2.minMaxLoc(smooth[top - y0 : bottom - y0, left - x0 : right - x0])
         if peak < 4:
             middle.refusal = "too_faint"
@@ -104,13 +111,13 @@ def measure(
         margin += missing
     sx0, sy0 = max(0, bx - pad), max(0, by - pad)
     sx1, sy1 = min(x1 - x0, bx + bw + pad), min(y1 - y0, by + bh + pad)
-    cut = (slice(y0 + sy0, y0 + sy1), slice(x0 + sx0, x0 + sx1))
+    part, whole = (slice(sy0, sy1), slice(sx0, sx1)), (slice(y0 + sy0, y0 + sy1), slice(x0 + sx0, x0 + sx1))
     candidate = _describe(
-        labels[sy0:sy1, sx0:sx1] == label,
-        smooth[sy0:sy1, sx0:sx1].astype(np.float32),
-        image[cut],
-        rise[cut],
-        None if background is None else background[cut],
+        labels[part] == label,
+        smooth[part].astype(np.float32),
+        image[whole],
+        rise[part],
+        background[whole] if learnt else None,
     )
     candidate.u += x0 + sx0
     candidate.v += y0 + sy0
@@ -155,7 +162,9 @@ def _describe(
         before = _plane(background, best)
         # a light falls on a floor that goes on beside it; where an object has left, the background still shows
         # the object, and nothing beside it looks the same
-        like = ring & (np.abs(before - np.median(before[blob])) < max(12.0, 0.25 * rose))
+        tolerance = max(12.0, 0.25 * rose)
+        like = ring & (np.abs(before - np.median(before[blob])) < tolerance)
+        candidate.darker = float(((before - now)[ring] > tolerance).mean()) if ring.any() else 0.0
         mask = blob.astype(np.uint8)
         rim = (cv2.dilate(mask, _SQUARE) - cv2.erode(mask, _SQUARE)) > 0
         slope, slope_before = float(_gradient(now)[rim].mean()), float(_gradient(before)[rim].mean())

@@ -6,7 +6,7 @@ import math
 import cv2
 import numpy as np
 
-from vb_laser_detect.blocks import BLOCK, mask_of_blocks, max_channel, sample_blocks
+from vb_laser_detect.blocks import BLOCK, block_maxima, mask_of_blocks, max_channel, sample_blocks
 
 _DARKER = 20  # [grey levels] a pixel that became darker by more than this has changed
 _NOISE_DEVIATIONS = 6.0  # how far a rise must stand out of a block's own noise
@@ -31,18 +31,23 @@ class Background:
     def __init__(self, image: np.ndarray, cycle_s: float, absorb_s: float, hold_s: float) -> None:
         self.image = image.copy()
         self._cycle_s, self._absorb_s, self._hold_s = cycle_s, absorb_s, hold_s
-        self._rise = np.empty_like(image)
         blocks = (image.shape[0] // BLOCK, image.shape[1] // BLOCK)
         self._noise = np.zeros(blocks, np.float32)
         self._deviation = np.zeros(blocks, np.float32)
         self._changed_s = np.zeros(blocks, np.float32)
         self._held_s = np.zeros(blocks, np.float32)
+        self._holding = False
         self._row = 0
         self._owed_rows = 0.0
 
     def rise(self, image: np.ndarray) -> np.ndarray:
-        """By how much each pixel is brighter than the background; the array is used again by the next call."""
-        return cv2.subtract(image, self.image, self._rise)
+        """(H // 8, W // 8) uint8: by how much each block's brightest change is above the background."""
+        # a colour image carries so much data that every second row has to do: spots cover several
+        return block_maxima(image, self.image, row_step=1 if image.ndim == 2 else 2)
+
+    def darker_blocks(self, image: np.ndarray) -> np.ndarray:
+        """(H // 8, W // 8) bool: blocks that became darker, judged by one pixel of each."""
+        return max_channel(cv2.subtract(sample_blocks(self.image), sample_blocks(image))) > _DARKER
 
     def learn_noise(self, maxima: np.ndarray) -> None:
         """Takes the whole scene's noise for each block's; to be called with the second frame's rise."""
@@ -54,29 +59,28 @@ class Background:
         """(rows, columns) bool: blocks whose rise is at least `least` and stands out of the block's own noise."""
         return maxima >= np.maximum(np.float32(least), self._noise + np.float32(_NOISE_DEVIATIONS) * self._deviation)
 
-    def learn(self, image: np.ndarray, maxima: np.ndarray, hot: np.ndarray, spots: np.ndarray, dt: float) -> None:
+    def learn(self, image: np.ndarray, rise: np.ndarray, changed: np.ndarray, spots: np.ndarray, dt: float) -> None:
         """Takes a frame in.
 
         Args:
-            maxima: (rows, columns) block maxima of the rise.
-            hot, spots: (rows, columns) bool; blocks that rose, and blocks that show a spot.
+            rise: (rows, columns) of the blocks.
+            changed, spots: (rows, columns) bool; blocks that changed, and blocks that show a spot.
             dt: [s] since the last frame.
         """
-        self._held_s[spots] += np.float32(dt)
-        self._held_s[~spots] = np.maximum(self._held_s[~spots] - np.float32(dt), 0.0)
+        dt32 = np.float32(dt)
+        if spots.any() or self._holding:
+            self._held_s = np.where(spots, self._held_s + dt32, np.maximum(self._held_s - dt32, 0.0))
+            self._holding = bool(self._held_s.any())
         held = spots & (self._held_s < self._hold_s)
-        darker = cv2.subtract(sample_blocks(self.image), sample_blocks(image))
-        changed = hot | (max_channel(darker) > _DARKER)
         steady = ~(changed | held)
-        self._changed_s += np.float32(dt)
+        self._changed_s += dt32
         self._changed_s[steady | held] = 0.0
-        weight = np.float32(1.0 - math.exp(-dt / _NOISE_TIME))
-        off = maxima - self._noise
-        off[~steady] = 0.0
-        self._noise += weight * off
-        off = np.abs(off) - self._deviation
-        off[~steady] = 0.0
-        self._deviation += weight * off
+        if dt > 0:
+            mask = steady.view(np.uint8)
+            weight = 1.0 - math.exp(-dt / _NOISE_TIME)
+            values = rise.astype(np.float32)
+            cv2.accumulateWeighted(values, self._noise, weight, mask)
+            cv2.accumulateWeighted(cv2.absdiff(values, self._noise), self._deviation, weight, mask)
         absorbed = self._changed_s > self._absorb_s
         if absorbed.any():
             self._absorb(image, absorbed)

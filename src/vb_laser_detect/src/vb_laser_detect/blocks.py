@@ -1,6 +1,8 @@
 """Whole-image work that must stay cheap: maxima over blocks of pixels, masks back to pixels."""
 from __future__ import annotations
 
+from typing import Optional
+
 import cv2
 import numpy as np
 
@@ -31,18 +33,19 @@ def block_maxima(image: np.ndarray, background: Optional[np.ndarray] = None, row
 
 
 def _reduce(stacked: np.ndarray, before: Optional[np.ndarray] = None, step: int = 1) -> np.ndarray:
-    """(N, 8 * M) holding eight rows of M one after the other, to the maxima (N, M) of every `step`-th, from the last."""
+    """(N, 8 * M) holding eight rows of M one after the other, to the maxima (N, M) of every `step`-th row."""
     length = stacked.shape[1] // BLOCK
-    result = difference = None
-    for row in range(BLOCK - 1, -1, -step):
-        part = stacked[:, row * length : (row + 1) * length]
-        if before is not None:
-            part = difference = cv2.subtract(part, before[:, row * length : (row + 1) * length], difference)
-        if result is None:
-            result, difference = part, None
-        else:
-            # the first part may be a view of the image
-            result = cv2.max(result, part, result if result.base is not stacked.base else None)
+    parts = [slice(row * length, (row + 1) * length) for row in range(step - 1, BLOCK, step)]
+    if before is None:
+        result = cv2.max(stacked[:, parts[0]], stacked[:, parts[1]])
+        for part in parts[2:]:
+            cv2.max(result, stacked[:, part], result)
+        return result
+    result = cv2.subtract(stacked[:, parts[0]], before[:, parts[0]])
+    rise = np.empty_like(result)
+    for part in parts[1:]:
+        cv2.subtract(stacked[:, part], before[:, part], rise)
+        cv2.max(result, rise, result)
     return result
 
 

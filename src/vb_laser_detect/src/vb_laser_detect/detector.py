@@ -21,10 +21,11 @@ from vb_laser_detect import appearance
 from vb_laser_detect.appearance import Candidate, Region
 from vb_laser_detect.background import Background
 from vb_laser_detect.blocks import BLOCK, block_maxima
+from vb_laser_detect.judgement import doubts
 from vb_laser_detect.tracker import SLACK_M, SLACK_PX, SpotTracker
 
 _SMEAR_PX = 3.0
-_SATURATED = 248.0  # [grey levels] from here on the sensor shows no more
+_NEAR = 6  # [blocks] whose changes count as nearby
 
 # pixels (N, 2) to the floor (N, 2) [m], rows of NaN where there is none
 ToFloor = Callable[[np.ndarray], np.ndarray]
@@ -54,30 +55,35 @@ class DetectorParams(Parameters):
     confirm_frames: int = param(2, "frames", low=1, high=50, doc="a spot must be seen in so many; 1: at once")
     max_spots: int = param(1, "", low=1, high=20, doc="at most so many spots per frame, the most certain ones")
     min_rise: float = param(18.0, "grey levels", low=2.0, high=255.0, doc="a block's rise that is looked at")
-    min_peak: float = param(30.0, "grey levels", low=1.0, high=255.0, doc="a spot's own rise, smoothed")
-    min_peak_unsaturated: float = param(60.0, "grey levels", low=1.0, high=255.0, doc="where the sensor does not saturate")
-    min_level: float = param(235.0, "grey levels", low=0.0, high=255.0, doc="the brightest pixel of a spot")
-    max_elongation: float = param(3.0, "", low=1.0, high=20.0, doc="longest over shortest axis")
-    min_compactness: float = param(0.80, "", low=0.0, high=1.0)
-    max_surround: float = param(0.24, "", low=0.0, high=1.0)
-    min_contrast: float = param(0.33, "", low=0.0, high=2.0)
-    min_likeness: float = param(0.12, "", low=0.0, high=1.0)
-    min_edge: float = param(0.43, "", low=0.0, high=1.0, doc="of spots up to 12 px")
-    min_edge_large: float = param(0.6, "", low=0.0, high=1.0, doc="of spots from 24 px on")
-    max_flatness: float = param(0.5, "", low=0.0, high=1.0, doc="of spots that do not saturate the sensor")
+    # limits of `judgement`: what alone refuses a candidate
+    min_peak: float = param(22.0, "grey levels", low=1.0, high=255.0, doc="a spot's own rise, smoothed")
+    min_peak_unsaturated: float = param(45.0, "grey levels", low=1.0, high=255.0, doc="where the sensor does not saturate")
+    min_level: float = param(190.0, "grey levels", low=0.0, high=255.0, doc="the brightest pixel of a spot")
+    max_elongation: float = param(3.2, "", low=1.0, high=20.0, doc="longest over shortest axis")
+    min_compactness: float = param(0.78, "", low=0.0, high=1.0)
+    max_flatness: float = param(0.6, "", low=0.0, high=1.0, doc="of spots that do not saturate the sensor")
+    max_surround: float = param(0.27, "", low=0.0, high=1.0)
+    min_contrast: float = param(0.15, "", low=-1.0, high=1.0)
+    max_contrast: float = param(1.7, "", low=1.0, high=100.0)
+    min_likeness: float = param(-0.1, "", low=-1.0, high=1.0)
+    min_edge: float = param(0.4, "", low=0.0, high=1.0, doc="of spots up to 12 px")
+    min_edge_large: float = param(0.55, "", low=0.0, high=1.0, doc="of spots from 24 px on")
+    max_darker: float = param(0.25, "", low=0.0, high=1.0)
+    max_busy: float = param(0.3, "of the image", low=0.0, high=1.0, doc="change elsewhere")
+    max_neighbours: int = param(80, "blocks", low=0, high=1000, doc="brighter blocks within 6 blocks of the spot")
+    # limits that refuse whatever the rest looks like
     min_chroma: float = param(0.0, "", low=0.0, high=1.0, doc="how coloured the spot's light must be")
-    max_busy: float = param(0.1, "of the image", low=0.0, high=1.0, doc="more change elsewhere: nothing is reported")
-    max_neighbours: int = param(60, "blocks", low=0, high=169, doc="changed blocks within 6 blocks of the spot")
-    max_change: float = param(0.3, "of the image", low=0.01, high=1.0, doc="more change: learn the scene anew")
     min_diameter_mm: float = param(3.0, "mm", low=0.0, high=1000.0, doc="on the floor, where the pose is known")
     max_diameter_mm: float = param(80.0, "mm", low=1.0, high=1000.0, doc="on the floor, where the pose is known")
     min_diameter_px: float = param(2.5, "px", low=0.0, high=1000.0, doc="smaller blobs are noise")
-    max_diameter_px: float = param(48.0, "px", low=2.0, high=1000.0, doc="where no pose is known")
+    max_diameter_px: float = param(56.0, "px", low=2.0, high=1000.0, doc="where no pose is known")
+    # how it moves, and what is learnt
     max_speed: float = param(8.0, "m/s", above=0.0, high=100.0, doc="of a spot on the floor")
     max_gap_s: float = param(0.25, "s", low=0.0, high=10.0, doc="a spot may be hidden so long")
+    max_change: float = param(0.3, "of the image", low=0.01, high=1.0, doc="brighter, or twice as much darker: learn anew")
     cycle_s: float = param(1.0, "s", above=0.0, high=60.0, doc="the background takes in each pixel once per cycle")
     absorb_s: float = param(1.5, "s", low=0.1, high=60.0, doc="a change that lasts so long becomes background")
-    hold_s: float = param(60.0, "s", low=10.0, high=3600.0, doc="a spot that shines so long on one place is a lamp")
+    hold_s: float = param(25.0, "s", low=10.0, high=3600.0, doc="a spot that shines so long on one place is a lamp")
     max_candidates: int = param(12, "", low=1, high=200, doc="looked at per frame, the brightest ones")
 
     @classmethod
@@ -88,8 +94,8 @@ class DetectorParams(Parameters):
     @classmethod
     def mobile(cls, **changes) -> "DetectorParams":
         """For a camera on a robot. There is no background to tell paper from light: the light's colour has to."""
-        return cls(**{**dict(moving_camera=True, confirm_frames=3, min_rise=30.0, min_chroma=0.2,
-                             max_neighbours=169, max_busy=1.0), **changes})
+        return cls(**{**dict(moving_camera=True, confirm_frames=3, min_rise=30.0, min_level=225.0,
+                             min_chroma=0.2), **changes})
 
 
 class SpotDetector:
@@ -154,38 +160,33 @@ class SpotDetector:
             self._start(image)
             return []
         rise = background.rise(image)
-        maxima = block_maxima(rise)
         if not self._noise_known:
-            background.learn_noise(maxima)
+            background.learn_noise(rise)
             self._noise_known = True
-        hot = background.hot_blocks(maxima, p.min_rise)
-        count = int(np.count_nonzero(hot))
-        spots = np.zeros_like(hot)
-        candidates: List[Candidate] = []
-        if count > p.max_change * hot.size:
-            # a light was switched, the exposure jumped or the camera was moved: nothing known holds any more
+        hot = background.hot_blocks(rise, p.min_rise)
+        darker = background.darker_blocks(image)
+        if max(np.count_nonzero(hot), 0.5 * np.count_nonzero(darker)) > p.max_change * hot.size:
+            # a light was switched, the exposure jumped or the camera was moved: nothing known holds any more;
+            # somebody close to the camera darkens much of the image too, and must not become its background
             self._start(image)
             return []
-        if count:
-            near = cv2.boxFilter(hot.astype(np.float32), -1, (13, 13), normalize=False, borderType=cv2.BORDER_CONSTANT)
-            for seed, blocks in regions(maxima, hot, p.max_candidates, self._largest_px() / BLOCK):
-                candidate = self._too_dark(image, seed) or appearance.measure(
-                    image, rise, background.image, seed, self._largest_px()
-                )
-                if not candidate.refusal:
-                    own = _cover(hot.shape, candidate)
-                    inside = int(np.count_nonzero(hot[own]))
-                    candidate.refusal = self._refusal_of(candidate)
-                    if not candidate.refusal and count - inside > p.max_busy * hot.size:
-                        candidate.refusal = "scene_busy"
-                    row = min(hot.shape[0] - 1, int(candidate.v) // BLOCK)
-                    column = min(hot.shape[1] - 1, int(candidate.u) // BLOCK)
-                    if not candidate.refusal and near[row, column] - inside > p.max_neighbours:
-                        candidate.refusal = "change_nearby"
-                    if not candidate.refusal:
-                        spots[own] = True
-                candidates.append(candidate)
-        background.learn(image, maxima, hot, spots, elapsed)
+        changed = hot | darker
+        count = int(np.count_nonzero(changed))
+        spots = np.zeros_like(hot)
+        candidates: List[Candidate] = []
+        for seed, _ in regions(rise, hot, p.max_candidates, self._largest_px() / BLOCK) if hot.any() else []:
+            candidate = self._too_dark(image, seed)
+            if candidate is None:
+                candidate = appearance.measure(image, background.image, seed, self._largest_px())
+            if not candidate.refusal:
+                own = _blocks_around(hot.shape, candidate, 1.25 * candidate.diameter + BLOCK)
+                near = _blocks_around(hot.shape, candidate, _NEAR * BLOCK)
+                candidate.busy = (count - int(np.count_nonzero(changed[own]))) / hot.size
+                candidate.neighbours = int(np.count_nonzero(hot[near])) - int(np.count_nonzero(hot[own]))
+                candidate.refusal = self._refusal_of(candidate)
+                spots[own] |= not candidate.refusal
+            candidates.append(candidate)
+        background.learn(image, rise, changed, spots, elapsed)
         return _without_doubles(candidates)
 
     def _too_dark(self, image: np.ndarray, seed: Region) -> Optional[Candidate]:
@@ -217,7 +218,7 @@ class SpotDetector:
             # a median removes the spot and keeps the edges of carpets, next to which spots are drawn
             floor = cv2.medianBlur(np.ascontiguousarray(window), 2 * reach - 7)
             seed = (left - x0, top - y0, right - x0, bottom - y0)
-            candidate = appearance.measure(window, cv2.subtract(window, floor), None, seed, self._largest_px())
+            candidate = appearance.measure(window, floor, seed, self._largest_px(), learnt=False)
             candidate.u += x0
             candidate.v += y0
             candidate.refusal = candidate.refusal or self._refusal_of(candidate)
@@ -229,25 +230,13 @@ class SpotDetector:
         return self.params.max_diameter_px * (self.params.max_elongation if self.params.max_elongation < 3 else 2.0)
 
     def _refusal_of(self, c: Candidate) -> str:
+        """Why a measured candidate is no spot, or ""; sets its confidence."""
         p = self.params
-        if c.peak < (p.min_peak if c.level >= _SATURATED else p.min_peak_unsaturated):
-            return "too_faint"
-        if c.level < p.min_level:
-            return "too_dark"
-        if c.surround > p.max_surround:
-            return "no_contrast"
-        if c.elongation > p.max_elongation:
-            return "too_long"
-        if c.compactness < p.min_compactness:
-            return "not_round"
         if c.diameter < p.min_diameter_px:
             return "too_small"
-        if c.likeness < p.min_likeness or c.contrast < p.min_contrast or c.edge < _least_edge(c, p):
-            return "object_left"
-        if c.level < _SATURATED and c.flatness > p.max_flatness:
-            return "too_flat"
         if c.chroma < p.min_chroma:
             return "not_coloured"
+        against = doubts(c, p)
         if self.to_floor is not None:
             metre = metres_per_pixel(self.to_floor, c.u, c.v)
             if metre is None:
@@ -257,9 +246,13 @@ class SpotDetector:
                 return "too_large"
             if c.diameter * metre < p.min_diameter_mm / 1e3:
                 return "too_small"
-        elif c.diameter > p.max_diameter_px:
-            return "too_large"
-        c.confidence = _confidence(c, p)
+        else:
+            against["too_large"] = max(0.0, (c.diameter / p.max_diameter_px - 0.55) / 0.45)
+        doubt = sum(against.values())
+        if doubt > 1.0:
+            return max(against, key=lambda reason: against[reason])
+        # of two without doubts the brighter one is more likely what somebody points at
+        c.confidence = (1.0 - 0.7 * doubt) * (0.7 + 0.3 * min(1.0, c.peak / 160.0))
         return self.place_check(c.u, c.v) if self.place_check is not None else ""
 
     def _confirm(self, found: List[Candidate], shape: Tuple[int, ...], stamp: float) -> List[Spot]:
@@ -316,16 +309,10 @@ def regions(maxima: np.ndarray, hot: np.ndarray, most: int, large: float) -> Lis
     return result[: 2 * most]
 
 
-def _least_edge(c: Candidate, p: DetectorParams) -> float:
-    # the longer an outline, the less do noise and the edge of a table under the spot weigh in it
-    return float(np.interp(c.diameter, (12.0, 24.0), (p.min_edge, max(p.min_edge, p.min_edge_large))))
-
-
-def _cover(shape: Tuple[int, ...], c: Candidate) -> Tuple[slice, slice]:
-    """The blocks that a candidate's light can have changed, halo included."""
-    reach = 1.25 * c.diameter + BLOCK
-    top, bottom = int(max(0, c.v - reach)) // BLOCK, int(c.v + reach) // BLOCK + 1
-    left, right = int(max(0, c.u - reach)) // BLOCK, int(c.u + reach) // BLOCK + 1
+def _blocks_around(shape: Tuple[int, ...], c: Candidate, reach: float) -> Tuple[slice, slice]:
+    """The blocks within `reach` [px] of a candidate's middle."""
+    top, bottom = int(max(0.0, c.v - reach)) // BLOCK, int(c.v + reach) // BLOCK + 1
+    left, right = int(max(0.0, c.u - reach)) // BLOCK, int(c.u + reach) // BLOCK + 1
     return slice(top, min(shape[0], bottom)), slice(left, min(shape[1], right))
 
 
@@ -336,20 +323,6 @@ def _without_doubles(candidates: List[Candidate]) -> List[Candidate]:
         if not any(math.hypot(c.u - k.u, c.v - k.v) < 2.0 and k.refusal == c.refusal for k in kept):
             kept.append(c)
     return kept
-
-
-def _confidence(c: Candidate, p: DetectorParams) -> float:
-    """0 ... 1: how far a spot is from the limits that would have refused it."""
-    margins = (
-        (c.peak - p.min_peak) / 80.0,
-        1.0 - c.surround / max(p.max_surround, 1e-6),
-        (c.compactness - p.min_compactness) / max(1e-6, 0.97 - p.min_compactness),
-        (c.edge - p.min_edge) / max(1e-6, 0.9 - p.min_edge),
-        (p.max_elongation - c.elongation) / max(1e-6, p.max_elongation - 1.0),
-        (c.contrast - p.min_contrast) / max(1e-6, 0.9 - p.min_contrast),
-    )
-    clipped = [min(1.0, max(0.0, margin)) for margin in margins]
-    return 0.3 + 0.7 * float(np.prod(clipped)) ** (1.0 / len(clipped))
 
 
 def _checked(image: np.ndarray) -> np.ndarray:
