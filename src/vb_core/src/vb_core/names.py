@@ -15,6 +15,7 @@ WORKSPACE = "/virtual_borders/workspace"
 DETECTORS = "/virtual_borders/detectors"
 LED = "/virtual_borders/led"
 SOUND = "/virtual_borders/sound"
+PROJECTOR = "/virtual_borders/projector"
 
 COMMAND = "/virtual_borders/command"
 CANDIDATE = "/virtual_borders/get_candidate"
