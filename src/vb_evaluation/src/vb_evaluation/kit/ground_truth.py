@@ -12,9 +12,8 @@ from vb_core.grid_map import GridMap
 from vb_evaluation import metrics
 from vb_map_integration.map_files import FREE_PIXEL, OCCUPIED_PIXEL, UNKNOWN_PIXEL, read_map
 
-# [grey levels] between the largest and the smallest channel: half of a strong colour, so that the soft edge that
-# an editor gives an area is cut in its middle
-LEAST_COLOR = 64
+# [grey levels] between the largest and the smallest channel; less is grey
+LEAST_COLOR = 40
 # [grey levels] darker is black: map_server's occupied_thresh of 0.65
 BLACK = 89
 ENDINGS = (".png", ".pgm", ".bmp", ".yaml")
@@ -87,6 +86,8 @@ def _marked(path: Path, physical: GridMap) -> np.ndarray:
         opaque = image[..., 3] >= 128
         image = image[..., :3]
     channels = image.reshape(*image.shape[:2], -1).astype(int)
-    colored = channels.max(axis=2) - channels.min(axis=2) >= LEAST_COLOR
+    chroma = channels.max(axis=2) - channels.min(axis=2)
+    # half of the strongest colour: cuts the soft edge that an editor gives an area in its middle
+    colored = chroma >= max(LEAST_COLOR, chroma.max() / 2.0)
     black = channels.max(axis=2) <= BLACK
     return ((colored | black) & opaque)[::-1]

@@ -1,0 +1,264 @@
+"""Ground truths, protocol, and measures of recordings that other packages' code writes."""
+import json
+
+import cv2
+import numpy as np
+import pytest
+
+from vb_core.errors import CodedError
+from vb_core.grid_map import GridMap
+from vb_evaluation import metrics
+from vb_evaluation.kit import measure, protocol
+from vb_evaluation.kit.__main__ import main
+from vb_evaluation.kit.ground_truth import find_ground_truths, picture_of, read_ground_truth
+from vb_evaluation.kit.recording import Recording
+from vb_map_integration.border import VirtualBorder
+from vb_map_integration.integration import integrate
+from vb_map_integration.map_files import write_map
+from vb_map_integration.recording import Recording as MapRecording
+from vb_voice_wizard.interaction import Interaction
+from vb_voice_wizard.memory import append_line, record_line
+
+
+def room():
+    """A room of 4 m x 3 m with walls, unknown outside, a table in it; 5 cm cells."""
+    cells = np.full((70, 90), -1, np.int8)
+    cells[5:65, 5:85] = 100
+    cells[7:63, 7:83] = 0
+    cells[40:44, 60:64] = 100
+    return GridMap(cells, 0.05, (-0.25, -0.25, 0.0))
+
+
+def truth_of(grid):
+    marked = np.zeros(grid.shape, bool)
+    marked[10:30, 20:50] = True
+    return marked & (grid.data == 0)
+
+
+def painted(grid, color, **options):
+    """The map's picture with the area painted in a colour (b, g, r), as an editor does it."""
+    picture = cv2.cvtColor(picture_of(grid), cv2.COLOR_GRAY2BGR)
+    picture[::-1][10:30, 20:50] = color  # over anything that stands there
+    return picture
+
+
+# ------------------------------------------------------------------ ground truths
+@pytest.mark.parametrize("color", [(0, 215, 247), (0, 0, 255), (180, 90, 40), (0, 0, 0)])
+@pytest.mark.parametrize("name", ["carpet.png", "carpet.bmp"])
+def test_any_strong_colour_or_black_marks_free_floor(tmp_path, color, name):
+    grid = room()
+    cv2.imwrite(str(tmp_path / name), painted(grid, color))
+    assert (read_ground_truth(tmp_path / name, grid) == truth_of(grid)).all()
+
+
+def test_black_in_a_grey_picture_and_a_map_file(tmp_path):
+    grid = room()
+    cv2.imwrite(str(tmp_path / "a.pgm"), cv2.cvtColor(painted(grid, (0, 0, 0)), cv2.COLOR_BGR2GRAY))
+    assert (read_ground_truth(tmp_path / "a.pgm", grid) == truth_of(grid)).all()
+    write_map(tmp_path / "b", grid.with_data(np.where(truth_of(grid), 100, grid.data).astype(np.int8)))
+    assert (read_ground_truth(tmp_path / "b.yaml", grid) == truth_of(grid)).all()
+
+
+def test_a_layer_of_its_own_with_transparency(tmp_path):
+    grid = room()
+    layer = np.zeros((*grid.shape, 4), np.uint8)  # transparent black marks nothing
+    layer[::-1][10:30, 20:50] = (0, 215, 247, 255)
+    cv2.imwrite(str(tmp_path / "a.png"), layer)
+    assert (read_ground_truth(tmp_path / "a.png", grid) == truth_of(grid)).all()
+
+
+def test_a_soft_edge_is_cut_in_its_middle(tmp_path):
+    grid = room()
+    picture = cv2.GaussianBlur(painted(grid, (0, 200, 255)), (5, 5), 0)
+    cv2.imwrite(str(tmp_path / "a.png"), picture)
+    found = read_ground_truth(tmp_path / "a.png", grid)
+    assert metrics.jaccard(found, truth_of(grid)) > 0.9
+
+
+def test_the_map_itself_is_no_ground_truth(tmp_path):
+    grid = room()
+    cv2.imwrite(str(tmp_path / "a.png"), picture_of(grid))
+    with pytest.raises(CodedError) as caught:
+        read_ground_truth(tmp_path / "a.png", grid)
+    assert caught.value.code == "bad_ground_truth" and "a.png" in str(caught.value) and "marked" in str(caught.value)
+
+
+def test_wrong_pictures_are_told(tmp_path):
+    grid = room()
+    cv2.imwrite(str(tmp_path / "small.png"), np.zeros((35, 45, 3), np.uint8))
+    (tmp_path / "text.png").write_text("no picture")
+    for name, words in (("small.png", "45 x 35 pixels, the map 90 x 70"), ("text.png", "no picture"), ("none.png", "No such file")):
+        with pytest.raises(CodedError) as caught:
+            read_ground_truth(tmp_path / name, grid)
+        assert words in str(caught.value) and name in str(caught.value)
+    with pytest.raises(CodedError) as caught:
+        find_ground_truths(tmp_path, ["carpet"], grid)
+    assert "carpet.png" in str(caught.value)
+
+
+# ------------------------------------------------------------------ protocol
+def test_a_plan_is_a_balanced_within_subjects_design():
+    rows = protocol.plan(14, ["room", "carpet", "corner"], ["nrs", "robot_only"], seed=4)
+    assert len(rows) == 14 * 6 and len({row["recording"] for row in rows}) == 84
+    first = [row["method"] for row in rows if row["order"] == "1"]
+    assert first.count("nrs") == 7
+    for name in {row["participant"] for row in rows}:
+        mine = [row for row in rows if row["participant"] == name]
+        assert [row["order"] for row in mine] == list("123456")
+        assert len({(row["method"], row["scenario"]) for row in mine}) == 6
+        assert mine[0]["method"] == mine[1]["method"] == mine[2]["method"] != mine[3]["method"]
+    assert rows == protocol.plan(14, ["room", "carpet", "corner"], ["nrs", "robot_only"], seed=4)
+    assert rows != protocol.plan(14, ["room", "carpet", "corner"], ["nrs", "robot_only"], seed=5)
+
+
+def test_protocol_round_trip_and_spreadsheets(tmp_path):
+    path = tmp_path / "protocol.csv"
+    protocol.write(path, protocol.plan(2, ["room"], ["nrs", "robot_only"], 1))
+    entries = protocol.read(path)
+    assert len(entries) == 4 and entries[0].completed is None
+    with pytest.raises(CodedError):
+        protocol.write(path, [])  # what was noted is not overwritten
+    path.write_text("\ufeffparticipant;order;method;scenario;recording;completed;note\np1;1;nrs;room;a;yes;fine\np2;1;nrs;room;;;ill\n;;;;;;\n",
+                    encoding="utf-8")
+    assert protocol.read(path) == [protocol.Entry("p1", "nrs", "room", "a", True, "", "fine")]
+
+
+@pytest.mark.parametrize(
+    "text, words",
+    [
+        ("participant,method\n", "scenario"),
+        ("participant,method,scenario,recording,completed\np,nrs,room,a,perhaps\n", "line 2: completed"),
+        ("participant,method,scenario,recording\np,nrs,room,a\np,nrs,room,b\n", "lines 2 and 3"),
+        ("participant,method,scenario,recording\np,,room,a\n", "line 2: method is empty"),
+    ],
+)
+def test_wrong_protocols_name_the_line(text, words, tmp_path):
+    (tmp_path / "p.csv").write_text(text)
+    with pytest.raises(CodedError) as caught:
+        protocol.read(tmp_path / "p.csv")
+    assert words in str(caught.value)
+
+
+# ------------------------------------------------------------------ recordings
+class Lab:
+    """Writes a recording with the code that does so in a running system."""
+
+    def __init__(self, folder, grid):
+        self.folder, self.grid = folder, grid
+        self.maps = MapRecording(folder / "recordings")
+        self.borders = []
+        self.maps.record(grid, [], 1.0, {})
+        self.time = 10.0
+
+    def interaction(self, key, low=(1.0, 0.4), high=(2.4, 1.2), seed=None, save=True, method="nrs"):
+        """Draws a rectangle; Border takes 8 s, Seed 2 s."""
+        machine = Interaction(lambda: key)
+        machine.command("define_border", "wizard", self.time)
+        machine.command("define_seed", "wizard", self.time + 8.0)
+        self.time += 10.0
+        if save:
+            (x0, y0), (x1, y1) = low, high
+            corners = np.array([[x0, y0], [x1, y0], [x1, y1], [x0, y1]])
+            border = VirtualBorder(corners, corners.mean(axis=0) if seed is None else seed, closed=True, id=f"b{len(self.borders) + 1}")
+            self.borders.append(border)
+            cells = np.max([integrate(self.grid, each).posterior.data for each in self.borders], axis=0)
+            self.maps.record(self.grid.with_data(cells), list(self.borders), self.time - 0.1, {})
+            machine.command("save", "wizard", self.time)
+            machine.finish_save(border.id, self.time)
+        else:
+            machine.command("cancel", "wizard", self.time)
+        append_line(str(self.folder / "interactions.jsonl"), record_line(machine.take_record(), method, ["green"]))
+        self.time += 5.0
+        return self
+
+
+@pytest.fixture
+def study(tmp_path):
+    grid = room()
+    truths = tmp_path / "ground_truth"
+    truths.mkdir()
+    cv2.imwrite(str(truths / "carpet.png"), painted(grid, (0, 215, 247)))
+    cv2.imwrite(str(truths / "room.png"), painted(grid, (0, 215, 247)))
+    return tmp_path
+
+
+def rows_of(study):
+    notes = measure.measure(study / "protocol.csv", study / "ground_truth", study / "out")
+    import csv
+
+    return list(csv.DictReader((study / "out" / "runs.csv").open())), notes
+
+
+def test_measures_of_one_recording_per_run(study):
+    grid = room()
+    # the ground truth, 0.75 .. 2.25 m x 0.25 .. 1.25 m, to the cell; then a smaller area; then a seed on the wrong side
+    exact = ((0.751, 0.251), (2.249, 1.249))
+    Lab(study / "a", grid).interaction("ia", *exact)
+    Lab(study / "b", grid).interaction("i0", save=False).interaction("ib", (0.751, 0.251), (2.249, 0.749))
+    Lab(study / "c", grid).interaction("ic", *exact, seed=(3.2, 2.0))
+    Lab(study / "d", grid)
+    (study / "protocol.csv").write_text(
+        "participant,order,method,scenario,recording,completed,interaction,note\n"
+        "p1,1,nrs,carpet,a,,,\np1,2,robot_only,carpet,b,yes,,slow\np2,1,nrs,carpet,c,,,\np2,2,robot_only,carpet,d,,,\n"
+    )
+    rows, notes = rows_of(study)
+    assert [row["participant"] + row["method"] for row in rows] == ["p1nrs", "p1robot_only", "p2nrs", "p2robot_only"]
+    assert [row["completed"] for row in rows] == ["1", "1", "0", "0"]
+    assert (float(rows[0]["time_border_s"]), float(rows[0]["time_seed_s"]), float(rows[0]["time_total_s"])) == (8.0, 2.0, 10.0)
+    assert float(rows[0]["jaccard"]) == 1.0 and float(rows[1]["jaccard"]) == 0.5 and float(rows[2]["jaccard"]) < 0.01
+    assert rows[1]["interaction"] == "ib" and rows[3]["time_total_s"] == "" and rows[1]["note"] == "slow"
+    assert any("method:=nrs" in note for note in notes) and any("nothing was begun" in note for note in notes)
+    assert json.loads((study / "out" / "study.json").read_text())["people"] is True
+
+
+def test_several_runs_in_one_recording(study):
+    grid = room()
+    Lab(study / "a", grid).interaction("i1", (0.751, 0.251), (2.249, 1.249)).interaction("i2", (1.0, 1.6), (2.0, 2.4))
+    (study / "protocol.csv").write_text("participant,method,scenario,recording\np1,nrs,carpet,a\np1,nrs,room,a\n")
+    rows, notes = rows_of(study)
+    # the second border is measured alone, though the first one still acts on its map
+    assert [row["interaction"] for row in rows] == ["i1", "i2"] and float(rows[1]["jaccard"]) == 0.0 and rows[1]["saved"] == "1"
+    Lab(study / "b", grid).interaction("i1").interaction("i2").interaction("i3", save=False)
+    (study / "protocol.csv").write_text("participant,method,scenario,recording\np1,nrs,carpet,b\np1,nrs,room,b\n")
+    with pytest.raises(CodedError) as caught:
+        rows_of(study)
+    assert "i1, i2, i3" in str(caught.value) and "interaction" in str(caught.value)
+    (study / "protocol.csv").write_text("participant,method,scenario,recording,interaction\np1,nrs,carpet,b,i2\np1,nrs,room,b,i1\n")
+    assert [row["interaction"] for row in rows_of(study)[0]] == ["i2", "i1"]
+
+
+def test_the_command_measures_and_reports(study, capsys):
+    grid = room()
+    for name in ("a", "b"):
+        Lab(study / name, grid).interaction("ia", (0.751, 0.251), (2.249, 1.249), method="nrs" if name == "a" else "robot_only")
+    (study / "protocol.csv").write_text("participant,method,scenario,recording\np1,nrs,carpet,a\np1,robot_only,carpet,b\n")
+    arguments = ["measure", str(study / "protocol.csv"), "--ground-truth", str(study / "ground_truth"), "--out", str(study / "out")]
+    assert main(arguments) == 0 and "report.html" in capsys.readouterr().out
+    page = (study / "out" / "report.html").read_text()
+    assert "recordings of people" in page and "This is a simulation" not in page
+    assert main(["measure", str(study / "none.csv"), "--ground-truth", "x"]) == 2
+    error = capsys.readouterr().err
+    assert error.count("\n") == 1 and "none.csv" in error
+
+
+def test_damaged_recordings_name_file_and_line(tmp_path):
+    with pytest.raises(CodedError) as caught:
+        Recording(tmp_path / "nowhere")
+    assert "nowhere" in str(caught.value)
+    (tmp_path / "interactions.jsonl").write_text('{"interaction_id": "a"}\n')
+    with pytest.raises(CodedError) as caught:
+        Recording(tmp_path)
+    assert "interactions.jsonl, line 1" in str(caught.value)
+    (tmp_path / "interactions.jsonl").write_text("\n{broken\n")
+    with pytest.raises(CodedError) as caught:
+        Recording(tmp_path)
+    assert "line 2" in str(caught.value)
+
+
+def test_seeds_beside_the_area():
+    grid = room()
+    truth = truth_of(grid)
+    right = lambda x, y: measure.seed_is_right(np.array([x, y]), grid, truth)  # noqa: E731
+    assert right(1.5, 0.75) and not right(3.2, 2.0)
+    assert right(0.76, 0.26) and not right(0.70, 0.2)
+    assert not right(-5.0, 0.5)

@@ -1,0 +1,81 @@
+import csv
+import math
+
+import pytest
+
+from vb_core.errors import CodedError
+from vb_evaluation import questionnaire
+
+
+def write(path, rows, separator=",", columns=None):
+    columns = columns or questionnaire.columns()
+    path.write_text("\n".join(separator.join(str(cell) for cell in row) for row in [columns, *rows]) + "\n", encoding="utf-8-sig")
+    return path
+
+
+def row(name, nrs, robot_only, helped="yes"):
+    """The same pair of answers to all statements."""
+    return [name, *[answer for _ in questionnaire.STATEMENTS for answer in (nrs, robot_only)], helped]
+
+
+def test_fifteen_people_as_in_the_paper(tmp_path):
+    # Sect. 5.8.2: 14 of 15 said yes; statement 3 has M = 4.47 and 3.13, which no one set of answers need have had:
+    # these sum to the same means
+    nrs, alone = [5, 5, 5, 5, 5, 5, 5, 4, 4, 4, 4, 4, 4, 4, 4], [3, 4, 3, 4, 3, 3, 4, 3, 3, 2, 3, 4, 2, 3, 3]
+    rows = [row(f"p{number}", a, b, "no" if number == 1 else "yes") for number, (a, b) in enumerate(zip(nrs, alone), 1)]
+    found = questionnaire.read(write(tmp_path / "answers.csv", rows))
+    assert (found.helped, found.asked) == (14, 15)
+    third = questionnaire.table(found)[2]
+    assert (round(third["mean_nrs"], 2), round(third["mean_robot_only"], 2)) == (4.47, 3.13)
+    # one of them sees no difference, the other fourteen all rate the network robot system higher
+    assert third["z"] < -3.0 and third["p_exact"] == 2.0**-13 and third["rank_biserial"] == 1.0
+    assert third["statement"] == 3 and "demanding" in third["text"] and third["n"] == 15
+
+
+def test_spss_table_of_a_known_example(tmp_path):
+    # ten pairs with ties and zeros, worked by hand: ranks of |1 1 1 1 1 2 2 3| are 3 3 3 3 3 6.5 6.5 8, the one
+    # positive difference of 1 has rank 3, so W = 3, mean 18, variance 51 - (120 + 6) / 48 = 48.375, Z = -2.157
+    pairs = [(2, 3), (2, 3), (3, 4), (1, 2), (4, 3), (2, 4), (3, 5), (1, 4), (3, 3), (5, 5)]
+    found = questionnaire.read(write(tmp_path / "a.csv", [row(f"p{n}", b, a) for n, (a, b) in enumerate(pairs)]))
+    result = found.answers[0].comparison.test
+    assert (result.n, result.zeros, min(result.w_plus, result.w_minus)) == (8, 2, 3.0)
+    assert result.z == pytest.approx(-15 / math.sqrt(48.375), abs=1e-12)
+
+
+def test_lines_and_file(tmp_path):
+    found = questionnaire.read(write(tmp_path / "a.csv", [row("a", 5, 3), row("b", 4, 3), row("c", 5, 2, "no")], ";"))
+    text = questionnaire.lines(found)
+    assert text[0].startswith("Statement 1: Z = -1.6") and "p = .250 (exact)" in text[0] and "nrs: M = 4.67" in text[0]
+    assert text[-1].endswith("yes: 2 of 3")
+    questionnaire.write(tmp_path / "table.csv", questionnaire.table(found))
+    rows = list(csv.DictReader((tmp_path / "table.csv").open()))
+    assert len(rows) == 5 and float(rows[4]["mean_robot_only"]) == pytest.approx(8 / 3)
+
+
+def test_answers_not_given_are_left_out(tmp_path):
+    found = questionnaire.read(write(tmp_path / "a.csv", [row("a", 5, ""), row("b", 4, 3), row("c", 5, 2, "")]))
+    assert found.answers[0].first.tolist() == [4.0, 5.0] and (found.helped, found.asked) == (2, 2)
+
+
+@pytest.mark.parametrize(
+    "rows, words",
+    [
+        ([row("a", 6, 3)], "line 2: s1_nrs: expected a whole number from 1 to 5, got '6'"),
+        ([row("a", 3.5, 3)], "got '3.5'"),
+        ([row("a", 3, 3), row("a", 3, 3)], "line 3: participant"),
+        ([row("a", 3, 3, "perhaps")], "helped: expected yes or no"),
+        ([], "nobody has answered"),
+    ],
+)
+def test_wrong_answers_name_the_line(rows, words, tmp_path):
+    with pytest.raises(CodedError) as caught:
+        questionnaire.read(write(tmp_path / "a.csv", rows))
+    assert words in str(caught.value) and caught.value.code == "bad_questionnaire"
+
+
+def test_a_missing_column_or_file(tmp_path):
+    with pytest.raises(CodedError) as caught:
+        questionnaire.read(write(tmp_path / "a.csv", [], columns=["participant"]))
+    assert "s1_nrs" in str(caught.value)
+    with pytest.raises(CodedError):
+        questionnaire.read(tmp_path / "none.csv")
