@@ -12,7 +12,7 @@ from typing import Dict, List, Optional, Sequence, Tuple
 import cv2
 import numpy as np
 
-from vb_sim import bodies, pixels
+from vb_sim import bodies, disturbances, pixels
 from vb_sim.floor_texture import FloorTexture
 from vb_sim.lab_history import Snapshot
 from vb_sim.mesh import DepthBuffer, Mesh, RayGrid
@@ -149,8 +149,16 @@ class CeilingView:
         sprites = self._moving(snapshot)
         for sprite in sprites:
             self._blend(picture, sprite)
+        if snapshot.around.lit:
+            self._undo.append((slice(None), slice(None), picture.copy()))
+            disturbances.relight(picture, snapshot.around, self.model, self.pose)
         if snapshot.laser is not None:
             self._add_spot(picture, snapshot, sprites)
+        for glint in snapshot.around.glints:
+            area = disturbances.glint_area(glint, self.model, self.pose)
+            if area is not None:
+                self._undo.append((*area[0], picture[area[0]].copy()))
+                disturbances.add_glint(picture, glint, area, self.encoding, snapshot.around.exposure)
         return picture
 
     def _moving(self, snapshot: Snapshot) -> List[_Sprite]:
@@ -165,6 +173,8 @@ class CeilingView:
             sprites.append(self._sprite(
                 "person", bodies.person_key(person, laser), lambda: (bodies.person_pieces(person, laser, height), person, 0.26)
             ))
+        for index, other in enumerate(snapshot.around.bystanders):
+            sprites.append(self._sprite(f"bystander {index}", other.key(), lambda: (other.pieces(), other.pose, 0.26)))
         return [sprite for sprite in sprites if sprite is not None]
 
     def _sprite(self, name: str, key: Tuple, build) -> Optional[_Sprite]:
@@ -290,7 +300,7 @@ class CeilingView:
         column = min(max(int(spot.center[0]) // _HALF, 0), self._albedo.shape[1] - 1)
         row = min(max(int(spot.center[1]) // _HALF, 0), self._albedo.shape[0] - 1)
         albedo = self._albedo[row, column] / (255.0 * self._optics.exposure_gain)
-        weights = visible * albedo * self._optics.response(snapshot.laser_color)
+        weights = visible * snapshot.around.exposure * albedo * self._optics.response(snapshot.laser_color)
         light = pixels.spread(spot.light, weights, self.encoding, spot.column, spot.row)
         rows = slice(spot.row, spot.row + spot.light.shape[0])
         columns = slice(spot.column, spot.column + spot.light.shape[1])

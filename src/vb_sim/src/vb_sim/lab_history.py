@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 from typing import Deque, Dict, Optional, Tuple
 
 from vb_core.geometry import wrap_angle
+from vb_sim.disturbances import Surroundings
 
 Pose2 = Tuple[float, float, float]
 Point2 = Tuple[float, float]
@@ -25,6 +26,7 @@ class Snapshot:
         laser: where the beam meets the floor, None while it is off.
         laser_velocity: [m/s] of that point.
         person: (x, y, yaw), None if nobody is there.
+        around: what else changes in the room.
     """
 
     stamp: float
@@ -33,6 +35,7 @@ class Snapshot:
     laser_color: str = "red"
     laser_velocity: Point2 = (0.0, 0.0)
     person: Optional[Pose2] = None
+    around: Surroundings = Surroundings()
 
 
 class History:
@@ -90,7 +93,7 @@ def _between(a: Snapshot, b: Snapshot, share: float, interval: float, stamp: flo
         if math.hypot(dx, dy) < _JUMP_M:
             laser = (a.laser[0] + share * dx, a.laser[1] + share * dy)
             velocity = (dx / interval, dy / interval)
-    return Snapshot(stamp, robots, laser, nearest.laser_color, velocity, person)
+    return Snapshot(stamp, robots, laser, nearest.laser_color, velocity, person, nearest.around)
 
 
 def _pose_between(a: Pose2, b: Pose2, share: float) -> Pose2:

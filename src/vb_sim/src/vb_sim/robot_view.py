@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 
 from vb_core import geometry
-from vb_sim import bodies
+from vb_sim import bodies, disturbances
 from vb_sim.floor_texture import FloorTexture
 from vb_sim.lab_history import Pose2, Snapshot
 from vb_sim.mesh import DepthBuffer, Mesh, RayGrid
@@ -92,7 +92,8 @@ class RobotView:
     def _scene_key(self, snapshot: Snapshot) -> Tuple:
         """The same as long as nothing has moved but the spot; to be called after `camera_pose`."""
         others = tuple((name, bodies.robot_key(pose)) for name, pose in snapshot.robots.items() if name not in self._names)
-        return (self._pose, others, bodies.person_key(snapshot.person, snapshot.laser))
+        bystanders = tuple(other.key() for other in snapshot.around.bystanders)
+        return (self._pose, others, bodies.person_key(snapshot.person, snapshot.laser), bystanders)
 
     # ------------------------------------------------------------- colour
     def color(self, snapshot: Snapshot) -> np.ndarray:
@@ -109,8 +110,14 @@ class RobotView:
             self._clean = cv2.GaussianBlur(image, (3, 3), 0.5)
         # while nothing moves only spot and noise are new
         image = self._clean.copy()
+        if snapshot.around.lit:
+            disturbances.relight(image, snapshot.around, self.color_model, pose)
         if snapshot.laser is not None:
             self._add_spot(image, snapshot, pose)
+        for glint in snapshot.around.glints:
+            area = disturbances.glint_area(glint, self.color_model, pose)
+            if area is not None:
+                disturbances.add_glint(image, glint, area, "rgb8", snapshot.around.exposure)
         if self._noisy:
             top, left = (int(value) for value in self._rng.integers(0, 32, 2))
             part = (slice(top, top + image.shape[0]), slice(left, left + image.shape[1]))
@@ -166,6 +173,8 @@ class RobotView:
                 pieces += bodies.robot_pieces(where, self._radii.get(name, 0.18))
         if snapshot.person is not None:
             pieces += bodies.person_pieces(snapshot.person, snapshot.laser, self._optics.pointer_height)
+        for other in snapshot.around.bystanders:
+            pieces += other.pieces()
         if not pieces:
             return
         camera = buffer.grid.camera
@@ -197,8 +206,8 @@ class RobotView:
         if self._buffer.ids[row, column]:
             return
         around = self._buffer.ids[max(0, row - 1) : row + 2, max(0, column - 1) : column + 2]
-        albedo = image[row, column].astype(np.float32) / np.float32(255.0 * self._optics.exposure_gain)
-        weights = float((around == 0).mean()) * albedo * self._optics.response(snapshot.laser_color)
+        albedo = self._clean[row, column].astype(np.float32) / np.float32(255.0 * self._optics.exposure_gain)
+        weights = float((around == 0).mean()) * snapshot.around.exposure * albedo * self._optics.response(snapshot.laser_color)
         part = image[spot.row : spot.row + spot.light.shape[0], spot.column : spot.column + spot.light.shape[1]]
         light = spot.light[..., None] * weights.astype(np.float32)
         if self._noisy:
