@@ -6,6 +6,7 @@ import datetime
 import queue
 import sys
 import threading
+import time
 from typing import Any, List, Optional, Tuple
 
 import cv2
@@ -29,9 +30,9 @@ from vb_laser_detect.pixels import to_grey
 from vb_msgs.msg import LaserSpot
 
 FOLDER = "~/.ros/virtual_borders/cameras"
-_PATIENCE_S = 15.0  # [s] for the first image and camera_info
 _BOARD_IMAGES = 10
 _BOARD_PATIENCE_S = 10.0
+_SPOT_PATIENCE_S = 4.0  # [s] for the spot to be seen and still
 
 
 def say(text: str) -> None:
@@ -72,14 +73,14 @@ class CameraInput:
             self._ready.notify_all()
         self._handle(image, "bgr8" if self._compressed else message.encoding, message.header.stamp.to_sec())
 
-    def wait(self) -> CameraModel:
-        """The camera's model, once images and camera_info came.
+    def wait(self, patience_s: float) -> CameraModel:
+        """The camera's model, once images and camera_info came, which may take so long.
 
         Raises:
             CodedError: "no_camera" if they do not come; "bad_camera_info" if they do not fit or the lens is uncalibrated.
         """
         with self._ready:
-            if not self._ready.wait_for(lambda: self._info is not None and self._size is not None, _PATIENCE_S):
+            if not self._ready.wait_for(lambda: self._info is not None and self._size is not None, patience_s):
                 raise CodedError("no_camera", f"nothing comes on {self._topics}: is the camera's driver running?")
             camera = messages.camera_from_info(self._info)
             if (camera.width, camera.height) != self._size:
@@ -134,7 +135,7 @@ class Guide:
         image = arguments.image or f"/{arguments.camera}/image_raw"
         info = arguments.camera_info or image.rsplit("/", 1)[0] + "/camera_info"
         self._input = CameraInput(image, info, arguments.compressed, self.on_image)
-        self.camera = self._input.wait()
+        self.camera = self._input.wait(arguments.patience)
         self.session: Any = None
 
     def on_image(self, image: np.ndarray, encoding: str, stamp: float) -> None:
@@ -219,10 +220,21 @@ Four places are needed, six to eight are good: near the corners of what the came
                 self._held.see(stamp, spot.u, spot.v)
 
     def measured(self, values: List[float]) -> None:
-        with self._lock:
-            u, v = self._held.place(rospy.get_time())
+        u, v = self._rest()
         self.session.add((u, v), (values[0], values[1]))
         say(f"  ({values[0]:.3f}, {values[1]:.3f}) m is at ({u:.1f}, {v:.1f}) px")
+
+    def _rest(self) -> Tuple[float, float]:
+        """(u, v) [px] of the spot, as soon as it has been still for long enough."""
+        end = time.monotonic() + _SPOT_PATIENCE_S
+        while True:
+            try:
+                with self._lock:
+                    return self._held.place(rospy.get_time())
+            except CodedError:
+                if time.monotonic() > end or rospy.is_shutdown():
+                    raise
+            rospy.rostime.wallsleep(0.1)
 
 
 class BoardGuide(Guide):
@@ -327,6 +339,7 @@ def _parser() -> argparse.ArgumentParser:
     guided.add_argument("--camera_info", default="", help="camera_info topic, if it is not beside the image topic")
     guided.add_argument("--compressed", action="store_true", help="take the compressed images")
     guided.add_argument("--frame", default="", help="optical frame; default: what the images say")
+    guided.add_argument("--patience", type=float, default=15.0, help="[s] for the first image; default: %(default)s")
     guided.add_argument("--folder", default=FOLDER, help=f"where NAME.yaml is written; default: {FOLDER}")
 
     board = commands.add_parser("board", parents=[guided], help="from a printed board on known places")

@@ -196,8 +196,8 @@ def write_board(board: BoardParams, paper: str, path: str) -> List[str]:
     page.set_xlim(0, width)
     page.set_ylim(height, 0)
     page.axis("off")
-    # each module gets a whole number of pixels, so that nothing is resampled but by the printer
-    picture = draw_board(board, 1e3 * round(300 / 25.4))
+    # a marker's module is a whole number of pixels, so that enlarging them keeps its edges where they belong
+    picture = draw_board(board, 80.0 / board.square)
     page.imshow(picture, cmap="gray", vmin=0, vmax=255, interpolation="none", aspect="equal",
                 extent=(left, left + board_width, top + board_height, top))
     page.set_xlim(0, width)

@@ -1,0 +1,270 @@
+#!/usr/bin/env python3
+"""The real commands, guided by a scripted person: laser spots clicked in RViz, a printed board, the check of two cameras."""
+import math
+import os
+import subprocess
+import sys
+import tempfile
+import threading
+import unittest
+
+import numpy as np
+import rospy
+import rostest
+import tf2_ros
+from geometry_msgs.msg import PointStamped
+from sensor_msgs.msg import CameraInfo, Image
+
+from vb_core import geometry, names
+from vb_core.camera_model import CameraModel
+from vb_core.ros import messages
+from vb_laser_detect import calibration_file
+from vb_laser_detect.calibration_board import BoardParams
+from vb_laser_detect.projection import floor_points
+from vb_msgs.msg import LaserSpot
+
+sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
+from board_scene import CAMERA, POSE, p2_of, render_board  # noqa: E402
+from scenes import Scene  # noqa: E402
+
+PATIENCE = 30.0
+SMALL = CameraModel(640, 360, np.array([[400.0, 0, 319], [0, 400.0, 181], [0, 0, 1]]), np.array([-0.1, 0.02, 0, 0, 0]))
+
+
+class Command:
+    """A process with a terminal's lines."""
+
+    def __init__(self, *arguments):
+        self._changed = threading.Condition()
+        self.lines = []
+        self._process = subprocess.Popen(
+            ["rosrun", "vb_laser_detect", "calibrate_camera", *arguments], stdin=subprocess.PIPE, stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT, universal_newlines=True, bufsize=1)
+        self._reader = threading.Thread(target=self._read, daemon=True)
+        self._reader.start()
+
+    def _read(self):
+        for line in self._process.stdout:
+            with self._changed:
+                self.lines.append(line.rstrip())
+                self._changed.notify_all()
+
+    def type(self, line):
+        self._process.stdin.write(line + "\n")
+        self._process.stdin.flush()
+
+    def wait_for(self, *words, after=0):
+        """The first line from number `after` on that has one of the words."""
+        def found():
+            return next((line for line in self.lines[after:] if any(word in line for word in words)), None)
+        with self._changed:
+            self._changed.wait_for(found, PATIENCE)
+            if found() is None:
+                raise AssertionError(f"waited in vain for {words} after line {after} of:\n" + "\n".join(self.lines))
+            return found()
+
+    def status(self):
+        status = self._process.wait(PATIENCE)
+        self._reader.join(PATIENCE)
+        return status
+
+    def end(self):
+        if self._process.poll() is None:
+            self._process.kill()
+        self._process.wait()
+        self._process.stdin.close()
+
+
+class Player:
+    """A camera that shows what it is told to, as often as one can bear."""
+
+    def __init__(self, name, camera, rate):
+        self.name, self.camera = name, camera
+        self.shown = None
+        self._changed = threading.Condition()
+        self._latest = rospy.Time.now()
+        self.render = lambda: np.full((camera.height, camera.width), 90, np.uint8)
+        self._images = rospy.Publisher(f"/{name}/image_raw", Image, queue_size=1)
+        self._infos = rospy.Publisher(f"/{name}/camera_info", CameraInfo, queue_size=1)
+        self._timer = rospy.Timer(rospy.Duration(1.0 / rate), self._play)
+
+    def _play(self, _event):
+        if self._images.get_num_connections() == 0:
+            return
+        frame, now = self.name + "_optical_frame", rospy.Time.now()
+        self._infos.publish(messages.info_from_camera(self.camera, now, frame))
+        self._images.publish(messages.image_message(self.render(), "mono8", now, frame))
+        with self._changed:
+            self._latest = now
+            self._changed.notify_all()
+
+    def show(self, what, seconds):
+        """Shows something else, and waits until it was shown for so long, by the images' own time."""
+        with self._changed:
+            self.shown, since = what, rospy.Time.now()
+            if not self._changed.wait_for(lambda: (self._latest - since).to_sec() > seconds, PATIENCE):
+                raise AssertionError("the camera does not play")
+
+    def close(self):
+        self._timer.shutdown()
+
+
+class CalibrateCameraTest(unittest.TestCase):
+    @classmethod
+    def setUpClass(cls):
+        rospy.init_node("person")
+        cls.buffer = tf2_ros.Buffer()
+        cls.listener = tf2_ros.TransformListener(cls.buffer)
+        cls.clicks = rospy.Publisher("/clicked_point", PointStamped, queue_size=5)
+
+    def setUp(self):
+        self.folder = tempfile.TemporaryDirectory()
+        self.addCleanup(self.folder.cleanup)
+
+    def start(self, *arguments):
+        command = Command(*arguments)
+        self.addCleanup(command.end)
+        return command
+
+    def player(self, name, camera, rate):
+        player = Player(name, camera, rate)
+        self.addCleanup(player.close)
+        return player
+
+    def click(self, point, frame="map"):
+        message = PointStamped()
+        message.header.frame_id = frame
+        message.point.x, message.point.y = point
+        self.clicks.publish(message)
+
+    def check_pose(self, camera, truth, metres, degrees):
+        pose = calibration_file.load(calibration_file.calibration_path(self.folder.name, camera))
+        self.assertEqual((pose.camera, pose.parent, pose.frame), (camera, "map", camera + "_optical_frame"))
+        self.assertLess(np.linalg.norm(pose.T[:3, 3] - truth[:3, 3]), metres)
+        turn = geometry.invert(pose.T) @ truth
+        self.assertLess(math.degrees(math.acos(min(1.0, (np.trace(turn[:3, :3]) - 1) / 2))), degrees)
+        return pose
+
+    def test_spots_clicked_in_rviz(self):
+        truth = geometry.transform(geometry.rotation_from_rpy(math.pi + 0.05, -0.03, 1.2), (2.0, 3.0, 2.8))
+        scene, rng = Scene(640, 360, seed=4), np.random.default_rng(2)
+        base = np.clip(np.median([scene.render() for _ in range(3)], axis=0).max(axis=2), 0, 200).astype(np.uint8)
+        red = self.player("red", SMALL, 15)
+        rows, columns = np.mgrid[:360, :640]
+
+        def render():
+            picture = base + rng.normal(0, 2, base.shape)
+            if red.shown is not None:
+                u, v = red.shown
+                picture = picture + 400 * np.exp(-((columns - u) ** 2 + (rows - v) ** 2) / (2 * 1.6**2))
+            return np.clip(picture, 0, 255).astype(np.uint8)
+
+        red.render = render
+        command = self.start("spots", "red", "--folder", self.folder.name)
+        command.wait_for("Hold the spot")
+        places = [(80.3, 60.6), (570.2, 70.4), (560.8, 300.1), (70.5, 290.9), (320.4, 60.2), (330.7, 300.8)]
+        command.type("done")
+        command.wait_for("too_few_points")
+        # a click that is not in the map's frame, as long as it takes to connect with the command
+        while self.clicks.get_num_connections() == 0:
+            rospy.rostime.wallsleep(0.02)
+        self.click((0, 0), "odom")
+        command.wait_for("set RViz' fixed frame")
+        for i, pixel in enumerate(places):
+            red.show(pixel, 1.2)
+            point = floor_points(SMALL, truth, np.array([pixel]))[0, :2] + rng.normal(0, 0.003, 2)
+            if i == 4:
+                point = point + (0.5, 0.2)  # a slip of the mouse
+            # the person tries again until the spot was still for long enough
+            for _ in range(5):
+                before = len(command.lines)
+                if i == 2:
+                    command.type(f"{point[0]:.4f} {point[1]:.4f}")
+                else:
+                    self.click(point)
+                answer = command.wait_for("is at", "! ", after=before)
+                if "is at" in answer:
+                    break
+                self.assertTrue("no_spot" in answer or "spot_moves" in answer, answer)
+            self.assertIn("is at", answer)
+            command.wait_for(f"{i + 1} point", after=before)
+        command.type("done")
+        self.assertEqual(command.status(), 0, command.lines)
+        text = "\n".join(command.lines)
+        self.assertIn("5 of 6 used", text)
+        self.assertIn("px rms", text)
+        self.assertIn("cm rms", text)
+        self.check_pose("red", truth, 0.05, 1.0)
+
+
+    def test_board_on_four_places(self):
+        board, rng = BoardParams.for_paper("A2"), np.random.default_rng(5)
+        blue = self.player("blue", CAMERA, 8)
+        picture = [np.full((1080, 1920), 90, np.uint8)]
+        blue.render = lambda: picture[0]
+        command = self.start("board", "blue", "--folder", self.folder.name, "--paper", "A2")
+        command.wait_for("Lay the board")
+        before = len(command.lines)
+        command.type("3.0 3.0 3.5 3.0")
+        command.wait_for("no_board", after=before)
+        for p1, yaw in (((3.1, 3.3), -1.2), ((4.8, 3.0), 0.3), ((4.9, 1.7), 2.0), ((2.7, 2.1), 0.0)):
+            p2 = p2_of(board, p1, yaw)
+            picture[0] = render_board(board, p1, p2, rng)
+            before = len(command.lines)
+            if yaw == 0.3:
+                command.type(f"{p1[0]} {p1[1]} {p2[0] + 0.2} {p2[1]}")
+                command.wait_for("placement_mismatch", "board_moved", after=before)
+                before = len(command.lines)
+            command.type(f"{p1[0]} {p1[1]} {p2[0]} {p2[1]}")
+            command.wait_for("corners seen", after=before)
+        command.type("done")
+        self.assertEqual(command.status(), 0, command.lines)
+        self.check_pose("blue", POSE, 0.02, 0.3)
+
+        # the pose that the file holds is what launch/parts/perception.launch publishes
+        rospy.set_param("/camera_poses", {"folder": self.folder.name, "cameras": "blue green", "look_s": 0.2})
+        poses = subprocess.Popen(["rosrun", "vb_laser_detect", "camera_poses"])
+        self.addCleanup(poses.wait)
+        self.addCleanup(poses.terminate)
+        self.check_transform("blue_optical_frame", POSE)
+        # a camera that is calibrated later, or anew, is taken at once
+        path = calibration_file.calibration_path(self.folder.name, "blue")
+        later = path.with_name("green.yaml")
+        later.write_text(path.read_text().replace("blue", "green"))
+        self.check_transform("green_optical_frame", POSE)
+        path.write_text("{")
+        self.assertIsNone(poses.poll())
+
+    def check_transform(self, frame, truth):
+        found = self.buffer.lookup_transform(names.MAP_FRAME, frame, rospy.Time(0), rospy.Duration(PATIENCE))
+        self.assertLess(np.abs(messages.matrix_from_transform(found.transform) - truth).max(), 0.02)
+
+    def test_nothing_comes_from_the_camera(self):
+        rospy.Publisher("/nobody/camera_info", CameraInfo, queue_size=1)
+        command = self.start("spots", "nobody", "--folder", self.folder.name, "--patience", "0.5")
+        self.assertEqual(command.status(), 1)
+        command.wait_for("no_camera")
+
+    def test_check_of_two_cameras(self):
+        spots = rospy.Publisher(names.SPOTS, LaserSpot, queue_size=10)
+        agreeing = self.start("check", "--seconds", "4", "--limit", "5")
+        strict = self.start("check", "--seconds", "4", "--limit", "1")
+
+        def play(_event):
+            now = rospy.Time.now()
+            for camera, off in (("red", 0.0), ("green", 0.03)):
+                spot = LaserSpot(camera=camera)
+                spot.header.stamp, spot.header.frame_id = now, "map"
+                spot.position.x, spot.position.y = 2.0 + 0.3 * math.sin(now.to_sec()) + off, 1.0
+                spots.publish(spot)
+
+        timer = rospy.Timer(rospy.Duration(0.04), play)
+        self.addCleanup(timer.shutdown)
+        self.assertEqual(agreeing.status(), 0, agreeing.lines)
+        self.assertEqual(strict.status(), 1, strict.lines)
+        self.assertIn("red is -3.0 cm in x", agreeing.wait_for("green - red"))
+        strict.wait_for("do NOT agree")
+
+
+if __name__ == "__main__":
+    rostest.rosrun("vb_laser_detect", "calibrate_camera", CalibrateCameraTest)
