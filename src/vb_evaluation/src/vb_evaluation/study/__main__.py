@@ -1,0 +1,115 @@
+"""The simulated study: python3 -m vb_evaluation.study COMMAND
+
+    all     every run that has not been done yet, on all cores; make study does this
+    run     one run alone: the row that it has in runs.csv
+    agree   the same runs through ROS and in one process, beside each other
+"""
+from __future__ import annotations
+
+import argparse
+import csv
+import os
+import sys
+from pathlib import Path
+from typing import List, Optional, Tuple
+
+from rich.console import Console
+
+from vb_core.errors import CodedError
+from vb_evaluation.study import campaign, config, plan
+from vb_evaluation.study.cameras import Room
+from vb_evaluation.study.config import Study
+from vb_evaluation.study.runner import Task
+
+RERUN = "python3 -m vb_evaluation.study run --participant {participant} --scenario {scenario} --method {method} --seed {seed}"
+
+
+def main(arguments: Optional[List[str]] = None) -> int:
+    """Runs a command; 0 if all went well, 1 if runs failed, 2 with one line for a mistake, 130 after an interruption."""
+    given = _parser().parse_args(arguments)
+    console = Console(highlight=False, soft_wrap=True)
+    try:
+        return int(given.command(given, console))
+    except CodedError as error:
+        Console(stderr=True, highlight=False, soft_wrap=True).print(f"study: {error}", markup=False, style="bold red")
+        return 2
+    except KeyboardInterrupt:
+        console.print("interrupted: what was finished is kept, the same command goes on from there")
+        return 130
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(prog="vb_evaluation.study", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    commands = parser.add_subparsers(dest="name", required=True)
+
+    def command(name: str, function, words: str) -> argparse.ArgumentParser:
+        sub = commands.add_parser(name, help=words)
+        sub.set_defaults(command=function)
+        sub.add_argument("--config", type=Path, default=None, help="a configuration of your own (YAML); only what differs")
+        sub.add_argument("--seed", type=int, default=None, help="instead of the configuration's")
+        return sub
+
+    out = str(config.top() / "out" / "study")
+    every = command("all", _all, "every run that has not been done yet")
+    every.add_argument("--out", type=Path, default=Path(out))
+    every.add_argument("--quick", action="store_true", help="fewer participants, a small part of curves and sensitivity")
+    every.add_argument("--only", choices=("runs", "curves", "sensitivity"), help="one part alone")
+    every.add_argument("--participants", type=int, default=None, help="instead of the configuration's number")
+    every.add_argument("--processes", type=int, default=os.cpu_count() or 1)
+    every.add_argument("--fresh", action="store_true", help="throws away what is in the folder")
+    one = command("run", _run, "one run alone")
+    one.add_argument("--participant", type=int, required=True)
+    one.add_argument("--scenario", required=True)
+    one.add_argument("--method", required=True)
+    one.add_argument("--compare", type=Path, default=None, help="a runs.csv: says whether its row is the same")
+    return parser
+
+
+def _all(given: argparse.Namespace, console: Console) -> int:
+    study = config.load(given.config, given.seed)
+    design = study.design
+    participants = given.participants or (design.quick_participants if given.quick else design.participants)
+    jobs = plan.main_jobs(study, participants)
+    if given.only:
+        jobs = [job for job in jobs if job.file == f"{given.only}.csv"]
+    console.print(f"{participants} participants, {len(design.scenarios)} scenarios, {len(design.methods)} methods: {len(jobs)} runs "
+                  f"on {given.processes} processes")
+    facts = {"quick": given.quick, "rerun": RERUN + (f" --config {given.config}" if given.config else "")}
+    failed = campaign.conduct(study, jobs, given.out, max(1, given.processes), given.fresh, facts, console)
+    console.print(f"written to {given.out}")
+    return 1 if failed else 0
+
+
+def _run(given: argparse.Namespace, console: Console) -> int:
+    study = config.load(given.config, given.seed)
+    task = _task(study, given)
+    job = next((job for job in plan.main_jobs(study, task.participant) if job.task == task), plan.Job(task))
+    row = campaign.row_of(study, job, Room(), None)
+    columns = campaign.columns(study, plan.RUNS)
+    writer = csv.DictWriter(sys.stdout, columns, lineterminator="\n", extrasaction="ignore")
+    writer.writeheader()
+    writer.writerow(row)
+    if given.compare is None:
+        return 0
+    found, same = _compared(given.compare, {key: str(value) for key, value in row.items()})
+    console.print("the row is the same" if same else f"the row in {given.compare} differs: {found}")
+    return 0 if same else 1
+
+
+def _compared(path: Path, row) -> Tuple[str, bool]:
+    with open(str(path), newline="", encoding="utf-8") as stream:
+        for other in csv.DictReader(stream):
+            if all(other[key] == row[key] for key in plan.TASK):
+                # only a study stores maps
+                differing = [key for key in other if key != "map" and other[key] != row.get(key, "")]
+                return ", ".join(f"{key} {other[key]} instead of {row.get(key)}" for key in differing), not differing
+    return "there is no such row", False
+
+
+def _task(study: Study, given: argparse.Namespace) -> Task:
+    study.world.scenario(given.scenario)
+    return Task(given.participant, given.scenario, given.method)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

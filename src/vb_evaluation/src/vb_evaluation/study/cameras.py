@@ -1,0 +1,266 @@
+"""The cameras of one run: rendered and searched in one process, wherever a spot can be seen."""
+from __future__ import annotations
+
+import math
+import zlib
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import Callable, Dict, List, Optional, Sequence, Tuple
+
+import cv2
+import numpy as np
+import yaml
+
+from vb_core import geometry
+from vb_core.camera_model import CameraModel
+from vb_core.grid_map import GridMap
+from vb_evaluation.study.config import top
+from vb_laser_detect.detector import DetectorParams, SpotDetector
+from vb_laser_detect.frame import Frame, search
+from vb_laser_detect.projection import FloorProjector, ProjectionParams
+from vb_sim.ceiling_view import CeilingView
+from vb_sim.floor_texture import FloorTexture, render_floor
+from vb_sim.lab_history import Snapshot
+from vb_sim.mesh import Mesh, world_mesh
+from vb_sim.models_cameras import CameraModels, calibrated_pose
+from vb_sim.robot_view import RobotView
+from vb_sim.world import CeilingCamera, Robot, World
+
+FLOOR_SEED = 1  # everybody draws on the same floor
+_SPOT_MARGIN_PX = 40.0  # a spot whose middle is outside the picture by less may still shine into it
+_WINDOW_PX = 96  # half the edge of the part of a robot's picture that is drawn round the spot
+_BLOCK_PX = 8  # the detector's; the part begins at a whole block, so that it is searched as in the whole picture
+
+
+@dataclass(frozen=True)
+class Seen:
+    """One spot as a camera reports it: stamp [s], place (x, y) [m] in the map frame."""
+
+    stamp: float
+    position: Tuple[float, float]
+    camera: str
+    mobile: bool
+    confidence: float
+
+
+class Room:
+    """What is the same in all runs of a process, and dear to make: the room as it is drawn.
+
+    Pictures are kept for one set of worlds and models; other ones replace them.
+    """
+
+    def __init__(self) -> None:
+        self._key: object = None
+        self._floor: Optional[FloorTexture] = None
+        self._mesh: Optional[Mesh] = None
+        self._views: Dict[str, object] = {}
+        self._floor_key: object = None
+
+    def enter(self, world: World, models: CameraModels) -> None:
+        """Prepares for runs in a world; the participant's body may be another one each time."""
+        floor_key = repr((world.room, world.floor, world.walls, world.furniture, world.patches, world.lights))
+        if floor_key != self._floor_key:
+            self._floor, self._mesh = render_floor(world, FLOOR_SEED), world_mesh(world)
+            self._floor_key = floor_key
+            self._views.clear()
+        self._world, self._models = world, models
+
+    def ceiling_view(self, camera: CeilingCamera) -> CeilingView:
+        """The view of a ceiling camera, as nobody has moved yet."""
+        return self._fresh(("ceiling", camera), lambda floor, mesh: CeilingView(
+            camera, self._world.robot_radii(), floor, mesh, self._models, FLOOR_SEED))
+
+    def robot_view(self, robot: Robot) -> RobotView:
+        """The view of a robot's camera, as nobody has moved yet."""
+        return self._fresh(("robot", robot), lambda floor, mesh: RobotView(
+            robot, self._world.robot_radii(), floor, mesh, self._models, FLOOR_SEED))
+
+    def _fresh(self, what: Tuple, make: Callable):
+        # the pointer's height differs with each body and is nothing that was drawn
+        figures = (self._models.optics, self._models.noise, self._models.robot_camera)
+        key = repr((what, figures, sorted(self._world.robot_radii().items())))
+        name = repr((what[0], what[1].name))
+        known = self._views.get(name)
+        if known is None or known[0] != key:
+            known = (key, make(self._floor, self._mesh))
+            self._views[name] = known
+        known[1].restart(self._models)
+        return known[1]
+
+
+@lru_cache(maxsize=None)
+def detector_params(kind: str) -> Tuple[DetectorParams, ProjectionParams]:
+    """What the live detector nodes are started with; kind is "stationary" or "mobile"."""
+    path = top() / "src" / "vb_laser_detect" / "config" / f"{kind}.yaml"
+    document = yaml.safe_load(Path(path).read_text(encoding="utf-8"))
+    return (DetectorParams.from_mapping(document.get("detector"), "detector"),
+            ProjectionParams.from_mapping(document.get("projection"), "projection"))
+
+
+def frame_generator(seed: int, camera: str, stamp: float) -> np.random.Generator:
+    """The noise of one frame, whatever was rendered before it."""
+    return np.random.default_rng([seed, zlib.crc32(camera.encode()), int(round(stamp * 1e4))])
+
+
+class StationaryCamera:
+    """A ceiling camera and its detector.
+
+    While the spot cannot be in the picture nothing can be found in it. A picture without spot and without people or
+    robots is skipped; one with them is taken every `idle_every`-th time only, for the detector learns from it what
+    is no spot.
+    """
+
+    def __init__(self, camera: CeilingCamera, view: CeilingView, models: CameraModels, grid: GridMap, seed: int, idle_every: int) -> None:
+        cv2.setNumThreads(1)
+        self.name = camera.name
+        self.rate = camera.rate
+        self.rendered = self.skipped = 0
+        self._view = view
+        self._seed = seed
+        detecting, projecting = detector_params("stationary")
+        self._detector = SpotDetector(detecting)
+        self._projector = FloorProjector(projecting, grid)
+        self._pose = calibrated_pose(camera.pose(), models.optics, seed, camera.name)
+        self._from_map = geometry.invert(camera.pose())
+        self._idle_every = idle_every
+        self._idle = 0
+
+    def look(self, stamp: float, snapshot: Snapshot) -> List[Seen]:
+        """Takes the picture of a moment and searches it."""
+        if not self._worth_a_look(snapshot):
+            self.skipped += 1
+            return []
+        self.rendered += 1
+        image = self._view.frame(snapshot, frame_generator(self._seed, self.name, stamp))
+        frame = Frame(self._view.model, lambda: self._pose, self._projector)
+        spots = search(self._detector, image, stamp, frame)
+        return [_seen(stamp, frame, spot, self.name, False) for spot in spots]
+
+    def _worth_a_look(self, snapshot: Snapshot) -> bool:
+        if snapshot.laser is not None and self._shows(np.array([[*snapshot.laser, 0.0]]), _SPOT_MARGIN_PX):
+            return True
+        bodies = [(pose, 0.45, 2.1) for pose in [snapshot.person] if pose is not None]
+        bodies += [(pose, 0.25, 0.5) for pose in snapshot.robots.values()]
+        # a body's corners, and points between them: it may be larger than the picture
+        if self._idle_every == 1 or not any(self._shows(_hull(*body), 0.0) for body in bodies):
+            return self._idle_every == 1
+        self._idle = (self._idle + 1) % self._idle_every
+        return self._idle == 0
+
+    def _shows(self, points: np.ndarray, margin: float) -> bool:
+        in_camera = geometry.apply(self._from_map, points)
+        if (in_camera[:, 2] < 0.05).any():
+            return True
+        model = self._view.model
+        pixels = model.project(in_camera)
+        low, high = pixels.min(axis=0), pixels.max(axis=0)
+        return bool((high >= -margin).all() and low[0] <= model.width + margin and low[1] <= model.height + margin)
+
+
+def _hull(pose: Tuple[float, float, float], radius: float, height: float) -> np.ndarray:
+    x, y = pose[:2]
+    return np.array([(x + dx, y + dy, z) for dx in (-radius, radius) for dy in (-radius, radius) for z in (0.0, height)])
+
+
+class RobotCamera:
+    """A robot's colour and depth camera and its detector.
+
+    It learns nothing of what it saw before, so pictures without spot are skipped, and of the others only the part
+    round the spot is drawn and searched: nothing else of them can hold it. `whole` draws and searches all of it.
+    """
+
+    def __init__(
+        self, robot: Robot, view: RobotView, models: CameraModels, grid: GridMap, seed: int,
+        pose_at: Callable[[float], Tuple[float, float, float]], whole: bool = False,
+    ) -> None:
+        cv2.setNumThreads(1)
+        self.name = "robot" if not robot.namespace else robot.name
+        self.rate = robot.camera_rate
+        self.rendered = self.skipped = 0
+        self._robot = robot
+        self._view = view
+        self._seed = seed
+        self._pose_at = pose_at
+        self._whole = whole
+        detecting, projecting = detector_params("mobile")
+        self._detector = SpotDetector(detecting)
+        self._projector = FloorProjector(projecting, grid)
+        self._mount = robot.camera_mount()
+        self._every = models.robot_camera.depth_every
+        self._frames = 0
+        self._part: Optional[Tuple[Tuple[int, int, int, int], RobotView]] = None
+        self._depth: Tuple[float, object, Optional[np.ndarray]] = (-math.inf, None, None)  # stamp, area, picture
+
+    def look(self, stamp: float, snapshot: Snapshot) -> List[Seen]:
+        """Takes the picture of a moment and searches it."""
+        self._frames += 1
+        area = self._area(snapshot)
+        if area is None:
+            self.skipped += 1
+            self._view.camera_pose(snapshot)
+            return []
+        self.rendered += 1
+        view = self._view_of(area)
+        view.draw_from(frame_generator(self._seed, self.name, stamp))
+        # a depth picture comes with every n-th colour picture; another part needs its own
+        due = self._frames % self._every == 0 or stamp - self._depth[0] > (self._every - 0.5) / self.rate
+        if due or self._depth[1] != area:
+            self._depth = (stamp, area, view.depth(snapshot))
+        depth = self._depth[2]
+        image = view.color(snapshot)
+        frame = Frame(view.color_model, lambda: self._estimated(stamp), self._projector, lambda: (depth, view.depth_model))
+        spots = search(self._detector, image, stamp, frame)
+        return [_seen(stamp, frame, spot, self.name, True) for spot in spots]
+
+    def _estimated(self, stamp: float) -> np.ndarray:
+        return geometry.pose2d_transform(*self._pose_at(stamp)) @ self._mount
+
+    def _area(self, snapshot: Snapshot) -> Optional[Tuple[int, int, int, int]]:
+        """(column, row, width, height) [px] of the part that can hold the spot; None if none can."""
+        if snapshot.laser is None:
+            return None
+        model = self._view.color_model
+        pose = self._view.camera_pose(snapshot)
+        spot = geometry.apply(geometry.invert(pose), np.array([[*snapshot.laser, 0.0]]))
+        if spot[0, 2] < 0.05:
+            return None
+        u, v = model.project(spot)[0]
+        if not (-_SPOT_MARGIN_PX <= u <= model.width + _SPOT_MARGIN_PX and -_SPOT_MARGIN_PX <= v <= model.height + _SPOT_MARGIN_PX):
+            return None
+        if self._whole:
+            return 0, 0, model.width, model.height
+        if self._part is not None and _well_inside(self._part[0], u, v, model):
+            return self._part[0]
+        left, top_ = (_BLOCK_PX * int(round((value - _WINDOW_PX) / _BLOCK_PX)) for value in (u, v))
+        right, bottom = min(left + 2 * _WINDOW_PX, model.width), min(top_ + 2 * _WINDOW_PX, model.height)
+        left, top_ = max(left, 0), max(top_, 0)
+        return left, top_, right - left, bottom - top_
+
+    def _view_of(self, area: Tuple[int, int, int, int]) -> RobotView:
+        if self._part is None or self._part[0] != area:
+            self._part = (area, self._view.part(*area))
+        return self._part[1]
+
+
+def _well_inside(area: Tuple[int, int, int, int], u: float, v: float, model: CameraModel) -> bool:
+    """Whether a pixel lies far enough from those edges of a part that are not the picture's own."""
+    column, row, width, height = area
+    inner = _WINDOW_PX - 24
+    return all(
+        (low == 0 or value - low >= inner) and (low + size == whole or low + size - value >= inner)
+        for value, low, size, whole in ((u, column, width, model.width), (v, row, height, model.height))
+    )
+
+
+def _seen(stamp: float, frame: Frame, spot, camera: str, mobile: bool) -> Seen:
+    x, y = (float(value) for value in frame.point(spot.u, spot.v).position[:2])
+    return Seen(stamp, (x, y), camera, mobile, float(np.float32(spot.confidence)))
+
+
+def spot_counts(seen: Sequence[Seen]) -> Dict[str, int]:
+    """How many spots each camera reported."""
+    counts: Dict[str, int] = {}
+    for spot in seen:
+        counts[spot.camera] = counts.get(spot.camera, 0) + 1
+    return counts

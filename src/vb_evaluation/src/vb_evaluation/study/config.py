@@ -1,0 +1,236 @@
+"""What a study consists of, read from one YAML file and checked."""
+from __future__ import annotations
+
+import copy
+import hashlib
+import importlib
+import json
+import zlib
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Dict, Iterable, Mapping, Optional, Tuple
+
+import numpy as np
+import yaml
+
+from vb_core.errors import CodedError, ParameterError
+from vb_core.parameters import Parameters, param
+from vb_evaluation.study.people import Streams, Traits, populations
+from vb_sim.models import section
+from vb_sim.models_cameras import CameraModels, CameraNoise, Optics, RobotCamera
+from vb_sim.models_motion import LocalisationModel, RobotModel, ScanModel
+from vb_sim.models_participant import ParticipantModel
+from vb_sim.world import World, world_from_mapping
+
+
+def top() -> Path:
+    """The repository."""
+    return Path(__file__).resolve().parents[5]
+
+
+PACKAGE = Path(__file__).resolve().parents[3]
+DEFAULT = PACKAGE / "config" / "study.yaml"
+
+
+@dataclass(frozen=True)
+class Design(Parameters):
+    """Who does what."""
+
+    seed: int = param(1, low=0, doc="of everything that is drawn")
+    participants: int = param(15, low=1, high=1000)
+    quick_participants: int = param(5, low=1, high=1000)
+    scenarios: list = param(["room", "carpet", "corner"], doc="keys of the world's scenarios")
+    methods: list = param(["nrs", "robot_only"])
+
+
+@dataclass(frozen=True)
+class Timing(Parameters):
+    """Delays between the parts of the live system, which a run in one process would not have."""
+
+    rate: float = param(50.0, "1/s", low=10.0, high=200.0, doc="steps of simulated time")
+    command_s: float = param(0.04, "s", low=0.0, high=5.0, doc="from a command to its effect and answer")
+    save_s: float = param(0.4, "s", low=0.0, high=10.0, doc="from save to the map with the border")
+    spot_s: float = param(0.02, "s", low=0.0, high=1.0, doc="from an image's delivery to its spot, search included")
+    extraction_s: float = param(0.06, "s", low=0.0, high=5.0, doc="what one live extraction takes; sets how often there is one")
+    idle_every: int = param(5, low=1, high=25, doc="a ceiling camera that sees people but no spot renders every n-th frame")
+    time_limit_s: float = param(400.0, "s", above=0.0, doc="then a run ends, whatever the person does")
+
+
+@dataclass(frozen=True)
+class Models:
+    """Every model of a sensor, the robot and its localisation; people come from the population."""
+
+    robot: RobotModel
+    localisation: LocalisationModel
+    scan: ScanModel
+    cameras: CameraModels
+
+    @classmethod
+    def of(cls, document: Mapping[str, Any]) -> "Models":
+        """From the sections of a models.yaml."""
+        return cls(
+            section(document, "robot", RobotModel),
+            section(document, "localisation", LocalisationModel),
+            section(document, "scan", ScanModel),
+            CameraModels(
+                section(document, "optics", Optics), section(document, "camera_noise", CameraNoise),
+                section(document, "robot_camera", RobotCamera),
+            ),
+        )
+
+
+@dataclass(frozen=True)
+class Study:
+    """A configuration, ready to be run. Made by `load`.
+
+    Attributes:
+        document: the YAML document with all defaults filled in; what is hashed.
+        sources: contents of the files that it names, by their name in the document.
+    """
+
+    document: Mapping[str, Any]
+    sources: Mapping[str, str]
+    design: Design
+    timing: Timing
+    world: World
+    models: Models
+    extra_measures: Tuple[str, ...] = ()
+    cache: Dict[str, Any] = field(default_factory=dict, compare=False, repr=False)
+
+    def traits(self, participant: int) -> Traits:
+        """A participant, numbered from 1."""
+        settings = dict(self.document["participants"])
+        model = section(yaml.safe_load(self.sources["models"]) or {}, "participant", ParticipantModel)
+        population = populations.get(settings.pop("model", "drawn"))(settings, model)
+        return population.draw(participant, self.streams(participant))
+
+    def streams(self, participant: int) -> Streams:
+        """Sources of random numbers of one participant."""
+        return lambda name: np.random.default_rng([self.design.seed, participant, zlib.crc32(name.encode())])
+
+    def run_seed(self, participant: int) -> int:
+        """What the nodes of the simulated lab get as their seed for one participant's runs."""
+        return self.design.seed * 1000 + participant
+
+    @property
+    def hash(self) -> str:
+        """Tells configurations apart: the same for the same content of all files."""
+        text = json.dumps([self.document, self.sources], sort_keys=True, default=str)
+        return hashlib.sha256(text.encode()).hexdigest()[:12]
+
+    def changed(self, changes: Mapping[str, Any]) -> "Study":
+        """The same study with other values.
+
+        Args:
+            changes: "design/seed", "timing/save_s", "participants/traits/tremor", "models/optics/exposure_ms" or
+                "world/cameras" to a value; a callable gets the present value and gives the new one.
+
+        Raises:
+            ParameterError: names the key that is wrong.
+        """
+        document = copy.deepcopy(dict(self.document))
+        files = {name: yaml.safe_load(text) or {} for name, text in self.sources.items()}
+        for key, value in changes.items():
+            head, _, rest = key.partition("/")
+            _set(files[head] if head in files else document, rest if head in files else key, value)
+        sources = {name: yaml.safe_dump(content, sort_keys=False) for name, content in files.items()}
+        return _study(document, sources)
+
+
+def _set(document: Any, path: str, value: Any) -> None:
+    *parents, last = path.split("/")
+    for name in parents:
+        document = document[int(name)] if isinstance(document, list) else document.setdefault(name, {})
+    key: Any = int(last) if isinstance(document, list) else last
+    if callable(value):
+        if key not in document and not isinstance(document, list):
+            raise ParameterError(path, "there is no such value to be changed")
+        value = value(document[key])
+    document[key] = value
+
+
+def load(path: Optional[Path] = None, seed: Optional[int] = None) -> Study:
+    """Reads a study's configuration; what the file leaves out is as in config/study.yaml.
+
+    Args:
+        seed: instead of the file's.
+
+    Raises:
+        CodedError: "no_study" or "bad_study" for a file that is none.
+        ParameterError: names the key that is wrong.
+    """
+    document = _read(DEFAULT)
+    folder = DEFAULT.parent
+    if path is not None:
+        folder = Path(path).resolve().parent
+        document = _merged(document, _read(path))
+    if seed is not None:
+        document.setdefault("design", {})["seed"] = seed
+    sources = {}
+    for name in ("world", "models"):
+        file = _found(str(document.pop(name)), folder)
+        sources[name] = file.read_text(encoding="utf-8")
+    # comments and layout of these files change nothing
+    sources = {name: yaml.safe_dump(yaml.safe_load(text) or {}, sort_keys=False) for name, text in sources.items()}
+    return _study(document, sources)
+
+
+def _study(document: Mapping[str, Any], sources: Mapping[str, str]) -> Study:
+    known = ("design", "timing", "participants", "plugins", "measures", "curves", "sensitivity", "agreement")
+    for key in document:
+        if key not in known:
+            raise ParameterError(str(key), f"unknown key of a study; known are world, models, {', '.join(known)}")
+    for plugin in document.get("plugins") or ():
+        _import(str(plugin))
+    design = Design.from_mapping(document.get("design"), "design")
+    world = world_from_mapping(yaml.safe_load(sources["world"]))
+    for key in design.scenarios:
+        world.scenario(key)
+    study = Study(
+        document, sources, design, Timing.from_mapping(document.get("timing"), "timing"), world,
+        Models.of(yaml.safe_load(sources["models"]) or {}), tuple(document.get("measures") or ()),
+    )
+    study.traits(1)  # a mistake in a distribution is found now, not in the tenth run
+    return study
+
+
+def _import(name: str) -> None:
+    try:
+        importlib.import_module(name)
+    except ImportError as error:
+        raise ParameterError("plugins", f"cannot import '{name}': {error}; is its folder in PYTHONPATH?") from None
+
+
+def _read(path: Path) -> Dict[str, Any]:
+    try:
+        document = yaml.safe_load(Path(path).read_text(encoding="utf-8"))
+    except OSError as error:
+        raise CodedError("no_study", f"cannot read '{path}': {error.strerror}") from None
+    except yaml.YAMLError as error:
+        where = getattr(error, "problem_mark", None)
+        raise CodedError("bad_study", f"'{path}' is not valid YAML{f' in line {where.line + 1}' if where else ''}") from None
+    if document is None:
+        return {}
+    if not isinstance(document, dict):
+        raise CodedError("bad_study", f"expected keys and values at the top of '{path}'")
+    return document
+
+
+def _merged(base: Mapping[str, Any], over: Mapping[str, Any], path: Iterable[str] = ()) -> Dict[str, Any]:
+    """Sections are merged key by key; a distribution, a list or a number is replaced as a whole."""
+    result = dict(base)
+    for key, value in over.items():
+        whole = tuple(path)[:1] == ("participants",) and len(tuple(path)) >= 2
+        if isinstance(value, Mapping) and isinstance(base.get(key), Mapping) and not whole:
+            result[key] = _merged(base[key], value, (*path, key))
+        else:
+            result[key] = value
+    return result
+
+
+def _found(name: str, folder: Path) -> Path:
+    """A file beside the configuration, in the current folder, or of vb_sim."""
+    for path in (folder / name, Path(name), top() / name, top() / "src" / "vb_sim" / name):
+        if path.is_file():
+            return path
+    raise CodedError("no_file", f"'{name}' is neither beside the configuration nor in the repository")

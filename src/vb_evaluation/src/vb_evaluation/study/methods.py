@@ -1,0 +1,65 @@
+"""Interaction methods: which cameras look, who drives the robot, and what the person does."""
+from __future__ import annotations
+
+from typing import Tuple, Type
+
+import numpy as np
+
+from vb_evaluation.study.registry import Registry
+from vb_sim.participant import ParticipantScript
+from vb_sim.participant_nrs import NetworkRobotSystemScript
+from vb_sim.participant_robot_only import RobotOnlyScript
+from vb_sim.world import Scenario, World
+
+methods: Registry[Type["Method"]] = Registry("method")
+
+
+class Method:
+    """One way of interacting. Subclass and register it for one of your own.
+
+    Attributes:
+        title: for people.
+        script: what the person does.
+        dispatch: whether the robot is sent to the spot.
+        follow: whether the robot follows the spot while a border is drawn: "auto", "true" or "false".
+    """
+
+    title = ""
+    script: Type[ParticipantScript]
+    dispatch = False
+    follow = "auto"
+
+    @staticmethod
+    def cameras(world: World) -> Tuple[str, ...]:
+        """The ceiling cameras that look, by name."""
+        return tuple(camera.name for camera in world.cameras)
+
+    @staticmethod
+    def start_near(world: World, scenario: Scenario) -> np.ndarray:
+        """(2,) [m] the person comes from somewhere near this place."""
+        return scenario.stand
+
+
+@methods.register("nrs")
+class NetworkRobotSystem(Method):
+    """The paper's: ceiling cameras, and a robot that comes by itself."""
+
+    title = "network robot system"
+    script = NetworkRobotSystemScript
+    dispatch = True
+
+
+@methods.register("robot_only")
+class RobotOnly(Method):
+    """The paper's baseline: nothing but the robot."""
+
+    title = "robot only"
+    script = RobotOnlyScript
+
+    @staticmethod
+    def cameras(world: World) -> Tuple[str, ...]:
+        return ()
+
+    @staticmethod
+    def start_near(world: World, scenario: Scenario) -> np.ndarray:
+        return np.array(world.robots[0].start[:2])

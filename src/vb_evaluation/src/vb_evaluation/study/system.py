@@ -1,0 +1,236 @@
+"""The system under test in one process: interaction, point set, map, and who drives the robot."""
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import Any, Dict, List, Mapping, Optional, Tuple
+
+import numpy as np
+import yaml
+
+from vb_core.errors import CodedError
+from vb_core.grid_map import GridMap
+from vb_evaluation.study.cameras import Seen
+from vb_evaluation.study.config import Timing, top
+from vb_evaluation.study.dispatching import Dispatcher, Progress
+from vb_evaluation.study.driving import FollowingRobot, NavigatedRobot, PoseHistory
+from vb_evaluation.study.methods import Method
+from vb_fusion.collector import BORDER, SEED, Collector, Spot
+from vb_fusion.extraction import ExtractionParams
+from vb_fusion.live import Candidate, LiveCandidate, extract_chain, extract_seed_of
+from vb_map_integration.border import VirtualBorder
+from vb_map_integration.integrator import IntegratorParams, MapIntegrator
+from vb_robot.dispatch import Kind
+from vb_robot.sightings import Sighting
+from vb_sim.costmap import CostmapParams
+from vb_sim.follower import FollowerParams
+from vb_sim.lab import Lab
+from vb_sim.navigator import Navigator, NavigatorParams
+from vb_sim.participant import Answer
+from vb_sim.planner import PlannerParams
+from vb_voice_wizard.interaction import Interaction, Record, State
+
+FUSION_HZ, DISPATCH_HZ, GUIDE_HZ, NAVIGATION_HZ, SCAN_HZ = 8.0, 4.0, 15.0, 10.0, 10.0
+
+
+@lru_cache(maxsize=None)
+def _config(package: str, name: str) -> Mapping[str, Any]:
+    path = top() / "src" / package / "config" / f"{name}.yaml"
+    return yaml.safe_load(Path(path).read_text(encoding="utf-8")) or {}
+
+
+class Every:
+    """Says when something that happens at a rate is due."""
+
+    def __init__(self, rate: float) -> None:
+        self.period = 1.0 / rate
+        self._next: Optional[float] = None
+
+    def due(self, now: float) -> bool:
+        if self._next is None:
+            self._next = now
+        if now < self._next - 1e-9:
+            return False
+        while self._next <= now + 1e-9:
+            self._next += self.period
+        return True
+
+
+@dataclass
+class Pending:
+    """A command on its way."""
+
+    at: float
+    number: int
+    command: str
+    source: str
+
+
+class System:
+    """Everything between the cameras and the robot's wheels; people talk to it by `command`.
+
+    Attributes:
+        answers: answers to commands by their number.
+        has_seed: whether the display shows a seed point.
+        records: of the interactions that have ended.
+        border: what was saved; None before.
+    """
+
+    def __init__(self, lab: Lab, method: Method, grid: GridMap, poses: PoseHistory, camera: str, timing: Timing) -> None:
+        self._lab, self._method, self._timing, self._poses = lab, method, timing, poses
+        self._ids = 0
+        self.interaction = Interaction(self._new_id)
+        self._shown: Tuple[State, str] = (State.DEFAULT, "")
+        self.answers: Dict[int, Answer] = {}
+        self.has_seed = False
+        self.records: List[Record] = []
+        self.border: Optional[VirtualBorder] = None
+        self.spots: List[Seen] = []
+        self._pending: List[Pending] = []
+        self._saving: Optional[Pending] = None
+        self._extraction = ExtractionParams.from_mapping(_config("vb_fusion", "border_fusion").get("extraction"), "extraction")
+        self._collector = Collector()
+        self._live = LiveCandidate(self._extraction, float(_config("vb_fusion", "border_fusion").get("live_share", 0.12)))
+        self.integrator = MapIntegrator(IntegratorParams(), None)
+        self.integrator.set_map(grid)
+        navigation = _config("vb_sim", "navigation")
+        navigator = Navigator(
+            NavigatorParams(), CostmapParams.from_mapping(navigation.get("costmap"), "costmap"),
+            PlannerParams.from_mapping(navigation.get("planner"), "planner"),
+            FollowerParams.from_mapping(navigation.get("follower"), "follower"),
+        )
+        navigator.set_map(grid)
+        body = lab.robots[0]
+        self.navigated = NavigatedRobot(body, poses, navigator)
+        self._following = FollowingRobot(body, poses, camera, method.follow, grid)
+        self._dispatcher: Optional[Dispatcher] = None
+        if method.dispatch:
+            self._dispatcher = Dispatcher()
+            self._dispatcher.set_map(grid)
+            self._dispatcher.set_physical_map(grid)
+        self._fusion_due, self._dispatch_due = Every(FUSION_HZ), Every(DISPATCH_HZ)
+        self._guide_due, self._navigation_due, self._scan_due = Every(GUIDE_HZ), Every(NAVIGATION_HZ), Every(SCAN_HZ)
+        self._scan = np.zeros((0, 2))
+
+    def _new_id(self) -> str:
+        self._ids += 1
+        return f"i{self._ids}"
+
+    # ------------------------------------------------------------- what comes in
+    def command(self, command: str, source: str, number: int, now: float) -> None:
+        """Somebody gives a command; it takes effect a little later."""
+        self._pending.append(Pending(now + self._timing.command_s, number, command, source))
+
+    def see(self, seen: Seen) -> None:
+        """A camera has reported a spot."""
+        self.spots.append(seen)
+        self._collector.add(Spot(seen.stamp, *seen.position, seen.camera, seen.confidence))
+        sighting = Sighting(seen.stamp, seen.position, seen.camera, seen.mobile)
+        self._following.add(sighting)
+        if self._dispatcher is not None:
+            self._dispatcher.add(sighting)
+
+    def step(self, now: float) -> None:
+        """Goes on to a time [s]."""
+        self._answer(now)
+        if self._fusion_due.due(now):
+            self._fuse(now, False)
+        self._drive(now)
+
+    # ------------------------------------------------------------- interaction
+    def _answer(self, now: float) -> None:
+        if self._saving is not None and now >= self._saving.at:
+            pending, self._saving = self._saving, None
+            self._finish(pending, now)
+        for pending in [entry for entry in self._pending if now >= entry.at]:
+            self._pending.remove(pending)
+            answer = self.interaction.command(pending.command, pending.source, now)
+            if answer.success and self.interaction.saving and pending.command == "save":
+                self._saving = Pending(now + self._timing.save_s, pending.number, pending.command, pending.source)
+                continue
+            self._tell(pending.number, answer, now)
+
+    def _finish(self, pending: Pending, now: float) -> None:
+        try:
+            border = self._candidate()
+            outcome = self.integrator.add(border, now, {"robot": self._poses.estimate(now)[:2]})
+        except CodedError as error:
+            answer = self.interaction.refuse_save(error.code, error.message, now)
+        else:
+            self.border = border
+            answer = self.interaction.finish_save(outcome.ids[0], now)
+        self._tell(pending.number, answer, now)
+
+    def _candidate(self) -> VirtualBorder:
+        collection = self._collector.collection()
+        chain = extract_chain(collection, self._extraction)
+        seed = extract_seed_of(collection)
+        return VirtualBorder(chain.points, seed, 1.0, chain.closed)
+
+    def _tell(self, number: int, answer: Any, now: float) -> None:
+        self.answers[number] = Answer(answer.success, answer.code, answer.message)
+        record = self.interaction.take_record()
+        if record is not None:
+            self.records.append(record)
+        state, interaction_id = self.interaction.state, self.interaction.interaction_id
+        if (state, interaction_id) == self._shown:
+            return
+        self._shown = (state, interaction_id)
+        entered = self.interaction.entered
+        if self._collector.set_state(state.name.lower(), interaction_id, entered):
+            self._live.reset()
+        self._following.set_state(int(state), interaction_id, entered)
+        if self._dispatcher is not None:
+            self._dispatcher.set_state(int(state), interaction_id, entered)
+        self._fuse(now, True)
+
+    # ------------------------------------------------------------- point set
+    def _fuse(self, now: float, force: bool) -> None:
+        collecting = self._collector.state in (BORDER, SEED)
+        if not collecting:
+            if force:
+                self.has_seed = False
+            return
+        if self._collector.state == BORDER and self._dispatcher is None:
+            # without a dispatcher only the display shows the chain, and nobody's acts follow from it
+            self.has_seed = False
+            return
+        collection = self._collector.collection()
+        # a clock that lets each extraction take what it would take live
+        ticks = iter((now, now, now + self._timing.extraction_s, now + self._timing.extraction_s))
+        candidate = self._live.update(collection, lambda: next(ticks), force)
+        self.has_seed = candidate.seed is not None
+        if self._dispatcher is not None:
+            self._dispatcher.set_progress(_progress(collection, candidate))
+
+    # ------------------------------------------------------------- the robot
+    def _drive(self, now: float) -> None:
+        if self._dispatcher is not None and self._dispatch_due.due(now):
+            self._dispatch(now)
+        if self._scan_due.due(now) and (self.navigated.driving or self._following.wanted(now)):
+            angles, ranges = self._lab.scan(0)
+            hit = np.isfinite(ranges)
+            self._scan = ranges[hit, None] * np.column_stack([np.cos(angles[hit]), np.sin(angles[hit])])
+        if self._guide_due.due(now) and self._following.step(now, self._scan, self._guide_due.period):
+            # two drivers at one wheel: the person leads now
+            self.navigated.cancel()
+        if self._navigation_due.due(now):
+            self.navigated.step(now, self._scan, self._navigation_due.period)
+
+    def _dispatch(self, now: float) -> None:
+        assert self._dispatcher is not None
+        robot = self._poses.estimate(now) if self._dispatcher.wanted() else None
+        decision = self._dispatcher.decide(now, robot, True, self.navigated.status)
+        if decision.kind is Kind.CANCEL:
+            self.navigated.cancel()
+        elif decision.kind is Kind.SEND and decision.viewpoint is not None:
+            self.navigated.send(decision.viewpoint.pose)
+
+
+def _progress(collection: Any, candidate: Candidate) -> Progress:
+    chain = candidate.chain
+    return Progress(
+        collection.interaction_id, chain.points if chain is not None else np.zeros((0, 2)),
+        chain.closed if chain is not None else False, collection.border[:, 1:3], tuple(collection.cameras),
+    )
