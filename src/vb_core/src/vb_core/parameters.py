@@ -81,6 +81,15 @@ class Parameters:
         """The same parameters with some of them changed, checked again."""
         return dataclasses.replace(self, **changes)
 
+    def require_order(self, low: str, high: str) -> None:
+        """For `__post_init__` of a subclass: the value of one key must not be above that of another.
+
+        Raises:
+            ParameterError: names the first key.
+        """
+        if getattr(self, low) > getattr(self, high):
+            raise ParameterError(low, f"must be at most {high} = {getattr(self, high)}, got {getattr(self, low)}")
+
     def describe(self) -> str:
         """One line with every value and its unit, for a node's start-up log."""
         parts = []

@@ -40,6 +40,10 @@ class Background:
         self._row = 0
         self._owed_rows = 0.0
 
+    def retime(self, cycle_s: float, absorb_s: float, hold_s: float) -> None:
+        """Goes on with other times; see the class."""
+        self._cycle_s, self._absorb_s, self._hold_s = cycle_s, absorb_s, hold_s
+
     def rise(self, image: np.ndarray) -> np.ndarray:
         """(H // 8, W // 8) uint8: by how much each block's brightest change is above the background."""
         # a colour image carries so much data that every second row has to do: spots cover several

@@ -14,7 +14,7 @@ from typing import Callable, List, Optional, Tuple
 import cv2
 import numpy as np
 
-from vb_core.errors import CodedError
+from vb_core.errors import CodedError, ParameterError
 from vb_core.parameters import Parameters, param
 
 from vb_laser_detect import appearance
@@ -86,6 +86,12 @@ class DetectorParams(Parameters):
     hold_s: float = param(25.0, "s", low=10.0, high=3600.0, doc="a spot that shines so long on one place is a lamp")
     max_candidates: int = param(12, "", low=1, high=200, doc="looked at per frame, the brightest ones")
 
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        for low, high in (("min_diameter_mm", "max_diameter_mm"), ("min_diameter_px", "max_diameter_px"),
+                          ("min_edge", "min_edge_large"), ("min_contrast", "max_contrast"), ("absorb_s", "hold_s")):
+            self.require_order(low, high)
+
     @classmethod
     def stationary(cls, **changes) -> "DetectorParams":
         """For a camera that does not move."""
@@ -117,6 +123,19 @@ class SpotDetector:
         self._stamp: Optional[float] = None
         self._tracker = SpotTracker(self.params.confirm_frames, self.params.max_speed, self.params.max_gap_s, SLACK_M)
         self._on_floor: Optional[bool] = None
+
+    def retune(self, params: DetectorParams) -> None:
+        """Goes on with other parameters; what was learnt of the scene stays.
+
+        Raises:
+            ParameterError: for another `moving_camera`, which needs another detector.
+        """
+        if params.moving_camera != self.params.moving_camera:
+            raise ParameterError("moving_camera", "cannot be changed while the detector runs")
+        self.params = params
+        self._tracker.confirm_frames, self._tracker.max_gap_s = params.confirm_frames, params.max_gap_s
+        if self._background is not None:
+            self._background.retime(params.cycle_s, params.absorb_s, params.hold_s)
 
     def reset(self) -> None:
         """Forgets the scene; the next frame is learnt as it is."""

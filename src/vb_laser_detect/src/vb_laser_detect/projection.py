@@ -37,6 +37,10 @@ class ProjectionParams(Parameters):
     max_depth: float = param(6.0, "m", above=0.0, high=100.0, doc="farther readings are none")
     min_depth_share: float = param(0.3, "", low=0.0, high=1.0, doc="part of the neighbourhood that needs a reading")
 
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self.require_order("min_depth", "max_depth")
+
 
 @dataclass(frozen=True)
 class FloorPoint:
