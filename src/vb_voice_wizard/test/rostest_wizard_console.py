@@ -2,75 +2,24 @@
 """The wizard console in a pseudo-terminal: a whole interaction, and what it says when others go away."""
 from __future__ import annotations
 
-import fcntl
 import os
-import pty
-import re
-import select
 import socket
-import struct
 import subprocess
 import sys
 import tempfile
-import termios
-import threading
 import unittest
 
 import rospy
 import rostest
 
 sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
-from ros_helpers import Newest, Process, StubNeighbours, wait_until  # noqa: E402
+from ros_helpers import Newest, Process, StubNeighbours  # noqa: E402
+from terminal import Terminal  # noqa: E402
 
 from std_srvs.srv import Trigger, TriggerResponse  # noqa: E402
 from vb_msgs.msg import BorderProgress, InteractionState, VirtualBorder, VirtualBorderArray  # noqa: E402
 
 FOLDER = tempfile.mkdtemp(prefix="vb_console_")
-
-
-class Terminal:
-    """The console in a pseudo-terminal of 100 x 30; keeps all it wrote, without escape sequences."""
-
-    def __init__(self, environment=None):
-        master, slave = pty.openpty()
-        fcntl.ioctl(slave, termios.TIOCSWINSZ, struct.pack("HHHH", 30, 100, 0, 0))
-        self.process = subprocess.Popen(
-            ["rosrun", "vb_voice_wizard", "wizard_console"], stdin=slave, stdout=slave, stderr=slave, close_fds=True,
-            env={**os.environ, "TERM": "xterm", **(environment or {})}, start_new_session=True,
-        )
-        self.master, self.slave, self.raw = master, slave, b""
-        self.settings = termios.tcgetattr(slave)
-        threading.Thread(target=self._read, daemon=True).start()
-
-    def _read(self):
-        while True:
-            try:
-                if select.select([self.master], [], [], 0.5)[0]:
-                    self.raw += os.read(self.master, 65536)
-            except (OSError, ValueError):
-                return
-
-    @property
-    def text(self):
-        return re.sub(r"\x1b\[[0-9;?]*[A-Za-z]", "", self.raw.decode("utf-8", "replace"))
-
-    def shows(self, what, since=0, limit_s=60.0):
-        try:
-            wait_until(lambda: what in self.text[since:], what, limit_s)
-        except AssertionError:
-            raise AssertionError(f"'{what}' is not on the screen, which ends\n{self.text[-3000:]}") from None
-
-    def press(self, key):
-        os.write(self.master, key.encode())
-
-    def leave(self):
-        self.press("q")
-        status = self.process.wait(timeout=60)
-        # the terminal is as it was before: with echo, line by line
-        same = termios.tcgetattr(self.slave)[3] == self.settings[3]
-        os.close(self.slave)
-        os.close(self.master)
-        return status, same
 
 
 class WizardConsoleTest(unittest.TestCase):

@@ -1,0 +1,73 @@
+"""A program in a pseudo-terminal, for the rostests."""
+from __future__ import annotations
+
+import fcntl
+import os
+import pty
+import re
+import struct
+import subprocess
+import termios
+import threading
+
+from ros_helpers import wait_until
+
+
+class Terminal:
+    """The wizard console in a pseudo-terminal; keeps all it wrote, without escape sequences.
+
+    Args:
+        environment: variables beside the test's own.
+        size: (columns, rows); the default is the smallest there is over ssh.
+    """
+
+    def __init__(self, environment=None, size=(80, 24)):
+        self.master, self.slave = pty.openpty()
+        self.resize(*size)
+        self.settings = termios.tcgetattr(self.slave)
+        self.raw = b""
+        self.process = subprocess.Popen(
+            ["bash", "-c", 'exec "$@"', "-", "rosrun", "vb_voice_wizard", "wizard_console"],
+            stdin=self.slave, stdout=self.slave, stderr=self.slave, close_fds=True,
+            env={**os.environ, "TERM": "xterm", **(environment or {})}, start_new_session=True,
+        )
+        self._reader = threading.Thread(target=self._read, daemon=True)
+        self._reader.start()
+
+    def _read(self):
+        while True:
+            try:
+                self.raw += os.read(self.master, 65536)
+            except OSError:
+                return  # nobody has the other end open any more
+
+    @property
+    def text(self):
+        """All that was ever written."""
+        return re.sub(r"\x1b\[[0-9;?]*[A-Za-z]", "", self.raw.decode("utf-8", "replace"))
+
+    def shows(self, what, since=0, limit_s=60.0):
+        """Waits until some text was written."""
+        try:
+            wait_until(lambda: what in self.text[since:], what, limit_s)
+        except AssertionError:
+            raise AssertionError(f"'{what}' is not on the screen, which ends\n{self.text[-3000:]}") from None
+
+    def press(self, key):
+        """Types."""
+        os.write(self.master, key.encode())
+
+    def resize(self, columns, rows):
+        """Gives the terminal another size, as dragging a window's corner does."""
+        fcntl.ioctl(self.slave, termios.TIOCSWINSZ, struct.pack("HHHH", rows, columns, 0, 0))
+
+    def leave(self):
+        """Quits; gives the exit status, and whether the terminal is as it was before: with echo, line by line."""
+        self.press("q")
+        status = self.process.wait(timeout=60)
+        same = termios.tcgetattr(self.slave)[3] == self.settings[3]
+        os.close(self.slave)
+        # the reader first: the number of a file that is closed belongs to the next one that is opened
+        self._reader.join()
+        os.close(self.master)
+        return status, same

@@ -1,0 +1,181 @@
+#!/usr/bin/env python3
+"""Whoever gives the commands, and however: the same drawing makes the same border."""
+import json
+import shutil
+import sys
+import unittest
+from pathlib import Path
+
+import numpy as np
+import rospy
+import rostest
+from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import Joy
+from std_msgs.msg import String
+from std_srvs.srv import Trigger
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "src" / "vb_voice_wizard" / "test"))
+from ros_helpers import Newest, wait_until  # noqa: E402
+from speech import RATE, say  # noqa: E402
+from terminal import Terminal  # noqa: E402
+
+from vb_core import names  # noqa: E402
+from vb_core.grid_map import GridMap  # noqa: E402
+from vb_core.ros.messages import OccupancyGridArray, array_from_points, message_from_grid  # noqa: E402
+from vb_msgs.msg import Audio, BorderPreview, BorderProgress, InteractionState, LaserSpot, VirtualBorderArray  # noqa: E402
+from vb_msgs.srv import Command  # noqa: E402
+
+COMMANDS = ("define_border", "define_seed", "save")
+FRAME_S = 0.04  # 25 images a second
+STROKE = [(1.0, 1.0), (3.0, 1.0), (3.0, 2.25), (1.0, 2.25), (1.0, 1.0)]  # [m] a carpet
+SEED = (2.0, 1.6)
+
+
+def room():
+    """8 m x 5 m with walls."""
+    data = np.zeros((100, 160), np.int8)
+    data[:2], data[-2:], data[:, :2], data[:, -2:] = 100, 100, 100, 100
+    return GridMap(data, 0.05, (0.0, 0.0, 0.0))
+
+
+def drawn():
+    """(N, 2) [m] one spot per image, drawn with 0.5 m/s by a hand that trembles."""
+    corners = np.array(STROKE)
+    along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(corners, axis=0), axis=1))])
+    wanted = np.arange(0.0, along[-1], 0.5 * FRAME_S)
+    path = np.column_stack([np.interp(wanted, along, corners[:, axis]) for axis in (0, 1)])
+    return path + np.random.default_rng(1).normal(0.0, 0.005, path.shape)
+
+
+class WaysToCommand(unittest.TestCase):
+    @classmethod
+    def setUpClass(cls):
+        rospy.init_node("ways_to_command")
+        cls.now = 1000.0
+        cls.clock = rospy.Publisher("/clock", Clock, queue_size=1, latch=True)
+        cls.map = rospy.Publisher(names.PHYSICAL_MAP, OccupancyGridArray, queue_size=1, latch=True)
+        cls.spots = rospy.Publisher(names.SPOTS, LaserSpot, queue_size=500)
+        cls.joy = rospy.Publisher("/joy", Joy, queue_size=10)
+        cls.audio = rospy.Publisher("/virtual_borders/voice/audio", Audio, queue_size=200)
+        cls.text = rospy.Publisher("/virtual_borders/command_text", String, queue_size=5)
+        cls.state = Newest(names.STATE, InteractionState)
+        cls.progress = Newest(names.PROGRESS, BorderProgress)
+        cls.preview = Newest(names.PREVIEW, BorderPreview)
+        cls.borders = Newest(names.BORDERS, VirtualBorderArray)
+        cls.maps = Newest(names.VIRTUAL_MAP, OccupancyGridArray)
+        cls.set_time(cls.now)
+        cls.map.publish(message_from_grid(room(), rospy.Time.from_sec(cls.now)))
+        cls.maps.wait(lambda message: True, "the first map")
+        for name in (names.COMMAND, names.CANDIDATE, names.PREVIEW_BORDER):
+            rospy.wait_for_service(name, 60)
+        for publisher in (cls.spots, cls.joy, cls.audio, cls.text):
+            wait_until(publisher.get_num_connections, f"somebody who listens to {publisher.name}")
+        cls.found = {}
+
+    @classmethod
+    def set_time(cls, seconds):
+        """Simulated time goes on when the test says so: every interaction takes equally long."""
+        cls.now = seconds
+        cls.clock.publish(rospy.Time.from_sec(seconds))
+        wait_until(lambda: abs(rospy.get_time() - seconds) < 1e-6, "the clock")
+
+    # ------------------------------------------------------------------ an interaction
+    def point(self, points):
+        """Points the laser at (N, 2) [m], seen by two cameras that share the room; time goes on by as much."""
+        begin = self.now + 1.0
+        for number, (x, y) in enumerate(points):
+            spot = LaserSpot(camera="red" if x < 2.0 else "green", confidence=1.0, projection=LaserSpot.GROUND_PLANE)
+            spot.header.frame_id = names.MAP_FRAME
+            spot.header.stamp = rospy.Time.from_sec(begin + number * FRAME_S)
+            spot.position.x, spot.position.y = x, y
+            self.spots.publish(spot)
+        self.set_time(begin + len(points) * FRAME_S)
+        self.wait_for_manager()
+
+    def manager_has_the_time(self):
+        """In Default it publishes nothing by itself: a command that changes nothing makes it tell its time."""
+        del self.state.all[:]
+        rospy.ServiceProxy(names.COMMAND, Command)("cancel", "test")
+        stamp = self.state.wait(lambda message: True, "the state").header.stamp
+        return abs(stamp.to_sec() - self.now) < 1e-6
+
+    def wait_for_manager(self):
+        """Time reaches each node by itself: the next command counts from when the manager knows it too."""
+        self.state.wait(lambda message: abs(message.header.stamp.to_sec() - self.now) < 1e-6, "the manager's clock")
+
+    def interact(self, way, give):
+        """Draws the carpet with commands given by `give`; keeps border and map, and takes the border out again."""
+        self.set_time(1000.0 * (2 + len(self.found)))
+        wait_until(self.manager_has_the_time, "the manager's clock")
+        give(COMMANDS[0])
+        identity = self.state.wait(lambda message: message.name == "border", f"{way}: the border state").interaction_id
+        # spots count from when the border fusion knows the state too
+        self.progress.wait(lambda message: message.interaction_id == identity, f"{way}: the fusion in border")
+        stroke = drawn()
+        self.point(stroke)
+        self.progress.wait(
+            lambda message: message.interaction_id == identity and message.border_spots == len(stroke), f"{way}: the stroke"
+        )
+        give(COMMANDS[1])
+        self.state.wait(lambda message: message.name == "seed", f"{way}: the seed state")
+        self.progress.wait(lambda message: message.code not in ("", "ok"), f"{way}: the fusion in seed")
+        self.point(np.tile(SEED, (30, 1)))
+        self.progress.wait(lambda message: message.seed_spots == 30 and message.has_seed, f"{way}: the seed")
+        promised = self.preview.wait(
+            lambda message: message.interaction_id == identity and message.available, f"{way}: the preview"
+        )
+        give(COMMANDS[2])
+        saved = self.state.wait(lambda message: message.last_outcome == "saved" and message.name == "default", f"{way}: the save")
+        stored = self.borders.wait(lambda message: len(message.borders) == 1, f"{way}: the border").borders[0]
+        cells = np.array(self.maps.wait(lambda message: (message.data != room().data.ravel()).any(), f"{way}: the map").data)
+        self.assertEqual(stored.id, saved.last_border_id)
+        # what was promised is what came
+        self.assertTrue(promised.success, promised.message)
+        self.assertEqual(np.array(promised.region.data).sum() / 100, (cells != room().data.ravel()).sum())
+        self.found[way] = (stored.kind, array_from_points([*stored.points, stored.seed]), cells)
+        rospy.ServiceProxy(names.UNDO, Trigger)()
+        self.borders.wait(lambda message: not message.borders, f"{way}: the undone border")
+        self.maps.wait(lambda message: (message.data == room().data.ravel()).all(), f"{way}: the map as it was")
+        with open(rospy.get_param("~log")) as file:
+            record = json.loads(file.readlines()[-1])
+        self.assertEqual((record["interaction_id"], record["outcome"]), (identity, "saved"))
+        self.assertEqual((record["border_id"], record["sources"]), (stored.id, [way]))
+        self.assertEqual((record["cameras"], record["guide_s"]), (["red", "green"], 0.0))
+        self.assertAlmostEqual(record["border_s"], 1.0 + len(stroke) * FRAME_S, places=3)
+        self.assertAlmostEqual(record["seed_s"], 1.0 + 30 * FRAME_S, places=3)
+
+    # ------------------------------------------------------------------ the ways
+    def test_all_ways_end_in_the_same_border(self):
+        self.interact("service", lambda command: rospy.ServiceProxy(names.COMMAND, Command)(command, "service"))
+        self.interact("text", self.text.publish)
+        self.interact("buttons", self.press)
+        terminal = Terminal()
+        terminal.shows("DEFAULT")
+        self.interact("wizard", lambda command: terminal.press({"define_border": "b", "define_seed": "d", "save": "s"}[command]))
+        self.assertEqual(terminal.leave(), (0, True), terminal.text[-2000:])
+        if shutil.which("espeak-ng"):
+            self.interact("voice", self.speak)
+        kind, points, cells = self.found["service"]
+        for way, (other_kind, other_points, other_cells) in self.found.items():
+            self.assertEqual((kind, points.shape), (other_kind, other_points.shape), way)
+            # stamps differ by whole interactions, and doubles round them differently
+            self.assertLess(np.abs(points - other_points).max(), 1e-6, way)
+            self.assertTrue((cells == other_cells).all(), way)
+        self.assertGreater(len(points), 4)
+        if "voice" not in self.found:
+            self.skipTest("nothing was spoken: espeak-ng is not installed (apt-get install espeak-ng)")
+
+    def press(self, command):
+        buttons = [0] * 5
+        for pressed in (1, 0):
+            buttons[("define_border", "define_seed", "guide_robot", "save", "cancel").index(command)] = pressed
+            self.joy.publish(buttons=list(buttons))
+
+    def speak(self, command):
+        pcm = say(command.replace("_", " "))
+        for at in range(0, len(pcm), RATE // 10):
+            self.audio.publish(Audio(sample_rate=RATE, data=pcm[at : at + RATE // 10].tobytes()))
+
+
+if __name__ == "__main__":
+    rostest.rosrun("vb_bringup", "ways_to_command", WaysToCommand)
