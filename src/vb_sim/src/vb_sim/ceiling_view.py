@@ -17,6 +17,7 @@ from vb_sim.floor_texture import FloorTexture
 from vb_sim.lab_history import Snapshot
 from vb_sim.mesh import DepthBuffer, Mesh, RayGrid
 from vb_sim.models_cameras import CameraModels, generator
+from vb_sim.projected_light import FloorLight
 from vb_sim.spot import SpotImage, render_spot
 from vb_sim.world import CeilingCamera
 
@@ -74,6 +75,7 @@ class CeilingView:
         self.pose = camera.pose()
         self._radii = radii
         self._optics, self._noise = models.optics, models.noise
+        self._body, self._hand_height = models.body, models.hand_height
         self._noisy = noise
         self._rng = generator(seed, f"ceiling camera {camera.name}")
         background = self._draw_background(floor, mesh)
@@ -84,19 +86,26 @@ class CeilingView:
         self._chosen = 0
         self._undo: List[Tuple[slice, slice, np.ndarray]] = []
         self._sprites: Dict[str, Tuple[Tuple, Optional[_Sprite]]] = {}
+        # of the projector's light, once there is one: the pictures without it, what it changed, pixels to its picture's
+        self._unlit: Optional[List[np.ndarray]] = None
+        self._light_area = (slice(0, 0), slice(0, 0))
+        self._light_maps: Optional[Tuple[np.ndarray, np.ndarray]] = None
 
     # ------------------------------------------------------------- what stands still
+    def _floor_coordinates(self, grid: RayGrid) -> Tuple[np.ndarray, np.ndarray]:
+        """x and y (H, W) float32 [m] where each pixel's ray meets the floor; far away at and above the horizon."""
+        rotation, origin = self.pose[:3, :3].astype(np.float32), self.pose[:3, 3]
+        down = np.minimum(grid.combine(*rotation[2]), np.float32(-1e-4))
+        steps = np.float32(-origin[2]) / (down * np.ones((grid.camera.height, grid.camera.width), np.float32))
+        x, y = (grid.combine(*rotation[axis]) * steps + np.float32(origin[axis]) for axis in (0, 1))
+        return x, y
+
     def _draw_background(self, floor: FloorTexture, mesh: Mesh) -> np.ndarray:
         grid = RayGrid(self.model)
-        rotation, origin = self.pose[:3, :3].astype(np.float32), self.pose[:3, 3]
         to_texture = floor.matrix()
-        down = grid.combine(*rotation[2])
-        down = np.minimum(down, np.float32(-1e-4)) * np.ones((self.model.height, self.model.width), np.float32)
-        steps = np.float32(-origin[2]) / down
         columns, rows = (
-            (grid.combine(*rotation[axis]) * steps + np.float32(origin[axis])) * np.float32(to_texture[axis, axis])
-            + np.float32(to_texture[axis, 2])
-            for axis in (0, 1)
+            at * np.float32(to_texture[axis, axis]) + np.float32(to_texture[axis, 2])
+            for axis, at in enumerate(self._floor_coordinates(grid))
         )
         image = cv2.remap(floor.rgb, columns, rows, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
         buffer = DepthBuffer(grid)
@@ -106,7 +115,7 @@ class CeilingView:
         half = (slice(_HALF // 2, None, _HALF), slice(_HALF // 2, None, _HALF))
         self._inverse_half = np.ascontiguousarray(buffer.inverse[half][: self.model.height // _HALF, : self.model.width // _HALF])
         self._floor_free = (buffer.ids == 0).view(np.uint8)
-        radius2 = (grid.x * grid.x + grid.y * grid.y) * np.ones_like(down)
+        radius2 = (grid.x * grid.x + grid.y * grid.y) * np.ones_like(columns)
         corner = max(1e-9, float(radius2.max()))
         shade = self._optics.exposure_gain * (1.0 - self._optics.vignetting * radius2 / corner)
         return np.clip(image * shade[..., None] + 0.5, 0, 255).astype(np.uint8)
@@ -132,17 +141,63 @@ class CeilingView:
         noise = float(self._noise.sigma(100.0)) * self._rng.standard_normal(shape, dtype=np.float32)
         return np.clip(noise + _NOISE_OFFSET + 0.5, 0, 255).astype(np.uint8)
 
-    # ------------------------------------------------------------- what moves
-    def frame(self, snapshot: Snapshot) -> np.ndarray:
-        """The picture of a scene: (H, W) or (H, W, 3) uint8 in the camera's encoding.
+    def shine(self, light: Optional[FloorLight]) -> None:
+        """Lets a projector's light fall on the floor until the next call; None: it is switched off."""
+        self._clean()
+        if self._unlit is None:
+            if light is None:
+                return
+            self._prepare_light(light)
+        rows, columns = self._light_area
+        full = (slice(2 * rows.start, 2 * rows.stop), slice(2 * columns.start, 2 * columns.stop))
+        if light is None or self._light_maps is None:
+            for picture, unlit in zip(self._pictures, self._unlit):
+                picture[full] = unlit
+            return
+        added = cv2.multiply(self._albedo[rows, columns], light.on_floor(*self._light_maps), scale=light.strength / 255.0)
+        layer = pixels.encode_doubled(cv2.bitwise_and(added, added, mask=self._light_mask), self.encoding)
+        for picture, unlit in zip(self._pictures, self._unlit):
+            cv2.add(unlit, layer, dst=picture[full])
 
-        It belongs to this object and is changed by the next call.
-        """
+    def _prepare_light(self, light: FloorLight) -> None:
+        """Notes which part of the pictures a projector can light, with half the resolution, and what they are without."""
+        half = self.model.scaled_to(self._albedo.shape[1], self._albedo.shape[0])
+        at, inside = light.pixel_maps(*self._floor_coordinates(RayGrid(half)))
+        left, top, width, height = cv2.boundingRect(inside.view(np.uint8))
+        rows, columns = self._light_area = (slice(top, top + height), slice(left, left + width))
+        # a camera that sees none of it has no maps
+        self._light_maps = light.remap_maps(at[rows, columns]) if width else None
+        free = self._floor_free[_HALF // 2 :: _HALF, _HALF // 2 :: _HALF]
+        self._light_mask = np.ascontiguousarray(free[rows, columns])
+        self._unlit = [picture[2 * top : 2 * (top + height), 2 * left : 2 * (left + width)].copy() for picture in self._pictures]
+
+    # ------------------------------------------------------------- what moves
+    def restart(self, models: CameraModels) -> None:
+        """Forgets what moved, for another person in the same room: only the body may differ from before."""
+        self._clean()
+        self._sprites.clear()
+        self._chosen = 0
+        self._body, self._hand_height = models.body, models.hand_height
+
+    def _clean(self) -> None:
         picture = self._pictures[self._chosen]
         for rows, columns, saved in reversed(self._undo):
             picture[rows, columns] = saved
         self._undo.clear()
-        if len(self._pictures) > 1:
+
+    def frame(self, snapshot: Snapshot, draw: Optional[np.random.Generator] = None) -> np.ndarray:
+        """The picture of a scene: (H, W) or (H, W, 3) uint8 in the camera's encoding.
+
+        It belongs to this object and is changed by the next call.
+
+        Args:
+            draw: the source of this frame's noise, for frames that do not depend on those before; None: the view's own.
+        """
+        self._clean()
+        if draw is not None:
+            self._rng = draw
+            self._chosen = int(draw.integers(len(self._pictures)))
+        elif len(self._pictures) > 1:
             # any but the last one, so that no frame repeats the one before
             self._chosen = (self._chosen + int(self._rng.integers(1, len(self._pictures)))) % len(self._pictures)
         picture = self._pictures[self._chosen]
@@ -169,9 +224,9 @@ class CeilingView:
             sprites.append(self._sprite(f"robot {name}", key, lambda: (bodies.robot_pieces(pose, radius), pose, radius)))
         person, laser = snapshot.person, snapshot.laser
         if person is not None:
-            height = self._optics.pointer_height
             sprites.append(self._sprite(
-                "person", bodies.person_key(person, laser), lambda: (bodies.person_pieces(person, laser, height), person, 0.26)
+                "person", bodies.person_key(person, laser),
+                lambda: (bodies.person_pieces(person, laser, self._hand_height, self._body), person, 0.26 * self._body.breadth),
             ))
         for index, other in enumerate(snapshot.around.bystanders):
             sprites.append(self._sprite(f"bystander {index}", other.key(), lambda: (other.pieces(), other.pose, 0.26)))
@@ -273,7 +328,7 @@ class CeilingView:
         """The light of the laser's spot, as if nothing hid it."""
         source = None
         if snapshot.person is not None:
-            source = bodies.hand_position(snapshot.person, snapshot.laser, self._optics.pointer_height)
+            source = bodies.hand_position(snapshot.person, snapshot.laser, self._hand_height)
         return render_spot(snapshot.laser, snapshot.laser_velocity, source, self.model, self.pose, self._optics)
 
     def spot_visible(self, center: Tuple[float, float], sprites: Sequence[_Sprite]) -> float:

@@ -1,6 +1,7 @@
 """What a robot's colour and depth camera see."""
 from __future__ import annotations
 
+import copy
 import math
 from typing import Dict, List, Optional, Tuple
 
@@ -8,11 +9,13 @@ import cv2
 import numpy as np
 
 from vb_core import geometry
+from vb_core.camera_model import CameraModel
 from vb_sim import bodies, disturbances
 from vb_sim.floor_texture import FloorTexture
 from vb_sim.lab_history import Pose2, Snapshot
 from vb_sim.mesh import DepthBuffer, Mesh, RayGrid
 from vb_sim.models_cameras import CameraModels, generator
+from vb_sim.projected_light import FloorLight
 from vb_sim.spot import SpotImage, render_spot
 from vb_sim.world import Robot
 
@@ -20,6 +23,13 @@ _CEILING = (206, 204, 198)
 _TILES = 7
 # a flat piece stands for a round one: its front is this much nearer than its middle [m]
 _FRONT = 0.05
+
+
+def _cropped(camera: CameraModel, column: int, row: int, width: int, height: int) -> CameraModel:
+    matrix = camera.matrix.copy()
+    matrix[0, 2] -= column
+    matrix[1, 2] -= row
+    return CameraModel(width, height, matrix, camera.distortion)
 
 
 class RobotView:
@@ -50,12 +60,19 @@ class RobotView:
         self._radii = radii
         self._mount = robot.camera_mount()
         self._optics, self._figures = models.optics, models.robot_camera
+        self._body, self._hand_height = models.body, models.hand_height
         self._mesh = mesh
         self._noisy = noise
         self._rng = generator(seed, f"camera of robot {robot.name}")
         self._floors = [floor]
         while len(self._floors) < 5 and min(self._floors[-1].rgb.shape[:2]) > 64:
             self._floors.append(self._floors[-1].halved())
+        self._pose: Pose2 = robot.start_pose()
+        self._prepare()
+        self._make_noise()
+
+    def _prepare(self) -> None:
+        """Makes what depends on the cameras' sizes."""
         self._buffer = DepthBuffer(RayGrid(self.color_model))
         self._depth_grid = RayGrid(self.depth_model)
         x, y = self._depth_grid.x, self._depth_grid.y
@@ -66,10 +83,35 @@ class RobotView:
             for coarse, fine in ((self.depth_model.height, self.color_model.height), (self.depth_model.width, self.color_model.width))
         )
         self._drawn_key: Optional[Tuple] = None
-        self._pose: Pose2 = robot.start_pose()
         self._color_key: Optional[Tuple] = None
+        self._light: Optional[FloorLight] = None
         self._depth_key: Optional[Tuple] = None
-        self._make_noise()
+
+    def restart(self, models: CameraModels) -> None:
+        """Forgets what moved, for another person in the same room: only the body may differ from before."""
+        self._body, self._hand_height = models.body, models.hand_height
+        self._pose = self.robot.start_pose()
+        self._drawn_key = self._color_key = self._depth_key = None
+
+    def part(self, column: int, row: int, width: int, height: int) -> "RobotView":
+        """A view of a part of the picture only, which costs as much less as it is smaller.
+
+        Args:
+            column, row, width, height: [px] of the colour picture, multiples of a depth pixel's size.
+        """
+        part = copy.copy(self)
+        part.color_model = _cropped(self.color_model, column, row, width, height)
+        across = self.color_model.width // self.depth_model.width
+        down = self.color_model.height // self.depth_model.height
+        part.depth_model = _cropped(self.depth_model, column // across, row // down, width // across, height // down)
+        size = (slice(None), slice(part.depth_model.height), slice(part.depth_model.width))
+        part._depth_noise, part._depth_holes = self._depth_noise[size], self._depth_holes[size]
+        part._prepare()
+        return part
+
+    def draw_from(self, draw: np.random.Generator) -> None:
+        """Takes another source of noise, for frames that do not depend on those before."""
+        self._rng = draw
 
     def _make_noise(self) -> None:
         shape = (self.color_model.height + 32, self.color_model.width + 32, 3)
@@ -103,6 +145,8 @@ class RobotView:
         if key != self._color_key:
             self._color_key = key
             image = self._draw_floor(pose)
+            if self._light is not None:
+                self._add_light(image, pose, self._light)
             if self._optics.exposure_gain != 1.0:
                 image = cv2.convertScaleAbs(image, alpha=self._optics.exposure_gain)
             self._draw_things(snapshot, pose, key)
@@ -125,19 +169,42 @@ class RobotView:
             cv2.subtract(image, self._darker[part], dst=image)
         return image
 
+    def shine(self, light: Optional[FloorLight]) -> None:
+        """Lets a projector's light fall on the floor until the next call; None: it is switched off."""
+        self._light = light
+        self._color_key = None
+
+    def _to_floor(self, pose: np.ndarray) -> np.ndarray:
+        """(3, 3): homogeneous (column, row) [px] to map coordinates [m] on the floor."""
+        rotation, origin = pose[:3, :3], pose[:3, 3]
+        return np.array([
+            origin[0] * rotation[2] - origin[2] * rotation[0],
+            origin[1] * rotation[2] - origin[2] * rotation[1],
+            rotation[2],
+        ]) @ np.linalg.inv(self.color_model.matrix)
+
+    def _down(self, pose: np.ndarray) -> np.ndarray:
+        """(H,) how steeply each row looks down, per unit of depth; 0 and less at and above the horizon."""
+        camera, rotation = self.color_model, pose[:3, :3]
+        return -(rotation[2, 1] * (np.arange(camera.height) - camera.matrix[1, 2]) / camera.matrix[1, 1] + rotation[2, 2])
+
+    def _add_light(self, image: np.ndarray, pose: np.ndarray, light: FloorLight) -> None:
+        size = (image.shape[1], image.shape[0])
+        added = cv2.warpPerspective(
+            light.linear, light.matrix @ self._to_floor(pose), size, flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
+        )
+        # a homography shows what is below the horizon once more above it
+        added[self._down(pose) <= 1e-3] = 0
+        cv2.add(image, cv2.multiply(image, added, scale=light.strength / 255.0), dst=image)
+
     def _draw_floor(self, pose: np.ndarray) -> np.ndarray:
         """The floor through its homography, further away from a coarser texture."""
         camera = self.color_model
         height, width = camera.height, camera.width
         image = np.empty((height, width, 3), np.uint8)
-        rotation, origin = pose[:3, :3], pose[:3, 3]
-        to_floor = np.array([
-            origin[0] * rotation[2] - origin[2] * rotation[0],
-            origin[1] * rotation[2] - origin[2] * rotation[1],
-            rotation[2],
-        ]) @ np.linalg.inv(camera.matrix)
+        origin, to_floor = pose[:3, 3], self._to_floor(pose)
         # the row's own direction downwards decides how far away its floor is
-        down = -(rotation[2, 1] * (np.arange(height) - camera.matrix[1, 2]) / camera.matrix[1, 1] + rotation[2, 2])
+        down = self._down(pose)
         with np.errstate(divide="ignore"):
             depth = np.where(down > 1e-3, origin[2] / down, np.inf)
         # a pixel covers depth/f across and 1/down times that along the view: their mean, geometrically
@@ -172,7 +239,7 @@ class RobotView:
             if name not in self._names:
                 pieces += bodies.robot_pieces(where, self._radii.get(name, 0.18))
         if snapshot.person is not None:
-            pieces += bodies.person_pieces(snapshot.person, snapshot.laser, self._optics.pointer_height)
+            pieces += bodies.person_pieces(snapshot.person, snapshot.laser, self._hand_height, self._body)
         for other in snapshot.around.bystanders:
             pieces += other.pieces()
         if not pieces:
@@ -193,7 +260,7 @@ class RobotView:
         """The light of the laser's spot, as if nothing hid it."""
         source = None
         if snapshot.person is not None:
-            source = bodies.hand_position(snapshot.person, snapshot.laser, self._optics.pointer_height)
+            source = bodies.hand_position(snapshot.person, snapshot.laser, self._hand_height)
         return render_spot(snapshot.laser, snapshot.laser_velocity, source, self.color_model, pose, self._optics)
 
     def _add_spot(self, image: np.ndarray, snapshot: Snapshot, pose: np.ndarray) -> None:
