@@ -17,7 +17,6 @@ from pathlib import Path
 from typing import Dict, List, Optional
 
 from rich.console import Console
-from rich.table import Table
 
 from vb_core.errors import CodedError
 from vb_evaluation import questionnaire
@@ -119,12 +118,8 @@ def _replay(given: argparse.Namespace) -> None:
             rows.append({"recording": folder.name, **dataclasses.asdict(found)})
     if not rows:
         raise CodedError("bad_recording", "no interaction has ended in these recordings")
-    table = Table(title="recorded and replayed")
-    for name in rows[0]:
-        table.add_column(name.replace("_", " "))
     for row in rows:
-        table.add_row(*(_cell(value) for value in row.values()))
-    _console.print(table)
+        _console.print(_sentence(row), markup=False)
     if given.out:
         with open(str(given.out), "w", newline="", encoding="utf-8") as stream:
             writer = csv.DictWriter(stream, list(rows[0]), lineterminator="\n")
@@ -132,10 +127,18 @@ def _replay(given: argparse.Namespace) -> None:
             writer.writerows(rows)
 
 
-def _cell(value: object) -> str:
-    if isinstance(value, float):
-        return "–" if math.isnan(value) else f"{value:.3f}"
-    return str(value)
+def _sentence(row: Dict[str, object]) -> str:
+    """What came out of one interaction."""
+    words = [f"{row['recording']}, interaction {row['interaction']} ({row['outcome']}): {row['spots']} spots"]
+    if row["code"] != "ok":
+        return f"{words[0]}; no border today: {row['message']} [{row['code']}]"
+    known = {name: value for name, value in row.items() if isinstance(value, float) and not math.isnan(value)}
+    if "agreement" in known:
+        words.append(f"today's area agrees with the recorded one: Jaccard index {known['agreement']:.3f}, "
+                     f"chains at most {known['chain_distance_m']:.3f} m apart")
+    if "today" in known:
+        words.append("against the ground truth: " + ", ".join(f"{name} {known[name]:.3f}" for name in ("recorded", "today") if name in known))
+    return "; ".join(words)
 
 
 # ------------------------------------------------------------------ questionnaire

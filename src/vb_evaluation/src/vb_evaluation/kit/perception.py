@@ -162,6 +162,9 @@ def _transforms(recording: Recording) -> tf2_ros.BufferCore:
     """All recorded transforms: an image may come before the transform of its time."""
     buffer = tf2_ros.BufferCore(rospy.Duration(24 * 3600))
     for topic, message in bags.messages_of(recording, ("/tf", "/tf_static")):
-        for transform in message.transforms:
+        for recorded in message.transforms:
+            # rosbag makes message classes of its own, which tf2 does not take
+            transform = messages.transform_message(messages.matrix_from_transform(recorded.transform), recorded.header.frame_id,
+                                                   recorded.child_frame_id, recorded.header.stamp)
             (buffer.set_transform_static if topic == "/tf_static" else buffer.set_transform)(transform, "bag")
     return buffer

@@ -1,0 +1,119 @@
+#!/usr/bin/env python3
+"""Record, measure, replay: one interaction through real nodes into a bag, maps and a log, and back out of them."""
+from __future__ import annotations
+
+import csv
+import shutil
+import time
+import unittest
+from pathlib import Path
+from xmlrpc.client import ServerProxy
+
+import cv2
+import numpy as np
+import rosgraph
+import rospy
+import rostest
+from geometry_msgs.msg import Point
+
+from vb_core import names
+from vb_core.grid_map import GridMap
+from vb_core.ros import messages
+from vb_evaluation.kit import bags, measure, replay
+from vb_evaluation.kit.ground_truth import picture_of
+from vb_evaluation.kit.recording import Recording
+from vb_msgs.msg import InteractionState, LaserSpot
+from vb_msgs.srv import Command
+
+DEADLINE = 40.0  # [s] for a loaded machine
+SQUARE = np.array([[1.0, 1.0], [2.5, 1.0], [2.5, 2.0], [1.0, 2.0]])
+
+
+def lab() -> GridMap:
+    cells = np.full((80, 100), 100, np.int8)
+    cells[2:-2, 2:-2] = 0
+    return GridMap(cells, 0.05)
+
+
+class RecordingTest(unittest.TestCase):
+    def setUp(self) -> None:
+        rospy.init_node("rostest_recording")
+        self.folder = Path(rospy.get_param("~folder"))
+        self.addCleanup(shutil.rmtree, str(self.folder.parent), ignore_errors=True)
+        self.state = InteractionState()
+        self.subscriber = rospy.Subscriber(names.STATE, InteractionState, lambda message: setattr(self, "state", message))
+        self.map = rospy.Publisher(names.PHYSICAL_MAP, messages.OccupancyGridArray, queue_size=1, latch=True)
+        self.map.publish(messages.message_from_grid(lab(), rospy.Time.now()))
+        self.spots = rospy.Publisher(names.SPOTS, LaserSpot, queue_size=1000)
+        self.command = rospy.ServiceProxy(names.COMMAND, Command)
+
+    def wait(self, condition, what: str):
+        until = time.monotonic() + DEADLINE
+        while time.monotonic() < until:
+            found = condition()
+            if found:
+                return found
+            rospy.rostime.wallsleep(0.05)
+        self.fail(f"{what} did not happen within {DEADLINE:.0f} s")
+
+    def say(self, command: str) -> None:
+        reply = self.command(command=command, source="test")
+        self.assertTrue(reply.success, reply.message)
+
+    def draw(self, points: np.ndarray) -> None:
+        for x, y in points:
+            spot = LaserSpot(camera="green", position=Point(x, y, 0.0), confidence=0.9)
+            spot.header.stamp, spot.header.frame_id = rospy.Time.now(), names.MAP_FRAME
+            self.spots.publish(spot)
+            rospy.rostime.wallsleep(0.002)
+
+    def test_one_interaction(self):
+        rospy.wait_for_service(names.COMMAND, DEADLINE)
+        rospy.wait_for_service(names.ADD_BORDER, DEADLINE)
+        # the point set and the recorder listen
+        self.wait(lambda: self.spots.get_num_connections() >= 2, "the connection of fusion and recorder")
+        self.wait(lambda: Recording(self.folder).maps, "the record of the physical map")
+        corners = np.vstack([SQUARE, SQUARE[:1]])
+        outline = np.vstack([np.linspace(a, b, 60, endpoint=False) for a, b in zip(corners[:-1], corners[1:])] + [corners[:1]])
+        self.say("define_border")
+        self.wait(lambda: self.state.name == "border", "the state Border")
+        self.draw(outline)
+        self.say("define_seed")
+        self.wait(lambda: self.state.name == "seed", "the state Seed")
+        self.draw(np.tile(SQUARE.mean(axis=0), (20, 1)))
+        self.wait(self.saved, "the save")
+        self.wait(lambda: len(Recording(self.folder).maps) >= 2, "the record of the posterior map")
+        # rosbag gives a bag its name when it closes it; roslaunch starts the recorder again, into the next bag
+        uri = rosgraph.Master("/test").lookupNode("/recorder")
+        ServerProxy(uri).shutdown("/test", "the recording is over")
+        self.wait(lambda: (self.folder / "bags" / "01.bag").is_file(), "the closing of the bag")
+
+        recording = Recording(self.folder)
+        (interaction,) = recording.interactions
+        self.assertEqual((interaction.outcome, interaction.method), ("saved", "nrs"))
+        self.assertEqual(recording.session["cameras"], ["green"])
+        (found,) = replay.compare(recording, bags.events(recording), bags.todays_settings(), bags.physical_map(recording))
+        self.assertEqual((found.code, found.interaction), ("ok", interaction.id))
+        self.assertGreater(found.agreement, 0.97)
+        self.assertLess(found.chain_distance_m, 0.05)
+
+        study = self.folder.parent
+        truth = cv2.cvtColor(picture_of(lab()), cv2.COLOR_GRAY2BGR)
+        truth[::-1][20:40, 20:50] = (0, 215, 247)
+        (study / "truth").mkdir()
+        cv2.imwrite(str(study / "truth" / "carpet.png"), truth)
+        (study / "protocol.csv").write_text(f"participant,method,scenario,recording\np1,nrs,carpet,{self.folder.name}\n")
+        self.assertEqual(measure.measure(study / "protocol.csv", study / "truth", study / "out"), [])
+        with open(str(study / "out" / "runs.csv"), newline="") as stream:
+            (row,) = csv.DictReader(stream)
+        self.assertEqual(row["completed"], "1")
+        self.assertGreater(float(row["jaccard"]), 0.93)
+        self.assertGreater(float(row["time_border_s"]), 0.0)
+
+    def saved(self) -> bool:
+        """Spots travel beside the command: the first saves may come before the last spots."""
+        return self.command(command="save", source="test").success
+
+
+if __name__ == "__main__":
+    rostest.rosrun("vb_evaluation", "recording", RecordingTest)
