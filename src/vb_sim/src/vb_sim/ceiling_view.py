@@ -345,6 +345,11 @@ class CeilingView:
                 visible *= 1.0 - float(cell) / 255.0
         return visible
 
+    def spot_share(self, snapshot: Snapshot) -> float:
+        """Share of the laser's light on the floor that reaches the camera; 0 without a spot in the picture."""
+        spot = self.spot(snapshot) if snapshot.laser is not None else None
+        return 0.0 if spot is None else self.spot_visible(spot.center, self._moving(snapshot))
+
     def _add_spot(self, picture: np.ndarray, snapshot: Snapshot, sprites: Sequence[_Sprite]) -> None:
         spot = self.spot(snapshot)
         if spot is None:

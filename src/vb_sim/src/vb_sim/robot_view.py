@@ -263,6 +263,16 @@ class RobotView:
             source = bodies.hand_position(snapshot.person, snapshot.laser, self._hand_height)
         return render_spot(snapshot.laser, snapshot.laser_velocity, source, self.color_model, pose, self._optics)
 
+    def spot_share(self, snapshot: Snapshot) -> float:
+        """Share of the laser's light on the floor that reaches the camera; to be called after `color`."""
+        spot = self.spot(snapshot, self.camera_pose(snapshot)) if snapshot.laser is not None else None
+        if spot is None:
+            return 0.0
+        column, row = int(round(spot.center[0])), int(round(spot.center[1]))
+        if not (0 <= column < self.color_model.width and 0 <= row < self.color_model.height) or self._buffer.ids[row, column]:
+            return 0.0
+        return float((self._buffer.ids[max(0, row - 1) : row + 2, max(0, column - 1) : column + 2] == 0).mean())
+
     def _add_spot(self, image: np.ndarray, snapshot: Snapshot, pose: np.ndarray) -> None:
         spot = self.spot(snapshot, pose)
         if spot is None:
