@@ -9,8 +9,6 @@ from typing import Any, Dict, List, Sequence, Tuple
 import numpy as np
 import rospy
 from std_srvs.srv import Trigger, TriggerResponse
-from vb_msgs.msg import Finding as FindingMessage
-from vb_msgs.msg import VirtualBorder as BorderMessage
 from vb_msgs.msg import VirtualBorderArray
 from vb_msgs.srv import (
     AddBorder,
@@ -31,10 +29,9 @@ from vb_core.parameters import Parameters, param
 from vb_core.ros import messages, node, parameters
 from vb_core.ros.transforms import TransformLookup
 from vb_map_integration.border import VirtualBorder
+from vb_map_integration.border_messages import border_from_message, finding_messages, message_from_border
 from vb_map_integration.findings import ERROR, WARNING, Finding, IntegrationError
 from vb_map_integration.integrator import IntegratorParams, MapIntegrator, Outcome
-
-KINDS = {BorderMessage.DECIDE: None, BorderMessage.POLYGON: True, BorderMessage.SEPARATING_CURVE: False}
 
 _MAP_PATIENCE_S = 5.0  # without a map for so long, a warning
 
@@ -52,57 +49,6 @@ class NodeParams(Parameters):
     map_timeout_s: float = param(60.0, "s", low=0.0)
 
 
-# ----------------------------------------------------------------- messages
-def border_from_message(message: BorderMessage) -> VirtualBorder:
-    """A message to a border; inverse of `message_from_border`.
-
-    Raises:
-        IntegrationError: if it is none.
-    """
-    if message.kind not in KINDS:
-        raise IntegrationError("bad_kind", f"the kind must be one of {sorted(KINDS)}, got {message.kind}")
-    return VirtualBorder(
-        points=messages.array_from_points(message.points),
-        seed=[message.seed.x, message.seed.y],
-        # float32 on the wire: 0.2 comes as 0.20000000298
-        occupancy=round(message.occupancy, 6),
-        closed=KINDS[message.kind],
-        id=message.id,
-        name=message.name,
-        enabled=message.enabled,
-        created=message.created.to_sec(),
-        modified=message.modified.to_sec(),
-        expires=message.expires.to_sec(),
-        robots=tuple(message.robots),
-    )
-
-
-def message_from_border(border: VirtualBorder, area_m2: float = 0.0) -> BorderMessage:
-    """A border to a message; inverse of `border_from_message`."""
-    message = BorderMessage(
-        id=border.id,
-        name=border.name,
-        points=messages.points_from_array(border.points),
-        kind=BorderMessage.POLYGON if border.closed else BorderMessage.SEPARATING_CURVE,
-        occupancy=border.occupancy,
-        enabled=border.enabled,
-        created=rospy.Time.from_sec(border.created),
-        modified=rospy.Time.from_sec(border.modified),
-        expires=rospy.Time.from_sec(border.expires),
-        robots=list(border.robots),
-        area_m2=area_m2,
-    )
-    message.seed.x, message.seed.y = (float(value) for value in border.seed)
-    return message
-
-
-def finding_messages(findings: Sequence[Finding]) -> List[FindingMessage]:
-    """Findings to messages."""
-    severities = {WARNING: FindingMessage.WARNING, ERROR: FindingMessage.ERROR}
-    return [FindingMessage(severities[found.severity], found.code, found.message) for found in findings]
-
-
-# ----------------------------------------------------------------- the node
 class MapIntegratorNode:
     """Integrates virtual borders into the physical map.
 
@@ -146,9 +92,8 @@ class MapIntegratorNode:
             rospy.Service(name, service, handler)
         self._maps: node.Mailbox = node.Mailbox()
         node.Worker(self._maps, self._take_map)
-        rospy.Subscriber(
-            names.PHYSICAL_MAP, messages.OccupancyGridArray, self._maps.put, queue_size=1, buff_size=2**24, tcp_nodelay=True
-        )
+        options = {"queue_size": 1, "buff_size": 2**24, "tcp_nodelay": True}
+        rospy.Subscriber(names.PHYSICAL_MAP, messages.OccupancyGridArray, self._maps.put, **options)
         rospy.Timer(rospy.Duration(params.expiry_period_s), self._expire, reset=True)
         self._closing = threading.Event()
         threading.Thread(target=self._wait_for_map, daemon=True).start()
@@ -173,8 +118,8 @@ class MapIntegratorNode:
     def _take_map(self, message: Any) -> None:
         frame = message.header.frame_id.lstrip("/")
         if frame and frame != self._params.frame_id:
-            raise CodedError("unknown_frame", f"the map on {names.PHYSICAL_MAP} is in the frame '{frame}', "
-                             f"expected '{self._params.frame_id}': it is ignored")
+            text = f"the map on {names.PHYSICAL_MAP} is in the frame '{frame}', expected '{self._params.frame_id}'"
+            raise CodedError("unknown_frame", f"{text}: it is ignored")
         grid = messages.grid_from_message(message)
         with self._lock:
             first = not self._integrator.has_map
@@ -224,7 +169,8 @@ class MapIntegratorNode:
     def _requested(self, request: Any) -> VirtualBorder:
         frame = request.frame_id.lstrip("/")
         if frame and frame != self._params.frame_id:
-            raise IntegrationError("unknown_frame", f"borders must be given in the frame '{self._params.frame_id}', got '{frame}'")
+            text = f"borders must be given in the frame '{self._params.frame_id}', got '{frame}'"
+            raise IntegrationError("unknown_frame", text)
         return border_from_message(request.border)
 
     def _places(self) -> Dict[str, Tuple[float, float]]:
@@ -261,8 +207,8 @@ class MapIntegratorNode:
         rospy.logwarn("%s: refused: %s", rospy.get_name(), error)
         response.success, response.code, response.message = False, error.code, error.message
         if hasattr(response, "findings"):
-            findings = error.findings if isinstance(error, IntegrationError) else (Finding(ERROR, error.code, error.message),)
-            response.findings = finding_messages(findings)
+            plain = (Finding(ERROR, error.code, error.message),)
+            response.findings = finding_messages(error.findings if isinstance(error, IntegrationError) else plain)
         return response
 
     def _done(self, response: Any, outcome: Outcome, extra: Sequence[Finding] = ()) -> Any:

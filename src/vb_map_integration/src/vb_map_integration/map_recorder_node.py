@@ -15,7 +15,7 @@ from vb_core import names
 from vb_core.errors import CodedError
 from vb_core.parameters import Parameters, param
 from vb_core.ros import messages, node, parameters
-from vb_map_integration.map_integrator_node import border_from_message
+from vb_map_integration.border_messages import border_from_message
 from vb_map_integration.recording import Recording
 
 

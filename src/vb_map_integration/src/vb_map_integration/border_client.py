@@ -1,0 +1,101 @@
+"""What every other way in does with a border: preview, then commit, by the map integrator's services."""
+from __future__ import annotations
+
+from typing import Any, NamedTuple, Tuple, Type
+
+from std_srvs.srv import Trigger, TriggerRequest
+from vb_msgs.srv import (
+    AddBorder,
+    AddBorderRequest,
+    PreviewBorderRequest,
+    RemoveBorder,
+    RemoveBorderRequest,
+    UpdateBorder,
+    UpdateBorderRequest,
+)
+
+from vb_core import names
+from vb_core.errors import CodedError
+from vb_core.ros import services
+from vb_core.ros.messages import PreviewBorderArray
+from vb_map_integration.border import VirtualBorder
+from vb_map_integration.border_messages import findings_from_messages, message_from_border
+from vb_map_integration.findings import Finding
+
+# [s] a preview of 16 million cells takes half a second on a busy computer
+_PATIENCE_S = 20.0
+
+
+class Answer(NamedTuple):
+    """What the map integrator answered; a service that is not there is a refusal too.
+
+    Attributes:
+        success, code, message: as in the services.
+        findings: of the check.
+        id: of the border.
+        area_m2: [m^2] that it restricts, where that was asked.
+    """
+
+    success: bool
+    code: str
+    message: str
+    findings: Tuple[Finding, ...] = ()
+    id: str = ""
+    area_m2: float = 0.0
+
+
+class BorderClient:
+    """Calls the map integrator.
+
+    Args:
+        source: who asks, for the records.
+        frame_id: of the borders' points.
+    """
+
+    def __init__(self, source: str, frame_id: str = names.MAP_FRAME) -> None:
+        self._source = source
+        self._frame_id = frame_id
+
+    def preview(self, border: VirtualBorder) -> Answer:
+        """What saving would do; changes nothing."""
+        message = message_from_border(border)
+        return self._call(names.PREVIEW_BORDER, PreviewBorderArray, PreviewBorderRequest(message, self._frame_id, []))
+
+    def save(self, border: VirtualBorder) -> Answer:
+        """Preview, and if that finds no error, adds the border or, if it has an id, replaces the stored one."""
+        checked = self.preview(border)
+        if not checked.success:
+            return checked
+        arguments = (message_from_border(border), self._frame_id, self._source)
+        if border.id:
+            answer = self._call(names.UPDATE_BORDER, UpdateBorder, UpdateBorderRequest(*arguments))
+            return answer._replace(id=border.id, area_m2=checked.area_m2)
+        answer = self._call(names.ADD_BORDER, AddBorder, AddBorderRequest(*arguments))
+        return answer._replace(area_m2=checked.area_m2)
+
+    def update(self, border: VirtualBorder) -> Answer:
+        """Replaces the stored border of the same id."""
+        request = UpdateBorderRequest(message_from_border(border), self._frame_id, self._source)
+        return self._call(names.UPDATE_BORDER, UpdateBorder, request)
+
+    def remove(self, border_id: str) -> Answer:
+        """Removes a border."""
+        return self._call(names.REMOVE_BORDER, RemoveBorder, RemoveBorderRequest(border_id))
+
+    def trigger(self, name: str) -> Answer:
+        """Calls undo, redo or clear."""
+        return self._call(name, Trigger, TriggerRequest())
+
+    def _call(self, name: str, service: Type, request: Any) -> Answer:
+        try:
+            response = services.call(name, service, request, "the map integrator", answer_s=_PATIENCE_S)
+        except CodedError as error:
+            return Answer(False, error.code, error.message)
+        return Answer(
+            response.success,
+            getattr(response, "code", ""),
+            response.message,
+            findings_from_messages(getattr(response, "findings", ())),
+            getattr(response, "id", ""),
+            getattr(response, "area_m2", 0.0),
+        )

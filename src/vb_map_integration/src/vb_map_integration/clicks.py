@@ -1,0 +1,105 @@
+"""Clicks on the map that become a border: the chain's points, its end, the seed."""
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import List, Optional, Sequence
+
+import numpy as np
+
+from vb_core.errors import CodedError
+from vb_core.parameters import Parameters, param
+from vb_map_integration.border import MAX_COORDINATE_M, MAX_POINTS, VirtualBorder
+
+
+@dataclass(frozen=True)
+class ClickParams(Parameters):
+    """What clicks go by."""
+
+    closing_distance_m: float = param(0.15, "m", above=0.0, doc="a click so near to the first or last point ends the chain")
+    occupancy: float = param(1.0, low=0.0, high=1.0, doc="delta of the border")
+
+
+class Clicks:
+    """Collects clicks.
+
+    Each click is the chain's next point. A click on the first point, once there are three, closes a polygon; a click
+    on the last point, once there are two, ends a separating curve. The click after that is the seed.
+
+    Attributes:
+        points: [m] of the chain so far.
+        closed: None while the chain grows; then polygon (True) or separating curve (False).
+    """
+
+    def __init__(self, params: Optional[ClickParams] = None) -> None:
+        self._params = params or ClickParams()
+        self.points: List[np.ndarray] = []
+        self.closed: Optional[bool] = None
+
+    def click(self, point: Sequence[float]) -> Optional[VirtualBorder]:
+        """Takes a click at (x, y) [m]; gives the border if it was the seed, and begins anew.
+
+        Raises:
+            CodedError: "bad_points" for what is no point, "too_many_points", or what `VirtualBorder` raises.
+        """
+        place = np.array(point, dtype=float)
+        if place.shape != (2,) or not np.isfinite(place).all() or np.abs(place).max() > MAX_COORDINATE_M:
+            raise CodedError("bad_points", f"a click has x and y on the floor, got {point}")
+        if self.closed is not None:
+            border = VirtualBorder(np.array(self.points), place, self._params.occupancy, self.closed)
+            self.cancel()
+            return border
+        count = len(self.points)
+        to_first, to_last = (
+            float(np.linalg.norm(place - self.points[index])) if self.points else np.inf for index in (0, -1)
+        )
+        if count >= 3 and to_first <= min(self._params.closing_distance_m, to_last):
+            self.end(closed=True)
+        elif to_last <= self._params.closing_distance_m:
+            if count >= 2:
+                self.end(closed=False)
+        elif count >= MAX_POINTS:
+            raise CodedError("too_many_points", f"a border may have {MAX_POINTS} points: end it")
+        else:
+            self.points.append(place)
+        return None
+
+    def end(self, closed: bool) -> None:
+        """Ends the chain; the next click is the seed.
+
+        Raises:
+            CodedError: "too_few_points".
+        """
+        least, kind = (3, "polygon") if closed else (2, "separating curve")
+        if len(self.points) < least:
+            raise CodedError("too_few_points", f"a {kind} needs {least} points, there are {len(self.points)}")
+        self.closed = closed
+
+    def remove_last(self) -> None:
+        """Takes the chain's end, or else its last point, back.
+
+        Raises:
+            CodedError: "nothing_to_undo".
+        """
+        if self.closed is not None:
+            self.closed = None
+        elif self.points:
+            self.points.pop()
+        else:
+            raise CodedError("nothing_to_undo", "there is no point")
+
+    def cancel(self) -> None:
+        """Forgets everything."""
+        self.points, self.closed = [], None
+
+    def describe(self) -> str:
+        """A sentence that says what the next click does."""
+        if self.closed is not None:
+            return "click a point on the side that is to be restricted"
+        if not self.points:
+            return "click the first point of a border"
+        more = ["click the next point"]
+        if len(self.points) >= 2:
+            more.append("the last one again to end a separating curve")
+        if len(self.points) >= 3:
+            more.append("the first one to close a polygon")
+        return f"{len(self.points)} point(s): " + ", ".join(more)

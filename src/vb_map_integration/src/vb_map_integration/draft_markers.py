@@ -1,0 +1,61 @@
+"""How a border that is being made looks in RViz."""
+from __future__ import annotations
+
+from typing import List, Sequence, Tuple
+
+import numpy as np
+from std_msgs.msg import ColorRGBA
+from visualization_msgs.msg import Marker
+
+from vb_core.ros import messages
+
+DRAFT, STORED, SLEEPING, SEED, REFUSED = (
+    ColorRGBA(1.0, 0.75, 0.0, 1.0),
+    ColorRGBA(0.85, 0.1, 0.1, 1.0),
+    ColorRGBA(0.5, 0.5, 0.5, 1.0),
+    ColorRGBA(0.1, 0.4, 1.0, 1.0),
+    ColorRGBA(1.0, 0.2, 0.2, 1.0),
+)
+LINE_WIDTH_M, VERTEX_M, TEXT_M = 0.03, 0.10, 0.15
+
+
+def _marker(kind: int, colour: ColorRGBA, scale: Tuple[float, float, float]) -> Marker:
+    marker = Marker(type=kind, action=Marker.ADD, color=colour)
+    marker.pose.orientation.w = 1.0
+    marker.scale.x, marker.scale.y, marker.scale.z = scale
+    return marker
+
+
+def chain_marker(points: np.ndarray, closed: bool, colour: ColorRGBA) -> Marker:
+    """A chain (N, 2) [m] as a line."""
+    marker = _marker(Marker.LINE_STRIP, colour, (LINE_WIDTH_M, 0.0, 0.0))
+    line = np.concatenate([points, points[:1]]) if closed else points
+    marker.points = messages.points_from_array(line)
+    return marker
+
+
+def vertices_marker(points: Sequence[Sequence[float]], colour: ColorRGBA) -> Marker:
+    """Points (N, 2) [m] as balls."""
+    marker = _marker(Marker.SPHERE_LIST, colour, (VERTEX_M, VERTEX_M, VERTEX_M))
+    marker.points = messages.points_from_array(np.asarray(points, dtype=float).reshape(-1, 2))
+    return marker
+
+
+def ball_marker(colour: ColorRGBA, size: float = VERTEX_M) -> Marker:
+    """A ball at the origin of whatever it belongs to."""
+    return _marker(Marker.SPHERE, colour, (size, size, size))
+
+
+def text_marker(text: str, point: Sequence[float], colour: ColorRGBA) -> Marker:
+    """A sentence beside a point [m]."""
+    marker = _marker(Marker.TEXT_VIEW_FACING, colour, (0.0, 0.0, TEXT_M))
+    marker.text = text
+    marker.pose.position.x, marker.pose.position.y, marker.pose.position.z = float(point[0]), float(point[1]) + 0.2, 0.1
+    return marker
+
+
+def numbered(markers: Sequence[Marker], frame_id: str, namespace: str) -> List[Marker]:
+    """Markers with frame and ids, to be published as an array."""
+    for index, marker in enumerate(markers):
+        marker.header.frame_id, marker.ns, marker.id = frame_id, namespace, index
+    return list(markers)

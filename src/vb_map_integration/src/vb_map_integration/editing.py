@@ -1,0 +1,60 @@
+"""Changes to a border's vertices, as a person makes them with a mouse. Each gives a new border, checked."""
+from __future__ import annotations
+
+from typing import Sequence
+
+import numpy as np
+import shapely
+
+from vb_core.errors import CodedError
+from vb_map_integration.border import VirtualBorder
+
+
+def move_vertex(border: VirtualBorder, index: int, point: Sequence[float]) -> VirtualBorder:
+    """The border with one vertex at another place (x, y) [m]; raises what `VirtualBorder` raises."""
+    points = np.array(border.points)
+    points[index] = point
+    return border.replace(points=points)
+
+
+def move_seed(border: VirtualBorder, point: Sequence[float]) -> VirtualBorder:
+    """The border with its seed at another place (x, y) [m]; raises what `VirtualBorder` raises."""
+    return border.replace(seed=np.array(point, dtype=float))
+
+
+def insert_vertex(border: VirtualBorder, index: int) -> VirtualBorder:
+    """The border with one more vertex, half way from a vertex to the next; behind a curve's last one, before it."""
+    points = border.points
+    if not border.closed and index == len(points) - 1:
+        index -= 1
+    middle = (points[index] + points[(index + 1) % len(points)]) / 2.0
+    return border.replace(points=np.insert(points, index + 1, middle, axis=0))
+
+
+def remove_vertex(border: VirtualBorder, index: int) -> VirtualBorder:
+    """The border without a vertex.
+
+    Raises:
+        CodedError: "too_few_points" if it would not be a border any more.
+    """
+    least = 3 if border.closed else 2
+    if len(border.points) <= least:
+        raise CodedError("too_few_points", f"it needs {least} vertices: delete the border instead")
+    return border.replace(points=np.delete(border.points, index, axis=0))
+
+
+def simplified(border: VirtualBorder, tolerance: float) -> VirtualBorder:
+    """The border with as few vertices as stay within a distance [m] of what it was (Douglas and Peucker)."""
+    points = border.points
+    chain = np.concatenate([points, points[:1]]) if border.closed else points
+    thinned = shapely.get_coordinates(shapely.linestrings(chain).simplify(tolerance))
+    if border.closed:
+        thinned = thinned[:-1]
+    return border.replace(points=thinned) if len(thinned) >= (3 if border.closed else 2) else border
+
+
+def new_border(centre: Sequence[float], size: float, closed: bool) -> VirtualBorder:
+    """A square of an edge length [m], or a line of that length, to be dragged to where it is wanted."""
+    corners = np.array([(-0.5, -0.5), (0.5, -0.5), (0.5, 0.5), (-0.5, 0.5)]) if closed else np.array([(0.0, -0.5), (0.0, 0.5)])
+    seed = (0.0, 0.0) if closed else (0.5, 0.0)
+    return VirtualBorder(centre + size * corners, np.asarray(centre) + size * np.array(seed), closed=closed)

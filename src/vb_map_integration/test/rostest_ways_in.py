@@ -1,0 +1,251 @@
+#!/usr/bin/env python3
+"""Borders by clicks, by dragged vertices and by files, over a real roscore and a real map_integrator."""
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+import tempfile
+import time
+import unittest
+from pathlib import Path
+
+import numpy as np
+import rospy
+import rostest
+from geometry_msgs.msg import Point, PointStamped, Quaternion, TransformStamped, Vector3
+from std_msgs.msg import String
+from std_srvs.srv import Trigger
+from tf2_ros import StaticTransformBroadcaster
+from visualization_msgs.msg import InteractiveMarkerFeedback, InteractiveMarkerUpdate, MarkerArray
+
+sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
+from ros_helpers import Latest, MapServer, lab, wait_until  # noqa: E402
+from vb_core.ros.messages import OccupancyGridArray  # noqa: E402
+from vb_map_integration import border_editor_node as editor  # noqa: E402
+from vb_msgs.msg import VirtualBorderArray  # noqa: E402
+
+SCRIPTS = Path(__file__).resolve().parent.parent / "scripts"
+
+
+# [s] the interactive marker server takes no feedback for a marker before it is so old
+DEAF_S = 1.0
+
+
+class Handles:
+    """What RViz would show: the interactive markers by name, from the updates."""
+
+    def __init__(self):
+        self.places, self.texts, self.menus, self.since = {}, {}, {}, {"tool": time.monotonic()}
+        topic = editor.SERVER
+        self.subscriber = rospy.Subscriber(topic + "/update", InteractiveMarkerUpdate, self.take, queue_size=1000)
+        self.publisher = rospy.Publisher(topic + "/feedback", InteractiveMarkerFeedback, queue_size=1000)
+
+    def take(self, update):
+        for name in update.erases:
+            for known in (self.places, self.texts, self.menus, self.since):
+                known.pop(name, None)
+        for marker in update.markers:
+            self.since.setdefault(marker.name, time.monotonic())
+            self.places[marker.name] = (marker.pose.position.x, marker.pose.position.y)
+            self.menus[marker.name] = [entry.id for entry in marker.menu_entries]
+            self.texts[marker.name] = " ".join(one.text for control in marker.controls for one in control.markers)
+        for pose in update.poses:
+            self.places[pose.name] = (pose.pose.position.x, pose.pose.position.y)
+
+    def send(self, name, event, place=(0.0, 0.0), entry=0):
+        wait_until(lambda: time.monotonic() > self.since.get(name, np.inf) + 1.2 * DEAF_S, f"the marker {name}")
+        feedback = InteractiveMarkerFeedback(client_id="test", marker_name=name, event_type=event, menu_entry_id=entry)
+        feedback.header.frame_id = "map"
+        feedback.pose.position.x, feedback.pose.position.y = place
+        self.publisher.publish(feedback)
+
+    def drag(self, name, place):
+        self.send(name, InteractiveMarkerFeedback.POSE_UPDATE, place)
+        self.send(name, InteractiveMarkerFeedback.MOUSE_UP, place)
+
+    def menu(self, name, entry):
+        self.send(name, InteractiveMarkerFeedback.MENU_SELECT, entry=entry)
+
+
+class WaysInTest(unittest.TestCase):
+    @classmethod
+    def setUpClass(cls):
+        rospy.init_node("rostest_ways_in")
+        cls.grid = lab()
+        cls.maps = Latest("/virtual_borders/map", OccupancyGridArray)
+        cls.borders = Latest("/virtual_borders/borders", VirtualBorderArray)
+        cls.status = Latest("/clicked_border/status", String)
+        cls.drawn = Latest("/clicked_border/markers", MarkerArray)
+        cls.handles = Handles()
+        cls.clicks = rospy.Publisher("/clicked_point", PointStamped, queue_size=100)
+        cls.server = MapServer(cls.grid)
+        transform = TransformStamped(child_frame_id="shelf")
+        transform.header.frame_id = "map"
+        transform.transform.translation = Vector3(1.0, 0.5, 0.0)
+        transform.transform.rotation = Quaternion(0.0, 0.0, 0.5**0.5, 0.5**0.5)
+        cls.broadcaster = StaticTransformBroadcaster()
+        cls.broadcaster.sendTransform(transform)
+        wait_until(lambda: cls.maps.message is not None and cls.borders.message is not None, "the first map")
+        wait_until(lambda: cls.clicks.get_num_connections() and cls.status.message, "clicked_border")
+        wait_until(lambda: cls.handles.publisher.get_num_connections(), "border_editor")
+
+    def setUp(self):
+        rospy.ServiceProxy("/virtual_borders/clear", Trigger)()
+        rospy.ServiceProxy("/clicked_border/cancel", Trigger)()
+        wait_until(lambda: not self.borders.message.borders, "the empty list of borders")
+
+    def click(self, x, y, frame="map"):
+        message = PointStamped(point=Point(x, y, 0.0))
+        message.header.frame_id = frame
+        self.clicks.publish(message)
+
+    def said(self, *words):
+        wait_until(lambda: all(word in self.status.message.data for word in words), f"the status with {words}")
+
+    def stored(self, count):
+        wait_until(lambda: len(self.borders.message.borders) == count, f"{count} border(s)")
+        return self.borders.message.borders
+
+    def drawn_border(self):
+        """The id of a separating curve from (0, 0) to (0, 1) whose right side is restricted."""
+        for x, y in ((0.0, 0.0), (0.0, 1.0), (0.0, 1.0), (2.0, 0.0)):
+            self.click(x, y)
+        return self.stored(1)[0].id
+
+    def restricted(self):
+        cells = np.asarray(self.maps.message.data).reshape(self.grid.shape)
+        return int((cells != self.grid.data).sum())
+
+    # ------------------------------------------------------------- clicks
+    def test_clicks_make_a_polygon(self):
+        for x, y in ((0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0), (0.05, 0.05), (0.5, 0.5)):
+            self.click(x, y)
+        border = self.stored(1)[0]
+        self.assertEqual((border.kind, len(border.points)), (border.POLYGON, 4))
+        wait_until(lambda: self.restricted() == 400, "1 m2 in the map")
+        self.said("added", "first point")
+        self.assertEqual([marker.action for marker in self.drawn.message.markers], [3])
+
+    def test_clicks_make_a_separating_curve(self):
+        for x, y in ((0.0, 0.0), (0.0, 1.0), (0.05, 1.0), (2.0, 0.0)):
+            self.click(x, y)
+        border = self.stored(1)[0]
+        self.assertEqual((border.kind, len(border.points)), (border.SEPARATING_CURVE, 2))
+        wait_until(lambda: self.restricted() == 98 * 79, "half of the room in the map")
+
+    def test_services_end_a_chain_and_take_clicks_back(self):
+        refused = rospy.ServiceProxy("/clicked_border/close", Trigger)()
+        self.assertFalse(refused.success)
+        self.assertIn("too_few_points", refused.message)
+        for x, y in ((0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (3.0, 3.0)):
+            self.click(x, y)
+        self.said("4 point(s)")
+        self.assertTrue(rospy.ServiceProxy("/clicked_border/remove_last", Trigger)().success)
+        self.said("3 point(s)")
+        self.assertTrue(rospy.ServiceProxy("/clicked_border/close", Trigger)().success)
+        self.click(0.9, 0.5)
+        self.assertEqual(len(self.stored(1)[0].points), 3)
+
+    def test_a_click_in_another_frame_is_transformed(self):
+        for x, y in ((0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 0.0), (0.7, 0.3)):
+            self.click(x, y, "shelf")
+        points = [(round(point.x, 6), round(point.y, 6)) for point in self.stored(1)[0].points]
+        self.assertEqual(points, [(1.0, 0.5), (1.0, 1.5), (0.0, 1.5)])
+
+    def test_refused_clicks_change_nothing(self):
+        count = self.maps.count
+        self.click(float("nan"), 0.0)
+        self.said("x and y")
+        self.click(0.0, 0.0, "nowhere")
+        self.said("no transform")
+        for x, y in ((0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 0.0), (50.0, 50.0)):
+            self.click(x, y)
+        self.said("refused [seed_outside_map]")
+        self.assertEqual((self.maps.count, self.borders.message.borders), (count, []))
+
+    # ------------------------------------------------------------- dragged vertices
+    def test_a_new_polygon_is_dragged_and_saved(self):
+        self.handles.drag("tool", (-2.0, 0.0))
+        self.handles.menu("tool", editor.NEW_POLYGON)
+        wait_until(lambda: "new/3" in self.handles.places, "the handles of a square")
+        self.handles.drag("new/2", (-1.0, 1.0))
+        wait_until(lambda: self.handles.places.get("new/2") == (-1.0, 1.0), "the vertex where it was dragged to")
+        wait_until(lambda: "would restrict" in self.handles.texts.get("new/line", ""), "the preview's answer")
+        self.handles.menu("new/0", editor.SAVE)
+        border = self.stored(1)[0]
+        self.assertEqual([(p.x, p.y) for p in border.points], [(-2.5, -0.5), (-1.5, -0.5), (-1.0, 1.0), (-2.5, 0.5)])
+        wait_until(lambda: border.id in self.handles.places and "new/0" not in self.handles.places, "one handle again")
+
+    def test_a_stored_border_is_edited(self):
+        key = self.drawn_border()
+        self.handles.menu(key, editor.EDIT)
+        wait_until(lambda: f"{key}/1" in self.handles.places, "handles of its vertices")
+        self.handles.menu(f"{key}/0", editor.INSERT)
+        wait_until(lambda: self.handles.places.get(f"{key}/1") == (0.0, 0.5), "a vertex between")
+        self.handles.drag(f"{key}/1", (0.3, 0.5))
+        # a seed off the map is refused by the preview, and by saving; the draft stays
+        self.handles.drag(f"{key}/seed", (80.0, 0.0))
+        wait_until(lambda: "outside the map" in self.handles.texts.get(f"{key}/line", ""), "the preview's refusal")
+        self.handles.menu(f"{key}/0", editor.SAVE)
+        self.handles.drag(f"{key}/seed", (-2.0, 0.0))
+        wait_until(lambda: "would restrict" in self.handles.texts.get(f"{key}/line", ""), "the preview's consent")
+        self.handles.menu(f"{key}/0", editor.REMOVE_VERTEX)
+        wait_until(lambda: f"{key}/2" not in self.handles.places, "one vertex less")
+        self.assertEqual(self.borders.message.borders[0].seed.x, 2.0)
+        self.handles.menu(f"{key}/0", editor.SAVE)
+        wait_until(lambda: self.borders.message.borders[0].seed.x == -2.0, "the new seed")
+        self.assertEqual([(p.x, p.y) for p in self.borders.message.borders[0].points], [(0.3, 0.5), (0.0, 1.0)])
+
+    def test_menus_of_a_stored_border_and_of_the_tool(self):
+        key = self.drawn_border()
+        self.handles.menu(key, editor.TOGGLE)
+        wait_until(lambda: not self.borders.message.borders[0].enabled, "a border that sleeps")
+        self.handles.menu(key, editor.EDIT)
+        wait_until(lambda: f"{key}/0" in self.handles.places, "handles")
+        self.handles.menu(f"{key}/0", editor.CANCEL)
+        wait_until(lambda: f"{key}/0" not in self.handles.places and key in self.handles.places, "no handles")
+        self.handles.menu(key, editor.DELETE)
+        self.stored(0)
+        self.handles.menu("tool", editor.UNDO)
+        self.stored(1)
+
+    # ------------------------------------------------------------- files
+    def run_command(self, name, *arguments):
+        done = subprocess.run(
+            [sys.executable, str(SCRIPTS / name), *map(str, arguments)], stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
+            stdin=subprocess.DEVNULL, universal_newlines=True, timeout=60,
+        )
+        return done.returncode, done.stdout
+
+    def test_files_go_in_and_out(self):
+        with tempfile.TemporaryDirectory() as folder:
+            source, copy = Path(folder) / "in.geojson", Path(folder) / "out.yaml"
+            square = [[0, 0], [1, 0], [1, 1], [0, 1], [0, 0]]
+            features = [
+                {"type": "Feature", "geometry": {"type": "Polygon", "coordinates": [square]},
+                 "properties": {"name": "rug"}},
+                {"type": "Feature", "geometry": {"type": "LineString", "coordinates": [[60, 0], [60, 1]]},
+                 "properties": {"name": "far", "seed": [0, 0]}},
+            ]
+            source.write_text(json.dumps({"type": "FeatureCollection", "features": features}))
+            status, output = self.run_command("import_borders", "--dry-run", source)
+            self.assertEqual((status, self.borders.message.borders), (1, []), output)
+            status, output = self.run_command("import_borders", source)
+            self.assertEqual(status, 1, output)
+            for words in ("rug: added", "far: refused [outside_map]", "1 of 2 added"):
+                self.assertIn(words, output)
+            self.assertEqual(self.stored(1)[0].name, "rug")
+            self.assertEqual(self.run_command("export_borders", copy)[0], 0)
+            self.assertEqual(self.run_command("import_borders", copy)[0], 0)
+            self.assertEqual([border.name for border in self.stored(2)], ["rug", "rug"])
+            copy.write_text("borders: 3")
+            status, output = self.run_command("import_borders", copy)
+            self.assertEqual(status, 2)
+            self.assertIn("bad_border_file", output)
+            self.assertNotIn("Traceback", output)
+
+
+if __name__ == "__main__":
+    rostest.rosrun("vb_map_integration", "ways_in", WaysInTest)
