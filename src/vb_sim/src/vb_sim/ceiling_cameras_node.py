@@ -25,6 +25,7 @@ from vb_sim.lab_history import History
 from vb_sim.lab_messages import array_image, camera_diagnostics, models_file, snapshot_from_message
 from vb_sim.mesh import world_mesh
 from vb_sim.models_cameras import CameraModels, calibrated_pose, load_camera_models
+from vb_sim.projector_input import ProjectorInput
 from vb_sim.world import CeilingCamera, World, load_world
 
 
@@ -33,6 +34,7 @@ class CeilingCamerasNode:
 
     Subscribes:
         /sim/lab_state (vb_msgs/LabState): what moves. While nobody publishes it the lab is empty.
+        /virtual_borders/projector (sensor_msgs/Image): what the world's projector shows on the floor, if it has one.
     Publishes, for each camera, at its own rate, the cameras' frames spread evenly:
         /<camera>/image_raw (sensor_msgs/Image), /<camera>/camera_info (sensor_msgs/CameraInfo): stamp
             is the middle of the exposure; delivered `optics/latency_ms` later.
@@ -60,6 +62,7 @@ class CeilingCamerasNode:
         self._render_s = [0.0] * len(cameras)
         floor, mesh = render_floor(world, seed), world_mesh(world)
         self._views = [CeilingView(camera, world.robot_radii(), floor, mesh, models, seed) for camera in cameras]
+        self._projector = ProjectorInput(world, optics, self._views)
         self._frames = [f"{camera.name}_optical_frame" for camera in cameras]
         self._images = [rospy.Publisher(f"/{camera.name}/image_raw", Image, queue_size=2) for camera in cameras]
         self._infos = [rospy.Publisher(f"/{camera.name}/camera_info", CameraInfo, queue_size=2) for camera in cameras]
@@ -99,6 +102,7 @@ class CeilingCamerasNode:
             return
         started = time.perf_counter()
         view = self._views[index]
+        self._projector.update(index)
         picture = view.frame(self._history.at(stamp_s))
         self._render_s[index] += time.perf_counter() - started
         self._images[index].publish(array_image(picture, view.encoding, stamp, self._frames[index]))

@@ -7,6 +7,7 @@ it, and the floor behind them no shadow; the light's own photon noise is left ou
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Tuple
 
 import cv2
 import numpy as np
@@ -35,25 +36,31 @@ class FloorLight:
     matrix: np.ndarray
     strength: float
 
-    def on_floor(self, columns: np.ndarray, rows: np.ndarray) -> np.ndarray:
-        """The light where a camera's pixels meet the floor.
+    def pixel_maps(self, x: np.ndarray, y: np.ndarray) -> Tuple[np.ndarray, np.ndarray]:
+        """Where floor coordinates x and y (H, W) [m] lie in the picture, for all pictures of this size and projector.
 
-        Args:
-            columns, rows: maps as cv2.remap takes them, see `pixel_maps`.
+        Returns:
+            (H, W, 2) float32 (column, row) [px], and (H, W) bool: which of them lie in the picture.
         """
-        return cv2.remap(self.linear, columns, rows, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT)
-
-    def pixel_maps(self, x: np.ndarray, y: np.ndarray):
-        """Floor coordinates (H, W) [m] to maps for `on_floor`; they hold for all pictures of this size and projector."""
         m = self.matrix
         depth = m[2, 0] * x + m[2, 1] * y + m[2, 2]
-        # behind the projector there is no light
-        depth = np.where(depth > 1e-9, depth, np.nan)
-        columns, rows = ((m[axis, 0] * x + m[axis, 1] * y + m[axis, 2]) / depth for axis in (0, 1))
-        limit = 16000.0
-        outside = ~((np.abs(columns) < limit) & (np.abs(rows) < limit))
-        columns[outside] = rows[outside] = -limit
-        return cv2.convertMaps(columns.astype(np.float32), rows.astype(np.float32), cv2.CV_16SC2)
+        ahead = depth > 1e-9  # behind the projector there is no light
+        at = np.stack([m[axis, 0] * x + m[axis, 1] * y + m[axis, 2] for axis in (0, 1)], axis=-1)
+        at /= np.where(ahead, depth, 1.0)[..., None]
+        at[~ahead] = -2.0
+        height, width = self.linear.shape[:2]
+        inside = ahead & (at > -1.0).all(axis=-1) & (at[..., 0] < width) & (at[..., 1] < height)
+        return at.astype(np.float32), inside
+
+    @staticmethod
+    def remap_maps(at: np.ndarray) -> Tuple[np.ndarray, np.ndarray]:
+        """(H, W, 2) [px] as `on_floor` takes them, in fixed point: half the time of floats."""
+        columns, rows = (np.clip(at[..., axis], -2.0, 16000.0) for axis in (0, 1))
+        return cv2.convertMaps(columns, rows, cv2.CV_16SC2)
+
+    def on_floor(self, columns_rows: np.ndarray, fractions: np.ndarray) -> np.ndarray:
+        """(H, W, 3) uint8, the light at the places that `remap_maps` gave."""
+        return cv2.remap(self.linear, columns_rows, fractions, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT)
 
 
 def floor_light(picture: np.ndarray, projector: Projector, optics: Optics) -> FloorLight:

@@ -23,6 +23,7 @@ from vb_sim.lab_history import History
 from vb_sim.lab_messages import array_image, camera_diagnostics, models_file, snapshot_from_message
 from vb_sim.mesh import world_mesh
 from vb_sim.models_cameras import CameraModels, load_camera_models
+from vb_sim.projector_input import ProjectorInput
 from vb_sim.robot_view import RobotView
 from vb_sim.world import Robot, World, load_world
 
@@ -33,6 +34,7 @@ class RobotCameraNode:
     Subscribes:
         /sim/lab_state (vb_msgs/LabState): what moves, this robot included. While nobody publishes it the
             robot stays where it was and the lab is empty.
+        /virtual_borders/projector (sensor_msgs/Image): what the world's projector shows on the floor, if it has one.
     Publishes (relative names: a namespace works):
         camera/rgb/image_raw (sensor_msgs/Image, 640 x 480 rgb8), camera/rgb/camera_info
         camera/depth_registered/image_raw (sensor_msgs/Image, 160 x 120 16UC1 [mm], 0 = none),
@@ -61,6 +63,7 @@ class RobotCameraNode:
         self._render_s = 0.0
         # the same seed as the ceiling cameras': all of them look at the same floor
         self._view = RobotView(robot, world.robot_radii(), render_floor(world, seed), world_mesh(world), models, seed)
+        self._projector = ProjectorInput(world, models.optics, [self._view])
         frame = f"{tf_prefix}camera_optical_frame"
         self._frame = frame
         self._color = rospy.Publisher("camera/rgb/image_raw", Image, queue_size=2)
@@ -106,6 +109,7 @@ class RobotCameraNode:
             self._depth.publish(array_image(self._view.depth(snapshot), "16UC1", stamp, self._frame))
             self._counts["published_depth"] += 1
         if self._color.get_num_connections() > 0:
+            self._projector.update(0)
             self._color.publish(array_image(self._view.color(snapshot), "rgb8", stamp, self._frame))
             self._counts["published"] += 1
             self._render_s += time.perf_counter() - started

@@ -1,0 +1,176 @@
+"""The node that draws on the floor with a projector."""
+from __future__ import annotations
+
+import threading
+import time
+from dataclasses import dataclass, replace
+from typing import Any, Optional, Tuple
+
+import numpy as np
+import rospy
+from sensor_msgs.msg import Image
+from vb_core import names
+from vb_core.errors import CodedError, ParameterError
+from vb_core.grid_map import GridMap
+from vb_core.parameters import Parameters, param
+from vb_core.ros import node, parameters
+from vb_core.ros.messages import BorderPreviewArray, grid_from_message, image_message
+from vb_msgs.msg import BorderPreview, BorderProgress, InteractionState, LaserSpot, VirtualBorderArray
+
+from vb_feedback import projector_calibration
+from vb_feedback.display_messages import border_from_message, drawing_from_progress
+from vb_feedback.floor_picture import FloorContent, FloorPicture
+from vb_feedback.projector_window import ProjectorWindow
+from vb_feedback.scene import Border, Drawing
+
+FRAME = "projector"
+# [s] a spot that nobody has seen for so long is gone
+_SPOT_S = 0.5
+# [m] the spot must have gone so far for the picture to be drawn anew; less than what is left dark about it
+_SPOT_STEP = 0.1
+
+
+@dataclass(frozen=True)
+class ProjectorParams(Parameters):
+    """Parameters of floor_projector; config/floor_projector.yaml says why."""
+
+    calibration: str = param("")
+    brightness: float = param(1.0, "", low=0.05, high=1.0)
+    max_rate: float = param(5.0, "1/s", above=0.0, high=30.0)
+    window: bool = param(False)
+    window_x: int = param(0, "px", low=-32768, high=32767)
+    window_y: int = param(0, "px", low=-32768, high=32767)
+
+
+class FloorProjector:
+    """Shows borders, the drawing, what save would restrict, and the state, where one looks: on the floor.
+
+    Subscribes to:
+        /virtual_borders/state (vb_msgs/InteractionState), /virtual_borders/progress (vb_msgs/BorderProgress),
+        /virtual_borders/preview (vb_msgs/BorderPreview), /virtual_borders/borders (vb_msgs/VirtualBorderArray),
+        /virtual_borders/spots (vb_msgs/LaserSpot)
+
+    Publishes:
+        /virtual_borders/projector (sensor_msgs/Image, rgb8, latched): the projector's picture, only when it changes,
+            at most ~max_rate times a second.
+
+    Args:
+        params: see config/floor_projector.yaml.
+        picture: renders.
+        window: shows; None: only the topic.
+    """
+
+    def __init__(self, params: ProjectorParams, picture: FloorPicture, window: Optional[ProjectorWindow] = None) -> None:
+        self._picture = picture
+        self._window = window
+        self._period = 1.0 / params.max_rate
+        self._lock = threading.Lock()
+        self._wake = threading.Event()
+        self._running = True
+        self._state: Optional[InteractionState] = None
+        self._progress: Optional[BorderProgress] = None
+        self._preview: Optional[BorderPreview] = None
+        self._borders: Tuple[Border, ...] = ()
+        self._spot: Optional[Tuple[float, float, float]] = None
+        self._spot_shown: Optional[Tuple[float, float]] = None
+        self._shown: Optional[Tuple[FloorContent, Optional[BorderPreview]]] = None
+        self._publisher = rospy.Publisher(names.PROJECTOR, Image, queue_size=1, latch=True)
+        self._thread = threading.Thread(target=self._work, daemon=True)
+        self._thread.start()
+        self._wake.set()
+        rospy.Subscriber(names.STATE, InteractionState, self._store, "_state", queue_size=1)
+        rospy.Subscriber(names.PROGRESS, BorderProgress, self._store, "_progress", queue_size=1)
+        rospy.Subscriber(names.PREVIEW, BorderPreviewArray, self._store, "_preview", queue_size=1)
+        rospy.Subscriber(names.BORDERS, VirtualBorderArray, self._on_borders, queue_size=1)
+        rospy.Subscriber(names.SPOTS, LaserSpot, self._on_spot, queue_size=10)
+
+    def close(self) -> None:
+        """Takes the window away."""
+        self._running = False
+        self._wake.set()
+        if self._window is not None:
+            self._window.close()
+
+    def _store(self, message: Any, where: str) -> None:
+        with self._lock:
+            setattr(self, where, message)
+        self._wake.set()
+
+    def _on_borders(self, message: VirtualBorderArray) -> None:
+        self._store(tuple(border_from_message(border) for border in message.borders), "_borders")
+
+    def _on_spot(self, message: LaserSpot) -> None:
+        if np.isfinite(message.position.x) and np.isfinite(message.position.y):
+            self._store((message.position.x, message.position.y, message.header.stamp.to_sec()), "_spot")
+
+    def _work(self) -> None:
+        while self._running and not rospy.is_shutdown():
+            # the spot's end is no message: look now and then while something is under way
+            self._wake.wait(1.0)
+            self._wake.clear()
+            started = time.monotonic()
+            try:
+                self._show(*self._content(rospy.get_time()))
+            except rospy.ROSException:
+                if rospy.is_shutdown():
+                    return
+                raise
+            rospy.rostime.wallsleep(max(0.0, self._period - (time.monotonic() - started)))
+
+    def _content(self, now: float) -> Tuple[FloorContent, Optional[BorderPreview]]:
+        """What is to be shown at a time [s], and the preview that its region is from."""
+        with self._lock:
+            state, progress, preview = self._state, self._progress, self._preview
+            borders, spot = self._borders, self._spot
+        interaction = state.interaction_id if state is not None else ""
+        if not interaction or state is None:
+            return FloorContent(borders=borders), None
+        drawing = Drawing()
+        if progress is not None and progress.interaction_id == interaction:
+            # the points come with every message anew, and only the chain is shown
+            drawing = replace(drawing_from_progress(progress), points=(), point_cameras=())
+        if preview is None or preview.interaction_id != interaction or not preview.available or not preview.success:
+            preview = None
+        return FloorContent(state.name, borders, drawing, self._steady_spot(spot, now)), preview
+
+    def _steady_spot(self, spot: Optional[Tuple[float, float, float]], now: float) -> Optional[Tuple[float, float]]:
+        """Where the spot is, in steps: a picture for each of its moves would never stand still."""
+        if spot is None or not abs(now - spot[2]) <= _SPOT_S:
+            self._spot_shown = None
+        elif self._spot_shown is None or np.hypot(spot[0] - self._spot_shown[0], spot[1] - self._spot_shown[1]) > _SPOT_STEP:
+            self._spot_shown = spot[:2]
+        return self._spot_shown
+
+    @staticmethod
+    def _region(preview: BorderPreview) -> Optional[GridMap]:
+        try:
+            return grid_from_message(preview.region)
+        except CodedError as error:
+            rospy.logwarn_throttle(5.0, f"floor_projector: the preview: {error}")
+            return None
+
+    def _show(self, content: FloorContent, preview: Optional[BorderPreview]) -> None:
+        if self._shown is not None and self._shown[0] == content and self._shown[1] is preview:
+            return
+        self._shown = (content, preview)
+        if preview is not None:
+            content = replace(content, region=self._region(preview))
+        picture = self._picture.render(content)
+        self._publisher.publish(image_message(picture, "rgb8", rospy.Time.now(), FRAME))
+        if self._window is not None:
+            self._window.show(picture)
+
+
+def _build() -> FloorProjector:
+    params = parameters.read(ProjectorParams)
+    if not params.calibration:
+        raise ParameterError("~calibration", "must name a file that calibrate_projector wrote")
+    calibration = projector_calibration.load(params.calibration)
+    size = (calibration.width, calibration.height)
+    window = ProjectorWindow(params.window_x, params.window_y, *size) if params.window else None
+    return FloorProjector(params, FloorPicture(calibration, params.brightness), window)
+
+
+def main() -> None:
+    """Runs the node."""
+    node.run("floor_projector", _build)

@@ -1,0 +1,144 @@
+"""Where on the floor each pixel of a projector's picture falls: a homography, from points that somebody clicked."""
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import combinations
+from typing import Any, Dict, Mapping, Sequence, Tuple
+
+import cv2
+import numpy as np
+import yaml
+
+from vb_core.errors import CodedError
+
+# markers lie so far from the picture's edges, as a share of its sides: near the corners, where they weigh most
+_INSET = 0.12
+# [m] clicks nearer to each other, or three nearer to one line, are mistakes: the markers are decimetres apart
+_LEAST_M = 0.10
+
+
+@dataclass(frozen=True)
+class ProjectorCalibration:
+    """A projector over the floor.
+
+    Attributes:
+        width, height: [px] of its picture.
+        matrix: (3, 3) homogeneous map coordinates [m] to (column, row) [px] of its picture.
+
+    Raises:
+        CodedError: "bad_calibration" if size or matrix cannot be a projector's.
+    """
+
+    width: int
+    height: int
+    matrix: np.ndarray
+
+    def __post_init__(self) -> None:
+        matrix = np.asarray(self.matrix, dtype=float)
+        if not (16 <= self.width <= 16384 and 16 <= self.height <= 16384):
+            raise CodedError("bad_calibration", f"the picture's size must be 16 to 16384 px, got {self.width} x {self.height}")
+        if matrix.shape != (3, 3) or not np.isfinite(matrix).all() or abs(np.linalg.det(matrix)) < 1e-12:
+            raise CodedError("bad_calibration", "the homography must be an invertible matrix of 3 x 3 numbers")
+        inverse = np.linalg.inv(matrix)
+        scales = _corners(self.width, self.height) @ inverse[2, :2] + inverse[2, 2]
+        if scales.min() * scales.max() <= 0:
+            raise CodedError("bad_calibration", "a part of the picture would lie beyond the horizon: was a point mistaken?")
+        object.__setattr__(self, "matrix", matrix)
+
+    def to_pixels(self, points: np.ndarray) -> np.ndarray:
+        """Map coordinates (N, 2) [m] to (column, row) (N, 2) [px]; inverse of `to_floor`."""
+        return _transformed(self.matrix, points)
+
+    def to_floor(self, pixels: np.ndarray) -> np.ndarray:
+        """(column, row) (N, 2) [px] to map coordinates (N, 2) [m]; inverse of `to_pixels`."""
+        return _transformed(np.linalg.inv(self.matrix), pixels)
+
+    def footprint(self) -> np.ndarray:
+        """(4, 2) [m] where the picture's corners fall: upper left, upper right, lower right, lower left."""
+        return self.to_floor(_corners(self.width, self.height))
+
+    def to_mapping(self) -> Dict[str, Any]:
+        """Plain values for a YAML file; inverse of `from_mapping`."""
+        return {"width": int(self.width), "height": int(self.height), "map_to_pixels": self.matrix.tolist()}
+
+    @classmethod
+    def from_mapping(cls, mapping: Any) -> "ProjectorCalibration":
+        """What `to_mapping` gave.
+
+        Raises:
+            CodedError: "bad_calibration".
+        """
+        known = {"width", "height", "map_to_pixels"}
+        if not isinstance(mapping, Mapping) or set(mapping) != known:
+            raise CodedError("bad_calibration", f"a projector's calibration has the keys {', '.join(sorted(known))}")
+        try:
+            matrix = np.array(mapping["map_to_pixels"], dtype=float)
+            return cls(int(mapping["width"]), int(mapping["height"]), matrix)
+        except (TypeError, ValueError) as error:
+            raise CodedError("bad_calibration", f"the projector's calibration has a wrong value: {error}") from None
+
+
+def markers(width: int, height: int) -> np.ndarray:
+    """(4, 2) [px] where a calibration shows its markers: upper left, upper right, lower right, lower left."""
+    x, y = _INSET * (width - 1), _INSET * (height - 1)
+    return np.array([[x, y], [width - 1 - x, y], [width - 1 - x, height - 1 - y], [x, height - 1 - y]])
+
+
+def calibrate(width: int, height: int, floor: Sequence[Tuple[float, float]]) -> ProjectorCalibration:
+    """The calibration of a projector whose four `markers` were clicked on the floor.
+
+    Args:
+        floor: (4, 2) [m] where each marker was seen, in the markers' order.
+
+    Raises:
+        CodedError: "bad_points" if they cannot be the markers' places.
+    """
+    points = np.asarray(floor, dtype=float).reshape(-1, 2)
+    if len(points) != 4 or not np.isfinite(points).all():
+        raise CodedError("bad_points", f"four points with finite coordinates are needed, got {len(points)}")
+    for one, other in combinations(range(4), 2):
+        if np.linalg.norm(points[one] - points[other]) < _LEAST_M:
+            raise CodedError("bad_points", f"points {one + 1} and {other + 1} are the same place: click each marker once")
+    for triple in combinations(range(4), 3):
+        a, b, c = points[list(triple)]
+        longest = max(np.linalg.norm(a - b), np.linalg.norm(b - c), np.linalg.norm(c - a))
+        if abs(_turn(a, b, c)) / longest < _LEAST_M:
+            raise CodedError("bad_points", f"points {', '.join(str(n + 1) for n in triple)} lie on one line")
+    turns = [_turn(*points[[number, (number + 1) % 4, (number + 2) % 4]]) for number in range(4)]
+    if min(turns) < 0 < max(turns):
+        raise CodedError("bad_points", "the points do not go round as the markers do: click them in the order they light up")
+    # large coordinates would cost digits: the homography is found about the points' middle
+    middle = points.mean(axis=0)
+    matrix = cv2.getPerspectiveTransform((points - middle).astype(np.float32), markers(width, height).astype(np.float32))
+    matrix = matrix @ np.array([[1, 0, -middle[0]], [0, 1, -middle[1]], [0, 0, 1.0]])
+    return ProjectorCalibration(width, height, matrix / np.abs(matrix).max())
+
+
+def load(path: str) -> ProjectorCalibration:
+    """Reads a calibration's YAML file.
+
+    Raises:
+        CodedError: "no_calibration" if it cannot be read, "bad_calibration" if it is none.
+    """
+    try:
+        with open(path, encoding="utf-8") as file:
+            return ProjectorCalibration.from_mapping(yaml.safe_load(file))
+    except OSError as error:
+        raise CodedError("no_calibration", f"cannot read '{path}': {error.strerror}; calibrate_projector writes it") from None
+    except yaml.YAMLError:
+        raise CodedError("bad_calibration", f"'{path}' is not valid YAML") from None
+
+
+def _corners(width: int, height: int) -> np.ndarray:
+    return np.array([[0, 0], [width - 1, 0], [width - 1, height - 1], [0, height - 1]], dtype=float)
+
+
+def _transformed(matrix: np.ndarray, points: np.ndarray) -> np.ndarray:
+    points = np.asarray(points, dtype=float).reshape(-1, 2)
+    lifted = points @ matrix[:, :2].T + matrix[:, 2]
+    return lifted[:, :2] / lifted[:, 2:]
+
+
+def _turn(a: np.ndarray, b: np.ndarray, c: np.ndarray) -> float:
+    """[m^2] twice the area of a triangle, above 0 if it goes round counter-clockwise."""
+    return float((b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]))
