@@ -89,7 +89,7 @@ class DetectorParams(Parameters):
     def __post_init__(self) -> None:
         super().__post_init__()
         for low, high in (("min_diameter_mm", "max_diameter_mm"), ("min_diameter_px", "max_diameter_px"),
-                          ("min_edge", "min_edge_large"), ("min_contrast", "max_contrast"), ("absorb_s", "hold_s")):
+                          ("min_contrast", "max_contrast"), ("absorb_s", "hold_s")):
             self.require_order(low, high)
 
     @classmethod

@@ -1,0 +1,1 @@
+"""The parts of this package's nodes that need ROS."""

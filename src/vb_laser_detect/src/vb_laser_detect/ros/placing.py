@@ -1,0 +1,176 @@
+"""Where a camera was when it took an image, what its lens does, and what depth it saw."""
+from __future__ import annotations
+
+import threading
+from collections import deque
+from functools import partial
+from typing import Any, Deque, Optional, Tuple
+
+import numpy as np
+import rospy
+from sensor_msgs.msg import CameraInfo, Image
+
+from vb_core import names
+from vb_core.camera_model import CameraModel
+from vb_core.errors import CodedError
+from vb_core.ros import messages
+from vb_core.ros.transforms import TransformLookup
+from vb_laser_detect.frame import Frame
+from vb_laser_detect.projection import FloorProjector
+from vb_laser_detect.ros.report import Report
+
+
+class InfoTopic:
+    """The newest camera_info; it may come late, and change.
+
+    Subscribes:
+        <topic> (sensor_msgs/CameraInfo)
+
+    Args:
+        topic: its name.
+        report: is told of one that describes no camera.
+    """
+
+    def __init__(self, topic: str, report: Report) -> None:
+        self._report = report
+        self._lock = threading.Lock()
+        self._key: Any = None
+        self._camera: Optional[CameraModel] = None
+        self._reason = f"no camera_info on {topic}"
+        rospy.Subscriber(topic, CameraInfo, self._on_info, queue_size=1)
+
+    def fitting(self, shape: Tuple[int, ...]) -> CameraModel:
+        """The model for images of this shape.
+
+        Raises:
+            CodedError: "no_camera_info" if none came yet, if it describes no camera, or one with images of another size.
+        """
+        with self._lock:
+            camera, reason = self._camera, self._reason
+        if camera is None:
+            raise CodedError("no_camera_info", reason)
+        if (camera.height, camera.width) != tuple(shape[:2]):
+            size = f"{camera.width} x {camera.height}"
+            raise CodedError("no_camera_info", f"camera_info is for images of {size}, not of {shape[1]} x {shape[0]}")
+        return camera
+
+    def _on_info(self, message: CameraInfo) -> None:
+        roi = message.roi
+        key = (message.width, message.height, message.distortion_model, tuple(message.K), tuple(message.D),
+               message.binning_x, message.binning_y, roi.width, roi.height)
+        if key == self._key:
+            return
+        self._key = key
+        camera, reason = None, ""
+        try:
+            camera = messages.camera_from_info(message)
+        except CodedError as error:
+            self._report.fault(error)
+            reason = error.message
+        with self._lock:
+            self._camera, self._reason = camera, reason
+
+
+class DepthTopic:
+    """The last depth images, registered to the colour image.
+
+    Subscribes:
+        <topic> (sensor_msgs/Image, 16UC1 [mm] or 32FC1 [m]), <info_topic> (sensor_msgs/CameraInfo)
+    """
+
+    def __init__(self, topic: str, info_topic: str, report: Report) -> None:
+        self._report = report
+        self._lock = threading.Lock()
+        self._images: Deque[Image] = deque(maxlen=4)
+        self._info = InfoTopic(info_topic, report)
+        rospy.Subscriber(topic, Image, self._on_image, queue_size=1, buff_size=2**22)
+
+    def _on_image(self, message: Image) -> None:
+        with self._lock:
+            self._images.append(message)
+
+    def near(self, stamp: rospy.Time, age_s: float) -> Tuple[Optional[np.ndarray], Optional[CameraModel]]:
+        """The depth image (h, w) nearest to a time, and its camera's model; None for what there is not."""
+        with self._lock:
+            images = list(self._images)
+        best = min(images, key=lambda message: abs((message.header.stamp - stamp).to_sec()), default=None)
+        if best is None or abs((best.header.stamp - stamp).to_sec()) > age_s:
+            return None, None
+        try:
+            depth = depth_array(best)
+        except CodedError as error:
+            self._report.fault(error)
+            return None, None
+        try:
+            return depth, self._info.fitting(depth.shape)
+        except CodedError:  # registered depth images are seen by the colour camera, scaled to their size
+            return depth, None
+
+
+def depth_array(message: Image) -> np.ndarray:
+    """(h, w) uint16 [mm] or float [m].
+
+    Raises:
+        CodedError: "bad_depth" for another encoding, or without a single reading.
+    """
+    try:
+        depth = messages.image_array(message)
+    except CodedError as error:
+        raise CodedError("bad_depth", f"depth: {error.message}") from None
+    if depth.ndim != 2 or depth.dtype not in (np.dtype(np.uint16), np.dtype(np.float32)):
+        raise CodedError("bad_depth", f"expected depth images of 16UC1 or 32FC1, got '{message.encoding}'")
+    with np.errstate(invalid="ignore"):
+        if not (np.isfinite(depth) & (depth > 0)).any():
+            raise CodedError("bad_depth", "the depth images hold no reading at all: the floor's plane is used instead")
+    return depth
+
+
+class Placing:
+    """Gives each image its geometry.
+
+    Subscribes:
+        tf: <optical frame> to map; at the image's time for a moving camera
+
+    Args:
+        mobile: whether the camera moves.
+        info, depth: topics; depth None: the floor is a plane.
+        projector: the camera's.
+    """
+
+    def __init__(self, mobile: bool, info: InfoTopic, depth: Optional[DepthTopic], projector: FloorProjector) -> None:
+        self._mobile, self._info, self._depth, self._projector = mobile, info, depth, projector
+        self._transforms = TransformLookup()
+        self._pose: Optional[np.ndarray] = None
+        self._pose_frame = ""
+        self._pose_at: Optional[rospy.Time] = None
+        self.tf_wait_s, self.pose_refresh_s, self.depth_age_s = 0.1, 2.0, 0.08
+
+    def frame(self, frame_id: str, stamp: rospy.Time, shape: Tuple[int, ...]) -> Frame:
+        """An image's geometry. A moving camera's pose is looked up only when it is asked for.
+
+        Raises:
+            CodedError: "no_camera_info"; for a stationary camera also "no_transform", "bad_transform".
+        """
+        camera = self._info.fitting(shape)
+        if self._mobile:
+            pose = partial(self._transforms.lookup, names.MAP_FRAME, frame_id, stamp, self.tf_wait_s)
+        else:
+            pose = partial(np.copy, self._stationary_pose(frame_id))
+        depth = partial(self._depth.near, stamp, self.depth_age_s) if self._depth is not None else None
+        return Frame(camera, pose, self._projector, depth)
+
+    def _stationary_pose(self, frame_id: str) -> np.ndarray:
+        now = rospy.Time.now()
+        fresh = self._pose_at is not None and abs((now - self._pose_at).to_sec()) < self.pose_refresh_s
+        if self._pose is not None and fresh and frame_id == self._pose_frame:
+            return self._pose
+        try:
+            pose = self._transforms.lookup(names.MAP_FRAME, frame_id, rospy.Time(0), 0.0)
+            self._transforms.rest_on_static(names.MAP_FRAME, frame_id)
+        except CodedError:
+            # a camera that does not move stays where it was last seen, whatever became of its publisher
+            if self._pose is None or frame_id != self._pose_frame:
+                raise
+            pose = self._pose
+        self._pose, self._pose_frame, self._pose_at = pose, frame_id, now
+        return pose

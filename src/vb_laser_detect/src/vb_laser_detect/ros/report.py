@@ -1,0 +1,129 @@
+"""What one can see of a spot detector from outside: status, diagnostics, warnings."""
+from __future__ import annotations
+
+import threading
+from typing import Any, Dict, List, Optional, Tuple
+
+import diagnostic_updater
+import numpy as np
+import rospy
+from diagnostic_msgs.msg import DiagnosticStatus
+
+from vb_core import names
+from vb_core.errors import CodedError
+from vb_core.ros.node import Mailbox
+from vb_laser_detect.blocks import sample_blocks
+from vb_laser_detect.statistics import Statistics
+from vb_msgs.msg import DetectorStatus
+
+_SILENCE_S = 2.0  # without an image for so long, diagnostics call the camera silent
+_RECENT_S = 5.0  # a fault of its input stays in the diagnostics for so long
+_WARN_EVERY_S = 10.0  # and is logged so often, each kind for itself
+_SATURATED = 250  # [grey levels]
+_TOO_BRIGHT = 0.05  # part of the image that is saturated: no spot can be seen there
+
+
+class Report:
+    """Counts what a detector does, and says what is wrong with its input.
+
+    Publishes:
+        /virtual_borders/detectors (vb_msgs/DetectorStatus), once a second
+        /diagnostics (diagnostic_msgs/DiagnosticArray), once a second
+
+    Args:
+        camera: its name.
+        mailbox: of its images.
+    """
+
+    def __init__(self, camera: str, mailbox: Mailbox) -> None:
+        self._camera = camera
+        self._mailbox = mailbox
+        self._statistics = Statistics()
+        self._lock = threading.Lock()
+        self._faults: Dict[str, Tuple[rospy.Time, str]] = {}
+        self._warned: Dict[str, rospy.Time] = {}
+        self._standing = ""
+        self._image: Optional[np.ndarray] = None
+        self._started = rospy.Time.now()
+        self._publisher = rospy.Publisher(names.DETECTORS, DetectorStatus, queue_size=5)
+        self._updater = diagnostic_updater.Updater()
+        self._updater.setHardwareID(camera)
+        self._updater.add(f"spot detector of camera {camera}", self._diagnose)
+        self._timer = rospy.Timer(rospy.Duration(1.0), self._publish, reset=True)
+
+    # ------------------------------------------------------------- what the node tells
+    def count(self, code: str) -> None:
+        """An everyday refusal: a candidate that is no spot."""
+        self._statistics.refuse(code)
+
+    def fault(self, error: CodedError, severe: bool = False) -> None:
+        """Something is wrong with the input: counted, in the diagnostics, and logged once in a while."""
+        self._statistics.refuse(error.code)
+        now = rospy.Time.now()
+        with self._lock:
+            self._faults[error.code] = (now, error.message)
+            last = self._warned.get(error.code)
+            silent = last is not None and 0 <= (now - last).to_sec() < _WARN_EVERY_S
+            if not silent:
+                self._warned[error.code] = now
+        if not silent:
+            (rospy.logerr if severe else rospy.logwarn)("%s: %s", rospy.get_name(), error)
+
+    def standing(self, reason: str) -> None:
+        """Why no spot can be published at present; "" once all that is needed is there."""
+        with self._lock:
+            self._standing = reason
+
+    def frame(self, stamp: rospy.Time, search_s: float, spots: int, image: np.ndarray) -> None:
+        """An image was searched."""
+        self._statistics.frame(rospy.Time.now().to_sec(), stamp.to_sec(), search_s, spots)
+        self._image = image
+
+    # ------------------------------------------------------------- what goes out
+    def _publish(self, _event: Any) -> None:
+        now = rospy.Time.now()
+        summary = self._statistics.summary(now.to_sec())
+        status = DetectorStatus()
+        status.header.stamp = now
+        status.camera = self._camera
+        status.received, status.dropped = self._mailbox.received, self._mailbox.dropped
+        status.processed, status.detected, status.spots = summary.processed, summary.detected, summary.spots
+        status.refusals, status.refusal_counts = list(summary.refusals), list(summary.refusals.values())
+        status.rate_hz, status.search_ms = summary.rate_hz, summary.search_ms
+        status.latency_ms, status.latency_p95_ms = summary.latency_ms, summary.latency_p95_ms
+        self._publisher.publish(status)
+        self._updater.force_update()
+
+    def _diagnose(self, status: Any) -> Any:
+        now = rospy.Time.now()
+        summary = self._statistics.summary(now.to_sec())
+        with self._lock:
+            missing = [self._standing] if self._standing else []
+            recent = [f"{text} [{code}]" for code, (at, text) in self._faults.items() if abs((now - at).to_sec()) < _RECENT_S]
+        image = self._image
+        saturated = float((sample_blocks(image) >= _SATURATED).mean()) if image is not None else 0.0
+        level, lines = DiagnosticStatus.OK, [f"{summary.rate_hz:.1f} images per second"]
+        if summary.rate_hz == 0.0 and (now - self._started).to_sec() > _SILENCE_S:
+            level, lines = DiagnosticStatus.ERROR, ["no images"] + missing + recent
+        elif missing:
+            level, lines = DiagnosticStatus.ERROR, missing + recent
+        elif recent:
+            level, lines = DiagnosticStatus.WARN, recent
+        elif saturated > _TOO_BRIGHT:
+            level, lines = DiagnosticStatus.WARN, [f"{100 * saturated:.0f} % of the image is saturated: reduce the exposure"]
+        status.summary(level, "; ".join(_unique(lines)))
+        status.add("rate [1/s]", f"{summary.rate_hz:.1f}")
+        status.add("latency, median [ms]", f"{summary.latency_ms:.1f}")
+        status.add("latency, 95th percentile [ms]", f"{summary.latency_p95_ms:.1f}")
+        status.add("search, median [ms]", f"{summary.search_ms:.2f}")
+        status.add("images received", str(self._mailbox.received))
+        status.add("images dropped", str(self._mailbox.dropped))
+        status.add("spots published", str(summary.spots))
+        status.add("saturated part of the image", f"{saturated:.3f}")
+        for code, count in summary.refusals.items():
+            status.add(f"refused: {code}", str(count))
+        return status
+
+
+def _unique(lines: List[str]) -> List[str]:
+    return list(dict.fromkeys(lines))
