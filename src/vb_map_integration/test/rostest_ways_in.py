@@ -126,7 +126,7 @@ class WaysInTest(unittest.TestCase):
         self.assertEqual((border.kind, len(border.points)), (border.POLYGON, 4))
         wait_until(lambda: self.restricted() == 400, "1 m2 in the map")
         self.said("added", "first point")
-        self.assertEqual([marker.action for marker in self.drawn.message.markers], [3])
+        wait_until(lambda: [marker.action for marker in self.drawn.message.markers] == [3], "nothing drawn any more")
 
     def test_clicks_make_a_separating_curve(self):
         for x, y in ((0.0, 0.0), (0.0, 1.0), (0.05, 1.0), (2.0, 0.0)):

@@ -190,9 +190,9 @@ class BorderEditorNode:
         self._ask_preview(key)
 
     def _drop(self, key: str) -> None:
+        self._erase(key)
         self._drafts.pop(key, None)
         self._answers.pop(key, None)
-        self._erase(key)
         self._put(key)
 
     def _ask_preview(self, key: str) -> None:
