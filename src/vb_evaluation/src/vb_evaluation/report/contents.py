@@ -7,7 +7,7 @@ from typing import Any, Dict, List, Optional, Tuple
 
 from vb_evaluation.report.data import RUNS, STATES, Study
 from vb_evaluation.report.ledger import Ledger, Number
-from vb_evaluation.report.paper import PAPER, method_title, scenario_title
+from vb_evaluation.report.paper import PAPER
 
 ALPHA = 0.05
 # the paper calls its own loss of .028 in scenario 3 "not notable in practice" (Sect. 5.8.4)
@@ -71,7 +71,7 @@ class Contents:
         for scenario in self.study.scenarios:
             for method in self.study.methods:
                 where = {"scenario": scenario, "method": method}
-                row: Dict[str, Any] = {"scenario": scenario_title(scenario), "method": method_title(method)}
+                row: Dict[str, Any] = {"scenario": self.study.scenario_title(scenario), "method": self.study.method_title(method)}
                 for state in STATES:
                     row[state] = self._one(f"time_{state}_s", "mean", "seconds", **where)
                 row["total"] = self._one("time_total_s", "mean", "seconds", **where)
@@ -103,7 +103,7 @@ class Contents:
             for method in self.study.methods:
                 where = {"scenario": scenario, "method": method, "completed": "1"}
                 rows.append({
-                    "scenario": scenario_title(scenario), "method": method_title(method),
+                    "scenario": self.study.scenario_title(scenario), "method": self.study.method_title(method),
                     "median": self._one("jaccard", "median", "index", **where),
                     "low": self._one("jaccard", "median_low", "index", **where),
                     "high": self._one("jaccard", "median_high", "index", **where),
@@ -131,7 +131,7 @@ class Contents:
             for method in self.study.methods:
                 where = {"scenario": scenario, "method": method}
                 rows.append({
-                    "scenario": scenario_title(scenario), "method": method_title(method),
+                    "scenario": self.study.scenario_title(scenario), "method": self.study.method_title(method),
                     "share": self._one("completed", "mean", "share", **where),
                     "low": self._one("completed", "share_low", "share", **where),
                     "high": self._one("completed", "share_high", "share", **where),
@@ -146,7 +146,7 @@ class Contents:
         rows = []
         for column in self.study.further_measures:
             for scenario in self.study.scenarios:
-                row: Dict[str, Any] = {"measure": column, "scenario": scenario_title(scenario)}
+                row: Dict[str, Any] = {"measure": column, "scenario": self.study.scenario_title(scenario)}
                 for method in self.study.methods:
                     row[method] = self._one(column, "median", "plain", scenario=scenario, method=method)
                 rows.append(row)
@@ -168,16 +168,16 @@ class Contents:
                                                                                scenario=self.study.scenarios[0]))
         return [
             Verdict("H1", "The interaction is faster", _all(p.value < ALPHA and ratio.value > 1.0 for _, p, ratio in h1),
-                    _join([scenario_title(scenario), ": ", ratio, " times as fast, exact p ", p] for scenario, p, ratio in h1)
+                    _join([self.study.scenario_title(scenario), ": ", ratio, " times as fast, exact p ", p] for scenario, p, ratio in h1)
                     + ([few] if few else [])),
             Verdict("H2", "The user experience is better", None,
                     ["Not examined. Simulated participants have no opinions, so there are no figures and none were made up."]),
             Verdict("H3", "Completeness does not get worse",
                     _all(not (p.value < ALPHA and difference.value < 0.0) for _, p, difference in rates),
-                    _join([scenario_title(scenario), ": difference ", difference, ", exact p ", p]
+                    _join([self.study.scenario_title(scenario), ": difference ", difference, ", exact p ", p]
                           for scenario, p, difference in rates)),
             Verdict("H4", "Accuracy does not get worse", _all(loss.value >= -TOLERATED_LOSS for _, loss in losses if loss.known),
-                    _join([scenario_title(scenario), ": medians differ by ", loss] for scenario, loss in losses)
+                    _join([self.study.scenario_title(scenario), ": medians differ by ", loss] for scenario, loss in losses)
                     + [f" A loss of up to {_index(TOLERATED_LOSS)}, the paper's own, counts as none."]),
         ]
 
@@ -192,13 +192,13 @@ class Contents:
             for method in methods:
                 share = self._one("completed", "mean", "share", scenario=scenario, method=method)
                 agrees = share.value >= PAPER[scenario].completeness - 5e-4
-                rows.append(Beside(scenario_title(scenario), f"completeness, {method_title(method).lower()}",
+                rows.append(Beside(self.study.scenario_title(scenario), f"completeness, {self.study.method_title(method).lower()}",
                                    _percent(PAPER[scenario].completeness), [share], agrees,
                                    "not below the paper's" if agrees else "below the paper's", []))
         return rows
 
     def _times_beside(self, scenario: str, methods: Tuple[str, str]) -> List[Beside]:
-        published, title = PAPER[scenario], scenario_title(scenario)
+        published, title = PAPER[scenario], self.study.scenario_title(scenario)
         ratio, low, high = (self._two("time_total_s", name, "factor", methods, scenario=scenario)
                             for name in ("ratio", "ratio_low", "ratio_high"))
         saved = {state: self._two(f"time_{state}_s", "difference", "seconds", methods[::-1], scenario=scenario) for state in STATES}
@@ -229,11 +229,11 @@ class Contents:
         return rows
 
     def _accuracy_beside(self, scenario: str, methods: Tuple[str, str]) -> List[Beside]:
-        published, title, rows = PAPER[scenario], scenario_title(scenario), []
+        published, title, rows = PAPER[scenario], self.study.scenario_title(scenario), []
         for method in methods:
             found = self._one("jaccard", "median", "index", scenario=scenario, method=method, completed="1")
             agrees = found.value >= published.jaccard[method] - 5e-4
-            rows.append(Beside(title, f"Jaccard index, median, {method_title(method).lower()}", _index(published.jaccard[method]),
+            rows.append(Beside(title, f"Jaccard index, median, {self.study.method_title(method).lower()}", _index(published.jaccard[method]),
                                [found], agrees, "not below the paper's" if agrees else "below the paper's", []))
         loss = self._two("jaccard", "median_difference", "index", methods, scenario=scenario, completed="1")
         z = self._two("jaccard", "z", "z", methods, scenario=scenario, completed="1")
@@ -260,7 +260,7 @@ class Contents:
     def _tests(self, column: str, form: str, methods: Tuple[str, str], scenario: str, **where: str) -> Dict[str, Any]:
         asked = {"pairs": "count", "shapiro_w": "index", "shapiro_p": "p", "outliers": "count", "z": "z", "p": "p", "p_exact": "p",
                  "r": "index", "rank_biserial": "index", "shift": form, "shift_low": form, "shift_high": form, "shift_confidence": "share"}
-        row: Dict[str, Any] = {"scenario": scenario_title(scenario), "methods": " against ".join(map(method_title, methods))}
+        row: Dict[str, Any] = {"scenario": self.study.scenario_title(scenario), "methods": " against ".join(map(self.study.method_title, methods))}
         for statistic, written in asked.items():
             row[statistic] = self._two(column, statistic, written, methods, scenario=scenario, **where)
         return row

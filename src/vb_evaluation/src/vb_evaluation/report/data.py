@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any, Dict, List, Mapping, Optional, Sequence, Tuple
 
 from vb_core.errors import CodedError
+from vb_evaluation.report import paper
 
 RUNS, CURVES, SENSITIVITY, AGREEMENT, META = "runs.csv", "curves.csv", "sensitivity.csv", "agreement.csv", "study.json"
 STATES = ("guide", "border", "seed")
@@ -70,6 +71,15 @@ class Study:
     def runs(self) -> Table:
         return self.tables[RUNS]
 
+    def scenario_title(self, key: str) -> str:
+        """A scenario's name for people, as study.json or else the paper has it."""
+        return str((self.meta.get("scenarios") or {}).get(key) or paper.scenario_title(key))
+
+    def method_title(self, key: str) -> str:
+        """A method's name for people."""
+        title = str((self.meta.get("methods") or {}).get(key) or paper.method_title(key))
+        return title[:1].upper() + title[1:]
+
     @property
     def scenarios(self) -> List[str]:
         return self.runs.distinct("scenario")
@@ -91,7 +101,7 @@ class Study:
     @property
     def further_measures(self) -> List[str]:
         """Columns of numbers in runs.csv beyond the paper's measures: metrics of the user's own."""
-        known = set(REQUIRED) | set(CONDITIONS)
+        known = {"order", *REQUIRED, *CONDITIONS}
         return [column for column in self.runs.columns if column not in known and self.runs.rows
                 and all(_is_number(row[column]) for row in self.runs.rows if row[column] != "")
                 and any(row[column] != "" for row in self.runs.rows)]

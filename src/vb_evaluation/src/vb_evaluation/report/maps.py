@@ -17,6 +17,7 @@ from vb_map_integration.map_files import read_map
 TRUTH, AGREEMENT, EXCESS, UNION = (247, 214, 70), (64, 176, 88), (222, 60, 50), (25, 60, 220)
 FREE, OCCUPIED, UNKNOWN = (255, 255, 255), (0, 0, 0), (176, 176, 176)
 LEAST_WIDTH_PX = 640
+PINHOLE_CELLS = 40
 
 
 @dataclass(frozen=True)
@@ -58,14 +59,22 @@ def picture(prior: GridMap, truth: np.ndarray, drawn: Optional[np.ndarray] = Non
     scale = max(1, -(-LEAST_WIDTH_PX // prior.shape[1]))
     image = cv2.resize(colors, None, fx=scale, fy=scale, interpolation=cv2.INTER_NEAREST)
     if drawn is not None:
-        union = cv2.resize((truth | drawn).astype(np.uint8), None, fx=scale, fy=scale, interpolation=cv2.INTER_NEAREST)
-        outlines, _ = cv2.findContours(union, cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE)
-        # small holes are the feet of furniture: their outlines would hide what is to be seen
-        cv2.drawContours(image, [line for line in outlines if len(line) > 12 * scale], -1, UNION, 2)
+        union = cv2.resize(_without_pinholes(truth | drawn), None, fx=scale, fy=scale, interpolation=cv2.INTER_NEAREST)
+        # outside of the union: what was drawn wrongly is often one cell wide and must not be hidden
+        image[(cv2.dilate(union, np.ones((5, 5), np.uint8)) > 0) & (union == 0)] = UNION
     if start is not None:
         _arrow(image, prior, start, scale)
     _, content = cv2.imencode(".png", image[::-1, :, ::-1], [cv2.IMWRITE_PNG_COMPRESSION, 9])
     return content.tobytes()
+
+
+def _without_pinholes(area: np.ndarray) -> np.ndarray:
+    """(H, W) uint8: an area with its small holes filled, the feet of furniture."""
+    filled = area.astype(np.uint8)
+    _, labels, stats, _ = cv2.connectedComponentsWithStats(1 - filled, connectivity=4)
+    small = np.flatnonzero(stats[:, cv2.CC_STAT_AREA] < PINHOLE_CELLS)
+    filled[np.isin(labels, small[small > 0])] = 1
+    return filled
 
 
 def _arrow(image: np.ndarray, prior: GridMap, start: Tuple[float, float, float], scale: int) -> None:

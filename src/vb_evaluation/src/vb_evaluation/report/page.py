@@ -12,9 +12,9 @@ from markupsafe import Markup
 from vb_core.errors import CodedError
 from vb_evaluation.report import charts, explanations, maps, paper, sweeps
 from vb_evaluation.report.contents import TOLERATED_LOSS, Contents
-from vb_evaluation.report.data import AGREEMENT, REQUIRED, RUNS, STATES, Row, Study, number, read_study, write_table
+from vb_evaluation.report.data import AGREEMENT, CURVES, REQUIRED, RUNS, SENSITIVITY, STATES, Row, Study, number, read_study, write_table
 from vb_evaluation.report.ledger import ONE, TWO, Ledger, Number
-from vb_evaluation.report.paper import PAPER, method_title, scenario_title
+from vb_evaluation.report.paper import PAPER
 
 PAGE, NUMBERS, TABLES = "report.html", "numbers.csv", "tables"
 _TORNADO_ROWS = 24
@@ -67,15 +67,15 @@ def _values(study: Study, ledger: Ledger) -> Dict[str, Any]:
         "runs_total": len(study.runs.rows),
         "scenarios": study.scenarios,
         "methods": study.methods,
-        "method_names": [method_title(method) for method in study.methods],
+        "method_names": [study.method_title(method) for method in study.methods],
         "several": len(study.methods) > 2,
-        "baseline_name": method_title(study.baseline),
+        "baseline_name": study.method_title(study.baseline),
         "methods_compared": sweeps.methods_named(study) if len(study.methods) > 1 else "",
         "facts": _facts(study),
         "citation": paper.CITATION,
         "verdicts": contents.verdicts(),
         "state_key": [(charts.STATE_COLORS[state], state.capitalize()) for state in STATES],
-        "method_key": [(charts.color_of(method, index), method_title(method)) for index, method in enumerate(study.methods)],
+        "method_key": [(charts.color_of(method, index), study.method_title(method)) for index, method in enumerate(study.methods)],
         "times": contents.times(),
         "time_tests": contents.time_tests(),
         "time_bars": _time_bars(study),
@@ -98,12 +98,14 @@ def _values(study: Study, ledger: Ledger) -> Dict[str, Any]:
         "agreement": _agreement(study),
         "further": contents.further(),
         "rerun": study.meta.get("rerun", ""),
+        "reruns": [(file, study.meta[key]) for key, file in (("rerun", RUNS), ("rerun_curves", CURVES), ("rerun_sensitivity", SENSITIVITY))
+                   if study.meta.get(key)],
         "run_columns": [column for column in study.runs.columns],
         "all_runs": [{"line": line, "cells": [row[column] for column in study.runs.columns], "command": rerun(study, row)}
                      for row, line in zip(study.runs.rows, study.runs.lines)],
     }
     if settings and nominal is not None:
-        values.update(_tornados(nominal, settings))
+        values.update(_tornados(study, nominal, settings))
     values["sections"] = [(key, title) for key, title, shown in (
         ("findings", "Findings", values["verdicts"]), ("time", "Interaction time", True), ("accuracy", "Accuracy", True),
         ("completeness", "Completeness", True), ("paper", "Beside the paper", beside), ("curves", "Curves", values["sweeps"]),
@@ -142,8 +144,8 @@ def _time_bars(study: Study) -> List[Tuple[str, str]]:
         for method in study.methods:
             where = {"scenario": scenario, "method": method}
             means = {state: _mean(_column(study, f"time_{state}_s", **where)) for state in STATES}
-            bars.append((method, method_title(method), means, _column(study, "time_total_s", **where)))
-        figures.append((scenario_title(scenario), charts.time_bars(bars, limit)))
+            bars.append((method, study.method_title(method), means, _column(study, "time_total_s", **where)))
+        figures.append((study.scenario_title(scenario), charts.time_bars(bars, limit)))
     return figures
 
 
@@ -153,9 +155,9 @@ def _boxes(study: Study) -> List[Tuple[str, str]]:
         groups = []
         for method in study.methods:
             published = PAPER[scenario].jaccard.get(method) if scenario in PAPER else None
-            groups.append((method, method_title(method), _column(study, "jaccard", scenario=scenario, method=method, completed="1"),
+            groups.append((method, study.method_title(method), _column(study, "jaccard", scenario=scenario, method=method, completed="1"),
                            published))
-        figures.append((scenario_title(scenario), charts.boxes(groups, "Jaccard index")))
+        figures.append((study.scenario_title(scenario), charts.boxes(groups, "Jaccard index")))
     return figures
 
 
@@ -167,8 +169,8 @@ def _rates(study: Study, ledger: Ledger) -> str:
             share, low, high = (ledger.one(RUNS, "completed", statistic, "share", scenario=scenario, method=method).value
                                 for statistic in ("mean", "share_low", "share_high"))
             published = PAPER[scenario].completeness if scenario in PAPER and method in PAPER[scenario].jaccard else None
-            bars.append((method, method_title(method), share, low, high, published))
-        groups.append((scenario_title(scenario), bars))
+            bars.append((method, study.method_title(method), share, low, high, published))
+        groups.append((study.scenario_title(scenario), bars))
     return charts.rates(groups)
 
 
@@ -181,7 +183,7 @@ def _map_rows(study: Study, pictures: Sequence[maps.MapPicture]) -> List[List[Op
         row: List[Optional[Dict[str, Any]]] = []
         for scenario in scenarios:
             entry = found.get((scenario, method))
-            title = f"{scenario_title(scenario)}: " + (method_title(method).lower() if method else "ground truth")
+            title = f"{study.scenario_title(scenario)}: " + (study.method_title(method).lower() if method else "ground truth")
             row.append(entry and {"uri": charts.data_uri(entry.png, "image/png"), "title": title, "line": entry.line,
                                   "score": f"Jaccard {entry.jaccard:.3f}", "alt": f"Map, {title}"})
         rows.append(row)
@@ -191,23 +193,23 @@ def _map_rows(study: Study, pictures: Sequence[maps.MapPicture]) -> List[List[Op
 def _sweep(study: Study, name: str, curves: Sequence[sweeps.Curve]) -> Dict[str, Any]:
     speedups, accuracies = [], []
     for index, curve in enumerate(curves):
-        x, title = [point.x for point in curve.points], scenario_title(curve.scenario)
+        x, title = [point.x for point in curve.points], study.scenario_title(curve.scenario)
         style = {"color": charts.SERIES[(index + 2) % len(charts.SERIES)], "marker": charts.MARKERS[index % len(charts.MARKERS)]}
         speedups.append((title, x, [point.speedup.value for point in curve.points], [point.speedup_low.value for point in curve.points],
                          [point.speedup_high.value for point in curve.points], style))
         for method, line in ((study.methods[0], "-"), (study.baseline, "--")):
-            accuracies.append((f"{title}, {method_title(method).lower()}", x, [point.jaccard[method].value for point in curve.points],
+            accuracies.append((f"{title}, {study.method_title(method).lower()}", x, [point.jaccard[method].value for point in curve.points],
                                None, None, dict(style, linestyle=line)))
     return {
         "name": name, "title": curves[0].title, "axis": curves[0].axis,
         "speedup": charts.lines(speedups, curves[0].axis, "speed-up", level=1.0),
         "jaccard": charts.lines(accuracies, curves[0].axis, "Jaccard index, median"),
-        "note": explanations.curve_words(curves),
-        "curves": [{"name": scenario_title(curve.scenario), "points": curve.points} for curve in curves],
+        "note": explanations.curve_words(study, curves),
+        "curves": [{"name": study.scenario_title(curve.scenario), "points": curve.points} for curve in curves],
     }
 
 
-def _tornados(nominal: sweeps.Setting, settings: Sequence[sweeps.Setting]) -> Dict[str, str]:
+def _tornados(study: Study, nominal: sweeps.Setting, settings: Sequence[sweeps.Setting]) -> Dict[str, str]:
     def rows(of: str) -> Tuple[List[Tuple[str, List[Tuple[str, float]]]], float]:
         centre = getattr(nominal, of).value
         found: Dict[str, List[Tuple[str, float]]] = {}
@@ -221,7 +223,7 @@ def _tornados(nominal: sweeps.Setting, settings: Sequence[sweeps.Setting]) -> Di
     speedup, jaccard = rows("speedup"), rows("jaccard")
     return {
         "tornado_time": charts.tornado(*speedup, "speed-up over all scenarios"),
-        "tornado_jaccard": charts.tornado(*jaccard, f"mean Jaccard index, {method_title('nrs').lower()}"),
+        "tornado_jaccard": charts.tornado(*jaccard, f"mean Jaccard index, {study.method_title(study.methods[0]).lower()}"),
     }
 
 
@@ -252,7 +254,7 @@ def _agreement(study: Study) -> Optional[Dict[str, Any]]:
     ordered = sorted(table.rows, key=lambda row: [row[column] for column in ("scenario", "method", "participant", "runner")])
     return {
         "columns": ["runner", *measures],
-        "rows": [{"name": f"{row['participant']}, {scenario_title(row['scenario'])}, {method_title(row['method']).lower()}",
+        "rows": [{"name": f"{row['participant']}, {study.scenario_title(row['scenario'])}, {study.method_title(row['method']).lower()}",
                   "values": [row["runner"], *(row[column] for column in measures)]} for row in ordered],
     }
 

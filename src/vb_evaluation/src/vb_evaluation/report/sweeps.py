@@ -7,7 +7,6 @@ from typing import Any, Dict, List, Optional, Tuple
 from vb_evaluation.report.contents import TOLERATED_LOSS
 from vb_evaluation.report.data import CURVES, RUNS, SENSITIVITY, Study
 from vb_evaluation.report.ledger import Ledger, Number
-from vb_evaluation.report.paper import method_title, scenario_title
 
 NOMINAL = "1"
 SWEEP_TITLES = {
@@ -142,7 +141,7 @@ def _setting(study: Study, ledger: Ledger, file: str, where: Dict[str, str]) -> 
     for scenario in rows.distinct("scenario"):
         here = dict(where, scenario=scenario)
         by_scenario.append({
-            "scenario": scenario_title(scenario),
+            "scenario": study.scenario_title(scenario),
             "speedup": ledger.two(file, "time_total_s", "ratio", "factor", methods, **here),
             "speedup_low": ledger.two(file, "time_total_s", "ratio_low", "factor", methods, **here),
             "loss": ledger.two(file, "jaccard", "median_difference", "index", methods, completed="1", **here),
@@ -166,4 +165,4 @@ def _setting(study: Study, ledger: Ledger, file: str, where: Dict[str, str]) -> 
 
 def methods_named(study: Study) -> str:
     """The two methods that curves and sensitivity compare, for a heading."""
-    return f"{method_title(study.methods[0])} against {method_title(study.baseline).lower()}"
+    return f"{study.method_title(study.methods[0])} against {study.method_title(study.baseline).lower()}"
