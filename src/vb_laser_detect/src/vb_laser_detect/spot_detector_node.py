@@ -203,6 +203,7 @@ class SpotDetectorNode:
         if self._last_debug is not None and 0 <= (now - self._last_debug).to_sec() < 1.0 / self._params.debug_hz:
             return
         self._last_debug = now
+        self._report.debug_images += 1
         picture = draw(image, encoding, self._detector.candidates)
         self._debug.publish(messages.image_message(picture, "bgr8", header.stamp, header.frame_id))
 

@@ -33,6 +33,9 @@ class Report:
     Args:
         camera: its name.
         mailbox: of its images.
+
+    Attributes:
+        debug_images: how many were drawn; none while nobody looks.
     """
 
     def __init__(self, camera: str, mailbox: Mailbox) -> None:
@@ -44,6 +47,7 @@ class Report:
         self._warned: Dict[str, rospy.Time] = {}
         self._standing = ""
         self._image: Optional[np.ndarray] = None
+        self.debug_images = 0
         self._started = rospy.Time.now()
         self._publisher = rospy.Publisher(names.DETECTORS, DetectorStatus, queue_size=5)
         self._updater = diagnostic_updater.Updater()
@@ -120,6 +124,7 @@ class Report:
         status.add("images dropped", str(self._mailbox.dropped))
         status.add("spots published", str(summary.spots))
         status.add("saturated part of the image", f"{saturated:.3f}")
+        status.add("debug images drawn", str(self.debug_images))
         for code, count in summary.refusals.items():
             status.add(f"refused: {code}", str(count))
         return status

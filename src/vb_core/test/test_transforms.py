@@ -1,0 +1,85 @@
+"""Looking up transforms, with tf2's real buffer and a listener that hears nothing."""
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+import rospy
+import tf2_ros
+
+from vb_core import geometry
+from vb_core.errors import CodedError
+from vb_core.ros import transforms
+from vb_core.ros.messages import transform_message
+
+CAMERA = geometry.transform(geometry.rotation_from_rpy(math.pi, 0, 0.3), (1.0, 2.0, 3.0))
+
+
+class Silent:
+    """In the place of tf2's listener: counts who stopped listening."""
+
+    def __init__(self, buffer):
+        self.tf_sub = self
+        self.stopped = 0
+
+    def unregister(self):
+        self.stopped += 1
+
+
+@pytest.fixture
+def lookup(monkeypatch):
+    monkeypatch.setattr(tf2_ros, "TransformListener", Silent)
+    # a buffer asks for the time, which no node gives here
+    monkeypatch.setattr(rospy, "get_rostime", lambda: rospy.Time(10))
+    monkeypatch.setattr(rospy.Time, "now", staticmethod(lambda: rospy.Time(10)))
+    monkeypatch.setattr(tf2_ros.Buffer, "__init__", lambda self, cache_time: tf2_ros.BufferCore.__init__(self, cache_time))
+    return transforms.TransformLookup()
+
+
+def place(lookup, child, T=CAMERA, parent="map", stamp=5, static=True):
+    message = transform_message(T, parent, child, rospy.Time(stamp))
+    (lookup._buffer.set_transform_static if static else lookup._buffer.set_transform)(message, "test")
+
+
+def test_static_transforms_are_enough_for_a_fixed_camera(lookup):
+    place(lookup, "camera")
+    assert lookup.lookup("map", "camera", rospy.Time(0), 0.0) == pytest.approx(CAMERA)
+    assert lookup.rest_on_static("map", "camera")
+    assert lookup._listener.stopped == 1
+    # asked again it has nothing left to stop
+    assert lookup.rest_on_static("map", "camera") and lookup._listener.stopped == 1
+    # what is published later on /tf_static still counts
+    place(lookup, "camera", np.eye(4))
+    assert lookup.lookup("map", "camera", rospy.Time(0), 0.0) == pytest.approx(np.eye(4))
+
+
+def test_a_camera_on_something_that_moves_goes_on_listening(lookup):
+    place(lookup, "camera", parent="base")
+    assert not lookup.rest_on_static("map", "camera")  # nobody knows yet where the base is
+    place(lookup, "base", static=False)
+    assert not lookup.rest_on_static("map", "camera")
+    assert lookup._listener.stopped == 0
+
+
+def test_missing_transforms_and_loops_are_refused_with_tfs_reason(lookup):
+    with pytest.raises(CodedError) as raised:
+        lookup.lookup("map", "camera", rospy.Time(0), 0.0)
+    assert raised.value.code == "no_transform" and "camera" in str(raised.value)
+    place(lookup, "camera", parent="a")
+    place(lookup, "a", parent="b")
+    place(lookup, "b", parent="a")
+    place(lookup, "other")
+    with pytest.raises(CodedError) as raised:
+        lookup.lookup("map", "camera", rospy.Time(0), 0.0)
+    assert raised.value.code == "no_transform" and "loop" in str(raised.value)
+    assert not lookup.rest_on_static("map", "camera")
+
+
+def test_a_time_that_is_not_known_is_refused(lookup):
+    place(lookup, "camera", static=False, stamp=5)
+    place(lookup, "camera", static=False, stamp=6)
+    assert lookup.lookup("map", "camera", rospy.Time(5.5), 0.0) == pytest.approx(CAMERA)
+    with pytest.raises(CodedError) as raised:
+        lookup.lookup("map", "camera", rospy.Time(9), 0.0)
+    assert raised.value.code == "no_transform"

@@ -1,0 +1,91 @@
+"""Parameters that are changed while a node runs; the server's own part is tested over a real node in vb_laser_detect."""
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import pytest
+import rospy
+from dynamic_reconfigure.encoding import decode_description, encode_description
+
+from vb_core.errors import CodedError
+from vb_core.parameters import Parameters, param
+from vb_core.ros import tuning
+
+
+@dataclass(frozen=True)
+class Params(Parameters):
+    low: float = param(1.0, "m", low=0.0, high=10.0, doc="the smaller one")
+    high: float = param(5.0, "m", above=0.0)
+    count: int = param(3, "", low=1)
+    switch: bool = param(False)
+    name: str = param("red")
+    fixed: float = param(0.5)
+    places: list = param([])
+
+    def __post_init__(self):
+        super().__post_init__()
+        self.require_order("low", "high")
+
+
+def test_description_is_made_of_the_fields():
+    description = tuning.describe(Params(low=2.0), fixed=("fixed",))
+    entries = {entry["name"]: entry for entry in description.config_description["parameters"]}
+    assert list(entries) == ["low", "high", "count", "switch"]
+    assert entries["low"]["type"] == "double" and entries["low"]["description"] == "the smaller one [m]"
+    assert (entries["low"]["min"], entries["low"]["max"], entries["low"]["default"]) == (0.0, 10.0, 2.0)
+    assert entries["count"]["min"] == 1 and entries["count"]["max"] == 2**31 - 1
+    # as clients read it
+    decoded = decode_description(encode_description(description))
+    assert {entry["name"] for entry in decoded["parameters"]} == set(entries)
+
+
+class FakeServer:
+    def __init__(self, description, callback, namespace):
+        self.config, self.callback, self.namespace = dict(description.defaults), callback, namespace
+        self.config = callback(self.config, 0)
+
+    def change(self, **values):
+        self.config = self.callback({**self.config, **values}, 1)
+        return self.config
+
+
+@pytest.fixture
+def tuned(monkeypatch):
+    stored, applied, warned = {}, [], []
+    monkeypatch.setattr(tuning, "Server", FakeServer)
+    monkeypatch.setattr(rospy, "set_param", stored.__setitem__)
+    monkeypatch.setattr(rospy, "resolve_name", lambda name: "/node" + name.replace("~", "/"))
+    monkeypatch.setattr(rospy, "loginfo", lambda *_: None)
+    monkeypatch.setattr(rospy, "logwarn", lambda text, *values: warned.append(text % values))
+
+    def apply(params):
+        if params.count == 13:
+            raise CodedError("unlucky", "no")
+        applied.append(params)
+
+    return tuning.Tuning(Params(), "~limits", apply), stored, applied, warned
+
+
+def test_a_change_is_applied_once(tuned):
+    node, stored, applied, warned = tuned
+    assert not applied and stored["~limits/low"] == 1.0
+    assert node._server.change(low=3.0)["low"] == 3.0
+    assert [params.low for params in applied] == [3.0] and applied[0].name == "red"
+    node._server.change(low=3.0)
+    assert len(applied) == 1 and not warned
+
+
+@pytest.mark.parametrize("changes, reason", [({"low": 6.0}, "at most high"), ({"high": 0.0}, "above 0"), ({"count": 13}, "unlucky")])
+def test_a_refused_change_changes_nothing(tuned, changes, reason):
+    node, _, applied, warned = tuned
+    node._server.change(low=2.0)
+    config = node._server.change(switch=True, **changes)
+    assert (config["low"], config["high"], config["count"], config["switch"]) == (2.0, 5.0, 3, False)
+    assert len(applied) == 1 and len(warned) == 1 and reason in warned[0]
+    assert node._server.change(low=4.0)["low"] == 4.0
+
+
+def test_order_of_two_values_names_the_key():
+    with pytest.raises(CodedError) as raised:
+        Params.from_mapping({"low": 6.0}, "/node")
+    assert str(raised.value).startswith("/node/low: must be at most high = 5.0")

@@ -1,0 +1,88 @@
+"""Cameras for rostests: rendered images with a spot at a known place, camera_info, depth and transforms."""
+import cv2
+import numpy as np
+import rospy
+import tf2_ros
+from sensor_msgs.msg import CameraInfo, CompressedImage, Image
+
+from scenes import RED, Scene
+from vb_core import geometry
+from vb_core.camera_model import CameraModel
+from vb_core.ros import messages
+
+
+class FixedCamera:
+    """Looks straight down from 2.95 m.
+
+    Attributes:
+        info: a stamp to the camera_info to be sent; None: none is sent.
+    """
+
+    def __init__(self, name, x, y, colour, compressed):
+        self.name, self.colour, self.compressed = name, colour, compressed
+        self.camera = CameraModel(480, 270, np.array([[300.0, 0, 239.5], [0, 300.0, 134.5], [0, 0, 1]]),
+                                  np.array([-0.12, 0.02, 0.001, 0, 0]))
+        self.T = geometry.transform(geometry.rotation_from_rpy(np.pi, 0, 0), (x, y, 2.95))
+        self.scene = Scene(480, 270, seed=3)
+        self.frame = name + "_optical_frame"
+        kind, topic = (CompressedImage, "/image_raw/compressed") if compressed else (Image, "/image_raw")
+        self.images = rospy.Publisher("/" + name + topic, kind, queue_size=1)
+        self.infos = rospy.Publisher("/" + name + "/camera_info", CameraInfo, queue_size=1)
+        self.info = lambda stamp: messages.info_from_camera(self.camera, stamp, self.frame)
+
+    def play(self, stamp, point):
+        uv = self.camera.project(geometry.apply(geometry.invert(self.T), np.array([*point, 0.0]))[None])[0]
+        image = self.scene.render([uv], sigma=1.3, colour=self.colour, bayer=not self.compressed)
+        if self.compressed:
+            message = CompressedImage(format="jpeg")
+            message.data = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, 95])[1].tobytes()
+            message.header.stamp, message.header.frame_id = stamp, self.frame
+        else:
+            message = messages.image_message(image, "bayer_rggb8", stamp, self.frame)
+        self.images.publish(message)
+        if self.info is not None:
+            self.infos.publish(self.info(stamp))
+
+
+class RobotCamera:
+    """Drives along x and looks down at the floor before it; colour 320 x 240, depth a quarter of it.
+
+    Attributes:
+        localised: whether its pose is published.
+        depth_message: depth (60, 80) uint16 [mm] to the message to be sent.
+    """
+
+    def __init__(self):
+        self.camera = CameraModel.ideal(320, 240, 280.0)
+        self.T_base = geometry.transform(
+            geometry.rotation_from_rpy(0, 0.6, 0) @ geometry.optical_rotation(), (0.1, 0.0, 0.6))
+        self.scene = Scene(320, 240, seed=5)
+        self.images = rospy.Publisher("/camera/rgb/image_raw", Image, queue_size=1)
+        self.infos = rospy.Publisher("/camera/rgb/camera_info", CameraInfo, queue_size=1)
+        self.depths = rospy.Publisher("/camera/depth_registered/image_raw", Image, queue_size=1)
+        self.tf = tf2_ros.TransformBroadcaster()
+        self.localised = True
+        self.depth_message = lambda depth: messages.image_message(depth, "16UC1", rospy.Time(), "camera_optical_frame")
+
+    def play(self, stamp, x):
+        base = geometry.pose2d_transform(x, 1.0, 0.2)
+        T = base @ self.T_base
+        if self.localised:
+            self.tf.sendTransform([
+                messages.transform_message(base, "map", "base_link", stamp),
+                messages.transform_message(self.T_base, "base_link", "camera_optical_frame", stamp),
+            ])
+        point = geometry.apply(base, np.array([1.0, 0.1, 0.0]))
+        uv = self.camera.project(geometry.apply(geometry.invert(T), point)[None])[0]
+        image = self.scene.render([uv], sigma=2.5, colour=RED)[:, :, ::-1]
+        small = self.camera.scaled_to(80, 60)
+        grid = np.stack(np.meshgrid(np.arange(80), np.arange(60)), axis=-1).reshape(-1, 2)
+        floor = geometry.intersect_floor(T[:3, 3], small.rays(grid) @ T[:3, :3].T)
+        depth = geometry.apply(geometry.invert(T), floor)[:, 2].reshape(60, 80)
+        depth = np.where(np.isfinite(depth) & (depth < 6), depth * 1000, 0).astype(np.uint16)
+        message = self.depth_message(depth)
+        message.header.stamp = stamp
+        self.depths.publish(message)
+        self.infos.publish(messages.info_from_camera(self.camera, stamp, "camera_optical_frame"))
+        self.images.publish(messages.image_message(image, "rgb8", stamp, "camera_optical_frame"))
+        return point[:2]
