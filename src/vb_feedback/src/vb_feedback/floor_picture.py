@@ -2,7 +2,7 @@
 
 A projector adds light. Two things follow. Dark colours cannot be seen, so the palette is the display's brighter half.
 And the cameras see the light too: nothing here looks like a laser spot. Lines are long, the seed is a ring, nothing is
-as bright as a spot, and near the spot itself the drawing leaves the floor as it is.
+as bright as a spot, and near the spot itself nothing changes: the drawing's newest piece waits until the spot has gone on.
 """
 from __future__ import annotations
 
@@ -71,14 +71,7 @@ class FloorPicture:
         for border in content.borders:
             if border.enabled:
                 self._line(canvas, border.points, border.closed, colours.VERMILION, 0.45 + 0.35 * border.occupancy)
-        drawn = content.drawing
-        if len(drawn.chain) > 1:
-            self._line(canvas, drawn.chain, drawn.closed, colours.ORANGE, 0.8)
-        if drawn.seed is not None:
-            self._ring(canvas, drawn.seed, _SEED_RADIUS, colours.SKY_BLUE)
-        if content.spot is not None:
-            centre = self._fixed([content.spot])[0]
-            cv2.circle(canvas, tuple(map(int, centre)), int(_GAP * self._scale * (1 << _SHIFT)), (0, 0, 0), -1, cv2.LINE_8, _SHIFT)
+        cv2.max(canvas, self._drawing(content), dst=canvas)
         size = (self.calibration.width, self.calibration.height)
         picture = cv2.warpPerspective(canvas, self._to_picture, size, flags=cv2.INTER_LINEAR)
         if content.state != "default":
@@ -86,6 +79,18 @@ class FloorPicture:
         return picture
 
     # ------------------------------------------------------------- parts
+    def _drawing(self, content: FloorContent) -> np.ndarray:
+        """What changes while somebody draws. Only this is left out about the spot: a border that stands there stays lit."""
+        canvas, drawn = np.zeros((*self._shape, 3), np.uint8), content.drawing
+        if len(drawn.chain) > 1:
+            self._line(canvas, drawn.chain, drawn.closed, colours.ORANGE, 0.8)
+        if drawn.seed is not None:
+            self._ring(canvas, drawn.seed, _SEED_RADIUS, colours.blend(colours.SKY_BLUE, colours.WHITE, 0.5))
+        if content.spot is not None:
+            centre = tuple(map(int, self._fixed([content.spot])[0]))
+            cv2.circle(canvas, centre, int(_GAP * self._scale * (1 << _SHIFT)), (0, 0, 0), -1, cv2.LINE_8, _SHIFT)
+        return canvas
+
     def _shade(self, colour: Colour, level: float) -> Tuple[int, int, int]:
         return tuple(int(round(255.0 * level * self._brightness * share)) for share in colour)  # type: ignore[return-value]
 
