@@ -24,17 +24,45 @@ def room(width=6.0, height=5.0, resolution=0.05):
     return GridMap(data, resolution)
 
 
-class Stimulus:
+class Body:
+    """A robot: its pose (x, y, yaw) in the map frame, moved by `velocity` (v, w), and published to tf.
+
+    `offset` (x, y) is by how much the localisation is wrong.
+    """
+
+    def __init__(self, pose, name=""):
+        self.lock = threading.Lock()
+        self.name, self.prefix = name, f"{name}/" if name else ""
+        self.pose, self.velocity, self.offset = pose, (0.0, 0.0), (0.0, 0.0)
+        self._time = None
+
+    def step(self, now):
+        """Moves on and gives its transforms."""
+        with self.lock:
+            x, y, yaw = self.pose
+            if self._time is not None and now > self._time:
+                dt = min(0.2, (now - self._time).to_sec())
+                v, w = self.velocity
+                middle = yaw + 0.5 * w * dt
+                x, y, yaw = x + v * dt * math.cos(middle), y + v * dt * math.sin(middle), yaw + w * dt
+                self.pose = (x, y, yaw)
+            self._time = now
+        error = geometry.pose2d_transform(*self.offset, 0.0)
+        return [
+            transform_message(error, "map", self.prefix + "odom", now),
+            transform_message(geometry.pose2d_transform(x, y, yaw), self.prefix + "odom", self.prefix + "base_link", now),
+        ]
+
+
+class Stimulus(Body):
     """Publishes map, tf, state and spots. The robot's pose is (x, y, yaw) in the map frame, odom is the map."""
 
-    def __init__(self, pose=(3.0, 2.5, 0.0)):
-        self.lock = threading.Lock()
-        self.pose = pose
+    def __init__(self, pose=(3.0, 2.5, 0.0), name="", others=()):
+        super().__init__(pose, name)
+        self.others = others  # Bodies
         self.spot = None  # (x, y, camera, mobile): published at 20 Hz while set
         self.spot_frame = "map"
-        self.velocity = (0.0, 0.0)
         self.scan_range = None  # [m] what a scanner in the robot's middle sees straight ahead; None: no scans
-        self._time = None
         self._broadcaster = tf2_ros.TransformBroadcaster()
         self._map = rospy.Publisher(names.VIRTUAL_MAP, OccupancyGridArray, queue_size=1, latch=True)
         self._physical = rospy.Publisher(names.PHYSICAL_MAP, OccupancyGridArray, queue_size=1, latch=True)
@@ -65,15 +93,8 @@ class Stimulus:
 
     def _tick(self, _event):
         now = rospy.Time.now()
+        transforms = [transform for body in (self, *self.others) for transform in body.step(now)]
         with self.lock:
-            x, y, yaw = self.pose
-            if self._time is not None and now > self._time:
-                dt = min(0.2, (now - self._time).to_sec())
-                v, w = self.velocity
-                middle = yaw + 0.5 * w * dt
-                x, y, yaw = x + v * dt * math.cos(middle), y + v * dt * math.sin(middle), yaw + w * dt
-                self.pose = (x, y, yaw)
-            self._time = now
             spot, frame = self.spot, self.spot_frame
         if self.scan_range is not None:
             scan = LaserScan(angle_min=-math.pi, angle_max=math.pi, angle_increment=math.pi / 180.0)
@@ -85,11 +106,8 @@ class Stimulus:
                 hit = (np.abs(angles) < math.pi / 2) & (np.abs(np.tan(angles)) * self.scan_range < 0.2)
                 scan.ranges = np.where(hit, self.scan_range / np.cos(angles), np.inf).tolist()
             self._scans.publish(scan)
-        self._broadcaster.sendTransform([
-            transform_message(np.eye(4), "base_link", "base_laser_link", now),
-            transform_message(np.eye(4), "map", "odom", now),
-            transform_message(geometry.pose2d_transform(x, y, yaw), "odom", "base_link", now),
-        ])
+        transforms.append(transform_message(np.eye(4), "base_link", "base_laser_link", now))
+        self._broadcaster.sendTransform(transforms)
         if spot is not None:
             message = LaserSpot(camera=spot[2], mobile=spot[3], confidence=1.0)
             message.header.stamp, message.header.frame_id = now, frame

@@ -232,3 +232,33 @@ def test_lost_spot_is_thought_on():
     known.set_state(SEED, "1", 9.0)
     known.add(seen(9.5, 0.0))
     assert known.gone_on(12.0, 0.3, 0.5) == 0.0, "the seed does not move"
+
+
+def test_next_interaction_begins_afresh_even_if_no_decision_fell_between():
+    bench = Bench([place(1)], seen=lambda pose: pose[0] == 1)
+    bench.step()
+    bench.goal = GoalStatus.NONE  # called off with the state
+    assert bench.step(key=("b", 1)).kind is Kind.SEND
+
+
+def test_robot_that_was_carried_away_comes_back():
+    bench = Bench([place(1)], seen=lambda pose: pose[0] == 1)
+    bench.step()
+    bench.goal = GoalStatus.REACHED
+    assert not sent(bench.run(10, robot=(1.0, 0.0, 0.0)))
+    assert sent(bench.run(10, robot=(5.0, 0.0, 0.0))) == [place(1)]
+
+
+def test_of_several_robots_one_leads():
+    known = Sightings(mobile_cameras=["ada", "bob"])
+    known.set_state(BORDER, "1", 0.0)
+    assert known.leader(1.0) is None
+    known.add(seen(1.0, 0.0, camera="bob", mobile=True))
+    known.add(seen(1.1, 0.0, camera="ada", mobile=True))
+    known.add(seen(1.0, 0.0, camera="red"))
+    assert known.leader(1.2) == "bob"
+    for stamp in (2.0, 3.0, 4.0):
+        known.add(seen(stamp, 0.0, camera="ada", mobile=True))
+    assert known.leader(4.0) == "ada", "bob has lost it"
+    known.add(seen(4.5, 0.0, camera="bob", mobile=True))
+    assert known.leader(5.0) == "ada" and known.leader(6.2) == "bob" and known.leader(9.0) is None

@@ -165,6 +165,8 @@ class DispatchPolicy:
             self._failures = 0
             self._unfit_since = None
             self._quiet_until = min(self._quiet_until, now)
+            if situation.goal not in (GoalStatus.SENT, GoalStatus.ACTIVE):
+                self.goal = None  # it belonged to the state before
         if not situation.server:
             self.goal = None
             return Decision(Kind.KEEP, "navigation is not there")
@@ -232,6 +234,8 @@ class DispatchPolicy:
         now, params, goal = situation.now, self.params, self.goal
         assert situation.spot is not None and situation.robot is not None
         under_way = goal is not None and situation.goal in (GoalStatus.SENT, GoalStatus.ACTIVE)
+        if goal is not None and not under_way and math.dist(situation.robot[:2], goal.pose[:2]) > params.min_gain:
+            goal = self.goal = None  # somebody has moved the robot since
         place = goal.pose if under_way and goal is not None else situation.robot
         endangered = under_way and goal is not None and not safe(goal)
         if fit(place) and not endangered:

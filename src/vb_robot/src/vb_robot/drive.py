@@ -42,12 +42,13 @@ class SafeDrive:
         """The robot stands."""
         self.v = self.w = 0.0
 
-    def step(self, dt: float, v: float, w: float, free_way: FreeWay) -> Motion:
+    def step(self, dt: float, v: float, w: float, free_way: FreeWay, most: float = math.inf) -> Motion:
         """The command for the next dt [s] if (v, w) [m/s, rad/s] is wished for.
 
         Args:
             dt: since the last step; longer than 0.2 s counts as 0.2 s.
             free_way: asked before the robot drives.
+            most: [m/s] no faster than this, for another reason than the way.
         """
         dt = min(max(dt, 0.0), 0.2)
         w = _towards(self.w, w, self._turn_acceleration * dt)
@@ -59,6 +60,8 @@ class SafeDrive:
                 allowed, why = 0.0, UNKNOWN_WAY
             else:
                 allowed, why = safe_speed(free, self._safety), IN_THE_WAY
+            if most < allowed:
+                allowed, why = most, ""
             if abs(wanted) > allowed:
                 # what must be slower is braked harder than what may be
                 limited = math.copysign(allowed, wanted)

@@ -64,6 +64,7 @@ class ExitDriver:
         self._cancelled_at: Optional[rospy.Time] = None
         self._refused_since: Optional[rospy.Time] = None
         self._driving = False
+        self.given_up = False  # the last leaving ended with the robot still inside
         self._timer: Optional[rospy.Timer] = None
         self._surroundings = Surroundings(base_frame, safety, use_scan, 0.5, 0.6, transforms)
         self._cmd_vel = rospy.Publisher("cmd_vel", Twist, queue_size=1)
@@ -85,6 +86,7 @@ class ExitDriver:
             if self._leaving is not None:
                 return
             self._leaving = Leaving(self._params, self._safety)
+            self.given_up = False
             self._border = border
             self._refused_since = self._cancelled_at = None
             # scans cost time: heard only while they are needed
@@ -187,6 +189,7 @@ class ExitDriver:
         with self._lock:
             self._halt()
             self._leaving = None
+            self.given_up = sentence is not None
             if self._timer is not None:
                 self._timer.shutdown()
                 self._timer = None

@@ -7,7 +7,7 @@ that nobody else has given a goal, then those with the shorter way.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Callable, Dict, Iterable, List, Optional, Sequence, Tuple
+from typing import Callable, Dict, Hashable, Iterable, List, Optional, Sequence, Tuple
 
 from vb_robot.dispatch import Decision, DispatchParams, DispatchPolicy, Kind, Situation
 from vb_robot.viewpoint import Pose, Viewpoint
@@ -48,6 +48,7 @@ class Fleet:
         self.params = params
         self.policies: Dict[str, DispatchPolicy] = {name: DispatchPolicy(params) for name in robots}
         self.serving: Optional[str] = None
+        self._key: Hashable = None
 
     def step(self, members: Sequence[Member]) -> Dict[str, Decision]:
         """What each robot is to do now."""
@@ -59,8 +60,11 @@ class Fleet:
                 able.append(member)
             else:
                 decisions[member.name] = decision
-        if not any(member.situation.wanted for member in members):
-            self.serving = None
+        key = members[0].situation.key if members else None
+        if key != self._key or not any(member.situation.wanted for member in members):
+            self._key = key
+            if self.serving is not None and self.policies[self.serving].goal is None:
+                self.serving = None  # whoever was under way goes on
         if not able:
             return decisions
         serving = next((member for member in able if member.name == self.serving), None)

@@ -40,6 +40,7 @@ class LeaveParams(Parameters):
     patience: float = param(15.0, "s", above=0.0, doc="without progress, then it gives up")
     min_progress: float = param(0.05, "m", above=0.0, doc="less is no progress; a turn of 1 rad counts as 0.2 m")
     timeout: float = param(90.0, "s", above=0.0, doc="for the whole way")
+    retry: float = param(20.0, "s", above=0.0, doc="after it gave up it tries again")
 
 
 class WayOut:

@@ -62,7 +62,8 @@ class RobotGuideNode:
 
     It guides in Guide always. In Border and Seed it does with follow_in_border true, and with "auto" if no stationary
     camera has seen the spot in this interaction: the system is then the paper's baseline, the robot alone. As soon
-    as a stationary camera sees the spot the robot is robot_dispatcher's.
+    as a stationary camera sees the spot the robot is robot_dispatcher's. Of several robots only the one follows whose
+    camera has seen the spot longest.
     """
 
     def __init__(
@@ -173,6 +174,8 @@ class RobotGuideNode:
         with self._lock:
             known = self._sightings
             known.forget_after(now.to_sec())
+            if known.leader(now.to_sec()) not in (None, self._params.camera):
+                return False
             if known.state == sightings.GUIDE:
                 return True
             if known.state not in (sightings.BORDER, sightings.SEED) or self._follow == "false":

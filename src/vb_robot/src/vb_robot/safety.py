@@ -22,9 +22,11 @@ class SafetyParams(Parameters):
     side_margin: float = param(0.04, "m", low=0.0, high=1.0, doc="beyond the radius to the sides")
     map_margin: float = param(0.05, "m", low=0.0, high=1.0, doc="kept from cells of the map that are occupied")
     map_threshold: int = param(99, "%", low=1, high=100, doc="cells of this occupancy and above are never entered")
-    brake: float = param(1.0, "m/s^2", above=0.0, high=10.0, doc="when it must stop")
+    brake: float = param(1.5, "m/s^2", above=0.0, high=10.0, doc="when it must stop")
     reaction: float = param(0.15, "s", low=0.0, high=2.0, doc="until a command takes effect, with the scan's age")
     horizon: float = param(0.8, "m", above=0.0, high=5.0, doc="how far the way is looked at")
+    pose_jump: float = param(0.25, "m", above=0.0, doc="a leap of the localisation; a turn of 1 rad counts as 0.5 m")
+    pose_doubt: float = param(1.0, "s", low=0.0, high=10.0, doc="after a leap the robot only turns for so long")
 
 
 def safe_speed(free: float, params: SafetyParams) -> float:
@@ -94,6 +96,13 @@ class ForbiddenGround:
         if not len(bad):
             return math.inf
         return float(max(0.0, steps[bad[0]] - 0.02))
+
+
+def leap(before: Pose, after: Pose, seconds: float) -> float:
+    """[m] by which a pose changed beyond what a robot can drive (1 m/s, 3 rad/s); a turn of 1 rad counts as 0.5 m."""
+    moved = max(0.0, math.dist(before[:2], after[:2]) - 1.0 * seconds)
+    turned = max(0.0, abs(math.remainder(after[2] - before[2], 2.0 * math.pi)) - 3.0 * seconds)
+    return moved + 0.5 * turned
 
 
 def arc(pose: Pose, lengths: np.ndarray, curvature: float) -> np.ndarray:

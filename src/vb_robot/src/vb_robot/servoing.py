@@ -37,13 +37,16 @@ class ServoParams(Parameters):
     drive_cone_deg: float = param(25.0, "deg", above=0.0, high=90.0, doc="off the axis by this it only turns")
     distance_gain: float = param(0.8, "1/s", above=0.0)
     turn_gain: float = param(1.8, "1/s", above=0.0)
-    max_age: float = param(0.5, "s", above=0.0, high=2.0, doc="an older spot is gone: stop")
+    fresh_age: float = param(0.17, "s", low=0.0, high=1.0, doc="from this age of the spot on it goes slower ...")
+    max_age: float = param(0.3, "s", above=0.0, high=2.0, doc="... and stands at this: the spot is gone")
 
     def __post_init__(self) -> None:
         super().__post_init__()
         if not self.near_distance < self.back_to_distance < self.good_distance < self.far_distance:
             order = "near_distance < back_to_distance < good_distance < far_distance"
             raise ParameterError("good_distance", f"must keep the order {order}")
+        if self.fresh_age >= self.max_age:
+            raise ParameterError("fresh_age", f"must be below max_age {self.max_age}, got {self.fresh_age}")
         if self.settled_zone >= self.inner_zone:
             raise ParameterError("settled_zone", f"must be below inner_zone {self.inner_zone}, got {self.settled_zone}")
 
@@ -77,7 +80,9 @@ class Servo:
             self._turning, self._driving = False, 0
             return self._drive.brake(dt, "the spot is gone")
         v, w = self._wish(np.asarray(spot, dtype=float))
-        motion = self._drive.step(dt, v, w, free_way)
+        # it begins to brake before the spot counts as gone, so that it stands by then
+        trust = min(1.0, (self.params.max_age - age) / (self.params.max_age - self.params.fresh_age))
+        motion = self._drive.step(dt, v, trust * w, free_way, trust * self.params.max_speed)
         return motion if v or w or motion.reason else Motion(motion.v, motion.w, "the spot is well in view")
 
     def _wish(self, spot: np.ndarray) -> Tuple[float, float]:

@@ -3,11 +3,12 @@ from __future__ import annotations
 
 from collections import deque
 from dataclasses import dataclass
-from typing import Deque, Iterable, Optional, Set, Tuple
+from typing import Deque, Dict, Iterable, Optional, Set, Tuple
 
 import numpy as np
 
 DEFAULT, BORDER, SEED, GUIDE = range(4)  # the values of vb_msgs/InteractionState
+RUN_GAP = 2.0  # [s] a robot that has not seen the spot for so long does not lead any more
 
 
 @dataclass(frozen=True)
@@ -32,6 +33,7 @@ class Sightings:
         self._window = window_s
         self._mobile_names: Set[str] = set(mobile_cameras)
         self._recent: Deque[Sighting] = deque(maxlen=400)
+        self._runs: Dict[str, Tuple[float, float]] = {}  # by camera on a robot: since when and until when it sees the spot
         self._interaction = ""
         self._entered = 0.0
         self.state = DEFAULT
@@ -51,6 +53,7 @@ class Sightings:
             self.first_mobile = None
         if changed:
             self._recent.clear()
+            self._runs.clear()
         self.state, self._interaction, self._entered = state, interaction, entered
         return changed
 
@@ -63,8 +66,18 @@ class Sightings:
         self._recent.append(sighting)
         if not sighting.mobile:
             self.stationary_seen = True
-        elif self.first_mobile is None:
+            return
+        if self.first_mobile is None:
             self.first_mobile = sighting.stamp
+        since, until = self._runs.get(sighting.camera, (sighting.stamp, sighting.stamp))
+        if abs(sighting.stamp - until) > RUN_GAP:
+            since = sighting.stamp
+        self._runs[sighting.camera] = (since, max(until, sighting.stamp) if since < sighting.stamp else sighting.stamp)
+
+    def leader(self, now: float) -> Optional[str]:
+        """The camera on a robot that has seen the spot longest without a pause: two robots do not follow one spot."""
+        seeing = {camera: run for camera, run in self._runs.items() if abs(now - run[1]) <= RUN_GAP}
+        return min(seeing, key=lambda camera: (seeing[camera][0], camera)) if seeing else None
 
     def contributed(self, cameras: Iterable[str]) -> None:
         """Learns of the cameras that contributed before this program was started."""

@@ -1,8 +1,9 @@
 """What a node that drives knows of the robot's surroundings: pose, scan, map, and how far it may drive."""
 from __future__ import annotations
 
+import math
 import threading
-from typing import Dict, Optional
+from typing import Dict, Optional, Tuple
 
 import numpy as np
 import rospy
@@ -12,7 +13,7 @@ from vb_core import geometry, names
 from vb_core.errors import CodedError
 from vb_core.grid_map import GridMap
 from vb_core.ros.transforms import TransformLookup
-from vb_robot.safety import ForbiddenGround, SafetyParams, free_by_scan, scan_points
+from vb_robot.safety import ForbiddenGround, SafetyParams, free_by_scan, leap, scan_points
 from vb_robot.viewpoint import Pose
 
 
@@ -44,6 +45,8 @@ class Surroundings:
         self._scan: Optional[LaserScan] = None
         self._ground: Optional[ForbiddenGround] = None
         self._laser_mounts: Dict[str, np.ndarray] = {}
+        self._last_pose: Optional[Tuple[rospy.Time, Pose]] = None
+        self._doubt_until = rospy.Time(0)
 
     def set_map(self, grid: GridMap) -> None:
         """Takes the map whose occupied cells are never entered."""
@@ -74,13 +77,30 @@ class Surroundings:
         return min(free, free_by_scan(points, v > 0, self._safety))
 
     def pose(self, now: rospy.Time) -> Optional[Pose]:
-        """(x, y, yaw) [m, m, rad], map frame; None if the robot is not localised."""
+        """(x, y, yaw) [m, m, rad], map frame; None if the robot is not localised, or its place has just leapt."""
         # tf gives the newest transform however old: asking for one at this time tells whether it is recent
         recent = now - rospy.Duration(min(self._pose_timeout, now.to_sec()))
         if self.lookup(names.MAP_FRAME, self._base_frame, recent) is None:
             return None
         T = self.lookup(names.MAP_FRAME, self._base_frame, rospy.Time(0))
-        return None if T is None else geometry.transform_pose2d(T)
+        if T is None:
+            return None
+        pose = geometry.transform_pose2d(T)
+        return None if self._in_doubt(now, pose) else pose
+
+    def _in_doubt(self, now: rospy.Time, pose: Pose) -> bool:
+        """Whether the robot's place has leapt a moment ago: localisation was wrong, or is now."""
+        with self._lock:
+            before, self._last_pose = self._last_pose, (now, pose)
+            if self._doubt_until > now + rospy.Duration(self._safety.pose_doubt):
+                self._doubt_until = rospy.Time(0)  # time has jumped back
+            since = (now - before[0]).to_sec() if before is not None else math.inf
+            # after a pause a robot may be anywhere
+            if before is not None and 0.0 <= since < 1.0 and leap(before[1], pose, since) > self._safety.pose_jump:
+                self._doubt_until = now + rospy.Duration(self._safety.pose_doubt)
+                rospy.logwarn("%s: the localisation leapt from (%.2f, %.2f) to (%.2f, %.2f)", rospy.get_name(),
+                              *before[1][:2], *pose[:2])
+            return now < self._doubt_until
 
     def lookup(self, target: str, source: str, stamp: rospy.Time, warn: bool = False) -> Optional[np.ndarray]:
         """The transform T_target_source (4, 4); None, with a warning if wanted, if there is none."""

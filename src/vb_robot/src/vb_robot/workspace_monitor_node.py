@@ -67,6 +67,7 @@ class WorkspaceMonitorNode:
         self, params: MonitorParams, leave: LeaveParams = LeaveParams(), safety: SafetyParams = SafetyParams()
     ) -> None:
         self._params = params
+        self._leave = leave
         self._who = f"robot '{params.robot}'" if params.robot else "the robot"
         self._lock = threading.Lock()
         self._map: Optional[GridMap] = None
@@ -80,6 +81,7 @@ class WorkspaceMonitorNode:
         self._stop_until = rospy.Time(0)
         self._transforms = TransformLookup()
         self._changed = False  # a map has come since the robot was last found free or led out
+        self._retry_at = rospy.Time(0)  # when a leaving that was given up is tried again
         self._publisher = rospy.Publisher(names.WORKSPACE, String, queue_size=10, latch=True)
         self._cancel = rospy.Publisher(f"{params.action}/cancel", GoalID, queue_size=1)
         self._cmd_vel: Optional[rospy.Publisher] = None
@@ -197,21 +199,29 @@ class WorkspaceMonitorNode:
                 self._stop_until = now + rospy.Duration(self._params.stop_s)
         if standing is not Standing.FREE:
             self._inside = found
-        if self._exit is not None and self._changed:
-            self._let_out(workspace, standing, (x, y))
+        if self._exit is not None:
+            self._let_out(workspace, standing, (x, y), now)
         if self._cmd_vel is not None and now < self._stop_until:
             if (self._stop_until - now).to_sec() > self._params.stop_s:
                 self._stop_until = now  # time jumped back
             self._cmd_vel.publish(Twist())
 
-    def _let_out(self, workspace: Workspace, standing: Standing, place: Tuple[float, float]) -> None:
-        """Has the robot driven out if a new map restricts where it stands."""
+    def _let_out(self, workspace: Workspace, standing: Standing, place: Tuple[float, float], now: rospy.Time) -> None:
+        """Has the robot driven out if a new map restricts where it stands, and again if that was given up."""
+        assert self._exit is not None
+        if standing is Standing.FREE:
+            self._exit.given_up = False
+        if self._exit.active or not self._exit.given_up:
+            self._retry_at = now + rospy.Duration(self._leave.retry)
+        # time that jumped back must not make it wait for ever
+        due_again = self._exit.given_up and not 0.0 < (self._retry_at - now).to_sec() <= self._leave.retry
+        if not self._changed and not due_again:
+            return
         with self._lock:
             if self._workspace is not workspace or self._map is None or self._physical is None:
                 return  # the next look is at a newer map
             self._changed = False
             posterior, physical = self._map, self._physical
-        assert self._exit is not None
         due = standing is not Standing.FREE and workspace.is_hard(place)
         if due or self._exit.active:
             self._exit.set_maps(posterior, physical, workspace.hard_gap)

@@ -18,7 +18,7 @@ class RobotModel(Parameters):
     acceleration: float = param(0.8, "m/s^2", above=0.0)
     deceleration: float = param(1.5, "m/s^2", above=0.0)
     turn_acceleration: float = param(4.0, "rad/s^2", above=0.0)
-    command_timeout: float = param(0.4, "s", above=0.0, high=5.0)
+    command_timeout: float = param(0.16, "s", above=0.0, high=5.0)
     odometry_scale_sigma: float = param(0.005, "", low=0.0, high=0.2)
     odometry_distance_noise: float = param(0.005, "m/sqrt(m)", low=0.0)
     odometry_turn_noise: float = param(0.01, "rad/sqrt(rad)", low=0.0)

@@ -317,16 +317,27 @@ def load_world(path: str) -> World:
         CodedError: "no_world" if there is no such file, "bad_world" if it is not YAML.
         ParameterError: names the key that is wrong.
     """
-    file = Path(path)
+    return world_from_mapping(_document(Path(path)), Path(path).stem)
+
+
+def _document(file: Path, depth: int = 0) -> Any:
+    """What a world file says; with the key `like`, on top of what another file beside it says."""
     try:
         document = yaml.safe_load(file.read_text(encoding="utf-8"))
     except OSError as error:
-        raise CodedError("no_world", f"cannot read the world file '{path}': {error.strerror}") from None
+        raise CodedError("no_world", f"cannot read the world file '{file}': {error.strerror}") from None
     except (yaml.YAMLError, UnicodeDecodeError) as error:
         where = getattr(error, "problem_mark", None)
         line = f" in line {where.line + 1}" if where else ""
-        raise CodedError("bad_world", f"the world file '{path}' is not valid YAML{line}") from None
-    return world_from_mapping(document, file.stem)
+        raise CodedError("bad_world", f"the world file '{file}' is not valid YAML{line}") from None
+    if not isinstance(document, Mapping) or "like" not in document:
+        return document
+    if depth > 8 or not isinstance(document["like"], str):
+        raise ParameterError("like", f"expected the name of another world file, which is not like this one, in '{file}'")
+    base = _document(file.parent / document["like"], depth + 1)
+    if not isinstance(base, Mapping):
+        return base
+    return {**base, **{key: value for key, value in document.items() if key != "like"}}
 
 
 def world_from_mapping(document: Any, default_name: str = "world") -> World:

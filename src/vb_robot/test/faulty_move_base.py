@@ -1,0 +1,119 @@
+"""A move_base action server that has the faults it is told to have."""
+import math
+import threading
+
+import actionlib
+import rospy
+from actionlib_msgs.msg import GoalStatus
+from move_base_msgs.msg import MoveBaseAction
+
+from vb_core.ros.messages import pose_to_2d
+
+SPEED = 0.5  # [m/s]
+
+
+class _Server(actionlib.ActionServer):
+    deaf = False
+
+    def internal_goal_callback(self, goal):
+        if not self.deaf:
+            super().internal_goal_callback(goal)
+
+
+class FaultyMoveBase:
+    """Drives a stimulus.Body straight to its goal, or does what `behaviour` says.
+
+    Attributes:
+        behaviour: "drive"; "hold": accepts the goal and stands; "abort".
+        goals: (time [s], pose) of every goal that was read.
+        stopped: when [s] the robot was stopped by a cancel or a new goal.
+    """
+
+    def __init__(self, body):
+        self.body = body
+        self.behaviour = "drive"
+        self.goals, self.stopped = [], []
+        self._lock = threading.RLock()
+        self._handle = self._target = self._server = None
+        self.revive()
+        self._timer = rospy.Timer(rospy.Duration(0.05), self._drive)
+
+    def revive(self):
+        """Starts the server, as a new process would."""
+        self._server = _Server(
+            self.body.prefix + "move_base", MoveBaseAction, self._on_goal, self._on_cancel, auto_start=False)
+        self._server.start()
+
+    def die(self):
+        """Leaves the graph without a word, as a killed process does; the base stops by its own timeout."""
+        with self._lock:
+            server, self._server, self._handle = self._server, None, None
+            self.body.velocity = (0.0, 0.0)
+        server.stop()
+
+    def be_deaf(self, deaf):
+        """Reads no goals, or does again; it says all the same that it is there."""
+        self._server.deaf = deaf
+
+    def forget(self):
+        """Ends what runs and is sound again; for the next test."""
+        if self._server is None:
+            self.revive()
+        self.be_deaf(False)
+        with self._lock:
+            if self._handle is not None:
+                self._handle.set_canceled()
+            self._handle = None
+            self.body.velocity = (0.0, 0.0)
+            self.goals.clear()
+            self.stopped.clear()
+            self.behaviour = "drive"
+
+    @property
+    def active(self):
+        """Whether a goal runs."""
+        return self._handle is not None
+
+    def _on_goal(self, handle):
+        with self._lock:
+            pose = pose_to_2d(handle.get_goal().target_pose.pose)
+            self.goals.append((rospy.Time.now().to_sec(), pose))
+            if self._handle is not None:
+                self._handle.set_canceled()
+                self._stop()
+            handle.set_accepted()
+            if self.behaviour == "abort":
+                handle.set_aborted()
+                return
+            self._handle, self._target = handle, pose
+
+    def _on_cancel(self, handle):
+        with self._lock:
+            if self._handle is not None and handle.get_goal_id().id == self._handle.get_goal_id().id:
+                self._handle.set_canceled()
+                self._handle = None
+                self._stop()
+
+    def _stop(self):
+        self.body.velocity = (0.0, 0.0)
+        self.stopped.append(rospy.Time.now().to_sec())
+
+    def _drive(self, _event):
+        with self._lock:
+            if self._handle is None or self.behaviour != "drive":
+                return
+            if self._handle.get_goal_status().status != GoalStatus.ACTIVE:
+                return
+            with self.body.lock:
+                x, y, _ = self.body.pose
+                x, y = x + self.body.offset[0], y + self.body.offset[1]  # it believes its localisation
+                distance = math.hypot(self._target[0] - x, self._target[1] - y)
+                if distance < 0.05:
+                    self.body.velocity = (0.0, 0.0)
+                    self.body.pose = (*self.body.pose[:2], self._target[2])
+                    self._handle.set_succeeded()
+                    self._handle = None
+                    return
+                heading = math.atan2(self._target[1] - y, self._target[0] - x)
+                self.body.pose = (*self.body.pose[:2], heading)
+                self.body.velocity = (min(SPEED, distance / 0.1), 0.0)

@@ -1,0 +1,172 @@
+#!/usr/bin/env python3
+"""Two robots and the faults of their navigation: the dispatcher against two move_base action servers."""
+import math
+import os
+import sys
+import unittest
+
+import numpy as np
+import rospy
+import rostest
+from std_msgs.msg import String
+
+sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
+from faulty_move_base import FaultyMoveBase  # noqa: E402
+from stimulus import Body, Stimulus, room, wait_until  # noqa: E402
+
+from vb_core import names  # noqa: E402
+from vb_core.ros.messages import OccupancyGridArray, message_from_grid, pose_from_2d  # noqa: E402
+from move_base_msgs.msg import MoveBaseActionGoal  # noqa: E402
+
+DEFAULT, BORDER, SEED, GUIDE = range(4)
+SPOT = (2.0, 2.5)
+
+
+class FaultsTest(unittest.TestCase):
+    @classmethod
+    def setUpClass(cls):
+        rospy.init_node("test_robot_faults")
+        cls.ada, cls.bob = Body((5.0, 2.5, 0.0), "ada"), Body((5.4, 0.6, 0.0), "bob")
+        cls.stimulus = Stimulus(pose=(0.5, 0.5, 0.0), others=(cls.ada, cls.bob))
+        cls.stimulus.set_state(DEFAULT)
+        cls.bases = {body.name: FaultyMoveBase(body) for body in (cls.ada, cls.bob)}
+        cls.words = []
+        rospy.Subscriber(names.WORKSPACE, String, lambda message: cls.words.append(message.data))
+        cls.own_map = rospy.Publisher("/bob/virtual_borders/map", OccupancyGridArray, queue_size=1, latch=True)
+        cls.own_map.publish(message_from_grid(room(), rospy.Time.now()))
+        assert wait_until(lambda: cls.stimulus.spots.get_num_connections() > 0), "the dispatcher did not subscribe"
+
+    def setUp(self):
+        self.stimulus.spot = None
+        self.stimulus.set_state(DEFAULT)
+        self.assertTrue(wait_until(lambda: not any(base.active for base in self.bases.values())))
+        for base in self.bases.values():
+            base.forget()
+        self.stimulus.publish_map(room())
+        self.own_map.publish(message_from_grid(room(), rospy.Time.now()))
+        self.ada.pose, self.bob.pose = (5.0, 2.5, 0.0), (5.4, 0.6, 0.0)
+        self.ada.offset = self.bob.offset = (0.0, 0.0)
+        self.words.clear()
+
+    def draw(self, spot=SPOT):
+        self.stimulus.set_state(BORDER)
+        self.stimulus.spot = (*spot, "red", False)
+
+    def goals(self, name):
+        return self.bases[name].goals
+
+    def is_sent(self, name, count=1):
+        self.assertTrue(wait_until(lambda: len(self.goals(name)) >= count), f"{name}: {self.goals(name)}")
+        return self.goals(name)[-1][1]
+
+    # ------------------------------------------------------------- who goes
+    def test_the_shorter_way_counts_not_the_bee_line(self):
+        grid = room()
+        data = grid.data.copy()
+        data[:75, 70:74] = 100  # a wall at x = 3.6 m, open at the top: ada has 2.6 m more to go
+        self.stimulus.publish_map(grid.with_data(data))
+        self.own_map.publish(message_from_grid(grid.with_data(data), rospy.Time.now()))
+        self.ada.pose, self.bob.pose = (4.2, 0.6, 0.0), (3.3, 4.4, 0.0)
+        self.draw((2.0, 1.0))
+        self.is_sent("bob")
+        self.assertEqual(self.goals("ada"), [])
+
+    def test_two_never_take_the_same_place(self):
+        self.draw()
+        best = self.is_sent("ada")
+        self.setUp()
+        # somebody else has sent bob to just there
+        self.bob.pose = (best[0], best[1], 0.0)
+        goal = MoveBaseActionGoal()
+        goal.goal_id.id = "somebody"
+        goal.goal.target_pose.header.frame_id = "map"
+        goal.goal.target_pose.pose = pose_from_2d(*best)
+        self.bases["bob"].behaviour = "hold"
+        somebody = rospy.Publisher("/bob/move_base/goal", MoveBaseActionGoal, queue_size=1)
+        self.assertTrue(wait_until(lambda: somebody.get_num_connections() >= 2))
+        somebody.publish(goal)
+        self.assertTrue(wait_until(lambda: self.bases["bob"].active))
+        self.draw()
+        place = self.is_sent("ada")
+        self.assertGreaterEqual(math.dist(place[:2], best[:2]), 2 * 0.18 + 0.10)
+        self.assertEqual(len(self.goals("bob")), 1, "a free robot comes first")
+
+    def test_borders_for_one_robot_do_not_hold_the_other(self):
+        grid = room()
+        data = grid.data.copy()
+        data[:, 10:75] = 100  # bob is to keep out of where the spot is
+        self.own_map.publish(message_from_grid(grid.with_data(data), rospy.Time.now()))
+        self.ada.pose, self.bob.pose = (5.0, 4.4, 0.0), (4.2, 2.5, math.pi)
+        self.draw((2.0, 1.2))
+        self.is_sent("ada")
+        self.assertEqual(self.goals("bob"), [])
+
+    # ------------------------------------------------------------- faults
+    def test_abort_another_takes_over(self):
+        self.bases["ada"].behaviour = "abort"
+        self.draw()
+        self.is_sent("bob")
+        self.assertEqual(len(self.goals("ada")), 1)
+        self.assertTrue(wait_until(lambda: math.dist(self.bob.pose[:2], SPOT) < 1.6 and not self.bases["bob"].active))
+
+    def test_navigation_that_dies_while_driving(self):
+        self.draw()
+        self.is_sent("ada")
+        self.assertTrue(wait_until(lambda: self.ada.velocity[0] > 0.0))
+        self.bases["ada"].die()
+        self.is_sent("bob")
+
+    def test_navigation_that_is_slow_to_answer(self):
+        self.bases["ada"].be_deaf(True)
+        self.draw()
+        self.is_sent("bob")
+        self.assertEqual(self.goals("ada"), [])
+
+    def test_robot_that_gets_stuck(self):
+        self.bases["ada"].behaviour = "hold"
+        self.draw()
+        self.is_sent("ada")
+        self.is_sent("bob")
+        self.assertTrue(wait_until(lambda: not self.bases["ada"].active), "its goal is called off")
+
+    def test_navigation_that_never_comes_and_then_does(self):
+        for base in self.bases.values():
+            base.die()
+        self.draw()
+        # the interaction goes on; when the spot is lost people are told how things are
+        seen = []
+        count = rospy.Subscriber(names.SPOTS, rospy.AnyMsg, seen.append)
+        self.assertTrue(wait_until(lambda: len(seen) >= 25))
+        count.unregister()
+        self.stimulus.spot = None
+        self.assertTrue(wait_until(lambda: any("no robot can come" in word for word in self.words)), str(self.words))
+        self.stimulus.spot = (*SPOT, "red", False)
+        self.bases["bob"].revive()
+        self.is_sent("bob")
+
+    def test_localisation_that_leaps_half_a_metre(self):
+        self.draw()
+        self.is_sent("ada")
+        self.assertTrue(wait_until(lambda: self.ada.velocity[0] > 0.0))
+        self.ada.offset = (0.35, 0.35)
+        self.assertTrue(wait_until(lambda: self.goals("ada") and not self.bases["ada"].active))
+        believed = np.add(self.ada.pose[:2], self.ada.offset)
+        self.assertLess(math.dist(believed, SPOT), 1.6, "it goes on by what localisation says now")
+
+    def test_cancel_while_driving_stops_the_robot(self):
+        self.draw()
+        self.is_sent("ada")
+        self.assertTrue(wait_until(lambda: self.ada.velocity[0] > 0.3))
+        cancelled = rospy.Time.now().to_sec()
+        self.stimulus.spot = None
+        self.stimulus.set_state(DEFAULT)
+        self.assertTrue(wait_until(lambda: self.bases["ada"].stopped))
+        print(f"cancel to stop: {1e3 * (self.bases['ada'].stopped[0] - cancelled):.0f} ms")
+        self.assertEqual(self.ada.velocity, (0.0, 0.0))
+        # and the next interaction is like any other
+        self.draw((3.0, 3.5))
+        self.is_sent("ada", 2)
+
+
+if __name__ == "__main__":
+    rostest.rosrun("vb_robot", "robot_faults", FaultsTest)
