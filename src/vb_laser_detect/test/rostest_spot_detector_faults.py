@@ -1,0 +1,290 @@
+#!/usr/bin/env python3
+"""Whatever is wrong with its input, a detector says it once, shows it in the diagnostics, and goes on."""
+import os
+import sys
+import threading
+import unittest
+
+import numpy as np
+import rospy
+import rostest
+import tf2_ros
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from dynamic_reconfigure.client import Client
+from rosgraph_msgs.msg import Log
+from sensor_msgs.msg import Image
+
+from vb_core import names
+from vb_core.camera_model import CameraModel
+from vb_core.ros import messages
+from vb_msgs.msg import DetectorStatus, LaserSpot
+
+sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
+from players import FixedCamera, RobotCamera  # noqa: E402
+from scenes import RED  # noqa: E402
+
+PATIENCE = 30.0
+WARN_EVERY = 10.0
+
+
+class Observer:
+    """What detectors publish, log and diagnose."""
+
+    def __init__(self):
+        self.changed = threading.Condition()
+        self.spots, self.logs, self.status, self.diagnostics, self.truth = [], [], {}, {}, {}
+        for topic, kind, handle in (
+            (names.SPOTS, LaserSpot, lambda m: self.spots.append(m)),
+            (names.DETECTORS, DetectorStatus, lambda m: self.status.__setitem__(m.camera, m)),
+            ("/diagnostics", DiagnosticArray, self._on_diagnostics),
+            ("/rosout", Log, lambda m: self.logs.append(m)),
+        ):
+            rospy.Subscriber(topic, kind, self._store, callback_args=handle, queue_size=50)
+
+    def _store(self, message, handle):
+        with self.changed:
+            handle(message)
+            self.changed.notify_all()
+
+    def _on_diagnostics(self, message):
+        for status in message.status:
+            self.diagnostics[status.hardware_id] = status
+
+    def refused(self, camera, code):
+        status = self.status.get(camera)
+        return dict(zip(status.refusals, status.refusal_counts)).get(code, 0) if status is not None else 0
+
+    def warnings(self, code):
+        return [log for log in self.logs if f"[{code}]" in log.msg and log.level >= Log.WARN]
+
+
+class FaultsTest(unittest.TestCase):
+    @classmethod
+    def setUpClass(cls):
+        rospy.init_node("stimulus")
+        cls.started = rospy.get_time()
+        cls.observer = Observer()
+        cls.red = FixedCamera("red", 2.0, 1.5, RED, False)
+        cls.robot = RobotCamera()
+        cls.red.info = None
+        cls.spoil = None
+        cls.static = tf2_ros.StaticTransformBroadcaster()
+        cls.running = True
+        cls.player = threading.Thread(target=cls.play, daemon=True)
+        cls.player.start()
+
+    @classmethod
+    def tearDownClass(cls):
+        cls.running = False
+        cls.player.join()
+
+    @classmethod
+    def play(cls):
+        rate, step = rospy.Rate(12), 0
+        while cls.running and not rospy.is_shutdown():
+            stamp, step = rospy.Time.now(), step + 1
+            point = cls.red.T[:2, 3] + 0.5 * np.array([np.cos(0.1 * step), np.sin(0.1 * step)])
+            cls.observer.truth["red", stamp.to_nsec()] = point
+            cls.red.play(stamp, point)
+            cls.observer.truth["robot", stamp.to_nsec()] = cls.robot.play(stamp, 1.0 + 0.01 * (step % 100))
+            if cls.spoil is not None:
+                message = cls.spoil()
+                message.header.stamp, message.header.frame_id = rospy.Time.now(), cls.red.frame
+                cls.red.images.publish(message)
+            rate.sleep()
+
+    def wait(self, condition, what):
+        o = self.observer
+        with o.changed:
+            self.assertTrue(o.changed.wait_for(condition, PATIENCE), f"waited in vain for {what}: {o.status} {o.diagnostics}")
+
+    def wait_for_spots(self, camera, count=3, projection=None):
+        """Spots of images that were taken from now on."""
+        now, o = rospy.Time.now(), self.observer
+
+        def fresh():
+            return [spot for spot in o.spots if spot.camera == camera and spot.header.stamp > now
+                    and (projection is None or spot.projection == projection)]
+
+        self.wait(lambda: len(fresh()) >= count, f"spots of {camera}")
+        return fresh()
+
+    def errors(self, spots):
+        truth = self.observer.truth
+        return [np.hypot(*(np.array([s.position.x, s.position.y]) - truth[s.camera, s.header.stamp.to_nsec()])) for s in spots]
+
+    def check_fault(self, camera, code, words, level, count=10):
+        """Counted, in the diagnostics, and warned of, but not for each image."""
+        o = self.observer
+        before = o.refused(camera, code)
+        self.wait(lambda: o.refused(camera, code) >= before + count, f"{count} times {code}")
+        self.wait(lambda: o.diagnostics[camera].level == level and words in o.diagnostics[camera].message, f"diagnostic of {code}")
+        self.wait(lambda: o.warnings(code), f"a warning of {code}")
+        with o.changed:
+            at_most = 1 + (rospy.get_time() - self.started) / WARN_EVERY
+            self.assertLessEqual(len(o.warnings(code)), at_most)
+
+    # one story, as each chapter needs the one before
+    def test_fixed_camera(self):
+        self.camera_info_is_late_wrong_and_then_right()
+        self.tf_loop_ends()
+        self.camera_info_changes()
+        self.bad_images()
+        self.tuning()
+        self.debug_image_only_while_somebody_looks()
+
+    def camera_info_is_late_wrong_and_then_right(self):
+        o, red = self.observer, self.red
+        self.wait(lambda: "red" in o.diagnostics and "no camera_info on /red/camera_info" in o.diagnostics["red"].message,
+                  "the diagnostic that camera_info is missing")
+        self.assertEqual(o.diagnostics["red"].level, DiagnosticStatus.ERROR)
+
+        def uncalibrated(stamp):
+            info = messages.info_from_camera(red.camera, stamp, red.frame)
+            info.K = [0.0] * 9
+            return info
+
+        red.info = uncalibrated
+        self.wait(lambda: o.warnings("bad_camera_info"), "a warning of the zero matrix")
+        self.wait(lambda: "no focal length" in o.diagnostics["red"].message, "the diagnostic of the zero matrix")
+        self.assertEqual(o.diagnostics["red"].level, DiagnosticStatus.ERROR)
+        self.wait(lambda: o.refused("red", "no_camera_info") >= 3, "spots that were dropped")
+        self.assertEqual(len(o.warnings("bad_camera_info")), 1)
+        self.assertFalse([spot for spot in o.spots if spot.camera == "red"])
+        red.info = lambda stamp: messages.info_from_camera(red.camera, stamp, red.frame)
+
+    def tf_loop_ends(self):
+        now, red = rospy.Time.now(), self.red
+        self.static.sendTransform([
+            messages.transform_message(np.eye(4), "a", red.frame, now),
+            messages.transform_message(np.eye(4), "b", "a", now),
+            messages.transform_message(np.eye(4), "a", "b", now),
+            messages.transform_message(np.eye(4), "map", "elsewhere", now),
+        ])
+        self.check_fault("red", "no_transform", "loop", DiagnosticStatus.ERROR)
+        self.assertFalse([spot for spot in self.observer.spots if spot.camera == "red"])
+        self.static.sendTransform([messages.transform_message(red.T, "map", red.frame, now)])
+        self.assertLess(np.median(self.errors(self.wait_for_spots("red"))), 0.01)
+
+    def camera_info_changes(self):
+        # another focal length shows the same spot in another place: nearer to the middle, by the ratio of both
+        red = self.red
+        longer = CameraModel(red.camera.width, red.camera.height, red.camera.matrix * [[1.25, 1, 1], [1, 1.25, 1], [1, 1, 1]],
+                             red.camera.distortion * 0)
+        red.info = lambda stamp: messages.info_from_camera(longer, stamp, red.frame)
+        self.wait(lambda: self.radius() < 0.45, "spots by the other camera_info")
+        red.info = lambda stamp: messages.info_from_camera(longer.scaled_to(960, 540), stamp, red.frame)
+        self.check_fault("red", "no_camera_info", "not of 480 x 270", DiagnosticStatus.ERROR, count=3)
+        red.info = lambda stamp: messages.info_from_camera(red.camera, stamp, red.frame)
+        self.wait(lambda: self.radius() > 0.48, "spots by the first camera_info again")
+
+    def radius(self):
+        """[m] of the newest spot from the middle of the circle that it draws; 0.5 in truth."""
+        spot = next(spot for spot in reversed(self.observer.spots) if spot.camera == "red")
+        return np.hypot(spot.position.x - self.red.T[0, 3], spot.position.y - self.red.T[1, 3])
+
+    def bad_images(self):
+        good = np.full((270, 480), 100, np.uint8)
+
+        def short():
+            message = messages.image_message(good, "mono8", rospy.Time(), "")
+            message.data = message.data[:1000]
+            return message
+
+        for spoil, words in (
+            (lambda: Image(encoding="bayer_rggb8"), "the image is empty"),
+            (lambda: Image(encoding="purple8", height=270, width=480, step=480, data=good.tobytes()), "purple8"),
+            (lambda: messages.image_message(good.astype(np.uint16), "mono16", rospy.Time(), ""), "uint16"),
+            (short, "cannot read an image"),
+        ):
+            type(self).spoil = staticmethod(spoil)
+            self.check_fault("red", "bad_image", words, DiagnosticStatus.WARN, count=3)
+            self.wait_for_spots("red", 1)
+        type(self).spoil = None
+        self.wait(lambda: self.observer.diagnostics["red"].level == DiagnosticStatus.OK, "all well again")
+
+    def tuning(self):
+        client = Client("/spot_detector_red/detector", timeout=PATIENCE)
+        self.addCleanup(client.close)
+        described = {entry["name"]: entry for entry in client.get_parameter_descriptions(timeout=PATIENCE)}
+        self.assertEqual((described["confirm_frames"]["min"], described["confirm_frames"]["type"]), (1, "int"))
+        self.assertNotIn("moving_camera", described)
+        before = self.observer.refused("red", "too_small")
+        changed = client.update_configuration({"min_diameter_mm": 79.0})
+        self.assertEqual(changed["min_diameter_mm"], 79.0)
+        self.wait(lambda: self.observer.refused("red", "too_small") > before + 5, "spots that are too small now")
+        self.assertEqual(rospy.get_param("/spot_detector_red/detector/min_diameter_mm"), 79.0)
+        # above the largest diameter: nothing changes, not even what came with it
+        refused = client.update_configuration({"min_diameter_mm": 90.0, "confirm_frames": 7})
+        self.assertEqual((refused["min_diameter_mm"], refused["confirm_frames"]), (79.0, 2))
+        self.wait(lambda: any("must be at most max_diameter_mm" in log.msg for log in self.observer.logs), "the reason")
+        client.update_configuration({"min_diameter_mm": 3.0})
+        self.wait_for_spots("red")
+        # the projection's, and the node's own
+        other = Client("/spot_detector_red/projection", timeout=PATIENCE)
+        self.addCleanup(other.close)
+        other.update_configuration({"max_range": 1.0})
+        self.wait(lambda: self.observer.refused("red", "too_far") > 3, "a floor that is too far away")
+        other.update_configuration({"max_range": 12.0})
+        node = Client("/spot_detector_red", timeout=PATIENCE)
+        self.addCleanup(node.close)
+        self.assertEqual(node.update_configuration({"debug_hz": 50.0})["debug_hz"], 50.0)
+        self.wait_for_spots("red")
+
+    def debug_image_only_while_somebody_looks(self):
+        o, pictures = self.observer, []
+
+        def drawn():
+            return int(next(v.value for v in o.diagnostics["red"].values if v.key == "debug images drawn"))
+
+        self.assertEqual(drawn(), 0)
+        subscriber = rospy.Subscriber("/spot_detector_red/debug_image", Image, o._store, callback_args=pictures.append)
+        self.wait(lambda: len(pictures) >= 3 and drawn() >= 3, "debug images")
+        self.assertEqual((pictures[0].encoding, pictures[0].width), ("bgr8", 480))
+        subscriber.unregister()
+        seen = []
+
+        def settled():  # the node hears of it some time later
+            entry = (o.diagnostics["red"].values, drawn())
+            if not seen or seen[-1][0] is not entry[0]:
+                seen.append(entry)
+            return len(seen) > 3 and seen[-1][1] == seen[-3][1]
+
+        self.wait(settled, "the end of the debug images")
+
+    def test_moving_camera(self):
+        robot, o = self.robot, self.observer
+        spots = self.wait_for_spots("robot", 3, LaserSpot.DEPTH)
+        self.assertLess(np.median(self.errors(spots)), 0.03)
+
+        def empty(depth):
+            return messages.image_message(np.full(depth.shape, np.nan, np.float32), "32FC1", rospy.Time(), "camera_optical_frame")
+
+        def coloured(depth):
+            return messages.image_message(np.zeros((*depth.shape, 3), np.uint8), "rgb8", rospy.Time(), "camera_optical_frame")
+
+        good = robot.depth_message
+        for spoilt, words in ((empty, "no reading at all"), (coloured, "expected depth images of 16UC1 or 32FC1")):
+            robot.depth_message = spoilt
+            # the floor's plane takes over, and the spots say so
+            spots = self.wait_for_spots("robot", 3, LaserSpot.GROUND_PLANE_FALLBACK)
+            self.assertLess(np.median(self.errors(spots)), 0.03)
+            self.check_fault("robot", "bad_depth", words, DiagnosticStatus.WARN, count=3)
+        robot.depth_message = lambda depth: messages.image_message(
+            np.where(depth > 0, depth / 1000.0, np.nan).astype(np.float32), "32FC1", rospy.Time(), "camera_optical_frame")
+        self.wait_for_spots("robot", 3, LaserSpot.DEPTH)
+        robot.depth_message = good
+        # without a pose at the image's time a spot is dropped and counted, never published where it was last
+        robot.localised = False
+        self.check_fault("robot", "no_transform", "no transform", DiagnosticStatus.WARN, count=5)
+        with o.changed:
+            count = len([spot for spot in o.spots if spot.camera == "robot"])
+        before = o.refused("robot", "no_transform")
+        self.wait(lambda: o.refused("robot", "no_transform") >= before + 5, "more spots that are dropped")
+        self.assertLessEqual(len([spot for spot in o.spots if spot.camera == "robot"]), count)
+        robot.localised = True
+        self.assertLess(np.median(self.errors(self.wait_for_spots("robot"))), 0.03)
+
+
+if __name__ == "__main__":
+    rostest.rosrun("vb_laser_detect", "spot_detector_faults", FaultsTest)
