@@ -93,6 +93,11 @@ class MapIntegrator:
         """The physical map with all borders that act; CodedError "no_map" before there is a map."""
         return self._ready().posterior
 
+    def posterior_for(self, robot: str) -> GridMap:
+        """The physical map with those borders that hold for one robot: they name it, or none."""
+        others = {border.id: None for border in self.borders if border.robots and robot not in border.robots}
+        return self._ready().changed(others).posterior
+
     @property
     def physical(self) -> GridMap:
         """The physical map; CodedError "no_map" before there is one."""

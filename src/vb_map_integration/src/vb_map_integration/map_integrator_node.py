@@ -44,6 +44,7 @@ class NodeParams(Parameters):
     store_dir: str = param("~/.ros/virtual_borders")
     map_dir: str = param("~/.ros/virtual_borders/maps")
     robot_frame: str = param("")
+    robots: list = param([])
     move_base: str = param("/move_base")
     expiry_period_s: float = param(1.0, "s", above=0.0)
     map_timeout_s: float = param(60.0, "s", low=0.0)
@@ -56,6 +57,7 @@ class MapIntegratorNode:
         /map (nav_msgs/OccupancyGrid): the physical map.
     Publishes, latched, with the same stamp for the same state:
         /virtual_borders/borders (vb_msgs/VirtualBorderArray): all borders; with every change.
+        <robot>/virtual_borders/map (nav_msgs/OccupancyGrid): the same with those borders that hold for one of ~robots.
         /virtual_borders/map (nav_msgs/OccupancyGrid): the physical map with all enabled borders; as soon as
             there is a map, and whole with every change.
     Services, all below /virtual_borders/:
@@ -77,6 +79,10 @@ class MapIntegratorNode:
         self._transforms = TransformLookup() if params.robot_frame else None
 
         self._map_out = rospy.Publisher(names.VIRTUAL_MAP, messages.OccupancyGridArray, queue_size=1, latch=True)
+        self._robot_maps = {
+            str(name): rospy.Publisher(f"/{name}{names.VIRTUAL_MAP}", messages.OccupancyGridArray, queue_size=1, latch=True)
+            for name in params.robots
+        }
         self._borders_out = rospy.Publisher(names.BORDERS, VirtualBorderArray, queue_size=1, latch=True)
         for name, service, handler in (
             (names.ADD_BORDER, AddBorder, self._add),
@@ -144,6 +150,9 @@ class MapIntegratorNode:
         self._last_stamp = stamp
         self._borders_out.publish(self._array(stamp))
         self._map_out.publish(messages.message_from_grid(self._integrator.posterior, stamp, self._params.frame_id))
+        for name, publisher in self._robot_maps.items():
+            grid = self._integrator.posterior_for(name)
+            publisher.publish(messages.message_from_grid(grid, stamp, self._params.frame_id))
 
     def _array(self, stamp: rospy.Time) -> VirtualBorderArray:
         array = VirtualBorderArray()
