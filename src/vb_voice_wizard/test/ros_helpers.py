@@ -11,8 +11,14 @@ from vb_msgs.srv import (
     AddBorderResponse,
     GetCandidate,
     GetCandidateResponse,
+    ListBorders,
+    ListBordersResponse,
     PreviewBorder,
     PreviewBorderResponse,
+    RemoveBorder,
+    RemoveBorderResponse,
+    UpdateBorder,
+    UpdateBorderResponse,
 )
 
 
@@ -70,7 +76,7 @@ class Process:
 
 
 class StubNeighbours:
-    """border_fusion and map_integrator, as far as saving a border needs them."""
+    """border_fusion and map_integrator, as far as this package needs them."""
 
     def __init__(self) -> None:
         self.candidate = GetCandidateResponse(success=True, code="ok")
@@ -81,7 +87,7 @@ class StubNeighbours:
         self.preview.region.info.width, self.preview.region.info.height = 2, 1
         self.preview.region.data = [100, 0]
         self.before_add = lambda: None
-        self.candidates, self.added, self.previews = [], [], []
+        self.candidates, self.added, self.previews, self.updated, self.removed = [], [], [], [], []
         self.services = []
 
     def offer(self, candidate: bool = True, add: bool = True, preview: bool = True) -> None:
@@ -92,6 +98,22 @@ class StubNeighbours:
             self.services.append(rospy.Service("/virtual_borders/get_candidate", GetCandidate, self._on_candidate))
         if add:
             self.services.append(rospy.Service("/virtual_borders/add_border", AddBorder, self._on_add))
+
+    def offer_changes(self) -> list:
+        """Starts the services that change what is stored; gives them."""
+        return [
+            rospy.Service("/virtual_borders/list_borders", ListBorders, lambda _request: ListBordersResponse()),
+            rospy.Service("/virtual_borders/update_border", UpdateBorder, self._on_update),
+            rospy.Service("/virtual_borders/remove_border", RemoveBorder, self._on_remove),
+        ]
+
+    def _on_update(self, request):
+        self.updated.append(request)
+        return UpdateBorderResponse(True, "ok", f"{request.border.name} was changed.", [])
+
+    def _on_remove(self, request):
+        self.removed.append(request.id)
+        return RemoveBorderResponse(True, "ok", f"{request.id} is gone.")
 
     def withdraw(self) -> None:
         """Stops them."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import socket
 import subprocess
 import sys
@@ -13,13 +14,25 @@ import rospy
 import rostest
 
 sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
-from ros_helpers import Newest, Process, StubNeighbours  # noqa: E402
+from ros_helpers import Newest, Process, StubNeighbours, wait_until  # noqa: E402
 from terminal import Terminal  # noqa: E402
 
 from std_srvs.srv import Trigger, TriggerResponse  # noqa: E402
-from vb_msgs.msg import BorderProgress, InteractionState, VirtualBorder, VirtualBorderArray  # noqa: E402
+from vb_msgs.msg import (  # noqa: E402
+    BorderPreview,
+    BorderProgress,
+    Finding,
+    InteractionState,
+    VirtualBorder,
+    VirtualBorderArray,
+)
 
 FOLDER = tempfile.mkdtemp(prefix="vb_console_")
+
+
+def panel_widths(terminal):
+    """The widths of the screens that were drawn, told by the line above the interaction and the borders."""
+    return {len(line) for line in re.findall("\u256d\u2500+ interaction .*?\u256e\u256d.*?\u256e", terminal.text)}
 
 
 class WizardConsoleTest(unittest.TestCase):
@@ -28,6 +41,7 @@ class WizardConsoleTest(unittest.TestCase):
         rospy.init_node("rostest_wizard_console")
         cls.stub = StubNeighbours()
         cls.stub.offer()
+        cls.changes = cls.stub.offer_changes()
         cls.undone = []
         cls.undo = rospy.Service("/virtual_borders/undo", Trigger, cls.on_undo)
         cls.state = Newest("/virtual_borders/state", InteractionState)
@@ -68,8 +82,8 @@ class WizardConsoleTest(unittest.TestCase):
         terminal.shows("interaction manager is there")
         terminal.press("d")
         self.state.wait(lambda message: message.name == "seed", "the seed state")
-        terminal.press("x")
-        terminal.shows("'x' means nothing")
+        terminal.press("z")
+        terminal.shows("'z' means nothing")
         terminal.press("\x1b[A")
         terminal.press("s")
         self.state.wait(lambda message: message.last_outcome == "saved", "the saved border")
@@ -79,6 +93,63 @@ class WizardConsoleTest(unittest.TestCase):
         terminal.shows("Nursery is gone")
         self.assertTrue(self.undone)
         self.assertNotIn("Traceback", terminal.text)
+        self.assertEqual(terminal.leave(), (0, True))
+
+    def test_borders_are_renamed_turned_off_and_removed(self):
+        stored = [
+            VirtualBorder(id="b1", name="Nursery", area_m2=8.0, enabled=True, occupancy=1.0, kind=1),
+            VirtualBorder(id="b2", name="Carpet", area_m2=2.5, enabled=True, occupancy=0.5, expires=rospy.Time(99)),
+        ]
+        self.borders.publish(borders=stored)
+        terminal = Terminal()
+        terminal.shows("> Carpet")
+        terminal.press("nRu")
+        terminal.shows("new name of Carpet: Ru_")
+        terminal.press("g\r")
+        terminal.shows("Rug was changed")
+        renamed = self.stub.updated[-1]
+        self.assertEqual((renamed.border.id, renamed.border.name, renamed.border.occupancy), ("b2", "Rug", 0.5))
+        self.assertEqual((renamed.border.expires, renamed.frame_id, renamed.source), (rospy.Time(99), "map", "wizard"))
+        terminal.press("\x1b[Ae")
+        terminal.shows("Nursery was changed")
+        turned = self.stub.updated[-1].border
+        self.assertEqual((turned.id, turned.enabled, turned.kind, turned.area_m2), ("b1", False, 1, 8.0))
+        terminal.press("x")
+        terminal.shows("remove Nursery from the map?")
+        terminal.press("n")
+        terminal.shows("nothing was removed")
+        self.assertEqual(self.stub.removed, [])
+        terminal.press("xy")
+        terminal.shows("b1 is gone")
+        self.assertEqual(self.stub.removed, ["b1"])
+        self.assertEqual(terminal.leave(), (0, True))
+
+    def test_the_preview_and_another_size(self):
+        preview = rospy.Publisher("/virtual_borders/preview", BorderPreview, queue_size=1, latch=True)
+        preview.publish(
+            available=True, success=False, message="It separates nothing.", free_parts=1,
+            findings=[Finding(Finding.WARNING, "robot_inside", "The robot stands inside.")],
+        )
+        terminal = Terminal()
+        # the manager that runs publishes a preview of its own, of nothing: ours is said again
+        wait_until(lambda: preview.publish(preview.impl.latch) or "It separates nothing." in terminal.text, "the refusal")
+        terminal.shows("! The robot stands inside.")
+        for size in ((120, 40), (80, 24), (40, 12)):
+            terminal.resize(*size)
+            wait_until(lambda: size[0] in panel_widths(terminal), f"a screen of {size}")
+        # a screen is written over the one before, never cleared: nothing flickers
+        self.assertNotIn(b"\x1b[2J", terminal.raw[terminal.raw.index(b"separates"):])
+        preview.publish(BorderPreview())
+        self.assertNotIn("Traceback", terminal.text)
+        self.assertEqual(terminal.leave(), (0, True))
+
+    def test_a_neighbour_that_comes_back_is_said(self):
+        terminal = Terminal()
+        terminal.shows("DEFAULT")
+        self.stub.withdraw()
+        terminal.shows("the border fusion is away")
+        self.stub.offer()
+        terminal.shows("the border fusion is there")
         self.assertEqual(terminal.leave(), (0, True))
 
     def test_the_master_may_come_late_and_be_restarted(self):

@@ -11,45 +11,60 @@ import termios
 import threading
 import time
 import tty
-from typing import List, Optional
+from typing import Dict, List, Optional, Tuple
 
 import rosgraph
 import rospy
 from rich.console import Console
 from rich.live import Live
+from std_msgs.msg import String
 from std_srvs.srv import Trigger, TriggerRequest
 from vb_core import names
 from vb_core.errors import CodedError
 from vb_core.ros import services
-from vb_msgs.msg import BorderProgress, InteractionState, VirtualBorderArray
-from vb_msgs.srv import Command, CommandRequest
+from vb_core.ros.messages import BorderPreviewArray
+from vb_core.ros.transforms import TransformLookup
+from vb_msgs.msg import BorderProgress, Finding, InteractionState, VirtualBorder, VirtualBorderArray
+from vb_msgs.srv import Command, CommandRequest, RemoveBorder, RemoveBorderRequest, UpdateBorder, UpdateBorderRequest
 
 from vb_voice_wizard import console_view
-from vb_voice_wizard.console_view import BAD, COMMAND_KEYS, GOOD, NOTE, QUIT_KEY, REDO_KEY, UNDO_KEY, View
+from vb_voice_wizard.console_keys import Action, BorderRow, KeyReader
+from vb_voice_wizard.console_view import BAD, GOOD, NOTE, View
 from vb_voice_wizard.interaction import spoken
 
 _PERIOD_S = 0.2  # between two looks at the screen: an operator cannot follow more
+_WATCH_S = 1.0
+_DRIVES_M = 0.03  # [m] a robot that went further since the last look drives
+# who is watched, by a service that only they offer
+_WATCHED = (
+    ("interaction manager", names.COMMAND), ("border fusion", names.CANDIDATE), ("map integrator", names.LIST_BORDERS)
+)
 
 
 class WizardConsole:
     """Shows the interaction and gives commands.
 
-    Subscribes to /virtual_borders/state, /virtual_borders/progress, /virtual_borders/borders. Calls
-    /virtual_borders/command, /virtual_borders/undo, /virtual_borders/redo. It waits for the ROS master,
-    says when master or interaction manager go away, and goes on when they are back.
+    Subscribes to /virtual_borders/{state,progress,preview,borders,workspace} and tf. Calls
+    /virtual_borders/{command,undo,redo,update_border,remove_border}. It waits for the ROS master, says when the
+    master or a node goes away, and goes on when they are back.
 
     Args:
         source: who gives the commands, for the record.
+        robot_frame: the robot whose place is shown; "" for none.
         note: a first message.
     """
 
-    def __init__(self, source: str, note: str = "") -> None:
+    def __init__(self, source: str, robot_frame: str = "base_link", note: str = "") -> None:
         self._source = source
-        self._lock = threading.Lock()
+        self._robot_frame = robot_frame
+        self._lock = threading.RLock()
         self._view = View(master=rosgraph.get_master_uri())
         self._changed = threading.Event()
-        self._keys: "queue.Queue" = queue.Queue(maxsize=10)
+        self._actions: "queue.Queue[Action]" = queue.Queue(maxsize=10)
         self._answered = rospy.Time(0)
+        self._borders: Dict[str, VirtualBorder] = {}
+        self._transforms: Optional[TransformLookup] = None
+        self._robot_at: Optional[Tuple[float, float]] = None
         # a master that was restarted knows nothing of this process: it must register anew
         self._master_pid: Optional[int] = None
         self.stale = False
@@ -58,31 +73,35 @@ class WizardConsole:
         threading.Thread(target=self._watch, daemon=True).start()
         threading.Thread(target=self._work, daemon=True).start()
 
-    # ------------------------------------------------------------------ ROS
+    # ------------------------------------------------------------------ who is there
     def _watch(self) -> None:
-        """Looks after the master and the interaction manager, once a second."""
+        """Looks after the master, the nodes and the robot."""
         # an own socket limit: a master that hangs must not hang the console's watch for ever
         socket.setdefaulttimeout(5.0)
         master = rosgraph.Master("/wizard_console_watch")
         while True:
+            away: List[str] = []
             try:
                 pid: Optional[int] = master.getPid()
-                present = self._master_pid is not None and self._manager_answers()
+                if self._master_pid is not None:
+                    away = [who for who, service in _WATCHED if not self._answers(master, service)]
             except Exception:  # whatever the transport raises: the master does not answer
-                pid, present = None, False
-            self._take_watch(pid, present)
-            time.sleep(1.0)
+                pid = None
+            self._take_watch(pid, tuple(away))
+            self._look_at_robot()
+            time.sleep(_WATCH_S)
 
     @staticmethod
-    def _manager_answers() -> bool:
-        """Whether a living process offers the command service: the master remembers those killed too."""
+    def _answers(master: rosgraph.Master, service: str) -> bool:
+        """Whether a living process offers a service: the master remembers those killed too."""
         try:
-            rospy.wait_for_service(names.COMMAND, timeout=0.8)
+            master.lookupService(service)
+            rospy.wait_for_service(service, timeout=0.8)
             return True
-        except rospy.ROSException:
+        except (rosgraph.MasterException, rospy.ROSException):
             return False
 
-    def _take_watch(self, pid: Optional[int], present: bool) -> None:
+    def _take_watch(self, pid: Optional[int], away: Tuple[str, ...]) -> None:
         with self._lock:
             view = self._view
             if pid is None and view.connected:
@@ -91,12 +110,35 @@ class WizardConsole:
                 self.stale = True
             elif pid is not None and not view.connected:
                 self._say("connected to the ROS master", GOOD)
-            if view.state and view.manager_present != present:
-                text = "the interaction manager is there" if present else "the interaction manager is away"
-                self._say(text, GOOD if present else BAD)
-            view.connected, view.manager_present = pid is not None, present
-            self._changed.set()
+            # before the first state nobody knows who ought to be there
+            if pid is not None and view.state:
+                for who, _ in _WATCHED:
+                    if (who in away) != (who in view.away):
+                        self._say(f"the {who} is {'away' if who in away else 'there'}", BAD if who in away else GOOD)
+            shown = pid is not None, away if view.state else ()
+            if shown != (view.connected, view.away):
+                view.connected, view.away = shown
+                self._changed.set()
 
+    def _look_at_robot(self) -> None:
+        if self._transforms is None:
+            return
+        try:
+            pose = self._transforms.lookup(names.MAP_FRAME, self._robot_frame, rospy.Time(0), 0.0)
+            at: Optional[Tuple[float, float]] = (float(pose[0, 3]), float(pose[1, 3]))
+        except CodedError:
+            at = None
+        before, self._robot_at = self._robot_at, at
+        text = ""
+        if at is not None:
+            drives = before is not None and max(abs(at[0] - before[0]), abs(at[1] - before[1])) > _DRIVES_M
+            text = f"x {at[0]:.2f} m, y {at[1]:.2f} m, {'drives' if drives else 'stands'}"
+        with self._lock:
+            if text != self._view.robot:
+                self._view.robot = text
+                self._changed.set()
+
+    # ------------------------------------------------------------------ ROS
     def connect(self) -> None:
         """Registers with the master, once it answers; call it from the main thread."""
         with self._lock:
@@ -113,14 +155,15 @@ class WizardConsole:
             self._master_pid = pid
         rospy.Subscriber(names.STATE, InteractionState, self._on_state, queue_size=5)
         rospy.Subscriber(names.PROGRESS, BorderProgress, self._on_progress, queue_size=1)
+        rospy.Subscriber(names.PREVIEW, BorderPreviewArray, self._on_preview, queue_size=1)
         rospy.Subscriber(names.BORDERS, VirtualBorderArray, self._on_borders, queue_size=1)
+        rospy.Subscriber(names.WORKSPACE, String, self._on_workspace, queue_size=5)
+        if self._robot_frame:
+            self._transforms = TransformLookup(cache_s=2.0)
 
     def _on_state(self, message: InteractionState) -> None:
         with self._lock:
             view = self._view
-            if not view.state:
-                # later the watch tells, who knows a latched message from a living process
-                view.manager_present = True
             if message.interaction_id != view.interaction_id:
                 view.border_spots = view.seed_spots = view.chain_points = 0
                 view.cameras = view.seeing = ()
@@ -143,47 +186,97 @@ class WizardConsole:
             view.seeing, view.cameras = tuple(message.seeing), tuple(message.cameras)
             self._changed.set()
 
+    def _on_preview(self, message: BorderPreviewArray) -> None:
+        with self._lock:
+            view = self._view
+            view.preview, view.preview_good = message.message, message.available and message.success
+            if view.preview_good and message.free_parts > 1:
+                view.preview += f"; the free space would fall into {message.free_parts} parts"
+            view.findings = tuple((found.message, found.severity == Finding.ERROR) for found in message.findings)
+            self._changed.set()
+
     def _on_borders(self, message: VirtualBorderArray) -> None:
         with self._lock:
+            self._borders = {border.id: border for border in message.borders}
             self._view.borders = tuple(
-                (border.name or border.id, border.area_m2, border.enabled) for border in message.borders
+                BorderRow(border.id, border.name or border.id, border.area_m2, border.enabled, border.occupancy)
+                for border in message.borders
             )
             self._changed.set()
 
+    def _on_workspace(self, message: String) -> None:
+        self._say(message.data, NOTE)
+
     # ------------------------------------------------------------------ commands
-    def press(self, key: str) -> None:
-        """A key was pressed; its command is given by a thread of its own, so the screen goes on."""
-        known = key in COMMAND_KEYS or key in (UNDO_KEY, REDO_KEY)
-        try:
-            if known:
-                self._keys.put_nowait(key)
-            elif key.isprintable():
-                self._say(f"the key '{key}' means nothing", NOTE)
-        except queue.Full:
-            self._say("too many keys at once", BAD)
+    def press(self, key: str) -> bool:
+        """A key was pressed; what it asks for is done by a thread of its own, so the screen goes on.
+
+        Returns:
+            Whether the console is to be left.
+        """
+        with self._lock:
+            action = self._view.controls.press(key, self._view.borders)
+            self._changed.set()
+        if action is None:
+            return False
+        if action.what == "note":
+            self._say(action.text, NOTE)
+        elif action.what != "quit":
+            try:
+                self._actions.put_nowait(action)
+            except queue.Full:
+                self._say("too many keys at once", BAD)
+        return action.what == "quit"
 
     def _work(self) -> None:
         while True:
-            key = self._keys.get()
+            action = self._actions.get()
             if self._master_pid is None:
                 self._say("not connected yet", BAD)
                 continue
             try:
-                if key in COMMAND_KEYS:
-                    request = CommandRequest(command=COMMAND_KEYS[key], source=self._source)
-                    # the answer arrives with the state; "busy" is not remembered there
-                    answer = services.call(names.COMMAND, Command, request, "the interaction manager", 1.0, 15.0)
-                    if answer.code == "busy":
-                        self._say(answer.message, BAD)
-                else:
-                    service = names.UNDO if key == UNDO_KEY else names.REDO
-                    answer = services.call(service, Trigger, TriggerRequest(), "the map integrator", 1.0, 5.0)
-                    self._say(answer.message or "done", GOOD if answer.success else BAD)
+                self._do(action)
             except CodedError as error:
                 self._say(f"{error.message}, try again in a moment", BAD)
 
+    def _do(self, action: Action) -> None:
+        if action.what == "command":
+            request = CommandRequest(command=action.text, source=self._source)
+            # the answer arrives with the state; "busy" is not remembered there
+            answer = services.call(names.COMMAND, Command, request, "the interaction manager", 1.0, 15.0)
+            if answer.code == "busy":
+                self._say(answer.message, BAD)
+            return
+        if action.what in ("undo", "redo"):
+            service, kind, request = {"undo": names.UNDO, "redo": names.REDO}[action.what], Trigger, TriggerRequest()
+        elif action.what == "remove":
+            service, kind, request = names.REMOVE_BORDER, RemoveBorder, RemoveBorderRequest(action.border_id)
+        else:
+            with self._lock:
+                border = self._borders.get(action.border_id)
+            if border is None:
+                self._say("this border is not there any more", BAD)
+                return
+            service, kind, request = names.UPDATE_BORDER, UpdateBorder, self._changed_border(border, action)
+        answer = services.call(service, kind, request, "the map integrator", 1.0, 5.0)
+        self._say(answer.message or "done", GOOD if answer.success else BAD)
+        for found in getattr(answer, "findings", ()):
+            if found.message not in answer.message:
+                self._say(found.message, BAD)
+
+    def _changed_border(self, border: VirtualBorder, action: Action) -> UpdateBorderRequest:
+        wanted = VirtualBorder(**{name: getattr(border, name) for name in VirtualBorder.__slots__})
+        if action.what == "rename":
+            wanted.name = action.text
+        else:
+            wanted.enabled = action.what == "enable"
+            # who turns it by hand does not want it to turn back by itself
+            wanted.expires = rospy.Time(0)
+        return UpdateBorderRequest(border=wanted, frame_id=names.MAP_FRAME, source=self._source)
+
     def _say(self, text: str, style: str) -> None:
-        self._view.say(time.strftime("%H:%M:%S"), text, style)
+        with self._lock:
+            self._view.say(time.strftime("%H:%M:%S"), text, style)
         self._changed.set()
 
     # ------------------------------------------------------------------ screen
@@ -195,26 +288,33 @@ class WizardConsole:
         try:
             # key by key, without an echo; control-C still interrupts
             tty.setcbreak(keyboard)
+            # a whole screen is written over the one before, and only if something changed: nothing flickers
             with Live(console=console, screen=True, auto_refresh=False) as live:
-                while not self.stale:
-                    self.connect()
-                    if self._changed.is_set():
-                        self._changed.clear()
-                        with self._lock:
-                            screen = console_view.render(self._view, console.size.height)
-                        live.update(screen, refresh=True)
-                    if select.select([keyboard], [], [], _PERIOD_S)[0]:
-                        typed = os.read(keyboard, 64)
-                        keys = console_view.keys_typed(typed.decode("utf-8", "replace"))
-                        if not typed or QUIT_KEY in keys:
-                            return False
-                        for key in keys:
-                            self.press(key)
-            return True
+                return self._show(console, live, keyboard)
         except KeyboardInterrupt:
             return False
         finally:
             termios.tcsetattr(keyboard, termios.TCSADRAIN, before)
+
+    def _show(self, console: Console, live: Live, keyboard: int) -> bool:
+        reader, shown_size = KeyReader(), None
+        while not self.stale:
+            self.connect()
+            size = console.size
+            if self._changed.is_set() or size != shown_size:
+                self._changed.clear()
+                shown_size = size
+                with self._lock:
+                    screen = console_view.render(self._view, size.width, size.height)
+                live.update(screen, refresh=True)
+            typed = ""
+            if select.select([keyboard], [], [], _PERIOD_S)[0]:
+                typed = os.read(keyboard, 64).decode("utf-8", "replace")
+                if not typed:
+                    return False  # the terminal is gone
+            if any([self.press(key) for key in reader.feed(typed)]):
+                return False
+        return True
 
 
 def run(arguments: Optional[List[str]] = None) -> int:
@@ -222,15 +322,19 @@ def run(arguments: Optional[List[str]] = None) -> int:
     given = sys.argv[1:] if arguments is None else arguments
     parser = argparse.ArgumentParser(prog="wizard_console", description="The hidden operator's console.")
     parser.add_argument("--source", default="wizard", help="who gives the commands, for the record (default: wizard)")
+    parser.add_argument(
+        "--robot-frame", default="base_link", help="the robot whose place is shown, empty for none (default: base_link)"
+    )
     parser.add_argument("--note", default="", help=argparse.SUPPRESS)
     chosen = parser.parse_args(rospy.myargv(["wizard_console", *given])[1:])
     if not (sys.stdin.isatty() and sys.stdout.isatty()):
         print("wizard_console needs a terminal; for scripts there is 'rosrun vb_voice_wizard command'", file=sys.stderr)
         return 1
-    if WizardConsole(chosen.source, chosen.note).run():
+    if WizardConsole(chosen.source, chosen.robot_frame, chosen.note).run():
         # rospy cannot register twice in one process: this one starts afresh in the same terminal
         sys.stdout.flush()
-        again = ["--source", chosen.source, "--note", "the ROS master was restarted: connected again"]
+        again = ["--source", chosen.source, "--robot-frame", chosen.robot_frame]
+        again += ["--note", "the ROS master was restarted: connected again"]
         os.execv(sys.executable, [sys.executable, sys.argv[0], *again])
     return 0
 
