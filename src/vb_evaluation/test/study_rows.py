@@ -74,11 +74,11 @@ def make_study(folder, participants=15, sweeps=True, maps=True, seed=1):
     if sweeps:
         few = every(min(participants, 5))
         curves = [dict(run(random, *who, **{argument: value}), sweep=sweep, value=value) for sweep, argument, values in (
-            ("coverage", "coverage", (0.0, 0.25, 0.5, 0.75, 1.0)), ("distance", "distance", (1.0, 2.5, 4.0, 5.5, 8.0)),
-            ("border_length", "length", (0.7, 2.0, 4.0, 6.5, 9.0)),
+            ("coverage", "coverage", (0.0, 0.5, 1.0)), ("distance", "distance", (1.0, 4.0, 8.0)),
+            ("border_length", "length", (0.7, 4.0, 9.0)),
         ) for value in values for who in few]
         write(folder / "curves.csv", ["sweep", "value", *RUN_COLUMNS], curves)
-        parameters = ["participant/speed", *(f"participant/parameter_{number}" for number in range(8)), "sensor/pixel_noise"]
+        parameters = ["participant/speed", *(f"participant/parameter_{number}" for number in range(3)), "sensor/pixel_noise"]
         settings = [dict(run(random, *who, speed=factor if name.endswith("/speed") else 1.0), parameter=name, factor=factor, value=0.3 * factor)
                     for name in parameters for factor in (0.5, 2) for who in few]
         write(folder / "sensitivity.csv", ["parameter", "factor", "value", *RUN_COLUMNS], settings)

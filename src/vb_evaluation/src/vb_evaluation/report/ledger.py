@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any, Callable, Dict, List, Mapping, Sequence, Tuple
 
 import numpy as np
@@ -29,14 +30,23 @@ FORMATS: Dict[str, Callable[[float], str]] = {
 }
 
 # ------------------------------------------------------------------ what can be asked for
+def _once(function: Callable[..., Any]) -> Callable[..., Any]:
+    """The function with its last results kept: estimate and both limits come from one bootstrap."""
+    kept = lru_cache(maxsize=64)(lambda *samples: function(*(np.frombuffer(sample) for sample in samples)))
+    return lambda *samples: kept(*(np.ascontiguousarray(sample, dtype=float).tobytes() for sample in samples))
+
+
+_compare, _median = _once(statistics.compare), _once(statistics.median)
+_speedup = _once(lambda first, second: statistics.ratio_of_means(second, first))
+
 ONE: Dict[str, Tuple[str, Callable[[np.ndarray], float]]] = {
     "n": ("number", lambda v: float(len(v))),
     "sum": ("sum", lambda v: float(v.sum())),
     "mean": ("mean", lambda v: float(v.mean()) if len(v) else math.nan),
     "sd": ("standard deviation", lambda v: float(v.std(ddof=1)) if len(v) > 1 else math.nan),
     "median": ("median", lambda v: float(np.median(v)) if len(v) else math.nan),
-    "median_low": ("lower limit of the median (bootstrap)", lambda v: statistics.median(v).low),
-    "median_high": ("upper limit of the median (bootstrap)", lambda v: statistics.median(v).high),
+    "median_low": ("lower limit of the median (bootstrap)", lambda v: _median(v).low),
+    "median_high": ("upper limit of the median (bootstrap)", lambda v: _median(v).high),
     "min": ("smallest", lambda v: float(v.min()) if len(v) else math.nan),
     "max": ("largest", lambda v: float(v.max()) if len(v) else math.nan),
     "share_low": ("lower limit of the share (Wilson)", lambda v: statistics.proportion(int(v.sum()), len(v)).low),
@@ -47,21 +57,21 @@ TWO: Dict[str, Tuple[str, Callable[[np.ndarray, np.ndarray], float]]] = {
     "faster": ("pairs with the smaller value for the first", lambda a, b: float((a < b).sum())),
     "difference": ("mean difference", lambda a, b: float((a - b).mean()) if len(a) else math.nan),
     "median_difference": ("difference of the medians", lambda a, b: float(np.median(a) - np.median(b)) if len(a) else math.nan),
-    "z": ("Z of the Wilcoxon signed-rank test", lambda a, b: statistics.compare(a, b).test.z),
-    "p": ("asymptotic p of the Wilcoxon signed-rank test", lambda a, b: statistics.compare(a, b).test.p),
-    "p_exact": ("exact p of the Wilcoxon signed-rank test", lambda a, b: statistics.compare(a, b).test.p_exact),
-    "r": ("effect size r = |Z| / sqrt(2 x pairs)", lambda a, b: statistics.compare(a, b).r),
-    "rank_biserial": ("matched-pairs rank-biserial correlation", lambda a, b: statistics.compare(a, b).rank_biserial),
-    "shift": ("Hodges-Lehmann difference", lambda a, b: statistics.compare(a, b).shift.estimate),
-    "shift_low": ("its lower limit", lambda a, b: statistics.compare(a, b).shift.low),
-    "shift_high": ("its upper limit", lambda a, b: statistics.compare(a, b).shift.high),
-    "shift_confidence": ("confidence of its interval", lambda a, b: statistics.compare(a, b).shift.confidence),
-    "shapiro_w": ("W of the Shapiro-Wilk test of the differences", lambda a, b: statistics.compare(a, b).normality.w),
-    "shapiro_p": ("p of the Shapiro-Wilk test of the differences", lambda a, b: statistics.compare(a, b).normality.p),
-    "outliers": ("outliers among the differences (boxplot)", lambda a, b: float(len(statistics.compare(a, b).outliers))),
-    "ratio": ("ratio of the means, second over first", lambda a, b: statistics.ratio_of_means(b, a).estimate),
-    "ratio_low": ("its lower limit (bootstrap)", lambda a, b: statistics.ratio_of_means(b, a).low),
-    "ratio_high": ("its upper limit (bootstrap)", lambda a, b: statistics.ratio_of_means(b, a).high),
+    "z": ("Z of the Wilcoxon signed-rank test", lambda a, b: _compare(a, b).test.z),
+    "p": ("asymptotic p of the Wilcoxon signed-rank test", lambda a, b: _compare(a, b).test.p),
+    "p_exact": ("exact p of the Wilcoxon signed-rank test", lambda a, b: _compare(a, b).test.p_exact),
+    "r": ("effect size r = |Z| / sqrt(2 x pairs)", lambda a, b: _compare(a, b).r),
+    "rank_biserial": ("matched-pairs rank-biserial correlation", lambda a, b: _compare(a, b).rank_biserial),
+    "shift": ("Hodges-Lehmann difference", lambda a, b: _compare(a, b).shift.estimate),
+    "shift_low": ("its lower limit", lambda a, b: _compare(a, b).shift.low),
+    "shift_high": ("its upper limit", lambda a, b: _compare(a, b).shift.high),
+    "shift_confidence": ("confidence of its interval", lambda a, b: _compare(a, b).shift.confidence),
+    "shapiro_w": ("W of the Shapiro-Wilk test of the differences", lambda a, b: _compare(a, b).normality.w),
+    "shapiro_p": ("p of the Shapiro-Wilk test of the differences", lambda a, b: _compare(a, b).normality.p),
+    "outliers": ("outliers among the differences (boxplot)", lambda a, b: float(len(_compare(a, b).outliers))),
+    "ratio": ("ratio of the means, second over first", lambda a, b: _speedup(a, b).estimate),
+    "ratio_low": ("its lower limit (bootstrap)", lambda a, b: _speedup(a, b).low),
+    "ratio_high": ("its upper limit (bootstrap)", lambda a, b: _speedup(a, b).high),
     "mcnemar": ("exact p of McNemar's test", lambda a, b: statistics.mcnemar(a > 0, b > 0)),
 }
 
