@@ -25,6 +25,9 @@ class Build(Parameters):
     breadth: float = param(1.0, "", low=0.5, high=2.0, doc="share of an average person's breadth")
 
 
+AVERAGE = Build()
+
+
 @dataclass(frozen=True)
 class Piece:
     """The hull of two flat ellipses.
@@ -90,7 +93,7 @@ def hand_position(person: Tuple[float, float, float], target: Optional[Tuple[flo
 
 
 def person_pieces(
-    person: Tuple[float, float, float], target: Optional[Tuple[float, float]], hand_height: float, build: Build = Build()
+    person: Tuple[float, float, float], target: Optional[Tuple[float, float]], hand_height: float, build: Build = AVERAGE
 ) -> List[Piece]:
     """A standing person with the right arm raised towards a point on the floor, or hanging.
 
@@ -132,12 +135,12 @@ def person_pieces(
         beam = np.array([*target, 0.0]) - hand
         tip = hand + beam / max(1e-6, float(np.linalg.norm(beam))) * 0.09
         pieces.append(Piece(hand, tip, (0.014, 0.014), (0.01, 0.01), yaw, (30, 30, 32)))
-    return pieces if build == Build() else [_built(piece, (x, y), build) for piece in pieces]
+    return pieces if build == AVERAGE else [_built(piece, (x, y), build) for piece in pieces]
 
 
 def _built(piece: Piece, middle: Tuple[float, float], build: Build) -> Piece:
     """A piece of someone who is taller or broader than the average."""
-    scale = np.array([build.breadth, build.breadth, build.height / Build().height])
+    scale = np.array([build.breadth, build.breadth, build.height / AVERAGE.height])
     at = np.array([*middle, 0.0])
     return Piece(
         at + (piece.low - at) * scale, at + (piece.high - at) * scale,

@@ -12,7 +12,7 @@ import numpy as np
 
 from vb_core import geometry
 from vb_core.parameters import Parameters, param
-from vb_sim.bodies import Build
+from vb_sim.bodies import AVERAGE, Build
 from vb_sim.models import load_models, section
 
 
@@ -89,7 +89,7 @@ class CameraModels:
     @property
     def hand_height(self) -> float:
         """[m] at which this person holds the pointer."""
-        return self.optics.pointer_height * self.body.height / Build().height
+        return self.optics.pointer_height * self.body.height / AVERAGE.height
 
 
 def load_camera_models(path: str) -> CameraModels:
