@@ -1,0 +1,88 @@
+#!/usr/bin/env python3
+"""The coverage node with two cameras, one of which comes late and is moved."""
+import os
+import sys
+import unittest
+
+import numpy as np
+import rospy
+import rostest
+import tf2_ros
+from sensor_msgs.msg import CameraInfo
+from visualization_msgs.msg import Marker, MarkerArray
+
+sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
+from stimulus import room, wait_until  # noqa: E402
+
+from vb_core import geometry, names  # noqa: E402
+from vb_core.camera_model import CameraModel  # noqa: E402
+from vb_core.ros.messages import (  # noqa: E402
+    OccupancyGridArray, grid_from_message, info_from_camera, message_from_grid, transform_message)
+
+LENS = CameraModel.ideal(400, 400, 200.0)  # sees 2 m x 2 m from a height of 2 m
+DOWN = np.array([[1.0, 0, 0], [0, -1.0, 0], [0, 0, -1.0]])
+
+
+class CoverageTest(unittest.TestCase):
+    @classmethod
+    def setUpClass(cls):
+        rospy.init_node("test_camera_coverage")
+        cls.grids, cls.counts, cls.markers = {}, {}, []
+        for topic in (names.COVERAGE, names.COVERAGE + "/east", names.COVERAGE + "/west"):
+            rospy.Subscriber(topic, OccupancyGridArray, cls.on_grid, topic)
+        rospy.Subscriber(names.COVERAGE + "/outlines", MarkerArray, lambda m: cls.markers.append(m.markers))
+        cls.infos = {name: rospy.Publisher(f"/{name}/camera_info", CameraInfo, queue_size=1) for name in ("east", "west")}
+        cls.silent = {"west"}
+        cls.broadcaster = tf2_ros.StaticTransformBroadcaster()
+        cls.poses = {}
+        cls.place("east", 4.5, 2.5)
+        cls.map = rospy.Publisher(names.PHYSICAL_MAP, OccupancyGridArray, queue_size=1, latch=True)
+        cls.map.publish(message_from_grid(room(), rospy.Time.now()))
+        cls.timer = rospy.Timer(rospy.Duration(0.05), cls.publish)
+
+    @classmethod
+    def on_grid(cls, message, topic):
+        cls.grids[topic] = grid_from_message(message)
+        cls.counts[topic] = cls.counts.get(topic, 0) + 1
+
+    @classmethod
+    def place(cls, name, x, y):
+        cls.poses[name] = transform_message(geometry.transform(DOWN, (x, y, 2.0)), "map", f"{name}_optical_frame",
+                                            rospy.Time.now())
+        cls.broadcaster.sendTransform(list(cls.poses.values()))
+
+    @classmethod
+    def publish(cls, _event):
+        for name, publisher in cls.infos.items():
+            if name not in cls.silent:
+                publisher.publish(info_from_camera(LENS, rospy.Time.now(), f"{name}_optical_frame"))
+
+    def value(self, x, y, topic=names.COVERAGE):
+        grid = self.grids.get(topic)
+        return None if grid is None else int(grid.values_at(np.array([[x, y]]))[0])
+
+    def test_who_sees_what_and_what_changes(self):
+        self.assertTrue(wait_until(lambda: self.value(4.5, 2.5) == 1), "one camera")
+        self.assertEqual((self.value(1.5, 2.5), self.value(0.02, 2.5)), (0, -1))
+        self.assertEqual(self.value(4.5, 2.5, names.COVERAGE + "/east"), 100)
+        self.silent.clear()
+        self.place("west", 3.0, 2.5)
+        self.assertTrue(wait_until(lambda: self.value(3.75, 2.5) == 2), "both see it")
+        self.assertEqual(self.value(2.5, 2.5, names.COVERAGE + "/east"), 0)
+        texts = {marker.text for marker in self.markers[-1] if marker.type == Marker.TEXT_VIEW_FACING}
+        self.assertEqual(texts, {"east", "west"})
+        counted = self.counts[names.COVERAGE]
+        done = rospy.Time.now() + rospy.Duration(2.5)
+        self.assertTrue(wait_until(lambda: rospy.Time.now() > done))
+        self.assertEqual(self.counts[names.COVERAGE], counted, "nothing has changed, so nothing is published")
+        self.place("west", 1.5, 2.5)
+        self.assertTrue(wait_until(lambda: self.value(1.0, 2.5) == 1), "the camera was moved")
+        grid = room()
+        data = grid.data.copy()
+        data[45:55, 40:44] = 100  # stands before the camera in the west
+        self.map.publish(message_from_grid(grid.with_data(data), rospy.Time.now()))
+        self.assertTrue(wait_until(lambda: self.value(2.1, 2.5) == -1 and self.value(2.25, 2.5) == 0), "behind it")
+
+
+if __name__ == "__main__":
+    rostest.rosrun("vb_robot", "camera_coverage", CoverageTest)
