@@ -7,10 +7,10 @@ WORLD    ?=
 SEED     ?= 1
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test unit rostest clean
+.PHONY: help setup demo test unit rostest screenshots clean
 
 help: ## this list
-	@grep -E '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 10
+	@grep -E '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 13
 
 setup: ## system packages, virtual environment, catkin build (each only where needed)
 	@scripts/setup
@@ -26,6 +26,9 @@ unit: setup ## only the unit tests, without a ROS master
 
 rostest: setup ## only the tests of nodes
 	@. scripts/env.sh && python3 scripts/test --only rostest
+
+screenshots: setup ## pictures of the smart display in every state, into docs/images/display
+	@. scripts/env.sh && python3 scripts/screenshots
 
 clean: ## removes what was built and written, keeps the system packages
 	rm -rf build devel install logs out .venv src/CMakeLists.txt .catkin_workspace

@@ -1,0 +1,140 @@
+#!/usr/bin/env python3
+"""calibrate_projector by clicks, then floor_projector with the file that it wrote."""
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import tempfile
+import unittest
+
+import numpy as np
+import rospy
+import rostest
+from geometry_msgs.msg import Point, PointStamped
+from sensor_msgs.msg import Image
+
+sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
+from ros_helpers import wait_until  # noqa: E402
+from vb_core.grid_map import GridMap  # noqa: E402
+from vb_core.ros.messages import BorderPreviewArray, image_array, message_from_grid  # noqa: E402
+from vb_feedback import projector_calibration  # noqa: E402
+from vb_msgs.msg import BorderProgress, InteractionState, LaserSpot, VirtualBorder, VirtualBorderArray  # noqa: E402
+
+SIZE = (320, 200)
+# a picture of 3.2 m x 2.0 m with its lower left corner at (1, 1), upright on the map
+SCALE = 100.0
+
+
+def floor_of(column, row):
+    return 1.0 + column / SCALE, 1.0 + (SIZE[1] - 1 - row) / SCALE
+
+
+def start(name, *arguments):
+    return subprocess.Popen(["rosrun", "vb_feedback", name, *arguments], stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
+                            universal_newlines=True)
+
+
+class ProjectorTest(unittest.TestCase):
+    @classmethod
+    def setUpClass(cls):
+        rospy.init_node("rostest_projector")
+        cls.pictures = []
+        cls.subscriber = rospy.Subscriber("/virtual_borders/projector", Image, cls.pictures.append)
+        cls.folder = tempfile.TemporaryDirectory()
+        cls.file = os.path.join(cls.folder.name, "new", "projector.yaml")
+
+    @classmethod
+    def tearDownClass(cls):
+        cls.folder.cleanup()
+
+    def shown(self):
+        return image_array(self.pictures[-1]) if self.pictures else np.zeros((SIZE[1], SIZE[0], 3), np.uint8)
+
+    def at(self, x, y):
+        return self.shown()[int(round(SIZE[1] - 1 - (y - 1.0) * SCALE)), int(round((x - 1.0) * SCALE))].astype(int).max()
+
+    def test_1_calibration_by_clicks(self):
+        node = start("calibrate_projector", f"_file:={self.file}", f"_width:={SIZE[0]}", f"_height:={SIZE[1]}",
+                     "_window:=false", "_check:=0.5")
+        clicks = rospy.Publisher("/clicked_point", PointStamped, queue_size=5)
+        wait_until(lambda: clicks.get_num_connections() and self.pictures, "the first marker")
+        markers = projector_calibration.markers(*SIZE)
+
+        def bright(number):
+            column, row = np.rint(markers[number]).astype(int)
+            return self.shown()[row, column].max() == 255
+
+        def click(x, y, frame="map"):
+            message = PointStamped(point=Point(x, y, 0.0))
+            message.header.frame_id = frame
+            clicks.publish(message)
+
+        # in another frame; then all on one line: the marker stays, or comes again
+        click(0.0, 0.0, "odom")
+        for number in range(4):
+            wait_until(lambda: bright(number), f"marker {number}")
+            click(float(number), 0.0)
+        for number in range(4):
+            wait_until(lambda: bright(number), f"marker {number} of the second try")
+            click(*floor_of(*markers[number]))
+        wait_until(lambda: node.poll() is not None, "its end")
+        said = node.stdout.read()
+        self.assertEqual(node.returncode, 0, said)
+        self.assertIn("not in the frame map", said)
+        self.assertIn("one line", said)
+        found = projector_calibration.load(self.file)
+        np.testing.assert_allclose(found.footprint()[0], floor_of(0, 0), atol=1e-3)
+        # the grid: the map's lines at whole metres
+        self.assertGreater(self.at(2.0, 2.25), 200)
+
+    def test_2_borders_drawing_and_preview(self):
+        node = start("floor_projector", f"_calibration:={self.file}", "_max_rate:=20.0")
+        try:
+            latched = {"queue_size": 1, "latch": True}
+            state = rospy.Publisher("/virtual_borders/state", InteractionState, **latched)
+            progress = rospy.Publisher("/virtual_borders/progress", BorderProgress, **latched)
+            borders = rospy.Publisher("/virtual_borders/borders", VirtualBorderArray, **latched)
+            preview = rospy.Publisher("/virtual_borders/preview", BorderPreviewArray, **latched)
+            spots = rospy.Publisher("/virtual_borders/spots", LaserSpot, queue_size=5)
+            wait_until(lambda: spots.get_num_connections() and not self.shown().any(), "a dark picture")
+            borders.publish(borders=[VirtualBorder(
+                name="b", points=[Point(1.5, 1.5, 0), Point(2.0, 1.5, 0)], kind=VirtualBorder.SEPARATING_CURVE, occupancy=1.0,
+                enabled=True,
+            )])
+            wait_until(lambda: self.at(1.75, 1.5) > 100, "the border")
+            count = len(self.pictures)
+            state.publish(InteractionState(name="border", interaction_id="i"))
+            drawing = BorderProgress(interaction_id="i", chain=[Point(3.0, 1.4, 0), Point(3.0, 2.6, 0)])
+            progress.publish(drawing)
+            wait_until(lambda: self.at(3.0, 2.0) > 100 and self.shown()[0, 0].max() > 100, "the drawing and the state's frame")
+            spot = LaserSpot(camera="red", position=Point(3.0, 2.5, 0))
+            spot.header.stamp = rospy.Time.now()
+            spots.publish(spot)
+            wait_until(lambda: self.at(3.0, 2.4) == 0 and self.at(3.0, 1.6) > 100, "the dark place about the spot")
+            cells = np.zeros((60, 80), np.int8)
+            cells[30:50, 40:60] = 100
+            region = message_from_grid(GridMap(cells, 0.05), rospy.Time.now())
+            preview.publish(BorderPreviewArray(interaction_id="i", available=True, success=True, region=region))
+            wait_until(lambda: self.shown()[75:120, 105:195].any(), "what save would restrict")
+            # the same again is no new picture, an end is
+            before = len(self.pictures)
+            self.assertLess(before - count, 12)
+            state.publish(InteractionState(name="default"))
+            wait_until(lambda: self.at(3.0, 1.6) == 0 and self.at(1.75, 1.5) > 100, "the borders alone")
+        finally:
+            node.terminate()
+            node.wait()
+            node.stdout.close()
+
+    def test_3_without_a_calibration_it_says_so(self):
+        for arguments, words in (([], "calibration"), (["_calibration:=/nowhere.yaml"], "cannot read")):
+            node = start("floor_projector", "__name:=lost", *arguments)
+            said, _ = node.communicate(timeout=60)
+            self.assertEqual(node.returncode, 1, said)
+            self.assertIn(words, said)
+            self.assertNotIn("Traceback", said)
+
+
+if __name__ == "__main__":
+    rostest.rosrun("vb_feedback", "projector", ProjectorTest)
