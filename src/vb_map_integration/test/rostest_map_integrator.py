@@ -24,8 +24,9 @@ from vb_msgs.msg import VirtualBorder, VirtualBorderArray  # noqa: E402
 from vb_msgs.srv import AddBorder, ListBorders, PreviewBorder, RemoveBorder, SaveMap, UpdateBorder  # noqa: E402
 
 SERVICES = {
-    "add_border": AddBorder, "update_border": UpdateBorder, "remove_border": RemoveBorder, "preview_border": PreviewBorder,
-    "list_borders": ListBorders, "save_map": SaveMap, "undo": Trigger, "redo": Trigger, "clear": Trigger,
+    "add_border": AddBorder, "update_border": UpdateBorder, "remove_border": RemoveBorder,
+    "preview_border": PreviewBorder, "list_borders": ListBorders, "save_map": SaveMap,
+    "undo": Trigger, "redo": Trigger, "clear": Trigger,
 }
 
 
@@ -121,7 +122,8 @@ class MapIntegratorTest(unittest.TestCase):
         for code, border, frame in (
             ("bad_points", nan, ""), ("too_few_points", one, ""), ("too_many_points", many, ""),
             ("unknown_frame", polygon(), "odom"), ("bad_occupancy", polygon(occupancy=1.5), ""),
-            ("bad_kind", polygon(), ""), ("id_not_empty", polygon(id="b1"), ""), ("seed_outside_map", polygon(x=50.0), ""),
+            ("bad_kind", polygon(), ""), ("id_not_empty", polygon(id="b1"), ""),
+            ("seed_outside_map", polygon(x=50.0), ""),
         ):
             if code == "bad_kind":
                 border.kind = 9
@@ -152,17 +154,18 @@ class MapIntegratorTest(unittest.TestCase):
 
     def test_warnings_for_the_robot_and_for_soft_borders(self):
         # the transform may still be under way
-        wait_until(
-            lambda: "robot_inside" in [f.code for f in self.call("preview_border", polygon(x=-2.5, y=-1.5), "", []).findings],
-            "the warning that the robot is inside",
-        )
+        def codes():
+            return [found.code for found in self.call("preview_border", polygon(x=-2.5, y=-1.5), "", []).findings]
+
+        wait_until(lambda: "robot_inside" in codes(), "the warning that the robot is inside")
         answer = self.call("add_border", polygon(occupancy=0.75), "", "test")
         self.assertTrue(answer.success)
         self.assertEqual([f.code for f in answer.findings], ["soft_border_ignored"])
         wait_until(lambda: (self.cells() == 75).sum() == 400, "soft cells")
 
     def test_a_border_that_expires(self):
-        self.assertTrue(self.call("add_border", polygon(expires=rospy.Time.now() + rospy.Duration(1.0)), "", "test").success)
+        soon = rospy.Time.now() + rospy.Duration(1.0)
+        self.assertTrue(self.call("add_border", polygon(expires=soon), "", "test").success)
         wait_until(lambda: self.borders.message.borders and not self.borders.message.borders[0].enabled, "the expiry")
         wait_until(lambda: self.restricted() == 0, "the map without the border")
 
@@ -196,8 +199,9 @@ class MapIntegratorTest(unittest.TestCase):
         # not by rosrun: it looks through whole folders first
         script = os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "scripts", "map_integrator")
         settings = ("_occupied_from:=0", "_no_such_thing:=1")
+        pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT}
         started = [
-            subprocess.Popen([sys.executable, script, f"__name:=bad_{k}", setting], stdout=subprocess.PIPE, stderr=subprocess.STDOUT)
+            subprocess.Popen([sys.executable, script, f"__name:=bad_{k}", setting], **pipes)
             for k, setting in enumerate(settings)
         ]
         for process, setting in zip(started, settings):

@@ -47,7 +47,8 @@ class MapRecorderTest(unittest.TestCase):
         self.assertEqual(stamps, sorted(stamps))
         self.assertTrue((read_map(folder / "0001.yaml").data == server.grid.data).all())
         soft = read_map(folder / "0003.yaml").data
-        self.assertEqual([int((soft == value).sum()) for value in (75, 100)], [400, 400 + int((grid.data == 100).sum())])
+        walls = int((grid.data == 100).sum())
+        self.assertEqual([int((soft == value).sum()) for value in (75, 100)], [400, 400 + walls])
         self.assertEqual(len(borders_from_yaml((folder / "0003.borders.yaml").read_text())[0]), 2)
 
 

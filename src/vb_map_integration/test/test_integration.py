@@ -142,14 +142,16 @@ def test_an_extension_goes_on_behind_several_boxes_on_both_sides():
     prior, room = world(ROOMS["rectangle"], (0.0, 0.0, 0.4), boxes)
     points = [np.array(place(Point(p), (0.0, 0.0, 0.4)).coords)[0] for p in ((4.0, 3.5), (4.0, 1.5), (1.0, 1.0))]
     result = integrate(prior, VirtualBorder(points[:2], points[2], closed=False))
-    half = place(box(0, 0, 4.0, 5).intersection(ROOMS["rectangle"]).difference(shapely.union_all(boxes)), (0.0, 0.0, 0.4))
+    half = box(0, 0, 4.0, 5).intersection(ROOMS["rectangle"]).difference(shapely.union_all(boxes))
+    half = place(half, (0.0, 0.0, 0.4))
     assert jaccard(result.region, rasterise(half, prior)) >= 0.99
 
 
 def test_an_arc_round_the_corner_of_a_large_table_stops_at_the_table():
     table = box(2.0, 1.5, 5.0, 3.5)
     prior, _ = world(ROOMS["rectangle"], (0.0, 0.0, 0.0), [table])
-    result = integrate(prior, VirtualBorder([(4.5, 3.6), (4.5, 4.0), (5.5, 4.0), (5.5, 3.0), (5.1, 3.0)], (5.2, 3.7), closed=False))
+    arc = [(4.5, 3.6), (4.5, 4.0), (5.5, 4.0), (5.5, 3.0), (5.1, 3.0)]
+    result = integrate(prior, VirtualBorder(arc, (5.2, 3.7), closed=False))
     area = box(4.5, 3.0, 5.5, 4.0).difference(table)
     assert jaccard(result.region, rasterise(area, prior)) >= 0.98
 
@@ -197,7 +199,8 @@ def test_invariants_on_noisy_maps(seed, occupancy, closed):
     prior = GridMap(data.copy(), 0.05, (-1.0, 2.0, 0.3))
     points = prior.grid_to_world(random.uniform(-10, 120, (random.integers(3, 12), 2)))
     try:
-        result = integrate(prior, VirtualBorder(points, prior.grid_to_world([random.uniform(5, 75, 2)])[0], occupancy, closed))
+        point = prior.grid_to_world([random.uniform(5, 75, 2)])[0]
+        result = integrate(prior, VirtualBorder(points, point, occupancy, closed))
     except IntegrationError as error:
         assert error.findings[-1].code == error.code
         assert np.array_equal(prior.data, data)
@@ -310,7 +313,7 @@ def test_a_map_without_walls_is_parted_at_its_edge_and_says_so():
 
 def test_an_overshoot_at_the_closing_point_tears_no_hole():
     angles = np.linspace(0.0, 2.2 * np.pi, 60)
-    points = np.array([4.0, 2.5]) + np.column_stack([np.cos(angles), np.sin(angles)]) * np.linspace(1.0, 1.1, 60)[:, None]
+    points = np.column_stack([np.cos(angles), np.sin(angles)]) * np.linspace(1.0, 1.1, 60)[:, None] + (4.0, 2.5)
     prior, _ = world(ROOMS["rectangle"], (0.0, 0.0, 0.0))
     result = integrate(prior, VirtualBorder(points, (4.0, 2.5), closed=True))
     assert result.region[rasterise(Point(4.0, 2.5).buffer(0.95), prior)].all()

@@ -15,7 +15,7 @@ from vb_map_integration.border import MAX_COORDINATE_M, MAX_POINTS, VirtualBorde
 class ClickParams(Parameters):
     """What clicks go by."""
 
-    closing_distance_m: float = param(0.15, "m", above=0.0, doc="a click so near to the first or last point ends the chain")
+    closing_distance_m: float = param(0.15, "m", above=0.0, doc="a click so near to an end ends the chain")
     occupancy: float = param(1.0, low=0.0, high=1.0, doc="delta of the border")
 
 
@@ -67,11 +67,10 @@ class Clicks:
         """Ends the chain; the next click is the seed.
 
         Raises:
-            CodedError: "too_few_points".
+            CodedError: "too_few_points"; the chain goes on.
         """
-        least, kind = (3, "polygon") if closed else (2, "separating curve")
-        if len(self.points) < least:
-            raise CodedError("too_few_points", f"a {kind} needs {least} points, there are {len(self.points)}")
+        # a seed anywhere: only the chain is in question
+        VirtualBorder(np.array(self.points).reshape(-1, 2), (0.0, 0.0), closed=closed)
         self.closed = closed
 
     def remove_last(self) -> None:

@@ -154,7 +154,7 @@ def _common_piece(
 def _by_extension(
     starts: np.ndarray, ends: np.ndarray, arc: np.ndarray, drawn_length: float
 ) -> Iterator[Tuple[int, int, int]]:
-    """The stops of both ends, those with the shortest extension first; with the marks of their own end and the other."""
+    """The stops of both ends, those with the shortest extension first; with the marks of their end and the other."""
     stops = np.concatenate([starts, ends])
     extension = np.maximum(np.concatenate([-arc[starts], arc[ends] - drawn_length]), 0.0)
     for index in np.argsort(extension, kind="stable").tolist():
@@ -218,7 +218,7 @@ def _cut(
 
 
 def _shares(cells: np.ndarray, points: np.ndarray) -> List[float]:
-    """Shares of the cells at points (2, K, 2) (column, row) that were filled, of those that are free; NaN if none is."""
+    """Shares of the cells at points (2, K, 2) (column, row) that were filled, of the free ones; NaN if none is free."""
     # from the map's coordinates to the frame's, whose cells are neither
     at = np.minimum(np.maximum(points + 1.5, 0.0), (cells.shape[1] - 1, cells.shape[0] - 1)).astype(np.int64)
     values = cells[at[..., 1], at[..., 0]]

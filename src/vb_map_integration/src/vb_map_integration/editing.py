@@ -55,6 +55,8 @@ def simplified(border: VirtualBorder, tolerance: float) -> VirtualBorder:
 
 def new_border(centre: Sequence[float], size: float, closed: bool) -> VirtualBorder:
     """A square of an edge length [m], or a line of that length, to be dragged to where it is wanted."""
-    corners = np.array([(-0.5, -0.5), (0.5, -0.5), (0.5, 0.5), (-0.5, 0.5)]) if closed else np.array([(0.0, -0.5), (0.0, 0.5)])
-    seed = (0.0, 0.0) if closed else (0.5, 0.0)
-    return VirtualBorder(centre + size * corners, np.asarray(centre) + size * np.array(seed), closed=closed)
+    points, seed = [(0.0, -0.5), (0.0, 0.5)], (0.5, 0.0)
+    if closed:
+        points, seed = [(-0.5, -0.5), (0.5, -0.5), (0.5, 0.5), (-0.5, 0.5)], (0.0, 0.0)
+    middle = np.asarray(centre, dtype=float)
+    return VirtualBorder(middle + size * np.array(points), middle + size * np.array(seed), closed=closed)

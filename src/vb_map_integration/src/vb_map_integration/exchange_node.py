@@ -44,7 +44,7 @@ def _print_answer(border: VirtualBorder, answer: Answer, done: str) -> None:
 
 
 def import_borders(arguments: Optional[List[str]] = None) -> int:
-    """Adds each border of a file; prints what was found. 0 if all were taken, 1 if one was refused, 2 for a bad file."""
+    """Adds each border of a file and prints what was found. Status 0: all were taken, 1: not all, 2: bad file."""
     parser = argparse.ArgumentParser(prog="import_borders", description=import_borders.__doc__)
     parser.add_argument("file", type=Path, help="YAML as the store and save_map write it, or GeoJSON in metres")
     parser.add_argument("--dry-run", action="store_true", help="only preview, add nothing")

@@ -214,7 +214,7 @@ class MapIntegrator:
             }
             if self._parts is None:
                 self._parts = ways(before.posterior, **options).free_parts
-            found = ways(after.posterior, goals or (), **options)
+            found = ways(after.posterior, () if goals is None else goals, **options)
             if found.free_parts > self._parts:
                 text = f"the free space would fall into {found.free_parts} parts, not {self._parts}"
                 findings.append(Finding(WARNING, "splits_free_space", text))

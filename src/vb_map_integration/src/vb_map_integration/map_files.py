@@ -132,7 +132,8 @@ def read_map(path: Path) -> GridMap:
         try:
             return kind(found)
         except (TypeError, ValueError):
-            raise CodedError("bad_map_file", f"{path}: {key}: expected a value of type {kind.__name__}, got {found!r}") from None
+            text = f"{path}: {key}: expected a value of type {kind.__name__}, got {found!r}"
+            raise CodedError("bad_map_file", text) from None
 
     mode = value("mode", str, "trinary")
     if mode not in ("trinary", "scale", "raw"):
@@ -149,7 +150,9 @@ def read_map(path: Path) -> GridMap:
         if not value("negate", int, 0):
             occupancy = 1.0 - occupancy
         high, low = value("occupied_thresh", float, OCCUPIED_THRESH), value("free_thresh", float, FREE_THRESH)
-        between = np.full(image.shape, UNKNOWN) if mode == "trinary" else 1 + 98 * (occupancy - low) / max(high - low, 1e-9)
+        between = np.full(image.shape, UNKNOWN)
+        if mode == "scale":
+            between = 1 + 98 * (occupancy - low) / max(high - low, 1e-9)
         cells = np.where(occupancy > high, 100, np.where(occupancy < low, 0, between)).astype(np.int8)
     origin = value("origin", list)
     return GridMap(np.ascontiguousarray(cells[::-1]), value("resolution", float), tuple(origin))

@@ -30,7 +30,8 @@ from vb_core.ros import messages, node, parameters
 from vb_core.ros.transforms import TransformLookup
 from vb_map_integration.border import VirtualBorder
 from vb_map_integration.border_messages import border_from_message, finding_messages, message_from_border
-from vb_map_integration.findings import ERROR, WARNING, Finding, IntegrationError
+from vb_map_integration.costmap_settings import soft_value_finding
+from vb_map_integration.findings import ERROR, Finding, IntegrationError
 from vb_map_integration.integrator import IntegratorParams, MapIntegrator, Outcome
 
 _MAP_PATIENCE_S = 5.0  # without a map for so long, a warning
@@ -47,6 +48,7 @@ class NodeParams(Parameters):
     robots: list = param([])
     move_base: str = param("/move_base")
     expiry_period_s: float = param(1.0, "s", above=0.0)
+    move_base_period_s: float = param(60.0, "s", above=0.0)
     map_timeout_s: float = param(60.0, "s", low=0.0)
 
 
@@ -101,6 +103,7 @@ class MapIntegratorNode:
         options = {"queue_size": 1, "buff_size": 2**24, "tcp_nodelay": True}
         rospy.Subscriber(names.PHYSICAL_MAP, messages.OccupancyGridArray, self._maps.put, **options)
         rospy.Timer(rospy.Duration(params.expiry_period_s), self._expire, reset=True)
+        rospy.Timer(rospy.Duration(params.move_base_period_s), self._watch_move_base, reset=True)
         self._closing = threading.Event()
         threading.Thread(target=self._wait_for_map, daemon=True).start()
 
@@ -195,22 +198,17 @@ class MapIntegratorNode:
         """Warns if a running move_base takes every soft value for free (its default, trinary_costmap)."""
         if border.value in (0, 100):
             return ()
-        blind = []
-        for costmap in ("global_costmap", "local_costmap"):
-            settings = rospy.get_param(f"{self._params.move_base.rstrip('/')}/{costmap}", None)
-            if not isinstance(settings, dict):
-                continue
-            layers = [
-                layer.get("name", "static_layer") for layer in settings.get("plugins", [])
-                if isinstance(layer, dict) and str(layer.get("type", "")).endswith("StaticLayer")
-            ] or ["static_layer"]
-            if any((settings.get(layer) or {}).get("trinary_costmap", True) for layer in layers):
-                blind.append(costmap)
-        if not blind:
-            return ()
-        text = (f"move_base takes an occupancy of {border.value} for free space: set trinary_costmap to false in the "
-                f"static layer of its {' and '.join(blind)}")
-        return (Finding(WARNING, "soft_border_ignored", text),)
+        base = self._params.move_base.rstrip("/")
+        costmaps = {name: rospy.get_param(f"{base}/{name}", None) for name in ("global_costmap", "local_costmap")}
+        found = soft_value_finding(border.value, costmaps)
+        return (found,) if found else ()
+
+    def _watch_move_base(self, _event: Any) -> None:
+        """move_base may have come, or come back otherwise, after the soft border was made."""
+        with self._lock:
+            soft = [border for border in self._integrator.borders if border.enabled and border.value not in (0, 100)]
+        for found in self._soft_findings(soft[0]) if soft else ():
+            rospy.logwarn("%s: '%s': %s [%s]", rospy.get_name(), soft[0].name, found.message, found.code)
 
     def _refused(self, response: Any, error: CodedError) -> Any:
         rospy.logwarn("%s: refused: %s", rospy.get_name(), error)

@@ -43,7 +43,8 @@ def polygon_mask(vertices: np.ndarray, shape: Tuple[int, int]) -> Tuple[Window, 
     start = vertices - (left, top)
     end = np.concatenate([start[1:], start[:1]])
     y0, y1 = start[:, 1], end[:, 1]
-    low, high = np.ceil(np.minimum(np.maximum([np.minimum(y0, y1), np.maximum(y0, y1)], 0.0), len(mask))).astype(np.int64)
+    reach = np.array([np.minimum(y0, y1), np.maximum(y0, y1)])
+    low, high = np.ceil(np.minimum(np.maximum(reach, 0.0), len(mask))).astype(np.int64)
     counts = high - low
     total = int(counts.sum())
     if total == 0:
@@ -93,8 +94,9 @@ def trace_chain(vertices: np.ndarray, shape: Tuple[int, int]) -> Trace:
     low, high = np.array([-1.0, -1.0]), np.array([shape[1], shape[0]], dtype=float)
     with np.errstate(divide="ignore", invalid="ignore"):
         t_low, t_high = (low - start) / step, (high - start) / step
-    enter = np.where(step == 0.0, np.where((start >= low) & (start <= high), -np.inf, np.inf), np.minimum(t_low, t_high))
-    leave = np.where(step == 0.0, np.inf, np.maximum(t_low, t_high))
+    still, within = step == 0.0, (start >= low) & (start <= high)
+    enter = np.where(still, np.where(within, -np.inf, np.inf), np.minimum(t_low, t_high))
+    leave = np.where(still, np.inf, np.maximum(t_low, t_high))
     t0 = np.maximum(enter.max(axis=1), 0.0)
     t1 = np.minimum(leave.min(axis=1), 1.0)
     # two samples per cell: the cells of neighbouring samples are the same or touch

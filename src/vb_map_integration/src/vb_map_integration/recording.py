@@ -38,7 +38,9 @@ class Recording:
         self.number = max(numbers, default=0)
         self._borders: Optional[Sequence[VirtualBorder]] = None
 
-    def record(self, grid: GridMap, borders: Sequence[VirtualBorder], stamp: float, extra: Mapping[str, object]) -> Path:
+    def record(
+        self, grid: GridMap, borders: Sequence[VirtualBorder], stamp: float, extra: Mapping[str, object]
+    ) -> Path:
         """Writes one map.
 
         Args:

@@ -40,20 +40,18 @@ class BorderStore:
         redoable: Sequence[Change] = (),
     ) -> None:
         self._borders: Dict[str, VirtualBorder] = {}
-        self._order: Dict[str, int] = {}
         self.undoable: List[Change] = list(undoable)
         self.redoable: List[Change] = list(redoable)
         self._next = next_number
         self.revision = revision
         for border in borders:
             self._put(Entry(border.id, None, border))
-            self._next = max(self._next, _number_of(border.id) + 1)
 
     # ------------------------------------------------------------- what there is
     @property
     def borders(self) -> Tuple[VirtualBorder, ...]:
         """All borders, the oldest first."""
-        return tuple(self._borders[key] for key in sorted(self._borders, key=self._order.__getitem__))
+        return tuple(self._borders[key] for key in sorted(self._borders, key=_number_of))
 
     @property
     def next_number(self) -> int:
@@ -143,7 +141,7 @@ class BorderStore:
             kind: "new" (undone things are forgotten), "undo", "redo", or "quiet" (no place in the history).
         """
         result = copy.copy(self)
-        result._borders, result._order = dict(self._borders), dict(self._order)
+        result._borders = dict(self._borders)
         result.undoable, result.redoable = list(self.undoable), list(self.redoable)
         for entry in change:
             result._put(entry)
@@ -162,12 +160,11 @@ class BorderStore:
             self._borders.pop(entry.id, None)
             return
         self._borders[entry.id] = entry.after
-        if entry.id not in self._order:
-            self._order[entry.id] = len(self._order)
-            self._next = max(self._next, _number_of(entry.id) + 1)
+        self._next = max(self._next, _number_of(entry.id) + 1)
 
 
 def _number_of(border_id: str) -> int:
+    """The number in an id that the store gave; the higher, the younger."""
     digits = border_id[1:]
     return int(digits) if border_id[:1] == "b" and digits.isdigit() and len(digits) < 10 else 0
 

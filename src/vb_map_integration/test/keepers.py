@@ -1,0 +1,42 @@
+"""A map of one room, borders in it, and integrators that keep them."""
+from __future__ import annotations
+
+import numpy as np
+
+from vb_core.grid_map import GridMap
+from vb_map_integration.border import VirtualBorder
+from vb_map_integration.integration import integrate
+from vb_map_integration.integrator import IntegratorParams, MapIntegrator
+
+
+def room(height=120, width=160, origin=(-1.0, -1.0, 0.2)):
+    data = np.zeros((height, width), np.int8)
+    data[[0, -1]] = 100
+    data[:, [0, -1]] = 100
+    return GridMap(data, 0.05, origin)
+
+
+GRID = room()
+
+
+def at(*points, grid=GRID):
+    return grid.grid_to_world(np.array(points, float))
+
+
+def square(column, row, size=20, grid=GRID, **options):
+    corners = at((column, row), (column + size, row), (column + size, row + size), (column, row + size), grid=grid)
+    return VirtualBorder(corners, at((column + size / 2, row + size / 2), grid=grid)[0], closed=True, **options)
+
+
+def integrator(root=None, grid=GRID, **params):
+    result = MapIntegrator(IntegratorParams(**params), root)
+    result.set_map(grid)
+    return result
+
+
+def expected(keeper):
+    cells = keeper.physical
+    for border in keeper.borders:
+        if border.enabled:
+            cells = cells.with_data(np.maximum(cells.data, integrate(keeper.physical, border).posterior.data))
+    return cells.data

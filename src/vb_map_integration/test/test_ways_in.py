@@ -1,0 +1,184 @@
+"""Clicks, dragged vertices, GeoJSON, and what a costmap makes of soft values."""
+import json
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from vb_core.errors import CodedError
+from vb_map_integration import editing
+from vb_map_integration.border import MAX_POINTS, VirtualBorder
+from vb_map_integration.clicks import ClickParams, Clicks
+from vb_map_integration.costmap_settings import soft_value_finding
+from vb_map_integration.geojson import borders_from_geojson, borders_to_geojson
+
+sys.path.insert(0, str(Path(__file__).resolve().parent))
+from keepers import at, square  # noqa: E402
+
+SQUARE = VirtualBorder([(0, 0), (1, 0), (1, 1), (0, 1)], (0.5, 0.5), closed=True)
+LINE = VirtualBorder([(0, 0), (0, 1), (0, 2)], (1, 1), closed=False)
+
+
+def code_of(action):
+    with pytest.raises(CodedError) as caught:
+        action()
+    assert caught.value.message
+    return caught.value.code
+
+
+# ----------------------------------------------------------------- clicks
+def clicked(*points, **params):
+    clicks = Clicks(ClickParams(**params))
+    results = [clicks.click(point) for point in points]
+    assert all(result is None for result in results[:-1])
+    return clicks, results[-1]
+
+
+def test_a_click_on_the_first_point_closes_a_polygon():
+    clicks, border = clicked((0, 0), (1, 0), (1, 1), (0.1, 0.1), (0.8, 0.2), occupancy=0.75)
+    assert border.closed and border.points.tolist() == [[0, 0], [1, 0], [1, 1]]
+    assert border.seed.tolist() == [0.8, 0.2] and border.occupancy == 0.75
+    assert clicks.points == [] and clicks.closed is None
+
+
+def test_a_click_on_the_last_point_ends_a_curve():
+    _, border = clicked((0, 0), (0, 1), (0.1, 1.05), (3, 3))
+    assert border.closed is False and border.points.tolist() == [[0, 0], [0, 1]]
+
+
+def test_a_click_near_both_ends_means_the_nearer_one():
+    # the chain's ends are 0.2 m apart
+    ends = [(0, 0), (1, 0), (1, 1), (0, 0.2)]
+    assert clicked(*ends, (0, 0.08), (0.5, 0.5))[1].closed
+    assert not clicked(*ends, (0, 0.13), (0.5, 0.5))[1].closed
+
+
+def test_clicks_can_be_taken_back():
+    clicks, _ = clicked((0, 0), (1, 0), (1, 1), (0, 0))
+    assert clicks.closed
+    clicks.remove_last()
+    assert clicks.closed is None and len(clicks.points) == 3
+    clicks.remove_last()
+    assert code_of(lambda: clicks.end(closed=True)) == "too_few_points"
+    clicks.end(closed=False)
+    clicks.cancel()
+    assert code_of(clicks.remove_last) == "nothing_to_undo"
+
+
+@pytest.mark.parametrize("point", [(np.nan, 0), (0, np.inf), (1e9, 0), (0, 0, 0), "ab"])
+def test_what_is_no_click_is_refused(point):
+    clicks = Clicks()
+    clicks.click((0, 0))
+    try:
+        assert code_of(lambda: clicks.click(point)) == "bad_points"
+    except ValueError:
+        assert isinstance(point, str)  # a fault of the caller, not of a person
+    assert len(clicks.points) == 1
+
+
+def test_clicks_have_an_end():
+    clicks = Clicks()
+    for number in range(MAX_POINTS):
+        clicks.click((number, 0))
+    assert code_of(lambda: clicks.click((-5, 0))) == "too_many_points"
+
+
+@settings(max_examples=50, deadline=None, derandomize=True)
+@given(st.lists(st.tuples(st.integers(-3, 3), st.integers(-3, 3)), max_size=40))
+def test_any_row_of_clicks_gives_sound_borders(points):
+    clicks = Clicks()
+    for point in points:
+        assert clicks.describe()
+        try:
+            border = clicks.click(point)
+        except CodedError as error:
+            assert error.code == "too_few_points" and clicks.closed is None  # there and back is no polygon
+            continue
+        assert border is None or len(border.points) >= (3 if border.closed else 2)
+
+
+# ----------------------------------------------------------------- vertices
+def test_vertices_are_moved_inserted_and_removed():
+    assert editing.move_vertex(SQUARE, 2, (3, 3)).points.tolist() == [[0, 0], [1, 0], [3, 3], [0, 1]]
+    assert editing.move_seed(SQUARE, (0.2, 0.1)).seed.tolist() == [0.2, 0.1]
+    assert editing.insert_vertex(SQUARE, 3).points[4].tolist() == [0, 0.5]
+    assert editing.insert_vertex(LINE, 2).points[2].tolist() == [0, 1.5]
+    assert editing.remove_vertex(LINE, 1).points.tolist() == [[0, 0], [0, 2]]
+    triangle = editing.remove_vertex(SQUARE, 0)
+    assert len(triangle.points) == 3
+    assert code_of(lambda: editing.remove_vertex(triangle, 0)) == "too_few_points"
+    assert code_of(lambda: editing.move_vertex(SQUARE, 0, (np.nan, 0))) == "bad_points"
+    assert SQUARE.points.tolist() == [[0, 0], [1, 0], [1, 1], [0, 1]]
+
+
+def test_a_drawn_chain_is_thinned_out_for_editing():
+    angles = np.linspace(0, 2 * np.pi, 400, endpoint=False)
+    circle = VirtualBorder(np.column_stack([np.cos(angles), np.sin(angles)]), (0, 0), closed=True, id="b3", name="rug")
+    thin = editing.simplified(circle, 0.02)
+    assert 8 < len(thin.points) < 40 and (thin.id, thin.name) == ("b3", "rug")
+    assert abs(np.linalg.norm(thin.points, axis=1) - 1).max() < 1e-9
+    assert editing.simplified(SQUARE, 5.0).points.tolist() == SQUARE.points.tolist()
+
+
+@pytest.mark.parametrize("closed", [True, False])
+def test_a_new_border_is_one(closed):
+    border = editing.new_border((2, 3), 1.5, closed)
+    assert border.closed is closed and border.id == ""
+    assert np.ptp(border.points, axis=0).max() == pytest.approx(1.5)
+
+
+# ----------------------------------------------------------------- GeoJSON
+def test_geojson_round_trip():
+    borders = [square(10, 10, id="b1", name="Küche", robots=("ada",), occupancy=0.75), LINE.replace(expires=7.5)]
+    assert borders_from_geojson(borders_to_geojson(borders)) == borders
+
+
+def feature(geometry, **properties):
+    return {"type": "Feature", "geometry": geometry, "properties": properties}
+
+
+def line(coordinates, **properties):
+    return json.dumps(feature({"type": "LineString", "coordinates": coordinates}, **properties))
+
+
+def test_a_polygon_without_a_seed_restricts_its_inside():
+    ring = [[0, 0], [4, 0], [4, 1], [1, 1], [1, 4], [0, 4], [0, 0]]
+    border = borders_from_geojson(json.dumps(feature({"type": "Polygon", "coordinates": [ring]})))[0]
+    x, y = border.seed
+    assert 0 < x < 4 and 0 < y < 4 and (x < 1 or y < 1) and border.closed
+
+
+@pytest.mark.parametrize(
+    "code, document",
+    [
+        ("bad_border_file", line([[0, "a"], [1, 1]], seed=[1, 0])),
+        ("bad_border_file", line([[0, 0], [1, 1]], seed=[1, 0], unheard_of=1)),
+        ("bad_seed", line([[0, 0], [1, 1]])),
+        ("bad_points", line([[0, 0], [1e400, 1]], seed=[1, 0])),
+        ("too_many_points", line([[k, 0] for k in range(9999)], seed=[1, 0])),
+        ("bad_border_file", "no JSON"),
+        ("bad_border_file", "[]"),
+        ("bad_border_file", json.dumps({"type": "FeatureCollection", "features": 3})),
+        ("bad_border_file", json.dumps({"type": "FeatureCollection", "features": [3]})),
+        ("bad_border_file", json.dumps(feature({"type": "Point", "coordinates": [0, 0]}))),
+        ("bad_border_file", json.dumps(feature({"type": "Polygon", "coordinates": [[[0, 0]], [[1, 1]]]}))),
+        ("too_few_points", json.dumps(feature({"type": "Polygon", "coordinates": [[[0, 0], [1, 1]]]}))),
+    ],
+)
+def test_bad_geojson_is_refused(code, document):
+    assert code_of(lambda: borders_from_geojson(document)) == code
+
+
+# ----------------------------------------------------------------- costmaps
+def test_a_trinary_costmap_is_blind_to_soft_values():
+    layers = [{"name": "walls", "type": "costmap_2d::StaticLayer"}, {"name": "x", "type": "costmap_2d::InflationLayer"}]
+    good = {"plugins": layers, "walls": {"trinary_costmap": False}}
+    assert soft_value_finding(75, {"global_costmap": good, "local_costmap": None}) is None
+    assert soft_value_finding(100, {"global_costmap": {}}) is None
+    found = soft_value_finding(75, {"global_costmap": {"plugins": layers}, "local_costmap": good})
+    assert found.code == "soft_border_ignored" and "global_costmap" in found.message and "local" not in found.message
+    for odd in ({"plugins": None}, {"plugins": ["x"], "static_layer": 3}, "x"):
+        soft_value_finding(50, {"global_costmap": odd})
