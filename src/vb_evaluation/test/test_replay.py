@@ -8,6 +8,7 @@ import rosbag
 import rospy
 import yaml
 from geometry_msgs.msg import Point
+from tf2_msgs.msg import TFMessage
 
 from vb_core import geometry
 from vb_core.camera_model import CameraModel
@@ -24,7 +25,9 @@ from vb_map_integration.recording import Recording as MapRecording
 from vb_msgs.msg import InteractionState, LaserSpot
 from vb_voice_wizard.interaction import Interaction
 from vb_voice_wizard.memory import append_line, record_line
-from tf2_msgs.msg import TFMessage
+
+# the messages themselves call it when a bag is written
+pytestmark = pytest.mark.filterwarnings("ignore:tostring")
 
 SQUARE = np.array([[0.8, 0.6], [2.2, 0.6], [2.2, 1.6], [0.8, 1.6]])
 START = 1000.0
