@@ -1,8 +1,11 @@
 #!/usr/bin/env python3
 """How fast and how right the spot detector is.
 
-    bench/spot_detection.py                time per frame, rendered 1080p, beside the authors' design
-    bench/spot_detection.py --clips DIR    also recall and false spots on labelled clips (labels.json and clips/)
+    bench/spot_detection.py                        time per frame, rendered 1080p, beside the authors' design
+    bench/spot_detection.py --clips DIR            also recall and false spots on labelled clips (labels.json and clips/)
+    bench/spot_detection.py --clips DIR --crops D  also a picture of every false spot and the frames before and after it
+    bench/spot_detection.py --scenes [WORD ...]    also rendered scenes of every hard case (or those whose name has a WORD)
+    bench/spot_detection.py --quiet MINUTES        also false spots without a laser, people walking under three cameras
 
 Writes out/bench/spot_detection.json. Both detectors see the same frames in turn, in one run on one thread, and the
 time is that of the thread, so that other programs disturb both alike.
@@ -14,7 +17,7 @@ import json
 import sys
 import time
 from pathlib import Path
-from typing import Any, Dict, List, Tuple
+from typing import Any, Dict, List, Optional, Tuple
 
 import cv2
 import numpy as np
@@ -88,8 +91,10 @@ def measure_time(frames: int) -> Dict[str, Any]:
     return result
 
 
-def measure_clips(folder: Path) -> Dict[str, Any]:
+def measure_clips(folder: Path, crops: Optional[Path] = None) -> Dict[str, Any]:
     """Recall, false spots and errors on labelled clips, frame by frame without temporal confirmation.
+
+    Neither focal length nor pose of the clips' cameras is known: the detector gets the images and nothing else.
 
     A spot is right within `reach` = 10 px of a label of its frame. False spots are counted twice: strictly, and without
     those within 10 px of a label up to `fringe` = 2 frames before or after, where a pulse's first or last light is seen.
@@ -126,6 +131,8 @@ def measure_clips(folder: Path) -> Dict[str, Any]:
         events = {label["event"] for label in video["labels"]}
         if index == 0:
             print(f"cannot read {folder / 'clips' / name}", file=sys.stderr)
+        if crops is not None and false:
+            write_crops(folder / "clips" / name, false, crops)
         clips.append({
             "clip": name, "frames": index, "labels": len(video["labels"]), "found": found, "shots": len(events),
             "shots_found": len(hit), "false": len(false), "false_off_fringe": false_off_fringe, "false_at_frame_u_v": false,
@@ -145,10 +152,65 @@ def measure_clips(folder: Path) -> Dict[str, Any]:
     }
 
 
+def write_crops(clip: Path, places: List[List[float]], folder: Path, reach: int = 25, around: int = 3) -> None:
+    """One picture per clip: a row per place (frame, u, v), with the frames before and after it, for looking at."""
+    capture, images = cv2.VideoCapture(str(clip)), []
+    while True:
+        got, image = capture.read()
+        if not got:
+            break
+        images.append(image)
+    rows = []
+    for frame, u, v in places:
+        cells = []
+        for index in range(int(frame) - around, int(frame) + around + 1):
+            image = images[min(max(index, 0), len(images) - 1)]
+            cell = cv2.getRectSubPix(image, (2 * reach + 1, 2 * reach + 1), (float(u), float(v)))
+            cell = cv2.resize(cell, None, fx=4, fy=4, interpolation=cv2.INTER_NEAREST)
+            cells.append(cv2.putText(cell, str(index), (4, 16), cv2.FONT_HERSHEY_SIMPLEX, 0.5, (0, 255, 255)))
+        rows.append(np.hstack(cells))
+    folder.mkdir(parents=True, exist_ok=True)
+    cv2.imwrite(str(folder / f"{clip.stem}.png"), np.vstack(rows))
+
+
+def measure_scenes(words: List[str]) -> Dict[str, Any]:
+    """Recall, false spots and errors on the floor in rendered scenes; prints each as it is done."""
+    from spot_scenes import CameraModels, Rooms, ceiling_scenes, lab, mobile_scenes, play
+
+    result: Dict[str, Any] = {}
+    room, rooms = lab(), Rooms(CameraModels(), 1)
+    print(f"{'scene':52s} recall  false/h  error on the floor [mm]: median, 95 % (and with pose errors)")
+    for scene in ceiling_scenes(room) + mobile_scenes(room):
+        name = ("robot's camera: " if scene.mobile else "") + scene.name
+        if words and not any(word in name for word in words):
+            continue
+        figures = result[name] = play(scene, rooms).summary()
+        print(f"{name:52s} {figures['recall']:6.3f} {figures['false_spots_per_hour']:8.0f} "
+              f"{figures['error_median_mm']:8.1f} {figures['error_p95_mm']:6.1f} "
+              f"({figures['error_with_pose_error_median_mm']:.1f}, {figures['error_with_pose_error_p95_mm']:.1f}) "
+              f"{figures['missed_because'] or ''}", flush=True)
+    return result
+
+
+def measure_quiet(minutes: float, seed: int) -> Dict[str, Any]:
+    """False spots without a laser, per camera."""
+    from spot_scenes import quiet
+
+    result = {name: outcome.summary() for name, outcome in quiet(minutes, seed).items()}
+    return {
+        name: {key: figures[key] for key in ("frames", "false_spots", "false_spots_per_hour", "false_at_time_u_v_diameter")}
+        for name, figures in result.items()
+    }
+
+
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--frames", type=int, default=200, help="rendered frames to time")
     parser.add_argument("--clips", type=Path, help="folder with labels.json and clips/")
+    parser.add_argument("--crops", type=Path, metavar="DIR", help="with --clips: pictures of all false spots")
+    parser.add_argument("--scenes", nargs="*", metavar="WORD", help="rendered scenes; only those with a WORD in their name")
+    parser.add_argument("--quiet", type=float, metavar="MINUTES", help="simulated time without a laser")
+    parser.add_argument("--seed", type=int, default=1, help="of who walks where, with --quiet")
     parser.add_argument("--out", type=Path, default=TOP / "out" / "bench" / "spot_detection.json")
     arguments = parser.parse_args()
     if arguments.frames < 10:
@@ -162,12 +224,18 @@ def main() -> int:
         print(f"{name:14s} {timing[name]['median_ms']:6.2f} ms per 1080p frame (95th percentile {timing[name]['p95_ms']:.2f})")
     print(f"faster than the authors' design: {timing['times_faster_bgr8']:.1f} times (bgr8), {timing['times_faster_bayer_rggb8']:.1f} times (Bayer)")
     if arguments.clips:
-        result["clips"] = measure_clips(arguments.clips)
+        result["clips"] = measure_clips(arguments.clips, arguments.crops)
         for clip in result["clips"]["clips"]:
             print(f"{clip['clip']:48s} shots {clip['shots_found']:3d} of {clip['shots']:3d}, frames {clip['found']:3d} of {clip['labels']:3d}, false {clip['false']:2d}")
         c = result["clips"]
         print(f"all clips: shot recall {c['shot_recall']:.3f}, frame recall {c['frame_recall']:.3f}, false spots {c['false_per_1000_frames']:.2f} "
               f"per 1000 frames ({c['false_off_fringe_per_1000_frames']:.2f} away from labels in time), median error {c['median_error_px'] or 0:.2f} px")
+    if arguments.scenes is not None:
+        result["scenes"] = measure_scenes(arguments.scenes)
+    if arguments.quiet:
+        result["no_laser"] = measure_quiet(arguments.quiet, arguments.seed)
+        for name, figures in result["no_laser"].items():
+            print(f"no laser, {arguments.quiet:g} minutes, camera {name}: {figures['frames']} frames, {figures['false_spots']} false spots")
     arguments.out.parent.mkdir(parents=True, exist_ok=True)
     arguments.out.write_text(json.dumps(result, indent=2) + "\n")
     print(f"written to {arguments.out}")

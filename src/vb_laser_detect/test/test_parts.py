@@ -24,11 +24,17 @@ PACKAGE = Path(__file__).resolve().parents[1]
 @pytest.mark.parametrize("shape", [(64, 96), (64, 96, 3), (67, 101, 3), (33, 47)])
 def test_block_maxima_are_numpys(shape):
     image = np.random.default_rng(1).integers(0, 256, shape, dtype=np.uint8)
-    flat = image if image.ndim == 2 else image.max(axis=2)
+    background = np.random.default_rng(2).integers(0, 256, shape, dtype=np.uint8)
     rows, columns = shape[0] // 8, shape[1] // 8
-    expected = flat[: rows * 8, : columns * 8].reshape(rows, 8, columns, 8).max(axis=(1, 3))
-    assert (block_maxima(image) == expected).all()
-    assert (max_channel(image) == flat).all()
+
+    def blocks(values):
+        return values[: rows * 8, : columns * 8].reshape(rows, 8, columns, 8, *shape[2:])
+
+    assert (block_maxima(image) == blocks(image).max(axis=(1, 3))).all()
+    rise = np.maximum(image.astype(int) - background, 0)
+    assert (block_maxima(image, background) == blocks(rise).max(axis=(1, 3))).all()
+    assert (block_maxima(image, background, row_step=2) == blocks(rise)[:, 1::2].max(axis=(1, 3))).all()
+    assert (max_channel(image) == (image if image.ndim == 2 else image.max(axis=2))).all()
 
 
 def test_mask_covers_its_blocks():

@@ -3,7 +3,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Optional, Tuple
+from typing import List, Sequence, Tuple
 
 import cv2
 import numpy as np
@@ -11,6 +11,8 @@ import numpy as np
 from vb_laser_detect.blocks import max_channel
 
 _EDGE = 0.35  # the spot is where the rise exceeds this part of its peak
+_WHITE = 240.0  # [grey levels] a pixel whose weakest channel shows more tells nothing about colour
+_GREY = 0.85  # a floor is grey if its weakest channel has so much of the strongest
 _SQUARE = np.ones((3, 3), np.uint8)
 
 Region = Tuple[int, int, int, int]  # left, top, right, bottom [px]; right and bottom are excluded
@@ -35,8 +37,8 @@ class Candidate:
             whose outline is in the background alone.
         darker: part of the surroundings that became darker; near 0 for a light, more where something moves in.
         flatness: part of the blob that is nearly as bright as its peak.
-        chroma: how unevenly the colour channels rose, or how strongly the blob has the colour that rose most, whichever
-            is less; 0 for white light and for white things, 0 in images without colour.
+        fall: [grey levels] by how much the channel that lost most became darker; a light darkens none, paint does.
+        chroma: how coloured its light is; near 0 for white light and white things, 0 in images without colour.
         busy: part of the whole image that changed elsewhere.
         neighbours: blocks near it that became brighter, beyond those that its own light reaches.
         confidence: 0 ... 1.
@@ -56,6 +58,7 @@ class Candidate:
     edge: float = 1.0
     darker: float = 0.0
     flatness: float = 0.0
+    fall: float = 0.0
     chroma: float = 0.0
     busy: float = 0.0
     neighbours: int = 0
@@ -117,7 +120,8 @@ def measure(
         smooth[part].astype(np.float32),
         image[whole],
         rise[part],
-        background[whole] if learnt else None,
+        background[whole],
+        learnt,
     )
     candidate.u += x0 + sx0
     candidate.v += y0 + sy0
@@ -125,7 +129,7 @@ def measure(
 
 
 def _describe(
-    blob: np.ndarray, smooth: np.ndarray, image: np.ndarray, rise: np.ndarray, background: Optional[np.ndarray]
+    blob: np.ndarray, smooth: np.ndarray, image: np.ndarray, rise: np.ndarray, background: np.ndarray, learnt: bool
 ) -> Candidate:
     rows, columns = np.nonzero(blob)
     weights = smooth[blob]
@@ -149,16 +153,14 @@ def _describe(
     rises = [float(channel[blob].mean()) for channel in channels]
     best = int(np.argmax(rises))
     rose = max(rises[best], 1.0)
-    if len(rises) > 1:
-        # white paper on a brown floor rises most in blue, and still looks white: light of a laser rises most in its
-        # own colour and has that colour
-        levels = [float(channel[blob].mean()) for channel in cv2.split(image)]
-        tint = (levels[best] - min(levels)) / max(levels[best], 1.0)
-        candidate.chroma = min((rose - min(rises)) / rose, tint)
+    if len(channels) > 1:
+        levels, floors = cv2.split(image), cv2.split(background)
+        candidate.fall = max(float(floor[blob].mean()) - float(level[blob].mean()) for floor, level in zip(floors, levels))
+        candidate.chroma = _chroma(blob, smooth, levels, floors)
     now = _plane(image, best)
     inside = float(now[blob].mean())
     like = ring
-    if background is not None:
+    if learnt:
         before = _plane(background, best)
         # a light falls on a floor that goes on beside it; where an object has left, the background still shows
         # the object, and nothing beside it looks the same
@@ -172,6 +174,33 @@ def _describe(
         candidate.likeness = float(like.sum()) / max(1, int(ring.sum()))
     candidate.contrast = (inside - float(now[like].mean())) / rose if like.any() else 0.0
     return candidate
+
+
+def _chroma(blob: np.ndarray, smooth: np.ndarray, levels: Sequence[np.ndarray], floors: Sequence[np.ndarray]) -> float:
+    """How coloured the light is.
+
+    White paper on a brown floor rises most in blue, and still looks white: a laser's light rises most in its own colour
+    and has that colour. Where the core is white, since it saturates every channel, the light round it has to show the
+    colour; that counts on a grey floor only, where white things rise evenly.
+    """
+    rise, level, _ = _color_over(blob, levels, floors)
+    best = int(np.argmax(rise))
+    core = min((rise[best] - min(rise)) / max(rise[best], 1.0), (level[best] - min(level)) / max(level[best], 1.0))
+    weakest = np.minimum.reduce(levels)
+    halo = (cv2.dilate(blob.astype(np.uint8), _disc(2)) > 0) & (weakest < _WHITE) & (smooth > 0.12 * smooth[blob].max())
+    if np.count_nonzero(halo) < 6:
+        return core
+    rise, level, floor = _color_over(halo, levels, floors)
+    if min(floor) < _GREY * max(floor):
+        return core
+    return max(core, (max(rise) - min(rise)) / max(max(rise), 1.0) if max(rise) > 4.0 else 0.0)
+
+
+def _color_over(mask: np.ndarray, levels: Sequence[np.ndarray], floors: Sequence[np.ndarray]) -> Tuple[List[float], ...]:
+    """Mean rise, level and floor of each channel."""
+    level = [float(channel[mask].mean()) for channel in levels]
+    floor = [float(channel[mask].mean()) for channel in floors]
+    return [max(0.0, a - b) for a, b in zip(level, floor)], level, floor
 
 
 def _axes(columns: np.ndarray, rows: np.ndarray) -> Tuple[float, float]:

@@ -47,7 +47,7 @@ class Background:
     def rise(self, image: np.ndarray) -> np.ndarray:
         """(H // 8, W // 8) uint8: by how much each block's brightest change is above the background."""
         # a colour image carries so much data that every second row has to do: spots cover several
-        return block_maxima(image, self.image, row_step=1 if image.ndim == 2 else 2)
+        return max_channel(block_maxima(image, self.image, row_step=1 if image.ndim == 2 else 2))
 
     def darker_blocks(self, image: np.ndarray) -> np.ndarray:
         """(H // 8, W // 8) bool: blocks that became darker, judged by one pixel of each."""

@@ -10,7 +10,7 @@ BLOCK = 8  # [px] edge of a block
 
 
 def block_maxima(image: np.ndarray, background: Optional[np.ndarray] = None, row_step: int = 1) -> np.ndarray:
-    """The largest value of each block of 8 x 8 pixels, over all channels.
+    """The largest value of each block of 8 x 8 pixels, of each channel.
 
     Args:
         image: (H, W) or (H, W, C) uint8, contiguous. Pixels right of and below the last whole block are left out.
@@ -18,7 +18,7 @@ def block_maxima(image: np.ndarray, background: Optional[np.ndarray] = None, row
         row_step: 2 looks at every second row only, for half the time; rows of a Bayer image differ in colour.
 
     Returns:
-        (H // 8, W // 8) uint8.
+        (H // 8, W // 8) or (H // 8, W // 8, C) uint8.
     """
     height, width = image.shape[:2]
     channels = 1 if image.ndim == 2 else image.shape[2]
@@ -29,7 +29,7 @@ def block_maxima(image: np.ndarray, background: Optional[np.ndarray] = None, row
     reduced = _reduce(stacked, before, row_step).reshape(rows, width, channels)[:, : columns * BLOCK]
     turned = cv2.transpose(np.ascontiguousarray(reduced)).reshape(columns, -1)
     maxima = cv2.transpose(_reduce(turned).reshape(columns, rows, channels))
-    return max_channel(maxima.reshape(rows, columns) if channels == 1 else maxima)
+    return maxima.reshape(rows, columns) if image.ndim == 2 else maxima
 
 
 def _reduce(stacked: np.ndarray, before: Optional[np.ndarray] = None, step: int = 1) -> np.ndarray:

@@ -20,7 +20,7 @@ from vb_core.parameters import Parameters, param
 from vb_laser_detect import appearance
 from vb_laser_detect.appearance import Candidate, Region
 from vb_laser_detect.background import Background
-from vb_laser_detect.blocks import BLOCK, block_maxima
+from vb_laser_detect.blocks import BLOCK, block_maxima, max_channel
 from vb_laser_detect.judgement import doubts
 from vb_laser_detect.tracker import SLACK_M, SLACK_PX, SpotTracker
 
@@ -226,9 +226,10 @@ class SpotDetector:
     def _search_moving(self, image: np.ndarray) -> List[Candidate]:
         p = self.params
         maxima = block_maxima(image)
-        # what a block would show without a spot: the median of its neighbourhood, seven blocks wide
-        rise = cv2.subtract(maxima, cv2.medianBlur(maxima, 7))
-        hot = (rise >= p.min_rise) & (maxima >= p.min_level)
+        # what a block would show without a spot: the median of its neighbourhood, seven blocks wide. Each channel on its
+        # own: a bright floor leaves a red spot hardly any room in red, but its white core rises in blue and green
+        rise = max_channel(cv2.subtract(maxima, cv2.medianBlur(maxima, 7)))
+        hot = (rise >= p.min_rise) & (max_channel(maxima) >= p.min_level)
         candidates = []
         for (left, top, right, bottom), _ in regions(rise, hot, p.max_candidates, self._largest_px() / BLOCK):
             reach = int(max(24, 1.5 * max(right - left, bottom - top)))

@@ -1,0 +1,433 @@
+"""Rendered scenes for the spot detector: every hard case that a room has, with and without a laser.
+
+Used by spot_detection.py. A scene says at each time where everything is; `play` renders it, searches the pictures as the
+node does, and compares with the truth.
+"""
+from __future__ import annotations
+
+import math
+import sys
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any, Callable, Dict, Iterator, List, Sequence, Tuple
+
+import numpy as np
+import yaml
+
+TOP = Path(__file__).resolve().parent.parent
+for package in ("vb_core", "vb_laser_detect", "vb_sim"):
+    sys.path.insert(0, str(TOP / "src" / package / "src"))
+
+from vb_core import geometry  # noqa: E402
+from vb_laser_detect import projection  # noqa: E402
+from vb_laser_detect.detector import DetectorParams, SpotDetector  # noqa: E402
+from vb_laser_detect.frame import Frame, search  # noqa: E402
+from vb_laser_detect.projection import FloorProjector, ProjectionParams  # noqa: E402
+from vb_sim.ceiling_view import CeilingView  # noqa: E402
+from vb_sim.disturbances import Bystander, Glint, Surroundings  # noqa: E402
+from vb_sim.floor_plan import physical_map  # noqa: E402
+from vb_sim.floor_texture import FloorTexture, render_floor  # noqa: E402
+from vb_sim.lab_history import Snapshot  # noqa: E402
+from vb_sim.mesh import world_mesh  # noqa: E402
+from vb_sim.models_cameras import CameraModels, calibrated_pose  # noqa: E402
+from vb_sim.models_motion import LocalisationModel  # noqa: E402
+from vb_sim.raycast import DistanceField  # noqa: E402
+from vb_sim.robot_view import RobotView  # noqa: E402
+from vb_sim.world import Light, Patch, World, load_world  # noqa: E402
+
+RATE = 25.0
+LEARN_S, QUIET_S, DRAW_S = 1.0, 8.0, 10.0  # [s] the empty room, the disturbance alone, then with the laser
+NEAR_M = 0.10  # a spot further from the laser is a false one
+SEEN = 0.5  # a camera sees the spot if so much of its light arrives
+DRAWS = 20  # poses drawn for the error that includes calibration or localisation
+WHITE, DARK = (238, 236, 230), (40, 40, 44)
+
+CARPET = np.array([[3.12, 0.8], [5.12, 0.8], [5.12, 2.05], [3.12, 2.05]])
+Place = Tuple[float, float]
+
+
+@dataclass(frozen=True)
+class Scene:
+    """One case.
+
+    Attributes:
+        worlds: the rooms; `world_at` says which of them is there at a time [s], for things that are moved.
+        laser_at: (x, y) [m] of the spot at a time [s].
+        around_at: what else changes at a time [s].
+        robot_at: (x, y, yaw) of the robot at a time [s]; its camera looks if `mobile`, else the ceiling's.
+    """
+
+    name: str
+    laser_at: Callable[[float], Place]
+    worlds: Tuple[World, ...]
+    world_at: Callable[[float], int] = lambda t: 0
+    around_at: Callable[[float], Surroundings] = lambda t: Surroundings()
+    color: str = "red"
+    mobile: bool = False
+    camera: str = "green"
+    robot_at: Callable[[float], Tuple[float, float, float]] = lambda t: (7.6, 0.4, 2.6)
+    person: bool = True
+    draw_s: float = DRAW_S
+
+
+@dataclass
+class Outcome:
+    """What came of a scene."""
+
+    frames: int = 0
+    visible: int = 0
+    found: int = 0
+    false: List[Tuple[float, float, float, float]] = field(default_factory=list)  # time [s], u, v [px], diameter [px]
+    missed: Dict[str, int] = field(default_factory=dict)
+    errors: List[float] = field(default_factory=list)  # [m] with the true pose
+    errors_posed: List[float] = field(default_factory=list)  # [m] with poses as wrong as real ones
+
+    def summary(self) -> Dict[str, Any]:
+        """Figures with units in their names."""
+        hours = self.frames / RATE / 3600.0
+        result: Dict[str, Any] = {
+            "frames": self.frames,
+            "visible_frames": self.visible,
+            "recall": round(self.found / self.visible, 4) if self.visible else None,
+            "false_spots": len(self.false),
+            "false_spots_per_hour": round(len(self.false) / hours, 1) if hours else None,
+            "missed_because": self.missed,
+            "false_at_time_u_v_diameter": self.false,
+        }
+        for name, values in (("error", self.errors), ("error_with_pose_error", self.errors_posed)):
+            result[f"{name}_median_mm"] = round(1e3 * float(np.median(values)), 2) if values else None
+            result[f"{name}_p95_mm"] = round(1e3 * float(np.percentile(values, 95)), 2) if values else None
+        return result
+
+
+class Rooms:
+    """Draws each room once: most scenes play in the same one.
+
+    Args:
+        models: figures of optics and noise.
+        seed: of textures and noise.
+    """
+
+    def __init__(self, models: CameraModels, seed: int) -> None:
+        self.models, self.seed = models, seed
+        self._views: List[Tuple[World, str, Any]] = []
+        self._floors: List[Tuple[World, FloorTexture]] = []
+
+    def view(self, world: World, camera: str) -> Any:
+        """A ceiling camera's view, or with an empty name that of the robot's camera."""
+        for known, name, view in self._views:
+            if known is world and name == camera:
+                return view
+        floor = next((floor for known, floor in self._floors if _same_floor(known, world)), None)
+        if floor is None:
+            floor = render_floor(world, self.seed)
+            self._floors.append((world, floor))
+        mesh, radii = world_mesh(world), world.robot_radii()
+        if camera:
+            view: Any = CeilingView(world.camera(camera), radii, floor, mesh, self.models, self.seed)
+        else:
+            view = RobotView(world.robots[0], radii, floor, mesh, self.models, self.seed)
+        self._views.append((world, camera, view))
+        return view
+
+
+def _same_floor(a: World, b: World) -> bool:
+    return all(getattr(a, part) == getattr(b, part) for part in ("room", "floor", "walls", "furniture", "patches", "lights"))
+
+
+class Camera:
+    """A rendered camera and its detector, wired as the node does it."""
+
+    def __init__(self, scene: Scene, rooms: Rooms) -> None:
+        self._mobile = scene.mobile
+        name = "mobile.yaml" if scene.mobile else "stationary.yaml"
+        config = yaml.safe_load((TOP / "src/vb_laser_detect/config" / name).read_text())
+        self.detector = SpotDetector(DetectorParams.from_mapping(config["detector"]))
+        floor = physical_map(scene.worlds[0])
+        self._projector = FloorProjector(ProjectionParams.from_mapping(config["projection"]), floor)
+        self._views = [rooms.view(world, "" if scene.mobile else scene.camera) for world in scene.worlds]
+        self._poses = _pose_errors(scene, rooms.models, rooms.seed)
+
+    def look(self, t: float, index: int, snapshot: Snapshot, outcome: Outcome) -> None:
+        """Renders one frame, searches it, and counts."""
+        view = self._views[index]
+        depth = None
+        if self._mobile:
+            image, pose, model = view.color(snapshot), view.camera_pose(snapshot), view.color_model
+            depth = lambda: (view.depth(snapshot), view.depth_model)  # noqa: E731
+        else:
+            image, pose, model = view.frame(snapshot), view.pose, view.model
+        frame = Frame(model, lambda: pose, self._projector, depth)
+        spots = search(self.detector, image, t, frame)
+        outcome.frames += 1
+        hit = None
+        for spot in spots:
+            point = frame.point(spot.u, spot.v)
+            error = np.inf if snapshot.laser is None else float(np.hypot(*(point.position[:2] - snapshot.laser)))
+            if error < NEAR_M:
+                hit = (spot, point, error)
+            else:
+                outcome.false.append((round(t, 2), round(spot.u, 1), round(spot.v, 1), round(spot.diameter, 1)))
+        if snapshot.laser is None or view.spot_share(snapshot) < SEEN:
+            return
+        outcome.visible += 1
+        if hit is None:
+            why = self._why(view.spot(snapshot, pose) if self._mobile else view.spot(snapshot))
+            outcome.missed[why] = outcome.missed.get(why, 0) + 1
+            return
+        spot, point, error = hit
+        outcome.found += 1
+        outcome.errors.append(error)
+        for wrong in self._poses(pose):
+            if self._mobile:
+                moved = geometry.apply(wrong @ geometry.invert(pose), point.position)
+            else:
+                moved = projection.floor_points(model, wrong, np.array([[spot.u, spot.v]]))[0]
+            outcome.errors_posed.append(float(np.hypot(*(moved[:2] - snapshot.laser))))
+
+    def _why(self, spot: Any) -> str:
+        near = [c for c in self.detector.candidates if math.hypot(c.u - spot.center[0], c.v - spot.center[1]) < 25]
+        return near[0].refusal or "another_spot" if near else "no_candidate"
+
+
+def _pose_errors(scene: Scene, models: CameraModels, seed: int) -> Callable[[np.ndarray], Iterator[np.ndarray]]:
+    """Poses as a calibration (ceiling) or a localisation (robot) would give them, as wrong as models.yaml says."""
+    random = np.random.default_rng(seed)
+    if not scene.mobile:
+        camera = scene.worlds[0].camera(scene.camera)
+        wrong = [calibrated_pose(camera.pose(), models.optics, 100 + k, camera.name) for k in range(DRAWS)]
+        return lambda pose: iter(wrong)
+    model = LocalisationModel()
+    offsets = [
+        (geometry.rotation_from_rpy(0, 0, random.normal(0, model.yaw_sigma)), random.normal(0, model.position_sigma, 2))
+        for _ in range(DRAWS)
+    ]
+
+    def localised(pose: np.ndarray) -> Iterator[np.ndarray]:
+        for rotation, shift in offsets:
+            moved = pose.copy()
+            # the robot turns about itself, its camera sits 0.1 m before that
+            moved[:3, :3] = rotation @ pose[:3, :3]
+            moved[:2, 3] += shift
+            yield moved
+
+    return localised
+
+
+def play(scene: Scene, rooms: Rooms) -> Outcome:
+    """Plays one scene: the empty room, the disturbance alone, then with the laser."""
+    camera, outcome = Camera(scene, rooms), Outcome()
+    before = LEARN_S + QUIET_S
+    for k in range(int(RATE * (before + scene.draw_s))):
+        t = k / RATE
+        laser, velocity, person = None, (0.0, 0.0), None
+        if t >= before:
+            laser = scene.laser_at(t - before)
+            later = scene.laser_at(t - before + 0.01)
+            velocity = ((later[0] - laser[0]) / 0.01, (later[1] - laser[1]) / 0.01)
+        if scene.person:
+            # beside what is drawn, so that neither the body nor its shadow is always in the way
+            target = laser or scene.laser_at(0.0)
+            person = (4.6, 2.9, math.atan2(target[1] - 2.9, target[0] - 4.6))
+        around = scene.around_at(t) if t >= LEARN_S else Surroundings()
+        snapshot = Snapshot(t, {"robot": scene.robot_at(t)}, laser, scene.color, velocity, person, around)
+        camera.look(t, scene.world_at(t) if t >= LEARN_S else 0, snapshot, outcome)
+    return outcome
+
+
+# ------------------------------------------------------------------ what moves how
+def along(chain: np.ndarray, speed: float, closed: bool = True) -> Callable[[float], Place]:
+    """A spot that goes round a chain (N, 2) [m], or to and fro, at a speed [m/s], with a hand's tremor of 1 cm."""
+    points = np.vstack([chain, chain[:1]]) if closed else np.vstack([chain, chain[-2::-1]])
+    arc = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
+
+    def at(t: float) -> Place:
+        s = (speed * t) % arc[-1]
+        wave = 0.007 * math.sin(9.0 * t), 0.007 * math.sin(11.0 * t + 1.0)
+        return float(np.interp(s, arc, points[:, 0])) + wave[0], float(np.interp(s, arc, points[:, 1])) + wave[1]
+
+    return at
+
+
+def still(x: float, y: float, tremor: float = 0.0) -> Callable[[float], Place]:
+    """A spot that is held on one place, with a tremor [m]."""
+    return lambda t: (x + tremor * math.sin(5.0 * t), y + tremor * math.sin(7.3 * t + 0.5))
+
+
+class Walk:
+    """Somebody who walks from place to place at about 1 m/s, where the floor is free.
+
+    Args:
+        glint: [grey levels] brightness of what shines on the right shoe; 0: nothing does.
+    """
+
+    def __init__(self, world: World, seed: int, shirt: Sequence[int] = DARK, shoes: Sequence[int] = DARK,
+                 speed: float = 1.0, glint: float = 0.0, seconds: float = 60.0) -> None:
+        self._shirt, self._shoes, self._speed, self._glint = tuple(shirt), tuple(shoes), speed, glint
+        clearance, random = DistanceField(physical_map(world)).clearance, np.random.default_rng(seed)
+
+        def free(points: np.ndarray) -> bool:
+            return all(clearance(*point) > 0.25 for point in points)
+
+        def place() -> np.ndarray:
+            while True:
+                point = random.uniform((0.3, 0.3), np.array(world.room.size) - 0.3)
+                if free(point[None]):
+                    return point
+
+        stations = [place()]
+        while len(stations) < 2 + seconds * speed / 1.2:
+            point = place()
+            if free(stations[-1] + np.linspace(0, 1, 20)[:, None] * (point - stations[-1])):
+                stations.append(point)
+        self._stations = np.array(stations)
+        self._arc = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(self._stations, axis=0), axis=1))])
+
+    def at(self, t: float) -> Tuple[Bystander, Tuple[Glint, ...]]:
+        """The person, and what shines on the shoes, at a time [s]."""
+        s = min(self._speed * t, self._arc[-1] - 1e-6)
+        leg = int(np.searchsorted(self._arc, s, side="right")) - 1
+        a, b = self._stations[leg], self._stations[leg + 1]
+        x, y = a + (s - self._arc[leg]) / (self._arc[leg + 1] - self._arc[leg]) * (b - a)
+        yaw = math.atan2(b[1] - a[1], b[0] - a[0])
+        who = Bystander((float(x), float(y), yaw), self._shirt, self._shoes)
+        # a shoe turns its shine to the camera in a part of each step
+        if not self._glint or (1.8 * t) % 1.0 > 0.4:
+            return who, ()
+        toe = (x + 0.15 * math.cos(yaw) + 0.1 * math.sin(yaw), y + 0.15 * math.sin(yaw) - 0.1 * math.cos(yaw), 0.07)
+        return who, (Glint(toe, 0.012, self._glint),)
+
+
+def walking(*walks: Walk) -> Callable[[float], Surroundings]:
+    """Several people."""
+
+    def at(t: float) -> Surroundings:
+        states = [walk.at(t) for walk in walks]
+        return Surroundings(bystanders=tuple(who for who, _ in states), glints=sum((glints for _, glints in states), ()))
+
+    return at
+
+
+def every(period: float, *values: Any) -> Callable[[float], Any]:
+    """Takes one value after the other, each for a period [s]."""
+    return lambda t: values[int(t / period) % len(values)]
+
+
+# ------------------------------------------------------------------ the cases
+def lab(**changes: Any) -> World:
+    """The lab, changed."""
+    return replace(load_world(str(TOP / "src/vb_sim/worlds/lab.yaml")), **changes)
+
+
+def with_camera(world: World, name: str = "green", **changes: Any) -> World:
+    """One of a world's ceiling cameras changed."""
+    return replace(world, cameras=tuple(replace(c, **changes) if c.name == name else c for c in world.cameras))
+
+
+def ceiling_scenes(room: World) -> List[Scene]:
+    """Every hard case under a ceiling camera."""
+    border = along(CARPET, 0.4)
+    chair = next(thing for thing in room.furniture if thing.name == "chair")
+    moved = lab(furniture=tuple(replace(t, x=3.6, y=3.2, yaw=30.0) if t is chair else t for t in room.furniture))
+    dots = tuple(
+        Patch.from_mapping({"name": f"dot {k}", "x": x, "y": y, "size": [0.018, 0.018], "color": list(color), "contrast": 0.0})
+        for k, (x, y, color) in enumerate([
+            (3.5, 2.4, (235, 30, 40)), (4.6, 2.3, (40, 230, 60)), (5.3, 1.2, (250, 250, 250)), (4.1, 1.4, (250, 60, 60))])
+    )
+    printed = lab(patches=room.patches + dots)
+    walkers = [Walk(room, 3, WHITE, DARK), Walk(room, 4, (150, 40, 40), WHITE)]
+    shiny = [Walk(room, 5, DARK, DARK, glint=400.0), Walk(room, 6, (70, 90, 150), DARK, glint=250.0)]
+    lamp = Glint((3.7, 2.3, 0.0), 0.03, 350.0)
+    floors = {
+        name: lab(floor=replace(room.floor, kind="tiles", color=color, contrast=contrast), patches=(), lights=())
+        for name, color, contrast in (("bright", (195, 192, 186), 0.06), ("overexposed", (228, 226, 220), 0.06), ("dark", (38, 34, 32), 0.2), ("black", (16, 15, 15), 0.2))
+    }
+
+    def sun(t: float) -> Surroundings:
+        edge = 2.9 + 0.05 * t
+        return Surroundings(sun=((edge, 1.0), (edge + 1.2, 1.1), (edge + 1.3, 2.3), (edge + 0.1, 2.2)))
+
+    scenes = [
+        Scene("nothing else", border, (room,)),
+        Scene("moved chair", border, (room, moved), every(4.0, 0, 1), walking(walkers[0])),
+        Scene("light switched", border, (room,), around_at=every(3.0, Surroundings(), Surroundings(light=0.4))),
+        Scene("exposure step", border, (room,), around_at=every(
+            3.0, Surroundings(), Surroundings(exposure=1.5), Surroundings(exposure=0.7))),
+        Scene("sun patch, moving edge", border, (room,), around_at=sun),
+        Scene("walking people", border, (room,), around_at=walking(*walkers)),
+        Scene("printed dots, laid down and taken away", border, (room, printed), every(4.0, 1, 0)),
+        Scene("shiny shoes", border, (room,), around_at=walking(*shiny)),
+        Scene("lamp's reflection, comes and goes", border, (room,), around_at=every(
+            1.5, Surroundings(), Surroundings(glints=(lamp,)))),
+        Scene("held still", still(3.6, 2.2), (room,)),
+        Scene("held in a hand", still(3.6, 2.2, 0.007), (room,)),
+    ]
+    scenes += [Scene(f"drawn at {speed} m/s", along(CARPET, speed), (room,)) for speed in (0.2, 0.5, 1.0, 1.5)]
+    scenes += [Scene(f"{name} floor, {color}", border, (world,), color=color)
+               for name, world in floors.items() for color in ("red", "green")]
+    scenes += [Scene(f"camera {height} m high", border, (with_camera(room, height=height),)) for height in (2.2, 4.0)]
+    scenes += [Scene(f"{encoding} images", border, (with_camera(room, encoding=encoding),)) for encoding in ("bgr8", "mono8")]
+    scenes.append(Scene("strong distortion", border, (with_camera(room, distortion=(-0.28, 0.08, 0.0, 0.0, 0.0)),)))
+    return scenes
+
+
+def mobile_scenes(room: World) -> List[Scene]:
+    """The robot's camera: distances, motion, and what is no spot."""
+    start = (6.9, 1.0, math.pi)  # looks along the free floor beside the carpet
+    dark = lab(floor=replace(room.floor, color=(38, 34, 32)), patches=())
+    bright = lab(floor=replace(room.floor, kind="tiles", color=(195, 192, 186), contrast=0.06), patches=())
+
+    def ahead(distance: float, side: float = 0.15) -> Callable[[float], Place]:
+        """[m] from the camera's foot; the spot goes to and fro across the view at about 0.2 m/s."""
+        return lambda t: (start[0] - 0.1 - distance, start[1] + side * math.sin(1.3 * t))
+
+    def drive(t: float) -> Tuple[float, float, float]:
+        return (start[0] - 0.2 * max(0.0, t - 2.0) % 0.8, start[1], start[2])
+
+    def turn(t: float) -> Tuple[float, float, float]:
+        return (start[0], start[1], start[2] + 0.35 * math.sin(1.4 * t))
+
+    def common(name: str, laser: Callable[[float], Place], world: World = room, **more: Any) -> Scene:
+        return Scene(name, laser, (world,), mobile=True, **{"robot_at": lambda t: start, "person": False, **more})
+
+    scenes = [common(f"{distance} m, {color}", ahead(distance), color=color)
+              for distance in (0.5, 1.0, 1.5, 2.0, 2.5) for color in ("red", "green")]
+    scenes += [common(f"drawn at {speed} m/s, 1.2 m", along(np.array([[5.6, 0.7], [5.6, 1.3]]), speed, False)) for speed in (0.5, 1.0)]
+    dots = tuple(
+        Patch.from_mapping({"name": f"dot {k}", "x": x, "y": y, "size": [0.018, 0.018], "color": list(color), "contrast": 0.0})
+        for k, (x, y, color) in enumerate([(5.9, 1.2, (235, 30, 40)), (5.6, 0.8, (40, 230, 60)), (5.3, 1.1, (250, 250, 250))])
+    )
+    lights = (Light.from_mapping({"name": "lamp", "x": 5.7, "y": 1.25, "radius": 0.05, "brightness": 220.0}),)
+    people = Walk(room, 8, WHITE, WHITE), Walk(room, 9, DARK, DARK, glint=400.0)
+    scenes += [
+        common("robot drives", ahead(1.6), robot_at=drive),
+        common("robot turns", ahead(1.4), robot_at=turn),
+        common("bright floor, red", ahead(1.2), bright),
+        common("bright floor, green", ahead(1.2), bright, color="green"),
+        common("dark floor, red", ahead(1.2), dark),
+        common("dark floor, green", ahead(1.2), dark, color="green"),
+        common("printed dots", ahead(1.2), lab(patches=room.patches + dots), robot_at=turn),
+        common("lamp's reflection", ahead(1.2), lab(lights=lights), robot_at=turn),
+        common("walking people, shiny shoes", ahead(1.2), around_at=walking(*people)),
+        common("light switched", ahead(1.2), around_at=every(3.0, Surroundings(), Surroundings(light=0.4))),
+    ]
+    return scenes
+
+
+def quiet(minutes: float, seed: int) -> Dict[str, Outcome]:
+    """The lab without a laser: three people walk, one with shiny shoes, and a robot drives, under all ceiling cameras."""
+    room, seconds, rooms = lab(), 60.0 * minutes, Rooms(CameraModels(), seed)
+    people = walking(
+        Walk(room, 10 * seed, WHITE, DARK, 0.9, 0.0, seconds), Walk(room, 10 * seed + 1, (150, 40, 40), WHITE, 1.1, 0.0, seconds),
+        Walk(room, 10 * seed + 2, DARK, DARK, 0.6, 300.0, seconds))
+    driver = Walk(room, 10 * seed + 3, speed=0.3, seconds=seconds)
+    scenes = {camera.name: Scene("no laser", still(0, 0), (room,), camera=camera.name) for camera in room.cameras}
+    cameras = {name: Camera(scene, rooms) for name, scene in scenes.items()}
+    outcomes = {name: Outcome() for name in cameras}
+    for k in range(int(RATE * seconds)):
+        t = k / RATE
+        robot = driver.at(t)[0].pose
+        snapshot = Snapshot(t, {"robot": robot}, around=people(t))
+        for name, camera in cameras.items():
+            camera.look(t, 0, snapshot, outcomes[name])
+    return outcomes
