@@ -13,7 +13,7 @@ from vb_sim.hand import Stroke, Tremor
 from vb_sim.legs import distance_to_chain
 from vb_sim.models import load_models, section
 from vb_sim.models_participant import ParticipantModel
-from vb_sim.participant import Person
+from vb_sim.participant import Percept, Person
 from vb_sim.participant_nrs import NetworkRobotSystemScript
 from vb_sim.participant_robot_only import RobotOnlyScript
 from vb_sim.rehearsal import best_order, orders
@@ -218,3 +218,11 @@ def test_bad_parameters_are_named(key, value):
 def test_unknown_scenario_names_the_key():
     with pytest.raises(ParameterError, match="scenario.*attic.*room, carpet, corner"):
         WORLD.scenario("attic")
+
+
+def test_who_is_told_that_the_robot_comes_does_not_step_aside():
+    percept = Percept(now=5.0)
+    percept.read("'carpet' restricts 2.50 m2")
+    assert percept.told_to_hold == float("-inf")
+    percept.read("Nobody can see this corner: the robot comes to look, hold still")
+    assert percept.told_to_hold == 5.0

@@ -46,6 +46,7 @@ class Percept:
         last_seen_by_robot: when the robot's camera did.
         has_seed: whether the display shows a seed point.
         state: name of the state that the display shows.
+        told_to_hold: when the display last said that a robot comes and one should hold still.
         answer: to the command with the number `answered`.
     """
 
@@ -55,8 +56,14 @@ class Percept:
     last_seen_by_robot: float = -math.inf
     has_seed: bool = False
     state: str = DEFAULT
+    told_to_hold: float = -math.inf
     answer: Optional[Answer] = None
     answered: int = 0
+
+    def read(self, sentence: str) -> None:
+        """Takes note of what the display says about the robots."""
+        if "hold still" in sentence:
+            self.told_to_hold = self.now
 
     def hear(self, spot: Optional[Tuple[float, float]], stamp: float, seen: Tuple[float, float], mobile: bool) -> None:
         """Takes note that some camera saw something.

@@ -49,6 +49,7 @@ class ParticipantNode:
         /virtual_borders/spots (vb_msgs/LaserSpot): only whether the spot is seen, as sound and LED tell it
         /virtual_borders/progress (vb_msgs/BorderProgress): whether the display shows a seed
         /virtual_borders/state (vb_msgs/InteractionState): what the display calls the state
+        /virtual_borders/workspace (std_msgs/String): what it says about the robots
     Publishes:
         /sim/participant (vb_msgs/ParticipantState): 50 Hz with the lab's clock, 5 Hz once everything is over
         /sim/participant_done (std_msgs/String, latched): JSON with outcome ("saved", "gave_up", "failed"), reason,
@@ -86,6 +87,7 @@ class ParticipantNode:
         rospy.Subscriber(names.SPOTS, LaserSpot, self._on_spot, queue_size=50)
         rospy.Subscriber(names.PROGRESS, BorderProgress, self._on_progress, queue_size=1)
         rospy.Subscriber(names.STATE, InteractionState, self._on_state, queue_size=5)
+        rospy.Subscriber(names.WORKSPACE, String, self._on_workspace, queue_size=5)
         rospy.Subscriber(names.LAB_STATE, LabState, self._lab_states.put, queue_size=1, tcp_nodelay=True)
         rospy.Service("~start", Trigger, self._on_start)
 
@@ -118,6 +120,10 @@ class ParticipantNode:
     def _on_progress(self, message: BorderProgress) -> None:
         with self._lock:
             self._percept.has_seed = message.has_seed
+
+    def _on_workspace(self, message: String) -> None:
+        with self._lock:
+            self._percept.read(message.data)
 
     def _on_state(self, message: InteractionState) -> None:
         with self._lock:

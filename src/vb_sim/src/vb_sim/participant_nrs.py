@@ -84,7 +84,9 @@ class NetworkRobotSystemScript(ParticipantScript):
         began = person.percept.now
         aside = False
         while person.unseen_for() > FEEDBACK_GAP and person.percept.now - began < person.model.patience:
-            if not aside and person.percept.now - began > 2.0 and person.spot is not None:
+            told = person.percept.now - person.percept.told_to_hold < person.model.patience
+            if not aside and not told and person.percept.now - began > 2.0 and person.spot is not None:
+                # perhaps one's own body is in the way; whoever was told to wait for the robot knows better
                 aside = True
                 person.step_aside(person.spot, stroke.points)
             yield

@@ -1,0 +1,36 @@
+"""World files that are like another one, and those that come with the package."""
+from pathlib import Path
+
+import pytest
+
+from vb_core.errors import CodedError, ParameterError
+from vb_sim.world import load_world
+
+WORLDS = Path(__file__).resolve().parents[1] / "worlds"
+
+
+@pytest.mark.parametrize("path", sorted(WORLDS.glob("*.yaml")), ids=lambda path: path.stem)
+def test_worlds_of_the_package_are_sound(path):
+    world = load_world(str(path))
+    assert world.robots and world.cameras and world.scenarios
+
+
+def test_two_robots_are_in_the_same_lab_under_names_of_their_own():
+    lab, two = load_world(str(WORLDS / "lab.yaml")), load_world(str(WORLDS / "two_robots.yaml"))
+    assert two.name != lab.name and [robot.namespace for robot in two.robots] == ["robot1", "robot2"]
+    assert (two.room, two.walls, two.furniture, two.cameras) == (lab.room, lab.walls, lab.furniture, lab.cameras)
+    assert set(two.scenarios) == set(lab.scenarios)
+
+
+def test_like_replaces_whole_keys_and_its_mistakes_are_named(tmp_path):
+    (tmp_path / "base.yaml").write_text("name: base\nroom: {size: [4.0, 3.0]}\nrobots: [{name: a}, {name: b}]\n")
+    (tmp_path / "other.yaml").write_text("like: base.yaml\nrobots: [{name: c}]\n")
+    world = load_world(str(tmp_path / "other.yaml"))
+    assert world.room.size == (4.0, 3.0) and [robot.name for robot in world.robots] == ["c"] and world.name == "base"
+    (tmp_path / "round.yaml").write_text("like: round.yaml\n")
+    with pytest.raises(ParameterError, match="like"):
+        load_world(str(tmp_path / "round.yaml"))
+    (tmp_path / "lost.yaml").write_text("like: nowhere.yaml\n")
+    with pytest.raises(CodedError) as caught:
+        load_world(str(tmp_path / "lost.yaml"))
+    assert caught.value.code == "no_world"
