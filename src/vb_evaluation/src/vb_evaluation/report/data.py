@@ -120,7 +120,9 @@ def read_study(folder: Path) -> Study:
     for name, conditions in ((RUNS, ()), (CURVES, ("sweep", "value")), (SENSITIVITY, ("parameter", "factor")),
                              (AGREEMENT, ("runner",))):
         if (folder / name).is_file():
-            tables[name] = read_table(folder / name, (*REQUIRED, *conditions))
+            table = read_table(folder / name, (*REQUIRED, *conditions))
+            if table.rows or name == RUNS:
+                tables[name] = table
     if not tables[RUNS].rows:
         raise CodedError("bad_study", f"{folder / RUNS} has no rows: no run has ended yet")
     return Study(folder, tables, _read_meta(folder / META))

@@ -191,18 +191,21 @@ def _map_rows(study: Study, pictures: Sequence[maps.MapPicture]) -> List[List[Op
 
 
 def _sweep(study: Study, name: str, curves: Sequence[sweeps.Curve]) -> Dict[str, Any]:
-    speedups, accuracies = [], []
+    speedups, times, accuracies = [], [], []
     for index, curve in enumerate(curves):
         x, title = [point.x for point in curve.points], study.scenario_title(curve.scenario)
         style = {"color": charts.SERIES[(index + 2) % len(charts.SERIES)], "marker": charts.MARKERS[index % len(charts.MARKERS)]}
         speedups.append((title, x, [point.speedup.value for point in curve.points], [point.speedup_low.value for point in curve.points],
                          [point.speedup_high.value for point in curve.points], style))
         for method, line in ((study.methods[0], "-"), (study.baseline, "--")):
+            times.append((f"{title}, {study.method_title(method).lower()}", x, [point.times[method].value for point in curve.points],
+                          None, None, dict(style, linestyle=line)))
             accuracies.append((f"{title}, {study.method_title(method).lower()}", x, [point.jaccard[method].value for point in curve.points],
                                None, None, dict(style, linestyle=line)))
     return {
         "name": name, "title": curves[0].title, "axis": curves[0].axis,
         "speedup": charts.lines(speedups, curves[0].axis, "speed-up", level=1.0),
+        "time": charts.lines(times, curves[0].axis, "mean interaction time [s]"),
         "jaccard": charts.lines(accuracies, curves[0].axis, "Jaccard index, median"),
         "note": explanations.curve_words(study, curves),
         "curves": [{"name": study.scenario_title(curve.scenario), "points": curve.points} for curve in curves],

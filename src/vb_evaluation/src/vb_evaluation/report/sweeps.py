@@ -125,7 +125,7 @@ def sensitivity(study: Study, ledger: Ledger) -> Tuple[Optional[Setting], List[S
         keys = {column: (nominal_rows.distinct(column) or [""])[0] for column in ("parameter", "factor")}
         nominal = _setting(study, ledger, SENSITIVITY, keys)
     else:
-        nominal = _setting(study, ledger, RUNS, {"participant": "|".join(table.distinct("participant"))})
+        nominal = _setting(study, ledger, RUNS, {column: "|".join(table.distinct(column)) for column in ("participant", "scenario")})
     settings = []
     for parameter in table.distinct("parameter"):
         for factor in sorted(table.select(parameter=parameter).distinct("factor"), key=float):
