@@ -26,6 +26,7 @@ from vb_laser_detect.frame import Frame, search
 from vb_laser_detect.projection import FloorPoint, FloorProjector, ProjectionParams
 from vb_laser_detect.ros.placing import DepthTopic, InfoTopic, Placing
 from vb_laser_detect.ros.report import Report
+from vb_laser_detect.ros.time_server import TimeServer
 from vb_msgs.msg import LaserSpot
 
 _SOURCES = {
@@ -67,6 +68,8 @@ class SpotDetectorNode:
         /virtual_borders/detectors (vb_msgs/DetectorStatus), once a second
         /diagnostics (diagnostic_msgs/DiagnosticArray)
         ~debug_image (sensor_msgs/Image): spots, and candidates with the reason of their refusal; only if listened to
+    Services:
+        ~get_time (vb_msgs/GetTime): this computer's clock, for clock_check
     Parameters:
         ~* NodeParams, ~detector/* DetectorParams, ~projection/* ProjectionParams. Their numbers and switches can be
         changed while it runs (dynamic_reconfigure, in the same namespaces).
@@ -89,6 +92,7 @@ class SpotDetectorNode:
         self._debug = rospy.Publisher("~debug_image", Image, queue_size=1)
         image = rospy.resolve_name(params.image or f"{params.camera}/image_raw")
         self._placing = self._make_placing(image)
+        self._time_server = TimeServer()
         self._worker = Worker(self._mailbox, self._search)
         rospy.Subscriber(names.PHYSICAL_MAP, messages.OccupancyGridArray, self._on_map, queue_size=1)
         self._tunings = [

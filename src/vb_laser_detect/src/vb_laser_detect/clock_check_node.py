@@ -1,0 +1,131 @@
+"""Watches whether the clocks of the computers that carry detectors agree with this one's."""
+from __future__ import annotations
+
+import threading
+import time
+from dataclasses import dataclass
+from typing import Any, Dict, List, Optional
+
+import diagnostic_updater
+import rospy
+from diagnostic_msgs.msg import DiagnosticStatus
+
+from vb_core.errors import CodedError, ParameterError
+from vb_core.parameters import Parameters, param
+from vb_core.ros import parameters
+from vb_laser_detect.clock_offset import ClockOffset, Exchange, clock_offset
+from vb_msgs.srv import GetTime
+
+
+@dataclass(frozen=True)
+class ClockCheckParams(Parameters):
+    """See config/clock_check.yaml."""
+
+    nodes: str = param("", doc="names of the detectors, separated by spaces")
+    limit_ms: float = param(10.0, "ms", above=0.0, high=10000.0, doc="clocks farther apart are warned of")
+    period_s: float = param(10.0, "s", above=0.0, high=3600.0, doc="between two measurements")
+    exchanges: int = param(8, "", low=1, high=1000, doc="per measurement; the quickest one counts")
+
+
+class ClockCheckNode:
+    """Measures how far the clocks of other computers are from this one's, and warns.
+
+    A spot is stamped by the clock of its camera's computer and matched with transforms of the robot's: 10 ms are 5 mm at
+    0.5 m/s, and with 100 ms a detector would wait for each transform in vain.
+
+    Calls:
+        <node>/get_time (vb_msgs/GetTime), which each detector offers
+    Publishes:
+        /diagnostics (diagnostic_msgs/DiagnosticArray): one status per detector
+    Parameters:
+        ~* ClockCheckParams
+    """
+
+    def __init__(self, params: ClockCheckParams) -> None:
+        names = params.nodes.split()
+        if not names:
+            raise ParameterError(rospy.resolve_name("~nodes"), "the names of the detectors must be set")
+        self._params = params
+        self._lock = threading.Lock()
+        self._offsets: Dict[str, Optional[ClockOffset]] = {name: None for name in names}
+        self._closed = threading.Event()
+        self._updater = diagnostic_updater.Updater()
+        self._updater.setHardwareID("clocks")
+        for name in names:
+            self._updater.add(f"clock of {name}", lambda status, name=name: self._diagnose(status, name))
+        # a computer that hangs keeps only its own thread waiting
+        self._threads = [threading.Thread(target=self._watch, args=(name,), daemon=True) for name in names]
+        for thread in self._threads:
+            thread.start()
+        self._timer = rospy.Timer(rospy.Duration(1.0), lambda _event: self._updater.update(), reset=True)
+
+    def close(self) -> None:
+        """Stops measuring."""
+        self._closed.set()
+
+    def _watch(self, name: str) -> None:
+        # the clocks' own time: simulated time says nothing about them
+        while not rospy.is_shutdown():
+            try:
+                offset: Optional[ClockOffset] = self._measure(name)
+                self._judge(name, offset)
+            except (rospy.ROSException, rospy.ServiceException, CodedError):
+                offset = None  # a detector that restarts, or is away: the diagnostics show it
+            with self._lock:
+                self._offsets[name] = offset
+            if self._closed.wait(self._params.period_s if offset is not None else min(2.0, self._params.period_s)):
+                return
+
+    def _measure(self, name: str) -> ClockOffset:
+        service = f"{rospy.resolve_name(name)}/get_time"
+        rospy.wait_for_service(service, timeout=2.0)
+        # one connection for all exchanges: connecting takes longer than asking
+        proxy = rospy.ServiceProxy(service, GetTime, persistent=True)
+        try:
+            proxy()
+            exchanges: List[Exchange] = []
+            for _ in range(self._params.exchanges):
+                sent = time.time()
+                answer: Any = proxy()
+                exchanges.append((sent, answer.received.to_sec(), answer.sent.to_sec(), time.time()))
+            return clock_offset(exchanges)
+        finally:
+            proxy.close()
+
+    def _judge(self, name: str, offset: ClockOffset) -> None:
+        with self._lock:
+            before = self._offsets[name]
+        limit = self._params.limit_ms / 1e3
+        wrong = offset.beyond(limit)
+        if wrong and not (before is not None and before.beyond(limit)):
+            rospy.logwarn("%s: %s", rospy.get_name(), CodedError("clocks_differ", _sentence(name, offset)))
+        elif not wrong and (before is None or before.beyond(limit)):
+            rospy.loginfo("%s: %s", rospy.get_name(), _sentence(name, offset))
+
+    def _diagnose(self, status: Any, name: str) -> Any:
+        with self._lock:
+            offset = self._offsets[name]
+        limit = self._params.limit_ms / 1e3
+        if offset is None:
+            status.summary(DiagnosticStatus.WARN, f"{name} does not answer")
+            return status
+        if offset.beyond(limit):
+            status.summary(DiagnosticStatus.WARN, _sentence(name, offset))
+        elif offset.uncertainty > limit:
+            status.summary(DiagnosticStatus.WARN, f"the way to {name} takes too long to compare clocks")
+        else:
+            status.summary(DiagnosticStatus.OK, _sentence(name, offset))
+        status.add("offset [ms]", f"{1e3 * offset.offset:.2f}")
+        status.add("uncertainty [ms]", f"{1e3 * offset.uncertainty:.2f}")
+        return status
+
+
+def _sentence(name: str, offset: ClockOffset) -> str:
+    where = "ahead of" if offset.offset >= 0 else "behind"
+    return (f"the clock of {name} is {1e3 * abs(offset.offset):.1f} ms {where} this computer's, "
+            f"to within {1e3 * offset.uncertainty:.1f} ms")
+
+
+def build() -> ClockCheckNode:
+    """Reads the parameters and makes the node."""
+    return ClockCheckNode(parameters.read(ClockCheckParams))

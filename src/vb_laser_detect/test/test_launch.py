@@ -1,0 +1,63 @@
+"""The launch files as roslaunch reads them: which detector is on which machine, who publishes poses, who watches clocks."""
+from pathlib import Path
+
+import pytest
+from roslaunch.config import ROSLaunchConfig
+from roslaunch.xmlloader import XmlLoader
+
+LAUNCH = Path(__file__).resolve().parents[3] / "launch"
+
+
+def load(*arguments, file="parts/perception.launch"):
+    config = ROSLaunchConfig()
+    XmlLoader().load(str(LAUNCH / file), config, argv=list(arguments), verbose=False)
+    return config
+
+
+@pytest.fixture
+def machines(tmp_path):
+    path = tmp_path / "machines.launch"
+    path.write_text(
+        '<launch><machine name="loft" address="10.0.0.2" user="ros" default="never" env-loader="/opt/vb/scripts/ros_env"/>'
+        '<machine name="hall" address="10.0.0.3" user="ros" default="never" env-loader="/opt/vb/scripts/ros_env"/></launch>'
+    )
+    return f"machines_file:={path}"
+
+
+def placed(config):
+    return {node.name: node.machine_name for node in config.nodes}
+
+
+def test_all_is_here_unless_said_otherwise():
+    config = load("cameras:=red green")
+    assert placed(config) == {"spot_detector_red": None, "spot_detector_green": None}
+    assert not load("cameras:=").nodes
+
+
+def test_each_detector_is_on_its_cameras_machine(machines):
+    config = load("cameras:=red green blue", "machines:=green=loft blue=hall", machines)
+    assert placed(config) == {
+        "spot_detector_red": None, "spot_detector_green": "loft", "spot_detector_blue": "hall", "clock_check": None}
+    assert {name: machine.address for name, machine in config.machines.items() if name in ("loft", "hall")} == {
+        "loft": "10.0.0.2", "hall": "10.0.0.3"}
+    # nothing goes to a machine just because it is there
+    assert all(machine.assignable is False for name, machine in config.machines.items() if name in ("loft", "hall"))
+    assert config.params["/clock_check/nodes"].value == "spot_detector_green spot_detector_blue"
+    config.assign_machines()
+    assert {node.name: node.machine.address for node in config.nodes}["spot_detector_blue"] == "10.0.0.3"
+
+
+def test_poses_are_published_from_calibrations():
+    config = load("cameras:=red green", "calibration:=/tmp/cameras")
+    assert "camera_poses" in placed(config)
+    assert config.params["/camera_poses/cameras"].value == "red green"
+    lab = load("cameras:=red", "robot:=false", "rviz:=false", "state:=/tmp/vb", file="lab.launch")
+    assert lab.params["/camera_poses/folder"].value == "/tmp/vb/cameras"
+    assert "camera_poses" not in placed(load("robot:=false", "cameras:=none", "rviz:=false", file="lab.launch"))
+
+
+def test_the_example_of_a_machines_file_can_be_read():
+    config = load("cameras:=red", "machines:=red=loft", f"machines_file:={LAUNCH / 'machines.launch'}")
+    assert placed(config)["spot_detector_red"] == "loft"
+    assert config.machines["loft"].env_loader.endswith("scripts/ros_env")
+    assert (LAUNCH.parent / "scripts" / "ros_env").stat().st_mode & 0o111
