@@ -72,12 +72,53 @@ def lab(colour, vision):
     return np.array([116 * f[1] - 16, 500 * (f[0] - f[1]), 200 * (f[1] - f[2])])
 
 
+def over(colour, ground, alpha):
+    return colours.blend(ground, colour, alpha)
+
+
+CAMERAS = {f"camera {name}": colours.camera_colour(name) for name in ("red", "green", "blue", "robot")}
+GROUND = colours.rgb(30, 34, 42)  # of the words, rviz/smart_display.rviz
+# what lies beside each other on the display and means different things
+GROUPS = {
+    "states": colours.STATE,
+    "cameras": CAMERAS,
+    # RViz's costmap colours 98 and 200, at the alpha of the config, on white floor
+    "areas": {
+        "saved": over((249 / 255, 0.0, 5 / 255), colours.WHITE, 0.6), "preview": over((1.0, 145 / 255, 0.0), colours.WHITE, 0.6),
+        "floor": colours.WHITE, "wall": colours.BLACK,
+    },
+    "lines": {
+        "drawn": colours.ORANGE, "hard": colours.CRIMSON, "soft": colours.blend(colours.CRIMSON, colours.WHITE, 0.33),
+        "off": colours.GREY, "path": colours.rgb(117, 80, 160), "floor": colours.WHITE, "wall": colours.BLACK,
+    },
+    "discs": {"robot": colours.YELLOW, "seed": colours.SKY_BLUE, "floor": colours.WHITE, **CAMERAS},
+    "strip": {"ground": GROUND, "answer": colours.WHITE, "hint": colours.SKY_BLUE, "warning": colours.YELLOW},
+}
+
+
+@pytest.mark.parametrize("group", GROUPS)
 @pytest.mark.parametrize("vision", VISIONS)
-def test_colours_are_told_apart_by_any_eye(vision):
-    cameras = [colours.camera_colour(name) for name in ("red", "green", "blue", "robot")]
-    for group in (list(colours.STATE.values()), cameras):
-        for one, other in itertools.combinations(group, 2):
-            assert np.linalg.norm(lab(one, VISIONS[vision]) - lab(other, VISIONS[vision])) > 15.0
+def test_colours_are_told_apart_by_any_eye(vision, group):
+    # a difference of 2.3 in CIELAB is just noticed side by side, one of 10 at a glance
+    for (one, colour), (other, second) in itertools.combinations(GROUPS[group].items(), 2):
+        distance = np.linalg.norm(lab(colour, VISIONS[vision]) - lab(second, VISIONS[vision]))
+        assert distance > 15.0, f"{one} and {other}: {distance:.1f}"
+
+
+def luminance(colour):
+    linear = [share / 12.92 if share <= 0.04045 else ((share + 0.055) / 1.055) ** 2.4 for share in colour]
+    return float(np.dot((0.2126, 0.7152, 0.0722), linear))
+
+
+@pytest.mark.parametrize("letters, ground", [
+    (colours.WHITE, GROUND), (colours.PALE, GROUND), (colours.SKY_BLUE, GROUND), (colours.BLACK, colours.YELLOW),
+    (colours.BLACK, colours.WHITE), *[(colour, GROUND) for colour in colours.STATE.values()],
+    *[(colours.blend(colour, colours.WHITE, 0.3), GROUND) for colour in CAMERAS.values()],
+])
+def test_letters_contrast_with_their_ground(letters, ground):
+    # WCAG 2.1: 3 for large letters, 4.5 for all
+    light, dark = sorted((luminance(letters), luminance(ground)), reverse=True)
+    assert (light + 0.05) / (dark + 0.05) > 4.0
 
 
 def test_cameras_keep_their_colour():

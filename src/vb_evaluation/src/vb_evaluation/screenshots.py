@@ -45,8 +45,10 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 SIZES = ((1920, 1080), (1280, 720))
 _PLAN = "/move_base/NavfnROS/plan"
-# RViz draws 8 frames a second; software OpenGL on a busy machine may take a few times as long
-_SETTLE_S = 2.0
+# [s] between two looks at the screen: several frames of RViz, also where software draws them
+_PAUSE_S = 1.0
+# share of pixels that may differ between two pictures of the same
+_SAME = 0.0005
 _PATIENCE_S = 60.0
 
 
@@ -102,19 +104,43 @@ def _take(stack: contextlib.ExitStack, folder: Path, top: Path, world: Any, want
             screen_stack.callback(rviz.stop)
             if not wait_until(stage.is_watched, _PATIENCE_S):
                 raise CodedError("not_ready", f"RViz did not come up: {rviz.tail()}")
-            time.sleep(_SETTLE_S)
+            before = None
             for scene in wanted:
                 stage.show(scene)
-                time.sleep(_SETTLE_S)
                 path = out / f"{scene.name}_{height}.png"
-                if not screenshot(display, path):
-                    raise CodedError("no_picture", f"'import' of ImageMagick could not write {path}")
+                before = _still_picture(display, path, before)
                 _shrink(path)
                 print(f"wrote {path}", flush=True)
 
 
 def _start(command: List[str], log: Path, more: Optional[Dict[str, str]] = None) -> Child:
     return Child(command, log, {**os.environ, **(more or {})})
+
+
+def _still_picture(display: str, path: Path, before: Optional[np.ndarray]) -> np.ndarray:
+    """Takes a picture once the screen stands still and shows something else than before; on a busy machine RViz lags.
+
+    Raises:
+        CodedError: "no_picture" if it cannot be taken, or if the screen does not change or does not come to rest.
+    """
+    deadline, still = time.monotonic() + _PATIENCE_S, 0
+    last: Optional[np.ndarray] = None
+    while time.monotonic() < deadline:
+        time.sleep(_PAUSE_S)
+        if not screenshot(display, path):
+            raise CodedError("no_picture", f"'import' of ImageMagick could not write {path}")
+        shown = cv2.imread(str(path))
+        changed = before is None or _difference(shown, before) > _SAME
+        still = still + 1 if changed and last is not None and _difference(shown, last) <= _SAME else 0
+        if still == 2:
+            return shown
+        last = shown
+    raise CodedError("no_picture", f"RViz did not come to show what {path.name} is to show")
+
+
+def _difference(one: np.ndarray, other: np.ndarray) -> float:
+    """Share of the pixels that differ clearly; fading spots hardly do."""
+    return float((cv2.absdiff(one, other).max(axis=2) > 40).mean())
 
 
 def _shrink(path: Path) -> None:

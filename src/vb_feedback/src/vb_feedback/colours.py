@@ -23,7 +23,6 @@ WHITE = rgb(255, 255, 255)
 GREY = rgb(150, 150, 150)
 PALE = rgb(200, 205, 212)
 CRIMSON = rgb(150, 10, 20)
-TEAL = rgb(60, 210, 165)
 MAGENTA = rgb(225, 80, 160)
 
 # the person's state at a glance, on the LED and in the large letters on dark ground

@@ -250,7 +250,7 @@ def robot(base_frame: str, number: int, radius: float) -> List[Shape]:
     middle = ((0.0, 0.0),)
     parts = (
         ("rim", DISC, middle, 0.0, 2.0 * radius, colours.BLACK),
-        ("body", DISC, middle, 0.015, 1.7 * radius, colours.TEAL),
+        ("body", DISC, middle, 0.015, 1.7 * radius, colours.YELLOW),
         ("nose", LINES, arrow, 0.03, width, colours.BLACK),
     )
     return [

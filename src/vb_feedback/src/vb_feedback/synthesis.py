@@ -43,7 +43,7 @@ SOUNDS: Dict[str, Tuple[Note, ...]] = {
     "default": (Note(E5, 0.09), Note(C5, 0.20)),
     "success": (Note(C5, 0.09), Note(E5, 0.09), Note(G5, 0.09), Note(C6, 0.30)),
     "refusal": (Note(LOW, 0.16), _REST, Note(LOW, 0.24)),
-    "understood": (Note(1567.98, 0.06, 0.6),),
+    "understood": (Note(1567.98, 0.08),),
     "tick": (Note(2093.0, 0.02, 0.15),),
 }
 TICK = "tick"
