@@ -171,15 +171,15 @@ def test_the_calibrations_own_pictures():
 # ----------------------------------------------------------------- the window
 @pytest.fixture
 def screen():
-    reading, writing = os.pipe()
-    server = subprocess.Popen(
-        ["Xvfb", "-displayfd", str(writing), "-screen", "0", "800x600x24", "-nolisten", "tcp"], pass_fds=(writing,),
-        stderr=subprocess.DEVNULL,
-    )
-    os.close(writing)
-    number = os.read(reading, 16)
-    os.close(reading)
-    yield f":{number.decode().strip()}"
+    # a number of our own: servers that choose theirs at the same moment take each other's place
+    display = f":{1000 + os.getpid() % 50000}"
+    server = subprocess.Popen(["Xvfb", display, "-screen", "0", "800x600x24", "-nolisten", "tcp"], stderr=subprocess.DEVNULL)
+    deadline = time.monotonic() + 60.0
+    look = ["xwininfo", "-root", "-display", display]
+    while subprocess.run(look, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL).returncode:
+        assert server.poll() is None and time.monotonic() < deadline, "Xvfb does not come up"
+        time.sleep(0.05)
+    yield display
     server.terminate()
     server.wait()
 
