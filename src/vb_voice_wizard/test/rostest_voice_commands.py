@@ -36,8 +36,13 @@ class VoiceCommandsTest(unittest.TestCase):
         cls.audio = rospy.Publisher(AUDIO, Audio, queue_size=100)
         cls.sound = rospy.Publisher("/virtual_borders/sound", Sound, queue_size=10)
         # a long success sound: the test must not race against it on a slow machine
-        cls.node = Process("voice_commands", "_source:=topic", "_sounds/success:=4.0", "_mute_after:=0.0")
+        cls.node = Process(
+            "voice_commands", "_source:=topic", "_sounds/success:=4.0", "_mute_after:=0.0",
+            # what the test says follows at once: it must not fall into the answer to what it said before
+            "_sounds/understood:=0.0", "_sounds/refusal:=0.0",
+        )
         cls.heard = Newest(HEARD, Heard)
+        cls.sounds = Newest("/virtual_borders/sound", Sound)
         wait_until(cls.audio.get_num_connections, "the node's ear", 30)
         wait_until(cls.heard.subscriber.get_num_connections, "the node's report", 30)
         wait_until(cls.sound.get_num_connections, "the node to hear its own sounds", 30)
@@ -55,6 +60,10 @@ class VoiceCommandsTest(unittest.TestCase):
     def setUp(self):
         del self.requests[:]
         del self.heard.all[:]
+        del self.sounds.all[:]
+
+    def played(self):
+        return [message.name for message in self.sounds.all]
 
     def speak(self, text, voice="en-us"):
         pcm = say(text, voice)
@@ -64,6 +73,7 @@ class VoiceCommandsTest(unittest.TestCase):
     def test_a_command_reaches_the_interaction(self):
         self.speak("define border")
         heard = self.heard.wait(lambda message: message.accepted, "the command")
+        wait_until(lambda: "understood" in self.played(), "the sound of a command that was understood")
         self.assertEqual([(request.command, request.source) for request in self.requests], [("define_border", "voice")])
         self.assertEqual((heard.command, heard.reason, heard.success, heard.code), ("define_border", "ok", True, "ok"))
         self.assertEqual(heard.message, "Draw the border.")

@@ -15,6 +15,7 @@ WORKSPACE = "/virtual_borders/workspace"
 DETECTORS = "/virtual_borders/detectors"
 LED = "/virtual_borders/led"
 SOUND = "/virtual_borders/sound"
+HEARD = "/virtual_borders/voice/heard"
 PROJECTOR = "/virtual_borders/projector"
 
 COMMAND = "/virtual_borders/command"

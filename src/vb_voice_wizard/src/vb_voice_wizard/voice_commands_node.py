@@ -22,7 +22,6 @@ from vb_voice_wizard.endpointing import Endpointer, Utterance
 from vb_voice_wizard.recognizer import CommandRecognizer, Finding, RecognizerParams
 from vb_voice_wizard.speech_features import SAMPLE_RATE
 
-HEARD = "/virtual_borders/voice/heard"
 AUDIO = "/virtual_borders/voice/audio"
 
 
@@ -34,9 +33,16 @@ class VoiceParams(Parameters):
     device: str = param("default")
     wav_file: str = param("")
     audio_topic: str = param(AUDIO)
-    heard_topic: str = param(HEARD)
-    sounds: dict = param({"default": 0.3, "border": 0.3, "seed": 0.3, "guide": 0.3, "success": 0.6, "refusal": 0.4})
+    heard_topic: str = param(names.HEARD)
+    sounds: dict = param(
+        {
+            "default": 0.3, "border": 0.3, "seed": 0.3, "guide": 0.3, "success": 0.6, "refusal": 0.5, "understood": 0.1,
+        }
+    )
     mute_after: float = param(0.25, "s", low=0.0, high=2.0)
+    understood_sound: str = param("understood")
+    refusal_sound: str = param("refusal")
+    doubt: float = param(0.2, "", low=0.0, high=1.0)
     repeat_after: float = param(0.5, "s", low=0.0, high=10.0)
     service_wait: float = param(1.0, "s", above=0.0, high=10.0)
     service_answer: float = param(12.0, "s", above=0.0, high=60.0)
@@ -53,6 +59,9 @@ class VoiceCommands:
 
     Publishes:
         ~heard_topic (vb_msgs/Heard): every utterance, accepted or not, and how its command was answered.
+        /virtual_borders/sound (vb_msgs/Sound): ~understood_sound as soon as a command is understood; ~refusal_sound
+            for what was nearly one, and for a command that nobody answers. How the interaction answers the command,
+            the feedback node tells.
 
     Calls:
         /virtual_borders/command (vb_msgs/Command) with source "voice".
@@ -81,6 +90,7 @@ class VoiceCommands:
         self._calls: "queue.Queue" = queue.Queue(maxsize=4)
         self._microphone: Optional[Microphone] = None
         self._heard = rospy.Publisher(params.heard_topic, Heard, queue_size=10)
+        self._beeper = rospy.Publisher(names.SOUND, Sound, queue_size=10)
         for work in (self._listen, self._call):
             threading.Thread(target=work, daemon=True).start()
         rospy.Subscriber(names.SOUND, Sound, self._on_sound, queue_size=10)
@@ -127,6 +137,14 @@ class VoiceCommands:
         rospy.loginfo("voice_commands: %s is over", self._params.wav_file)
 
     # ------------------------------------------------------------------ own sounds
+    def _beep(self, name: str) -> None:
+        if name:
+            sound = Sound(name=name)
+            # nothing is heard from now on, not only from when the sound has come back to this node
+            self._on_sound(sound)
+            sound.header.stamp = rospy.Time.now()
+            self._beeper.publish(sound)
+
     def _on_sound(self, message: Sound) -> None:
         duration = self._durations.get(message.name, 0.0)
         if duration > 0.0:
@@ -164,8 +182,11 @@ class VoiceCommands:
         silence = 0.0 if utterance.too_long else self._recognizer.params.endpointing.end_silence
         answer_s = now - when + silence
         if not finding.command:
+            if finding.reason == "unlike_a_command" and finding.confidence >= self._params.doubt:
+                self._beep(self._params.refusal_sound)
             self._publish(finding, utterance.end - utterance.start, answer_s)
             return
+        self._beep(self._params.understood_sound)
         self._last_command, self._last_time = finding.command, now
         try:
             self._calls.put_nowait((finding, utterance.end - utterance.start, answer_s))
@@ -192,6 +213,7 @@ class VoiceCommands:
             except CodedError as error:
                 success, code, message = False, error.code, error.message
                 rospy.logwarn("voice_commands: %s is lost: %s", finding.command, error)
+                self._beep(self._params.refusal_sound)
             self._publish(finding, duration, answer_s, success, code, message)
 
     def _publish(

@@ -24,7 +24,7 @@ from vb_core.errors import CodedError
 from vb_core.ros import services
 from vb_core.ros.messages import BorderPreviewArray
 from vb_core.ros.transforms import TransformLookup
-from vb_msgs.msg import BorderProgress, Finding, InteractionState, VirtualBorder, VirtualBorderArray
+from vb_msgs.msg import BorderProgress, Finding, Heard, InteractionState, VirtualBorder, VirtualBorderArray
 from vb_msgs.srv import Command, CommandRequest, RemoveBorder, RemoveBorderRequest, UpdateBorder, UpdateBorderRequest
 
 from vb_voice_wizard import console_view
@@ -35,6 +35,7 @@ from vb_voice_wizard.interaction import spoken
 _PERIOD_S = 0.2  # between two looks at the screen: an operator cannot follow more
 _WATCH_S = 1.0
 _DRIVES_M = 0.03  # [m] a robot that went further since the last look drives
+_WORTH_TELLING = 0.1  # confidence of something spoken that was not understood
 # who is watched, by a service that only they offer
 _WATCHED = (
     ("interaction manager", names.COMMAND), ("border fusion", names.CANDIDATE), ("map integrator", names.LIST_BORDERS)
@@ -44,7 +45,7 @@ _WATCHED = (
 class WizardConsole:
     """Shows the interaction and gives commands.
 
-    Subscribes to /virtual_borders/{state,progress,preview,borders,workspace} and tf. Calls
+    Subscribes to /virtual_borders/{state,progress,preview,borders,workspace,voice/heard} and tf. Calls
     /virtual_borders/{command,undo,redo,update_border,remove_border}. It waits for the ROS master, says when the
     master or a node goes away, and goes on when they are back.
 
@@ -157,6 +158,7 @@ class WizardConsole:
         rospy.Subscriber(names.PROGRESS, BorderProgress, self._on_progress, queue_size=1)
         rospy.Subscriber(names.PREVIEW, BorderPreviewArray, self._on_preview, queue_size=1)
         rospy.Subscriber(names.BORDERS, VirtualBorderArray, self._on_borders, queue_size=1)
+        rospy.Subscriber(names.HEARD, Heard, self._on_heard, queue_size=5)
         rospy.Subscriber(names.WORKSPACE, String, self._on_workspace, queue_size=5)
         if self._robot_frame:
             self._transforms = TransformLookup(cache_s=2.0)
@@ -206,6 +208,12 @@ class WizardConsole:
 
     def _on_workspace(self, message: String) -> None:
         self._say(message.data, NOTE)
+
+    def _on_heard(self, message: Heard) -> None:
+        # what was understood comes with the state, as any command
+        if not message.accepted and message.confidence >= _WORTH_TELLING:
+            words = f"like {spoken(message.command)}, confidence {message.confidence:.2f}"
+            self._say(f"voice: not understood ({words}, {message.reason.replace('_', ' ')})", NOTE)
 
     # ------------------------------------------------------------------ commands
     def press(self, key: str) -> bool:
