@@ -1,10 +1,12 @@
 #!/usr/bin/env python3
-"""Integration, commit, store and message times over map sizes and numbers of borders.
+"""Integration, commit, publication and store times over map sizes and numbers of borders.
 
-    . scripts/env.sh && python3 bench/map_integration.py [--quick]
+    . scripts/env.sh && python3 bench/map_integration.py [--only 320x200 4000x4000] [--no-node]
 
-Writes out/bench/map_integration.json. Every time is a median over several borders [ms]. No ROS master is needed;
-what a commit takes up to the published message is integration, store, composition and serialisation together.
+Writes out/bench/map_integration.json, where the sizes that were not asked for keep their figures, and prints a table.
+The map is a house of many rooms with doors and table legs, which is harder for the fills than one room. Every time is a
+median of several borders [ms]. The part with the node has its own ROS master: a real map_integrator, and a subscriber
+that takes the time from the call of add_border to the whole map in its hands.
 """
 from __future__ import annotations
 
@@ -13,22 +15,31 @@ import io
 import json
 import os
 import platform
+import queue
+import socket
+import subprocess
 import sys
 import tempfile
 import time
 from pathlib import Path
+from typing import Any, Dict, List
 
 import numpy as np
-
 import rospy
+from vb_msgs.srv import AddBorder
+
+from vb_core import names
 from vb_core.grid_map import GridMap
-from vb_core.ros.messages import message_from_grid
+from vb_core.ros import messages
 from vb_map_integration.border import VirtualBorder
+from vb_map_integration.border_messages import message_from_border
 from vb_map_integration.integration import integrate
 from vb_map_integration.integrator import IntegratorParams, MapIntegrator
 
+TOP = Path(__file__).resolve().parent.parent
 SIZES = [(320, 200), (1000, 1000), (2000, 2000), (4000, 4000), (8000, 8000)]
 COUNTS = [1, 10, 100, 500]
+REPEATS = 9
 
 
 def house(width: int, height: int) -> GridMap:
@@ -52,7 +63,8 @@ def polygon(grid: GridMap, random: np.random.Generator, share: float) -> Virtual
     radius = 0.5 * share * min(height, width)
     centre = random.uniform((radius, radius), (width - radius, height - radius))
     angles = np.linspace(0.0, 2.0 * np.pi, 100, endpoint=False)
-    points = centre + radius * (0.9 + 0.1 * np.cos(7 * angles))[:, None] * np.column_stack([np.cos(angles), np.sin(angles)])
+    radii = radius * (0.9 + 0.1 * np.cos(7 * angles))
+    points = centre + radii[:, None] * np.column_stack([np.cos(angles), np.sin(angles)])
     seed = centre
     while grid.data[int(round(seed[1])), int(round(seed[0]))] != 0:
         seed = centre + random.uniform(-0.5, 0.5, 2) * radius
@@ -78,78 +90,178 @@ def timed(action) -> float:
     return 1e3 * (time.perf_counter() - started)
 
 
-def median(actions) -> float:
-    """[ms], after one that is not counted."""
-    times = [timed(action) for action in actions]
+def median(times: List[float]) -> float:
+    """[ms], the first one left out: it pays for what is done once."""
     return round(float(np.median(times[1:] or times)), 3)
 
 
 def serialise(grid: GridMap) -> None:
     """What publishing does up to the socket."""
-    message_from_grid(grid, rospy.Time(0)).serialize(io.BytesIO())
+    messages.message_from_grid(grid, rospy.Time(0)).serialize(io.BytesIO())
 
 
-def run(size, counts, repeats) -> dict:
-    """All figures of one map size."""
-    random = np.random.default_rng(1)
-    grid = house(*size)
-    small = [polygon(grid, random, 0.1) for _ in range(max(counts) + 1)]
-    large = [polygon(grid, random, 0.7) for _ in range(repeats)]
-    curves = [curve(grid, random) for _ in range(repeats)]
-    result = {
-        "width_cells": size[0],
-        "height_cells": size[1],
-        "integrate_small_polygon_ms": median([lambda b=b: integrate(grid, b) for b in small[:repeats]]),
-        "integrate_large_polygon_ms": median([lambda b=b: integrate(grid, b) for b in large]),
-        "integrate_curve_ms": median([lambda b=b: integrate(grid, b) for b in curves]),
-        "serialise_ms": median([lambda: serialise(grid)] * 3),
-        "borders": [],
+def integration_times(grid: GridMap, random: np.random.Generator) -> Dict[str, float]:
+    """One border into the map, nothing else."""
+    repeats = 20 * REPEATS if grid.data.size < 100_000 else REPEATS
+    borders = {
+        "small_polygon": [polygon(grid, random, 0.1) for _ in range(repeats)],
+        "large_polygon": [polygon(grid, random, 0.7) for _ in range(repeats)],
+        "curve": [curve(grid, random) for _ in range(repeats)],
     }
+    return {
+        f"integrate_{kind}_ms": median([timed(lambda: integrate(grid, one)) for one in some])
+        for kind, some in borders.items()
+    }
+
+
+def keeper_times(grid: GridMap, random: np.random.Generator) -> Dict[str, Any]:
+    """Commits as the node makes them: check, files, composition; by the number of borders that are there already."""
+    result: Dict[str, Any] = {"serialise_ms": median([timed(lambda: serialise(grid)) for _ in range(4)]), "borders": []}
+    small = [polygon(grid, random, 0.1) for _ in range(max(COUNTS) + REPEATS)]
     with tempfile.TemporaryDirectory() as folder:
         keeper = MapIntegrator(IntegratorParams(), Path(folder))
         result["take_map_ms"] = round(timed(lambda: keeper.set_map(grid)), 3)
-        plain = MapIntegrator(IntegratorParams(check_ways=False), None)
-        plain.set_map(grid)
+        # the first borders are added one by one; the many are there to be in the way
+        fast = MapIntegrator(IntegratorParams(check_ways=False), Path(folder))
         added = 0
-        for count in counts:
-            last = []
-            while added < count:
-                last.append(timed(lambda: keeper.add(small[added], 1.0 + added)))
-                plain.add(small[added], 1.0 + added)
+        for count in COUNTS:
+            fast.set_map(grid)
+            while added + REPEATS < count:
+                fast.add(small[added], 1.0 + added)
                 added += 1
-            tail = last[-5:]
-            store = timed(lambda: keeper._folder.write(keeper.borders, 10**6, 1))  # noqa: SLF001
-            memory = timed(lambda: plain.add(small[-1], 1e4))
+            keeper = MapIntegrator(IntegratorParams(), Path(folder))
+            again = timed(lambda: keeper.set_map(grid))
+            times = []
+            for _ in range(min(REPEATS, count - added)):
+                border = small[added]
+                times.append(timed(lambda: keeper.add(border, 1.0 + added)))
+                added += 1
+            folder_of_map = next(Path(folder).iterdir())
             result["borders"].append({
-                "borders": count,
-                "commit_ms": round(float(np.median(tail)), 3),
-                "commit_without_store_and_check_ms": round(memory, 3),
-                "store_write_ms": round(store, 3),
+                "borders": added,
+                "add_ms": median(times),
                 "undo_ms": round(timed(keeper.undo), 3),
                 "redo_ms": round(timed(keeper.redo), 3),
+                "start_with_them_ms": round(again, 3),
+                "store_file_bytes": (folder_of_map / "borders.yaml").stat().st_size,
+                "store_write_ms": median(store_times(keeper)),
             })
-            plain.undo()
+            fast = MapIntegrator(IntegratorParams(check_ways=False), Path(folder))
     return result
+
+
+def store_times(keeper: MapIntegrator) -> List[float]:
+    """[ms] of a change that touches no cell: what is left is the store's files."""
+    keeper.enable(keeper.borders[-1].id, False, 1e5)
+    times = []
+    for number in range(2 * REPEATS):
+        sleeping = keeper.borders[-1].replace(name=f"name {number}")
+        change = keeper._store.updating(sleeping, 1e5)  # noqa: SLF001
+        times.append(timed(lambda: keeper._commit(change, "new")))  # noqa: SLF001
+    keeper.enable(keeper.borders[-1].id, True, 1e5)
+    return times
+
+
+def node_times(grid: GridMap, random: np.random.Generator) -> Dict[str, float]:
+    """From the call of add_border to its answer, and to the whole posterior at a subscriber."""
+    arrived: "queue.Queue[float]" = queue.Queue()
+    started_at = time.monotonic()
+    subscriber = rospy.Subscriber(
+        names.VIRTUAL_MAP, messages.OccupancyGridArray, lambda _: arrived.put(time.perf_counter()), buff_size=2**24
+    )
+    with tempfile.TemporaryDirectory() as folder:
+        script = TOP / "src" / "vb_map_integration" / "scripts" / "map_integrator"
+        node = subprocess.Popen(
+            [sys.executable, str(script), f"_store_dir:={folder}", f"__name:=integrator_{grid.shape[1]}"],
+            stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
+        )
+        try:
+            maps = rospy.Publisher(names.PHYSICAL_MAP, messages.OccupancyGridArray, queue_size=1, latch=True)
+            maps.publish(messages.message_from_grid(grid, rospy.Time.now()))
+            arrived.get(timeout=60.0)
+            first = time.monotonic() - started_at
+            add = rospy.ServiceProxy(names.ADD_BORDER, AddBorder, persistent=True)
+            answers, published = [], []
+            for _ in range(REPEATS):
+                border = message_from_border(polygon(grid, random, 0.3))
+                called = time.perf_counter()
+                response = add(border, "", "bench")
+                answers.append(1e3 * (time.perf_counter() - called))
+                assert response.success, response.message
+                published.append(1e3 * (arrived.get(timeout=60.0) - called))
+            maps.unregister()
+        finally:
+            node.terminate()
+            node.wait(20.0)
+            subscriber.unregister()
+    return {
+        "node_start_to_first_map_s": round(first, 2),
+        "node_add_to_answer_ms": median(answers),
+        "node_add_to_received_map_ms": median(published),
+    }
+
+
+def start_master() -> subprocess.Popen:
+    """A ROS master of this bench's own."""
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        port = probe.getsockname()[1]
+    os.environ["ROS_MASTER_URI"] = f"http://127.0.0.1:{port}"
+    master = subprocess.Popen(["roscore", "-p", str(port)], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    while subprocess.run(["rosparam", "list"], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL).returncode:
+        time.sleep(0.2)
+    rospy.init_node("bench_map_integration", disable_signals=True)
+    return master
+
+
+def table(sizes: List[Dict[str, Any]]) -> str:
+    """The figures as Markdown."""
+    columns = ["cells", "small polygon", "large polygon", "curve"] + [f"add, {count} there" for count in COUNTS]
+    columns += [f"store, {COUNTS[0]} / {COUNTS[-1]}", "add to answer", "add to received map"]
+    lines = ["| " + " | ".join(columns) + " |", "|" + "---|" * len(columns)]
+    for size in sizes:
+        there = {entry["borders"]: entry for entry in size["borders"]}
+        row = [f"{size['width_cells']} x {size['height_cells']}"]
+        row += [f"{size[f'integrate_{kind}_ms']:.2f}" for kind in ("small_polygon", "large_polygon", "curve")]
+        row += [f"{there[count]['add_ms']:.1f}" for count in COUNTS]
+        row.append(" / ".join(f"{there[count]['store_write_ms']:.1f}" for count in (COUNTS[0], COUNTS[-1])))
+        row += [
+            f"{size[key]:.0f}" if key in size else "" for key in ("node_add_to_answer_ms", "node_add_to_received_map_ms")
+        ]
+        lines.append("| " + " | ".join(row) + " |")
+    return "\n".join(lines)
 
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--quick", action="store_true", help="only the smallest map, up to 10 borders")
+    parser.add_argument("--only", nargs="+", metavar="WxH", help="only these sizes")
+    parser.add_argument("--no-node", action="store_true", help="without the part that needs a ROS master")
     arguments = parser.parse_args()
-    sizes, counts = (SIZES[:1], COUNTS[:2]) if arguments.quick else (SIZES, COUNTS)
-    path = Path(__file__).resolve().parent.parent / "out" / "bench" / "map_integration.json"
+    wanted = [size for size in SIZES if not arguments.only or f"{size[0]}x{size[1]}" in arguments.only]
+    path = TOP / "out" / "bench" / "map_integration.json"
     path.parent.mkdir(parents=True, exist_ok=True)
-    results = []
-    for size in sizes:
-        # 500 borders on the largest maps would only repeat what the smaller ones show
-        here = [count for count in counts if count * size[0] * size[1] <= 2_000_000_000]
-        results.append(run(size, here, 7))
-        last = results[-1]
-        print(f"{size[0]} x {size[1]}: polygon {last['integrate_large_polygon_ms']} ms, curve {last['integrate_curve_ms']} ms, "
-              f"commit {[entry['commit_ms'] for entry in last['borders']]} ms with {here} borders", flush=True)
-    document = {"python": platform.python_version(), "cores": os.cpu_count(), "load_1min": os.getloadavg()[0], "sizes": results}
-    path.write_text(json.dumps(document, indent=2) + "\n")
-    print(f"wrote {path}")
+    known = json.loads(path.read_text()).get("sizes", []) if path.exists() else []
+    sizes = {(entry["width_cells"], entry["height_cells"]): entry for entry in known if "load_1min" in entry}
+    master = None if arguments.no_node else start_master()
+    try:
+        for width, height in wanted:
+            random = np.random.default_rng(1)
+            grid = house(width, height)
+            entry = {"width_cells": width, "height_cells": height, **integration_times(grid, random)}
+            entry.update(keeper_times(grid, random))
+            if master is not None:
+                entry.update(node_times(grid, random))
+            entry["load_1min"] = os.getloadavg()[0]
+            sizes[width, height] = entry
+            print(table([entry]).splitlines()[-1], flush=True)
+    finally:
+        if master is not None:
+            rospy.signal_shutdown("done")
+            master.terminate()
+            master.wait(20.0)
+    in_order = [sizes[key] for key in sorted(sizes)]
+    path.write_text(json.dumps({"python": platform.python_version(), "cores": os.cpu_count(), "sizes": in_order}, indent=2) + "\n")
+    print(f"\n{table(in_order)}\n\nwrote {path}")
     return 0
 
 

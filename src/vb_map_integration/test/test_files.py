@@ -11,13 +11,14 @@ import pytest
 
 from vb_core.errors import CodedError
 from vb_core.grid_map import GridMap
+from vb_map_integration import border_folders
 from vb_map_integration.border import VirtualBorder
 from vb_map_integration.border_files import borders_from_yaml, borders_to_yaml
-from vb_map_integration.history_file import HistoryFile
 from vb_map_integration.integrator import IntegratorParams, MapIntegrator
+from vb_map_integration.journal import Journal
 from vb_map_integration.map_files import read_map, safe_path, write_map
 from vb_map_integration.recording import Recording
-from vb_map_integration.store import Entry
+from vb_map_integration.store import BorderStore
 
 sys.path.insert(0, str(Path(__file__).resolve().parent))
 from keepers import GRID, at, integrator, square  # noqa: E402
@@ -65,7 +66,7 @@ def test_a_damaged_file_is_set_aside_and_the_backup_is_used(tmp_path, damage):
     second = MapIntegrator(IntegratorParams(), tmp_path)
     _, notes = second.set_map(GRID)
     assert "set aside" in notes[0]
-    assert second.borders == first.borders[:1]
+    assert second.borders == first.borders  # the backup's, and what the journal says came after
     assert next(tmp_path.glob("*/borders.yaml.damaged*")).exists()
     second.add(square(60, 60), 3.0)
     assert integrator(tmp_path).borders == second.borders
@@ -140,22 +141,17 @@ def test_undo_and_redo_survive_a_restart(tmp_path):
         fourth.redo()
 
 
-@pytest.mark.parametrize("damage", ["cut", "line", "gone", "later"])
-def test_a_damaged_history_costs_no_border(tmp_path, damage):
+@pytest.mark.parametrize("damage, undoable", [("cut", 0), ("line", 2), ("gone", 0)])
+def test_a_damaged_journal_costs_no_border_that_its_file_has(tmp_path, damage, undoable):
     first = integrator(tmp_path)
     for number in range(4):
         first.add(square(10 + 25 * number, 10), 1.0 + number)
-    path = next(tmp_path.glob("*/history.jsonl"))
+    path = next(tmp_path.glob("*/journal.jsonl"))
     lines = path.read_bytes().splitlines(keepends=True)
-    undoable = {"cut": 0, "line": 2, "gone": 0, "later": 4}[damage]
     if damage == "gone":
         path.unlink()
     else:
-        # cut off; a line that is no JSON; a line for a change that the borders do not have
-        later = lines[-1].replace(b'"revision": 4', b'"revision": 5')
-        whole = b"".join(lines)
-        spoilt = lines[0] + b"?\n" + b"".join(lines[2:])
-        path.write_bytes({"cut": whole[:-20], "line": spoilt, "later": whole + later}[damage])
+        path.write_bytes({"cut": b"".join(lines)[:-20], "line": lines[0] + b"?\n" + b"".join(lines[2:])}[damage])
     second = integrator(tmp_path)
     assert second.borders == first.borders
     for _ in range(undoable):
@@ -167,20 +163,59 @@ def test_a_damaged_history_costs_no_border(tmp_path, damage):
     assert integrator(tmp_path).undo().ids == ("b5",)
 
 
-def test_a_long_history_forgets_its_older_half(tmp_path):
-    path = tmp_path / "history.jsonl"
-    long = HistoryFile(path, limit_bytes=20_000)
-    changes = [(Entry(f"b{number}", None, square(10, 10, id=f"b{number}")),) for number in range(100)]
-    for number, change in enumerate(changes):
-        long.append(number + 1, "new", change)
-    long.append(101, "undo", changes[-1])
-    undoable, redoable = long.read(101)
-    assert redoable == [changes[99]]
-    assert 0 < len(undoable) < 60 and undoable == changes[99 - len(undoable) : 99]
-    assert path.stat().st_size <= 10_000
-    assert long.read(101) == (undoable, redoable)
-    long.append(102, "redo", changes[-1])
-    assert long.read(102) == (undoable + [changes[99]], [])
+def test_many_borders_are_written_after_some_changes_and_none_is_lost(tmp_path, monkeypatch):
+    monkeypatch.setattr(border_folders, "BORDERS_PER_CHANGE", 2)
+    first = integrator(tmp_path, check_ways=False)
+    sizes = set()
+    for number in range(12):
+        first.add(square(5 + 10 * number, 10), 1.0 + number)
+        path = next(tmp_path.glob("*/borders.yaml"))
+        sizes.add(path.stat().st_size)
+        if number % 4 == 3:
+            assert integrator(tmp_path).borders == first.borders
+    assert len(sizes) < 12
+    # whichever file is damaged, the other and the journal have it all
+    path.write_bytes(b"borders: [")
+    assert integrator(tmp_path).borders == first.borders
+
+
+def test_a_line_missing_after_the_borders_file_is_said(tmp_path, monkeypatch):
+    first = integrator(tmp_path, check_ways=False)
+    first.add(square(10, 10), 1.0)
+    monkeypatch.setattr(border_folders, "BORDERS_PER_CHANGE", 0.01)  # from now on the journal alone
+    for number in range(3):
+        first.add(square(40 + 25 * number, 10), 2.0 + number)
+    path = next(tmp_path.glob("*/journal.jsonl"))
+    lines = path.read_bytes().splitlines(keepends=True)
+    path.write_bytes(b"".join(lines[:2] + lines[3:]))
+    second = MapIntegrator(IntegratorParams(), tmp_path)
+    _, notes = second.set_map(GRID)
+    assert "journal.jsonl is damaged" in notes[0]
+    assert second.borders == first.borders[:2]
+    assert integrator(tmp_path).borders == second.borders
+
+
+def test_a_long_journal_forgets_its_older_half(tmp_path):
+    journal = Journal(tmp_path / "journal.jsonl", limit_bytes=20_000)
+    store = BorderStore()
+    for number in range(100):
+        change = store.adding(square(10, 10), float(number))
+        store = store.changed(change)
+        journal.append(store.revision, "new", change)
+    for kind, change in (("undo", store.undoing()), ("redo", None), ("undo", None)):
+        change = change or (store.redoing() if kind == "redo" else store.undoing())
+        store = store.changed(change, kind)
+        journal.append(store.revision, kind, change)
+    assert journal.replay(BorderStore())[0].borders == store.borders
+    assert journal.too_long
+    journal.shorten(store)
+    assert not journal.too_long and journal.path.stat().st_size <= 10_000
+    again, sound = journal.replay(store.with_history([], []))
+    assert sound and again.redoable == store.redoable
+    assert 0 < len(again.undoable) < 60 and again.undoable == store.undoable[-len(again.undoable) :]
+    change = again.undoing()
+    journal.append(again.revision + 1, "undo", change)
+    assert journal.replay(store.with_history([], []))[0].borders == again.changed(change, "undo").borders
 
 
 def test_without_files_another_map_has_no_borders():

@@ -163,7 +163,7 @@ def test_the_hundredth_border_touches_no_other(monkeypatch):
 
 PURE = [
     "border", "border_files", "border_folders", "clicks", "composition", "costmap_settings", "curve", "editing",
-    "findings", "geojson", "history_file", "integration", "integrator", "map_binding", "map_files", "preview", "raster",
+    "findings", "geojson", "integration", "integrator", "journal", "map_binding", "map_files", "preview", "raster",
     "recording", "store",
 ]
 # beside the nodes, what these share

@@ -1,15 +1,19 @@
 """The folders that keep borders from one start to the next, one for each physical map.
 
     <store>/<id of the map>/borders.yaml       the borders
-                            borders.yaml.bak   the state before the last change
-                            history.jsonl      what can be undone and redone
+                            borders.yaml.bak   the state before
+                            journal.jsonl      every change, one line each; also what undo and redo go back in
                             map.npz            the physical map that they belong to
+
+A change is made once its line is in the journal. The borders are written after it; where there are hundreds, after a
+few changes, so that a change costs the same however many there are.
 """
 from __future__ import annotations
 
 import hashlib
 import io
 import os
+import shutil
 import zipfile
 from pathlib import Path
 from typing import Dict, List, NamedTuple, Optional, Tuple
@@ -20,12 +24,14 @@ from vb_core.errors import CodedError
 from vb_core.grid_map import GridMap
 from vb_map_integration.border import VirtualBorder
 from vb_map_integration.border_files import borders_from_yaml, borders_to_yaml
-from vb_map_integration.history_file import HistoryFile
+from vb_map_integration.journal import Journal
 from vb_map_integration.map_binding import compatible, fingerprint
 from vb_map_integration.map_files import write_atomically
 from vb_map_integration.store import BorderStore, Change
 
 FORMAT = 1
+# so many borders may make the borders' file one change older than the journal
+BORDERS_PER_CHANGE = 50
 
 
 class Loaded(NamedTuple):
@@ -47,7 +53,9 @@ class BorderFolder:
         self.folder = folder
         self.map_id = map_id
         self._texts: Dict[int, Tuple[VirtualBorder, str]] = {}
-        self._history = HistoryFile(folder / "history.jsonl")
+        self._journal = Journal(folder / "journal.jsonl")
+        # changes that are in the journal alone
+        self._pending = 0
 
     @property
     def path(self) -> Path:
@@ -55,45 +63,67 @@ class BorderFolder:
         return self.folder / "borders.yaml"
 
     def write(self, store: BorderStore, change: Change, kind: str) -> None:
-        """Writes the borders, atomically, the state before as backup, and the change that led to them.
+        """Keeps a change, and the store that it led to.
 
         Raises:
-            CodedError: "cannot_write"; then the files are as they were.
+            CodedError: "cannot_write"; then the change is not kept.
         """
-        size = self._history.append(store.revision, kind, change)
+        self._journal.append(store.revision, kind, change)
+        self._pending += 1
+        if self._pending > len(store) // BORDERS_PER_CHANGE:
+            try:
+                self._write_snapshot(store)
+            except CodedError:
+                self._pending += 1  # the journal has the change; the next one tries again
+
+    def _write_snapshot(self, store: BorderStore) -> None:
         body = f"next_number: {store.next_number}\nrevision: {store.revision}\n"
         body += borders_to_yaml(store.borders, self._texts)
         digest = hashlib.sha256(body.encode()).hexdigest()
         # a file that was cut off may still be YAML: the sum tells
         head = f"format: {FORMAT}\nsha256: '{digest}'\nmap: '{self.map_id}'\n# below: what the sum is of\n"
-        try:
-            write_atomically(self.path, (head + body).encode(), backup=True)
-        except CodedError:
-            self._history.truncate(size)
-            raise
+        content = (head + body).encode()
+        write_atomically(self.path, content, backup=True)
+        self._pending = 0
+        if self._journal.too_long:
+            # the backup must not need what the journal forgets
+            write_atomically(self.path, content, backup=True)
+            self._journal.shorten(store)
 
     def load(self) -> Loaded:
-        """Reads the borders, the backup if the file is damaged; damaged files are set aside.
+        """Reads the borders, of the backup if the file is damaged, and what the journal says came after.
+
+        Damaged files are set aside.
 
         Raises:
             CodedError: "cannot_write".
         """
         notes: List[str] = []
+        snapshot = BorderStore()
         for path in (self.path, Path(f"{self.path}.bak")):
             if not path.exists():
                 continue
             try:
-                borders, number, revision = _checked(path)
+                snapshot = BorderStore(*_checked(path))
             except (CodedError, OSError, ValueError, TypeError, KeyError) as error:
                 aside = _free_name(path.with_name(f"{path.name}.damaged"))
                 os.replace(str(path), str(aside))
                 reason = error.message if isinstance(error, CodedError) else str(error)
                 notes.append(f"{path} is damaged ({reason}): set aside as {aside.name}, the backup is used")
                 continue
-            return Loaded(BorderStore(borders, number, revision, *self._history.read(revision)), tuple(notes))
-        if notes:
+            break
+        store, sound = self._journal.replay(snapshot)
+        if notes and not self.path.exists() and not store.revision:
             notes.append(f"there is no readable backup in {self.folder}: the borders of this map are lost")
-        return Loaded(BorderStore(), tuple(notes))
+        if not sound:
+            aside = _free_name(self._journal.path.with_name(f"{self._journal.path.name}.damaged"))
+            shutil.copyfile(str(self._journal.path), str(aside))
+            notes.append(f"{self._journal.path} is damaged: kept as {aside.name}, changes after the damage are lost")
+        if notes or store.revision != snapshot.revision or not sound:
+            self._write_snapshot(store)
+        if not sound or self._journal.cut_off:
+            self._journal.shorten(store)
+        return Loaded(store, tuple(notes))
 
     def write_map(self, grid: GridMap) -> None:
         """Binds the folder to a map."""

@@ -134,6 +134,10 @@ class BorderStore:
             raise CodedError("nothing_to_redo", "there is nothing to redo")
         return self.redoable[-1]
 
+    def with_history(self, undoable: Sequence[Change], redoable: Sequence[Change]) -> "BorderStore":
+        """The same borders with another history."""
+        return BorderStore(self.borders, self._next, self.revision, undoable, redoable)
+
     def changed(self, change: Change, kind: str = "new") -> "BorderStore":
         """The store after a change; this one stays as it is.
 
@@ -145,9 +149,9 @@ class BorderStore:
         result.undoable, result.redoable = list(self.undoable), list(self.redoable)
         for entry in change:
             result._put(entry)
-        if kind == "undo":
+        if kind == "undo" and self.undoable:
             result.redoable.append(result.undoable.pop())
-        elif kind == "redo":
+        elif kind == "redo" and self.redoable:
             result.undoable.append(result.redoable.pop())
         elif kind == "new":
             result.undoable.append(change)
