@@ -5,6 +5,7 @@ from typing import Generator, Optional
 
 from vb_sim.hand import Stroke
 from vb_sim.participant import FEEDBACK_GAP, ParticipantScript, Step
+from vb_sim.participant_robot_only import RobotOnlyScript
 
 GO_BACK = 0.08  # [m] by which a missed part is begun again before the place where feedback ended
 
@@ -13,11 +14,15 @@ class NetworkRobotSystemScript(ParticipantScript):
     """Walks to the border, says "define border", draws, shows the seed, says "save".
 
     Where no camera sees the spot he holds still, for the robot is under way, and then draws the part that was
-    missed again.
+    missed again. Where nobody sees the spot at either end of the border he leads the robot there, as without any
+    ceiling camera (paper, Sect. 4.2, Guide).
     """
+
+    _without_cameras: Optional[RobotOnlyScript] = None
 
     def prepare(self) -> Step:
         person = self.person
+        self._without_cameras = None
         person.doing = "walks"
         yield from person.walk(person.scenario.stand)
         yield from person.react()
@@ -28,6 +33,11 @@ class NetworkRobotSystemScript(ParticipantScript):
         person = self.person
         person.doing = "draws"
         stroke = yield from self._seen_start()
+        if person.unseen_for() > person.model.patience / 2.0:
+            self._without_cameras = RobotOnlyScript(person)
+            yield from self._without_cameras.prepare()
+            yield from self._without_cameras.draw()
+            return
         first_seen = yield from self._draw_along(stroke, stroke.start, stroke.length)
         if first_seen - stroke.start > 2.0 * GO_BACK:
             # the beginning was drawn unseen; by now the robot is near
@@ -93,6 +103,9 @@ class NetworkRobotSystemScript(ParticipantScript):
 
     def show_seed(self) -> Step:
         person = self.person
+        if self._without_cameras is not None:
+            yield from self._without_cameras.show_seed()
+            return
         person.doing = "walks"
         person.come_within_reach(person.seed, person.scenario.border)
         yield from person.react()

@@ -16,7 +16,7 @@ from typing import List, Optional, Tuple
 from rich.console import Console
 
 from vb_core.errors import CodedError
-from vb_evaluation.study import campaign, config, plan
+from vb_evaluation.study import campaign, config, plan, sweeps
 from vb_evaluation.study.cameras import Room
 from vb_evaluation.study.config import Study
 from vb_evaluation.study.runner import Task
@@ -70,14 +70,31 @@ def _all(given: argparse.Namespace, console: Console) -> int:
     design = study.design
     participants = given.participants or (design.quick_participants if given.quick else design.participants)
     jobs = plan.main_jobs(study, participants)
+    jobs += sweep_jobs(study, given.quick)
     if given.only:
         jobs = [job for job in jobs if job.file == f"{given.only}.csv"]
-    console.print(f"{participants} participants, {len(design.scenarios)} scenarios, {len(design.methods)} methods: {len(jobs)} runs "
-                  f"on {given.processes} processes")
+    counts = {name: sum(job.file == name for job in jobs) for name in (plan.RUNS, plan.CURVES, plan.SENSITIVITY)}
+    console.print(f"{participants} participants, {len(design.scenarios)} scenarios, {len(design.methods)} methods: {counts[plan.RUNS]} runs; "
+                  f"{counts[plan.CURVES]} for curves, {counts[plan.SENSITIVITY]} for sensitivity; {given.processes} processes")
+    if given.quick:
+        console.print("QUICK: curves and sensitivity are left out" if not (counts[plan.CURVES] + counts[plan.SENSITIVITY])
+                      else "QUICK: only a small part of curves and sensitivity")
     facts = {"quick": given.quick, "rerun": RERUN + (f" --config {given.config}" if given.config else "")}
     failed = campaign.conduct(study, jobs, given.out, max(1, given.processes), given.fresh, facts, console)
     console.print(f"written to {given.out}")
     return 1 if failed else 0
+
+
+def sweep_jobs(study: Study, quick: bool) -> List[plan.Job]:
+    """The runs of curves and sensitivity; a quick study has those that the configuration names, or none."""
+    found: List[plan.Job] = []
+    for section, make in (("curves", sweeps.curve_jobs), ("sensitivity", sweeps.sensitivity_jobs)):
+        settings = study.document.get(section) or {}
+        if not quick:
+            found += make(study, int(settings.get("participants", 1)))
+        elif settings.get("quick"):
+            found += make(study, 1, settings["quick"])
+    return found
 
 
 def _run(given: argparse.Namespace, console: Console) -> int:

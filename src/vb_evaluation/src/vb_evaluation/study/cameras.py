@@ -175,7 +175,7 @@ class RobotCamera:
         pose_at: Callable[[float], Tuple[float, float, float]], whole: bool = False,
     ) -> None:
         cv2.setNumThreads(1)
-        self.name = "robot" if not robot.namespace else robot.name
+        self.name = robot.namespace.strip("/") or "robot"
         self.rate = robot.camera_rate
         self.rendered = self.skipped = 0
         self._robot = robot

@@ -85,11 +85,11 @@ class Study:
 
     Attributes:
         document: the YAML document with all defaults filled in; what is hashed.
-        sources: contents of the files that it names, by their name in the document.
+        sources: YAML documents of the files that it names, by their name in the document; not to be changed.
     """
 
     document: Mapping[str, Any]
-    sources: Mapping[str, str]
+    sources: Mapping[str, Any]
     design: Design
     timing: Timing
     world: World
@@ -100,7 +100,7 @@ class Study:
     def traits(self, participant: int) -> Traits:
         """A participant, numbered from 1."""
         settings = dict(self.document["participants"])
-        model = section(yaml.safe_load(self.sources["models"]) or {}, "participant", ParticipantModel)
+        model = section(self.sources["models"], "participant", ParticipantModel)
         population = populations.get(settings.pop("model", "drawn"))(settings, model)
         return population.draw(participant, self.streams(participant))
 
@@ -128,13 +128,11 @@ class Study:
         Raises:
             ParameterError: names the key that is wrong.
         """
-        document = copy.deepcopy(dict(self.document))
-        files = {name: yaml.safe_load(text) or {} for name, text in self.sources.items()}
+        document, files = copy.deepcopy(dict(self.document)), copy.deepcopy(dict(self.sources))
         for key, value in changes.items():
             head, _, rest = key.partition("/")
             _set(files[head] if head in files else document, rest if head in files else key, value)
-        sources = {name: yaml.safe_dump(content, sort_keys=False) for name, content in files.items()}
-        return _study(document, sources)
+        return _study(document, files)
 
 
 def _set(document: Any, path: str, value: Any) -> None:
@@ -166,16 +164,10 @@ def load(path: Optional[Path] = None, seed: Optional[int] = None) -> Study:
         document = _merged(document, _read(path))
     if seed is not None:
         document.setdefault("design", {})["seed"] = seed
-    sources = {}
-    for name in ("world", "models"):
-        file = _found(str(document.pop(name)), folder)
-        sources[name] = file.read_text(encoding="utf-8")
-    # comments and layout of these files change nothing
-    sources = {name: yaml.safe_dump(yaml.safe_load(text) or {}, sort_keys=False) for name, text in sources.items()}
-    return _study(document, sources)
+    return _study(document, {name: _read(_found(str(document.pop(name)), folder)) for name in ("world", "models")})
 
 
-def _study(document: Mapping[str, Any], sources: Mapping[str, str]) -> Study:
+def _study(document: Mapping[str, Any], sources: Mapping[str, Any]) -> Study:
     known = ("design", "timing", "participants", "plugins", "measures", "curves", "sensitivity", "agreement")
     for key in document:
         if key not in known:
@@ -183,12 +175,12 @@ def _study(document: Mapping[str, Any], sources: Mapping[str, str]) -> Study:
     for plugin in document.get("plugins") or ():
         _import(str(plugin))
     design = Design.from_mapping(document.get("design"), "design")
-    world = world_from_mapping(yaml.safe_load(sources["world"]))
+    world = world_from_mapping(sources["world"])
     for key in design.scenarios:
         world.scenario(key)
     study = Study(
         document, sources, design, Timing.from_mapping(document.get("timing"), "timing"), world,
-        Models.of(yaml.safe_load(sources["models"]) or {}), tuple(document.get("measures") or ()),
+        Models.of(sources["models"]), tuple(document.get("measures") or ()),
     )
     study.traits(1)  # a mistake in a distribution is found now, not in the tenth run
     return study

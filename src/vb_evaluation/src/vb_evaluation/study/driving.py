@@ -11,12 +11,14 @@ from vb_core.errors import CodedError
 from vb_core.grid_map import GridMap
 from vb_robot import sightings
 from vb_robot.dispatch import GoalStatus
+from vb_robot.dispatcher import RobotStatus
 from vb_robot.safety import ForbiddenGround, SafetyParams, free_by_scan
 from vb_robot.servoing import Servo, ServoParams
 from vb_robot.sightings import Sighting, Sightings
 from vb_robot.view import FloorView, ViewParams
+from vb_sim.lab import Lab
 from vb_sim.navigator import Navigator
-from vb_sim.robot_body import Pose, RobotBody
+from vb_sim.robot_body import Pose
 
 AUTO_WAIT = 1.0  # [s] robot_guide.yaml, auto_wait
 
@@ -59,62 +61,30 @@ def _between(a: Pose, b: Pose, share: float) -> Pose:
     return a[0] + share * (b[0] - a[0]), a[1] + share * (b[1] - a[1]), geometry.wrap_angle(a[2] + share * turn)
 
 
-class NavigatedRobot:
-    """A robot and its stand-in for move_base: one goal at a time."""
+class DrivenRobot:
+    """One robot of a run, as its navigation and its robot_guide drive it.
 
-    def __init__(self, body: RobotBody, poses: PoseHistory, navigator: Navigator) -> None:
-        self._body, self._poses, self._navigator = body, poses, navigator
-        self.status = GoalStatus.NONE
-        self.goals = 0
+    Args:
+        index: of the robot in the world.
+        camera: name of its camera in the spots.
+        follow: whether it follows the spot while a border is drawn: "auto", "true" or "false".
+    """
 
-    def send(self, pose: Pose) -> None:
-        """Begins a new goal."""
-        self._navigator.begin(pose)
-        self.status = GoalStatus.ACTIVE
-        self.goals += 1
-
-    def cancel(self) -> None:
-        """Calls the goal off."""
-        if self.status is GoalStatus.ACTIVE:
-            self._end(GoalStatus.NONE, None)
-
-    @property
-    def driving(self) -> bool:
-        return self.status is GoalStatus.ACTIVE
-
-    def _end(self, status: GoalStatus, now: Optional[float]) -> None:
-        self.status = status
-        self._navigator.halt()
-        if now is not None:
-            self._body.command(0.0, 0.0, now)
-
-    def step(self, now: float, obstacles: np.ndarray, dt: float) -> None:
-        """One step of the controller; obstacles (N, 2) [m] in the robot's frame."""
-        if not self.driving:
-            return
-        try:
-            drive = self._navigator.step(now, self._poses.estimate(now), obstacles, dt)
-        except CodedError:
-            self._end(GoalStatus.FAILED, now)
-            return
-        if drive.arrived:
-            self._end(GoalStatus.REACHED, now)
-            return
-        self._body.command(drive.speed, drive.turn_rate, now)
-
-
-class FollowingRobot:
-    """A robot that follows the spot that its own camera sees, as robot_guide lets it."""
-
-    def __init__(self, body: RobotBody, poses: PoseHistory, camera: str, follow: str, grid: GridMap) -> None:
-        self._body, self._poses, self._camera, self._follow = body, poses, camera, follow
-        safety = SafetyParams()
-        self._servo = Servo(ServoParams(), safety, FloorView(ViewParams()))
-        self._safety = safety
-        self._ground = ForbiddenGround(grid, safety)
+    def __init__(
+        self, index: int, lab: Lab, poses: PoseHistory, navigator: Navigator, camera: str, follow: str, grid: GridMap
+    ) -> None:
+        self._index, self._lab, self._body = index, lab, lab.robots[index]
+        self._poses, self._navigator, self._camera, self._follow = poses, navigator, camera, follow
+        self._safety = SafetyParams()
+        self._servo = Servo(ServoParams(), self._safety, FloorView(ViewParams()))
+        self._ground = ForbiddenGround(grid, self._safety)
         self._sightings = Sightings(mobile_cameras=(camera,))
         self._spot: Optional[Tuple[float, np.ndarray]] = None  # stamp [s], (2,) [m] in the odom frame
-        self.active = False
+        self._obstacles = np.zeros((0, 2))  # robot's frame, from the newest scan
+        self._following = False
+        self._goal: Optional[Pose] = None
+        self._goal_status = GoalStatus.NONE
+        self.goals = 0
 
     def set_state(self, state: int, interaction_id: str, entered: float) -> None:
         """Takes the interaction's state."""
@@ -128,8 +98,81 @@ class FollowingRobot:
             to_odom = geometry.invert(self._poses.map_to_odom(sighting.stamp))
             self._spot = (sighting.stamp, geometry.apply(to_odom, np.array([*sighting.position, 0.0]))[:2])
 
-    def wanted(self, now: float) -> bool:
-        """Whether it is to follow now."""
+    def scan(self, now: float) -> None:
+        """Looks round, if somebody wants to know."""
+        if self.driving or self._wanted(now):
+            angles, ranges = self._lab.scan(self._index)
+            hit = np.isfinite(ranges)
+            self._obstacles = ranges[hit, None] * np.column_stack([np.cos(angles[hit]), np.sin(angles[hit])])
+
+    # ------------------------------------------------------------- goals
+    @property
+    def driving(self) -> bool:
+        """Whether it is on its way to a goal."""
+        return self._goal_status is GoalStatus.ACTIVE
+
+    def status(self, now: float) -> RobotStatus:
+        """How the dispatcher sees it."""
+        place = self._goal[:2] if self.driving and self._goal is not None else None
+        return RobotStatus(self._poses.estimate(now), True, self._goal_status, False, place)
+
+    def send(self, pose: Pose) -> None:
+        """Begins a new goal."""
+        self._navigator.begin(pose)
+        self._goal, self._goal_status = pose, GoalStatus.ACTIVE
+        self.goals += 1
+
+    def cancel(self) -> None:
+        """Calls the goal off."""
+        if self.driving:
+            self._end(GoalStatus.NONE)
+
+    def navigate(self, now: float, dt: float) -> None:
+        """One step of the controller."""
+        if not self.driving:
+            return
+        try:
+            drive = self._navigator.step(now, self._poses.estimate(now), self._obstacles, dt)
+        except CodedError:
+            self._end(GoalStatus.FAILED)
+            return
+        if drive.arrived:
+            self._end(GoalStatus.REACHED)
+            return
+        self._body.command(drive.speed, drive.turn_rate, now)
+
+    def _end(self, status: GoalStatus) -> None:
+        self._goal_status = status
+        self._navigator.halt()
+        self._body.command(0.0, 0.0, self._lab.now)
+
+    # ------------------------------------------------------------- following the spot
+    def follow(self, now: float, dt: float) -> None:
+        """One step of visual servoing, if it is to follow."""
+        wanted = self._wanted(now)
+        if wanted and not self._following:
+            # two drivers at one wheel: the person leads now
+            self.cancel()
+        if wanted != self._following:
+            self._following = wanted
+            self._servo.reset()
+            self._body.command(0.0, 0.0, now)
+        if not self._following:
+            return
+        pose = self._poses.estimate(now)
+        spot, age = None, 0.0
+        if self._spot is not None:
+            stamp, place = self._spot
+            base = geometry.pose2d_transform(*self._poses.at(now)[0])
+            spot, age = geometry.apply(geometry.invert(base), np.array([*place, 0.0]))[:2], now - stamp
+
+        def free_way(v: float, w: float) -> float:
+            return min(self._ground.free_way(pose, v, w), free_by_scan(self._obstacles, v > 0, self._safety))
+
+        motion = self._servo.step(dt, spot, age, free_way)
+        self._body.command(motion.v, motion.w, now)
+
+    def _wanted(self, now: float) -> bool:
         known = self._sightings
         if known.state == sightings.GUIDE:
             return True
@@ -140,27 +183,3 @@ class FollowingRobot:
         if known.stationary_seen or known.first_mobile is None:
             return False
         return now - known.first_mobile >= AUTO_WAIT
-
-    def step(self, now: float, obstacles: np.ndarray, dt: float) -> bool:
-        """One step; obstacles (N, 2) [m] in the robot's frame. Says whether it has just begun."""
-        wanted = self.wanted(now)
-        begun = wanted and not self.active
-        if begun or (self.active and not wanted):
-            self.active = wanted
-            self._servo.reset()
-            self._body.command(0.0, 0.0, now)
-        if not self.active:
-            return False
-        pose = self._poses.estimate(now)
-        spot, age = None, 0.0
-        if self._spot is not None:
-            stamp, place = self._spot
-            base = geometry.pose2d_transform(*self._poses.at(now)[0])
-            spot, age = geometry.apply(geometry.invert(base), np.array([*place, 0.0]))[:2], now - stamp
-
-        def free_way(v: float, w: float) -> float:
-            return min(self._ground.free_way(pose, v, w), free_by_scan(obstacles, v > 0, self._safety))
-
-        motion = self._servo.step(dt, spot, age, free_way)
-        self._body.command(motion.v, motion.w, now)
-        return begun

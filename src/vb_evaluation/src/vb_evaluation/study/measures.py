@@ -56,7 +56,7 @@ def times(result: Result) -> Dict[str, float]:
 def _further(result: Result, file: str) -> Dict[str, object]:
     person, records, border = result.script.person, result.records, result.border
     counts = spot_counts(result.spots)
-    robot = [name for name in result.cameras][-1]
+    mobile = {spot.camera for spot in result.spots if spot.mobile}
     steps = np.linalg.norm(np.diff(result.way, axis=0), axis=1) if len(result.way) > 1 else np.zeros(1)
     return {
         "outcome": "saved" if result.saved else (result.script.outcome or "time_is_up"),
@@ -68,7 +68,7 @@ def _further(result: Result, file: str) -> Dict[str, object]:
         "chain_m": _rounded(chain_length(border.points, bool(border.closed)), 3) if border is not None else "",
         "vertices": len(border.points) if border is not None else "",
         "spots": sum(counts.values()),
-        "spots_robot": counts.get(robot, 0),
+        "spots_robot": sum(counts[name] for name in mobile),
         "robot_goals": result.goals,
         "robot_way_m": _rounded(float(steps.sum()), 2),
         "robot_collisions": result.collisions,

@@ -55,6 +55,7 @@ class Distribution:
 
     A number is the same for everybody. {uniform: [low, high]}, {normal: [mean, standard deviation]} and
     {lognormal: [median, standard deviation of the logarithm]} are drawn; `low` and `high` beside them are limits.
+    {scaled: [distribution, factor]} is another distribution's value times a factor, beyond its limits too;
     {mixture: [{share: 0.7, normal: ...}, ...]} draws one of several distributions, for instance men's and women's.
 
     Raises:
@@ -72,11 +73,14 @@ class Distribution:
         rest = dict(spec)
         self._limits = (float(rest.pop("low", -math.inf)), float(rest.pop("high", math.inf)))
         if len(rest) != 1:
-            raise ParameterError(key, f"expected one of uniform, normal, lognormal, mixture, got {spec!r}")
+            raise ParameterError(key, f"expected one of uniform, normal, lognormal, mixture, scaled, got {spec!r}")
         self._kind, values = rest.popitem()
         if self._kind == "mixture":
             self._parts = [(float(part.get("share", 0.0)), Distribution(key, {k: v for k, v in part.items() if k != "share"}))
                            for part in values]
+            return
+        if self._kind == "scaled":
+            self._parts = [(float(values[1]), Distribution(key, values[0]))]
             return
         if self._kind not in ("uniform", "normal", "lognormal"):
             raise ParameterError(key, f"'{self._kind}' is unknown; known are uniform, normal, lognormal, mixture")
@@ -89,6 +93,8 @@ class Distribution:
         if self._kind == "mixture":
             shares = np.array([share for share, _ in self._parts])
             value = self._parts[int(rng.choice(len(shares), p=shares / shares.sum()))][1].draw(rng)
+        elif self._kind == "scaled":
+            value = self._parts[0][0] * self._parts[0][1].draw(rng)
         elif self._kind == "fixed":
             value = self._values[0]
         elif self._kind == "uniform":
@@ -126,9 +132,20 @@ class DrawnPopulation(Population):
             if key in values:
                 values[key] = (values[key], values[key])
         mapping = {**{field.name: getattr(self._model, field.name) for field in fields(self._model)}, **values}
-        body = Build(**{key: trait.draw(streams(f"body {key}")) for key, trait in self._body.items()})
+        body = Build(**_possible(Build, {key: trait.draw(streams(f"body {key}")) for key, trait in self._body.items()}))
         stand = streams("stand")
-        return Traits(ParticipantModel(**mapping), body, (self._offset.draw(stand), self._offset.draw(stand)))
+        return Traits(ParticipantModel(**_possible(ParticipantModel, mapping)), body, (self._offset.draw(stand), self._offset.draw(stand)))
+
+
+def _possible(cls: Type[Parameters], values: Mapping[str, Any]) -> Dict[str, Any]:
+    """Values within the limits of a parameter class: nobody is 4 m tall, whatever was drawn and scaled."""
+    limits = {field.name: field.metadata for field in fields(cls)}
+    kept = dict(values)
+    for key, value in values.items():
+        low, high = limits[key].get("low"), limits[key].get("high")
+        if isinstance(value, float):
+            kept[key] = min(max(value, low if low is not None else value), high if high is not None else value)
+    return kept
 
 
 def _distributions(where: str, specs: Any, cls: Type[Parameters]) -> Dict[str, Distribution]:

@@ -106,19 +106,21 @@ class Simulation:
         room = room or Room()
         room.enter(self.world, models)
         self.lab = Lab(self.world, study.models.robot, study.models.localisation, study.models.scan, seed)
-        self.poses = PoseHistory()
-        robot = self.world.robots[0]
+        self.poses = [PoseHistory() for _ in self.world.robots]
         idle_every = 1 if thorough else study.timing.idle_every
-        self.cameras: List = [
+        ceiling = [
             StationaryCamera(self.world.camera(name), room.ceiling_view(self.world.camera(name)), models, self.prior, seed, idle_every)
             for name in self.method.cameras(self.world)
         ]
-        self.cameras.append(RobotCamera(robot, room.robot_view(robot), models, self.prior, seed, self.poses.estimate, thorough))
+        mobile = [
+            RobotCamera(robot, room.robot_view(robot), models, self.prior, seed, poses.estimate, thorough)
+            for robot, poses in zip(self.world.robots, self.poses)
+        ]
         latency = models.optics.latency_ms * 1e-3
-        # as in the live system one node spreads the ceiling cameras' frames, and the robot's camera is apart
-        self._schedules = [FrameSchedule([camera.rate for camera in self.cameras[:-1]], latency),
-                           FrameSchedule([robot.camera_rate], latency)]
-        self.system = System(self.lab, self.method, self.prior, self.poses, self.cameras[-1].name, study.timing)
+        # as in the live system one node spreads the ceiling cameras' frames, and each robot's camera is apart
+        self._rigs = [(FrameSchedule([camera.rate for camera in rig], latency), rig) for rig in [ceiling, *([one] for one in mobile)] if rig]
+        self.cameras = [*ceiling, *mobile]
+        self.system = System(self.lab, self.method, self.prior, self.poses, study.timing)
         person = Person(self.world, self.scenario, self.traits.model, seed, self.method.start_near(self.world, self.scenario))
         self.script = self.method.script(person)
         self._percept = Percept()
@@ -142,8 +144,9 @@ class Simulation:
 
     def _step(self, now: float, dt: float) -> None:
         self.lab.step(dt, now)
+        for robot, poses in zip(self.lab.robots, self.poses):
+            poses.add(now, robot.odometry, robot.estimate())
         body = self.lab.robots[0]
-        self.poses.add(now, body.odometry, body.estimate())
         self._live(now, body.pose)
         self._history.add(self._snapshot(now))
         self._look(now)
@@ -177,9 +180,9 @@ class Simulation:
 
     def _look(self, now: float) -> None:
         """Takes and searches the pictures that are delivered now."""
-        for schedule, cameras in zip(self._schedules, (self.cameras[:-1], self.cameras[-1:])):
-            for index, stamp in schedule.due(now) if cameras else ():
-                for seen in cameras[index].look(stamp, self._history.at(stamp)):
+        for schedule, rig in self._rigs:
+            for index, stamp in schedule.due(now):
+                for seen in rig[index].look(stamp, self._history.at(stamp)):
                     self._arriving.append((now + self.study.timing.spot_s, seen))
 
     def _result(self, now: float) -> Result:
@@ -188,7 +191,8 @@ class Simulation:
             self.task, self.traits, self.world, self.scenario, self.prior, integrator.posterior,
             floor_plan.ground_truth(self.world, self.scenario), tuple(self._records(now)), self.system.border, self.script,
             tuple(self.system.spots), {camera.name: (camera.rendered, camera.skipped) for camera in self.cameras},
-            np.array(self._way), self.lab.robots[0].collisions, self.system.navigated.goals, START, now,
+            np.array(self._way), sum(robot.collisions for robot in self.lab.robots),
+            sum(robot.goals for robot in self.system.robots.values()), START, now,
         )
 
     def _records(self, now: float) -> List[Record]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import Any, Dict, List, Mapping, Optional, Tuple
+from typing import Any, Dict, List, Mapping, Optional, Sequence, Tuple
 
 import numpy as np
 import yaml
@@ -13,15 +13,16 @@ from vb_core.errors import CodedError
 from vb_core.grid_map import GridMap
 from vb_evaluation.study.cameras import Seen
 from vb_evaluation.study.config import Timing, top
-from vb_evaluation.study.dispatching import Dispatcher, Progress
-from vb_evaluation.study.driving import FollowingRobot, NavigatedRobot, PoseHistory
+from vb_evaluation.study.driving import DrivenRobot, PoseHistory
 from vb_evaluation.study.methods import Method
 from vb_fusion.collector import BORDER, SEED, Collector, Spot
 from vb_fusion.extraction import ExtractionParams
 from vb_fusion.live import Candidate, LiveCandidate, extract_chain, extract_seed_of
 from vb_map_integration.border import VirtualBorder
 from vb_map_integration.integrator import IntegratorParams, MapIntegrator
+from vb_robot import coverage
 from vb_robot.dispatch import Kind
+from vb_robot.dispatcher import Dispatcher, Progress, WatchParams
 from vb_robot.sightings import Sighting
 from vb_sim.costmap import CostmapParams
 from vb_sim.follower import FollowerParams
@@ -29,6 +30,7 @@ from vb_sim.lab import Lab
 from vb_sim.navigator import Navigator, NavigatorParams
 from vb_sim.participant import Answer
 from vb_sim.planner import PlannerParams
+from vb_sim.world import World
 from vb_voice_wizard.interaction import Interaction, Record, State
 
 FUSION_HZ, DISPATCH_HZ, GUIDE_HZ, NAVIGATION_HZ, SCAN_HZ = 8.0, 4.0, 15.0, 10.0, 10.0
@@ -77,8 +79,8 @@ class System:
         border: what was saved; None before.
     """
 
-    def __init__(self, lab: Lab, method: Method, grid: GridMap, poses: PoseHistory, camera: str, timing: Timing) -> None:
-        self._lab, self._method, self._timing, self._poses = lab, method, timing, poses
+    def __init__(self, lab: Lab, method: Method, grid: GridMap, poses: Sequence[PoseHistory], timing: Timing) -> None:
+        self._lab, self._timing, self._poses = lab, timing, poses[0]
         self._ids = 0
         self.interaction = Interaction(self._new_id)
         self._shown: Tuple[State, str] = (State.DEFAULT, "")
@@ -94,24 +96,14 @@ class System:
         self._live = LiveCandidate(self._extraction, float(_config("vb_fusion", "border_fusion").get("live_share", 0.12)))
         self.integrator = MapIntegrator(IntegratorParams(), None)
         self.integrator.set_map(grid)
-        navigation = _config("vb_sim", "navigation")
-        navigator = Navigator(
-            NavigatorParams(), CostmapParams.from_mapping(navigation.get("costmap"), "costmap"),
-            PlannerParams.from_mapping(navigation.get("planner"), "planner"),
-            FollowerParams.from_mapping(navigation.get("follower"), "follower"),
-        )
-        navigator.set_map(grid)
-        body = lab.robots[0]
-        self.navigated = NavigatedRobot(body, poses, navigator)
-        self._following = FollowingRobot(body, poses, camera, method.follow, grid)
-        self._dispatcher: Optional[Dispatcher] = None
-        if method.dispatch:
-            self._dispatcher = Dispatcher()
-            self._dispatcher.set_map(grid)
-            self._dispatcher.set_physical_map(grid)
+        names = [robot.namespace.strip("/") for robot in lab.world.robots]
+        self.robots = {
+            name: DrivenRobot(index, lab, history, _navigator(grid), name or "robot", method.follow, grid)
+            for index, (name, history) in enumerate(zip(names, poses))
+        }
+        self._dispatcher = _dispatcher(lab.world, method, grid, names) if method.dispatch else None
         self._fusion_due, self._dispatch_due = Every(FUSION_HZ), Every(DISPATCH_HZ)
         self._guide_due, self._navigation_due, self._scan_due = Every(GUIDE_HZ), Every(NAVIGATION_HZ), Every(SCAN_HZ)
-        self._scan = np.zeros((0, 2))
 
     def _new_id(self) -> str:
         self._ids += 1
@@ -127,7 +119,8 @@ class System:
         self.spots.append(seen)
         self._collector.add(Spot(seen.stamp, *seen.position, seen.camera, seen.confidence))
         sighting = Sighting(seen.stamp, seen.position, seen.camera, seen.mobile)
-        self._following.add(sighting)
+        for robot in self.robots.values():
+            robot.add(sighting)
         if self._dispatcher is not None:
             self._dispatcher.add(sighting)
 
@@ -180,9 +173,13 @@ class System:
         entered = self.interaction.entered
         if self._collector.set_state(state.name.lower(), interaction_id, entered):
             self._live.reset()
-        self._following.set_state(int(state), interaction_id, entered)
+        for robot in self.robots.values():
+            robot.set_state(int(state), interaction_id, entered)
         if self._dispatcher is not None:
             self._dispatcher.set_state(int(state), interaction_id, entered)
+            if state not in (State.BORDER, State.SEED):
+                for robot in self.robots.values():
+                    robot.cancel()
         self._fuse(now, True)
 
     # ------------------------------------------------------------- point set
@@ -204,28 +201,55 @@ class System:
         if self._dispatcher is not None:
             self._dispatcher.set_progress(_progress(collection, candidate))
 
-    # ------------------------------------------------------------- the robot
+    # ------------------------------------------------------------- robots
     def _drive(self, now: float) -> None:
         if self._dispatcher is not None and self._dispatch_due.due(now):
             self._dispatch(now)
-        if self._scan_due.due(now) and (self.navigated.driving or self._following.wanted(now)):
-            angles, ranges = self._lab.scan(0)
-            hit = np.isfinite(ranges)
-            self._scan = ranges[hit, None] * np.column_stack([np.cos(angles[hit]), np.sin(angles[hit])])
-        if self._guide_due.due(now) and self._following.step(now, self._scan, self._guide_due.period):
-            # two drivers at one wheel: the person leads now
-            self.navigated.cancel()
-        if self._navigation_due.due(now):
-            self.navigated.step(now, self._scan, self._navigation_due.period)
+        scan, guide, navigation = self._scan_due.due(now), self._guide_due.due(now), self._navigation_due.due(now)
+        for robot in self.robots.values():
+            if scan:
+                robot.scan(now)
+            if guide:
+                robot.follow(now, self._guide_due.period)
+            if navigation:
+                robot.navigate(now, self._navigation_due.period)
 
     def _dispatch(self, now: float) -> None:
         assert self._dispatcher is not None
-        robot = self._poses.estimate(now) if self._dispatcher.wanted() else None
-        decision = self._dispatcher.decide(now, robot, True, self.navigated.status)
-        if decision.kind is Kind.CANCEL:
-            self.navigated.cancel()
-        elif decision.kind is Kind.SEND and decision.viewpoint is not None:
-            self.navigated.send(decision.viewpoint.pose)
+        if not self._dispatcher.wanted() and not any(robot.driving for robot in self.robots.values()):
+            return
+        decisions = self._dispatcher.decide(now, {name: robot.status(now) for name, robot in self.robots.items()})
+        for name, decision in decisions.items():
+            if decision.kind is Kind.CANCEL:
+                self.robots[name].cancel()
+            elif decision.kind is Kind.SEND and decision.viewpoint is not None:
+                self.robots[name].send(decision.viewpoint.pose)
+
+
+def _navigator(grid: GridMap) -> Navigator:
+    """What vb_sim's navigation node drives with."""
+    settings = _config("vb_sim", "navigation")
+    navigator = Navigator(
+        NavigatorParams(), CostmapParams.from_mapping(settings.get("costmap"), "costmap"),
+        PlannerParams.from_mapping(settings.get("planner"), "planner"),
+        FollowerParams.from_mapping(settings.get("follower"), "follower"),
+    )
+    navigator.set_map(grid)
+    return navigator
+
+
+def _dispatcher(world: World, method: Method, grid: GridMap, names: Sequence[str]) -> Dispatcher:
+    """What robot_dispatcher knows from the start: robots, map, and the floor that ceiling cameras see."""
+    dispatcher = Dispatcher(WatchParams(robots=list(names) if names != [""] else []))
+    dispatcher.set_map(grid)
+    dispatcher.set_physical_map(grid)
+    params = coverage.CoverageParams()
+    heights = coverage.obstacle_heights(grid, params)
+    seen = {name: coverage.floor_seen(grid, heights, world.camera(name).model(), world.camera(name).pose(), params)
+            for name in method.cameras(world)}
+    if seen:
+        dispatcher.set_coverage(grid.with_data(coverage.combined(grid, seen, params.occupied_threshold)))
+    return dispatcher
 
 
 def _progress(collection: Any, candidate: Candidate) -> Progress:
