@@ -5,9 +5,14 @@ SCENARIO ?= carpet
 METHOD   ?= nrs
 WORLD    ?=
 SEED     ?= 1
+QUICK    ?=
+FRESH    ?=
+CONFIG   ?=
+OUT      ?= out/study
+PROCESSES ?=
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test unit rostest screenshots clean
+.PHONY: help setup demo test unit rostest screenshots study agree clean
 
 help: ## this list
 	@grep -E '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 13
@@ -29,6 +34,14 @@ rostest: setup ## only the tests of nodes
 
 screenshots: setup ## pictures of the smart display in every state, into docs/images/display
 	@. scripts/env.sh && python3 scripts/screenshots
+
+study: setup ## the paper's experiment with simulated people, into out/study: QUICK=1 FRESH=1 CONFIG=file OUT=folder PROCESSES=number
+	@. scripts/env.sh && python3 -m vb_evaluation.study all --out "$(OUT)" $(if $(QUICK),--quick) $(if $(FRESH),--fresh) \
+	    $(if $(CONFIG),--config "$(CONFIG)") $(if $(PROCESSES),--processes $(PROCESSES)) \
+	    $(if $(filter file,$(origin SEED)),,--seed $(SEED)) && python3 -m vb_evaluation.report "$(OUT)"
+
+agree: setup ## some runs of the study through ROS, beside the same runs in one process
+	@. scripts/env.sh && python3 -m vb_evaluation.study agree --out "$(OUT)" $(if $(CONFIG),--config "$(CONFIG)")
 
 clean: ## removes what was built and written, keeps the system packages
 	rm -rf build devel install logs out .venv src/CMakeLists.txt .catkin_workspace
