@@ -153,6 +153,8 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--spot-rate", type=float, default=0.0, help="[1/s] display_markers' ~spot_rate; default: its own")
     parser.add_argument("--projector", action="store_true", help="with the floor projector")
+    parser.add_argument("--cameras", default="red green blue", help="ceiling cameras; fewer for a slower machine")
+    parser.add_argument("--no-rviz", action="store_true", help="without RViz's load")
     parser.add_argument("--out", default=str(TOP / "out/bench/display_latency.json"))
     given = parser.parse_args()
     out = Path(given.out)
@@ -167,7 +169,8 @@ def main() -> int:
         stack.callback(screen.stop)
         state = folder / f"state_{port}"
         more = [f"projector:={TOP}/src/vb_sim/config/lab_projector.yaml"] if given.projector else []
-        launch = Child(["roslaunch", "-p", str(port), str(TOP / "launch/simulation.launch"), f"state:={state}", *more],
+        launch = Child(["roslaunch", "-p", str(port), str(TOP / "launch/simulation.launch"), f"state:={state}",
+                        f"cameras:={given.cameras}", f"rviz:={'false' if given.no_rviz else 'true'}", *more],
                        folder / "roslaunch.txt")
         stack.callback(launch.stop)
         if not wait_until(rosgraph.is_master_online, 60.0):
@@ -188,8 +191,8 @@ def main() -> int:
         used = (cpu_seconds("/display_markers") - before) / (time.monotonic() - started)
         everything = [value for values in observer.markers.values() for value in values]
         result = {
-            "spot_rate_hz": rospy.get_param("/display_markers/spot_rate"), "projector": given.projector,
-            "real_time_factor": round(observer.factor, 3), "stamp_to_marker": summary(everything),
+            "spot_rate_hz": rospy.get_param("/display_markers/spot_rate"), "projector": given.projector, "cameras": given.cameras,
+            "rviz": not given.no_rviz, "real_time_factor": round(observer.factor, 3), "stamp_to_marker": summary(everything),
             "stamp_to_marker_by_camera": {camera: summary(values) for camera, values in sorted(observer.markers.items())},
             "stamp_to_spot_by_camera": {camera: summary(values) for camera, values in sorted(observer.spots.items())},
             "save": saved, "display_markers_cores": round(used, 3), "previews": len(observer.previews),
