@@ -47,7 +47,7 @@ class GuideTest(unittest.TestCase):
         self.assertTrue(wait_until(lambda: self.stimulus.velocity == (0.0, 0.0)))
         self.stimulus.publish_map(room())
         self.stimulus.scan_range = 7.0
-        self.stimulus.pose = (1.5, 2.5, 0.0)
+        self.stimulus.pose, self.stimulus.offset = (1.5, 2.5, 0.0), (0.0, 0.0)
         self.commands.clear()
 
     def spots(self, count):
@@ -129,6 +129,18 @@ class GuideTest(unittest.TestCase):
         self.assertTrue(wait_until(lambda: self.stimulus.velocity[0] < 0.01))
         self.spots(10)
         self.assertGreaterEqual(self.nearest, 0.18)
+
+    def test_localisation_that_leaps_half_a_metre_stops_it_for_a_moment(self):
+        self.stimulus.set_state(GUIDE)
+        self.stimulus.spot = (3.0, 2.5, "robot", True)
+        self.assertTrue(wait_until(lambda: self.stimulus.velocity[0] > 0.1))
+        leapt = rospy.Time.now()
+        self.stimulus.offset = (0.35, 0.35)
+        # the camera's places on the floor leap with it
+        self.stimulus.spot = (self.stimulus.pose[0] + 1.7, 2.85, "robot", True)
+        self.assertTrue(wait_until(lambda: self.stimulus.velocity[0] == 0.0))
+        print(f"leap to stop: {1e3 * (rospy.Time.now() - leapt).to_sec():.0f} ms")
+        self.assertTrue(wait_until(lambda: self.stimulus.velocity[0] > 0.1), "and it goes on")
 
     def test_bad_parameter_is_named(self):
         # node.run makes one line and exit status 1 of it; the parameters are those of this very process

@@ -36,7 +36,7 @@ class GuideParams(Parameters):
     camera: str = param("robot", doc="name of this robot's camera in the spots")
     base_frame: str = param("base_link")
     odom_frame: str = param("odom")
-    rate: float = param(15.0, "1/s", low=10.0, high=20.0)
+    rate: float = param(20.0, "1/s", low=10.0, high=20.0)
     auto_wait: float = param(1.0, "s", low=0.0, high=10.0, doc="for a stationary camera to see the spot too")
     use_scan: bool = param(True, doc="without a fresh scan the robot only turns")
     scan_timeout: float = param(0.5, "s", above=0.0, high=5.0)

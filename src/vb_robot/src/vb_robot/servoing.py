@@ -37,16 +37,17 @@ class ServoParams(Parameters):
     drive_cone_deg: float = param(25.0, "deg", above=0.0, high=90.0, doc="off the axis by this it only turns")
     distance_gain: float = param(0.8, "1/s", above=0.0)
     turn_gain: float = param(1.8, "1/s", above=0.0)
-    fresh_age: float = param(0.17, "s", low=0.0, high=1.0, doc="from this age of the spot on it goes slower ...")
-    max_age: float = param(0.3, "s", above=0.0, high=2.0, doc="... and stands at this: the spot is gone")
+    late_after: float = param(0.04, "s", low=0.0, high=1.0, doc="a spot so much older than usual makes it go slower ...")
+    gone_after: float = param(0.16, "s", above=0.0, high=1.0, doc="... and so much older lets it stand")
+    max_age: float = param(0.5, "s", above=0.0, high=2.0, doc="a spot older than this is gone, whatever is usual")
 
     def __post_init__(self) -> None:
         super().__post_init__()
         if not self.near_distance < self.back_to_distance < self.good_distance < self.far_distance:
             order = "near_distance < back_to_distance < good_distance < far_distance"
             raise ParameterError("good_distance", f"must keep the order {order}")
-        if self.fresh_age >= self.max_age:
-            raise ParameterError("fresh_age", f"must be below max_age {self.max_age}, got {self.fresh_age}")
+        if self.late_after >= self.gone_after:
+            raise ParameterError("late_after", f"must be below gone_after {self.gone_after}, got {self.late_after}")
         if self.settled_zone >= self.inner_zone:
             raise ParameterError("settled_zone", f"must be below inner_zone {self.inner_zone}, got {self.settled_zone}")
 
@@ -66,6 +67,8 @@ class Servo:
         self._drive.reset()
         self._turning = False
         self._driving = 0  # 1 forward, -1 back
+        self._usual: Optional[float] = None  # [s] age at which spots come
+        self._age = 0.0
 
     def step(self, dt: float, spot: Optional[np.ndarray], age: float, free_way: FreeWay) -> Motion:
         """The command for the next dt [s].
@@ -80,10 +83,24 @@ class Servo:
             self._turning, self._driving = False, 0
             return self._drive.brake(dt, "the spot is gone")
         v, w = self._wish(np.asarray(spot, dtype=float))
-        # it begins to brake before the spot counts as gone, so that it stands by then
-        trust = min(1.0, (self.params.max_age - age) / (self.params.max_age - self.params.fresh_age))
+        trust = self._trust(dt, age)
         motion = self._drive.step(dt, v, trust * w, free_way, trust * self.params.max_speed)
         return motion if v or w or motion.reason else Motion(motion.v, motion.w, "the spot is well in view")
+
+    def _trust(self, dt: float, age: float) -> float:
+        """0 .. 1: how far the spot's place may be relied upon; less when the next image is overdue.
+
+        What is overdue depends on how long images take from the lens to here, which is learnt on the way: a robot
+        with a quick camera stands 0.3 s after its last image, and one with a slow computer does not crawl.
+        """
+        if self._usual is None:
+            self._usual = age
+        elif age < self._age + 0.5 * dt:
+            # a newer image has come
+            self._usual += 0.1 * (min(age, self.params.max_age) - self._usual)
+        self._age = age
+        params = self.params
+        return min(1.0, max(0.0, (self._usual + params.gone_after - age) / (params.gone_after - params.late_after)))
 
     def _wish(self, spot: np.ndarray) -> Tuple[float, float]:
         """What would be good for seeing, without regard to accelerations and obstacles."""
