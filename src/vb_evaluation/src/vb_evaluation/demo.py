@@ -60,6 +60,7 @@ class Options:
     seed: int
     out: Path
     rviz: bool
+    models: Optional[Path] = None
 
 
 def parse(arguments: Optional[List[str]], top: Path) -> Options:
@@ -75,6 +76,7 @@ def parse(arguments: Optional[List[str]], top: Path) -> Options:
     parser.add_argument("--seed", default="1", help="of every random draw")
     parser.add_argument("--out", default=str(top / "out" / "demo"))
     parser.add_argument("--no-rviz", action="store_true", help="leave the smart display out")
+    parser.add_argument("--models", default="", help="a file of models; empty: config/models.yaml of vb_sim")
     given = parser.parse_args(arguments)
     if given.method not in METHODS:
         raise ParameterError("METHOD", f"must be one of {', '.join(METHODS)}, got '{given.method}'")
@@ -87,7 +89,8 @@ def parse(arguments: Optional[List[str]], top: Path) -> Options:
     if given.scenario not in world.scenarios:
         raise ParameterError("SCENARIO", f"'{given.scenario}' is not in {path.name}; known are {', '.join(world.scenarios)}")
     return Options(
-        path, world, world.scenarios[given.scenario], given.method, seed, Path(given.out).resolve(), not given.no_rviz
+        path, world, world.scenarios[given.scenario], given.method, seed, Path(given.out).resolve(), not given.no_rviz,
+        Path(given.models).expanduser().resolve() if given.models else None,
     )
 
 
@@ -149,7 +152,8 @@ class Demo:
             ["roslaunch", "-p", str(port), self._launch_file("simulation.launch"), f"world:={options.world_path}",
              f"seed:={options.seed}", f"cameras:={cameras or 'none'}", f"method:={options.method}", f"state:={state}", f"maps:={options.out}",
              f"rviz:={'true' if options.rviz else 'false'}",
-             f"rviz_config:={self._fit_display()}"],
+             f"rviz_config:={self._fit_display()}",
+             *([self._launch_file("parts/models.launch"), f"models:={options.models}"] if options.models else [])],
             options.out / "log" / "roslaunch.txt", environment,
         )
         self._stack.callback(self._launched.stop)

@@ -16,7 +16,7 @@ from typing import List, Optional, Tuple
 from rich.console import Console
 
 from vb_core.errors import CodedError
-from vb_evaluation.study import campaign, config, plan, sweeps
+from vb_evaluation.study import agree, campaign, config, plan, sweeps
 from vb_evaluation.study.cameras import Room
 from vb_evaluation.study.config import Study
 from vb_evaluation.study.runner import Task
@@ -62,7 +62,16 @@ def _parser() -> argparse.ArgumentParser:
     one.add_argument("--scenario", required=True)
     one.add_argument("--method", required=True)
     one.add_argument("--compare", type=Path, default=None, help="a runs.csv: says whether its row is the same")
+    both = command("agree", _agree, "some runs through ROS, beside the same runs in one process")
+    both.add_argument("--out", type=Path, default=Path(out))
+    both.add_argument("--count", type=int, default=None, help="only the first so many of the configuration's")
     return parser
+
+
+def _agree(given: argparse.Namespace, console: Console) -> int:
+    study = config.load(given.config, given.seed)
+    given.out.mkdir(parents=True, exist_ok=True)
+    return agree.agree(study, given.out, given.count, console)
 
 
 def _all(given: argparse.Namespace, console: Console) -> int:

@@ -17,15 +17,18 @@ from vb_evaluation.study.people import Traits
 from vb_evaluation.study.system import System
 from vb_map_integration.border import VirtualBorder
 from vb_sim import floor_plan
+from vb_sim.costmap import Costmap, CostmapParams
 from vb_sim.frame_clock import FrameSchedule
 from vb_sim.lab import Lab, Participant
 from vb_sim.lab_history import History, Snapshot
-from vb_sim.legs import Legs
+from vb_sim.legs import distance_to_chain
 from vb_sim.models_cameras import CameraModels
-from vb_sim.participant import Action, Percept, Person, ParticipantScript
+from vb_sim.participant import Action, ParticipantScript, Percept, Person
+from vb_sim.planner import Planner
 from vb_sim.world import Scenario, World
 from vb_voice_wizard.interaction import Record
 
+OFF_THE_LINE = 0.4  # [m] nobody stands on what he is to draw
 START = 100.0  # [s] no stamp is near zero, which would mean that there is none
 
 
@@ -208,13 +211,11 @@ class Simulation:
 
 def personal_scenario(world: World, scenario: Scenario, traits: Traits, grid: GridMap) -> Scenario:
     """The scenario with the place where this person stands: near the common one, on free floor, off the border."""
-    legs = Legs(grid, traits.model, scenario.stand)
+    planner = Planner(Costmap(grid, CostmapParams(robot_radius=traits.model.body_radius)))
     line = np.vstack([scenario.border, scenario.border[:1]]) if scenario.closed else scenario.border
-    middle = scenario.border.mean(axis=0)
     for share in (1.0, 0.75, 0.5, 0.25):
         place = scenario.stand + share * np.array(traits.stand_offset)
-        nearest = line[np.argmin(np.linalg.norm(line - place, axis=1))]
-        if legs.suits(place, nearest if np.linalg.norm(nearest - place) < traits.model.reach else middle, line, None):
+        if planner.is_traversable(place) and distance_to_chain(place, line) >= OFF_THE_LINE:
             return replace(scenario, stand=place)
     return scenario
 
