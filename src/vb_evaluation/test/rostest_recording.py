@@ -1,5 +1,6 @@
 #!/usr/bin/env python3
 """Record, measure, replay: one interaction through real nodes into a bag, maps and a log, and back out of them."""
+
 from __future__ import annotations
 
 import csv
@@ -41,7 +42,9 @@ class RecordingTest(unittest.TestCase):
         self.folder = Path(rospy.get_param("~folder"))
         self.addCleanup(shutil.rmtree, str(self.folder.parent), ignore_errors=True)
         self.state = InteractionState()
-        self.subscriber = rospy.Subscriber(names.STATE, InteractionState, lambda message: setattr(self, "state", message))
+        self.subscriber = rospy.Subscriber(
+            names.STATE, InteractionState, lambda message: setattr(self, "state", message)
+        )
         self.map = rospy.Publisher(names.PHYSICAL_MAP, messages.OccupancyGridArray, queue_size=1, latch=True)
         self.map.publish(messages.message_from_grid(lab(), rospy.Time.now()))
         self.spots = rospy.Publisher(names.SPOTS, LaserSpot, queue_size=1000)
@@ -74,7 +77,9 @@ class RecordingTest(unittest.TestCase):
         self.wait(lambda: self.spots.get_num_connections() >= 2, "the connection of fusion and recorder")
         self.wait(lambda: Recording(self.folder).maps, "the record of the physical map")
         corners = np.vstack([SQUARE, SQUARE[:1]])
-        outline = np.vstack([np.linspace(a, b, 60, endpoint=False) for a, b in zip(corners[:-1], corners[1:])] + [corners[:1]])
+        outline = np.vstack(
+            [np.linspace(a, b, 60, endpoint=False) for a, b in zip(corners[:-1], corners[1:])] + [corners[:1]]
+        )
         self.say("define_border")
         self.wait(lambda: self.state.name == "border", "the state Border")
         self.draw(outline)
@@ -92,7 +97,9 @@ class RecordingTest(unittest.TestCase):
         (interaction,) = recording.interactions
         self.assertEqual((interaction.outcome, interaction.method), ("saved", "nrs"))
         self.assertEqual(recording.session["cameras"], ["green"])
-        (found,) = replay.compare(recording, bags.events(recording), bags.todays_settings(), bags.physical_map(recording))
+        (found,) = replay.compare(
+            recording, bags.events(recording), bags.todays_settings(), bags.physical_map(recording)
+        )
         self.assertEqual((found.code, found.interaction), ("ok", interaction.id))
         self.assertGreater(found.agreement, 0.97)
         self.assertLess(found.chain_distance_m, 0.05)
@@ -102,7 +109,9 @@ class RecordingTest(unittest.TestCase):
         truth[::-1][20:40, 20:50] = (0, 215, 247)
         (study / "truth").mkdir()
         cv2.imwrite(str(study / "truth" / "carpet.png"), truth)
-        (study / "protocol.csv").write_text(f"participant,method,scenario,recording\np1,nrs,carpet,{self.folder.name}\n")
+        (study / "protocol.csv").write_text(
+            f"participant,method,scenario,recording\np1,nrs,carpet,{self.folder.name}\n"
+        )
         self.assertEqual(measure.measure(study / "protocol.csv", study / "truth", study / "out"), [])
         with open(str(study / "out" / "runs.csv"), newline="") as stream:
             (row,) = csv.DictReader(stream)

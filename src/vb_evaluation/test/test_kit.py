@@ -1,4 +1,5 @@
 """Ground truths, protocol, and measures of recordings that other packages' code writes."""
+
 import json
 
 import cv2
@@ -87,7 +88,11 @@ def test_wrong_pictures_are_told(tmp_path):
     grid = room()
     cv2.imwrite(str(tmp_path / "small.png"), np.zeros((35, 45, 3), np.uint8))
     (tmp_path / "text.png").write_text("no picture")
-    for name, words in (("small.png", "45 x 35 pixels, the map 90 x 70"), ("text.png", "no picture"), ("none.png", "No such file")):
+    for name, words in (
+        ("small.png", "45 x 35 pixels, the map 90 x 70"),
+        ("text.png", "no picture"),
+        ("none.png", "No such file"),
+    ):
         with pytest.raises(CodedError) as caught:
             read_ground_truth(tmp_path / name, grid)
         assert words in str(caught.value) and name in str(caught.value)
@@ -118,8 +123,11 @@ def test_protocol_round_trip_and_spreadsheets(tmp_path):
     assert len(entries) == 4 and entries[0].completed is None
     with pytest.raises(CodedError):
         protocol.write(path, [])  # what was noted is not overwritten
-    path.write_text("\ufeffparticipant;order;method;scenario;recording;completed;note\np1;1;nrs;room;a;yes;fine\np2;1;nrs;room;;;ill\n;;;;;;\n",
-                    encoding="utf-8")
+    path.write_text(
+        "\ufeffparticipant;order;method;scenario;recording;completed;note\n"
+        "p1;1;nrs;room;a;yes;fine\np2;1;nrs;room;;;ill\n;;;;;;\n",
+        encoding="utf-8",
+    )
     assert protocol.read(path) == [protocol.Entry("p1", "nrs", "room", "a", True, "", "fine")]
 
 
@@ -159,7 +167,9 @@ class Lab:
         if save:
             (x0, y0), (x1, y1) = low, high
             corners = np.array([[x0, y0], [x1, y0], [x1, y1], [x0, y1]])
-            border = VirtualBorder(corners, corners.mean(axis=0) if seed is None else seed, closed=True, id=f"b{len(self.borders) + 1}")
+            border = VirtualBorder(
+                corners, corners.mean(axis=0) if seed is None else seed, closed=True, id=f"b{len(self.borders) + 1}"
+            )
             self.borders.append(border)
             cells = np.max([integrate(self.grid, each).posterior.data for each in self.borders], axis=0)
             self.maps.record(self.grid.with_data(cells), list(self.borders), self.time - 0.1, {})
@@ -204,7 +214,11 @@ def test_measures_of_one_recording_per_run(study):
     rows, notes = rows_of(study)
     assert [row["participant"] + row["method"] for row in rows] == ["p1nrs", "p1robot_only", "p2nrs", "p2robot_only"]
     assert [row["completed"] for row in rows] == ["1", "1", "0", "0"]
-    assert (float(rows[0]["time_border_s"]), float(rows[0]["time_seed_s"]), float(rows[0]["time_total_s"])) == (8.0, 2.0, 10.0)
+    assert (float(rows[0]["time_border_s"]), float(rows[0]["time_seed_s"]), float(rows[0]["time_total_s"])) == (
+        8.0,
+        2.0,
+        10.0,
+    )
     assert float(rows[0]["jaccard"]) == 1.0 and float(rows[1]["jaccard"]) == 0.5 and float(rows[2]["jaccard"]) < 0.01
     assert rows[1]["interaction"] == "ib" and rows[3]["time_total_s"] == "" and rows[1]["note"] == "slow"
     assert any("method:=nrs" in note for note in notes) and any("nothing was begun" in note for note in notes)
@@ -217,22 +231,39 @@ def test_several_runs_in_one_recording(study):
     (study / "protocol.csv").write_text("participant,method,scenario,recording\np1,nrs,carpet,a\np1,nrs,room,a\n")
     rows, notes = rows_of(study)
     # the second border is measured alone, though the first one still acts on its map
-    assert [row["interaction"] for row in rows] == ["i1", "i2"] and float(rows[1]["jaccard"]) == 0.0 and rows[1]["saved"] == "1"
+    assert (
+        [row["interaction"] for row in rows] == ["i1", "i2"]
+        and float(rows[1]["jaccard"]) == 0.0
+        and rows[1]["saved"] == "1"
+    )
     Lab(study / "b", grid).interaction("i1").interaction("i2").interaction("i3", save=False)
     (study / "protocol.csv").write_text("participant,method,scenario,recording\np1,nrs,carpet,b\np1,nrs,room,b\n")
     with pytest.raises(CodedError) as caught:
         rows_of(study)
     assert "i1, i2, i3" in str(caught.value) and "interaction" in str(caught.value)
-    (study / "protocol.csv").write_text("participant,method,scenario,recording,interaction\np1,nrs,carpet,b,i2\np1,nrs,room,b,i1\n")
+    (study / "protocol.csv").write_text(
+        "participant,method,scenario,recording,interaction\np1,nrs,carpet,b,i2\np1,nrs,room,b,i1\n"
+    )
     assert [row["interaction"] for row in rows_of(study)[0]] == ["i2", "i1"]
 
 
 def test_the_command_measures_and_reports(study, capsys):
     grid = room()
     for name in ("a", "b"):
-        Lab(study / name, grid).interaction("ia", (0.751, 0.251), (2.249, 1.249), method="nrs" if name == "a" else "robot_only")
-    (study / "protocol.csv").write_text("participant,method,scenario,recording\np1,nrs,carpet,a\np1,robot_only,carpet,b\n")
-    arguments = ["measure", str(study / "protocol.csv"), "--ground-truth", str(study / "ground_truth"), "--out", str(study / "out")]
+        Lab(study / name, grid).interaction(
+            "ia", (0.751, 0.251), (2.249, 1.249), method="nrs" if name == "a" else "robot_only"
+        )
+    (study / "protocol.csv").write_text(
+        "participant,method,scenario,recording\np1,nrs,carpet,a\np1,robot_only,carpet,b\n"
+    )
+    arguments = [
+        "measure",
+        str(study / "protocol.csv"),
+        "--ground-truth",
+        str(study / "ground_truth"),
+        "--out",
+        str(study / "out"),
+    ]
     assert main(arguments) == 0 and "report.html" in capsys.readouterr().out
     page = (study / "out" / "report.html").read_text()
     assert "recordings of people" in page and "This is a simulation" not in page

@@ -9,7 +9,9 @@ from vb_evaluation import questionnaire
 
 def write(path, rows, separator=",", columns=None):
     columns = columns or questionnaire.columns()
-    path.write_text("\n".join(separator.join(str(cell) for cell in row) for row in [columns, *rows]) + "\n", encoding="utf-8-sig")
+    path.write_text(
+        "\n".join(separator.join(str(cell) for cell in row) for row in [columns, *rows]) + "\n", encoding="utf-8-sig"
+    )
     return path
 
 

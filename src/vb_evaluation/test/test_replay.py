@@ -1,7 +1,7 @@
 """Replays: of events, and of bags with images, written here without a master."""
+
 import math
 
-import cv2
 import numpy as np
 import pytest
 import rosbag
@@ -43,9 +43,13 @@ def stroke(per_side=40, noise=0.004):
     """(N, 3) time [s], x, y [m]: along the square at 25 images a second, then 1 s at its middle."""
     random = np.random.default_rng(5)
     corners = np.vstack([SQUARE, SQUARE[:1]])
-    points = np.vstack([np.linspace(a, b, per_side, endpoint=False) for a, b in zip(corners[:-1], corners[1:])] + [corners[:1]])
+    points = np.vstack(
+        [np.linspace(a, b, per_side, endpoint=False) for a, b in zip(corners[:-1], corners[1:])] + [corners[:1]]
+    )
     points = np.vstack([points, np.tile(SQUARE.mean(axis=0), (25, 1))])
-    return np.column_stack([START + 0.5 + np.arange(len(points)) / 25.0, points + random.normal(0.0, noise, points.shape)])
+    return np.column_stack(
+        [START + 0.5 + np.arange(len(points)) / 25.0, points + random.normal(0.0, noise, points.shape)]
+    )
 
 
 def drawn_events(rows):
@@ -53,7 +57,11 @@ def drawn_events(rows):
     seed_from = rows[-25, 0] - 0.01
     found = [replay.StateChange("border", "one", START)]
     for stamp, x, y in rows:
-        if stamp > seed_from and found[-1] is not None and all(getattr(event, "state", "") != "seed" for event in found):
+        if (
+            stamp > seed_from
+            and found[-1] is not None
+            and all(getattr(event, "state", "") != "seed" for event in found)
+        ):
             found.append(replay.StateChange("seed", "one", seed_from))
         found.append(Spot(float(stamp), float(x), float(y), "green"))
     return found + [replay.StateChange("default", "", rows[-1, 0] + 0.3, "saved")]
@@ -110,7 +118,9 @@ def test_an_interaction_cut_off_by_the_end_of_the_bag_keeps_its_spots():
 
 # ------------------------------------------------------------------ bags
 CAMERA = CameraModel(480, 360, np.array([[330.0, 0, 240], [0, 330.0, 180], [0, 0, 1]]), np.zeros(5))
-POSE = geometry.transform(np.array([[0.0, 1, 0], [1, 0, 0], [0, 0, -1]]) @ np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]]), (1.5, 1.1, 2.9))
+POSE = geometry.transform(
+    np.array([[0.0, 1, 0], [1, 0, 0], [0, 0, -1]]) @ np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]]), (1.5, 1.1, 2.9)
+)
 
 
 def picture(random, spot=None):
@@ -129,19 +139,33 @@ def write_bag(folder, rows, images):
     with rosbag.Bag(str(folder / "bags" / "01.bag"), "w", compression="lz4") as bag:
         early = rospy.Time.from_sec(START - 1.0)
         bag.write("/map", messages.message_from_grid(free_floor(), early), early)
-        bag.write("/tf_static", TFMessage([messages.transform_message(POSE, "map", "green_optical_frame", early)]), early)
+        bag.write(
+            "/tf_static", TFMessage([messages.transform_message(POSE, "map", "green_optical_frame", early)]), early
+        )
         bag.write("/green/camera_info", messages.info_from_camera(CAMERA, early, "green_optical_frame"), early)
         entries = [(START - 1.0 + number / 25.0, None) for number in range(25)] + [(row[0], row) for row in rows]
         for event in drawn_events(rows):
             if isinstance(event, replay.StateChange):
-                message = InteractionState(state={"default": 0, "border": 1, "seed": 2}[event.state], name=event.state,
-                                           interaction_id=event.interaction_id, entered=rospy.Time.from_sec(event.entered))
+                message = InteractionState(
+                    state={"default": 0, "border": 1, "seed": 2}[event.state],
+                    name=event.state,
+                    interaction_id=event.interaction_id,
+                    entered=rospy.Time.from_sec(event.entered),
+                )
                 bag.write("/virtual_borders/state", message, rospy.Time.from_sec(event.entered))
         for stamp, row in entries:
             time = rospy.Time.from_sec(stamp)
             if images:
-                pixel = None if row is None else CAMERA.project(geometry.apply(geometry.invert(POSE), np.array([[row[1], row[2], 0.0]])))[0]
-                bag.write("/green/image_raw", messages.image_message(picture(random, pixel), "mono8", time, "green_optical_frame"), time)
+                pixel = (
+                    None
+                    if row is None
+                    else CAMERA.project(geometry.apply(geometry.invert(POSE), np.array([[row[1], row[2], 0.0]])))[0]
+                )
+                bag.write(
+                    "/green/image_raw",
+                    messages.image_message(picture(random, pixel), "mono8", time, "green_optical_frame"),
+                    time,
+                )
             if row is not None:
                 spot = LaserSpot(camera="green", position=Point(row[1], row[2], 0.0), confidence=0.9)
                 spot.header.stamp = time
@@ -171,7 +195,9 @@ def test_images_go_through_todays_detector(tmp_path, capsys):
     assert counts["green"].images == len(rows) + 25 and counts["green"].recorded == len(rows)
     assert counts["green"].today > 0.9 * len(rows)
     spots = {round(event.stamp, 4): (event.x, event.y) for event in events if isinstance(event, Spot)}
-    errors = [math.hypot(spots[stamp][0] - x, spots[stamp][1] - y) for stamp, x, y in np.round(rows, 4) if stamp in spots]
+    errors = [
+        math.hypot(spots[stamp][0] - x, spots[stamp][1] - y) for stamp, x, y in np.round(rows, 4) if stamp in spots
+    ]
     assert len(errors) > 0.9 * len(rows) and np.median(errors) < 0.01
     (found,) = replay.compare(recording, events, bags.todays_settings())
     assert found.code == "ok" and found.agreement > 0.9
@@ -205,7 +231,12 @@ def test_topics():
     assert {"/map", "/tf_static", "/virtual_borders/spots", "/red/camera_info", "/odom"} <= set(plain)
     assert not [topic for topic in plain if "image" in topic]
     compressed = session.topics(["red"], ["anna", "bert"], "compressed", ["/extra"])
-    assert {"/red/image_raw/compressed", "/anna/camera/rgb/image_raw/compressed", "/bert/camera/depth_registered/image_raw", "/extra"} <= set(compressed)
+    assert {
+        "/red/image_raw/compressed",
+        "/anna/camera/rgb/image_raw/compressed",
+        "/bert/camera/depth_registered/image_raw",
+        "/extra",
+    } <= set(compressed)
     assert "/odom" not in compressed and "/camera/rgb/image_raw" in session.topics([], [""], "raw")
 
 

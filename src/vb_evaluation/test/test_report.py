@@ -1,4 +1,5 @@
 """The report says what the CSV says: each number found again, nothing from outside, few or odd data."""
+
 import csv
 import html
 import json
@@ -58,7 +59,15 @@ def again(folder, entry):
     number = lambda row: float(row[entry["column"]])  # noqa: E731
     if not entry["methods"]:
         values = [number(row) for row in rows]
-        simple = {"n": len, "sum": sum, "mean": plain.fmean, "median": plain.median, "min": min, "max": max, "sd": plain.stdev}
+        simple = {
+            "n": len,
+            "sum": sum,
+            "mean": plain.fmean,
+            "median": plain.median,
+            "min": min,
+            "max": max,
+            "sd": plain.stdev,
+        }
         return float(simple[entry["statistic"]](values)) if entry["statistic"] in simple else None
     first, second = entry["methods"].split(" vs ")
     keys = ("participant", "scenario", "sweep", "value", "parameter", "factor")
@@ -69,8 +78,11 @@ def again(folder, entry):
     b = np.array([pair[second] for pair in by_key.values()])
     differences = np.round(a - b, 9)
     simple = {
-        "pairs": lambda: len(a), "faster": lambda: int(sum(a < b)), "difference": lambda: np.mean(a - b),
-        "median_difference": lambda: plain.median(a) - plain.median(b), "ratio": lambda: b.mean() / a.mean(),
+        "pairs": lambda: len(a),
+        "faster": lambda: int(sum(a < b)),
+        "difference": lambda: np.mean(a - b),
+        "median_difference": lambda: plain.median(a) - plain.median(b),
+        "ratio": lambda: b.mean() / a.mean(),
         "shapiro_p": lambda: stats.shapiro(differences).pvalue,
         "p": lambda: stats.wilcoxon(differences, zero_method="wilcox", correction=False, mode="approx").pvalue,
     }
@@ -140,16 +152,34 @@ def test_it_says_what_it_is_and_invents_no_opinions(full):
 def test_tables_are_csv_too(full):
     folder, _ = full
     names = {path.stem for path in (folder / "tables").glob("*.csv")}
-    assert names == {"times", "time_tests", "accuracy", "accuracy_tests", "completeness", "beside_the_paper", "curves", "sensitivity"}
+    assert names == {
+        "times",
+        "time_tests",
+        "accuracy",
+        "accuracy_tests",
+        "completeness",
+        "beside_the_paper",
+        "curves",
+        "sensitivity",
+    }
     runs = [row for row in rows_of(folder / "runs.csv") if (row["scenario"], row["method"]) == ("carpet", "nrs")]
-    (row,) = [row for row in rows_of(folder / "tables" / "times.csv") if row["scenario"].startswith("Carpet") and row["method"].startswith("Net")]
+    (row,) = [
+        row
+        for row in rows_of(folder / "tables" / "times.csv")
+        if row["scenario"].startswith("Carpet") and row["method"].startswith("Net")
+    ]
     assert float(row["border"]) == pytest.approx(np.mean([float(run["time_border_s"]) for run in runs]))
 
 
 def test_every_run_has_its_command(full):
     folder, page = full
     for row in rows_of(folder / "runs.csv"):
-        assert html.escape(f"make study ROW='{row['participant']} {row['scenario']} {row['method']} {row['seed']}'", quote=False).replace("'", "&#39;") in page
+        assert (
+            html.escape(
+                f"make study ROW='{row['participant']} {row['scenario']} {row['method']} {row['seed']}'", quote=False
+            ).replace("'", "&#39;")
+            in page
+        )
 
 
 def test_the_same_study_gives_the_same_page(full):
@@ -163,10 +193,15 @@ def test_maps_are_those_nearest_to_the_median(full):
     folder, page = full
     study = read_study(folder)
     for scenario in ("room", "carpet", "corner"):
-        values = [float(row["jaccard"]) for row in rows_of(folder / "runs.csv")
-                  if (row["scenario"], row["method"], row["completed"]) == (scenario, "nrs", "1")]
+        values = [
+            float(row["jaccard"])
+            for row in rows_of(folder / "runs.csv")
+            if (row["scenario"], row["method"], row["completed"]) == (scenario, "nrs", "1")
+        ]
         line, row = nearest_to_median(study, scenario, "nrs")
-        assert abs(float(row["jaccard"]) - plain.median(values)) == min(abs(value - plain.median(values)) for value in values)
+        assert abs(float(row["jaccard"]) - plain.median(values)) == min(
+            abs(value - plain.median(values)) for value in values
+        )
         assert f'href="#run{line}"' in page
     assert page.count("Jaccard 0.") + page.count("Jaccard 1.") >= 6
 
@@ -246,7 +281,9 @@ def test_a_missing_file_or_column(tmp_path):
 
 def test_pairs_go_by_participant_not_by_order(tmp_path):
     folder = study_rows.make_study(tmp_path / "s", participants=6, sweeps=False, maps=False)
-    before = Ledger(read_study(folder)).two("runs.csv", "time_total_s", "z", "z", ("nrs", "robot_only"), scenario="room")
+    before = Ledger(read_study(folder)).two(
+        "runs.csv", "time_total_s", "z", "z", ("nrs", "robot_only"), scenario="room"
+    )
     rows = rows_of(folder / "runs.csv")
     np.random.default_rng(0).shuffle(rows)
     study_rows.write(folder / "runs.csv", study_rows.RUN_COLUMNS, rows)

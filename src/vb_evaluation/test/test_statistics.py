@@ -1,4 +1,5 @@
 """Statistics against published worked examples, and against what the paper itself reports."""
+
 import itertools
 import math
 
@@ -14,7 +15,10 @@ from vb_evaluation import statistics
 ECSTASY = ([15, 35, 16, 18, 19, 17, 27, 16, 13, 20], [28, 35, 35, 24, 39, 32, 27, 29, 36, 35])
 ALCOHOL = ([16, 15, 20, 15, 16, 13, 14, 19, 18, 18], [5, 6, 30, 8, 9, 7, 6, 17, 3, 10])
 # Hollander & Wolfe (1973), Nonparametric Statistical Methods, Table 3.1; also the example of R's ?wilcox.test
-HAMILTON = ([1.83, 0.50, 1.62, 2.48, 1.68, 1.88, 1.55, 3.06, 1.30], [0.878, 0.647, 0.598, 2.05, 1.06, 1.29, 1.06, 3.14, 1.29])
+HAMILTON = (
+    [1.83, 0.50, 1.62, 2.48, 1.68, 1.88, 1.55, 3.06, 1.30],
+    [0.878, 0.647, 0.598, 2.05, 1.06, 1.29, 1.06, 3.14, 1.29],
+)
 # Darwin's maize as in Fisher (1935), The Design of Experiments, Sect. 17; the example of scipy.stats.wilcoxon
 MAIZE = [49, -67, 8, 16, 6, 23, 28, 41, 14, 29, 56, 24, 75, 60, -48]
 
@@ -78,7 +82,9 @@ def test_the_papers_z_of_the_interaction_times(ties, z):
 @pytest.mark.parametrize("w, z, p", [(37, -0.594, ".588"), (1, -3.110, "< .001")])
 def test_the_papers_accuracy_in_scenarios_1_and_2_is_an_exact_test_of_13_pairs(w, z, p):
     # Sect. 5.8.4: Z and p fit together for 13 pairs, those where both runs were completed (93.3 % each), and exact p
-    signs = next(chosen for size in range(14) for chosen in itertools.combinations(range(1, 14), size) if sum(chosen) == w)
+    signs = next(
+        chosen for size in range(14) for chosen in itertools.combinations(range(1, 14), size) if sum(chosen) == w
+    )
     differences = np.array([rank if rank in signs else -rank for rank in range(1, 14)], float)
     test = statistics.signed_rank(differences)
     assert round(test.z, 3) == z and statistics.format_p(test.p_exact) == p
@@ -94,7 +100,9 @@ def test_exact_p_against_all_signs(values):
         return
     magnitudes = np.abs(ranked)
     ranks = np.array([(magnitudes < m).sum() + ((magnitudes == m).sum() + 1) / 2 for m in magnitudes])
-    sums = [sum(rank for rank, plus in zip(ranks, signs) if plus) for signs in itertools.product((0, 1), repeat=len(ranks))]
+    sums = [
+        sum(rank for rank, plus in zip(ranks, signs) if plus) for signs in itertools.product((0, 1), repeat=len(ranks))
+    ]
     expected = min(1.0, 2 * np.mean(np.array(sums) <= min(test.w_plus, test.w_minus) + 1e-9))
     assert test.p_exact == pytest.approx(expected)
     assert test.z <= 1e-12 and test.w_plus + test.w_minus == pytest.approx(ranks.sum())
@@ -167,6 +175,8 @@ def test_success_rates():
     assert statistics.mcnemar([1, 1, 1, 0], [1, 0, 0, 0]) == 0.5 and statistics.mcnemar([1, 0], [1, 0]) == 1.0
 
 
-@pytest.mark.parametrize("p, text", [(0.0004, "< .001"), (0.0164, ".016"), (1.0, "1"), (0.9996, "1"), (math.nan, "–")])
+@pytest.mark.parametrize(
+    "p, text", [(0.0004, "< .001"), (0.0164, ".016"), (1.0, "1"), (0.9996, "1"), (math.nan, "–")]
+)
 def test_p_as_the_paper_writes_it(p, text):
     assert statistics.format_p(p) == text

@@ -3,6 +3,7 @@
 One line per participant; the columns are `participant`, for each statement and method `s1_nrs` ... `s5_robot_only`
 with whole numbers from 1 to 5, and `helped` with yes or no. An empty cell is an answer not given.
 """
+
 from __future__ import annotations
 
 import csv
@@ -59,7 +60,11 @@ class Questionnaire:
 
 def columns() -> List[str]:
     """The header of the CSV file."""
-    return ["participant", *(f"s{number}_{method}" for number in range(1, len(STATEMENTS) + 1) for method in METHODS), "helped"]
+    return [
+        "participant",
+        *(f"s{number}_{method}" for number in range(1, len(STATEMENTS) + 1) for method in METHODS),
+        "helped",
+    ]
 
 
 def read(path: Path) -> Questionnaire:
@@ -76,7 +81,9 @@ def read(path: Path) -> Questionnaire:
     reader = csv.DictReader(lines, delimiter=separator, restval="")
     missing = [column for column in columns() if column not in (reader.fieldnames or ())]
     if missing:
-        raise CodedError("bad_questionnaire", f"{path}: the column {missing[0]} is missing; expected are {', '.join(columns())}")
+        raise CodedError(
+            "bad_questionnaire", f"{path}: the column {missing[0]} is missing; expected are {', '.join(columns())}"
+        )
     rows, seen = [], set()
     for line, row in enumerate(reader, 2):
         cells = {key: (value or "").strip() for key, value in row.items() if isinstance(key, str)}
@@ -84,7 +91,10 @@ def read(path: Path) -> Questionnaire:
             continue
         where = f"{path}, line {line}"
         if not cells["participant"] or cells["participant"] in seen:
-            raise CodedError("bad_questionnaire", f"{where}: participant: expected a name that no other line has, got '{cells['participant']}'")
+            raise CodedError(
+                "bad_questionnaire",
+                f"{where}: participant: expected a name that no other line has, got '{cells['participant']}'",
+            )
         seen.add(cells["participant"])
         rows.append({column: _answer(cells[column], f"{where}: {column}") for column in columns()[1:-1]})
         rows[-1]["helped"] = _flag(cells["helped"], f"{where}: helped")
@@ -104,14 +114,25 @@ def table(found: Questionnaire) -> List[Dict[str, Any]]:
     rows = []
     for number, answers in enumerate(found.answers, 1):
         result = answers.comparison
-        rows.append({
-            "statement": number, "text": answers.statement, "scale": answers.scale, "n": result.n,
-            **{f"{name}_{method}": _moment(values, name) for method, values in zip(METHODS, (answers.first, answers.second))
-               for name in ("mean", "sd", "median")},
-            # the paper's Z is that of the smaller rank sum; the sign of the correlation says who is ahead
-            "z": result.test.z, "p": result.test.p, "p_exact": result.test.p_exact, "r": result.r,
-            "rank_biserial": result.rank_biserial,
-        })
+        rows.append(
+            {
+                "statement": number,
+                "text": answers.statement,
+                "scale": answers.scale,
+                "n": result.n,
+                **{
+                    f"{name}_{method}": _moment(values, name)
+                    for method, values in zip(METHODS, (answers.first, answers.second))
+                    for name in ("mean", "sd", "median")
+                },
+                # the paper's Z is that of the smaller rank sum; the sign of the correlation says who is ahead
+                "z": result.test.z,
+                "p": result.test.p,
+                "p_exact": result.test.p_exact,
+                "r": result.r,
+                "rank_biserial": result.rank_biserial,
+            }
+        )
     return rows
 
 
@@ -119,10 +140,14 @@ def lines(found: Questionnaire) -> List[str]:
     """The results as the paper words them."""
     text = []
     for row in table(found):
-        text.append(f"Statement {row['statement']}: Z = {row['z']:.3f}, p {_equals(row['p_exact'])} (exact), "
-                    f"asymptotic p {_equals(row['p'])}, r = {row['r']:.2f}; "
-                    + ", ".join(f"{method}: M = {row[f'mean_{method}']:.2f}, SD = {row[f'sd_{method}']:.2f}" for method in METHODS)
-                    + f" (n = {row['n']})")
+        text.append(
+            f"Statement {row['statement']}: Z = {row['z']:.3f}, p {_equals(row['p_exact'])} (exact), "
+            f"asymptotic p {_equals(row['p'])}, r = {row['r']:.2f}; "
+            + ", ".join(
+                f"{method}: M = {row[f'mean_{method}']:.2f}, SD = {row[f'sd_{method}']:.2f}" for method in METHODS
+            )
+            + f" (n = {row['n']})"
+        )
     text.append(f"{QUESTION} yes: {found.helped} of {found.asked}")
     return text
 
@@ -132,7 +157,10 @@ def write(path: Path, rows: Sequence[Dict[str, Any]]) -> None:
     with open(str(path), "w", newline="", encoding="utf-8") as stream:
         writer = csv.DictWriter(stream, list(rows[0]), lineterminator="\n")
         writer.writeheader()
-        writer.writerows({key: "" if isinstance(value, float) and math.isnan(value) else value for key, value in row.items()} for row in rows)
+        writer.writerows(
+            {key: "" if isinstance(value, float) and math.isnan(value) else value for key, value in row.items()}
+            for row in rows
+        )
 
 
 def _moment(values: np.ndarray, name: str) -> float:
@@ -145,7 +173,9 @@ def _answer(text: str, where: str) -> float:
     if text == "":
         return math.nan
     if not text.isdigit() or not SCALE[0] <= int(text) <= SCALE[1]:
-        raise CodedError("bad_questionnaire", f"{where}: expected a whole number from {SCALE[0]} to {SCALE[1]}, got '{text}'")
+        raise CodedError(
+            "bad_questionnaire", f"{where}: expected a whole number from {SCALE[0]} to {SCALE[1]}, got '{text}'"
+        )
     return float(text)
 
 

@@ -3,6 +3,7 @@
 The Wilcoxon signed-rank test is reported as SPSS and the paper do: zero differences are left out, ties share
 their mean rank and shrink the variance, Z has no continuity correction and is never above 0.
 """
+
 from __future__ import annotations
 
 import math
@@ -118,7 +119,7 @@ def shapiro(values: np.ndarray) -> Normality:
 
 
 def outliers(values: np.ndarray) -> Tuple[int, ...]:
-    """Indices of values (N,) farther than 1.5 times the interquartile range from the quartiles, as boxplots show them."""
+    """Indices of values (N,) beyond a boxplot's whiskers: 1.5 times the interquartile range from the quartiles."""
     values = _sample(values)
     if len(values) == 0:
         return ()
@@ -170,8 +171,12 @@ def hodges_lehmann(differences: np.ndarray, confidence: float = CONFIDENCE) -> I
 
 def ratio_of_means(numerator: np.ndarray, denominator: np.ndarray, confidence: float = CONFIDENCE) -> Interval:
     """Ratio of the means of two paired samples (N,), for instance a speed-up, with a bootstrap interval."""
-    return bootstrap(lambda a, b, axis=-1: np.mean(a, axis=axis) / np.mean(b, axis=axis), numerator, denominator,
-                     confidence=confidence)
+    return bootstrap(
+        lambda a, b, axis=-1: np.mean(a, axis=axis) / np.mean(b, axis=axis),
+        numerator,
+        denominator,
+        confidence=confidence,
+    )
 
 
 def median(values: np.ndarray, confidence: float = CONFIDENCE) -> Interval:
@@ -199,8 +204,16 @@ def bootstrap(
     for name in dict.fromkeys((method, "percentile")):
         with warnings.catch_warnings(), np.errstate(invalid="ignore", divide="ignore"):
             warnings.simplefilter("ignore")
-            found = stats.bootstrap(values, statistic, n_resamples=RESAMPLES, vectorized=True, paired=True,
-                                    confidence_level=confidence, method=name, random_state=0)
+            found = stats.bootstrap(
+                values,
+                statistic,
+                n_resamples=RESAMPLES,
+                vectorized=True,
+                paired=True,
+                confidence_level=confidence,
+                method=name,
+                random_state=0,
+            )
         low, high = (float(value) for value in found.confidence_interval)
         if math.isfinite(low) and math.isfinite(high):
             break

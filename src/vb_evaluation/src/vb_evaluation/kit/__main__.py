@@ -1,11 +1,12 @@
 """The kit's commands; docs/study.md walks through them.
 
-    rosrun vb_evaluation study_kit plan --participants 15 --out ~/study/protocol.csv
-    rosrun vb_evaluation study_kit measure ~/study/protocol.csv --ground-truth ~/study/ground_truth --out ~/study/results
-    rosrun vb_evaluation study_kit replay ~/study/p01_1_nrs_carpet
-    rosrun vb_evaluation study_kit questionnaire ~/study/questionnaire.csv
-    rosrun vb_evaluation study_kit report ~/study/results
+rosrun vb_evaluation study_kit plan --participants 15 --out ~/study/protocol.csv
+rosrun vb_evaluation study_kit measure ~/study/protocol.csv --ground-truth ~/study/ground_truth --out ~/study/results
+rosrun vb_evaluation study_kit replay ~/study/p01_1_nrs_carpet
+rosrun vb_evaluation study_kit questionnaire ~/study/questionnaire.csv
+rosrun vb_evaluation study_kit report ~/study/results
 """
+
 from __future__ import annotations
 
 import argparse
@@ -31,7 +32,9 @@ _console = Console(highlight=False, soft_wrap=True)
 
 def main(arguments: Optional[List[str]] = None) -> int:
     """Runs a command; 0 if it worked, 2 with one line if not."""
-    parser = argparse.ArgumentParser(prog="study_kit", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        prog="study_kit", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     commands = parser.add_subparsers(dest="command", required=True)
     _add_plan(commands)
     _add_measure(commands)
@@ -74,13 +77,17 @@ def _add_measure(commands) -> None:
     command = commands.add_parser("measure", help="compute the measures of all recordings and the report")
     command.add_argument("protocol", type=_path)
     command.add_argument("--ground-truth", type=_path, required=True, help="folder of <scenario>.png")
-    command.add_argument("--map", type=_path, help="map_server's YAML of the physical map; without it that of the first recording")
+    command.add_argument(
+        "--map", type=_path, help="map_server's YAML of the physical map; without it that of the first recording"
+    )
     command.add_argument("--out", type=_path, default=Path("out/study_people"))
     command.set_defaults(run=_measure)
 
 
 def _measure(given: argparse.Namespace) -> None:
-    for note in measure.measure(given.protocol, given.ground_truth, given.out, read_map(given.map) if given.map else None):
+    for note in measure.measure(
+        given.protocol, given.ground_truth, given.out, read_map(given.map) if given.map else None
+    ):
         _console.print(f"look at this: {note}", markup=False)
     print(write_report(given.out))
 
@@ -90,7 +97,9 @@ def _add_replay(commands) -> None:
     command = commands.add_parser("replay", help="put a recording through today's code and compare")
     command.add_argument("recordings", type=_path, nargs="+")
     command.add_argument("--images", action="store_true", help="find the spots anew in the recorded images")
-    command.add_argument("--ground-truth", type=_path, help="the picture of what was asked for: says which of both is better")
+    command.add_argument(
+        "--ground-truth", type=_path, help="the picture of what was asked for: says which of both is better"
+    )
     command.add_argument("--out", type=_path, help="a CSV file for the comparison")
     command.set_defaults(run=_replay)
 
@@ -107,7 +116,10 @@ def _replay(given: argparse.Namespace) -> None:
             session = recording.session
             events, counts = perception.events(recording, session.get("cameras", []), session.get("robots", [""]))
             for camera, count in counts.items():
-                _console.print(f"{folder.name}: camera {camera}: {count.images} images, spot in {count.today} today, {count.recorded} recorded")
+                _console.print(
+                    f"{folder.name}: camera {camera}: {count.images} images, spot in {count.today} today, "
+                    f"{count.recorded} recorded"
+                )
         else:
             events = list(bags.events(recording))
         truths = {}
@@ -134,10 +146,15 @@ def _sentence(row: Dict[str, object]) -> str:
         return f"{words[0]}; no border today: {row['message']} [{row['code']}]"
     known = {name: value for name, value in row.items() if isinstance(value, float) and not math.isnan(value)}
     if "agreement" in known:
-        words.append(f"today's area agrees with the recorded one: Jaccard index {known['agreement']:.3f}, "
-                     f"chains at most {known['chain_distance_m']:.3f} m apart")
+        words.append(
+            f"today's area agrees with the recorded one: Jaccard index {known['agreement']:.3f}, "
+            f"chains at most {known['chain_distance_m']:.3f} m apart"
+        )
     if "today" in known:
-        words.append("against the ground truth: " + ", ".join(f"{name} {known[name]:.3f}" for name in ("recorded", "today") if name in known))
+        words.append(
+            "against the ground truth: "
+            + ", ".join(f"{name} {known[name]:.3f}" for name in ("recorded", "today") if name in known)
+        )
     return "; ".join(words)
 
 

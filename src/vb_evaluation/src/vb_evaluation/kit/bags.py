@@ -1,4 +1,5 @@
 """What a replay needs, read from the bags of a recording."""
+
 from __future__ import annotations
 
 from pathlib import Path
@@ -28,7 +29,9 @@ def messages_of(recording: Recording, topics: Sequence[str]) -> Iterator[Tuple[s
         CodedError: "bad_recording" for a missing or damaged bag.
     """
     if not recording.bags:
-        raise CodedError("bad_recording", f"{recording.folder}: there is no bag: was it recorded with record:=<folder>?")
+        raise CodedError(
+            "bad_recording", f"{recording.folder}: there is no bag: was it recorded with record:=<folder>?"
+        )
     for path in recording.bags:
         try:
             with rosbag.Bag(str(path)) as bag:
@@ -48,17 +51,23 @@ def events(recording: Recording) -> Iterator[Event]:
 
 def state_change(message: Any) -> StateChange:
     """vb_msgs/InteractionState as an event."""
-    return StateChange(_STATES.get(message.state, "default"), message.interaction_id, message.entered.to_sec(), message.last_outcome)
+    return StateChange(
+        _STATES.get(message.state, "default"), message.interaction_id, message.entered.to_sec(), message.last_outcome
+    )
 
 
 def spot(message: Any) -> Spot:
     """vb_msgs/LaserSpot as an event."""
-    return Spot(message.header.stamp.to_sec(), message.position.x, message.position.y, message.camera, float(message.confidence))
+    return Spot(
+        message.header.stamp.to_sec(), message.position.x, message.position.y, message.camera, float(message.confidence)
+    )
 
 
 def physical_map(recording: Recording) -> Optional[GridMap]:
     """The newest physical map of the bags; None if there is none."""
-    found: List[GridMap] = [messages.grid_from_message(message) for _, message in messages_of(recording, (names.PHYSICAL_MAP,))]
+    found: List[GridMap] = [
+        messages.grid_from_message(message) for _, message in messages_of(recording, (names.PHYSICAL_MAP,))
+    ]
     return found[-1] if found else None
 
 
@@ -69,7 +78,9 @@ def todays_settings() -> Settings:
     return Settings(
         CollectorParams.from_mapping(fusion.get("collector"), "border_fusion/collector"),
         ExtractionParams.from_mapping(fusion.get("extraction"), "border_fusion/extraction"),
-        IntegrationParams.from_mapping({key: value for key, value in integration.items() if key in known}, "map_integrator"),
+        IntegrationParams.from_mapping(
+            {key: value for key, value in integration.items() if key in known}, "map_integrator"
+        ),
     )
 
 

@@ -1,4 +1,5 @@
 """Ground-truth maps: what a scenario asks to restrict, drawn over the map's picture in any image editor."""
+
 from __future__ import annotations
 
 from pathlib import Path
@@ -39,7 +40,9 @@ def read_ground_truth(path: Path, physical: GridMap) -> np.ndarray:
     except CodedError as error:
         raise CodedError("bad_ground_truth", f"{path}: {error.message}") from None
     if not marked.any():
-        raise CodedError("bad_ground_truth", f"{path}: no free floor is marked: fill the area with a strong colour or black")
+        raise CodedError(
+            "bad_ground_truth", f"{path}: no free floor is marked: fill the area with a strong colour or black"
+        )
     return marked
 
 
@@ -53,7 +56,9 @@ def find_ground_truths(folder: Path, scenarios: Sequence[str], physical: GridMap
     for scenario in scenarios:
         paths = [folder / f"{scenario}{ending}" for ending in ENDINGS if (folder / f"{scenario}{ending}").is_file()]
         if not paths:
-            raise CodedError("bad_ground_truth", f"{folder}: there is no {scenario}.png: draw it over the map's picture")
+            raise CodedError(
+                "bad_ground_truth", f"{folder}: there is no {scenario}.png: draw it over the map's picture"
+            )
         found[scenario] = read_ground_truth(paths[0], physical)
     return found
 
@@ -79,8 +84,11 @@ def _marked(path: Path, physical: GridMap) -> np.ndarray:
         image = (image // 257).astype(np.uint8)  # 16 bits per channel
     if image.shape[:2] != physical.shape:
         rows, columns = physical.shape
-        raise CodedError("bad_ground_truth", f"the picture has {image.shape[1]} x {image.shape[0]} pixels, the map {columns} x {rows}: "
-                         "draw over the map's own picture and do not scale it")
+        raise CodedError(
+            "bad_ground_truth",
+            f"the picture has {image.shape[1]} x {image.shape[0]} pixels, the map {columns} x {rows}: "
+            "draw over the map's own picture and do not scale it",
+        )
     opaque = np.ones(image.shape[:2], bool)
     if image.ndim == 3 and image.shape[2] == 4:
         opaque = image[..., 3] >= 128

@@ -1,4 +1,5 @@
 """The paper's measures (Sect. 5.5) from recordings of people: the same runs.csv that a simulated study has."""
+
 from __future__ import annotations
 
 import json
@@ -38,7 +39,9 @@ def measure(protocol_file: Path, ground_truths: Path, out: Path, physical: Optio
     entries = protocol.read(protocol_file)
     if not entries:
         raise CodedError("bad_protocol", f"{protocol_file}: no run has a recording yet")
-    recordings = {entry.recording: Recording(protocol_file.parent / Path(entry.recording).expanduser()) for entry in entries}
+    recordings = {
+        entry.recording: Recording(protocol_file.parent / Path(entry.recording).expanduser()) for entry in entries
+    }
     if physical is None:
         physical = recordings[entries[0].recording].physical()
     scenarios = list(dict.fromkeys(entry.scenario for entry in entries))
@@ -55,7 +58,9 @@ def measure(protocol_file: Path, ground_truths: Path, out: Path, physical: Optio
         rows.append(row)
         notes += words
     write_table(out / RUNS, COLUMNS, rows)
-    (out / META).write_text(json.dumps({"people": True, "protocol": protocol_file.name}, indent=2) + "\n", encoding="utf-8")
+    (out / META).write_text(
+        json.dumps({"people": True, "protocol": protocol_file.name}, indent=2) + "\n", encoding="utf-8"
+    )
     return notes
 
 
@@ -76,47 +81,81 @@ def assign(
         if all(entry.interaction for entry in here):
             found += [(entry, recording.interaction(entry.interaction)) for entry in here]
             continue
-        known = [interaction for interaction in recording.interactions if interaction.id not in {entry.interaction for entry in here}]
+        known = [
+            interaction
+            for interaction in recording.interactions
+            if interaction.id not in {entry.interaction for entry in here}
+        ]
         open_entries = [entry for entry in here if not entry.interaction]
         if len(open_entries) == 1 and len(known) != 1:
             known = known[-1:] or [None]  # type: ignore[list-item]
         if len(known) != len(open_entries):
-            raise CodedError("bad_protocol", f"{name}: {len(open_entries)} runs but {len(known)} interactions "
-                             f"({', '.join(entry.id for entry in known if entry)}): fill the column 'interaction'")
+            raise CodedError(
+                "bad_protocol",
+                f"{name}: {len(open_entries)} runs but {len(known)} interactions "
+                f"({', '.join(entry.id for entry in known if entry)}): fill the column 'interaction'",
+            )
         found += [(entry, recording.interaction(entry.interaction)) for entry in here if entry.interaction]
         found += list(zip(open_entries, known))
     order = {id(entry): number for number, entry in enumerate(entries)}
     return sorted(found, key=lambda pair: order[id(pair[0])])
 
 
-def _row(entry: protocol.Entry, interaction: Optional[Interaction], recording: Recording, physical: GridMap, truth: np.ndarray,
-         maps: Path) -> Tuple[Dict[str, Any], List[str]]:
-    row: Dict[str, Any] = {"participant": entry.participant, "scenario": entry.scenario, "method": entry.method, "recording": entry.recording,
-                           "note": entry.note, "completed": 0, "saved": 0, "seed_correct": 0}
+def _row(
+    entry: protocol.Entry,
+    interaction: Optional[Interaction],
+    recording: Recording,
+    physical: GridMap,
+    truth: np.ndarray,
+    maps: Path,
+) -> Tuple[Dict[str, Any], List[str]]:
+    row: Dict[str, Any] = {
+        "participant": entry.participant,
+        "scenario": entry.scenario,
+        "method": entry.method,
+        "recording": entry.recording,
+        "note": entry.note,
+        "completed": 0,
+        "saved": 0,
+        "seed_correct": 0,
+    }
     where = f"{entry.participant}, {entry.scenario}, {entry.method}"
     if interaction is None:
         return row, [f"{where}: nothing was begun in this recording"]
     notes = []
     if interaction.method and interaction.method != entry.method:
         notes.append(f"{where}: the system was started with method:={interaction.method}")
-    row.update(interaction=interaction.id, time_guide_s=interaction.guide_s, time_border_s=interaction.border_s,
-               time_seed_s=interaction.seed_s, time_total_s=interaction.total_s)
+    row.update(
+        interaction=interaction.id,
+        time_guide_s=interaction.guide_s,
+        time_border_s=interaction.border_s,
+        time_seed_s=interaction.seed_s,
+        time_total_s=interaction.total_s,
+    )
     made = recording.result(interaction)
     if made is not None:
         posterior, border = made
         if not posterior.same_geometry(physical):
-            raise CodedError("bad_recording", f"{where}: its map differs from the physical map in size, resolution or origin")
+            raise CodedError(
+                "bad_recording", f"{where}: its map differs from the physical map in size, resolution or origin"
+            )
         drawn = metrics.restricted_cells(physical, posterior)
         name = "_".join((entry.participant, entry.scenario, entry.method)).replace("/", "-")
         write_map(maps / name, posterior)
-        row.update(saved=1, map=f"maps/{name}.yaml", jaccard=round(metrics.jaccard(truth, drawn), 4),
-                   seed_correct=int(seed_is_right(border.seed, physical, truth)))
+        row.update(
+            saved=1,
+            map=f"maps/{name}.yaml",
+            jaccard=round(metrics.jaccard(truth, drawn), 4),
+            seed_correct=int(seed_is_right(border.seed, physical, truth)),
+        )
     row["completed"] = int(entry.completed if entry.completed is not None else row["saved"] and row["seed_correct"])
     if entry.completed and made is None:
         notes.append(f"{where}: noted as completed, but nothing was saved")
     elif entry.completed is not None and bool(row["seed_correct"]) != entry.completed:
-        notes.append(f"{where}: noted as {'completed' if entry.completed else 'not completed'}, but the seed point lies "
-                     f"{'within' if row['seed_correct'] else 'outside'} the ground truth")
+        notes.append(
+            f"{where}: noted as {'completed' if entry.completed else 'not completed'}, but the seed point lies "
+            f"{'within' if row['seed_correct'] else 'outside'} the ground truth"
+        )
     return row, notes
 
 
@@ -126,5 +165,9 @@ def seed_is_right(seed: np.ndarray, physical: GridMap, truth: np.ndarray, reach_
     centres = physical.cell_to_world(np.column_stack([rows, columns]))
     distance = np.hypot(*(centres - np.asarray(seed, dtype=float)).T)
     nearest = int(np.argmin(distance)) if len(distance) else 0
-    return bool(len(distance)) and math.isfinite(distance[nearest]) and distance[nearest] <= reach_m and bool(
-        truth[rows[nearest], columns[nearest]])
+    return (
+        bool(len(distance))
+        and math.isfinite(distance[nearest])
+        and distance[nearest] <= reach_m
+        and bool(truth[rows[nearest], columns[nearest]])
+    )

@@ -1,9 +1,10 @@
 """Spots from recorded images, by today's detectors."""
+
 from __future__ import annotations
 
 from collections import deque
 from dataclasses import dataclass
-from typing import Any, Deque, Dict, Iterator, List, Optional, Sequence, Tuple
+from typing import Deque, Dict, Iterator, List, Optional, Sequence, Tuple
 
 import numpy as np
 import rospy
@@ -49,7 +50,9 @@ class RecordedCamera:
         self._depth_age_s = float(values.get("depth_age_s", 0.08))
         self._transforms = transforms
         self._detector = SpotDetector(DetectorParams.from_mapping(values.get("detector")))
-        self.projector = FloorProjector(ProjectionParams.from_mapping(values.get("projection")), None, values.get("ignore_regions") or ())
+        self.projector = FloorProjector(
+            ProjectionParams.from_mapping(values.get("projection")), None, values.get("ignore_regions") or ()
+        )
         self.model: Optional[CameraModel] = None
         self.depth_model: Optional[CameraModel] = None
         self.depths: Deque[Tuple[float, np.ndarray]] = deque(maxlen=_KEPT_DEPTHS)
@@ -77,7 +80,15 @@ class RecordedCamera:
         found = []
         for spot in self._detector.detect(image, stamp.to_sec()):
             point = self._project(pose, spot.u, spot.v, stamp.to_sec())
-            found.append(Spot(stamp.to_sec(), float(point.position[0]), float(point.position[1]), self.name, float(spot.confidence)))
+            found.append(
+                Spot(
+                    stamp.to_sec(),
+                    float(point.position[0]),
+                    float(point.position[1]),
+                    self.name,
+                    float(spot.confidence),
+                )
+            )
         return found
 
     def _pose(self, frame: str, stamp: rospy.Time) -> np.ndarray:
@@ -92,12 +103,19 @@ class RecordedCamera:
             return self.projector.on_plane(self.model, pose, u, v)
         near = min(self.depths, key=lambda entry: abs(entry[0] - stamp), default=None)
         depth = near[1] if near is not None and abs(near[0] - stamp) <= self._depth_age_s else None
-        model = self.depth_model if depth is not None and self.depth_model is not None and (
-            (self.depth_model.height, self.depth_model.width) == depth.shape[:2]) else None
+        model = (
+            self.depth_model
+            if depth is not None
+            and self.depth_model is not None
+            and ((self.depth_model.height, self.depth_model.width) == depth.shape[:2])
+            else None
+        )
         return self.projector.with_depth(self.model, pose, u, v, depth, model)
 
 
-def events(recording: Recording, cameras: Sequence[str], robots: Sequence[str]) -> Tuple[List[Event], Dict[str, CameraCounts]]:
+def events(
+    recording: Recording, cameras: Sequence[str], robots: Sequence[str]
+) -> Tuple[List[Event], Dict[str, CameraCounts]]:
     """(states and spots in the order of arrival, counts by camera); the spots are found anew in the images.
 
     Args:
@@ -118,12 +136,19 @@ def events(recording: Recording, cameras: Sequence[str], robots: Sequence[str]) 
     counts = {camera.name: CameraCounts() for camera in found.values()}
     gathered = list(_search(recording, found, depths, counts))
     if not any(count.images for count in counts.values()):
-        raise CodedError("bad_recording", f"{recording.folder}: no images were recorded: record with record_images:=raw or compressed")
+        raise CodedError(
+            "bad_recording",
+            f"{recording.folder}: no images were recorded: record with record_images:=raw or compressed",
+        )
     return gathered, counts
 
 
-def _search(recording: Recording, images: Dict[str, RecordedCamera], depths: Dict[str, RecordedCamera],
-            counts: Dict[str, CameraCounts]) -> Iterator[Event]:
+def _search(
+    recording: Recording,
+    images: Dict[str, RecordedCamera],
+    depths: Dict[str, RecordedCamera],
+    counts: Dict[str, CameraCounts],
+) -> Iterator[Event]:
     infos = {topic.rsplit("/", 1)[0] + "/camera_info": camera for topic, camera in images.items()}
     depth_infos = {topic.rsplit("/", 1)[0] + "/camera_info": camera for topic, camera in depths.items()}
     compressed = {f"{topic}/compressed": camera for topic, camera in images.items()}
@@ -164,7 +189,11 @@ def _transforms(recording: Recording) -> tf2_ros.BufferCore:
     for topic, message in bags.messages_of(recording, ("/tf", "/tf_static")):
         for recorded in message.transforms:
             # rosbag makes message classes of its own, which tf2 does not take
-            transform = messages.transform_message(messages.matrix_from_transform(recorded.transform), recorded.header.frame_id,
-                                                   recorded.child_frame_id, recorded.header.stamp)
+            transform = messages.transform_message(
+                messages.matrix_from_transform(recorded.transform),
+                recorded.header.frame_id,
+                recorded.child_frame_id,
+                recorded.header.stamp,
+            )
             (buffer.set_transform_static if topic == "/tf_static" else buffer.set_transform)(transform, "bag")
     return buffer

@@ -1,4 +1,5 @@
 """The protocol of a study: who does what in which order, and what the experimenter notes."""
+
 from __future__ import annotations
 
 import csv
@@ -50,8 +51,15 @@ def plan(participants: int, scenarios: Sequence[str], methods: Sequence[str], se
             for scenario in random.permutation(list(scenarios)):
                 order += 1
                 name = f"p{number:02d}"
-                rows.append({"participant": name, "order": str(order), "method": method, "scenario": str(scenario),
-                             "recording": f"{name}_{order}_{method}_{scenario}"})
+                rows.append(
+                    {
+                        "participant": name,
+                        "order": str(order),
+                        "method": method,
+                        "scenario": str(scenario),
+                        "recording": f"{name}_{order}_{method}_{scenario}",
+                    }
+                )
     return rows
 
 
@@ -84,7 +92,11 @@ def read(path: Path) -> List[Entry]:
     lines = text.splitlines()
     separator = ";" if lines and lines[0].count(";") > lines[0].count(",") else ","
     reader = csv.DictReader(lines, delimiter=separator, restval="")
-    missing = [column for column in ("participant", "method", "scenario", "recording") if column not in (reader.fieldnames or ())]
+    missing = [
+        column
+        for column in ("participant", "method", "scenario", "recording")
+        if column not in (reader.fieldnames or ())
+    ]
     if missing:
         raise CodedError("bad_protocol", f"{path}: the column {missing[0]} is missing")
     entries, seen = [], {}
@@ -101,8 +113,15 @@ def read(path: Path) -> List[Entry]:
         seen[key] = line
         if not cells["recording"]:
             continue  # this run did not take place
-        entries.append(Entry(*key, cells["recording"], _flag(cells.get("completed", ""), f"{path}, line {line}"),
-                             cells.get("interaction", ""), cells.get("note", "")))
+        entries.append(
+            Entry(
+                *key,
+                cells["recording"],
+                _flag(cells.get("completed", ""), f"{path}, line {line}"),
+                cells.get("interaction", ""),
+                cells.get("note", ""),
+            )
+        )
     return entries
 
 

@@ -1,10 +1,11 @@
 """What a recording's folder holds, and what each interaction in it left behind.
 
-    <recording>/session.yaml            how the system was started
-                interactions.jsonl      one line per interaction, from the interaction manager
-                recordings/             numbered maps with their borders, from the map recorder
-                bags/NN.bag             the topics that matter
+<recording>/session.yaml            how the system was started
+            interactions.jsonl      one line per interaction, from the interaction manager
+            recordings/             numbered maps with their borders, from the map recorder
+            bags/NN.bag             the topics that matter
 """
+
 from __future__ import annotations
 
 import json
@@ -94,16 +95,22 @@ class Recording:
         for interaction in self.interactions:
             if interaction.id == wanted:
                 return interaction
-        raise CodedError("bad_recording", f"{self.folder / LOG}: there is no interaction {wanted}; there are "
-                         f"{', '.join(entry.id for entry in self.interactions) or 'none'}")
+        raise CodedError(
+            "bad_recording",
+            f"{self.folder / LOG}: there is no interaction {wanted}; there are "
+            f"{', '.join(entry.id for entry in self.interactions) or 'none'}",
+        )
 
     def physical(self) -> GridMap:
         """The physical map: the first one recorded without any border."""
         for stored in self.maps:
             if not stored.borders():
                 return stored.grid()
-        raise CodedError("bad_recording", f"{self.folder / MAPS}: no map without borders was recorded: start each recording "
-                         "in a folder of its own")
+        raise CodedError(
+            "bad_recording",
+            f"{self.folder / MAPS}: no map without borders was recorded: start each recording "
+            "in a folder of its own",
+        )
 
     def result(self, interaction: Interaction) -> Optional[Tuple[GridMap, VirtualBorder]]:
         """(posterior, border) that an interaction made; None if nothing was saved.
@@ -125,8 +132,11 @@ class Recording:
                 return stored.grid(), own[0]
             if own:
                 return integrate(self.physical(), own[0], IntegrationParams()).posterior, own[0]
-        raise CodedError("bad_recording", f"{self.folder / MAPS}: the map of interaction {interaction.id} with border "
-                         f"{interaction.border_id} was not recorded")
+        raise CodedError(
+            "bad_recording",
+            f"{self.folder / MAPS}: the map of interaction {interaction.id} with border "
+            f"{interaction.border_id} was not recorded",
+        )
 
 
 def _lines(path: Path) -> List[Tuple[Dict[str, Any], str]]:
@@ -152,20 +162,34 @@ def _lines(path: Path) -> List[Tuple[Dict[str, Any], str]]:
 def _interaction(values: Mapping[str, Any], where: str) -> Interaction:
     try:
         found = Interaction(
-            str(values["interaction_id"]), str(values["outcome"]), str(values["border_id"]), float(values["started"]),
-            float(values["guide_s"]), float(values["border_s"]), float(values["seed_s"]), float(values["total_s"]),
-            str(values["method"]), tuple(values.get("cameras", ())),
+            str(values["interaction_id"]),
+            str(values["outcome"]),
+            str(values["border_id"]),
+            float(values["started"]),
+            float(values["guide_s"]),
+            float(values["border_s"]),
+            float(values["seed_s"]),
+            float(values["total_s"]),
+            str(values["method"]),
+            tuple(values.get("cameras", ())),
         )
     except (KeyError, TypeError, ValueError) as error:
         raise CodedError("bad_recording", f"{where}: this is no interaction: {error!r}") from None
-    if not all(math.isfinite(value) and value >= 0.0 for value in (found.guide_s, found.border_s, found.seed_s, found.total_s)):
+    if not all(
+        math.isfinite(value) and value >= 0.0 for value in (found.guide_s, found.border_s, found.seed_s, found.total_s)
+    ):
         raise CodedError("bad_recording", f"{where}: times must not be negative")
     return found
 
 
 def _stored(values: Mapping[str, Any], where: str, folder: Path) -> StoredMap:
     try:
-        return StoredMap(int(values["number"]), float(values["stamp_s"]), str(values["trigger"]), folder / str(values["map"]),
-                         folder / str(values["borders"]))
+        return StoredMap(
+            int(values["number"]),
+            float(values["stamp_s"]),
+            str(values["trigger"]),
+            folder / str(values["map"]),
+            folder / str(values["borders"]),
+        )
     except (KeyError, TypeError, ValueError) as error:
         raise CodedError("bad_recording", f"{where}: this is no record of a map: {error!r}") from None

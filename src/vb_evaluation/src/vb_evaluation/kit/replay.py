@@ -1,4 +1,5 @@
-"""Today's code on yesterday's spots: point set, extraction and integration of recorded interactions, compared with what was recorded."""
+"""Today's point set, extraction and integration on recorded spots, compared with what was recorded."""
+
 from __future__ import annotations
 
 import math
@@ -97,7 +98,10 @@ def border_of(collection: Collection, params: ExtractionParams) -> VirtualBorder
 
 
 def compare(
-    recording: Recording, events: Iterable[Event], settings: Optional[Settings] = None, physical: Optional[GridMap] = None,
+    recording: Recording,
+    events: Iterable[Event],
+    settings: Optional[Settings] = None,
+    physical: Optional[GridMap] = None,
     truths: Optional[Dict[str, np.ndarray]] = None,
 ) -> List[Comparison]:
     """Replays every interaction of a recording.
@@ -114,7 +118,11 @@ def compare(
         collection = drawn.get(interaction.id)
         truth = (truths or {}).get(interaction.id)
         if collection is None:
-            results.append(Comparison(interaction.id, interaction.outcome, 0, "not_recorded", "the bag does not hold this interaction"))
+            results.append(
+                Comparison(
+                    interaction.id, interaction.outcome, 0, "not_recorded", "the bag does not hold this interaction"
+                )
+            )
             continue
         spots = collection.border_total + collection.seed_total
         made = recording.result(interaction)
@@ -124,19 +132,30 @@ def compare(
             border = border_of(collection, settings.extraction)
             after = integrate(physical, border, settings.integration).region
         except CodedError as error:
-            results.append(Comparison(interaction.id, interaction.outcome, spots, error.code, error.message, recorded=recorded))
+            results.append(
+                Comparison(interaction.id, interaction.outcome, spots, error.code, error.message, recorded=recorded)
+            )
             continue
-        results.append(Comparison(
-            interaction.id, interaction.outcome, spots, "ok", "",
-            metrics.jaccard(before, after) if before is not None else math.nan,
-            _distance(made[1], border) if made else math.nan,
-            recorded,
-            metrics.jaccard(truth, after) if truth is not None else math.nan,
-        ))
+        results.append(
+            Comparison(
+                interaction.id,
+                interaction.outcome,
+                spots,
+                "ok",
+                "",
+                metrics.jaccard(before, after) if before is not None else math.nan,
+                _distance(made[1], border) if made else math.nan,
+                recorded,
+                metrics.jaccard(truth, after) if truth is not None else math.nan,
+            )
+        )
     return results
 
 
 def _distance(a: VirtualBorder, b: VirtualBorder) -> float:
     """[m] between two chains."""
-    lines = [shapely.linestrings(np.vstack([border.points, border.points[:1]]) if border.closed else border.points) for border in (a, b)]
+    lines = [
+        shapely.linestrings(np.vstack([border.points, border.points[:1]]) if border.closed else border.points)
+        for border in (a, b)
+    ]
     return float(shapely.hausdorff_distance(lines[0], lines[1], densify=0.05))

@@ -1,4 +1,5 @@
 """Records a session: says how the system was started, then hands over to rosbag's recorder."""
+
 from __future__ import annotations
 
 import argparse
@@ -19,11 +20,30 @@ from vb_evaluation.kit.recording import BAGS, SESSION
 
 # everything that tells what happened; images are asked for by themselves, they are a thousand times as large
 TOPICS = (
-    names.PHYSICAL_MAP, names.VIRTUAL_MAP, names.SPOTS, names.STATE, names.PROGRESS, names.BORDERS, names.DETECTORS, names.WORKSPACE,
-    names.LED, names.SOUND, "/virtual_borders/voice/heard", "/tf", "/tf_static", "/rosout",
+    names.PHYSICAL_MAP,
+    names.VIRTUAL_MAP,
+    names.SPOTS,
+    names.STATE,
+    names.PROGRESS,
+    names.BORDERS,
+    names.DETECTORS,
+    names.WORKSPACE,
+    names.LED,
+    names.SOUND,
+    "/virtual_borders/voice/heard",
+    "/tf",
+    "/tf_static",
+    "/rosout",
 )
-ROBOT_TOPICS = ("odom", "cmd_vel", "amcl_pose", "move_base/goal", "move_base/result", "camera/rgb/camera_info",
-                "camera/depth_registered/camera_info")
+ROBOT_TOPICS = (
+    "odom",
+    "cmd_vel",
+    "amcl_pose",
+    "move_base/goal",
+    "move_base/result",
+    "camera/rgb/camera_info",
+    "camera/depth_registered/camera_info",
+)
 ROBOT_IMAGES = ("camera/rgb/image_raw", "camera/depth_registered/image_raw")
 IMAGES = ("none", "raw", "compressed")
 
@@ -42,7 +62,10 @@ def topics(cameras: Sequence[str], robots: Sequence[str], images: str, more: Seq
         prefix = f"/{robot.strip('/')}/" if robot.strip("/") else "/"
         found += [prefix + topic for topic in ROBOT_TOPICS]
         if images != "none":
-            found += [prefix + ROBOT_IMAGES[0] + ("/compressed" if images == "compressed" else ""), prefix + ROBOT_IMAGES[1]]
+            found += [
+                prefix + ROBOT_IMAGES[0] + ("/compressed" if images == "compressed" else ""),
+                prefix + ROBOT_IMAGES[1],
+            ]
     if images != "none":
         found += [f"/{camera}/image_raw" + ("/compressed" if images == "compressed" else "") for camera in cameras]
     return list(dict.fromkeys(found + list(more)))
@@ -61,7 +84,9 @@ def main(arguments: Optional[List[str]] = None) -> None:
     parser = argparse.ArgumentParser(prog="record_session", description=__doc__)
     parser.add_argument("--folder", required=True)
     parser.add_argument("--cameras", default="", help="names of the ceiling cameras, separated by spaces")
-    parser.add_argument("--robots", default="", help="namespaces of the robots, separated by spaces; empty: one without")
+    parser.add_argument(
+        "--robots", default="", help="namespaces of the robots, separated by spaces; empty: one without"
+    )
     parser.add_argument("--images", default="none", choices=IMAGES)
     parser.add_argument("--method", default="", help="for the record")
     parser.add_argument("--topics", default="", help="more topics, separated by spaces")
@@ -90,8 +115,12 @@ def _describe(folder: Path, given: argparse.Namespace) -> None:
     except Exception as error:  # the master's answer is not worth a lost recording
         parameters = {"unknown": str(error)}
     content = {
-        "method": given.method, "cameras": given.cameras.split(), "robots": given.robots.split() or [""], "images": given.images,
-        "started": datetime.datetime.now().astimezone().isoformat(timespec="seconds"), "parameters": parameters,
+        "method": given.method,
+        "cameras": given.cameras.split(),
+        "robots": given.robots.split() or [""],
+        "images": given.images,
+        "started": datetime.datetime.now().astimezone().isoformat(timespec="seconds"),
+        "parameters": parameters,
     }
     (folder / SESSION).write_text(yaml.safe_dump(content, sort_keys=False), encoding="utf-8")
 

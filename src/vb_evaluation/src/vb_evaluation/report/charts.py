@@ -1,4 +1,5 @@
 """The report's figures as SVG text, drawn without a display."""
+
 from __future__ import annotations
 
 import base64
@@ -24,9 +25,18 @@ MARKERS = ("o", "s", "^", "D", "v", "P")
 WIDTH_IN, PANEL_IN = 7.2, 4.6
 
 _STYLE = {
-    "font.family": "DejaVu Sans", "font.size": 10, "axes.spines.top": False, "axes.spines.right": False, "axes.edgecolor": "#555555",
-    "axes.grid": True, "grid.color": "#e4e4e4", "axes.axisbelow": True, "svg.fonttype": "path", "svg.hashsalt": "study",
-    "legend.frameon": False, "figure.constrained_layout.use": True,
+    "font.family": "DejaVu Sans",
+    "font.size": 10,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.edgecolor": "#555555",
+    "axes.grid": True,
+    "grid.color": "#e4e4e4",
+    "axes.axisbelow": True,
+    "svg.fonttype": "path",
+    "svg.hashsalt": "study",
+    "legend.frameon": False,
+    "figure.constrained_layout.use": True,
 }
 
 
@@ -49,12 +59,16 @@ def time_bars(
         for place, (method, title, states, totals) in enumerate(bars):
             left = 0.0
             for state, seconds in states.items():
-                axis.barh(place, seconds, left=left, height=0.44, color=STATE_COLORS[state], edgecolor="white", linewidth=0.5)
+                axis.barh(
+                    place, seconds, left=left, height=0.44, color=STATE_COLORS[state], edgecolor="white", linewidth=0.5
+                )
                 if seconds > 0.05 * limit_s:
                     axis.text(left + seconds / 2, place, f"{seconds:.1f}", ha="center", va="center", fontsize=9)
                 left += seconds
             axis.barh(place, left, height=0.44, fill=False, edgecolor=color_of(method, place), linewidth=2)
-            axis.plot(totals, np.full(len(totals), place + 0.34), "|", ms=6, color=color_of(method, place), alpha=0.8, mew=1.2)
+            axis.plot(
+                totals, np.full(len(totals), place + 0.34), "|", ms=6, color=color_of(method, place), alpha=0.8, mew=1.2
+            )
         axis.set_yticks(range(len(bars)))
         axis.set_yticklabels([title for _, title, _, _ in bars])
         axis.set_ylim(len(bars) - 0.5, -0.5)
@@ -109,12 +123,22 @@ def rates(groups: Sequence[Tuple[str, Sequence[Tuple[str, str, float, float, flo
             for index, (method, title, share, low, high, published) in enumerate(bars):
                 x = place + (index - (len(bars) - 1) / 2) * width
                 color = color_of(method, index)
-                axis.bar(x, 100 * share, width * 0.86, color=color, alpha=0.75, label=title if title not in named else None)
+                axis.bar(
+                    x, 100 * share, width * 0.86, color=color, alpha=0.75, label=title if title not in named else None
+                )
                 if math.isfinite(low) and math.isfinite(high):
                     axis.plot([x, x], [100 * low, 100 * high], color="#222222", lw=1.2)
                 if published is not None:
-                    axis.plot(x, 100 * published, "D", ms=7, color="white", mec="black", mew=1.3,
-                              label="the paper" if "the paper" not in named else None)
+                    axis.plot(
+                        x,
+                        100 * published,
+                        "D",
+                        ms=7,
+                        color="white",
+                        mec="black",
+                        mew=1.3,
+                        label="the paper" if "the paper" not in named else None,
+                    )
                     named.add("the paper")
                 named.add(title)
         axis.set_xticks(range(len(groups)))
@@ -127,14 +151,20 @@ def rates(groups: Sequence[Tuple[str, Sequence[Tuple[str, str, float, float, flo
 
 
 def lines(
-    series: Sequence[Tuple[str, Sequence[float], Sequence[float], Optional[Sequence[float]], Optional[Sequence[float]], Dict[str, Any]]],
-    x_label: str, y_label: str, level: Optional[float] = None,
+    series: Sequence[
+        Tuple[
+            str, Sequence[float], Sequence[float], Optional[Sequence[float]], Optional[Sequence[float]], Dict[str, Any]
+        ]
+    ],
+    x_label: str,
+    y_label: str,
+    level: Optional[float] = None,
 ) -> str:
     """Curves with bands.
 
     Args:
-        series: (name, x, y, low, high, style with color, marker, linestyle); values that are not finite are left out. Only
-            the first one of a colour and the first one of a line style stand in the legend, by the parts of "name, name".
+        series: (name, x, y, low, high, style with color, marker, linestyle); values that are not finite are left out.
+            A name "group, kind" stands in the legend as a colour for its group and a line style for its kind.
         level: a horizontal line to be compared with.
     """
     with plt.rc_context(_STYLE):
@@ -146,7 +176,9 @@ def lines(
             x, y = np.asarray(x, float), np.asarray(y, float)
             axis.plot(x, y, ms=5, lw=1.8, **style)
             if low is not None and high is not None:
-                axis.fill_between(x, np.asarray(low, float), np.asarray(high, float), color=style.get("color"), alpha=0.13, lw=0)
+                axis.fill_between(
+                    x, np.asarray(low, float), np.asarray(high, float), color=style.get("color"), alpha=0.13, lw=0
+                )
         if ticks and len(ticks) <= 8:
             axis.set_xticks(ticks)
             axis.set_xticklabels([f"{tick:.3g}" for tick in ticks])
@@ -158,7 +190,13 @@ def lines(
             handles.setdefault(group, Line2D([], [], color=style["color"], marker=style["marker"], ms=5, lw=1.8))
             if kind:
                 handles.setdefault(kind, Line2D([], [], color="#222222", ls=style["linestyle"], lw=1.5))
-        figure.legend(list(handles.values()), list(handles), loc="outside upper center", ncol=min(3, max(1, len(handles))), fontsize=8.5)
+        figure.legend(
+            list(handles.values()),
+            list(handles),
+            loc="outside upper center",
+            ncol=min(3, max(1, len(handles))),
+            fontsize=8.5,
+        )
         return _svg(figure)
 
 
@@ -177,8 +215,14 @@ def tornado(rows: Sequence[Tuple[str, Sequence[Tuple[str, float]]]], nominal: fl
                     continue
                 below = float(factor) < 1.0
                 words = {0.5: "half", 2.0: "double"}.get(float(factor), f"× {factor}")
-                axis.barh(place - 0.19 if below else place + 0.19, result - nominal, left=nominal, height=0.36,
-                          color=SKY if below else ORANGE, label=words if words not in named else None)
+                axis.barh(
+                    place - 0.19 if below else place + 0.19,
+                    result - nominal,
+                    left=nominal,
+                    height=0.36,
+                    color=SKY if below else ORANGE,
+                    label=words if words not in named else None,
+                )
                 named.add(words)
         axis.axvline(nominal, color="#222222", lw=1)
         axis.set_yticks(range(len(rows)))
@@ -202,4 +246,3 @@ def _svg(figure: Any) -> str:
     figure.savefig(stream, format="svg", metadata={"Date": None, "Creator": None})
     plt.close(figure)
     return data_uri(stream.getvalue(), "image/svg+xml")
-

@@ -1,4 +1,5 @@
 """Reads what a study has left in its folder. Only runs.csv must be there."""
+
 from __future__ import annotations
 
 import csv
@@ -102,9 +103,14 @@ class Study:
     def further_measures(self) -> List[str]:
         """Columns of numbers in runs.csv beyond the paper's measures: metrics of the user's own."""
         known = {"order", *REQUIRED, *CONDITIONS}
-        return [column for column in self.runs.columns if column not in known and self.runs.rows
-                and all(_is_number(row[column]) for row in self.runs.rows if row[column] != "")
-                and any(row[column] != "" for row in self.runs.rows)]
+        return [
+            column
+            for column in self.runs.columns
+            if column not in known
+            and self.runs.rows
+            and all(_is_number(row[column]) for row in self.runs.rows if row[column] != "")
+            and any(row[column] != "" for row in self.runs.rows)
+        ]
 
 
 def read_study(folder: Path) -> Study:
@@ -117,8 +123,12 @@ def read_study(folder: Path) -> Study:
     if not (folder / RUNS).is_file():
         raise CodedError("bad_study", f"{folder / RUNS} is missing: run 'make study' first, or name the study's folder")
     tables = {}
-    for name, conditions in ((RUNS, ()), (CURVES, ("sweep", "value")), (SENSITIVITY, ("parameter", "factor")),
-                             (AGREEMENT, ("runner",))):
+    for name, conditions in (
+        (RUNS, ()),
+        (CURVES, ("sweep", "value")),
+        (SENSITIVITY, ("parameter", "factor")),
+        (AGREEMENT, ("runner",)),
+    ):
         if (folder / name).is_file():
             table = read_table(folder / name, (*REQUIRED, *conditions))
             if table.rows or name == RUNS:

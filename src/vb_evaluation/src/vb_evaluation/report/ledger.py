@@ -3,6 +3,7 @@
 A number is asked for by file, filter, column and statistic, and computed from nothing else; so what the report
 says of its origin cannot differ from its origin. All of them are written to numbers.csv.
 """
+
 from __future__ import annotations
 
 import math
@@ -28,6 +29,7 @@ FORMATS: Dict[str, Callable[[float], str]] = {
     "p": statistics.format_p,
     "plain": lambda value: f"{value:.4g}",
 }
+
 
 # ------------------------------------------------------------------ what can be asked for
 def _once(function: Callable[..., Any]) -> Callable[..., Any]:
@@ -56,7 +58,10 @@ TWO: Dict[str, Tuple[str, Callable[[np.ndarray, np.ndarray], float]]] = {
     "pairs": ("number of pairs", lambda a, b: float(len(a))),
     "faster": ("pairs with the smaller value for the first", lambda a, b: float((a < b).sum())),
     "difference": ("mean difference", lambda a, b: float((a - b).mean()) if len(a) else math.nan),
-    "median_difference": ("difference of the medians", lambda a, b: float(np.median(a) - np.median(b)) if len(a) else math.nan),
+    "median_difference": (
+        "difference of the medians",
+        lambda a, b: float(np.median(a) - np.median(b)) if len(a) else math.nan,
+    ),
     "z": ("Z of the Wilcoxon signed-rank test", lambda a, b: _compare(a, b).test.z),
     "p": ("asymptotic p of the Wilcoxon signed-rank test", lambda a, b: _compare(a, b).test.p),
     "p_exact": ("exact p of the Wilcoxon signed-rank test", lambda a, b: _compare(a, b).test.p_exact),
@@ -104,8 +109,13 @@ class Number:
     def origin(self) -> str:
         """One line for a person."""
         meaning = (TWO if self.versus else ONE)[self.statistic][0]
-        return (f"{meaning} of {self.column}" + (f", {self.versus}" if self.versus else "")
-                + f" in {self.file}" + (f" where {self.where}" if self.where else "") + (f" (lines {self.lines})" if self.lines else ""))
+        return (
+            f"{meaning} of {self.column}"
+            + (f", {self.versus}" if self.versus else "")
+            + f" in {self.file}"
+            + (f" where {self.where}" if self.where else "")
+            + (f" (lines {self.lines})" if self.lines else "")
+        )
 
     def __html__(self) -> Markup:
         return Markup('<a class="n" href="#{0}" title="{1}">{2}</a>').format(self.id, self.origin(), self.text)
@@ -126,29 +136,52 @@ class Ledger:
         table = self._study.tables[file].select(**where)
         table = table.keep([math.isfinite(number(row, column)) for row in table.rows])
         values = np.array([number(row, column) for row in table.rows])
-        return self._enter((file, column, statistic, form, "", tuple(sorted(where.items()))), form,
-                           lambda: ONE[statistic][1](values), table.lines, where)
+        return self._enter(
+            (file, column, statistic, form, "", tuple(sorted(where.items()))),
+            form,
+            lambda: ONE[statistic][1](values),
+            table.lines,
+            where,
+        )
 
     def two(self, file: str, column: str, statistic: str, form: str, methods: Tuple[str, str], **where: str) -> Number:
-        """A statistic of the runs of two methods, paired by participant and conditions; pairs that lack a value are left out."""
+        """A statistic of two methods' runs, paired by participant and conditions; incomplete pairs are left out."""
         first, second, lines = paired(self._study.tables[file].select(**where), column, methods)
-        return self._enter((file, column, statistic, form, " vs ".join(methods), tuple(sorted(where.items()))), form,
-                           lambda: TWO[statistic][1](first, second), lines, where)
+        return self._enter(
+            (file, column, statistic, form, " vs ".join(methods), tuple(sorted(where.items()))),
+            form,
+            lambda: TWO[statistic][1](first, second),
+            lines,
+            where,
+        )
 
     @property
     def numbers(self) -> List[Number]:
         """All that were asked for."""
         return list(self._numbers.values())
 
-    def _enter(self, key: Tuple[Any, ...], form: str, compute: Callable[[], float], lines: Sequence[int],
-               where: Mapping[str, str]) -> Number:
+    def _enter(
+        self,
+        key: Tuple[Any, ...],
+        form: str,
+        compute: Callable[[], float],
+        lines: Sequence[int],
+        where: Mapping[str, str],
+    ) -> Number:
         if key not in self._numbers:
             value = compute()
             text = FORMATS[form](value).replace("-", "\N{MINUS SIGN}") if math.isfinite(value) else "–"
             file, column, statistic, _, versus, _ = key
             self._numbers[key] = Number(
-                f"n{len(self._numbers) + 1}", value, text, statistic, column, file,
-                "; ".join(f"{name}={wanted}" for name, wanted in where.items()), versus, spans(lines),
+                f"n{len(self._numbers) + 1}",
+                value,
+                text,
+                statistic,
+                column,
+                file,
+                "; ".join(f"{name}={wanted}" for name, wanted in where.items()),
+                versus,
+                spans(lines),
             )
         return self._numbers[key]
 
@@ -164,11 +197,16 @@ def paired(table: Table, column: str, methods: Tuple[str, str]) -> Tuple[np.ndar
         value = number(row, column)
         if row["method"] not in methods or not math.isfinite(value):
             continue
-        key = tuple(row.get(name, "") for name in ("participant", "scenario", "sweep", "parameter", "factor", "value", "runner"))
+        key = tuple(
+            row.get(name, "") for name in ("participant", "scenario", "sweep", "parameter", "factor", "value", "runner")
+        )
         pair = found.setdefault(key, {})
         if row["method"] in pair:
-            raise CodedError("bad_study", f"{table.name}, lines {pair[row['method']][1]} and {line}: the same participant, scenario and "
-                             "method twice: each may have one run")
+            raise CodedError(
+                "bad_study",
+                f"{table.name}, lines {pair[row['method']][1]} and {line}: the same participant, scenario and "
+                "method twice: each may have one run",
+            )
         pair[row["method"]] = (value, line)
     pairs = [pair for pair in found.values() if len(pair) == 2]
     first, second = (np.array([pair[method][0] for pair in pairs], dtype=float) for method in methods)

@@ -1,4 +1,5 @@
 """Representative maps, coloured as in the paper's figure of the accuracy (Sect. 5.8.4)."""
+
 from __future__ import annotations
 
 from dataclasses import dataclass
@@ -39,7 +40,12 @@ class MapPicture:
     row: Optional[Row] = None
 
 
-def picture(prior: GridMap, truth: np.ndarray, drawn: Optional[np.ndarray] = None, start: Optional[Tuple[float, float, float]] = None) -> bytes:
+def picture(
+    prior: GridMap,
+    truth: np.ndarray,
+    drawn: Optional[np.ndarray] = None,
+    start: Optional[Tuple[float, float, float]] = None,
+) -> bytes:
     """A PNG of a ground truth, or of what somebody restricted against it.
 
     Args:
@@ -116,19 +122,24 @@ def representatives(study: Study) -> Tuple[List[MapPicture], List[str]]:
                 continue
             score = metrics.jaccard(truth, drawn)
             if abs(score - number(row, "jaccard")) > 0.0006:
-                notes.append(f"{RUNS}, line {line}: the map {row['map']} gives a Jaccard index of {score:.3f}, "
-                             f"the line says {number(row, 'jaccard'):.3f}.")
+                notes.append(
+                    f"{RUNS}, line {line}: the map {row['map']} gives a Jaccard index of {score:.3f}, "
+                    f"the line says {number(row, 'jaccard'):.3f}."
+                )
             pictures.append(MapPicture(scenario, method, picture(prior, truth, drawn), line, score, row))
     return pictures, notes
 
 
 def nearest_to_median(study: Study, scenario: str, method: str) -> Optional[Tuple[int, Row]]:
-    """(line, row) of the completed run with a map whose Jaccard index is nearest to the median; None if there is none."""
+    """(line, row) of the completed run with a map whose Jaccard index is nearest to the median, or None."""
     table = study.runs.select(scenario=scenario, method=method, completed="1")
     values = [number(row, "jaccard") for row in table.rows]
     known = [value for value in values if np.isfinite(value)]
-    candidates = [(abs(value - float(np.median(known))), line, row) for value, line, row in zip(values, table.lines, table.rows)
-                  if np.isfinite(value) and row.get("map") and (study.folder / row["map"]).is_file()]
+    candidates = [
+        (abs(value - float(np.median(known))), line, row)
+        for value, line, row in zip(values, table.lines, table.rows)
+        if np.isfinite(value) and row.get("map") and (study.folder / row["map"]).is_file()
+    ]
     if not candidates:
         return None
     _, line, row = min(candidates, key=lambda entry: entry[:2])

@@ -1,11 +1,14 @@
 """What the paper measured with 15 people (Sect. 5.8), for its three scenarios. "nrs" against "robot_only"."""
+
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Dict, Mapping, Optional
+from typing import Dict, Mapping, Optional, Tuple
 
-CITATION = ("D. Sprute, K. Tönnies, M. König: Interactive Restriction of a Mobile Robot's Workspace in a Smart Home "
-            "Environment. Journal of Ambient Intelligence and Smart Environments, 2019, doi:10.3233/AIS-190539")
+CITATION = (
+    "D. Sprute, K. Tönnies, M. König: Interactive Restriction of a Mobile Robot's Workspace in a Smart Home "
+    "Environment. Journal of Ambient Intelligence and Smart Environments, 2019, doi:10.3233/AIS-190539"
+)
 PARTICIPANTS = 15
 FRAMES_PER_SECOND = 25
 ROBOT_SPEED_M_PER_S = 0.2
@@ -38,12 +41,45 @@ class Published:
 
 
 PAPER: Dict[str, Published] = {
-    "room": Published("Room exclusion", 2.8, -3.411, "< .001", -0.594, ".588", {"nrs": 0.971, "robot_only": 0.974},
-                      14 / 15, 4.0, 0.70, 5.40),
-    "carpet": Published("Carpet exclusion", 2.2, -3.408, "< .001", -3.110, "< .001", {"nrs": 0.856, "robot_only": 0.779},
-                        14 / 15, 26.0, 6.50, 2.50),
-    "corner": Published("Spot cleaning", 2.2, -3.409, "< .001", -2.497, ".010", {"nrs": 0.878, "robot_only": 0.906},
-                        13 / 15, None, 3.60, 3.00),
+    "room": Published(
+        "Room exclusion",
+        2.8,
+        -3.411,
+        "< .001",
+        -0.594,
+        ".588",
+        {"nrs": 0.971, "robot_only": 0.974},
+        14 / 15,
+        4.0,
+        0.70,
+        5.40,
+    ),
+    "carpet": Published(
+        "Carpet exclusion",
+        2.2,
+        -3.408,
+        "< .001",
+        -3.110,
+        "< .001",
+        {"nrs": 0.856, "robot_only": 0.779},
+        14 / 15,
+        26.0,
+        6.50,
+        2.50,
+    ),
+    "corner": Published(
+        "Spot cleaning",
+        2.2,
+        -3.409,
+        "< .001",
+        -2.497,
+        ".010",
+        {"nrs": 0.878, "robot_only": 0.906},
+        13 / 15,
+        None,
+        3.60,
+        3.00,
+    ),
 }
 
 # Sect. 5.8.2: what people said; a simulation has nothing to put beside it
@@ -61,3 +97,42 @@ def scenario_title(key: str) -> str:
 def method_title(key: str) -> str:
     """A method's name for people."""
     return METHOD_TITLES.get(key, key.replace("_", " ").capitalize())
+
+
+def published(scenario: str, methods: Tuple[str, ...]) -> bool:
+    """Whether the paper has figures of a scenario with these methods."""
+    return scenario in PAPER and all(method in PAPER[scenario].jaccard for method in methods)
+
+
+def test_text(scenario: str, methods: Tuple[str, ...], measure: str) -> str:
+    """The paper's Wilcoxon test of "time" or "accuracy" as it prints it."""
+    if not published(scenario, methods):
+        return "–"
+    found = PAPER[scenario]
+    z, p = (found.time_z, found.time_p) if measure == "time" else (found.accuracy_z, found.accuracy_p)
+    return f"Z = {z_text(z)}, p {p_text(p)}"
+
+
+def index_text(value: float) -> str:
+    """A Jaccard index as the paper prints it: ".971"."""
+    return f"{value:.3f}".lstrip("0")
+
+
+def z_text(value: float) -> str:
+    """Z with a real minus sign."""
+    return f"{value:.3f}".replace("-", "\N{MINUS SIGN}")
+
+
+def difference_text(value: float) -> str:
+    """A difference of indices with its sign."""
+    return ("+" if value > 0 else "\N{MINUS SIGN}") + index_text(abs(value))
+
+
+def p_text(p: str) -> str:
+    """What follows the letter p: "= .588", "< .001"."""
+    return p if p.startswith("<") else f"= {p}"
+
+
+def percent_text(share: float) -> str:
+    """A share as percents."""
+    return f"{100 * share:.1f} %"

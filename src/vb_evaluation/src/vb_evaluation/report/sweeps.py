@@ -1,10 +1,11 @@
 """What the paper could not say: curves over the surroundings, and sensitivity to what is assumed."""
+
 from __future__ import annotations
 
 from dataclasses import dataclass
 from typing import Any, Dict, List, Optional, Tuple
 
-from vb_evaluation.report.contents import TOLERATED_LOSS
+from vb_evaluation.report.findings import TOLERATED_LOSS
 from vb_evaluation.report.data import CURVES, RUNS, SENSITIVITY, Study
 from vb_evaluation.report.ledger import Ledger, Number
 
@@ -87,7 +88,10 @@ def curves(study: Study, ledger: Ledger) -> Dict[str, List[Curve]]:
         rows = table.select(sweep=sweep)
         for scenario in rows.distinct("scenario"):
             values = sorted(rows.select(scenario=scenario).distinct("value"), key=float)
-            points = [_point(ledger, study, methods, {"sweep": sweep, "value": value, "scenario": scenario}) for value in values]
+            points = [
+                _point(ledger, study, methods, {"sweep": sweep, "value": value, "scenario": scenario})
+                for value in values
+            ]
             found.setdefault(sweep, []).append(Curve(sweep, scenario, points))
     return found
 
@@ -97,7 +101,10 @@ def _point(ledger: Ledger, study: Study, methods: Tuple[str, str], where: Dict[s
         return ledger.two(CURVES, column, statistic, form, methods, **where)
 
     def each(column: str, statistic: str, form: str, **more: str) -> Dict[str, Number]:
-        return {method: ledger.one(CURVES, column, statistic, form, method=method, **where, **more) for method in study.methods}
+        return {
+            method: ledger.one(CURVES, column, statistic, form, method=method, **where, **more)
+            for method in study.methods
+        }
 
     return CurvePoint(
         x=float(where["value"]),
@@ -125,7 +132,9 @@ def sensitivity(study: Study, ledger: Ledger) -> Tuple[Optional[Setting], List[S
         keys = {column: (nominal_rows.distinct(column) or [""])[0] for column in ("parameter", "factor")}
         nominal = _setting(study, ledger, SENSITIVITY, keys)
     else:
-        nominal = _setting(study, ledger, RUNS, {column: "|".join(table.distinct(column)) for column in ("participant", "scenario")})
+        nominal = _setting(
+            study, ledger, RUNS, {column: "|".join(table.distinct(column)) for column in ("participant", "scenario")}
+        )
     settings = []
     for parameter in table.distinct("parameter"):
         for factor in sorted(table.select(parameter=parameter).distinct("factor"), key=float):
@@ -140,16 +149,18 @@ def _setting(study: Study, ledger: Ledger, file: str, where: Dict[str, str]) -> 
     by_scenario = []
     for scenario in rows.distinct("scenario"):
         here = dict(where, scenario=scenario)
-        by_scenario.append({
-            "scenario": study.scenario_title(scenario),
-            "speedup": ledger.two(file, "time_total_s", "ratio", "factor", methods, **here),
-            "speedup_low": ledger.two(file, "time_total_s", "ratio_low", "factor", methods, **here),
-            "loss": ledger.two(file, "jaccard", "median_difference", "index", methods, completed="1", **here),
-            "jaccard": ledger.one(file, "jaccard", "median", "index", method=methods[0], completed="1", **here),
-            "completeness": ledger.one(file, "completed", "mean", "share", method=methods[0], **here),
-            "mcnemar": ledger.two(file, "completed", "mcnemar", "p", methods, **here),
-            "completeness_gain": ledger.two(file, "completed", "difference", "share", methods, **here),
-        })
+        by_scenario.append(
+            {
+                "scenario": study.scenario_title(scenario),
+                "speedup": ledger.two(file, "time_total_s", "ratio", "factor", methods, **here),
+                "speedup_low": ledger.two(file, "time_total_s", "ratio_low", "factor", methods, **here),
+                "loss": ledger.two(file, "jaccard", "median_difference", "index", methods, completed="1", **here),
+                "jaccard": ledger.one(file, "jaccard", "median", "index", method=methods[0], completed="1", **here),
+                "completeness": ledger.one(file, "completed", "mean", "share", method=methods[0], **here),
+                "mcnemar": ledger.two(file, "completed", "mcnemar", "p", methods, **here),
+                "completeness_gain": ledger.two(file, "completed", "difference", "share", methods, **here),
+            }
+        )
     return Setting(
         parameter=where.get("parameter", ""),
         factor=where.get("factor", NOMINAL),
