@@ -14,6 +14,8 @@ TOLERANCE = 2
 # share of the older map's obstacles and free cells that must still be there; a guess: moved furniture passes,
 # another floor of the same house does not
 AGREEMENT = 0.8
+# cells of each kind that are looked for
+SAMPLES = 200_000
 
 
 def fingerprint(grid: GridMap) -> str:
@@ -30,24 +32,32 @@ def fingerprint(grid: GridMap) -> str:
 def compatible(old: GridMap, new: GridMap) -> bool:
     """Whether a new map shows the place of an old one: corrected, or grown, as a SLAM map does.
 
-    Obstacles and free cells of the old map must be found again at the same coordinates.
+    Obstacles and free cells of the old map must be found again at the same coordinates; a sample of them tells.
     """
-    rows, columns = np.nonzero(old.data >= 0)
-    if len(rows) == 0:
-        return False
-    if len(rows) > 200_000:  # a regular sample tells as well
-        step = len(rows) // 200_000 + 1
-        rows, columns = rows[::step], columns[::step]
-    was_obstacle = old.data[rows, columns] >= OCCUPIED_FROM
-    points = old.cell_to_world(np.column_stack([rows, columns]))
+    random = np.random.default_rng(0)
+    cells = np.ascontiguousarray(old.data)
+    obstacles = cv2.findNonZero(_mask(cells, OCCUPIED_FROM, 100))
+    was_obstacle = np.zeros((0, 2), int) if obstacles is None else obstacles[:, 0, ::-1]
+    if len(was_obstacle) > SAMPLES:
+        was_obstacle = was_obstacle[random.integers(len(was_obstacle), size=SAMPLES)]
+    if cells.size > SAMPLES:
+        drawn = random.integers(cells.size, size=SAMPLES)
+    else:
+        drawn = np.arange(cells.size)
+    values = cells.ravel()[drawn]
+    was_free = np.column_stack(np.unravel_index(drawn[(values >= 0) & (values < OCCUPIED_FROM)], cells.shape))
+    pairs = ((was_obstacle, (OCCUPIED_FROM, 100)), (was_free, (0, OCCUPIED_FROM - 1)))
+    shares = [_found_again(old.cell_to_world(places), new, *limits) for places, limits in pairs if len(places)]
+    return bool(shares) and min(shares) >= AGREEMENT
+
+
+def _mask(cells: np.ndarray, low: int, high: int) -> np.ndarray:
+    """(H, W) uint8: 255 where a cell's value lies between two others, both included."""
+    return cv2.inRange(cells.view(np.uint8), low, high)
+
+
+def _found_again(points: np.ndarray, grid: GridMap, low: int, high: int) -> float:
+    """Share of points (N, 2) [m] beside which there is a cell between two values."""
     kernel = np.ones((2 * TOLERANCE + 1, 2 * TOLERANCE + 1), np.uint8)
-    obstacles = cv2.dilate((new.data >= OCCUPIED_FROM).astype(np.uint8), kernel)
-    free = cv2.dilate(((new.data >= 0) & (new.data < OCCUPIED_FROM)).astype(np.uint8), kernel)
-    near_obstacle = new.with_data(obstacles.astype(np.int8)).values_at(points) > 0
-    still_free = new.with_data(free.astype(np.int8)).values_at(points) > 0
-    shares = []
-    if was_obstacle.any():
-        shares.append(float(near_obstacle[was_obstacle].mean()))
-    if not was_obstacle.all():
-        shares.append(float(still_free[~was_obstacle].mean()))
-    return min(shares) >= AGREEMENT
+    near = cv2.dilate(_mask(np.ascontiguousarray(grid.data), low, high), kernel)
+    return float((grid.with_data(near.view(np.int8)).values_at(points, outside=0) != 0).mean())
