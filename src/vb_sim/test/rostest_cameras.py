@@ -13,7 +13,7 @@ from geometry_msgs.msg import Point, Pose2D
 from sensor_msgs.msg import CameraInfo, Image
 
 from vb_core import geometry
-from vb_core.ros.messages import camera_from_info, image_array
+from vb_core.ros.messages import camera_from_info, image_array, image_message
 from vb_core.ros.transforms import TransformLookup
 from vb_msgs.msg import LabState
 
@@ -149,6 +149,20 @@ class CamerasTest(unittest.TestCase):
         finally:
             self.lab.running.set()
         self.wait("picture with the spot again", lambda: newest_is(True))
+
+    def test_the_projectors_picture_falls_on_the_floor(self):
+        publisher = rospy.Publisher("/virtual_borders/projector", Image, queue_size=1, latch=True)
+
+        def brightness(key):
+            images = self.images.get(key)
+            return float(np.median(image_array(images[max(images)])[200:280, 280:360])) if images else None
+
+        dark = {key: self.wait(f"picture of '{key}'", lambda: brightness(key)) for key in ("north", "color")}
+        for level, brighter in ((255, True), (0, False)):
+            picture = np.full((120, 160, 3), level, np.uint8)
+            publisher.publish(image_message(picture, "rgb8", rospy.Time.now(), "projector"))
+            for key in dark:
+                self.wait(f"light in '{key}'", lambda: (brightness(key) > dark[key] * 1.2) == brighter)
 
     def test_bad_parameters(self):
         for arguments, words in ((["_world:=/nowhere.yaml"], "no_world"), ([], "~world"), (["_cameras:=[nobody]"], "nobody"),
