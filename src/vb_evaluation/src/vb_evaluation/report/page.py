@@ -126,6 +126,9 @@ def _values(study: Study, ledger: Ledger) -> Dict[str, Any]:
         "sweeps": [figures.sweep(study, name, found) for name, found in curves.items()],
         "nominal": nominal,
         "settings": settings,
+        "sensitivity_participants": (
+            len(study.tables[SENSITIVITY].distinct("participant")) if SENSITIVITY in study.tables else 0
+        ),
         "standing": _standing(nominal, settings),
         "tolerated_loss": f"{findings.TOLERATED_LOSS:.3f}".lstrip("0"),
         "agreement": _agreement(study),
