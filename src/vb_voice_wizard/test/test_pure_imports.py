@@ -4,12 +4,13 @@ from __future__ import annotations
 import subprocess
 import sys
 
-import pytest
-
-PURE = ["interaction", "memory", "buttons", "console_keys", "console_view", "preview_pace", "wording", "recognizer", "endpointing",
-        "audio_sources", "phone_scoring", "phone_network", "acoustic_model", "speech_features"]
+PURE = (
+    "acoustic_model", "audio_sources", "buttons", "console_keys", "console_view", "endpointing", "interaction", "memory",
+    "phone_network", "phone_scoring", "preview_pace", "recognizer", "speech_features", "wording",
+)
 
 BLOCK = """
+import importlib
 import sys
 
 class Block:
@@ -19,11 +20,10 @@ class Block:
             raise ImportError(name + " is blocked")
 
 sys.meta_path.insert(0, Block())
-import importlib
-importlib.import_module(sys.argv[1])
+for module in sys.argv[1:]:
+    importlib.import_module("vb_voice_wizard." + module)
 """
 
 
-@pytest.mark.parametrize("module", PURE)
-def test_imports_without_ros(module):
-    subprocess.run([sys.executable, "-c", BLOCK, f"vb_voice_wizard.{module}"], check=True)
+def test_imports_without_ros():
+    subprocess.run([sys.executable, "-c", BLOCK, *PURE], check=True)

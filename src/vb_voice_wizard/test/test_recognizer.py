@@ -1,7 +1,6 @@
 """The voice recogniser: the library as an oracle for its parts, spoken words for the whole."""
 from __future__ import annotations
 
-import subprocess
 import sys
 from pathlib import Path
 
@@ -15,36 +14,6 @@ from vb_voice_wizard.recognizer import MEASURES, CommandRecognizer, RecognizerPa
 
 sys.path.insert(0, str(Path(__file__).parent))
 from speech import RATE, room_noise, say, tone  # noqa: E402
-
-PURE = [
-    "acoustic_model",
-    "audio_sources",
-    "endpointing",
-    "phone_network",
-    "phone_scoring",
-    "recognizer",
-    "speech_features",
-    "wording",
-]
-
-BLOCK = """
-import sys
-
-class Block:
-    def find_spec(self, name, path=None, target=None):
-        top = name.split(".")[0]
-        if top in ("rospy", "tf2_ros", "cv_bridge", "rosgraph") or top.endswith("_msgs"):
-            raise ImportError(name + " is blocked")
-
-sys.meta_path.insert(0, Block())
-import importlib
-for name in sys.argv[1:]:
-    importlib.import_module("vb_voice_wizard." + name)
-"""
-
-
-def test_imports_without_ros():
-    subprocess.run([sys.executable, "-c", BLOCK, *PURE], check=True)
 
 
 @pytest.fixture(scope="module")
