@@ -108,10 +108,14 @@ class ProjectorTest(unittest.TestCase):
             drawing = BorderProgress(interaction_id="i", chain=[Point(3.0, 1.4, 0), Point(3.0, 2.6, 0)])
             progress.publish(drawing)
             wait_until(lambda: self.at(3.0, 2.0) > 100 and self.shown()[0, 0].max() > 100, "the drawing and the state's frame")
-            spot = LaserSpot(camera="red", position=Point(3.0, 2.5, 0))
-            spot.header.stamp = rospy.Time.now()
-            spots.publish(spot)
-            wait_until(lambda: self.at(3.0, 2.4) == 0 and self.at(3.0, 1.6) > 100, "the dark place about the spot")
+
+            def dark():
+                spot = LaserSpot(camera="red", position=Point(3.0, 2.5, 0))
+                spot.header.stamp = rospy.Time.now()
+                spots.publish(spot)
+                return self.at(3.0, 2.4) == 0 and self.at(3.0, 1.6) > 100
+
+            wait_until(dark, "the dark place about the spot")
             cells = np.zeros((60, 80), np.int8)
             cells[30:50, 40:60] = 100
             region = message_from_grid(GridMap(cells, 0.05), rospy.Time.now())
@@ -128,8 +132,9 @@ class ProjectorTest(unittest.TestCase):
             node.stdout.close()
 
     def test_3_without_a_calibration_it_says_so(self):
-        for arguments, words in (([], "calibration"), (["_calibration:=/nowhere.yaml"], "cannot read")):
-            node = start("floor_projector", "__name:=lost", *arguments)
+        tried = [("calibration", start("floor_projector", "__name:=lost")),
+                 ("cannot read", start("floor_projector", "__name:=misled", "_calibration:=/nowhere.yaml"))]
+        for words, node in tried:
             said, _ = node.communicate(timeout=60)
             self.assertEqual(node.returncode, 1, said)
             self.assertIn(words, said)

@@ -91,6 +91,7 @@ class DisplayMarkers:
         self._lock = threading.Lock()
         self._wake = threading.Event()
         self._dirty = True  # something but a spot has changed
+        self._urgent = False  # something that a person waits for: an answer, the new map
         self._newcomers: List[Any] = []
         self._grids: Dict[str, Optional[GridMap]] = {"physical": None, "posterior": None, "coverage": None}
         self._state: Optional[InteractionState] = None
@@ -132,14 +133,15 @@ class DisplayMarkers:
 
         return Listener()
 
-    def _changed(self) -> None:
+    def _changed(self, urgent: bool = False) -> None:
         self._dirty = True
+        self._urgent |= urgent
         self._wake.set()
 
     def _store(self, message: Any, where: str) -> None:
         with self._lock:
             setattr(self, where, message)
-        self._changed()
+        self._changed(urgent=where == "_state")
 
     def _on_grid(self, message: OccupancyGrid, which: str) -> None:
         try:
@@ -149,7 +151,7 @@ class DisplayMarkers:
             return
         with self._lock:
             self._grids[which] = grid
-        self._changed()
+        self._changed(urgent=True)
 
     def _on_borders(self, message: VirtualBorderArray) -> None:
         self._store(tuple(message.borders), "_borders")
@@ -182,8 +184,8 @@ class DisplayMarkers:
                 refreshed, self._dirty = started, True
                 self._shown = {key: shape for key, shape in self._shown.items() if not shape.frame}
             try:
-                if started >= full_due:
-                    full_due, self._dirty = started + full_period, False
+                if started >= full_due or self._urgent:
+                    full_due, self._dirty, self._urgent = started + full_period, False, False
                     if self._draw():
                         self._dirty = True
                 else:
