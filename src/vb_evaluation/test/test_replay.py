@@ -203,6 +203,56 @@ def test_images_go_through_todays_detector(tmp_path, capsys):
     assert found.code == "ok" and found.agreement > 0.9
 
 
+def robot_pose(stamp):
+    """(4, 4) T_map_camera of a camera 0.7 m high that looks down and ahead, on a robot that drives along x."""
+    down = math.radians(40.0)
+    forward = np.array([math.cos(down), 0.0, -math.sin(down)])
+    right = np.array([0.0, -1.0, 0.0])
+    return geometry.transform(
+        np.column_stack([right, np.cross(forward, right), forward]), (0.3 + 0.1 * (stamp - START), 1.0, 0.7)
+    )
+
+
+def test_images_of_a_robot_use_its_pose_and_depth_at_their_time(tmp_path):
+    color = CameraModel(320, 240, np.array([[260.0, 0, 160], [0, 260.0, 120], [0, 0, 1]]), np.zeros(5))
+    small = color.scaled_to(160, 120)
+    columns, lines = np.meshgrid(np.arange(160), np.arange(120))
+    rays = small.rays(np.column_stack([columns.ravel(), lines.ravel()]).astype(float))
+    random, spot = np.random.default_rng(3), np.array([1.25, 1.0, 0.0])
+    (tmp_path / "bags").mkdir()
+    with rosbag.Bag(str(tmp_path / "bags" / "01.bag"), "w") as bag:
+        first = rospy.Time.from_sec(START)
+        bag.write("/map", messages.message_from_grid(free_floor(), first), first)
+        for topic, model in (("/camera/rgb/camera_info", color), ("/camera/depth_registered/camera_info", small)):
+            bag.write(topic, messages.info_from_camera(model, first, "camera_optical_frame"), first)
+        for number in range(20):
+            stamp = START + 0.1 + number / 20.0
+            time = rospy.Time.from_sec(stamp)
+            pose = robot_pose(stamp)
+            directions = rays @ pose[:3, :3].T
+            depth = np.round(1000.0 * -pose[2, 3] / directions[:, 2]).reshape(120, 160).astype(np.uint16)
+            pixel = color.project(geometry.apply(geometry.invert(pose), spot[None]))[0]
+            rows, across = np.mgrid[:240, :320]
+            light = np.exp(-((across - pixel[0]) ** 2 + (rows - pixel[1]) ** 2) / (2 * 2.0**2))
+            image = random.normal(90.0, 2.0, (240, 320, 3)) + light[..., None] * np.array([90.0, 70.0, 400.0])
+            image = np.clip(image, 0, 255).astype(np.uint8)
+            bag.write(
+                "/camera/depth_registered/image_raw",
+                messages.image_message(depth, "16UC1", time, "camera_optical_frame"),
+                time,
+            )
+            bag.write(
+                "/camera/rgb/image_raw", messages.image_message(image, "bgr8", time, "camera_optical_frame"), time
+            )
+            # the pose comes after the image, as odometry does
+            moved = messages.transform_message(pose, "map", "camera_optical_frame", time)
+            bag.write("/tf", TFMessage([moved]), time + rospy.Duration(0.03))
+    events, counts = perception.events(Recording(tmp_path), [], [""])
+    spots = np.array([(event.x, event.y) for event in events])
+    assert counts["robot"].images == 20 and counts["robot"].today >= 15
+    assert np.abs(spots - spot[:2]).max() < 0.02
+
+
 def test_the_command_replays(tmp_path, capsys):
     rows = stroke()
     make_recording(tmp_path, rows)
