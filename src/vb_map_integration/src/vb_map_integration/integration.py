@@ -66,7 +66,7 @@ class Area:
 
     def region(self, shape: Tuple[int, int]) -> np.ndarray:
         """(H, W) bool, the cells that the border restricts."""
-        region = np.zeros(shape, dtype=bool)
+        region = raster.filled(shape, 0).view(bool)
         np.not_equal(self.mask, 0, out=region[self.window])
         return region
 
@@ -186,17 +186,14 @@ def restricted_area(
 
 
 def _count_free(cells: np.ndarray, occupied_from: int) -> int:
-    """How many cells are neither obstacles nor unknown; by parts of the map that fit into a processor's cache."""
-    rows = max(1, 200_000 // cells.shape[1])
-    parts = (cells[top : top + rows] for top in range(0, len(cells), rows))
+    """How many cells are neither obstacles nor unknown."""
+    parts = (cells[block] for block in raster.row_blocks(cells.shape))
     return sum(cv2.countNonZero(cv2.compare(part, occupied_from, cv2.CMP_LT)) for part in parts)
 
 
 def _framed(cells: np.ndarray, occupied_from: int) -> np.ndarray:
     """(H + 2, W + 2) uint8 mask of what no fill may enter: obstacles, unknown, and a frame round the map."""
-    framed = np.empty((cells.shape[0] + 2, cells.shape[1] + 2), np.uint8)
-    framed[[0, -1]] = 255
-    framed[:, [0, -1]] = 255
+    framed = raster.filled((cells.shape[0] + 2, cells.shape[1] + 2), 255)
     cv2.compare(cells, occupied_from - 1, cv2.CMP_GT, dst=framed[1:-1, 1:-1])
     return framed
 
@@ -239,10 +236,11 @@ def _polygon(
         inner[row - rows.start, column - columns.start] != 0
     )
     if is_inner:
-        # less the obstacles; unknown, 255, stays
-        mask = cv2.subtract(inner, cv2.inRange(cells[window], params.occupied_from, 127), dst=inner)
+        mask, part = inner, cells[window]
+        for block in raster.row_blocks(mask.shape):  # less the obstacles; unknown, 255, stays
+            cv2.subtract(mask[block], cv2.inRange(part[block], params.occupied_from, 127), dst=mask[block])
         if params.occupied_from <= cells[row, column] <= 127:
-            barred = np.full(prior.shape, 255, np.uint8)
+            barred = raster.filled(prior.shape, 255)
             np.invert(mask, out=barred[window])
             _free_cell(barred, seed, prior, params, findings)
         return window, mask

@@ -7,7 +7,7 @@ large map the better.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Tuple
+from typing import Iterator, Tuple
 
 import numpy as np
 
@@ -16,8 +16,22 @@ from vb_map_integration.findings import IntegrationError
 # rows and columns of a part of a map
 Window = Tuple[slice, slice]
 
+BLOCK_BYTES = 200_000
+
 # [cells] crossings of edges and rows that one polygon may have; a scribble beyond it would fill the memory
 MAX_CROSSINGS = 4_000_000
+
+
+def filled(shape: Tuple[int, int], value: int) -> np.ndarray:
+    """(H, W) uint8 of one value. Not numpy.zeros: its memory comes in small pages, each at the price of a fault."""
+    return np.full(shape, value, np.uint8)
+
+
+def row_blocks(shape: Tuple[int, int]) -> Iterator[slice]:
+    """Parts of the rows of (H, W) bytes, each small enough for a processor's cache: what is in between of a
+    calculation then never reaches the memory, which for large maps is most of the time."""
+    rows = max(1, BLOCK_BYTES // max(1, shape[1]))
+    return (slice(top, top + rows) for top in range(0, shape[0], rows))
 
 
 def polygon_mask(vertices: np.ndarray, shape: Tuple[int, int]) -> Tuple[Window, np.ndarray]:
@@ -39,7 +53,7 @@ def polygon_mask(vertices: np.ndarray, shape: Tuple[int, int]) -> Tuple[Window, 
     corners = np.array([vertices.min(axis=0), vertices.max(axis=0) + 1.0])
     (left, top), (right, bottom) = np.ceil(np.minimum(np.maximum(corners, 0.0), shape[::-1])).astype(int).tolist()
     window = slice(top, bottom), slice(left, right)
-    mask = np.zeros((bottom - top, right - left), np.uint8)
+    mask = filled((bottom - top, right - left), 0)
     start = vertices - (left, top)
     end = np.concatenate([start[1:], start[:1]])
     y0, y1 = start[:, 1], end[:, 1]
@@ -138,10 +152,11 @@ def paint(cells: np.ndarray, mask: np.ndarray, value: int, over_unknown: bool) -
         value: 0 .. 100.
         over_unknown: whether unknown cells take the value too.
     """
-    if over_unknown:  # as int8 unknown is -1, the least there is
-        layer = np.invert(mask)
-        np.bitwise_or(layer, np.uint8(value), out=layer)
-        np.maximum(cells, layer.view(np.int8), out=cells)
-    else:  # as uint8 it is 255, the greatest
-        as_bytes = cells.view(np.uint8)
-        np.maximum(as_bytes, np.bitwise_and(mask, np.uint8(value)), out=as_bytes)
+    level = np.uint8(value)
+    for block in row_blocks(mask.shape):
+        part = cells[block]
+        if over_unknown:  # as int8 unknown is -1, the least there is
+            np.maximum(part, np.bitwise_or(np.invert(mask[block]), level).view(np.int8), out=part)
+        else:  # as uint8 it is 255, the greatest
+            as_bytes = part.view(np.uint8)
+            np.maximum(as_bytes, np.bitwise_and(mask[block], level), out=as_bytes)
