@@ -15,15 +15,15 @@ CONFIG = TOP / "src" / "vb_bringup" / "config" / "navigation"
 
 # costmap_2d/src/costmap_2d_ros.cpp, costmap_2d/src/footprint.cpp, costmap_2d/cfg/Costmap2D.cfg
 COSTMAP = set(
-    "always_send_full_costmap footprint footprint_padding footprint_topic global_frame height origin_x origin_y plugins "
-    "publish_frequency published_footprint_topic resolution robot_base_frame robot_radius rolling_window "
+    "always_send_full_costmap footprint footprint_padding footprint_topic global_frame height origin_x origin_y "
+    "plugins publish_frequency published_footprint_topic resolution robot_base_frame robot_radius rolling_window "
     "track_unknown_space transform_tolerance update_frequency width".split()
 )
 LAYERS = {
     # costmap_2d/plugins/static_layer.cpp, costmap_2d/cfg/GenericPlugin.cfg
     "costmap_2d::StaticLayer": set(
-        "enabled first_map_only lethal_cost_threshold map_topic subscribe_to_updates track_unknown_space trinary_costmap "
-        "unknown_cost_value use_maximum".split()
+        "enabled first_map_only lethal_cost_threshold map_topic subscribe_to_updates track_unknown_space "
+        "trinary_costmap unknown_cost_value use_maximum".split()
     ),
     # costmap_2d/plugins/obstacle_layer.cpp, costmap_2d/cfg/ObstaclePlugin.cfg; and one key for each observation source
     "costmap_2d::ObstacleLayer": set(
@@ -121,7 +121,8 @@ def test_plans_keep_to_borders():
 
 
 def test_the_launch_file_gives_each_node_its_map():
-    nodes = {node.get("name"): node for node in ElementTree.parse(str(TOP / "launch" / "navigation.launch")).iter("node")}
+    launch = ElementTree.parse(str(TOP / "launch" / "navigation.launch"))
+    nodes = {node.get("name"): node for node in launch.iter("node")}
     amcl = {param.get("name"): param.get("value") for param in nodes["amcl"].iter("param")}
     assert set(amcl) <= AMCL and amcl["use_map_topic"] == amcl["first_map_only"] == "true"
     assert ("map", "/map") in {(remap.get("from"), remap.get("to")) for remap in nodes["amcl"].iter("remap")}

@@ -130,6 +130,11 @@ class MapIntegratorTest(unittest.TestCase):
             answer = self.call("add_border", border, frame, "test")
             self.assertEqual((answer.success, answer.code), (False, code))
             self.assertTrue(answer.message and answer.findings[-1].code == code)
+            if code != "id_not_empty":  # a preview with an id asks what an update would do
+                answer = self.call("preview_border", border, frame, [])
+                self.assertEqual((answer.success, answer.code), (False, code))
+            answer = self.call("update_border", border, frame, "test")
+            self.assertIn((answer.success, answer.code), [(False, code), (False, "unknown_border")])
         for name in ("../x", "/tmp/x", "a/b"):
             self.assertEqual(self.call("save_map", name, False).code, "bad_name")
         self.assertFalse(self.call("redo").success)
