@@ -185,10 +185,11 @@ def measure_scenes(words: List[str]) -> Dict[str, Any]:
         if words and not any(word in name for word in words):
             continue
         figures = result[name] = play(scene, rooms).summary()
-        print(f"{name:52s} {figures['recall']:6.3f} {figures['false_spots_per_hour']:8.0f} "
-              f"{figures['error_median_mm']:8.1f} {figures['error_p95_mm']:6.1f} "
-              f"({figures['error_with_pose_error_median_mm']:.1f}, {figures['error_with_pose_error_p95_mm']:.1f}) "
-              f"{figures['missed_because'] or ''}", flush=True)
+        numbers = [np.nan if figures[key] is None else figures[key] for key in (
+            "recall", "false_spots_per_hour", "error_median_mm", "error_p95_mm", "error_with_pose_error_median_mm",
+            "error_with_pose_error_p95_mm")]
+        print("{:52s} {:6.3f} {:8.0f} {:8.1f} {:6.1f} ({:.1f}, {:.1f})".format(name, *numbers),
+              figures["missed_because"] or "", flush=True)
     return result
 
 

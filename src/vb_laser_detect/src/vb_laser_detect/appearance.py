@@ -3,7 +3,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import List, Sequence, Tuple
+from typing import Tuple
 
 import cv2
 import numpy as np
@@ -13,7 +13,8 @@ from vb_laser_detect.blocks import max_channel
 _EDGE = 0.35  # the spot is where the rise exceeds this part of its peak
 _WHITE = 240.0  # [grey levels] a pixel whose weakest channel shows more tells nothing about colour
 _GREY = 0.85  # a floor is grey if its weakest channel has so much of the strongest
-_SQUARE = np.ones((3, 3), np.uint8)
+_SHADOW = 0.5  # part of the light that a shadow leaves at least
+_SQUARE, _QUAD = np.ones((3, 3), np.uint8), np.ones((2, 2), np.uint8)
 
 Region = Tuple[int, int, int, int]  # left, top, right, bottom [px]; right and bottom are excluded
 
@@ -35,10 +36,11 @@ class Candidate:
         likeness: part of the surroundings that looked as the blob's place did before.
         edge: the outline's gradient in the image, over that in image and background together; small for a ghost,
             whose outline is in the background alone.
-        darker: part of the surroundings that became darker; near 0 for a light, more where something moves in.
+        darker: part of the surroundings that became darker than in a shadow; more than 0 where something moves in.
         flatness: part of the blob that is nearly as bright as its peak.
         fall: [grey levels] by how much the channel that lost most became darker; a light darkens none, paint does.
-        chroma: how coloured its light is; near 0 for white light and white things, 0 in images without colour.
+        chroma: how coloured its light is; near 0 for white light, for white things and if it was not measured.
+        cut_off: the image ends there: what is seen of it may be a part.
         busy: part of the whole image that changed elsewhere.
         neighbours: blocks near it that became brighter, beyond those that its own light reaches.
         confidence: 0 ... 1.
@@ -60,6 +62,7 @@ class Candidate:
     flatness: float = 0.0
     fall: float = 0.0
     chroma: float = 0.0
+    cut_off: bool = False
     busy: float = 0.0
     neighbours: int = 0
     confidence: float = 0.0
@@ -67,7 +70,7 @@ class Candidate:
 
 
 def measure(
-    image: np.ndarray, background: np.ndarray, seed: Region, largest: float, learnt: bool = True
+    image: np.ndarray, background: np.ndarray, seed: Region, largest: float, learnt: bool = True, colour: bool = False
 ) -> Candidate:
     """Measures the brightest blob of a region.
 
@@ -77,6 +80,7 @@ def measure(
         seed: region that holds the peak.
         largest: [px] largest extent looked for.
         learnt: whether the background was seen before; a guessed one says nothing about what was there.
+        colour: whether to measure its colour too.
 
     Returns:
         The candidate; its refusal is "too_large" or "too_faint" if no blob was measured.
@@ -115,14 +119,11 @@ def measure(
     sx0, sy0 = max(0, bx - pad), max(0, by - pad)
     sx1, sy1 = min(x1 - x0, bx + bw + pad), min(y1 - y0, by + bh + pad)
     part, whole = (slice(sy0, sy1), slice(sx0, sx1)), (slice(y0 + sy0, y0 + sy1), slice(x0 + sx0, x0 + sx1))
-    candidate = _describe(
-        labels[part] == label,
-        smooth[part].astype(np.float32),
-        image[whole],
-        rise[part],
-        background[whole],
-        learnt,
-    )
+    blob, light = labels[part] == label, smooth[part].astype(np.float32)
+    candidate = _describe(blob, light, image[whole], rise[part], background[whole], learnt)
+    if colour:
+        candidate.chroma = _chroma(blob.view(np.uint8), light, image[whole], background[whole])
+    candidate.cut_off = x0 + bx == 0 or y0 + by == 0 or x0 + bx + bw == width or y0 + by + bh == height
     candidate.u += x0 + sx0
     candidate.v += y0 + sy0
     return candidate
@@ -131,90 +132,99 @@ def measure(
 def _describe(
     blob: np.ndarray, smooth: np.ndarray, image: np.ndarray, rise: np.ndarray, background: np.ndarray, learnt: bool
 ) -> Candidate:
-    rows, columns = np.nonzero(blob)
-    weights = smooth[blob]
-    total, peak = float(weights.sum()), float(weights.max())
-    u, v = float((weights * columns).sum()) / total, float((weights * rows).sum()) / total
-    area = len(rows)
-    long, short = _axes(columns, rows)
+    # cv2 with masks, not numpy with indices: on patches this small the calls are what takes the time
+    blob = blob.view(np.uint8)
+    peak = float(cv2.minMaxLoc(smooth, blob)[1])
+    light = cv2.moments(cv2.copyTo(smooth, blob))
+    area, long, short = _axes(blob)
     candidate = Candidate(
-        u=u,
-        v=v,
+        u=light["m10"] / light["m00"],
+        v=light["m01"] / light["m00"],
         diameter=2.0 * math.sqrt(area / math.pi),
         peak=peak,
-        level=float(max_channel(image)[blob].max()),
+        level=float(cv2.minMaxLoc(max_channel(image), blob)[1]),
         elongation=long / short,
         compactness=area / (4.0 * math.pi * long * short),
-        flatness=float((weights > 0.8 * peak).mean()),
+        flatness=cv2.countNonZero(cv2.bitwise_and(cv2.compare(smooth, 0.8 * peak, cv2.CMP_GT), blob)) / area,
     )
     ring = _ring(blob, candidate.diameter)
-    candidate.surround = float(smooth[ring].mean()) / peak if ring.any() else 1.0
-    channels = [rise] if rise.ndim == 2 else cv2.split(rise)
-    rises = [float(channel[blob].mean()) for channel in channels]
+    around = cv2.countNonZero(ring)
+    candidate.surround = cv2.mean(smooth, ring)[0] / peak if around else 1.0
+    rises = cv2.mean(rise, blob)[: 1 if rise.ndim == 2 else 3]
     best = int(np.argmax(rises))
     rose = max(rises[best], 1.0)
-    if len(channels) > 1:
-        levels, floors = cv2.split(image), cv2.split(background)
-        candidate.fall = max(float(floor[blob].mean()) - float(level[blob].mean()) for floor, level in zip(floors, levels))
-        candidate.chroma = _chroma(blob, smooth, levels, floors)
+    _, level, floor = _color_over(blob, image, background)
+    candidate.fall = max(0.0, float((floor - level).max()))
     now = _plane(image, best)
-    inside = float(now[blob].mean())
-    like = ring
-    if learnt:
+    inside = cv2.mean(now, blob)[0]
+    like, alike = ring, around
+    if learnt and around:
         before = _plane(background, best)
         # a light falls on a floor that goes on beside it; where an object has left, the background still shows
         # the object, and nothing beside it looks the same
-        tolerance = max(12.0, 0.25 * rose)
-        like = ring & (np.abs(before - np.median(before[blob])) < tolerance)
-        candidate.darker = float(((before - now)[ring] > tolerance).mean()) if ring.any() else 0.0
-        mask = blob.astype(np.uint8)
-        rim = (cv2.dilate(mask, _SQUARE) - cv2.erode(mask, _SQUARE)) > 0
-        slope, slope_before = float(_gradient(now)[rim].mean()), float(_gradient(before)[rim].mean())
+        off = cv2.absdiff(before, float(np.median(before[blob > 0])))
+        like = cv2.bitwise_and(ring, cv2.compare(off, max(12.0, 0.25 * rose), cv2.CMP_LT))
+        alike = cv2.countNonZero(like)
+        candidate.likeness = alike / around
+        # a shadow that passes over a spot leaves about half of the light; what hides the floor is another thing
+        hidden = cv2.compare(now, cv2.addWeighted(before, _SHADOW, before, 0.0, -4.0), cv2.CMP_LT)
+        candidate.darker = cv2.countNonZero(cv2.bitwise_and(hidden, ring)) / around
+        rim = cv2.subtract(cv2.dilate(blob, _SQUARE), cv2.erode(blob, _SQUARE))
+        slope, slope_before = cv2.mean(_gradient(now), rim)[0], cv2.mean(_gradient(before), rim)[0]
         candidate.edge = slope / max(1e-3, slope + slope_before)
-        candidate.likeness = float(like.sum()) / max(1, int(ring.sum()))
-    candidate.contrast = (inside - float(now[like].mean())) / rose if like.any() else 0.0
+    candidate.contrast = (inside - cv2.mean(now, like)[0]) / rose if alike else 0.0
     return candidate
 
 
-def _chroma(blob: np.ndarray, smooth: np.ndarray, levels: Sequence[np.ndarray], floors: Sequence[np.ndarray]) -> float:
+def _chroma(blob: np.ndarray, smooth: np.ndarray, image: np.ndarray, background: np.ndarray) -> float:
     """How coloured the light is.
 
     White paper on a brown floor rises most in blue, and still looks white: a laser's light rises most in its own colour
     and has that colour. Where the core is white, since it saturates every channel, the light round it has to show the
     colour; that counts on a grey floor only, where white things rise evenly.
     """
-    rise, level, _ = _color_over(blob, levels, floors)
-    best = int(np.argmax(rise))
-    core = min((rise[best] - min(rise)) / max(rise[best], 1.0), (level[best] - min(level)) / max(level[best], 1.0))
-    weakest = np.minimum.reduce(levels)
-    halo = (cv2.dilate(blob.astype(np.uint8), _disc(2)) > 0) & (weakest < _WHITE) & (smooth > 0.12 * smooth[blob].max())
-    if np.count_nonzero(halo) < 6:
-        return core
-    rise, level, floor = _color_over(halo, levels, floors)
-    if min(floor) < _GREY * max(floor):
-        return core
-    return max(core, (max(rise) - min(rise)) / max(max(rise), 1.0) if max(rise) > 4.0 else 0.0)
+    rise, level, _ = _color_over(blob, image, background)
+    best = int(rise.argmax())
+    core = min((rise[best] - rise.min()) / max(rise[best], 1.0), (level[best] - level.min()) / max(level[best], 1.0))
+    weakest = cv2.erode(image, _QUAD) if image.ndim == 2 else np.minimum.reduce(cv2.split(image))
+    bright = cv2.compare(smooth, 0.12 * cv2.minMaxLoc(smooth, blob)[1], cv2.CMP_GT)
+    halo = cv2.bitwise_and(cv2.dilate(blob, _disc(2)), cv2.bitwise_and(bright, cv2.compare(weakest, _WHITE, cv2.CMP_LT)))
+    if cv2.countNonZero(halo) < 6:
+        return float(core)
+    rise, _, floor = _color_over(halo, image, background)
+    if floor.min() < _GREY * floor.max() or rise.max() < 4.0:
+        return float(core)
+    return float(max(core, (rise.max() - rise.min()) / rise.max()))
 
 
-def _color_over(mask: np.ndarray, levels: Sequence[np.ndarray], floors: Sequence[np.ndarray]) -> Tuple[List[float], ...]:
-    """Mean rise, level and floor of each channel."""
-    level = [float(channel[mask].mean()) for channel in levels]
-    floor = [float(channel[mask].mean()) for channel in floors]
-    return [max(0.0, a - b) for a, b in zip(level, floor)], level, floor
+def _color_over(mask: np.ndarray, image: np.ndarray, background: np.ndarray) -> Tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Mean rise, level and floor (C,) of each channel; the four places in a Bayer image's pattern count as channels."""
+    if image.ndim == 3:
+        level, floor = (np.array(cv2.mean(picture, mask)[:3]) for picture in (image, background))
+    else:
+        places = [(slice(row, None, 2), slice(column, None, 2)) for row in (0, 1) for column in (0, 1)]
+        parts = [np.ascontiguousarray(mask[place]) for place in places]
+        level, floor = (
+            np.array([cv2.mean(np.ascontiguousarray(picture[place]), part)[0] for place, part in zip(places, parts) if part.any()])
+            for picture in (image, background)
+        )
+    return np.maximum(level - floor, 0.0), level, floor
 
 
-def _axes(columns: np.ndarray, rows: np.ndarray) -> Tuple[float, float]:
+def _axes(blob: np.ndarray) -> Tuple[float, float, float]:
+    """Area [px] and the two axes, as standard deviations [px]."""
+    moments = cv2.moments(blob, binaryImage=True)
+    area = moments["m00"]
     # a pixel is a square with second moments of its own: without them a single pixel would have no extent
-    xx, yy = float(columns.var()) + 1 / 12.0, float(rows.var()) + 1 / 12.0
-    xy = float(((columns - columns.mean()) * (rows - rows.mean())).mean())
+    xx, yy, xy = moments["mu20"] / area + 1 / 12.0, moments["mu02"] / area + 1 / 12.0, moments["mu11"] / area
     half, mean = math.hypot((xx - yy) / 2.0, xy), (xx + yy) / 2.0
-    return math.sqrt(mean + half), math.sqrt(max(mean - half, 1e-3))
+    return area, math.sqrt(mean + half), math.sqrt(max(mean - half, 1e-3))
 
 
 def _ring(blob: np.ndarray, diameter: float) -> np.ndarray:
     gap, thick = max(2, int(round(0.2 * diameter))), max(2, int(round(0.35 * diameter)))
-    inner = cv2.dilate(blob.astype(np.uint8), _disc(gap))
-    return (cv2.dilate(inner, _disc(thick)) > 0) & (inner == 0)
+    inner = cv2.dilate(blob, _disc(gap))
+    return cv2.subtract(cv2.dilate(inner, _disc(thick)), inner)
 
 
 def _disc(radius: int) -> np.ndarray:

@@ -196,7 +196,7 @@ class SpotDetector:
         for seed, _ in regions(rise, hot, p.max_candidates, self._largest_px() / BLOCK) if hot.any() else []:
             candidate = self._too_dark(image, seed)
             if candidate is None:
-                candidate = appearance.measure(image, background.image, seed, self._largest_px())
+                candidate = appearance.measure(image, background.image, seed, self._largest_px(), colour=p.min_chroma > 0)
             if not candidate.refusal:
                 own = _blocks_around(hot.shape, candidate, 1.25 * candidate.diameter + BLOCK)
                 near = _blocks_around(hot.shape, candidate, _NEAR * BLOCK)
@@ -238,7 +238,7 @@ class SpotDetector:
             # a median removes the spot and keeps the edges of carpets, next to which spots are drawn
             floor = cv2.medianBlur(np.ascontiguousarray(window), 2 * reach - 7)
             seed = (left - x0, top - y0, right - x0, bottom - y0)
-            candidate = appearance.measure(window, floor, seed, self._largest_px(), learnt=False)
+            candidate = appearance.measure(window, floor, seed, self._largest_px(), learnt=False, colour=p.min_chroma > 0)
             candidate.u += x0
             candidate.v += y0
             candidate.refusal = candidate.refusal or self._refusal_of(candidate)

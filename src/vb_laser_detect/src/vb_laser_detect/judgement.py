@@ -36,8 +36,8 @@ def doubts(c: Candidate, p: DetectorParams) -> Dict[str, float]:
         "no_contrast": _below(c.contrast, 0.5, p.min_contrast),
         "object_left": _below(c.edge, float(usual_edge), float(least_edge)),
         "unlike_surroundings": _below(c.likeness, 0.25, p.min_likeness),
-        # never enough on its own: a shadow may pass over a spot
-        "object_came": min(0.8, _above(c.darker, 0.04, p.max_darker)) + _above(c.contrast, 1.2, p.max_contrast),
+        "object_came": _above(c.darker, 0.04, p.max_darker) + _above(c.contrast, 1.2, p.max_contrast),
+        "cut_off": 0.4 * c.cut_off,
         "painted": _above(c.fall, 6.0, 20.0),
         "scene_busy": _above(c.busy, 0.1, p.max_busy),
         "change_nearby": _above(c.neighbours, 30.0, p.max_neighbours),
