@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import os
+import subprocess
 import sys
+import tempfile
 import unittest
+from pathlib import Path
 
 import numpy as np
 import rospy
 import rostest
+import yaml
 from geometry_msgs.msg import Point
 
 sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
@@ -16,6 +20,7 @@ from ros_helpers import wait_until  # noqa: E402
 from vb_core.grid_map import GridMap  # noqa: E402
 from vb_core.ros.messages import BorderPreviewArray, OccupancyGridArray, message_from_grid  # noqa: E402
 from std_msgs.msg import String  # noqa: E402
+from vb_feedback.layout import Box, fit  # noqa: E402
 from vb_feedback.restricted import PREVIEW  # noqa: E402
 from vb_msgs.msg import BorderProgress, Finding, InteractionState, LaserSpot, VirtualBorder, VirtualBorderArray  # noqa: E402
 from visualization_msgs.msg import Marker, MarkerArray  # noqa: E402
@@ -170,6 +175,25 @@ class DisplayMarkersTest(unittest.TestCase):
         self.assertGreater(discs[0].lifetime.to_sec(), 0.0)
         wait_until(lambda: not self.screen.has("spots/red"), "its end")
         self.assertFalse(self.screen.has("spots/blue"))
+
+    def test_4_rviz_is_fitted_to_the_map(self):
+        top = Path(__file__).resolve().parents[3]
+        with tempfile.TemporaryDirectory() as folder:
+            stand_in = Path(folder) / "rviz"
+            stand_in.write_text(f'#!/bin/sh\nshift\ncp "$2" {folder}/config; echo "$@" > {folder}/arguments\n')
+            stand_in.chmod(0o755)
+            run = subprocess.run(
+                ["rosrun", "vb_feedback", "smart_display", "__name:=display", "_screen:=1280x720",
+                 f"_config:={top}/rviz/smart_display.rviz"],
+                env={**os.environ, "PATH": f"{folder}:{os.environ['PATH']}"}, timeout=60, stdout=subprocess.PIPE,
+                stderr=subprocess.STDOUT, universal_newlines=True,
+            )
+            self.assertEqual(run.returncode, 0, run.stdout)
+            view = yaml.safe_load((Path(folder) / "config").read_text())["Visualization Manager"]["Views"]["Current"]
+            self.assertIn("__name:=display", (Path(folder) / "arguments").read_text())
+        layout = fit(Box.around(self.grid.corners()), 16 / 9)
+        self.assertAlmostEqual(view["Scale"], 1280 / layout.view.width, 1)
+        self.assertAlmostEqual(view["X"], layout.view.centre[0], 2)
 
     def test_5_a_newcomer_gets_everything(self):
         self.say(name="guide", interaction_id="i", commands=["cancel"])

@@ -10,7 +10,7 @@ import yaml
 from vb_core.errors import CodedError
 from vb_feedback import fit_display
 from vb_feedback.layout import Box, fit
-from vb_feedback.rviz_config import fit_config
+from vb_feedback.rviz_config import fit_config, screen_size
 
 RVIZ = Path(__file__).resolve().parents[3] / "rviz"
 
@@ -34,6 +34,21 @@ def test_every_part_of_the_display_is_on_the_screen(extent, screen):
         row = screen[1] / 2 - (y - view["Y"]) * view["Scale"]
         assert -1e-6 <= column <= screen[0] + 1e-6 and -1e-6 <= row <= screen[1] + 1e-6
     assert (fitted["Window Geometry"]["Width"], fitted["Window Geometry"]["Height"]) == screen
+
+
+@pytest.mark.parametrize("screen", [(1920, 1200), (1024, 768), (3440, 1440)])
+def test_on_a_screen_of_another_aspect_nothing_is_cut(screen):
+    layout = fit(Box(0, 0, 8, 5), 16 / 9)
+    view = fit_config(template(), Box(0, 0, 8, 5), *screen, aspect=16 / 9)["Visualization Manager"]["Views"]["Current"]
+    used = [layout.view.width * view["Scale"] / screen[0], layout.view.height * view["Scale"] / screen[1]]
+    assert max(used) == pytest.approx(1.0) and min(used) > 0.7
+    assert (view["X"], view["Y"]) == pytest.approx(layout.view.centre)
+
+
+def test_the_screens_size_is_read():
+    said = "name of display:    :0\n  dimensions:    1280x720 pixels (338x190 millimeters)\n  resolution:    96x96 dots per inch"
+    assert screen_size(said) == (1280, 720)
+    assert screen_size("unable to open display") is None
 
 
 @pytest.mark.parametrize("config", [None, {}, {"Visualization Manager": {"Views": {}}}])

@@ -1,0 +1,85 @@
+"""Fits RViz to the map and the screen, then becomes RViz."""
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import tempfile
+from dataclasses import dataclass
+from typing import List, Tuple
+
+import rospy
+import yaml
+from vb_core import names
+from vb_core.errors import CodedError, ParameterError
+from vb_core.parameters import Parameters, param
+from vb_core.ros import parameters
+from vb_core.ros.messages import OccupancyGridArray, grid_from_message
+
+from vb_feedback.layout import Box
+from vb_feedback.rviz_config import fit_config, screen_size
+
+_ASPECT = "/display_markers/screen_aspect"
+_USUAL = (1920, 1080)
+
+
+@dataclass(frozen=True)
+class SmartDisplayParams(Parameters):
+    """Parameters of smart_display.
+
+    Attributes:
+        config: the RViz configuration to start from, with a view from above.
+        screen: "WIDTHxHEIGHT" [px]; "auto" asks the X server, whose screen spans all monitors.
+    """
+
+    config: str = param("")
+    screen: str = param("auto")
+
+    def size(self) -> Tuple[int, int]:
+        """(width, height) [px].
+
+        Raises:
+            ParameterError: if the parameter says neither.
+        """
+        if self.screen != "auto":
+            sides = self.screen.lower().split("x")
+            if len(sides) != 2 or not all(side.isdigit() for side in sides):
+                raise ParameterError("~screen", f"must be auto or for instance 1920x1080, got '{self.screen}'")
+            return int(sides[0]), int(sides[1])
+        try:
+            said = subprocess.run(["xdpyinfo"], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, universal_newlines=True)
+        except OSError:
+            return _USUAL
+        return screen_size(said.stdout) or _USUAL
+
+
+def _fitted(params: SmartDisplayParams) -> str:
+    """Waits for the map and writes the configuration; gives its path."""
+    rospy.loginfo("smart_display: RViz starts as soon as there is a map on %s", names.PHYSICAL_MAP)
+    extent = Box.around(grid_from_message(rospy.wait_for_message(names.PHYSICAL_MAP, OccupancyGridArray)).corners())
+    try:
+        with open(params.config, encoding="utf-8") as file:
+            config = yaml.safe_load(file)
+    except (OSError, yaml.YAMLError) as error:
+        raise CodedError("bad_config", f"cannot read the RViz config '{params.config}': {error}") from None
+    fitted = fit_config(config, extent, *params.size(), aspect=rospy.get_param(_ASPECT, None))
+    # RViz reads it when this process is no more, and writes to it when its user says save
+    handle, path = tempfile.mkstemp(prefix="smart_display_", suffix=".rviz")
+    with os.fdopen(handle, "w", encoding="utf-8") as file:
+        yaml.safe_dump(fitted, file, default_flow_style=False, sort_keys=False)
+    return path
+
+
+def main() -> None:
+    """Runs the program; what roslaunch gave it for its name goes on to RViz."""
+    rospy.init_node("smart_display")
+    arguments: List[str] = sys.argv[1:]
+    try:
+        path = _fitted(parameters.read(SmartDisplayParams))
+    except CodedError as error:
+        rospy.logfatal("smart_display: %s", error)
+        sys.exit(1)
+    except rospy.ROSException:
+        return
+    rospy.signal_shutdown("RViz takes over")
+    os.execvp("rviz", ["rviz", "--fullscreen", "-d", path, *arguments])
