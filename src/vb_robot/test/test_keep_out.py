@@ -52,7 +52,7 @@ def test_route_is_tight_and_keeps_off_obstacles():
     assert ways.route((1.6, 2.5)) is None
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=10, deadline=None)
 @given(st.floats(0.4, 7.6), st.floats(0.4, 4.6), st.floats(0, 6.28), st.integers(0, 3), st.booleans())
 def test_ways_never_enter_the_polygon(x, y, yaw, corner, seeding):
     polygon = Polygon(CARPET)

@@ -88,7 +88,7 @@ def test_small_strokes_leave_it_at_rest():
     assert np.abs(follow(zigzag, 0.2, (1.0, 2.5, 0.0))[:, 4:6]).max() == 0.0
 
 
-@settings(max_examples=12, deadline=None)
+@settings(max_examples=6, deadline=None)
 @given(st.floats(-0.5, 0.5), st.integers(0, 5), st.floats(0.1, 0.3))
 def test_footprint_never_enters_a_border(yaw, seed, speed):
     rng = np.random.default_rng(seed)
