@@ -123,7 +123,7 @@ class ClockCheckNode:
 def _sentence(name: str, offset: ClockOffset) -> str:
     where = "ahead of" if offset.offset >= 0 else "behind"
     return (f"the clock of {name} is {1e3 * abs(offset.offset):.1f} ms {where} this computer's, "
-            f"to within {1e3 * offset.uncertainty:.1f} ms")
+            f"to within {1e3 * offset.uncertainty:.2f} ms")
 
 
 def build() -> ClockCheckNode:
