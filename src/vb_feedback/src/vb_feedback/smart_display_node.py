@@ -25,12 +25,7 @@ _USUAL = (1920, 1080)
 
 @dataclass(frozen=True)
 class SmartDisplayParams(Parameters):
-    """Parameters of smart_display.
-
-    Attributes:
-        config: the RViz configuration to start from, with a view from above.
-        screen: "WIDTHxHEIGHT" [px]; "auto" asks the X server, whose screen spans all monitors.
-    """
+    """Parameters of smart_display; config/smart_display.yaml says why."""
 
     config: str = param("")
     screen: str = param("auto")
