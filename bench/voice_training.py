@@ -194,7 +194,8 @@ _recognizer: Optional[recognition.CommandRecognizer] = None
 
 def _setup_recognizer(network: str, decision: str) -> None:
     global _recognizer
-    _recognizer = recognition.CommandRecognizer(recognition.RecognizerParams(network=network, decision=decision))
+    # threshold 0: with nothing in doubt there is no second look, the decision is made for the first one
+    _recognizer = recognition.CommandRecognizer(recognition.RecognizerParams(network=network, decision=decision, threshold=0.0))
 
 
 def _measure(plan: speech.Plan) -> List[Tuple[str, str, str, Tuple[float, ...]]]:

@@ -5,6 +5,8 @@ that its decoder does not give either (see phone_scoring).
 """
 from __future__ import annotations
 
+import functools
+
 import numpy as np
 from scipy.fft import dct
 
@@ -17,6 +19,7 @@ _FFT = 512
 _FILTERS = 25
 _CEPSTRA = 13
 _LOWEST_HZ, _HIGHEST_HZ = 130.0, 6800.0
+_WARPED_SHARE = 0.85
 _PRE_EMPHASIS = 0.97
 _LIFTER = 22
 _LOG_FLOOR = 1e-4
@@ -37,11 +40,21 @@ def _mel(hertz: np.ndarray) -> np.ndarray:
     return 2595.0 * np.log10(1.0 + np.asarray(hertz) / 700.0)
 
 
-def _filter_bank() -> np.ndarray:
+def _warped(hertz: np.ndarray, warp: float) -> np.ndarray:
+    """Frequencies times `warp`, and from where that would leave the range on a straight line to the range's end."""
+    knee = _WARPED_SHARE * _HIGHEST_HZ * min(1.0, 1.0 / warp)
+    beyond = _HIGHEST_HZ - (_HIGHEST_HZ - knee * warp) / (_HIGHEST_HZ - knee) * (_HIGHEST_HZ - hertz)
+    return np.where(hertz <= knee, hertz * warp, beyond)
+
+
+@functools.lru_cache(maxsize=8)
+def _filter_bank(warp: float = 1.0) -> np.ndarray:
     """Triangular filters of unit area, (_FFT // 2 + 1, _FILTERS); edges rounded to the transform's bins."""
     bin_hz = SAMPLE_RATE / _FFT
     mels = np.linspace(_mel(_LOWEST_HZ), _mel(_HIGHEST_HZ), _FILTERS + 2)
-    edges = np.floor((700.0 * (10.0 ** (mels / 2595.0) - 1.0)) / bin_hz + 0.5) * bin_hz
+    edges = _warped(700.0 * (10.0 ** (mels / 2595.0) - 1.0), warp)
+    if warp == 1.0:
+        edges = np.floor(edges / bin_hz + 0.5) * bin_hz  # as the model was trained
     hertz = np.arange(_FFT // 2 + 1) * bin_hz
     left, centre, right = edges[:-2], edges[1:-1], edges[2:]
     rising = (hertz[:, None] - left) / (centre - left)
@@ -50,15 +63,16 @@ def _filter_bank() -> np.ndarray:
 
 
 _WINDOW = np.hamming(FRAME_LENGTH)
-_BANK = _filter_bank()
 _LIFT = 1.0 + _LIFTER / 2.0 * np.sin(np.arange(_CEPSTRA) * np.pi / _LIFTER)
 
 
-def mel_spectrum(pcm: np.ndarray) -> np.ndarray:
+def mel_spectrum(pcm: np.ndarray, warp: float = 1.0) -> np.ndarray:
     """Power in mel bands.
 
     Args:
         pcm: (N,) samples, 16 kHz mono, full scale 32768.
+        warp: by which the bands are moved up: 1.18 takes formants that are 1.18 times too high to where the models
+            expect them (vocal tract length normalisation, Lee and Rose 1996).
 
     Returns:
         (T, 25) float64, T = 1 + (N - 410) // 160, or no row if it is shorter than a frame.
@@ -70,7 +84,7 @@ def mel_spectrum(pcm: np.ndarray) -> np.ndarray:
     emphasised[1:] -= _PRE_EMPHASIS * samples[:-1]
     frames = np.lib.stride_tricks.sliding_window_view(emphasised, FRAME_LENGTH)[::FRAME_SHIFT]
     power = np.abs(np.fft.rfft(frames * _WINDOW, _FFT)) ** 2
-    return power @ _BANK
+    return power @ _filter_bank(warp)
 
 
 def remove_noise(spectrum: np.ndarray) -> np.ndarray:
@@ -102,8 +116,8 @@ def remove_noise(spectrum: np.ndarray) -> np.ndarray:
     return cleaned
 
 
-def clean_spectrum(pcm: np.ndarray) -> np.ndarray:
-    """Mel power of a piece of speech, (N,) to (T, 25), with its noise removed.
+def clean_spectrum(pcm: np.ndarray, warp: float = 1.0) -> np.ndarray:
+    """Mel power of a piece of speech, (N,) to (T, 25), with its noise removed; `warp` as in `mel_spectrum`.
 
     A recording without noise gets a little first; in a room's noise it makes no difference.
     """
@@ -113,7 +127,7 @@ def clean_spectrum(pcm: np.ndarray) -> np.ndarray:
     # always the same noise: the same recording gives the same answer
     dither = np.random.default_rng(0).normal(size=samples.size)
     samples = samples + dither * (_DITHER * np.sqrt(np.mean(samples**2)) + _DITHER_LEAST)
-    spectrum = mel_spectrum(samples)
+    spectrum = mel_spectrum(samples, warp)
     return remove_noise(spectrum + _FLOOR_OF_BAND * spectrum.mean(axis=0) + _FLOOR_OF_ALL * spectrum.mean())
 
 
