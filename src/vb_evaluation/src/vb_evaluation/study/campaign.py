@@ -75,10 +75,28 @@ def conduct(study: Study, jobs: Sequence[Job], folder: Path, processes: int, fre
             waiting.append(job)
     if len(waiting) < len(jobs):
         console.print(f"{len(jobs) - len(waiting)} of {len(jobs)} runs are there already")
-    failed = _carry_out(study, waiting, folder, processes, files, console)
+    # where a curve or a sensitivity changes nothing, the run is one of the study itself
+    main = {_task(job): job for job in jobs if job.file == plan.RUNS}
+    repeated = [job for job in waiting if job.file != plan.RUNS and not job.changes and _task(job) in main]
+    failed = _carry_out(study, [job for job in waiting if job not in repeated], folder, processes, files, console)
+    for job in repeated:
+        _repeat(study, job, files)
     for name, file in files.items():
         file.sort(order[name])
     return failed
+
+
+def _task(job: Job) -> Tuple[int, str, str]:
+    return job.task.participant, job.task.scenario, job.task.method
+
+
+def _repeat(study: Study, job: Job, files: Mapping[str, RowFile]) -> None:
+    """Takes a row over from runs.csv."""
+    wanted = tuple(str(value) for value in (*_task(job), study.design.seed))
+    for row in files[plan.RUNS].rows:
+        if files[plan.RUNS].name_of(row) == wanted:
+            files[job.file].append({**row, **job.columns(study.design.seed)})
+            return
 
 
 def _carry_out(study: Study, jobs: Sequence[Job], folder: Path, processes: int, files: Mapping[str, RowFile], console: Console) -> int:

@@ -212,7 +212,8 @@ def _merged(base: Mapping[str, Any], over: Mapping[str, Any], path: Iterable[str
     """Sections are merged key by key; a distribution, a list or a number is replaced as a whole."""
     result = dict(base)
     for key, value in over.items():
-        whole = tuple(path)[:1] == ("participants",) and len(tuple(path)) >= 2
+        # what is below these is a distribution
+        whole = tuple(path)[:1] == ("participants",) and (len(tuple(path)) >= 2 or key == "stand_offset")
         if isinstance(value, Mapping) and isinstance(base.get(key), Mapping) and not whole:
             result[key] = _merged(base[key], value, (*path, key))
         else:
