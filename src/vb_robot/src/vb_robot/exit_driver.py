@@ -64,6 +64,7 @@ class ExitDriver:
         self._cancelled_at: Optional[rospy.Time] = None
         self._refused_since: Optional[rospy.Time] = None
         self._driving = False
+        self._told = False  # that it leaves
         self.given_up = False  # the last leaving ended with the robot still inside
         self._timer: Optional[rospy.Timer] = None
         self._surroundings = Surroundings(base_frame, safety, use_scan, 0.5, 0.6, transforms)
@@ -86,7 +87,7 @@ class ExitDriver:
             if self._leaving is not None:
                 return
             self._leaving = Leaving(self._params, self._safety)
-            self.given_up = False
+            self.given_up = self._told = False
             self._border = border
             self._refused_since = self._cancelled_at = None
             # scans cost time: heard only while they are needed
@@ -151,7 +152,8 @@ class ExitDriver:
                 return
             leaving.set_route(route)
             # one that only makes its margin wider is no news
-            if not self._driving and self._gap(pose[:2]) < self._radius:
+            if not self._told and self._gap(pose[:2]) < self._radius:
+                self._told = True
                 self._say(f"{self._who} leaves {self._border} by itself")
         elif progress is Progress.GIVEN_UP:
             self._end(f"{self._who} gives up leaving {self._border}: {motion.reason}")
@@ -181,6 +183,7 @@ class ExitDriver:
         return False
 
     def _halt(self) -> None:
+        self._told = False
         if self._driving:
             self._driving = False
             self._cmd_vel.publish(Twist())
