@@ -49,6 +49,7 @@ class RobotCamera:
 
     Attributes:
         localised: whether its pose is published.
+        pose_late_s: [s] by which the pose comes after the image of the same time.
         depth_message: depth (60, 80) uint16 [mm] to the message to be sent.
     """
 
@@ -61,17 +62,12 @@ class RobotCamera:
         self.infos = rospy.Publisher("/camera/rgb/camera_info", CameraInfo, queue_size=1)
         self.depths = rospy.Publisher("/camera/depth_registered/image_raw", Image, queue_size=1)
         self.tf = tf2_ros.TransformBroadcaster()
-        self.localised = True
+        self.localised, self.pose_late_s = True, 0.0
         self.depth_message = lambda depth: messages.image_message(depth, "16UC1", rospy.Time(), "camera_optical_frame")
 
     def play(self, stamp, x):
         base = geometry.pose2d_transform(x, 1.0, 0.2)
         T = base @ self.T_base
-        if self.localised:
-            self.tf.sendTransform([
-                messages.transform_message(base, "map", "base_link", stamp),
-                messages.transform_message(self.T_base, "base_link", "camera_optical_frame", stamp),
-            ])
         point = geometry.apply(base, np.array([1.0, 0.1, 0.0]))
         uv = self.camera.project(geometry.apply(geometry.invert(T), point)[None])[0]
         image = self.scene.render([uv], sigma=2.5, colour=RED)[:, :, ::-1]
@@ -84,5 +80,17 @@ class RobotCamera:
         message.header.stamp = stamp
         self.depths.publish(message)
         self.infos.publish(messages.info_from_camera(self.camera, stamp, "camera_optical_frame"))
+        if self.pose_late_s == 0.0:
+            self._publish_pose(base, stamp)
         self.images.publish(messages.image_message(image, "rgb8", stamp, "camera_optical_frame"))
+        if self.pose_late_s > 0.0:
+            rospy.rostime.wallsleep(self.pose_late_s)
+            self._publish_pose(base, stamp)
         return point[:2]
+
+    def _publish_pose(self, base, stamp):
+        if self.localised:
+            self.tf.sendTransform([
+                messages.transform_message(base, "map", "base_link", stamp),
+                messages.transform_message(self.T_base, "base_link", "camera_optical_frame", stamp),
+            ])

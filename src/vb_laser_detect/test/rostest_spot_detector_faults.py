@@ -274,6 +274,10 @@ class FaultsTest(unittest.TestCase):
             np.where(depth > 0, depth / 1000.0, np.nan).astype(np.float32), "32FC1", rospy.Time(), "camera_optical_frame")
         self.wait_for_spots("robot", 3, LaserSpot.DEPTH)
         robot.depth_message = good
+        # a pose that comes after its image is waited for
+        robot.pose_late_s = 0.05
+        self.assertLess(np.median(self.errors(self.wait_for_spots("robot"))), 0.03)
+        robot.pose_late_s = 0.0
         # without a pose at the image's time a spot is dropped and counted, never published where it was last
         robot.localised = False
         self.check_fault("robot", "no_transform", "no transform", DiagnosticStatus.WARN, count=5)

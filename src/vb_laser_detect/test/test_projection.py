@@ -113,12 +113,66 @@ def test_holes_fall_back_to_the_plane_and_outliers_do_not_matter():
     assert point.source == DEPTH and np.linalg.norm(point.position - plane.position) < 0.03
 
 
-def test_points_above_the_floor_are_refused():
+def test_depth_of_a_camera_with_its_own_lens_is_read_where_the_colour_pixel_looks():
+    # the colour image is distorted, the depth image is not, and sees a wider field
+    colour = CameraModel(640, 480, np.array([[525.0, 0, 322], [0, 520.0, 236], [0, 0, 1]]), np.array([-0.25, 0.06, 0.001, 0, 0]))
+    wide = CameraModel.ideal(160, 120, 95.0)
+    T = forward()
+    depth, random = depth_image(T, wide, "m"), np.random.default_rng(1)
+    for u, v in random.uniform((20, 150), (620, 460), (40, 2)):
+        plane = FloorProjector().on_plane(colour, T, u, v)
+        point = FloorProjector().with_depth(colour, T, u, v, depth, wide)
+        assert point.source == DEPTH
+        assert np.linalg.norm(point.position - plane.position) < 0.015
+
+
+def test_a_thing_beside_the_spot_does_not_lift_it():
     T, small = forward(), ROBOT.scaled_to(160, 120)
-    depth = depth_image(T, small, "m") * 0.7
+    depth = depth_image(T, small, "m")
+    plane = FloorProjector().on_plane(ROBOT, T, 320, 300)
+    column = int(round(small.project(ROBOT.rays(np.array([[320.0, 300.0]])))[0, 0]))
+    depth[:, column + 1 :] *= 0.6  # a table's leg covers two of the five columns of the neighbourhood
+    point = FloorProjector().with_depth(ROBOT, T, 320, 300, depth)
+    assert point.source == DEPTH and np.linalg.norm(point.position - plane.position) < 0.03
+    # on the leg itself it is no floor
     with pytest.raises(CodedError) as raised:
-        FloorProjector().with_depth(ROBOT, T, 320, 300, depth)
-    assert raised.value.code == "not_on_floor"
+        FloorProjector().with_depth(ROBOT, T, 332, 300, depth)
+    assert raised.value.code == "not_on_floor" and "off the floor" in str(raised.value)
+
+
+@pytest.mark.parametrize("dtype, hole", [("m", np.nan), ("m", np.inf), ("m", 0.0), ("mm", 0)])
+def test_single_holes_are_bridged(dtype, hole):
+    T, small = forward(), ROBOT.scaled_to(160, 120)
+    depth = depth_image(T, small, dtype)
+    depth[::2, ::2] = hole
+    plane = FloorProjector().on_plane(ROBOT, T, 320, 300)
+    point = FloorProjector().with_depth(ROBOT, T, 320, 300, depth)
+    assert point.source == DEPTH and np.linalg.norm(point.position - plane.position) < 0.012
+
+
+def test_a_ray_that_meets_the_floor_behind_the_camera_is_refused():
+    # looks up from under the ceiling: the line through camera and pixel meets the floor, but backwards
+    up = geometry.transform(geometry.rotation_from_rpy(0, 0, 0), (1.0, 1.0, 2.0))
+    pixel = np.array([[320.0, 240.0]])
+    assert np.isnan(floor_points(ROBOT, up, pixel)).all()
+    with pytest.raises(CodedError) as raised:
+        FloorProjector().on_plane(ROBOT, up, *pixel[0])
+    assert raised.value.code == "misses_floor"
+    assert np.isnan(pixels_of(ROBOT, up, np.array([1.0, 1.0, 0.0]))).all()
+
+
+def test_limits_of_depth_must_not_contradict_each_other():
+    with pytest.raises(ParameterError) as raised:
+        ProjectionParams(min_depth=7.0)
+    assert raised.value.key == "min_depth"
+
+
+def test_points_above_and_below_the_floor_are_refused():
+    T, small = forward(), ROBOT.scaled_to(160, 120)
+    for scale in (0.7, 1.3):
+        with pytest.raises(CodedError) as raised:
+            FloorProjector().with_depth(ROBOT, T, 320, 300, scale * depth_image(T, small, "m"))
+        assert raised.value.code == "not_on_floor"
 
 
 def test_depth_outside_its_image():
