@@ -138,4 +138,6 @@ def make_study(folder, participants=15, sweeps=True, maps=True, seed=1):
             for who in few
         ]
         write(folder / "sensitivity.csv", ["parameter", "factor", "value", *RUN_COLUMNS], settings)
+        through = [dict(run(random, *who), runner=runner) for who in every(1) for runner in ("fast", "ros")]
+        write(folder / "agreement.csv", ["runner", *RUN_COLUMNS], through)
     return folder

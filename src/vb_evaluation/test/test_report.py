@@ -122,7 +122,7 @@ def test_every_number_on_the_page_leads_to_its_origin(full):
 def test_numbers_in_the_text_of_tables_are_all_linked(full):
     _, page = full
     # a cell of digits without a link would be a number without an origin; the tables at the end are the data itself
-    body = page[: page.index('<section id="trace">')]
+    body = page[: page.index('<section id="agreement">')]
     for cell in re.findall(r"<td[^>]*>([^<]*)</td>", body):
         assert not re.fullmatch(r"[−-]?\d*\.\d+( %)?", cell) or cell in PAPER_TEXTS or cell in SETTINGS, cell
 
@@ -169,6 +169,13 @@ def test_tables_are_csv_too(full):
         if row["scenario"].startswith("Carpet") and row["method"].startswith("Net")
     ]
     assert float(row["border"]) == pytest.approx(np.mean([float(run["time_border_s"]) for run in runs]))
+
+
+def test_runs_through_ros_stand_beside_those_of_the_study(full):
+    folder, page = full
+    part = page[page.index('<section id="agreement">') : page.index('<section id="trace">')]
+    for row in rows_of(folder / "agreement.csv"):
+        assert f"<td>{row['runner']}</td>" in part and f"<td>{row['time_total_s']}</td>" in part
 
 
 def test_every_run_has_its_command(full):

@@ -12,7 +12,7 @@ from vb_evaluation.report.data import RUNS, STATES, Study, number
 from vb_evaluation.report.ledger import Ledger
 from vb_evaluation.report.paper import PAPER
 
-_TORNADO_ROWS = 24
+TORNADO_ROWS = 24
 
 
 def _mean(values: np.ndarray) -> float:
@@ -161,12 +161,14 @@ def tornados(study: Study, nominal: sweeps.Setting, settings: Sequence[sweeps.Se
             name: max((abs(value - centre) for _, value in results if math.isfinite(value)), default=0.0)
             for name, results in found.items()
         }
-        longest = sorted(found, key=lambda name: -reach[name])[:_TORNADO_ROWS]
+        longest = sorted(found, key=lambda name: -reach[name])[:TORNADO_ROWS]
         return [(name, found[name]) for name in longest], centre
 
     speedup, jaccard = rows("speedup"), rows("jaccard")
     return {
-        "tornado_time": charts.tornado(*speedup, "speed-up over all scenarios"),
+        "tornado_time": charts.tornado(
+            *speedup, "speed-up, " + ", ".join(row["scenario"] for row in nominal.by_scenario)
+        ),
         "tornado_jaccard": charts.tornado(
             *jaccard, f"mean Jaccard index, {study.method_title(study.methods[0]).lower()}"
         ),

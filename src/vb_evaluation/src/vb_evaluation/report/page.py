@@ -126,6 +126,8 @@ def _values(study: Study, ledger: Ledger) -> Dict[str, Any]:
         "sweeps": [figures.sweep(study, name, found) for name, found in curves.items()],
         "nominal": nominal,
         "settings": settings,
+        "sensitivity_where": ", ".join(row["scenario"] for row in nominal.by_scenario) if nominal else "",
+        "tornado_rows": figures.TORNADO_ROWS,
         "sensitivity_participants": (
             len(study.tables[SENSITIVITY].distinct("participant")) if SENSITIVITY in study.tables else 0
         ),
@@ -209,7 +211,9 @@ def _standing(nominal: Optional[sweeps.Setting], settings: Sequence[sweeps.Setti
         ("no_loss", "no loss of accuracy"),
         ("complete", "as complete"),
     ):
-        fallen = [f"{setting.parameter} × {setting.factor}" for setting in settings if not getattr(setting, flag)]
+        fallen = [
+            f"{setting.parameter} × {float(setting.factor):g}" for setting in settings if not getattr(setting, flag)
+        ]
         words.append(f" {claim} with {len(settings) - len(fallen)} of {len(settings)}")
         if fallen:
             words.append(
@@ -223,7 +227,8 @@ def _agreement(study: Study) -> Optional[Dict[str, Any]]:
     table = study.tables.get(AGREEMENT)
     if table is None or not table.rows:
         return None
-    measures = [column for column in REQUIRED if column not in ("participant", "scenario", "method", "seed")]
+    further = [column for column in ("outcome", "real_time_factor") if column in table.columns]
+    measures = [column for column in REQUIRED if column not in ("participant", "scenario", "method", "seed")] + further
     ordered = sorted(
         table.rows, key=lambda row: [row[column] for column in ("scenario", "method", "participant", "runner")]
     )
@@ -233,7 +238,7 @@ def _agreement(study: Study) -> Optional[Dict[str, Any]]:
             {
                 "name": f"{row['participant']}, {study.scenario_title(row['scenario'])}, "
                 f"{study.method_title(row['method']).lower()}",
-                "values": [row["runner"], *(row[column] for column in measures)],
+                "cells": [row["runner"], *(row[column] for column in measures)],
             }
             for row in ordered
         ],
