@@ -49,6 +49,8 @@ class Handles:
             self.places[pose.name] = (pose.pose.position.x, pose.pose.position.y)
 
     def send(self, name, event, place=(0.0, 0.0), entry=0):
+        # what is sent to a marker that is not there yet is lost
+        wait_until(lambda: name == editor.TOOL or name in self.places, f"the marker {name}")
         # a server takes no feedback from a second client within a second; "" is who it thinks was the first
         feedback = InteractiveMarkerFeedback(client_id="", marker_name=name, event_type=event, menu_entry_id=entry)
         feedback.header.frame_id = "map"
