@@ -198,20 +198,24 @@ class CalibrateCameraTest(unittest.TestCase):
 
 
     def test_board_on_four_places(self):
-        board, rng = BoardParams.for_paper("A2"), np.random.default_rng(5)
-        blue = self.player("blue", CAMERA, 8)
-        picture = [np.full((1080, 1920), 90, np.uint8)]
-        blue.render = lambda: picture[0]
-        command = self.start("board", "blue", "--folder", self.folder.name, "--paper", "A2")
+        # a board as large for this small image as an A3 sheet is for 1080p
+        board, rng = BoardParams.for_paper("A0"), np.random.default_rng(5)
+        camera = CAMERA.scaled_to(800, 450)
+        blue = self.player("blue", camera, 12)
+        blue.shown = np.full((450, 800), 90, np.uint8)
+        blue.render = lambda: blue.shown
+        command = self.start("board", "blue", "--folder", self.folder.name, "--paper", "A0")
         command.wait_for("Lay the board")
         before = len(command.lines)
         command.type("3.0 3.0 3.5 3.0")
         command.wait_for("no_board", after=before)
-        for p1, yaw in (((3.1, 3.3), -1.2), ((4.8, 3.0), 0.3), ((4.9, 1.7), 2.0), ((2.7, 2.1), 0.0)):
+        for pixel, yaw in (((200, 130), 0.7), ((590, 130), 0.8), ((600, 320), 3.9), ((200, 320), 0.6)):
+            middle = floor_points(camera, POSE, np.array([pixel]))[0, :2]
+            p1 = middle - np.array([[math.cos(yaw), math.sin(yaw)], [math.sin(yaw), -math.cos(yaw)]]) @ np.divide(board.size, 2)
             p2 = p2_of(board, p1, yaw)
-            picture[0] = render_board(board, p1, p2, rng)
+            blue.show(render_board(board, p1, p2, rng, camera), 0.0)
             before = len(command.lines)
-            if yaw == 0.3:
+            if yaw == 0.8:
                 command.type(f"{p1[0]} {p1[1]} {p2[0] + 0.2} {p2[1]}")
                 command.wait_for("placement_mismatch", "board_moved", after=before)
                 before = len(command.lines)
@@ -219,7 +223,7 @@ class CalibrateCameraTest(unittest.TestCase):
             command.wait_for("corners seen", after=before)
         command.type("done")
         self.assertEqual(command.status(), 0, command.lines)
-        self.check_pose("blue", POSE, 0.02, 0.3)
+        self.check_pose("blue", POSE, 0.03, 0.5)
 
         # the pose that the file holds is what launch/parts/perception.launch publishes
         rospy.set_param("/camera_poses", {"folder": self.folder.name, "cameras": "blue green", "look_s": 0.2})
