@@ -17,7 +17,7 @@ from rosgraph_msgs.msg import Log
 sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
 from ros_helpers import wait_until  # noqa: E402
 from vb_feedback.synthesis import samples  # noqa: E402
-from vb_msgs.msg import Sound  # noqa: E402
+from vb_msgs.msg import InteractionState, Sound  # noqa: E402
 
 
 class SoundPlayerTest(unittest.TestCase):
@@ -92,6 +92,48 @@ class SoundPlayerTest(unittest.TestCase):
         self.assertEqual(run.returncode, 1, run.stdout)
         self.assertIn("kobuki_msgs is not installed", run.stdout)
         self.assertNotIn("Traceback", run.stdout)
+
+    def test_4_kobuki_with_its_messages(self):
+        # the package's own definitions, for machines that do not have it
+        folder = os.path.join(self.folder.name, "python", "kobuki_msgs")
+        os.makedirs(folder)
+        open(os.path.join(folder, "__init__.py"), "w").close()
+        with open(os.path.join(folder, "msg.py"), "w") as file:
+            file.write(KOBUKI_MESSAGES)
+        paths = os.pathsep.join([os.path.dirname(folder), os.environ.get("PYTHONPATH", "")])
+        spec = importlib.util.spec_from_file_location("kobuki_definitions", os.path.join(folder, "msg.py"))
+        messages = importlib.util.module_from_spec(spec)
+        spec.loader.exec_module(messages)
+        lights, beeps = [], []
+        subscribers = [
+            rospy.Subscriber("mobile_base/commands/led1", messages.Led, lights.append),
+            rospy.Subscriber("mobile_base/commands/sound", messages.Sound, beeps.append),
+        ]
+        state = rospy.Publisher("/virtual_borders/state", InteractionState, queue_size=5, latch=True)
+        node = subprocess.Popen(["rosrun", "vb_feedback", "kobuki_feedback"], env={**os.environ, "PYTHONPATH": paths})
+        try:
+            state.publish(InteractionState(name="guide"))
+            wait_until(lambda: [light.value for light in lights] == [3], "the red light of Guide")
+            state.publish(InteractionState(name="default"))
+            wait_until(lambda: [light.value for light in lights] == [3, 0], "no light in Default")
+            wait_until(lambda: subscribers[1].get_num_connections() and self.sounds.get_num_connections() == 3, "the beeper")
+            self.sounds.publish(name="tick")
+            self.sounds.publish(name="refusal")
+            wait_until(lambda: [beep.value for beep in beeps] == [4], "the error's beep")
+        finally:
+            node.terminate()
+            node.wait()
+
+
+KOBUKI_MESSAGES = """
+from genpy.dynamic import generate_dynamic
+
+Led = generate_dynamic("kobuki_msgs/Led", "uint8 value\\nuint8 BLACK=0\\nuint8 GREEN=1\\nuint8 ORANGE=2\\nuint8 RED=3\\n")[
+    "kobuki_msgs/Led"]
+Sound = generate_dynamic(
+    "kobuki_msgs/Sound", "uint8 ON=0\\nuint8 OFF=1\\nuint8 RECHARGE=2\\nuint8 BUTTON=3\\nuint8 ERROR=4\\n"
+    "uint8 CLEANINGSTART=5\\nuint8 CLEANINGEND=6\\nuint8 value\\n")["kobuki_msgs/Sound"]
+"""
 
 
 if __name__ == "__main__":
