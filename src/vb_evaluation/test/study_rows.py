@@ -1,5 +1,4 @@
 """A made-up study for tests of the report: rows drawn at random, maps of a world, no simulation."""
-
 from __future__ import annotations
 
 import csv

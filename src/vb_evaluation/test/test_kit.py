@@ -1,5 +1,4 @@
 """Ground truths, protocol, and measures of recordings that other packages' code writes."""
-
 import json
 
 import cv2

@@ -1,5 +1,4 @@
 """What computes measures, statistics and the report imports where there is no ROS."""
-
 from __future__ import annotations
 
 import subprocess

@@ -1,5 +1,4 @@
 """Replays: of events, and of bags with images, written here without a master."""
-
 import math
 
 import numpy as np

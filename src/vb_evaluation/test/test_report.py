@@ -1,5 +1,4 @@
 """The report says what the CSV says: each number found again, nothing from outside, few or odd data."""
-
 import csv
 import html
 import json

@@ -3,7 +3,6 @@
 One line per participant; the columns are `participant`, for each statement and method `s1_nrs` ... `s5_robot_only`
 with whole numbers from 1 to 5, and `helped` with yes or no. An empty cell is an answer not given.
 """
-
 from __future__ import annotations
 
 import csv

@@ -3,7 +3,6 @@
 The Wilcoxon signed-rank test is reported as SPSS and the paper do: zero differences are left out, ties share
 their mean rank and shrink the variance, Z has no continuity correction and is never above 0.
 """
-
 from __future__ import annotations
 
 import math
@@ -71,7 +70,7 @@ class PairedComparison:
         normality: of the differences.
         outliers: indices of pairs whose difference lies beyond the boxplot's whiskers.
         test: Wilcoxon.
-        r: effect size |Z| / sqrt(number of observations), two per pair (Rosenthal 1991; Field 2009, Sect. 15.4.5).
+        r: effect size |Z| / sqrt(number of observations), two per pair (Rosenthal 1991; Field 2009, Sect. 15.4).
         rank_biserial: (W+ - W-) / (W+ + W-), -1 .. 1 (Kerby 2014).
         shift: Hodges-Lehmann estimate of the difference with its interval.
     """

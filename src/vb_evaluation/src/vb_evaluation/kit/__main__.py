@@ -6,7 +6,6 @@ rosrun vb_evaluation study_kit replay ~/study/p01_1_nrs_carpet
 rosrun vb_evaluation study_kit questionnaire ~/study/questionnaire.csv
 rosrun vb_evaluation study_kit report ~/study/results
 """
-
 from __future__ import annotations
 
 import argparse

@@ -1,5 +1,4 @@
 """Ground-truth maps: what a scenario asks to restrict, drawn over the map's picture in any image editor."""
-
 from __future__ import annotations
 
 from pathlib import Path

@@ -1,5 +1,4 @@
 """The paper's measures (Sect. 5.5) from recordings of people: the same runs.csv that a simulated study has."""
-
 from __future__ import annotations
 
 import json

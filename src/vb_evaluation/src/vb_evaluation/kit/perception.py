@@ -1,5 +1,4 @@
 """Spots from recorded images, by today's detectors."""
-
 from __future__ import annotations
 
 from collections import deque

@@ -1,5 +1,4 @@
 """The protocol of a study: who does what in which order, and what the experimenter notes."""
-
 from __future__ import annotations
 
 import csv

@@ -5,7 +5,6 @@
             recordings/             numbered maps with their borders, from the map recorder
             bags/NN.bag             the topics that matter
 """
-
 from __future__ import annotations
 
 import json

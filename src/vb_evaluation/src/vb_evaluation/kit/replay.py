@@ -1,5 +1,4 @@
 """Today's point set, extraction and integration on recorded spots, compared with what was recorded."""
-
 from __future__ import annotations
 
 import math

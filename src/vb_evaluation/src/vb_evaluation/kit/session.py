@@ -1,5 +1,4 @@
 """Records a session: says how the system was started, then hands over to rosbag's recorder."""
-
 from __future__ import annotations
 
 import argparse

@@ -1,5 +1,4 @@
 """Writes the report of a study's folder: python3 -m vb_evaluation.report out/study"""
-
 from __future__ import annotations
 
 import argparse

@@ -1,5 +1,4 @@
 """The report's figures as SVG text, drawn without a display."""
-
 from __future__ import annotations
 
 import base64

@@ -1,5 +1,4 @@
 """The tables of the report: time, accuracy, completeness, and measures of the user's own."""
-
 from __future__ import annotations
 
 from typing import Any, Callable, Dict, List, Tuple

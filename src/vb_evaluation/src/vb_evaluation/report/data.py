@@ -1,5 +1,4 @@
 """Reads what a study has left in its folder. Only runs.csv must be there."""
-
 from __future__ import annotations
 
 import csv

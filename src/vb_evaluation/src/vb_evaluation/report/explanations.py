@@ -1,5 +1,4 @@
 """What differs from the paper and why, in words that the numbers of the study decide."""
-
 from __future__ import annotations
 
 from typing import Any, List, Sequence

@@ -1,5 +1,4 @@
 """The figures of the page, made of the study's rows."""
-
 from __future__ import annotations
 
 import math

@@ -1,5 +1,4 @@
 """The paper's hypotheses, and its figures beside those of a study."""
-
 from __future__ import annotations
 
 from dataclasses import dataclass

@@ -3,7 +3,6 @@
 A number is asked for by file, filter, column and statistic, and computed from nothing else; so what the report
 says of its origin cannot differ from its origin. All of them are written to numbers.csv.
 """
-
 from __future__ import annotations
 
 import math

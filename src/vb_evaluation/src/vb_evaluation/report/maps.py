@@ -1,5 +1,4 @@
 """Representative maps, coloured as in the paper's figure of the accuracy (Sect. 5.8.4)."""
-
 from __future__ import annotations
 
 from dataclasses import dataclass

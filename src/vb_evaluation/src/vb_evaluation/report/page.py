@@ -1,5 +1,4 @@
 """Puts the report together: numbers, tables, figures, page."""
-
 from __future__ import annotations
 
 from pathlib import Path
@@ -53,24 +52,7 @@ def write_report(folder: Path) -> Path:
     try:
         page.write_text(environment.get_template("page.html.j2").render(values), encoding="utf-8")
         _write_tables(study.folder, values)
-        write_table(
-            study.folder / NUMBERS,
-            ("id", "text", "value", "statistic", "column", "methods", "file", "where", "lines"),
-            [
-                {
-                    "id": entry.id,
-                    "text": entry.text,
-                    "value": repr(entry.value),
-                    "statistic": entry.statistic,
-                    "column": entry.column,
-                    "methods": entry.versus,
-                    "file": entry.file,
-                    "where": entry.where,
-                    "lines": entry.lines,
-                }
-                for entry in ledger.numbers
-            ],
-        )
+        write_table(study.folder / NUMBERS, list(values["numbers"][0]), values["numbers"])
     except OSError as error:
         raise CodedError("cannot_write", f"cannot write the report into {study.folder}: {error.strerror}") from None
     return page
@@ -165,20 +147,24 @@ def _values(study: Study, ledger: Ledger) -> Dict[str, Any]:
         )
         if shown
     ]
-    values["numbers"] = [
-        {
-            "id": entry.id,
-            "text": entry.text,
-            "meaning": (TWO if entry.versus else ONE)[entry.statistic][0],
-            "column": entry.column,
-            "versus": entry.versus,
-            "file": entry.file,
-            "where": entry.where,
-            "lines": entry.lines,
-        }
-        for entry in ledger.numbers
-    ]
+    values["numbers"] = [_origin(entry) for entry in ledger.numbers]
     return values
+
+
+def _origin(entry: Number) -> Dict[str, str]:
+    """A number's line in numbers.csv and at the end of the page."""
+    return {
+        "id": entry.id,
+        "text": entry.text,
+        "value": repr(entry.value),
+        "statistic": entry.statistic,
+        "meaning": (TWO if entry.versus else ONE)[entry.statistic][0],
+        "column": entry.column,
+        "methods": entry.versus,
+        "file": entry.file,
+        "where": entry.where,
+        "lines": entry.lines,
+    }
 
 
 def rerun(study: Study, row: Row) -> str:

@@ -1,5 +1,4 @@
 """What the paper measured with 15 people (Sect. 5.8), for its three scenarios. "nrs" against "robot_only"."""
-
 from __future__ import annotations
 
 from dataclasses import dataclass

@@ -1,5 +1,4 @@
 """What the paper could not say: curves over the surroundings, and sensitivity to what is assumed."""
-
 from __future__ import annotations
 
 from dataclasses import dataclass
