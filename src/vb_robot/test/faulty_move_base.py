@@ -42,6 +42,8 @@ class FaultyMoveBase:
         """Starts the server, as a new process would."""
         self._server = _Server(
             self.body.prefix + "move_base", MoveBaseAction, self._on_goal, self._on_cancel, auto_start=False)
+        # one lock: the server holds its own while it calls back, and wants it when a goal is answered
+        self._server.lock = self._lock
         self._server.start()
 
     def die(self):
