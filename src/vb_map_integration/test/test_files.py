@@ -218,6 +218,25 @@ def test_a_long_journal_forgets_its_older_half(tmp_path):
     assert journal.replay(store.with_history([], []))[0].borders == again.changed(change, "undo").borders
 
 
+def test_borders_go_on_acting_whatever_the_disk_is_like(tmp_path, monkeypatch):
+    first = integrator(tmp_path)
+    first.add(square(10, 10), 1.0)
+    first.add(square(60, 10), 2.0)
+    next(tmp_path.glob("*/borders.yaml")).write_bytes(b"?")
+
+    def full(*_):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(os, "fsync", full)
+    second = MapIntegrator(IntegratorParams(), tmp_path)
+    assert any("No space left" in note for note in second.set_map(GRID)[1])
+    assert second.borders == first.borders
+    data = GRID.data.copy()
+    data[50:52, 50] = 100
+    assert any("No space left" in note for note in second.set_map(GRID.with_data(data))[1])
+    assert second.borders == first.borders
+
+
 def test_without_files_another_map_has_no_borders():
     keeper = integrator()
     keeper.add(square(10, 10), 1.0)

@@ -10,6 +10,7 @@ few changes, so that a change costs the same however many there are.
 """
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import io
 import os
@@ -94,9 +95,6 @@ class BorderFolder:
         """Reads the borders, of the backup if the file is damaged, and what the journal says came after.
 
         Damaged files are set aside.
-
-        Raises:
-            CodedError: "cannot_write".
         """
         notes: List[str] = []
         snapshot = BorderStore()
@@ -107,7 +105,8 @@ class BorderFolder:
                 snapshot = BorderStore(*_checked(path))
             except (CodedError, OSError, ValueError, TypeError, KeyError) as error:
                 aside = _free_name(path.with_name(f"{path.name}.damaged"))
-                os.replace(str(path), str(aside))
+                with contextlib.suppress(OSError):
+                    os.replace(str(path), str(aside))
                 reason = error.message if isinstance(error, CodedError) else str(error)
                 notes.append(f"{path} is damaged ({reason}): set aside as {aside.name}, the backup is used")
                 continue
@@ -117,12 +116,16 @@ class BorderFolder:
             notes.append(f"there is no readable backup in {self.folder}: the borders of this map are lost")
         if not sound:
             aside = _free_name(self._journal.path.with_name(f"{self._journal.path.name}.damaged"))
-            shutil.copyfile(str(self._journal.path), str(aside))
+            with contextlib.suppress(OSError):
+                shutil.copyfile(str(self._journal.path), str(aside))
             notes.append(f"{self._journal.path} is damaged: kept as {aside.name}, changes after the damage are lost")
-        if notes or store.revision != snapshot.revision or not sound:
-            self._write_snapshot(store)
-        if not sound or self._journal.cut_off:
-            self._journal.shorten(store)
+        try:
+            if notes or store.revision != snapshot.revision:
+                self._write_snapshot(store)
+            if not sound or self._journal.cut_off:
+                self._journal.shorten(store)
+        except CodedError as error:
+            notes.append(error.message)  # borders that can be read act, whatever the disk is like
         return Loaded(store, tuple(notes))
 
     def write_map(self, grid: GridMap) -> None:
@@ -171,9 +174,12 @@ class BorderFolders:
             if fingerprint(bound) == map_id:
                 return candidate, ()
             if compatible(bound, grid):
-                candidate.write_map(grid)
-                note = f"the map has changed since, but it is the same place: its borders in {folder} are kept"
-                return candidate, (note,)
+                notes.append(f"the map has changed since, but it is the same place: its borders in {folder} are kept")
+                try:
+                    candidate.write_map(grid)
+                except CodedError as error:
+                    notes.append(error.message)
+                return candidate, tuple(notes)
             others += 1
         candidate = BorderFolder(_free_name(self.root / map_id[:12]), map_id)
         candidate.write_map(grid)

@@ -138,12 +138,9 @@ class MapIntegrator:
         if map_id == self._map_id:
             return False, ()
         notes: List[str] = []
-        known = self._composition
-        if known is not None and self._folder is None and not compatible(known.physical, grid):
-            # without files borders cannot wait for their map to come back
-            self._store = BorderStore()
-            notes.append("this is another map: the borders of the one before are gone")
-        if self._folders is not None:
+        if self._folders is None:
+            notes.extend(self._forget_if_elsewhere(grid))
+        else:
             try:
                 folder, found = self._folders.open(grid)
                 notes.extend(found)
@@ -154,13 +151,20 @@ class MapIntegrator:
                     self._folder = folder
                 self._folder.map_id = map_id
             except CodedError as error:
-                if self._folder is not None:
-                    self._folder, self._store = None, BorderStore()
+                self._folder = None
                 notes.append(f"{error.message}: borders will be lost when this program ends")
+                notes.extend(self._forget_if_elsewhere(grid))
         self._map_id = map_id
         self._parts = None
         self._composition, doubts = self._composed(Composition(grid), {border.id: border for border in self.borders})
         return True, tuple(notes + doubts)
+
+    def _forget_if_elsewhere(self, grid: GridMap) -> List[str]:
+        """Without files borders cannot wait for their map to come back: another map begins with none."""
+        if not self.borders or compatible(self.physical, grid):
+            return []
+        self._store = BorderStore()
+        return ["this is another map: the borders of the one before are gone"]
 
     def _composed(
         self, composition: Composition, borders: Mapping[str, Optional[VirtualBorder]]

@@ -5,6 +5,7 @@ A line that is there whole is a change that was made. One that was cut off, by a
 """
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 from pathlib import Path
@@ -88,7 +89,7 @@ class Journal:
                     store = snapshot.with_history(undoable, redoable)
                 if line.revision != store.revision + 1 or line.kind in (_UNDOABLE, _REDOABLE):
                     return store, False
-                store = store.changed(line.change, line.kind)
+                store, sound = store.changed(line.change, line.kind), True  # none is missing in between
         if store is snapshot and last == snapshot.revision:
             store = snapshot.with_history(undoable, redoable)
         return store, sound
@@ -99,7 +100,8 @@ class Journal:
         Raises:
             CodedError: "cannot_write"; then the journal is as it was.
         """
-        text = _text(revision, kind, change)
+        # a line that was cut off, and could not be taken back, must not spoil the next one
+        text = (b"\n" if self.cut_off else b"") + _text(revision, kind, change)
         size: Optional[int] = None
         try:
             self.path.parent.mkdir(parents=True, exist_ok=True)
@@ -110,7 +112,8 @@ class Journal:
                 os.fsync(stream.fileno())
         except OSError as error:
             if size is not None:
-                os.truncate(str(self.path), size)
+                with contextlib.suppress(OSError):
+                    os.truncate(str(self.path), size)
             raise CodedError("cannot_write", f"cannot write {self.path}: {error.strerror or error}") from None
 
     def shorten(self, store: BorderStore) -> None:
