@@ -219,6 +219,7 @@ def test_measures_of_one_recording_per_run(study):
         10.0,
     )
     assert float(rows[0]["jaccard"]) == 1.0 and float(rows[1]["jaccard"]) == 0.5 and float(rows[2]["jaccard"]) < 0.01
+    assert float(rows[1]["time_total_s"]) == 20.0  # the cancelled attempt counts
     assert rows[1]["interaction"] == "ib" and rows[3]["time_total_s"] == "" and rows[1]["note"] == "slow"
     assert any("method:=nrs" in note for note in notes) and any("nothing was begun" in note for note in notes)
     assert json.loads((study / "out" / "study.json").read_text())["people"] is True

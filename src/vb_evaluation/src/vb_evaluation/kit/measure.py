@@ -18,6 +18,7 @@ from vb_evaluation.kit.recording import Interaction, Recording
 from vb_evaluation.report.data import META, REQUIRED, RUNS, write_table
 from vb_map_integration.map_files import write_map
 
+_TIMES = ("guide", "border", "seed", "total")
 COLUMNS = (*REQUIRED, "map", "saved", "seed_correct", "recording", "interaction", "note")
 
 
@@ -52,8 +53,8 @@ def measure(protocol_file: Path, ground_truths: Path, out: Path, physical: Optio
     for scenario, truth in truths.items():
         write_map(maps / f"truth_{scenario}", physical.with_data(np.where(truth, 100, physical.data).astype(np.int8)))
     rows, notes = [], []
-    for entry, interaction in assign(entries, recordings):
-        row, words = _row(entry, interaction, recordings[entry.recording], physical, truths[entry.scenario], maps)
+    for entry, attempts in assign(entries, recordings):
+        row, words = _row(entry, attempts, recordings[entry.recording], physical, truths[entry.scenario], maps)
         rows.append(row)
         notes += words
     write_table(out / RUNS, COLUMNS, rows)
@@ -65,44 +66,39 @@ def measure(protocol_file: Path, ground_truths: Path, out: Path, physical: Optio
 
 def assign(
     entries: Sequence[protocol.Entry], recordings: Mapping[str, Recording]
-) -> List[Tuple[protocol.Entry, Optional[Interaction]]]:
-    """Which interaction is which run: by id where the protocol gives one, else in the order of time.
+) -> List[Tuple[protocol.Entry, Tuple[Interaction, ...]]]:
+    """Which interactions are which run: by id where the protocol gives one, else in the order of time.
 
-    A recording for one run may hold cancelled attempts before the last interaction, which counts. One without any
-    interaction is a run that did not get so far.
+    All interactions of a recording for one run are attempts at it: none if it did not get so far, several if it was
+    cancelled and begun anew.
 
     Raises:
         CodedError: "bad_protocol" where runs and interactions of a recording cannot be told apart by their number.
     """
-    found: List[Tuple[protocol.Entry, Optional[Interaction]]] = []
+    found: Dict[int, Tuple[Interaction, ...]] = {}
     for name, recording in recordings.items():
         here = [entry for entry in entries if entry.recording == name]
-        if all(entry.interaction for entry in here):
-            found += [(entry, recording.interaction(entry.interaction)) for entry in here]
-            continue
-        known = [
-            interaction
-            for interaction in recording.interactions
-            if interaction.id not in {entry.interaction for entry in here}
-        ]
-        open_entries = [entry for entry in here if not entry.interaction]
-        if len(open_entries) == 1 and len(known) != 1:
-            known = known[-1:] or [None]  # type: ignore[list-item]
-        if len(known) != len(open_entries):
+        named = [entry for entry in here if entry.interaction]
+        found.update({id(entry): (recording.interaction(entry.interaction),) for entry in named})
+        taken = {entry.interaction for entry in named}
+        known = [interaction for interaction in recording.interactions if interaction.id not in taken]
+        unnamed = [entry for entry in here if not entry.interaction]
+        if len(unnamed) == 1:
+            found[id(unnamed[0])] = tuple(known)
+        elif len(unnamed) == len(known):
+            found.update({id(entry): (interaction,) for entry, interaction in zip(unnamed, known)})
+        elif unnamed:
             raise CodedError(
                 "bad_protocol",
-                f"{name}: {len(open_entries)} runs but {len(known)} interactions "
-                f"({', '.join(entry.id for entry in known if entry)}): fill the column 'interaction'",
+                f"{name}: {len(unnamed)} runs but {len(known)} interactions ({', '.join(one.id for one in known)}): "
+                "fill the column 'interaction'",
             )
-        found += [(entry, recording.interaction(entry.interaction)) for entry in here if entry.interaction]
-        found += list(zip(open_entries, known))
-    order = {id(entry): number for number, entry in enumerate(entries)}
-    return sorted(found, key=lambda pair: order[id(pair[0])])
+    return [(entry, found[id(entry)]) for entry in entries]
 
 
 def _row(
     entry: protocol.Entry,
-    interaction: Optional[Interaction],
+    attempts: Sequence[Interaction],
     recording: Recording,
     physical: GridMap,
     truth: np.ndarray,
@@ -119,19 +115,18 @@ def _row(
         "seed_correct": 0,
     }
     where = f"{entry.participant}, {entry.scenario}, {entry.method}"
-    if interaction is None:
+    if not attempts:
         return row, [f"{where}: nothing was begun in this recording"]
     notes = []
-    if interaction.method and interaction.method != entry.method:
-        notes.append(f"{where}: the system was started with method:={interaction.method}")
+    last = attempts[-1]
+    if last.method and last.method != entry.method:
+        notes.append(f"{where}: the system was started with method:={last.method}")
     row.update(
-        interaction=interaction.id,
-        time_guide_s=interaction.guide_s,
-        time_border_s=interaction.border_s,
-        time_seed_s=interaction.seed_s,
-        time_total_s=interaction.total_s,
+        interaction=last.id,
+        # an attempt that was cancelled took its time too, as in the simulated study
+        **{f"time_{name}_s": round(sum(getattr(one, f"{name}_s") for one in attempts), 3) for name in _TIMES},
     )
-    made = recording.result(interaction)
+    made = recording.result(last)
     if made is not None:
         posterior, border = made
         if not posterior.same_geometry(physical):
