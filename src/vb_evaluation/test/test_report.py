@@ -275,6 +275,15 @@ def test_bad_data_is_one_line(tmp_path, change, words, capsys):
     assert words in error and error.count("\n") == 1
 
 
+def test_a_curve_over_words_is_told(tmp_path):
+    folder = study_rows.make_study(tmp_path / "s", participants=1, sweeps=True, maps=False)
+    text = (folder / "curves.csv").read_text().replace("coverage,0.5,", "coverage,half,")
+    (folder / "curves.csv").write_text(text)
+    with pytest.raises(CodedError) as caught:
+        read_study(folder)
+    assert "curves.csv, line" in str(caught.value) and "value" in str(caught.value)
+
+
 def test_a_missing_file_or_column(tmp_path):
     with pytest.raises(CodedError) as caught:
         write_report(tmp_path)

@@ -157,6 +157,9 @@ def read_table(path: Path, required: Sequence[str]) -> Table:
         for column in ("completed", *TIMES, "jaccard"):
             if column in columns and not _is_number(row[column]) and row[column] != "":
                 raise CodedError("bad_study", f"{path}, line {line}: {column}: expected a number, got {row[column]!r}")
+        for column in ("value",) if "sweep" in columns else ("factor",) if "factor" in columns else ():
+            if not _is_number(row[column]):
+                raise CodedError("bad_study", f"{path}, line {line}: {column}: expected a number, got {row[column]!r}")
         if row.get("completed"):
             # one spelling of yes and no, so that they can be selected
             row["completed"] = str(int(number(row, "completed") != 0.0))
