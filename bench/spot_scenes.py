@@ -324,17 +324,23 @@ def with_camera(world: World, name: str = "green", **changes: Any) -> World:
     return replace(world, cameras=tuple(replace(c, **changes) if c.name == name else c for c in world.cameras))
 
 
+def dots(places: Sequence[Place], colors: Sequence[Tuple[int, int, int]], size: float = 0.018) -> Tuple[Patch, ...]:
+    """Printed dots [m] on the floor."""
+    return tuple(
+        Patch.from_mapping({"name": "dot", "x": x, "y": y, "size": [size, size], "color": list(color), "contrast": 0.0})
+        for (x, y), color in zip(places, colors)
+    )
+
+
 def ceiling_scenes(room: World) -> List[Scene]:
     """Every hard case under a ceiling camera."""
     border = along(CARPET, 0.4)
     chair = next(thing for thing in room.furniture if thing.name == "chair")
     moved = lab(furniture=tuple(replace(t, x=3.6, y=3.2, yaw=30.0) if t is chair else t for t in room.furniture))
-    dots = tuple(
-        Patch.from_mapping({"name": f"dot {k}", "x": x, "y": y, "size": [0.018, 0.018], "color": list(color), "contrast": 0.0})
-        for k, (x, y, color) in enumerate([
-            (3.5, 2.4, (235, 30, 40)), (4.6, 2.3, (40, 230, 60)), (5.3, 1.2, (250, 250, 250)), (4.1, 1.4, (250, 60, 60))])
-    )
-    printed = lab(patches=room.patches + dots)
+    red, green, white = (235, 30, 40), (40, 230, 60), (250, 250, 250)
+    places = ((3.5, 2.4), (4.6, 2.3), (5.3, 1.2))
+    printed = lab(patches=room.patches + dots(places, (red, green, red)))
+    whites = lab(patches=room.patches + dots(places, (white,) * 3))
     walkers = [Walk(room, 3, WHITE, DARK), Walk(room, 4, (150, 40, 40), WHITE)]
     shiny = [Walk(room, 5, DARK, DARK, glint=400.0), Walk(room, 6, (70, 90, 150), DARK, glint=250.0)]
     lamp = Glint((3.7, 2.3, 0.0), 0.03, 350.0)
@@ -355,7 +361,9 @@ def ceiling_scenes(room: World) -> List[Scene]:
             3.0, Surroundings(), Surroundings(exposure=1.5), Surroundings(exposure=0.7))),
         Scene("sun patch, moving edge", border, (room,), around_at=sun),
         Scene("walking people", border, (room,), around_at=walking(*walkers)),
+        Scene("printed dots, always there", border, (printed,)),
         Scene("printed dots, laid down and taken away", border, (room, printed), every(4.0, 1, 0)),
+        Scene("white dots, laid down and taken away", border, (room, whites), every(4.0, 1, 0)),
         Scene("shiny shoes", border, (room,), around_at=walking(*shiny)),
         Scene("lamp's reflection, comes and goes", border, (room,), around_at=every(
             1.5, Surroundings(), Surroundings(glints=(lamp,)))),
@@ -393,10 +401,6 @@ def mobile_scenes(room: World) -> List[Scene]:
     scenes = [common(f"{distance} m, {color}", ahead(distance), color=color)
               for distance in (0.5, 1.0, 1.5, 2.0, 2.5) for color in ("red", "green")]
     scenes += [common(f"drawn at {speed} m/s, 1.2 m", along(np.array([[5.6, 0.7], [5.6, 1.3]]), speed, False)) for speed in (0.5, 1.0)]
-    dots = tuple(
-        Patch.from_mapping({"name": f"dot {k}", "x": x, "y": y, "size": [0.018, 0.018], "color": list(color), "contrast": 0.0})
-        for k, (x, y, color) in enumerate([(5.9, 1.2, (235, 30, 40)), (5.6, 0.8, (40, 230, 60)), (5.3, 1.1, (250, 250, 250))])
-    )
     lights = (Light.from_mapping({"name": "lamp", "x": 5.7, "y": 1.25, "radius": 0.05, "brightness": 220.0}),)
     people = Walk(room, 8, WHITE, WHITE), Walk(room, 9, DARK, DARK, glint=400.0)
     scenes += [
@@ -406,7 +410,8 @@ def mobile_scenes(room: World) -> List[Scene]:
         common("bright floor, green", ahead(1.2), bright, color="green"),
         common("dark floor, red", ahead(1.2), dark),
         common("dark floor, green", ahead(1.2), dark, color="green"),
-        common("printed dots", ahead(1.2), lab(patches=room.patches + dots), robot_at=turn),
+        common("printed dots", ahead(1.2), lab(patches=room.patches + dots(
+            ((5.9, 1.2), (5.6, 0.8), (5.3, 1.1)), ((235, 30, 40), (40, 230, 60), (250, 250, 250)))), robot_at=turn),
         common("lamp's reflection", ahead(1.2), lab(lights=lights), robot_at=turn),
         common("walking people, shiny shoes", ahead(1.2), around_at=walking(*people)),
         common("light switched", ahead(1.2), around_at=every(3.0, Surroundings(), Surroundings(light=0.4))),

@@ -31,6 +31,7 @@ class Background:
     def __init__(self, image: np.ndarray, cycle_s: float, absorb_s: float, hold_s: float) -> None:
         self.image = image.copy()
         self._cycle_s, self._absorb_s, self._hold_s = cycle_s, absorb_s, hold_s
+        self._sample = sample_blocks(image)
         blocks = (image.shape[0] // BLOCK, image.shape[1] // BLOCK)
         self._noise = np.zeros(blocks, np.float32)
         self._deviation = np.zeros(blocks, np.float32)
@@ -51,7 +52,7 @@ class Background:
 
     def darker_blocks(self, image: np.ndarray) -> np.ndarray:
         """(H // 8, W // 8) bool: blocks that became darker, judged by one pixel of each."""
-        return max_channel(cv2.subtract(sample_blocks(self.image), sample_blocks(image))) > _DARKER
+        return max_channel(cv2.subtract(self._sample, sample_blocks(image))) > _DARKER
 
     def learn_noise(self, maxima: np.ndarray) -> None:
         """Takes the whole scene's noise for each block's; to be called with the second frame's rise."""
@@ -96,6 +97,7 @@ class Background:
         top, bottom = first * BLOCK, last * BLOCK
         mask = mask_of_blocks(blocks[first:last], bottom - top, image.shape[1])
         cv2.copyTo(image[top:bottom], mask, self.image[top:bottom])
+        self._sample[first:last] = sample_blocks(self.image[top:bottom])
         self._changed_s[blocks] = 0.0
 
     def _blend(self, image: np.ndarray, steady: np.ndarray, dt: float) -> None:
@@ -111,4 +113,5 @@ class Background:
             blended = cv2.addWeighted(image[top:bottom], _WEIGHT, strip, 1.0 - _WEIGHT, 0.0)
             mask = mask_of_blocks(steady[self._row : last], bottom - top, image.shape[1])
             cv2.copyTo(blended, mask, strip)
+            self._sample[self._row : last] = sample_blocks(strip)
             self._row = last

@@ -311,7 +311,12 @@ def regions(maxima: np.ndarray, hot: np.ndarray, most: int, large: float) -> Lis
     A region larger than `large` [blocks] is cut down to the parts above 60 % of its peak: a spot beside a person
     must not be lost in the person's region.
     """
-    _, labels, stats, _ = cv2.connectedComponentsWithStats(hot.astype(np.uint8), connectivity=8)
+    # few blocks are hot, and they lie together: all that follows is done where they are
+    x, y, wide, high = cv2.boundingRect(hot.view(np.uint8))
+    hot, maxima = (np.ascontiguousarray(blocks[y : y + high, x : x + wide]) for blocks in (hot, maxima))
+    if not hot.size:
+        return []
+    _, labels, stats, _ = cv2.connectedComponentsWithStats(hot.view(np.uint8), connectivity=8)
     rows, columns = np.nonzero(hot)
     peaks = np.zeros(len(stats), np.int64)
     np.maximum.at(peaks, labels[rows, columns], maxima[rows, columns])
@@ -322,11 +327,17 @@ def regions(maxima: np.ndarray, hot: np.ndarray, most: int, large: float) -> Lis
             cut = (slice(top, top + height), slice(left, left + width))
             part = (labels[cut] == label) & (maxima[cut] > 0.6 * peaks[label])
             if not part.all():
-                for (x0, y0, x1, y1), peak in regions(maxima[cut], part, 3, np.inf):
-                    result.append(((x0 + left * BLOCK, y0 + top * BLOCK, x1 + left * BLOCK, y1 + top * BLOCK), peak))
+                result += [(_shifted(region, x + left, y + top), peak) for region, peak in regions(maxima[cut], part, 3, np.inf)]
                 continue
-        result.append(((left * BLOCK, top * BLOCK, (left + width) * BLOCK, (top + height) * BLOCK), float(peaks[label])))
+        region = (left * BLOCK, top * BLOCK, (left + width) * BLOCK, (top + height) * BLOCK)
+        result.append((_shifted(region, x, y), float(peaks[label])))
     return result[: 2 * most]
+
+
+def _shifted(region: Region, columns: int, rows: int) -> Region:
+    """A region moved by whole blocks."""
+    left, top, right, bottom = region
+    return left + columns * BLOCK, top + rows * BLOCK, right + columns * BLOCK, bottom + rows * BLOCK
 
 
 def _blocks_around(shape: Tuple[int, ...], c: Candidate, reach: float) -> Tuple[slice, slice]:
