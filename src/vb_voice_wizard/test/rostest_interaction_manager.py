@@ -255,7 +255,7 @@ class InteractionManagerTest(unittest.TestCase):
                 (["save"], {"ROS_MASTER_URI": "http://127.0.0.1:9"}),
             )
         ]
-        ends = [(process.communicate(timeout=90), process.returncode) for process in called]
+        ends = [(process.communicate(timeout=120), process.returncode) for process in called]
         self.assertEqual([status for _, status in ends], [1, 0, 2, 3], ends)
         self.assertIn("follows the laser spot", ends[1][0][0])
         self.assertIn("master does not answer", ends[3][0][1])
@@ -273,7 +273,7 @@ class InteractionManagerTest(unittest.TestCase):
             for key, argument in cases.items()
         }
         for key, process in started.items():
-            output, _ = process.communicate(timeout=90)
+            output, _ = process.communicate(timeout=120)
             self.assertEqual(process.returncode, 1)
             self.assertIn(key, output)
             self.assertNotIn("Traceback", output)

@@ -39,13 +39,13 @@ class VoiceCommandsTest(unittest.TestCase):
         cls.node = Process(
             "voice_commands", "_source:=topic", "_sounds/success:=4.0", "_mute_after:=0.0",
             # what the test says follows at once: it must not fall into the answer to what it said before
-            "_sounds/understood:=0.0", "_sounds/refusal:=0.0",
+            "_sounds/understood:=0.0", "_sounds/refusal:=0.0", "_service_answer:=60.0",
         )
         cls.heard = Newest(HEARD, Heard)
         cls.sounds = Newest("/virtual_borders/sound", Sound)
-        wait_until(cls.audio.get_num_connections, "the node's ear", 30)
-        wait_until(cls.heard.subscriber.get_num_connections, "the node's report", 30)
-        wait_until(cls.sound.get_num_connections, "the node to hear its own sounds", 30)
+        wait_until(cls.audio.get_num_connections, "the node's ear")
+        wait_until(cls.heard.subscriber.get_num_connections, "the node's report")
+        wait_until(cls.sound.get_num_connections, "the node to hear its own sounds")
 
     @classmethod
     def tearDownClass(cls):
@@ -54,7 +54,7 @@ class VoiceCommandsTest(unittest.TestCase):
     @classmethod
     def on_command(cls, request):
         cls.requests.append(request)
-        cls.hold.wait(20)
+        cls.hold.wait(60)
         return cls.answer
 
     def setUp(self):
@@ -80,7 +80,7 @@ class VoiceCommandsTest(unittest.TestCase):
         self.assertGreater(heard.confidence, 0.5)
         self.assertTrue(0.3 < heard.duration_s < 3.0)
 
-    def test_other_speech_is_shown_and_not_acted_on(self):
+    def test_anything_else_is_shown_and_not_acted_on(self):
         self.speak("has anyone seen my glasses")
         heard = self.heard.wait(lambda message: message.reason == "unlike_a_command", "the other sentence")
         self.assertFalse(heard.accepted or heard.success)
@@ -101,9 +101,9 @@ class VoiceCommandsTest(unittest.TestCase):
     def test_nothing_is_done_during_own_sounds(self):
         self.sound.publish(Sound(name="success"))
         # what comes before the sound is known may still be heard: speak until it is muted
-        wait_until(lambda: self.silenced(), "silence during the sound", 30)
+        wait_until(lambda: self.silenced(), "silence during the sound")
         self.speak("cancel")
-        wait_until(lambda: self.spoken_again("cancel"), "the command after the sound", 40)
+        wait_until(lambda: self.spoken_again("cancel"), "the command after the sound")
 
     def silenced(self):
         count = len(self.heard.all)
@@ -130,15 +130,14 @@ class VoiceCommandsTest(unittest.TestCase):
                 file.writeframes(say("guide robot", "en-gb").tobytes())
             node = Process("voice_commands", "__name:=player", "_source:=wav", f"_wav_file:={folder}/command.wav")
             self.addCleanup(node.stop)
-            wait_until(lambda: [request.command for request in self.requests] == ["guide_robot"], "the recording", 30)
+            wait_until(lambda: [request.command for request in self.requests] == ["guide_robot"], "the recording")
 
     def test_a_bad_parameter_is_one_line(self):
+        # limits and choices are tested where parameters are checked; each node here costs a second
         cases = {
             "xyzzyx": ["_source:=topic", "_recognizer/wake_word:=xyzzyx"],
-            "source": ["_source:=telephone"],
             "treshold": ["_source:=topic", "_recognizer/treshold:=0.5"],
             "sounds/success": ["_source:=topic", "_sounds/success:=loud"],
-            "none.wav": ["_source:=wav", "_wav_file:=/none.wav"],
             "wav_file": ["_source:=wav"],
         }
         started = {
@@ -149,7 +148,7 @@ class VoiceCommandsTest(unittest.TestCase):
             for number, (word, arguments) in enumerate(cases.items())
         }
         for word, process in started.items():
-            output, _ = process.communicate(timeout=40)
+            output, _ = process.communicate(timeout=120)
             self.assertEqual(process.returncode, 1, output)
             self.assertIn(word, output)
             self.assertNotIn("Traceback", output)
