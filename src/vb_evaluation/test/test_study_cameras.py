@@ -11,17 +11,16 @@ ROOM = Room()
 
 
 def spots(task, seconds, thorough):
-    """(spots, cameras) of the first seconds of a run; the person's life is that of the run that skips."""
-    simulation = Simulation(STUDY.changed({"timing/time_limit_s": seconds}), task, ROOM, thorough)
-    return simulation.run()
+    """The first seconds of a run."""
+    return Simulation(STUDY.changed({"timing/time_limit_s": seconds}), task, ROOM, thorough).run()
 
 
-@pytest.mark.parametrize("task, seconds", [(Task(1, "carpet", "nrs"), 7.0), (Task(2, "carpet", "robot_only"), 6.0)])
+@pytest.mark.parametrize("task, seconds", [(Task(1, "carpet", "nrs"), 7.0), (Task(2, "carpet", "robot_only"), 5.0)])
 def test_the_same_spots_are_found(task, seconds):
     skipping, thorough = spots(task, seconds, False), spots(task, seconds, True)
     assert sum(rendered for rendered, _ in skipping.cameras.values()) < sum(rendered for rendered, _ in thorough.cameras.values())
     assert [(spot.camera, spot.stamp) for spot in skipping.spots] == [(spot.camera, spot.stamp) for spot in thorough.spots]
-    assert len(skipping.spots) > 30
+    assert len(skipping.spots) > 20
     apart = np.array([spot.position for spot in skipping.spots]) - np.array([spot.position for spot in thorough.spots])
     # noise of the depth readings and a background learnt from fewer pictures: millimetres
     assert np.linalg.norm(apart, axis=1).max() < 0.02

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from shapely.geometry import Point, Polygon
 
 from vb_core import geometry
 from vb_core.errors import ParameterError
@@ -37,7 +38,7 @@ def system(key="carpet", method="nrs", seed=1, covered=EVERYWHERE, **more):
     model = more.pop("model", ParticipantModel())
     person = Person(WORLD, scenario, model, seed, near)
     script = NetworkRobotSystemScript(person) if method == "nrs" else RobotOnlyScript(person)
-    return System(script, WORLD.robots[0].start_pose(), covered, follows=method != "nrs", **more)
+    return System(script, WORLD.robots[0].start_pose(), covered, follows=more.pop("follows", method != "nrs"), **more)
 
 
 def check_drawing(key, sim):
@@ -116,6 +117,32 @@ def test_the_person_gives_up_after_some_tries():
     assert sim.run(200.0) == "gave_up"
     assert [command for command, _, _ in sim.commands].count("save") == 2
     assert "separates_nothing" in sim.script.reason
+
+
+@pytest.mark.parametrize("method", ["nrs", "robot_only"])
+def test_a_slip_is_noticed_and_begun_anew(method):
+    sim = system("room", method, model=ParticipantModel(slip=1.0))
+    assert sim.run(200.0) == "saved"
+    commands = [command for command, _, _ in sim.commands]
+    assert commands.count("cancel") == 1 and commands.count("define_border") == 2 and commands[-1] == "save"
+    check_drawing("room", sim)
+
+
+@pytest.mark.parametrize("key", ["room", "carpet", "corner"])
+def test_a_seed_on_the_wrong_side(key):
+    sim = system(key, model=ParticipantModel(wrong_side=1.0))
+    assert sim.run(120.0) == "saved"
+    side = Polygon(WORLD.scenario(key).region)
+    assert not side.contains(Point(np.mean(sim.seed, axis=0))) and side.contains(Point(WORLD.scenario(key).seed))
+
+
+def test_without_any_camera_the_robot_is_led_there():
+    sim = system("room", covered=NOWHERE, follows=True)
+    sim.dispatch_after = 1e9
+    assert sim.run(280.0) == "saved"
+    commands = [command for command, _, _ in sim.commands]
+    assert commands[0] == "define_border" and commands[1] == "guide_robot" and commands[-1] == "save"
+    check_drawing("room", sim)
 
 
 def test_who_comes_back_in_the_middle_cancels_first():

@@ -51,7 +51,8 @@ class Room:
     """
 
     def __init__(self) -> None:
-        self._key: object = None
+        # threads within a process would only fight with the other processes, and do not survive a fork
+        cv2.setNumThreads(1)
         self._floor: Optional[FloorTexture] = None
         self._mesh: Optional[Mesh] = None
         self._views: Dict[str, object] = {}
@@ -65,6 +66,14 @@ class Room:
             self._floor_key = floor_key
             self._views.clear()
         self._world, self._models = world, models
+
+    def prepare(self, world: World, models: CameraModels) -> None:
+        """Draws all that any run in a world needs; processes that are forked later share it."""
+        self.enter(world, models)
+        for camera in world.cameras:
+            self.ceiling_view(camera)
+        for robot in world.robots:
+            self.robot_view(robot)
 
     def ceiling_view(self, camera: CeilingCamera) -> CeilingView:
         """The view of a ceiling camera, as nobody has moved yet."""
@@ -112,7 +121,6 @@ class StationaryCamera:
     """
 
     def __init__(self, camera: CeilingCamera, view: CeilingView, models: CameraModels, grid: GridMap, seed: int, idle_every: int) -> None:
-        cv2.setNumThreads(1)
         self.name = camera.name
         self.rate = camera.rate
         self.rendered = self.skipped = 0
@@ -174,7 +182,6 @@ class RobotCamera:
         self, robot: Robot, view: RobotView, models: CameraModels, grid: GridMap, seed: int,
         pose_at: Callable[[float], Tuple[float, float, float]], whole: bool = False,
     ) -> None:
-        cv2.setNumThreads(1)
         self.name = robot.namespace.strip("/") or "robot"
         self.rate = robot.camera_rate
         self.rendered = self.skipped = 0
@@ -218,9 +225,11 @@ class RobotCamera:
 
     def _area(self, snapshot: Snapshot) -> Optional[Tuple[int, int, int, int]]:
         """(column, row, width, height) [px] of the part that can hold the spot; None if none can."""
+        model = self._view.color_model
+        if self._whole:
+            return 0, 0, model.width, model.height
         if snapshot.laser is None:
             return None
-        model = self._view.color_model
         pose = self._view.camera_pose(snapshot)
         spot = geometry.apply(geometry.invert(pose), np.array([[*snapshot.laser, 0.0]]))
         if spot[0, 2] < 0.05:
@@ -228,8 +237,6 @@ class RobotCamera:
         u, v = model.project(spot)[0]
         if not (-_SPOT_MARGIN_PX <= u <= model.width + _SPOT_MARGIN_PX and -_SPOT_MARGIN_PX <= v <= model.height + _SPOT_MARGIN_PX):
             return None
-        if self._whole:
-            return 0, 0, model.width, model.height
         if self._part is not None and _well_inside(self._part[0], u, v, model):
             return self._part[0]
         left, top_ = (_BLOCK_PX * int(round((value - _WINDOW_PX) / _BLOCK_PX)) for value in (u, v))

@@ -6,6 +6,7 @@ import multiprocessing
 import os
 import signal
 import traceback
+from functools import lru_cache
 from pathlib import Path
 from typing import Any, Dict, List, Mapping, Optional, Sequence, Tuple
 
@@ -17,7 +18,7 @@ from vb_core.errors import CodedError
 from vb_core.grid_map import OCCUPIED
 from vb_evaluation.study import measures, plan
 from vb_evaluation.study.cameras import Room
-from vb_evaluation.study.config import Study
+from vb_evaluation.study.config import Study, top
 from vb_evaluation.study.plan import TASK, Job
 from vb_evaluation.study.runner import run
 from vb_evaluation.study.store import RowFile, claim
@@ -109,6 +110,7 @@ def _carry_out(study: Study, jobs: Sequence[Job], folder: Path, processes: int, 
     context = multiprocessing.get_context("fork")
     global _study, _folder
     _study, _folder = study, folder
+    _room.prepare(study.world, study.models.cameras)
     with context.Pool(min(processes, len(jobs)), _begin) as pool, bar:
         ticker = bar.add_task("study", total=len(jobs))
         for job, row, fault in pool.imap_unordered(_work, _ordered(jobs)):
@@ -161,10 +163,9 @@ def configuration(study: Study) -> str:
     return hashlib.sha256("".join(parts).encode()).hexdigest()[:12]
 
 
+@lru_cache(maxsize=None)
 def _fingerprint(package: str) -> str:
     """Of the pure modules of a package: nodes, and whoever only looks on, do not take part."""
-    from vb_evaluation.study.config import top
-
     name, _, below = package.partition("/")
     folder = top() / "src" / name / "src" / name / below
     digest = hashlib.sha256()
