@@ -225,9 +225,8 @@ def table(sizes: List[Dict[str, Any]]) -> str:
         row += [f"{size[f'integrate_{kind}_ms']:.2f}" for kind in ("small_polygon", "large_polygon", "curve")]
         row += [f"{there[count]['add_ms']:.1f}" for count in COUNTS]
         row.append(" / ".join(f"{there[count]['store_write_ms']:.1f}" for count in (COUNTS[0], COUNTS[-1])))
-        row += [
-            f"{size[key]:.0f}" if key in size else "" for key in ("node_add_to_answer_ms", "node_add_to_received_map_ms")
-        ]
+        seen = ("node_add_to_answer_ms", "node_add_to_received_map_ms")
+        row += [f"{size[key]:.0f}" if key in size else "" for key in seen]
         lines.append("| " + " | ".join(row) + " |")
     return "\n".join(lines)
 
@@ -260,7 +259,8 @@ def main() -> int:
             master.terminate()
             master.wait(20.0)
     in_order = [sizes[key] for key in sorted(sizes)]
-    path.write_text(json.dumps({"python": platform.python_version(), "cores": os.cpu_count(), "sizes": in_order}, indent=2) + "\n")
+    document = {"python": platform.python_version(), "cores": os.cpu_count(), "sizes": in_order}
+    path.write_text(json.dumps(document, indent=2) + "\n")
     print(f"\n{table(in_order)}\n\nwrote {path}")
     return 0
 

@@ -18,7 +18,11 @@ from oracle import ROOMS, world  # noqa: E402
 
 PACKAGE = Path(__file__).resolve().parents[1]
 DOCUMENT = PACKAGE.parents[1] / "docs" / "map-integration.md"
-RAISED = r'(?:IntegrationError|CodedError)\(\s*"(\w+)"|(?:_warn\(findings|WARNING), "(\w+)"|_coordinates\([^,]+, "(\w+)"'
+RAISED = "|".join([
+    r'(?:IntegrationError|CodedError)\(\s*"(\w+)"',
+    r'(?:_warn\(findings|WARNING), "(\w+)"',
+    r'_coordinates\([^,]+, "(\w+)"',
+])
 
 
 def test_the_documentation_names_every_code():

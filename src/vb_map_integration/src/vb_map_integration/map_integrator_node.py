@@ -82,7 +82,9 @@ class MapIntegratorNode:
 
         self._map_out = rospy.Publisher(names.VIRTUAL_MAP, messages.OccupancyGridArray, queue_size=1, latch=True)
         self._robot_maps = {
-            str(name): rospy.Publisher(f"/{name}{names.VIRTUAL_MAP}", messages.OccupancyGridArray, queue_size=1, latch=True)
+            str(name): rospy.Publisher(
+                f"/{name}{names.VIRTUAL_MAP}", messages.OccupancyGridArray, queue_size=1, latch=True
+            )
             for name in params.robots
         }
         self._borders_out = rospy.Publisher(names.BORDERS, VirtualBorderArray, queue_size=1, latch=True)
