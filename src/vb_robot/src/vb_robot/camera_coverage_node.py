@@ -23,6 +23,7 @@ from vb_core.ros.transforms import TransformLookup
 from vb_robot.coverage import CoverageParams, combined, floor_seen, obstacle_heights, outlines
 
 _GROUPS = ("coverage",)
+_START_S = 10.0
 # cameras named after a colour get it; all others take the next of these
 _COLOURS = {"red": (0.8, 0.2, 0.1), "green": (0.0, 0.6, 0.4), "blue": (0.1, 0.4, 0.9)}
 _OTHER_COLOURS = ((0.8, 0.5, 0.7), (0.9, 0.6, 0.0), (0.3, 0.7, 0.9), (0.9, 0.9, 0.3))
@@ -69,6 +70,7 @@ class CameraCoverageNode:
         self._published: Any = None
         self._asking: Dict[str, rospy.Subscriber] = {}
         self._asked_at = rospy.Time(0)
+        self._started = rospy.Time.now()
         self._transforms = TransformLookup()
         self._publisher = rospy.Publisher(names.COVERAGE, OccupancyGridArray, queue_size=1, latch=True)
         self._publishers = {
@@ -141,7 +143,9 @@ class CameraCoverageNode:
                 heights = obstacle_heights(grid, self._coverage) if heights is None else heights
                 self._seen[name] = (made_of, floor_seen(grid, heights, camera, pose, self._coverage))
             except CodedError as error:
-                rospy.logwarn_throttle(30.0, f"{rospy.get_name()}: camera '{name}': {error}")
+                # while everything starts a transform may be missing for a moment
+                if rospy.Time.now() - self._started > rospy.Duration(_START_S):
+                    rospy.logwarn_throttle(30.0, f"{rospy.get_name()}: camera '{name}': {error}")
         key = (id(grid), tuple(sorted((name, entry[0]) for name, entry in self._seen.items())))
         if key != self._published:
             self._published = key
