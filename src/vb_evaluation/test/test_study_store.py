@@ -1,5 +1,7 @@
 """Rows that survive an interruption."""
 import json
+import subprocess
+import sys
 
 import pytest
 
@@ -67,3 +69,9 @@ def test_rows_of_unknown_origin_are_refused(tmp_path):
     (tmp_path / "study.json").write_text(json.dumps([1]))
     with pytest.raises(CodedError):
         claim(tmp_path, "abc", False, {})
+
+
+def test_a_study_needs_no_ros():
+    blocked = ("rospy", "tf2_ros", "cv_bridge", "roslib", "actionlib", "vb_msgs", "std_msgs", "sensor_msgs", "nav_msgs", "geometry_msgs")
+    code = f"import sys; sys.modules.update({{name: None for name in {blocked!r}}}); import vb_evaluation.study.__main__"
+    subprocess.run([sys.executable, "-c", code], check=True)

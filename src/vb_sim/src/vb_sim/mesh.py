@@ -254,7 +254,7 @@ class DepthBuffer:
         else:
             cv2.fillConvexPoly(mask, points, 255, cv2.LINE_8, _SHIFT)
         self._count += 1
-        self.colors[self._count] = np.clip(color, 0, 255)
+        self.colors[self._count] = np.minimum(np.maximum(color, 0), 255)
         self.normals[self._count] = normal
         inverse = self.inverse[rows, columns]
         if plane[0] == 0.0 and plane[1] == 0.0:
