@@ -49,7 +49,7 @@ _PLAN = "/move_base/NavfnROS/plan"
 _PAUSE_S = 1.0
 # share of pixels that may differ between two pictures of the same
 _SAME = 0.0005
-_PATIENCE_S = 60.0
+_PATIENCE_S = 180.0
 
 
 def main(arguments: Optional[List[str]] = None, top: Optional[Path] = None) -> int:
