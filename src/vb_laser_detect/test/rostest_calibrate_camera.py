@@ -171,7 +171,7 @@ class CalibrateCameraTest(unittest.TestCase):
         self.click((0, 0), "odom")
         command.wait_for("set RViz' fixed frame")
         for i, pixel in enumerate(places):
-            red.show(pixel, 1.2)
+            red.show(pixel, 2.2)
             point = floor_points(SMALL, truth, np.array([pixel]))[0, :2] + rng.normal(0, 0.003, 2)
             if i == 4:
                 point = point + (0.5, 0.2)  # a slip of the mouse

@@ -140,23 +140,24 @@ def test_points_outside_the_image_and_no_numbers():
 # ------------------------------------------------------------------ what a person collects
 def test_a_spot_is_taken_only_while_it_is_still():
     held, rng = HeldSpot(), np.random.default_rng(0)
-    with pytest.raises(CodedError) as raised:
-        held.place(0.0)
-    assert raised.value.code == "no_spot"
+
+    def code():
+        with pytest.raises(CodedError) as raised:
+            held.place()
+        return raised.value.code
+
+    assert code() == "no_spot"
     for i in range(25):
-        held.see(0.04 * i, 300 + 20 * i, 200)
-    with pytest.raises(CodedError) as raised:
-        held.place(1.0)
-    assert raised.value.code == "spot_moves"
-    for i in range(25, 60):
-        held.see(0.04 * i, 800 + rng.normal(0, 0.5), 400 + rng.normal(0, 0.5))
-    assert held.place(2.4) == pytest.approx((800, 400), abs=0.5)
-    with pytest.raises(CodedError) as raised:
-        held.place(9.0)  # long gone
-    assert raised.value.code == "no_spot"
-    held.see(0.0, 1, 1)  # time jumped back
-    with pytest.raises(CodedError):
-        held.place(0.1)
+        held.see(0.04 * i, [(300 + 20 * i, 200)])
+    assert code() == "spot_moves"
+    for i in range(25, 100):
+        held.see(0.04 * i, [(800 + rng.normal(0, 0.5), 400 + rng.normal(0, 0.5))] if i % 3 else [])
+    assert held.place() == pytest.approx((800, 400), abs=0.5)
+    for i in range(100, 160):  # the images go on without it
+        held.see(0.04 * i, [])
+    assert code() == "no_spot"
+    held.see(0.0, [(1, 1)])  # time jumped back
+    assert code() == "no_spot"
 
 
 def test_session_guides_to_a_result_and_back():

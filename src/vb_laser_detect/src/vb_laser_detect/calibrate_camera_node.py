@@ -215,9 +215,9 @@ Four places are needed, six to eight are good: near the corners of what the came
         self.session = SpotSession(self.camera, CalibrationParams(point_sigma=arguments.point_sigma))
 
     def on_image(self, image: np.ndarray, encoding: str, stamp: float) -> None:
-        for spot in self._detector.detect(image, stamp):
-            with self._lock:
-                self._held.see(stamp, spot.u, spot.v)
+        spots = self._detector.detect(image, stamp)
+        with self._lock:
+            self._held.see(stamp, [(spot.u, spot.v) for spot in spots])
 
     def measured(self, values: List[float]) -> None:
         u, v = self._rest()
@@ -230,7 +230,7 @@ Four places are needed, six to eight are good: near the corners of what the came
         while True:
             try:
                 with self._lock:
-                    return self._held.place(rospy.get_time())
+                    return self._held.place()
             except CodedError:
                 if time.monotonic() > end or rospy.is_shutdown():
                     raise

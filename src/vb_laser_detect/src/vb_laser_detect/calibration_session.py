@@ -3,7 +3,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from typing import Deque, List, Optional, Tuple
+from typing import Deque, List, Optional, Sequence, Tuple
 
 import numpy as np
 
@@ -13,8 +13,8 @@ from vb_core.errors import CodedError
 from vb_laser_detect.calibration import LEAST_POINTS, CalibrationParams, Observations, PoseEstimate, estimate_pose
 from vb_laser_detect.calibration_board import BoardParams, BoardView, corners_on_map, merge_views
 
-_HOLD_S = 1.0  # a spot is held so long before a point is taken
-_LEAST_SIGHTINGS = 6
+_HOLD_S = 2.0  # a spot is held so long before a point is taken
+_LEAST_SIGHTINGS = 5
 _STILL_PX = 3.0
 
 
@@ -22,21 +22,23 @@ class HeldSpot:
     """Where a laser spot that is held still lies in the image."""
 
     def __init__(self) -> None:
-        self._sightings: Deque[Tuple[float, float, float]] = deque(maxlen=200)
+        self._sightings: Deque[Tuple[float, float, float]] = deque(maxlen=500)
+        self._newest = -math.inf
 
-    def see(self, stamp: float, u: float, v: float) -> None:
-        """Takes in a detection [s, px, px]."""
-        if self._sightings and stamp < self._sightings[-1][0]:
+    def see(self, stamp: float, spots: Sequence[Tuple[float, float]]) -> None:
+        """Takes in what was detected in an image [s], [px]; nothing, too."""
+        if stamp < self._newest:
             self._sightings.clear()
-        self._sightings.append((stamp, u, v))
+        self._newest = stamp
+        self._sightings.extend((stamp, u, v) for u, v in spots)
 
-    def place(self, now: float) -> Tuple[float, float]:
-        """(u, v) [px] of the spot over the last second.
+    def place(self) -> Tuple[float, float]:
+        """(u, v) [px] of the spot in the images of the last two seconds.
 
         Raises:
             CodedError: "no_spot" if it was not seen often enough, "spot_moves" if it did not rest.
         """
-        recent = np.array([(u, v) for stamp, u, v in self._sightings if now - _HOLD_S <= stamp <= now + 0.2])
+        recent = np.array([(u, v) for stamp, u, v in self._sightings if stamp >= self._newest - _HOLD_S])
         if len(recent) < _LEAST_SIGHTINGS:
             raise CodedError("no_spot", "the camera does not see the spot: hold it still for two seconds, then try again")
         middle = np.median(recent, axis=0)
