@@ -37,7 +37,7 @@ def doubts(c: Candidate, p: DetectorParams) -> Dict[str, float]:
         "object_left": _below(c.edge, float(usual_edge), float(least_edge)),
         "unlike_surroundings": _below(c.likeness, 0.25, p.min_likeness),
         "object_came": _above(c.darker, 0.04, p.max_darker) + _above(c.contrast, 1.2, p.max_contrast),
-        "cut_off": 0.4 * c.cut_off,
+        "cut_off": 0.45 * c.cut_off,
         "painted": _above(c.fall, 6.0, 20.0),
         "scene_busy": _above(c.busy, 0.1, p.max_busy),
         "change_nearby": _above(c.neighbours, 30.0, p.max_neighbours),
