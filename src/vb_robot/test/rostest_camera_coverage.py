@@ -31,7 +31,9 @@ class CoverageTest(unittest.TestCase):
         for topic in (names.COVERAGE, names.COVERAGE + "/east", names.COVERAGE + "/west"):
             rospy.Subscriber(topic, OccupancyGridArray, cls.on_grid, topic)
         rospy.Subscriber(names.COVERAGE + "/outlines", MarkerArray, lambda m: cls.markers.append(m.markers))
-        cls.infos = {name: rospy.Publisher(f"/{name}/camera_info", CameraInfo, queue_size=1) for name in ("east", "west")}
+        cls.infos = {
+            name: rospy.Publisher(f"/{name}/camera_info", CameraInfo, queue_size=1) for name in ("east", "west")
+        }
         cls.silent = {"west"}
         cls.broadcaster = tf2_ros.StaticTransformBroadcaster()
         cls.poses = {}

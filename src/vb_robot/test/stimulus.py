@@ -50,7 +50,8 @@ class Body:
         error = geometry.pose2d_transform(*self.offset, 0.0)
         return [
             transform_message(error, "map", self.prefix + "odom", now),
-            transform_message(geometry.pose2d_transform(x, y, yaw), self.prefix + "odom", self.prefix + "base_link", now),
+            transform_message(
+                geometry.pose2d_transform(x, y, yaw), self.prefix + "odom", self.prefix + "base_link", now),
         ]
 
 

@@ -92,7 +92,8 @@ def test_tilted_camera_with_distortion_agrees_with_the_rays_of_its_pixels():
     assert len(cells) > 300
     assert seen[cells[:, 0], cells[:, 1]].mean() > 0.97
     corners = np.array([[-0.5, -0.5], [1599.5, -0.5], [1599.5, 999.5], [-0.5, 999.5]])
-    outside = lens.project(geometry.apply(geometry.invert(pose), np.column_stack([places(grid, seen), np.zeros(seen.sum())])))
+    floor = np.column_stack([places(grid, seen), np.zeros(seen.sum())])
+    outside = lens.project(geometry.apply(geometry.invert(pose), floor))
     assert (outside >= corners.min(axis=0)).all() and (outside <= corners.max(axis=0)).all()
 
 

@@ -135,7 +135,8 @@ def test_two_that_are_about_equally_near_do_not_take_turns():
         # the spot goes on, now this one is a little nearer, now that one
         bench.spot = (0.5 * i, 0.0)
         for robot, shift in ((ada, 0.3), (bob, -0.3)):
-            robot.candidates = [Viewpoint(robot.candidates[0].x + 0.5, 0.0, 0.0, 2.0, 2.0 + shift * (-1) ** i, bench.spot)]
+            cost = 2.0 + shift * (-1) ** i
+            robot.candidates = [Viewpoint(robot.candidates[0].x + 0.5, 0.0, 0.0, 2.0, cost, bench.spot)]
         for _ in range(8):
             bench.step()
     assert len(ada.sent) > 10 and not bob.sent

@@ -77,7 +77,8 @@ def test_people_are_told_once_what_matters():
     assert say(notices, 1.0) is None
     assert "robot ada comes to look" in say(notices, 2.0, ahead=True)
     assert say(notices, 2.1, ahead=True) is None
-    assert say(notices, 3.0, silent=1.0, uncovered=True) == "Nobody can see this corner: robot ada comes to look, hold still"
+    corner = "Nobody can see this corner: robot ada comes to look, hold still"
+    assert say(notices, 3.0, silent=1.0, uncovered=True) == corner
     assert say(notices, 3.1, silent=1.1, uncovered=True) is None
     assert "no robot can come" in say(notices, 4.0, silent=2.0, able=False)
     assert say(notices, 5.0) is None

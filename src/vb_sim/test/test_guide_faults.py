@@ -22,8 +22,8 @@ class Led:
 
     def __init__(self, fault="", until=math.inf, phase=0.0, latency=0.06):
         self.fault, self.until, self.latency = fault, until, latency
-        self.body = RobotBody((1.0, 2.0, 0.0), 0.18, section(MODELS, "robot", RobotModel),
-                              section(MODELS, "localisation", LocalisationModel), lambda x, y: 5.0, np.random.default_rng(1))
+        models = section(MODELS, "robot", RobotModel), section(MODELS, "localisation", LocalisationModel)
+        self.body = RobotBody((1.0, 2.0, 0.0), 0.18, *models, lambda x, y: 5.0, np.random.default_rng(1))
         self.servo = Servo(ServoParams(), SafetyParams(), FloorView(ViewParams()))
         self.now, self.next_control, self.next_image = 0.0, phase, 0.0
         self.images = []

@@ -1,6 +1,7 @@
 """A border drawn across the edge of what the ceiling cameras see has neither gap nor step where the robot goes on.
 
-Ground truth is the corner of the lab: the ceiling camera "blue" sees its line up to x = 6.8 m or so, the robot the rest.
+Ground truth is the corner of the lab: the ceiling camera "blue" sees its line up to x = 6.8 m or so, the robot the
+rest.
 Each camera is off as the models say: the ceiling camera by its calibration, the robot's by its localisation.
 """
 from pathlib import Path
@@ -52,7 +53,8 @@ def drawn(seed, overlap=True):
     localisation = section(load_models(MODELS), "localisation", LocalisationModel)
     believed = calibrated_pose(BLUE.pose(), models.optics, seed, BLUE.name)
     blue = on_floor(BLUE.model(), BLUE.pose(), believed, line[by_blue]) + rng.normal(0.0, 0.002, (by_blue.sum(), 2))
-    off = np.array([localisation.position_sigma, localisation.position_sigma, localisation.yaw_sigma]) * rng.normal(size=3)
+    sigmas = (localisation.position_sigma, localisation.position_sigma, localisation.yaw_sigma)
+    off = np.array(sigmas) * rng.normal(size=3)
     true = geometry.pose2d_transform(*ROBOT) @ view.T_base_camera
     guess = geometry.pose2d_transform(*(np.array(ROBOT) + off)) @ view.T_base_camera
     robot = on_floor(view.camera, true, guess, line[by_robot]) + rng.normal(0.0, 0.003, (by_robot.sum(), 2))
@@ -71,12 +73,13 @@ def test_no_gap_and_no_step_where_the_robot_goes_on(seed, overlap):
     along = [TRUTH.interpolate(s) for s in np.arange(0.1, TRUTH.length - 0.1, 0.02)]
     assert max(chain.distance(place) for place in along) < 0.09
     # no step: on 0.5 m about the edge of what blue sees the border goes on as it is intended to
-    edge = GRID.cell_to_world(np.argwhere(SEEN & (np.abs(GRID.cell_to_world(np.argwhere(
-        np.ones(GRID.shape, bool)))[:, 1].reshape(GRID.shape) - 3.4) < 0.02)))[:, 0].max()
+    along_line = np.column_stack([np.arange(6.0, 8.0, 0.01), np.full(200, 3.4)])
+    edge = along_line[GRID.with_data(SEEN.astype(np.int8)).values_at(along_line) > 0, 0].max()
     assert 6.5 < edge < 7.3
     heights = []
     for x in np.arange(edge - 0.25, edge + 0.26, 0.05):
         crossing = chain.intersection(LineString([(x, 3.1), (x, 3.7)]))
         assert not crossing.is_empty
-        heights.append(float(np.mean([point.y for point in getattr(crossing, "geoms", [crossing]) if isinstance(point, Point)])))
+        found = [point.y for point in getattr(crossing, "geoms", [crossing]) if isinstance(point, Point)]
+        heights.append(float(np.mean(found)))
     assert np.ptp(heights) < 0.08 and np.abs(np.diff(heights)).max() < 0.05

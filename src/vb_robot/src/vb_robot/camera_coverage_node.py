@@ -51,8 +51,8 @@ class CameraCoverageNode:
         <camera>/camera_info (sensor_msgs/CameraInfo): for one message now and then
         tf: <camera's optical frame> to map
     Publishes, latched, in the geometry of /map:
-        /virtual_borders/coverage (nav_msgs/OccupancyGrid): how many cameras see each cell; 0: none does; -1: no free floor
-        /virtual_borders/coverage/<camera> (nav_msgs/OccupancyGrid): 100 where it sees the floor, else 0; -1: no free floor
+        /virtual_borders/coverage (nav_msgs/OccupancyGrid): how many cameras see each cell; 0: none; -1: no free floor
+        /virtual_borders/coverage/<camera> (nav_msgs/OccupancyGrid): 100: it sees the cell; 0: not; -1: no free floor
         /virtual_borders/coverage/outlines (visualization_msgs/MarkerArray): the edge of each camera's area, its name
     Parameters:
         ~* CameraCoverageParams, ~coverage/* CoverageParams
@@ -164,7 +164,8 @@ class CameraCoverageNode:
         self._markers.publish(markers)
         floor = values >= 0
         share = float((values[floor] > 0).mean()) if floor.any() else 0.0
-        rospy.loginfo("%s: %s see %.0f %% of the floor", rospy.get_name(), ", ".join(sorted(seen)) or "no cameras", 100 * share)
+        cameras = " and ".join(sorted(seen)) or "no camera"
+        rospy.loginfo("%s: seen by %s: %.0f %% of the floor", rospy.get_name(), cameras, 100.0 * share)
 
 
 _LOOK = object()  # in the mailbox: no new map, but perhaps a new camera
@@ -181,7 +182,8 @@ def _outline_markers(grid: GridMap, number: int, name: str, mask: np.ndarray) ->
         for start, end in zip(outline, np.roll(outline, -1, axis=0)):
             line.points += [Point(float(start[0]), float(start[1]), 0.03), Point(float(end[0]), float(end[1]), 0.03)]
     line.scale.x = 0.03
-    text = Marker(ns="coverage", id=2 * number + 1, type=Marker.TEXT_VIEW_FACING, action=Marker.ADD, color=colour, text=name)
+    text = Marker(ns="coverage", id=2 * number + 1, type=Marker.TEXT_VIEW_FACING, action=Marker.ADD, color=colour)
+    text.text = name
     text.scale.z = 0.2
     middle = grid.cell_to_world(np.argwhere(mask)).mean(axis=0) if mask.any() else np.zeros(2)
     text.pose.position = Point(float(middle[0]), float(middle[1]), 0.3)

@@ -18,7 +18,7 @@ from vb_core.parameters import Parameters, param
 class CoverageParams(Parameters):
     """What counts as seen."""
 
-    image_margin: float = param(8.0, "px", low=0.0, high=500.0, doc="a spot nearer to the image's edge is not counted on")
+    image_margin: float = param(8.0, "px", low=0.0, high=500.0, doc="a spot nearer to the image's edge does not count")
     max_distance: float = param(6.0, "m", above=0.0, high=100.0, doc="from camera to spot; farther, it is too small")
     occupied_threshold: int = param(50, "%", low=1, high=100, doc="from this occupancy on something stands there")
     obstacle_height: float = param(0.5, "m", low=0.0, high=10.0, doc="of what the map shows, if nothing else is known")
@@ -61,7 +61,7 @@ def floor_seen(
     """
     eye = np.asarray(T_map_camera, dtype=float)[:3, 3]
     if eye[2] <= 0.0:
-        raise CodedError("bad_camera_pose", f"the camera is {eye[2]:.2f} m above the floor of the map, expected more than 0 m")
+        raise CodedError("bad_camera_pose", f"the camera must be above the floor of the map, it is at z = {eye[2]:.2f} m")
     seen = np.zeros(grid.shape, dtype=bool)
     cells = np.argwhere(heights <= 0.0)
     places = grid.cell_to_world(cells)

@@ -128,9 +128,10 @@ class DispatchPolicy:
     def usable(self, candidates: Sequence[Viewpoint]) -> List[Viewpoint]:
         """Those that lie off the places that failed lately."""
         self._failed = [entry for entry in self._failed if self._now - entry[0] < self.params.failed_memory]
+        radius = self.params.failed_radius
         return [
             candidate for candidate in candidates
-            if all(math.dist((candidate.x, candidate.y), entry[1:]) >= self.params.failed_radius for entry in self._failed)
+            if all(math.dist((candidate.x, candidate.y), entry[1:]) >= radius for entry in self._failed)
         ]
 
     def take(self, viewpoint: Viewpoint, reason: str) -> Decision:

@@ -27,7 +27,7 @@ WANTED = (sightings.BORDER, sightings.SEED)
 class WatchParams(Parameters):
     """Which robots there are, and how the spot is watched between two decisions."""
 
-    robots: list = param([], doc="names of the robots, which are their namespaces; empty: one robot without a namespace")
+    robots: list = param([], doc="names of the robots, which are their namespaces; empty: one without a namespace")
     way_check: float = param(0.5, "s", low=0.0, doc="between two looks at the way to the present goal")
     lost_speed: float = param(0.3, "m/s", low=0.0, high=2.0, doc="a spot that nobody sees has moved on like this")
     lost_distance: float = param(0.5, "m", low=0.0, high=2.0, doc="but not farther than this")
@@ -275,11 +275,17 @@ class Dispatcher:
             assert drawing is not None and pose is not None
             return grounds.way_is_safe(now, self._watch.way_check, pose, viewpoint, drawing, self._viewpoint)
 
-        return Member(name, Situation(now, wanted, key, spot, pose, status.server, status.goal), status.busy, fit, rank, safe)
+        situation = Situation(now, wanted, key, spot, pose, status.server, status.goal)
+        return Member(name, situation, status.busy, fit, rank, safe)
 
     # ------------------------------------------------------------- words
     def _notice(
-        self, now: float, drawing: Optional[Drawing], gone_on: float, unseen: Optional[UnseenFloor], members: List[Member]
+        self,
+        now: float,
+        drawing: Optional[Drawing],
+        gone_on: float,
+        unseen: Optional[UnseenFloor],
+        members: Sequence[Member],
     ) -> Optional[str]:
         with self._lock:
             newest, key = self._sightings.newest(), self._sightings.key
@@ -290,6 +296,7 @@ class Dispatcher:
         able = any(member.situation.server and member.situation.robot is not None for member in members)
         place = drawing.spot if drawing.direction is None else drawing.spot + gone_on * drawing.direction
         uncovered = unseen is not None and bool(unseen.at(place[None])[0])
-        ahead = drawing.watched and unseen is not None and unseen.nearest(drawing.spot, self._prospect.beside) is not None
+        near = unseen.nearest(drawing.spot, self._prospect.beside) if unseen is not None else None
+        ahead = drawing.watched and near is not None
         who = f"robot {serving}" if serving else "the robot"
         return self._notices.step(now, key, now - newest.stamp, uncovered, ahead, comes, able, who)

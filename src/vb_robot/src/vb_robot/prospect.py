@@ -16,9 +16,9 @@ from vb_robot.viewpoint import Drawing
 class ProspectParams(Parameters):
     """How far ahead is looked."""
 
-    horizon: float = param(2.0, "m", low=0.0, high=10.0, doc="how far the line is thought on to where no camera sees it")
+    horizon: float = param(2.0, "m", low=0.0, high=10.0, doc="how far the line is thought straight on")
     beyond: float = param(0.3, "m", low=0.0, high=2.0, doc="the robot looks so far beyond the edge of what cameras see")
-    beside: float = param(1.0, "m", low=0.0, high=5.0, doc="floor that nobody sees counts so near to the spot on any side")
+    beside: float = param(1.0, "m", low=0.0, high=5.0, doc="so near to the spot floor that nobody sees counts")
     least_gap: float = param(0.15, "m", low=0.0, high=2.0, doc="narrower shadows, as of a table's leg, do not count")
     lead: float = param(0.3, "m", low=0.0, high=1.0, doc="the robot looks so far ahead of a spot that it alone sees")
 
@@ -35,7 +35,8 @@ class UnseenFloor:
         depth = distance_to(coverage.data != 0) * coverage.resolution
         core = depth >= 0.5 * least_gap
         # what was taken off the edges of the wide parts is given back
-        self.mask = (coverage.data == 0) & (distance_to(core) * coverage.resolution <= 0.5 * least_gap) & bool(core.any())
+        near_core = distance_to(core) * coverage.resolution <= 0.5 * least_gap
+        self.mask = (coverage.data == 0) & near_core
         self._places = coverage.cell_to_world(np.argwhere(self.mask))
 
     def at(self, points: np.ndarray) -> np.ndarray:
@@ -83,7 +84,7 @@ def _room(terrain: Terrain, spot: np.ndarray, direction: np.ndarray, distance: f
 def _exit(
     terrain: Terrain, unseen: UnseenFloor, spot: np.ndarray, direction: Optional[np.ndarray], params: ProspectParams
 ) -> Optional[np.ndarray]:
-    """(2,) [m] a little beyond where the straight line ahead of the spot leaves what cameras see; None if it does not."""
+    """(2,) [m] a little beyond where the line ahead of the spot leaves what cameras see; None if it does not."""
     if direction is None:
         return None
     room = _room(terrain, spot, direction, params.horizon)

@@ -53,7 +53,7 @@ class RobotDispatcherNode:
         /virtual_borders/coverage (nav_msgs/OccupancyGrid): optional; floor that no stationary camera sees
     Publishes:
         ~viewpoint (geometry_msgs/PoseStamped, latched): where a robot was sent last
-        /virtual_borders/workspace (std_msgs/String, latched): a sentence when nobody sees the spot, and what comes of it
+        /virtual_borders/workspace (std_msgs/String, latched): when nobody sees the spot, and what comes of it
     Action client:
         [<robot>/]move_base (move_base_msgs/MoveBaseAction)
     Parameters:
@@ -73,19 +73,19 @@ class RobotDispatcherNode:
             DispatchedRobot(name, params.base_frame, params.action, params.server_silence, transforms)
             for name in dispatcher.robots
         ]
+        grids = [
+            (names.VIRTUAL_MAP, dispatcher.set_map),
+            (names.PHYSICAL_MAP, dispatcher.set_physical_map),
+            (names.COVERAGE, dispatcher.set_coverage),
+        ]
+        for name in filter(None, dispatcher.robots):
+            grids.append((f"{name}{names.VIRTUAL_MAP}", functools.partial(dispatcher.set_map, robot=name)))
         self._subscribers = [
-            rospy.Subscriber(names.VIRTUAL_MAP, OccupancyGridArray, self._on_grid, dispatcher.set_map, queue_size=1),
-            rospy.Subscriber(names.PHYSICAL_MAP, OccupancyGridArray, self._on_grid, dispatcher.set_physical_map, queue_size=1),
-            rospy.Subscriber(names.COVERAGE, OccupancyGridArray, self._on_grid, dispatcher.set_coverage, queue_size=1),
+            *(rospy.Subscriber(topic, OccupancyGridArray, self._on_grid, take, queue_size=1) for topic, take in grids),
             rospy.Subscriber(names.STATE, InteractionState, self._on_state, queue_size=10),
             rospy.Subscriber(names.SPOTS, LaserSpot, self._on_spot, queue_size=100),
             rospy.Subscriber(names.PROGRESS, BorderProgress, self._on_progress, queue_size=1),
         ]
-        for robot in self._robots:
-            if robot.name:
-                take = functools.partial(dispatcher.set_map, robot=robot.name)
-                topic = f"{robot.name}{names.VIRTUAL_MAP}"
-                self._subscribers.append(rospy.Subscriber(topic, OccupancyGridArray, self._on_grid, take, queue_size=1))
         self._timer = rospy.Timer(rospy.Duration(params.period), self._on_timer, reset=True)
 
     def close(self) -> None:

@@ -37,7 +37,7 @@ class ServoParams(Parameters):
     drive_cone_deg: float = param(25.0, "deg", above=0.0, high=90.0, doc="off the axis by this it only turns")
     distance_gain: float = param(0.8, "1/s", above=0.0)
     turn_gain: float = param(1.8, "1/s", above=0.0)
-    late_after: float = param(0.04, "s", low=0.0, high=1.0, doc="a spot so much older than usual makes it go slower ...")
+    late_after: float = param(0.04, "s", low=0.0, high=1.0, doc="a spot so much older than usual slows it down ...")
     gone_after: float = param(0.16, "s", above=0.0, high=1.0, doc="... and so much older lets it stand")
     max_age: float = param(0.5, "s", above=0.0, high=2.0, doc="a spot older than this is gone, whatever is usual")
 

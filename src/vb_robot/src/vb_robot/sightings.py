@@ -33,7 +33,8 @@ class Sightings:
         self._window = window_s
         self._mobile_names: Set[str] = set(mobile_cameras)
         self._recent: Deque[Sighting] = deque(maxlen=400)
-        self._runs: Dict[str, Tuple[float, float]] = {}  # by camera on a robot: since when and until when it sees the spot
+        # by camera on a robot: since when and until when it sees the spot [s]
+        self._runs: Dict[str, Tuple[float, float]] = {}
         self._interaction = ""
         self._entered = 0.0
         self.state = DEFAULT

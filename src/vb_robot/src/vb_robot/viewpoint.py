@@ -96,7 +96,7 @@ class Drawing:
         return np.asarray(self.spot if self.focus is None else self.focus, dtype=float)
 
     def line_ahead(self, length: float) -> np.ndarray:
-        """(K, 2) [m] where the line probably goes on, as far as what is looked at; the spot alone if it does not move."""
+        """(K, 2) [m] where the line goes on, as far as what is looked at; the spot alone if it does not move."""
         spot = np.asarray(self.spot, dtype=float)
         if self.focus is not None and self.direction is not None:
             length = max(length, float(np.dot(self.look_at - spot, self.direction)))
@@ -129,7 +129,8 @@ def rank_viewpoints(
         apart = 2.0 * terrain.params.robot_radius + terrain.params.margin
         keep &= np.linalg.norm(places[:, None] - others[None], axis=2).min(axis=1) >= apart
     if not drawing.watched and drawing.focus is not None:
-        keep &= [bool(view.sees(to_base(spot[None], (*place, angle)), _SPOT_MARGIN)[0]) for place, angle in zip(places, yaw)]
+        poses = ((*place, angle) for place, angle in zip(places, yaw))
+        keep &= np.array([bool(view.sees(to_base(spot[None], pose), _SPOT_MARGIN)[0]) for pose in poses])
     side = terrain.side_of(spot, drawing.chain, drawing.closed) if drawing.seeding else None
     off_side = _clear_of(terrain, side)
     if off_side is not None:
@@ -179,8 +180,10 @@ def rank_viewpoints(
     return [replace(viewpoint, risky=True) for viewpoint in found]
 
 
-def _poses_round(look_at: np.ndarray, robot: Pose, params: ViewpointParams) -> Tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Places (N, 2) [m], yaws (N,) [rad] and distances (N,) [m] of poses that face a point; the robot's own place too."""
+def _poses_round(
+    look_at: np.ndarray, robot: Pose, params: ViewpointParams
+) -> Tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Places (N, 2) [m], yaws (N,) [rad], distances (N,) [m] of poses that face a point; the robot's place too."""
     own = look_at - robot[:2]
     home = float(np.hypot(*own)), math.atan2(own[1], own[0])
     distance = np.linspace(params.min_distance, max(params.min_distance, params.max_distance), params.distances)
