@@ -6,7 +6,8 @@
 Starts simulation.launch with RViz on a virtual screen, plays the participant itself (draws round the carpet, points
 at it, says save), and writes out/bench/display_latency.json:
 
-- from a spot's image stamp to its marker, as somebody else receives it, by camera and for all: median, 95th percentile
+- from a spot's image stamp to its marker, as somebody else receives both, by camera and for all, and the part of it that
+  is the display's own, from spot to marker: median, 95th percentile
 - from `save` to the new map, to its stripes and to its label
 - the share of a core that display_markers took meanwhile
 
@@ -36,7 +37,7 @@ from vb_core.ros.messages import OccupancyGridArray
 from vb_evaluation.observer import wait_until
 from vb_evaluation.processes import Child, free_port, start_screen
 from vb_feedback.display_markers_node import RESTRICTED
-from vb_msgs.msg import BorderPreview, LabState, LaserSpot, ParticipantState
+from vb_msgs.msg import BorderPreview, DetectorStatus, LabState, LaserSpot, ParticipantState
 from vb_msgs.srv import Command
 from vb_sim.frame_clock import SmoothClock
 from vb_sim.world import load_world
@@ -51,10 +52,12 @@ class Observer:
     def __init__(self) -> None:
         self.clock = SmoothClock(rospy.get_time, time.monotonic)
         self.lock = threading.Lock()
-        self.stamps = {}  # (camera, x, y) of a spot to its image's stamp
+        self.stamps = {}  # (camera, x, y) of a spot to its image's stamp and when it came
         self.spots, self.markers = {}, {}  # by camera: latencies [s] of spots and of markers
+        self.own = []  # [s] from a spot to its marker: what the display itself adds
         self.maps, self.stripes, self.labels = [], [], []  # [s] steady time of each
         self.previews = []
+        self.searched = {}  # by camera: images that its detector has searched
         self.factor = 0.0
         rospy.Subscriber(names.SPOTS, LaserSpot, self.on_spot, queue_size=100, tcp_nodelay=True)
         rospy.Subscriber(names.MARKERS, MarkerArray, self.on_markers, queue_size=100, tcp_nodelay=True)
@@ -62,14 +65,18 @@ class Observer:
         rospy.Subscriber(RESTRICTED, OccupancyGridArray, lambda _: self.stripes.append(time.monotonic()))
         rospy.Subscriber(names.PREVIEW, BorderPreview, self.previews.append)
         rospy.Subscriber(names.LAB_STATE, LabState, self.on_lab, queue_size=1)
+        rospy.Subscriber(names.DETECTORS, DetectorStatus, self.on_detector, queue_size=10)
 
     def on_lab(self, message) -> None:
         self.factor = message.real_time_factor
 
+    def on_detector(self, message) -> None:
+        self.searched[message.camera] = message.processed
+
     def on_spot(self, message) -> None:
         with self.lock:
             now, stamp = self.clock.now(), message.header.stamp.to_sec()
-            self.stamps[message.camera, message.position.x, message.position.y] = stamp
+            self.stamps[message.camera, message.position.x, message.position.y] = (stamp, now)
             self.spots.setdefault(message.camera, []).append(now - stamp)
 
     def on_markers(self, message) -> None:
@@ -80,9 +87,10 @@ class Observer:
                 if parts[0] == "spots" and len(parts) == 2 and marker.id == 1 and marker.action == 0:
                     key = (parts[1], marker.pose.position.x, marker.pose.position.y)
                     # each spot counts once, when its marker comes first
-                    stamp = self.stamps.pop(key, None)
+                    stamp, came = self.stamps.pop(key, (None, None))
                     if stamp is not None:
                         self.markers.setdefault(parts[1], []).append(now - stamp)
+                        self.own.append(now - came)
                 elif marker.ns == "borders/outline":
                     self.labels.append(time.monotonic())
 
@@ -96,6 +104,8 @@ def cpu_seconds(node: str) -> float:
 
 
 def summary(values) -> dict:
+    if not values:
+        return {"count": 0}
     found = 1e3 * np.array(values)
     return {"count": len(found), "median_ms": round(float(np.median(found)), 1), "p95_ms": round(float(np.percentile(found, 95)), 1)}
 
@@ -179,13 +189,15 @@ def main() -> int:
         rospy.init_node("display_latency", disable_signals=True)
         stack.callback(rospy.signal_shutdown, "measured")
         observer = Observer()
-        if not wait_until(lambda: observer.maps and observer.factor > 0.5, 90.0):
+        cameras = [*given.cameras.split(), "robot"]
+        # until detectors know their backgrounds
+        if not wait_until(lambda: observer.maps and all(observer.searched.get(name, 0) > 100 for name in cameras), 120.0):
             print(f"the lab did not come up:\n{launch.tail()}", file=sys.stderr)
             return 1
         if given.spot_rate:
             rospy.set_param("/display_markers/spot_rate", given.spot_rate)
             os.kill(xmlrpc.client.ServerProxy(rosgraph.Master("/bench").lookupNode("/display_markers")).getPid("/bench")[2], 15)
-        time.sleep(12.0)  # until detectors know their backgrounds, and a node that was ended is back
+            time.sleep(8.0)  # until it is back
         before, started = cpu_seconds("/display_markers"), time.monotonic()
         saved = draw(observer, world)
         used = (cpu_seconds("/display_markers") - before) / (time.monotonic() - started)
@@ -193,6 +205,7 @@ def main() -> int:
         result = {
             "spot_rate_hz": rospy.get_param("/display_markers/spot_rate"), "projector": given.projector, "cameras": given.cameras,
             "rviz": not given.no_rviz, "real_time_factor": round(observer.factor, 3), "stamp_to_marker": summary(everything),
+            "spot_to_marker": summary(observer.own),
             "stamp_to_marker_by_camera": {camera: summary(values) for camera, values in sorted(observer.markers.items())},
             "stamp_to_spot_by_camera": {camera: summary(values) for camera, values in sorted(observer.spots.items())},
             "save": saved, "display_markers_cores": round(used, 3), "previews": len(observer.previews),
