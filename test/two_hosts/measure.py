@@ -52,7 +52,10 @@ class Watch:
     def count_images(self):
         def count(_message):
             self.images += 1
-        return rospy.Subscriber("/green/image_raw", Image, self._store, callback_args=count, queue_size=1, buff_size=2**24)
+
+        return rospy.Subscriber(
+            "/green/image_raw", Image, self._store, callback_args=count, queue_size=1, buff_size=2**24
+        )
 
     def wait(self, condition, what):
         with self.changed:
@@ -97,7 +100,7 @@ def main():
     print(f"""
 clocks:              {watch.clock}
 spots only:          {received:8.1f} kB/s in, {sent:.1f} kB/s out, {len(latencies) / arguments.seconds:.1f} spots/s,
-                     image stamp to spot here {np.median(latencies):.0f} ms median, {np.percentile(latencies, 95):.0f} ms p95
+                     from image stamp to here {np.median(latencies):.0f} ms, p95 {np.percentile(latencies, 95):.0f} ms
 spots in the fusion: {watch.progress.border_spots}
 with one camera's images: {with_images:8.0f} kB/s in, {images:.1f} images/s received
 """)

@@ -11,8 +11,9 @@ from vb_core.camera_model import CameraModel
 from vb_laser_detect.calibration_board import BoardParams, corners_on_map, draw_board
 from vb_laser_detect.projection import floor_points, pixels_of
 
-CAMERA = CameraModel(1920, 1080, np.array([[1100.0, 0, 950], [0, 1105.0, 545], [0, 0, 1]]),
-                     np.array([-0.2, 0.05, 0.001, -0.001, 0]))
+CAMERA = CameraModel(
+    1920, 1080, np.array([[1100.0, 0, 950], [0, 1105.0, 545], [0, 0, 1]]), np.array([-0.2, 0.05, 0.001, -0.001, 0])
+)
 POSE = geometry.transform(geometry.rotation_from_rpy(math.pi + 0.06, 0.05, 0.7), (4.0, 2.5, 2.95))
 _PPM = 2000.0  # [px/m] of the print
 _MARGIN = 0.02  # [m] of white paper round the pattern
@@ -23,7 +24,9 @@ def p2_of(board: BoardParams, p1, yaw: float):
     return p1[0] + board.size[0] * math.cos(yaw), p1[1] + board.size[0] * math.sin(yaw)
 
 
-def render_board(board: BoardParams, p1, p2, rng, camera=CAMERA, pose=POSE, noise: float = 3.0, samples: int = 2, image=None):
+def render_board(
+    board: BoardParams, p1, p2, rng, camera=CAMERA, pose=POSE, noise: float = 3.0, samples: int = 2, image=None
+):
     """(H, W) uint8: a grey floor, or the image given, with the board; blurred by the lens, with sensor noise."""
     border = int(_MARGIN * _PPM)
     paper = cv2.copyMakeBorder(draw_board(board, _PPM), *4 * [border], cv2.BORDER_CONSTANT, value=245)
@@ -47,9 +50,15 @@ def render_board(board: BoardParams, p1, p2, rng, camera=CAMERA, pose=POSE, nois
             pixels = np.column_stack([(columns + du).ravel(), (rows + dv).ravel()])
             floor = floor_points(camera, pose, pixels)[:, :2] - np.asarray(p1)
             # the first texel's centre lies half a texel within the paper
-            at = [((floor @ axis) * _PPM + border - 0.5).reshape(rows.shape).astype(np.float32) for axis in (along, down)]
-            patch += cv2.remap(paper.astype(np.float32), *at, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=0)
-            weight += cv2.remap(np.ones_like(paper, np.float32), *at, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=0)
+            at = [
+                ((floor @ axis) * _PPM + border - 0.5).reshape(rows.shape).astype(np.float32) for axis in (along, down)
+            ]
+            patch += cv2.remap(
+                paper.astype(np.float32), *at, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=0
+            )
+            weight += cv2.remap(
+                np.ones_like(paper, np.float32), *at, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=0
+            )
     share = weight / samples**2
     cut = picture[top:bottom, left:right]
     picture[top:bottom, left:right] = cut * (1 - share) + share * 20 + 0.7 * patch / samples**2

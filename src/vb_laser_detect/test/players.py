@@ -20,8 +20,9 @@ class FixedCamera:
 
     def __init__(self, name, x, y, colour, compressed):
         self.name, self.colour, self.compressed = name, colour, compressed
-        self.camera = CameraModel(480, 270, np.array([[300.0, 0, 239.5], [0, 300.0, 134.5], [0, 0, 1]]),
-                                  np.array([-0.12, 0.02, 0.001, 0, 0]))
+        self.camera = CameraModel(
+            480, 270, np.array([[300.0, 0, 239.5], [0, 300.0, 134.5], [0, 0, 1]]), np.array([-0.12, 0.02, 0.001, 0, 0])
+        )
         self.T = geometry.transform(geometry.rotation_from_rpy(np.pi, 0, 0), (x, y, 2.95))
         self.scene = Scene(480, 270, seed=3)
         self.frame = name + "_optical_frame"
@@ -56,7 +57,8 @@ class RobotCamera:
     def __init__(self):
         self.camera = CameraModel.ideal(320, 240, 280.0)
         self.T_base = geometry.transform(
-            geometry.rotation_from_rpy(0, 0.6, 0) @ geometry.optical_rotation(), (0.1, 0.0, 0.6))
+            geometry.rotation_from_rpy(0, 0.6, 0) @ geometry.optical_rotation(), (0.1, 0.0, 0.6)
+        )
         self.scene = Scene(320, 240, seed=5)
         self.images = rospy.Publisher("/camera/rgb/image_raw", Image, queue_size=1)
         self.infos = rospy.Publisher("/camera/rgb/camera_info", CameraInfo, queue_size=1)
@@ -90,7 +92,9 @@ class RobotCamera:
 
     def _publish_pose(self, base, stamp):
         if self.localised:
-            self.tf.sendTransform([
-                messages.transform_message(base, "map", "base_link", stamp),
-                messages.transform_message(self.T_base, "base_link", "camera_optical_frame", stamp),
-            ])
+            self.tf.sendTransform(
+                [
+                    messages.transform_message(base, "map", "base_link", stamp),
+                    messages.transform_message(self.T_base, "base_link", "camera_optical_frame", stamp),
+                ]
+            )

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""The real commands, guided by a scripted person: laser spots clicked in RViz, a printed board, the check of two cameras."""
+"""The real commands, guided by a scripted person: spots clicked in RViz, a printed board, the check of cameras."""
 import math
 import os
 import subprocess
@@ -38,8 +38,13 @@ class Command:
         self._changed = threading.Condition()
         self.lines = []
         self._process = subprocess.Popen(
-            ["rosrun", "vb_laser_detect", "calibrate_camera", *arguments], stdin=subprocess.PIPE, stdout=subprocess.PIPE,
-            stderr=subprocess.STDOUT, universal_newlines=True, bufsize=1)
+            ["rosrun", "vb_laser_detect", "calibrate_camera", *arguments],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            universal_newlines=True,
+            bufsize=1,
+        )
         self._reader = threading.Thread(target=self._read, daemon=True)
         self._reader.start()
 
@@ -55,8 +60,10 @@ class Command:
 
     def wait_for(self, *words, after=0):
         """The first line from number `after` on that has one of the words."""
+
         def found():
             return next((line for line in self.lines[after:] if any(word in line for word in words)), None)
+
         with self._changed:
             self._changed.wait_for(found, PATIENCE)
             if found() is None:
@@ -196,7 +203,6 @@ class CalibrateCameraTest(unittest.TestCase):
         self.assertIn("cm rms", text)
         self.check_pose("red", truth, 0.05, 1.0)
 
-
     def test_board_on_four_places(self):
         # a board as large for this small image as an A3 sheet is for 1080p
         board, rng = BoardParams.for_paper("A0"), np.random.default_rng(5)
@@ -211,7 +217,9 @@ class CalibrateCameraTest(unittest.TestCase):
         command.wait_for("no_board", after=before)
         for pixel, yaw in (((200, 130), 0.7), ((590, 130), 0.8), ((600, 320), 3.9), ((200, 320), 0.6)):
             middle = floor_points(camera, POSE, np.array([pixel]))[0, :2]
-            p1 = middle - np.array([[math.cos(yaw), math.sin(yaw)], [math.sin(yaw), -math.cos(yaw)]]) @ np.divide(board.size, 2)
+            p1 = middle - np.array([[math.cos(yaw), math.sin(yaw)], [math.sin(yaw), -math.cos(yaw)]]) @ np.divide(
+                board.size, 2
+            )
             p2 = p2_of(board, p1, yaw)
             blue.show(render_board(board, p1, p2, rng, camera), 0.0)
             before = len(command.lines)

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""The real node compares clocks with a real detector, with a computer whose clock is wrong, and with one that is away."""
+"""The real node compares clocks with a real detector, a computer whose clock is wrong, and one that is away."""
 import threading
 import time
 import unittest
@@ -42,7 +42,9 @@ class ClockCheckTest(unittest.TestCase):
 
     def wait(self, condition, what):
         with self.changed:
-            self.assertTrue(self.changed.wait_for(condition, PATIENCE), f"waited in vain for {what}: {self.found} {self.warned}")
+            self.assertTrue(
+                self.changed.wait_for(condition, PATIENCE), f"waited in vain for {what}: {self.found} {self.warned}"
+            )
 
     def level(self, name):
         return self.found[name].level if name in self.found else None
@@ -51,7 +53,10 @@ class ClockCheckTest(unittest.TestCase):
         return float(next((value.value for value in self.found[name].values if value.key == "offset [ms]"), "nan"))
 
     def test_clocks(self):
-        self.wait(lambda: self.level("other") == DiagnosticStatus.WARN and "ahead of" in self.found["other"].message, "a warning")
+        self.wait(
+            lambda: self.level("other") == DiagnosticStatus.WARN and "ahead of" in self.found["other"].message,
+            "a warning",
+        )
         self.assertAlmostEqual(self.offset("other"), 50.0, delta=15.0)
         self.wait(lambda: self.level("spot_detector_red") == DiagnosticStatus.OK, "a clock that is right")
         self.assertLess(abs(self.offset("spot_detector_red")), 10.0)

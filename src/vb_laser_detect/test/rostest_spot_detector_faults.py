@@ -96,29 +96,42 @@ class FaultsTest(unittest.TestCase):
     def wait(self, condition, what):
         o = self.observer
         with o.changed:
-            self.assertTrue(o.changed.wait_for(condition, PATIENCE), f"waited in vain for {what}: {o.status} {o.diagnostics}")
+            self.assertTrue(
+                o.changed.wait_for(condition, PATIENCE), f"waited in vain for {what}: {o.status} {o.diagnostics}"
+            )
 
     def wait_for_spots(self, camera, count=3, projection=None):
         """Spots of images that were taken from now on."""
         now, o = rospy.Time.now(), self.observer
 
         def fresh():
-            return [spot for spot in o.spots if spot.camera == camera and spot.header.stamp > now
-                    and (projection is None or spot.projection == projection)]
+            return [
+                spot
+                for spot in o.spots
+                if spot.camera == camera
+                and spot.header.stamp > now
+                and (projection is None or spot.projection == projection)
+            ]
 
         self.wait(lambda: len(fresh()) >= count, f"spots of {camera}")
         return fresh()
 
     def errors(self, spots):
         truth = self.observer.truth
-        return [np.hypot(*(np.array([s.position.x, s.position.y]) - truth[s.camera, s.header.stamp.to_nsec()])) for s in spots]
+        return [
+            np.hypot(*(np.array([s.position.x, s.position.y]) - truth[s.camera, s.header.stamp.to_nsec()]))
+            for s in spots
+        ]
 
     def check_fault(self, camera, code, words, level, count=10):
         """Counted, in the diagnostics, and warned of, but not for each image."""
         o = self.observer
         before = o.refused(camera, code)
         self.wait(lambda: o.refused(camera, code) >= before + count, f"{count} times {code}")
-        self.wait(lambda: o.diagnostics[camera].level == level and words in o.diagnostics[camera].message, f"diagnostic of {code}")
+        self.wait(
+            lambda: o.diagnostics[camera].level == level and words in o.diagnostics[camera].message,
+            f"diagnostic of {code}",
+        )
         self.wait(lambda: o.warnings(code), f"a warning of {code}")
         with o.changed:
             at_most = 1 + (rospy.get_time() - self.started) / WARN_EVERY
@@ -135,8 +148,10 @@ class FaultsTest(unittest.TestCase):
 
     def camera_info_is_late_wrong_and_then_right(self):
         o, red = self.observer, self.red
-        self.wait(lambda: "red" in o.diagnostics and "no camera_info on /red/camera_info" in o.diagnostics["red"].message,
-                  "the diagnostic that camera_info is missing")
+        self.wait(
+            lambda: "red" in o.diagnostics and "no camera_info on /red/camera_info" in o.diagnostics["red"].message,
+            "the diagnostic that camera_info is missing",
+        )
         self.assertEqual(o.diagnostics["red"].level, DiagnosticStatus.ERROR)
 
         def uncalibrated(stamp):
@@ -155,12 +170,14 @@ class FaultsTest(unittest.TestCase):
 
     def tf_loop_ends(self):
         now, red = rospy.Time.now(), self.red
-        self.static.sendTransform([
-            messages.transform_message(np.eye(4), "a", red.frame, now),
-            messages.transform_message(np.eye(4), "b", "a", now),
-            messages.transform_message(np.eye(4), "a", "b", now),
-            messages.transform_message(np.eye(4), "map", "elsewhere", now),
-        ])
+        self.static.sendTransform(
+            [
+                messages.transform_message(np.eye(4), "a", red.frame, now),
+                messages.transform_message(np.eye(4), "b", "a", now),
+                messages.transform_message(np.eye(4), "a", "b", now),
+                messages.transform_message(np.eye(4), "map", "elsewhere", now),
+            ]
+        )
         self.check_fault("red", "no_transform", "loop", DiagnosticStatus.ERROR)
         self.assertFalse([spot for spot in self.observer.spots if spot.camera == "red"])
         self.static.sendTransform([messages.transform_message(red.T, "map", red.frame, now)])
@@ -169,8 +186,12 @@ class FaultsTest(unittest.TestCase):
     def camera_info_changes(self):
         # another focal length shows the same spot in another place: nearer to the middle, by the ratio of both
         red = self.red
-        longer = CameraModel(red.camera.width, red.camera.height, red.camera.matrix * [[1.25, 1, 1], [1, 1.25, 1], [1, 1, 1]],
-                             red.camera.distortion * 0)
+        longer = CameraModel(
+            red.camera.width,
+            red.camera.height,
+            red.camera.matrix * [[1.25, 1, 1], [1, 1.25, 1], [1, 1, 1]],
+            red.camera.distortion * 0,
+        )
         red.info = lambda stamp: messages.info_from_camera(longer, stamp, red.frame)
         self.wait(lambda: self.radius() < 0.45, "spots by the other camera_info")
         red.info = lambda stamp: messages.info_from_camera(longer.scaled_to(960, 540), stamp, red.frame)
@@ -258,10 +279,14 @@ class FaultsTest(unittest.TestCase):
         self.assertLess(np.median(self.errors(spots)), 0.03)
 
         def empty(depth):
-            return messages.image_message(np.full(depth.shape, np.nan, np.float32), "32FC1", rospy.Time(), "camera_optical_frame")
+            return messages.image_message(
+                np.full(depth.shape, np.nan, np.float32), "32FC1", rospy.Time(), "camera_optical_frame"
+            )
 
         def coloured(depth):
-            return messages.image_message(np.zeros((*depth.shape, 3), np.uint8), "rgb8", rospy.Time(), "camera_optical_frame")
+            return messages.image_message(
+                np.zeros((*depth.shape, 3), np.uint8), "rgb8", rospy.Time(), "camera_optical_frame"
+            )
 
         good = robot.depth_message
         for spoilt, words in ((empty, "no reading at all"), (coloured, "expected depth images of 16UC1 or 32FC1")):
@@ -271,7 +296,11 @@ class FaultsTest(unittest.TestCase):
             self.assertLess(np.median(self.errors(spots)), 0.03)
             self.check_fault("robot", "bad_depth", words, DiagnosticStatus.WARN, count=3)
         robot.depth_message = lambda depth: messages.image_message(
-            np.where(depth > 0, depth / 1000.0, np.nan).astype(np.float32), "32FC1", rospy.Time(), "camera_optical_frame")
+            np.where(depth > 0, depth / 1000.0, np.nan).astype(np.float32),
+            "32FC1",
+            rospy.Time(),
+            "camera_optical_frame",
+        )
         self.wait_for_spots("robot", 3, LaserSpot.DEPTH)
         robot.depth_message = good
         # a pose that comes after its image is waited for

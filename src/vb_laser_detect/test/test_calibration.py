@@ -14,14 +14,18 @@ from vb_laser_detect.calibration_session import HeldSpot, SpotSession, describe,
 from vb_laser_detect.projection import floor_points, pixels_of
 
 GRID = np.array([(u, v) for u in (96, 960, 1824) for v in (54, 540, 1026)], float)
-SPREAD = np.array([(150, 120), (1780, 130), (1750, 960), (170, 950), (960, 150), (960, 930), (200, 540), (1700, 540)], float)
+SPREAD = np.array(
+    [(150, 120), (1780, 130), (1750, 960), (170, 950), (960, 150), (960, 930), (200, 540), (1700, 540)], float
+)
 
 
 def observe(rng, count=8, pixel_noise=0.3, point_noise=0.005, pose=POSE, jitter=35.0):
     """Points near the image's edge, as a person would choose them, with what is measured of them."""
     pixels = SPREAD[:count] + rng.uniform(-jitter, jitter, (count, 2))
     points = floor_points(CAMERA, pose, pixels)[:, :2]
-    return Observations.single(pixels + rng.normal(0, pixel_noise, pixels.shape), points + rng.normal(0, point_noise, points.shape))
+    return Observations.single(
+        pixels + rng.normal(0, pixel_noise, pixels.shape), points + rng.normal(0, point_noise, points.shape)
+    )
 
 
 def on_floor_apart(estimate, pose=POSE):
@@ -37,11 +41,14 @@ def refusal(observed, params=None, camera=CAMERA):
 
 
 @pytest.mark.parametrize("count", [4, 5, 8])
-@pytest.mark.parametrize("pose", [
-    POSE,
-    geometry.transform(geometry.rotation_from_rpy(math.pi, 0, 0), (1.0, -2.0, 2.4)),
-    geometry.transform(geometry.rotation_from_rpy(math.pi + 0.3, -0.1, -2.4), (-3.0, 7.0, 3.4)),
-])
+@pytest.mark.parametrize(
+    "pose",
+    [
+        POSE,
+        geometry.transform(geometry.rotation_from_rpy(math.pi, 0, 0), (1.0, -2.0, 2.4)),
+        geometry.transform(geometry.rotation_from_rpy(math.pi + 0.3, -0.1, -2.4), (-3.0, 7.0, 3.4)),
+    ],
+)
 def test_exact_points_give_the_exact_pose(count, pose):
     observed = observe(np.random.default_rng(count), count, 0.0, 0.0, pose)
     estimate = estimate_pose(CAMERA, observed)
@@ -49,14 +56,22 @@ def test_exact_points_give_the_exact_pose(count, pose):
     assert np.abs(estimate.T_map_camera - pose).max() < 1e-4
 
 
-@pytest.mark.parametrize("count, point_noise, median, most", [
-    (4, 0.005, 0.018, 0.05), (8, 0.005, 0.012, 0.035), (8, 0.015, 0.035, 0.1),
-])
+@pytest.mark.parametrize(
+    "count, point_noise, median, most",
+    [
+        (4, 0.005, 0.018, 0.05),
+        (8, 0.005, 0.012, 0.035),
+        (8, 0.015, 0.035, 0.1),
+    ],
+)
 def test_noise_moves_the_floor_by_centimetres_and_as_much_as_is_said(count, point_noise, median, most):
     worst, sigma, inside = [], [], []
     for seed in range(12):
-        estimate = estimate_pose(CAMERA, observe(np.random.default_rng(seed), count, 0.3, point_noise),
-                                 CalibrationParams(point_sigma=point_noise))
+        estimate = estimate_pose(
+            CAMERA,
+            observe(np.random.default_rng(seed), count, 0.3, point_noise),
+            CalibrationParams(point_sigma=point_noise),
+        )
         worst.append(on_floor_apart(estimate).max())
         sigma.append(estimate.floor_sigma[1])
         inside.append((np.abs(estimate.T_map_camera[:3, 3] - POSE[:3, 3]) < 3 * estimate.position_sigma).all())
@@ -105,7 +120,9 @@ def test_points_close_together_are_refused():
     assert refusal(Observations.single(pixels, floor_points(CAMERA, POSE, pixels)[:, :2])) == "clustered"
 
 
-@pytest.mark.parametrize("focal, tilt, part, code", [(1100.0, 0.15, 0.25, "uncertain"), (3000.0, 0.3, 0.15, "ambiguous")])
+@pytest.mark.parametrize(
+    "focal, tilt, part, code", [(1100.0, 0.15, 0.25, "uncertain"), (3000.0, 0.3, 0.15, "ambiguous")]
+)
 def test_points_that_leave_the_pose_open_are_refused(focal, tilt, part, code):
     camera = CameraModel.ideal(1920, 1080, focal)
     pose = geometry.transform(geometry.rotation_from_rpy(math.pi + tilt, 0, 0), (0, 0, 3.0))
@@ -194,15 +211,18 @@ def test_file_round_trip(tmp_path):
     assert np.abs(loaded.T - estimate.T_map_camera).max() < 1e-5
 
 
-@pytest.mark.parametrize("content, code", [
-    (None, "no_calibration"),
-    ("{", "bad_calibration"),
-    ("[1, 2]", "bad_calibration"),
-    ("{camera: red, parent: map, frame: f, translation: [0, 0], rotation: [0, 0, 0, 1]}", "bad_calibration"),
-    ("{camera: red, parent: map, frame: f, translation: [0, 0, .nan], rotation: [0, 0, 0, 1]}", "bad_calibration"),
-    ("{camera: red, parent: map, frame: f, translation: [0, 0, 1], rotation: [0, 0, 0, 0]}", "bad_calibration"),
-    ("{camera: red, parent: '', frame: f, translation: [0, 0, 1], rotation: [0, 0, 0, 1]}", "bad_calibration"),
-])
+@pytest.mark.parametrize(
+    "content, code",
+    [
+        (None, "no_calibration"),
+        ("{", "bad_calibration"),
+        ("[1, 2]", "bad_calibration"),
+        ("{camera: red, parent: map, frame: f, translation: [0, 0], rotation: [0, 0, 0, 1]}", "bad_calibration"),
+        ("{camera: red, parent: map, frame: f, translation: [0, 0, .nan], rotation: [0, 0, 0, 1]}", "bad_calibration"),
+        ("{camera: red, parent: map, frame: f, translation: [0, 0, 1], rotation: [0, 0, 0, 0]}", "bad_calibration"),
+        ("{camera: red, parent: '', frame: f, translation: [0, 0, 1], rotation: [0, 0, 0, 1]}", "bad_calibration"),
+    ],
+)
 def test_bad_files_are_refused(tmp_path, content, code):
     path = tmp_path / "red.yaml"
     if content is not None:

@@ -9,7 +9,14 @@ from board_scene import CAMERA, POSE, p2_of, render_board
 from vb_core.errors import CodedError
 from vb_laser_detect.calibration import CalibrationParams
 from vb_laser_detect.calibration_board import (
-    PAPERS_MM, BoardParams, BoardView, corners_on_map, draw_board, find_board, merge_views, write_board,
+    PAPERS_MM,
+    BoardParams,
+    BoardView,
+    corners_on_map,
+    draw_board,
+    find_board,
+    merge_views,
+    write_board,
 )
 from vb_laser_detect.calibration_session import BoardSession
 from vb_laser_detect.camera_agreement import agreement
@@ -138,7 +145,9 @@ def test_print_is_true_to_size(tmp_path):
     write_board(BoardParams.for_paper("A4"), "A4", str(path))
     page = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
     assert np.abs(np.subtract(page.shape, (210 / 25.4 * 300, 297 / 25.4 * 300))).max() <= 1
-    view = find_board(BoardParams.for_paper("A4"), cv2.resize(page, None, fx=0.25, fy=0.25, interpolation=cv2.INTER_AREA))
+    view = find_board(
+        BoardParams.for_paper("A4"), cv2.resize(page, None, fx=0.25, fy=0.25, interpolation=cv2.INTER_AREA)
+    )
     assert len(view.ids) == 12
     per_metre = np.linalg.norm(np.ptp(view.pixels, axis=0)) / np.linalg.norm(np.ptp(view.corners, axis=0))
     assert per_metre == pytest.approx(75 / 0.0254, rel=2e-3)
@@ -146,8 +155,12 @@ def test_print_is_true_to_size(tmp_path):
     write_board(BOARD, "A3", str(pdf))
     content = pdf.read_bytes()
     assert content.startswith(b"%PDF") and b"/MediaBox [ 0 0 1190.55" in content  # 420 mm in points
-    for paper, file, code in (("A9", path, "unknown_paper"), ("A3", "board.txt", "bad_file"),
-                              ("A4", path, "board_too_large"), ("A3", tmp_path / "no" / "x.png", "bad_file")):
+    for paper, file, code in (
+        ("A9", path, "unknown_paper"),
+        ("A3", "board.txt", "bad_file"),
+        ("A4", path, "board_too_large"),
+        ("A3", tmp_path / "no" / "x.png", "bad_file"),
+    ):
         with pytest.raises(CodedError) as raised:
             write_board(BOARD, paper, str(file))
         assert raised.value.code == code

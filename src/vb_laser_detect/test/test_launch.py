@@ -1,4 +1,4 @@
-"""The launch files as roslaunch reads them: which detector is on which machine, who publishes poses, who watches clocks."""
+"""The launch files as roslaunch reads them: who is on which machine, publishes poses, watches clocks."""
 from pathlib import Path
 
 import pytest
@@ -18,8 +18,8 @@ def load(*arguments, file="parts/perception.launch"):
 def machines(tmp_path):
     path = tmp_path / "machines.launch"
     path.write_text(
-        '<launch><machine name="loft" address="10.0.0.2" user="ros" default="never" env-loader="/opt/vb/scripts/ros_env"/>'
-        '<machine name="hall" address="10.0.0.3" user="ros" default="never" env-loader="/opt/vb/scripts/ros_env"/></launch>'
+        '<launch><machine name="loft" address="10.0.0.2" user="ros" default="never" env-loader="/vb/scripts/ros_env"/>'
+        '<machine name="hall" address="10.0.0.3" user="ros" default="never" env-loader="/vb/scripts/ros_env"/></launch>'
     )
     return f"machines_file:={path}"
 
@@ -37,9 +37,15 @@ def test_all_is_here_unless_said_otherwise():
 def test_each_detector_is_on_its_cameras_machine(machines):
     config = load("cameras:=red green blue", "machines:=green=loft blue=hall", machines)
     assert placed(config) == {
-        "spot_detector_red": None, "spot_detector_green": "loft", "spot_detector_blue": "hall", "clock_check": None}
+        "spot_detector_red": None,
+        "spot_detector_green": "loft",
+        "spot_detector_blue": "hall",
+        "clock_check": None,
+    }
     assert {name: machine.address for name, machine in config.machines.items() if name in ("loft", "hall")} == {
-        "loft": "10.0.0.2", "hall": "10.0.0.3"}
+        "loft": "10.0.0.2",
+        "hall": "10.0.0.3",
+    }
     # nothing goes to a machine just because it is there
     assert all(machine.assignable is False for name, machine in config.machines.items() if name in ("loft", "hall"))
     assert config.params["/clock_check/nodes"].value == "spot_detector_green spot_detector_blue"

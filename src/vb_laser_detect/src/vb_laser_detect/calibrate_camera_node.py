@@ -1,4 +1,4 @@
-"""Guides a person through the calibration of a ceiling camera, in a terminal. docs/calibration.md shows it step by step."""
+"""Guides a person through the calibration of a ceiling camera, in a terminal; see docs/calibration.md."""
 from __future__ import annotations
 
 import argparse
@@ -77,7 +77,8 @@ class CameraInput:
         """The camera's model, once images and camera_info came, which may take so long.
 
         Raises:
-            CodedError: "no_camera" if they do not come; "bad_camera_info" if they do not fit or the lens is uncalibrated.
+            CodedError: "no_camera" if they do not come; "bad_camera_info" if they do not fit each other, or the lens
+                is not calibrated.
         """
         with self._ready:
             if not self._ready.wait_for(lambda: self._info is not None and self._size is not None, patience_s):
@@ -86,7 +87,8 @@ class CameraInput:
             if (camera.width, camera.height) != self._size:
                 raise CodedError(
                     "bad_camera_info",
-                    f"camera_info is for {camera.width} x {camera.height}, the images are {self._size[0]} x {self._size[1]}",
+                    f"camera_info is for {camera.width} x {camera.height} px, "
+                    f"the images have {self._size[0]} x {self._size[1]} px",
                 )
             return camera
 
@@ -105,7 +107,8 @@ class Inputs:
 
     def _on_click(self, message: PointStamped) -> None:
         if message.header.frame_id.lstrip("/") != names.MAP_FRAME:
-            say(f"! this point is in the frame '{message.header.frame_id}': set RViz' fixed frame to '{names.MAP_FRAME}'")
+            frame = message.header.frame_id
+            say(f"! this point is in the frame '{frame}': set RViz' fixed frame to '{names.MAP_FRAME}'")
             return
         self._events.put(("click", (message.point.x, message.point.y)))
 
@@ -188,9 +191,8 @@ class Guide:
         for line in describe(estimate, observed):
             say("  " + line)
         a = self._arguments
-        pose = calibration_file.CameraPose(
-            a.camera, names.MAP_FRAME, a.frame or self._input.frame_id or f"{a.camera}_optical_frame", estimate.T_map_camera
-        )
+        frame = a.frame or self._input.frame_id or f"{a.camera}_optical_frame"
+        pose = calibration_file.CameraPose(a.camera, names.MAP_FRAME, frame, estimate.T_map_camera)
         path = calibration_file.calibration_path(a.folder, a.camera)
         date = datetime.datetime.now().isoformat(" ", "minutes")
         calibration_file.save(path, calibration_file.document(pose, estimate, observed, self.session.method, date))
@@ -255,7 +257,8 @@ Lay it on three or four places that are far from each other in the image.
         self._views: List[BoardView] = []
         self._reason: Optional[CodedError] = None
         super().__init__(arguments)
-        self.session = BoardSession(self.camera, CalibrationParams(placement_sigma=arguments.placement_sigma), self._board)
+        params = CalibrationParams(placement_sigma=arguments.placement_sigma)
+        self.session = BoardSession(self.camera, params, self._board)
 
     def on_image(self, image: np.ndarray, encoding: str, stamp: float) -> None:
         with self._changed:
@@ -301,8 +304,11 @@ def check(arguments: argparse.Namespace) -> int:
         say(pair.describe())
         worst = max(worst, pair.median)
     limit = arguments.limit / 100.0
-    say(f"cameras agree to {arguments.limit:g} cm" if worst <= limit else
-        f"cameras do NOT agree to {arguments.limit:g} cm: calibrate the one anew that is off in most lines")
+    say(
+        f"cameras agree to {arguments.limit:g} cm"
+        if worst <= limit
+        else f"cameras do NOT agree to {arguments.limit:g} cm: calibrate the one anew that is off in most lines"
+    )
     return 0 if worst <= limit else 1
 
 
@@ -324,7 +330,7 @@ def _from_bag(path: str) -> List[Optional[Sighting]]:
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(prog="calibrate_camera", description="Finds the pose of a ceiling camera in the map.")
+    parser = argparse.ArgumentParser("calibrate_camera", description="Finds the pose of a ceiling camera in the map.")
     commands = parser.add_subparsers(dest="command", metavar="COMMAND")
     commands.required = True
     board_paper = dict(default="A3", help="of the board: A4, A3 (default), A2, A1, A0")
@@ -345,16 +351,24 @@ def _parser() -> argparse.ArgumentParser:
     board = commands.add_parser("board", parents=[guided], help="from a printed board on known places")
     board.add_argument("--paper", **board_paper)
     board.add_argument("--square", type=float, help="[m] side of a square as measured, if the print is not exact")
-    board.add_argument("--placement_sigma", type=float, default=CalibrationParams.placement_sigma,
-                       help="[m] how exactly P1 and P2 lie on their places; default: %(default)s")
+    board.add_argument(
+        "--placement_sigma",
+        type=float,
+        default=CalibrationParams.placement_sigma,
+        help="[m] how exactly P1 and P2 lie on their places; default: %(default)s",
+    )
     spots = commands.add_parser("spots", parents=[guided], help="from laser spots on known places")
-    spots.add_argument("--point_sigma", type=float, default=CalibrationParams.point_sigma,
-                       help="[m] how exactly the places are known; default: %(default)s, as clicked in RViz")
+    spots.add_argument(
+        "--point_sigma",
+        type=float,
+        default=CalibrationParams.point_sigma,
+        help="[m] how exactly the places are known; default: %(default)s, as clicked in RViz",
+    )
 
     agreed = commands.add_parser("check", help="how well cameras that overlap agree")
     agreed.add_argument("--seconds", type=float, default=30.0, help="how long to listen to live spots")
     agreed.add_argument("--bag", default="", help=f"read {names.SPOTS} from a bag instead")
-    agreed.add_argument("--limit", type=float, default=2.0, help="[cm] median distance from which on the status is not 0")
+    agreed.add_argument("--limit", type=float, default=2.0, help="[cm] median distance up to which the status is 0")
     return parser
 
 

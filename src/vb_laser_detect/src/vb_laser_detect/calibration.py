@@ -34,7 +34,7 @@ class CalibrationParams(Parameters):
 
     pixel_sigma: float = param(0.3, "px", above=0.0, high=20.0, doc="of a point in the image")
     point_sigma: float = param(0.015, "m", low=0.0, high=0.5, doc="of a point in the map that is measured by itself")
-    placement_sigma: float = param(0.005, "m", above=0.0, high=0.5, doc="of each of the two points that a board is laid on")
+    placement_sigma: float = param(0.005, "m", above=0.0, high=0.5, doc="of each of the two points of a board")
     outlier: float = param(0.06, "m", above=0.0, high=1.0, doc="a point farther off on the floor does not count")
     min_agreeing: float = param(0.6, "", low=0.0, high=1.0, doc="part of the points that has to agree on one pose")
     min_area: float = param(0.025, "of the image", low=0.0, high=1.0, doc="that the points span")
@@ -119,7 +119,9 @@ class PoseEstimate:
         return float(np.sqrt(np.mean(self.errors_m[self.used] ** 2)))
 
 
-def estimate_pose(camera: CameraModel, observed: Observations, params: Optional[CalibrationParams] = None) -> PoseEstimate:
+def estimate_pose(
+    camera: CameraModel, observed: Observations, params: Optional[CalibrationParams] = None
+) -> PoseEstimate:
     """The pose that explains where the camera sees the points.
 
     Raises:
@@ -133,8 +135,8 @@ def estimate_pose(camera: CameraModel, observed: Observations, params: Optional[
     if used.sum() < max(LEAST_POINTS, params.min_agreeing * len(observed)):
         raise CodedError(
             "no_agreement",
-            f"only {int(used.sum())} of {len(observed)} points agree on a pose to {100 * params.outlier:.0f} cm: check the "
-            "places in the map, their order, and the camera's lens calibration",
+            f"only {int(used.sum())} of {len(observed)} points agree on a pose to {100 * params.outlier:.0f} cm: check "
+            "the places in the map, their order, and the camera's lens calibration",
         )
     check_points(camera, observed.select(used), params)
     # what agrees may change once all that agrees has been used
@@ -185,7 +187,7 @@ def check_points(camera: CameraModel, observed: Observations, params: Calibratio
     if not camera.contains(observed.pixels).all():
         raise CodedError("outside_image", f"some points lie outside the image of {camera.width} x {camera.height}")
     if len(observed) < LEAST_POINTS:
-        raise CodedError("too_few_points", f"{len(observed)} points; at least {LEAST_POINTS} are needed, 6 or more are good")
+        raise CodedError("too_few_points", f"{len(observed)} points; at least {LEAST_POINTS} are needed, 6 are good")
     for values, what in ((observed.points, "in the map"), (observed.pixels, "in the image")):
         along, across = np.linalg.svd(values - values.mean(axis=0), compute_uv=False)
         if across < 0.1 * along or across == 0.0:
@@ -253,8 +255,8 @@ def _project(camera: CameraModel, T_map_camera: np.ndarray, points: np.ndarray, 
 def _planar_poses(rays: np.ndarray, points: np.ndarray, height: float, polish: bool = False) -> List[np.ndarray]:
     """T_map_camera of the one or two poses from which points (N, 2) of the floor lie on rays (N, 3).
 
-    IPPE goes by a homography, which is loose where three of four points are nearly in line; `polish` adds steps of least
-    squares, at twenty times the cost.
+    IPPE goes by a homography, which is loose where three of four points are nearly in line; `polish` adds steps of
+    least squares, at twenty times the cost.
     """
     # the solver wants its plane at z = 0 and the points round the origin
     centre = np.array([*points.mean(axis=0), height])
@@ -321,9 +323,12 @@ class _Fit:
         chi_square: of the measurements, robust.
     """
 
-    def __init__(self, camera: CameraModel, observed: Observations, params: CalibrationParams, start: np.ndarray) -> None:
+    def __init__(
+        self, camera: CameraModel, observed: Observations, params: CalibrationParams, start: np.ndarray
+    ) -> None:
         self._camera, self._observed, self._params, self._start = camera, observed, params, start
-        self._groups = [np.flatnonzero(observed.placements == g) for g in sorted(set(observed.placements.tolist()) - {-1})]
+        boards = sorted(set(observed.placements.tolist()) - {-1})
+        self._groups = [np.flatnonzero(observed.placements == board) for board in boards]
         alone = observed.placements == -1
         per_metre = self._pixels_per_metre()
         self._sigma = np.hypot(params.pixel_sigma, np.where(alone, params.point_sigma * per_metre, 0.0))

@@ -16,7 +16,13 @@ import numpy as np
 from vb_core.errors import CodedError
 from vb_core.parameters import Parameters, param
 
-PAPERS_MM = {"A4": (297.0, 210.0), "A3": (420.0, 297.0), "A2": (594.0, 420.0), "A1": (841.0, 594.0), "A0": (1189.0, 841.0)}
+PAPERS_MM = {
+    "A4": (297.0, 210.0),
+    "A3": (420.0, 297.0),
+    "A2": (594.0, 420.0),
+    "A1": (841.0, 594.0),
+    "A0": (1189.0, 841.0),
+}
 _EDGE_MM = 8.0  # printers leave a margin
 _MODULE_PX = 2.3  # a marker's modules cannot be told apart when they are smaller in the image
 _MODULES = 6  # of a marker of DICT_4X4, with its black border
@@ -55,7 +61,8 @@ class BoardParams(Parameters):
         dictionary = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_4X4_50)
         count = self.squares_x * self.squares_y // 2
         if count > 50:
-            raise CodedError("board_too_large", f"{self.squares_x} x {self.squares_y} squares need {count} markers of 50")
+            squares = f"{self.squares_x} x {self.squares_y}"
+            raise CodedError("board_too_large", f"{squares} squares need {count} markers, there are 50")
         return cv2.aruco.CharucoBoard(
             (self.squares_x, self.squares_y), self.square, self.square * self.marker_share, dictionary
         )
@@ -141,8 +148,12 @@ def merge_views(views: Sequence[BoardView]) -> BoardView:
     if len(kept) < _LEAST_CORNERS:
         raise CodedError("board_hidden", f"only {len(kept)} of the board's corners are seen reliably")
     medians = np.array([np.median(pixels, axis=0) for _, pixels in kept.values()])
-    spread = np.array([np.linalg.norm(np.asarray(pixels) - median, axis=1).mean()
-                       for (_, pixels), median in zip(kept.values(), medians)])
+    spread = np.array(
+        [
+            np.linalg.norm(np.asarray(pixels) - median, axis=1).mean()
+            for (_, pixels), median in zip(kept.values(), medians)
+        ]
+    )
     if np.median(spread) > 1.0:
         raise CodedError("board_moved", "the board moved in the image: wait until it and the camera are still")
     return BoardView(medians, np.array([corner for corner, _ in kept.values()]), np.array(list(kept)))
@@ -189,7 +200,7 @@ def write_board(board: BoardParams, paper: str, path: str) -> List[str]:
     board_width, board_height = (1e3 * side for side in board.size)
     left, top = (width - board_width) / 2, (height - board_height) / 2
     if left < 0 or top < 0:
-        raise CodedError("board_too_large", f"the board of {board_width:.0f} x {board_height:.0f} mm does not fit on {paper}")
+        raise CodedError("board_too_large", f"{board_width:.0f} x {board_height:.0f} mm do not fit on {paper}")
     figure = Figure(figsize=(width / 25.4, height / 25.4), dpi=300)
     FigureCanvasAgg(figure)
     page = figure.add_axes([0, 0, 1, 1])
@@ -198,8 +209,15 @@ def write_board(board: BoardParams, paper: str, path: str) -> List[str]:
     page.axis("off")
     # a marker's module is a whole number of pixels, so that enlarging them keeps its edges where they belong
     picture = draw_board(board, 80.0 / board.square)
-    page.imshow(picture, cmap="gray", vmin=0, vmax=255, interpolation="none", aspect="equal",
-                extent=(left, left + board_width, top + board_height, top))
+    page.imshow(
+        picture,
+        cmap="gray",
+        vmin=0,
+        vmax=255,
+        interpolation="none",
+        aspect="equal",
+        extent=(left, left + board_width, top + board_height, top),
+    )
     page.set_xlim(0, width)
     page.set_ylim(height, 0)
     small = dict(fontsize=9, color="black", va="center")
@@ -207,8 +225,13 @@ def write_board(board: BoardParams, paper: str, path: str) -> List[str]:
     page.text(left + board_width, top - 3.0, f"P2, {board_width:.0f} mm from P1 ◥", ha="right", **small)
     below = top + board_height + 3.5
     page.plot([left, left + 100.0], [below, below], color="black", linewidth=0.8)
-    page.text(left + 103.0, below, f"100 mm: print at 100 %, not fitted to the page.   {paper}, squares of "
-              f"{1e3 * board.square:.0f} mm", ha="left", **small)
+    page.text(
+        left + 103.0,
+        below,
+        f"100 mm: print at 100 %, not fitted to the page.   {paper}, squares of " f"{1e3 * board.square:.0f} mm",
+        ha="left",
+        **small,
+    )
     try:
         figure.savefig(path)
     except OSError as error:

@@ -42,8 +42,11 @@ def calibration_path(folder: str, camera: str) -> Path:
     return Path(os.path.expanduser(folder)) / f"{camera}.yaml"
 
 
-def document(pose: CameraPose, estimate: PoseEstimate, observed: Observations, method: str, date: str) -> Mapping[str, Any]:
+def document(
+    pose: CameraPose, estimate: PoseEstimate, observed: Observations, method: str, date: str
+) -> Mapping[str, Any]:
     """Everything that a calibration file holds; lengths in metres unless the key says otherwise."""
+
     def numbers(values: Any, digits: int) -> List[float]:
         return [round(float(value), digits) for value in np.ravel(values)]
 
@@ -56,15 +59,25 @@ def document(pose: CameraPose, estimate: PoseEstimate, observed: Observations, m
         "date": date,
         "method": method,
         "error_px": {"rms": round(estimate.rms_px, 3), "max": round(float(estimate.errors_px[estimate.used].max()), 3)},
-        "error_cm": {"rms": round(100 * estimate.rms_m, 3), "max": round(100 * float(estimate.errors_m[estimate.used].max()), 3)},
+        "error_cm": {
+            "rms": round(100 * estimate.rms_m, 3),
+            "max": round(100 * float(estimate.errors_m[estimate.used].max()), 3),
+        },
         "uncertainty": {
             "position_cm": numbers(100 * estimate.position_sigma, 3),
             "angle_deg": numbers(np.degrees(estimate.angle_sigma), 4),
-            "floor_cm": {"middle": round(100 * estimate.floor_sigma[0], 2), "worst": round(100 * estimate.floor_sigma[1], 2)},
+            "floor_cm": {
+                "middle": round(100 * estimate.floor_sigma[0], 2),
+                "worst": round(100 * estimate.floor_sigma[1], 2),
+            },
         },
         "points": [
-            {"pixel": numbers(pixel, 2), "map": numbers(point, 4), "error_cm": round(100 * float(error), 2) if
-             np.isfinite(error) else None, "used": bool(used)}
+            {
+                "pixel": numbers(pixel, 2),
+                "map": numbers(point, 4),
+                "error_cm": round(100 * float(error), 2) if np.isfinite(error) else None,
+                "used": bool(used),
+            }
             for pixel, point, error, used in zip(observed.pixels, observed.points, estimate.errors_m, estimate.used)
         ],
     }

@@ -1,4 +1,4 @@
-"""What a person collects for a calibration, point by point, and what is said about it. Without ROS, without a terminal."""
+"""What a person collects for a calibration, point by point, and what is said about it. No ROS, no terminal."""
 from __future__ import annotations
 
 import math
@@ -40,7 +40,7 @@ class HeldSpot:
         """
         recent = np.array([(u, v) for stamp, u, v in self._sightings if stamp >= self._newest - _HOLD_S])
         if len(recent) < _LEAST_SIGHTINGS:
-            raise CodedError("no_spot", "the camera does not see the spot: hold it still for two seconds, then try again")
+            raise CodedError("no_spot", "the camera does not see the spot: hold it still for two seconds and try again")
         middle = np.median(recent, axis=0)
         away = np.linalg.norm(recent - middle, axis=1)
         if np.percentile(away, 80) > _STILL_PX:
@@ -63,7 +63,8 @@ class SpotSession:
     @property
     def observed(self) -> Observations:
         """All pairs so far."""
-        return Observations.single(np.array([pixel for pixel, _ in self._pairs]), np.array([point for _, point in self._pairs]))
+        pixels, points = zip(*self._pairs) if self._pairs else ((), ())
+        return Observations.single(np.array(pixels), np.array(points))
 
     def add(self, pixel: Tuple[float, float], point: Tuple[float, float]) -> None:
         """Takes a pair [px], [m].
@@ -73,7 +74,8 @@ class SpotSession:
         """
         for other_pixel, other in self._pairs:
             if math.hypot(pixel[0] - other_pixel[0], pixel[1] - other_pixel[1]) < 15.0:
-                raise CodedError("same_place", f"the spot is where it was for ({other[0]:.2f}, {other[1]:.2f}): move it first")
+                place = f"({other[0]:.2f}, {other[1]:.2f})"
+                raise CodedError("same_place", f"the spot is where it was for {place}: move it first")
         self._pairs.append((pixel, point))
 
     def undo(self) -> bool:
@@ -156,7 +158,8 @@ def describe(estimate: PoseEstimate, observed: Observations) -> List[str]:
     sigma_cm, sigma_deg = 100 * estimate.position_sigma, np.degrees(estimate.angle_sigma)
     qx, qy, qz, qw = geometry.quaternion_from_rotation(T[:3, :3])
     lines = [
-        f"position     {T[0, 3]:.3f} {T[1, 3]:.3f} {T[2, 3]:.3f} m, +- {sigma_cm[0]:.1f} {sigma_cm[1]:.1f} {sigma_cm[2]:.1f} cm",
+        f"position     {T[0, 3]:.3f} {T[1, 3]:.3f} {T[2, 3]:.3f} m, "
+        f"+- {sigma_cm[0]:.1f} {sigma_cm[1]:.1f} {sigma_cm[2]:.1f} cm",
         f"orientation  {tilt:.2f} deg off looking straight down, the image's right is {right:.1f} deg in the map, "
         f"+- {sigma_deg[0]:.2f} {sigma_deg[1]:.2f} {sigma_deg[2]:.2f} deg about the camera's x, y, z",
         f"quaternion   {qx:.6f} {qy:.6f} {qz:.6f} {qw:.6f}",

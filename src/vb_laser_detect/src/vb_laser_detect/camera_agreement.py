@@ -35,8 +35,9 @@ class Agreement:
         """A line for a person."""
         x, y = (100 * value for value in self.offset)
         return (
-            f"{self.first} - {self.second}: {self.count} pairs, {self.second} is {x:+.1f} cm in x and {y:+.1f} cm in y of "
-            f"{self.first}; distance {100 * self.median:.1f} cm median, {100 * self.p95:.1f} cm 95th percentile"
+            f"{self.first} - {self.second}: {self.count} pairs, "
+            f"{self.second} is {x:+.1f} cm in x and {y:+.1f} cm in y of {self.first}; "
+            f"distance {100 * self.median:.1f} cm median, {100 * self.p95:.1f} cm 95th percentile"
         )
 
 
@@ -76,7 +77,8 @@ def agreement(sightings: Iterable[Sighting], max_gap_s: float = 0.1, least: int 
     if not found:
         raise CodedError(
             "no_overlap",
-            f"no two of {', '.join(sorted(tracks))} saw the spot together {least} times: draw slowly where they overlap",
+            f"no two of {', '.join(sorted(tracks))} saw the spot together {least} times: "
+            "draw slowly where they overlap",
         )
     return found
 

@@ -64,8 +64,8 @@ class CameraPosesNode:
             except CodedError as error:
                 rospy.logwarn("%s: %s", rospy.get_name(), error)
                 continue
-            x, y, z = pose.T[:3, 3]
-            rospy.loginfo("%s: %s is at %.3f %.3f %.3f in %s (%s)", rospy.get_name(), pose.frame, x, y, z, pose.parent, path)
+            place = " ".join(f"{value:.3f}" for value in pose.T[:3, 3])
+            rospy.loginfo("%s: %s is at %s in %s (%s)", rospy.get_name(), pose.frame, place, pose.parent, path)
             self._transforms[camera] = messages.transform_message(pose.T, pose.parent, pose.frame, rospy.Time.now())
             changed = True
         if changed:

@@ -30,8 +30,8 @@ class ClockCheckParams(Parameters):
 class ClockCheckNode:
     """Measures how far the clocks of other computers are from this one's, and warns.
 
-    A spot is stamped by the clock of its camera's computer and matched with transforms of the robot's: 10 ms are 5 mm at
-    0.5 m/s, and with 100 ms a detector would wait for each transform in vain.
+    A spot is stamped by the clock of its camera's computer and matched with transforms of the robot's: 10 ms are 5 mm
+    at 0.5 m/s, and with 100 ms a detector would wait for each transform in vain.
 
     Calls:
         <node>/get_time (vb_msgs/GetTime), which each detector offers
@@ -122,8 +122,10 @@ class ClockCheckNode:
 
 def _sentence(name: str, offset: ClockOffset) -> str:
     where = "ahead of" if offset.offset >= 0 else "behind"
-    return (f"the clock of {name} is {1e3 * abs(offset.offset):.1f} ms {where} this computer's, "
-            f"to within {1e3 * offset.uncertainty:.2f} ms")
+    return (
+        f"the clock of {name} is {1e3 * abs(offset.offset):.1f} ms {where} this computer's, "
+        f"to within {1e3 * offset.uncertainty:.2f} ms"
+    )
 
 
 def build() -> ClockCheckNode:

@@ -48,7 +48,7 @@ class NodeParams(Parameters):
     frame: str = param("", doc="optical frame; empty: what the images say")
     image_transport: str = param("raw", choices=("raw", "compressed"))
     tf_wait_s: float = param(0.1, "s", low=0.0, high=2.0, doc="how long to wait for a pose at the image's time")
-    pose_refresh_s: float = param(2.0, "s", above=0.0, high=3600.0, doc="a stationary camera's pose is looked up so often")
+    pose_refresh_s: float = param(2.0, "s", above=0.0, high=3600.0, doc="a fixed camera's pose is looked up so often")
     depth_age_s: float = param(0.08, "s", low=0.0, high=5.0, doc="largest time between image and depth image")
     debug_hz: float = param(5.0, "1/s", above=0.0, high=100.0, doc="of ~debug_image")
     ignore_regions: list = param([], "m", doc="polygons in the map frame where no spot counts")
@@ -177,7 +177,9 @@ class SpotDetectorNode:
         if self._debug.get_num_connections() > 0:
             self._publish_debug(image, "bgr8" if self._compressed else message.encoding, message.header)
 
-    def _place(self, frame_id: str, stamp: rospy.Time, image: np.ndarray) -> Tuple[Optional[Frame], Optional[CodedError]]:
+    def _place(
+        self, frame_id: str, stamp: rospy.Time, image: np.ndarray
+    ) -> Tuple[Optional[Frame], Optional[CodedError]]:
         """The image's geometry, or why there is none: then spots are looked for, to be counted as dropped."""
         try:
             frame = self._placing.frame(frame_id, stamp, image.shape)

@@ -38,29 +38,40 @@ def describe(params: Parameters, fixed: Sequence[str] = ()) -> Any:
         low = limits["low"] if limits["low"] is not None else limits["above"]
         lowest, highest = _LIMIT[kind]
         unit = f" [{limits['unit']}]" if limits["unit"] else ""
-        entries.append({
-            "name": field.name,
-            "type": _KINDS[kind],
-            "default": value,
-            "min": kind(lowest if low is None else low),
-            "max": kind(highest if limits["high"] is None else limits["high"]),
-            "level": 1,
-            "description": f"{limits['doc'] or field.name.replace('_', ' ')}{unit}",
-            "edit_method": "",
-        })
-    group = {"name": "Default", "type": "", "id": 0, "parent": 0, "state": True, "cstate": "true", "groups": [], "parameters": entries}
-    columns = {key: {entry["name"]: entry[key] for entry in entries} for key in ("default", "min", "max", "level", "type")}
+        entries.append(
+            {
+                "name": field.name,
+                "type": _KINDS[kind],
+                "default": value,
+                "min": kind(lowest if low is None else low),
+                "max": kind(highest if limits["high"] is None else limits["high"]),
+                "level": 1,
+                "description": f"{limits['doc'] or field.name.replace('_', ' ')}{unit}",
+                "edit_method": "",
+            }
+        )
+    group = {"name": "Default", "type": "", "id": 0, "parent": 0, "state": True, "cstate": "true", "groups": []}
+    group["parameters"] = entries
+    columns = {
+        key: {entry["name"]: entry[key] for entry in entries} for key in ("default", "min", "max", "level", "type")
+    }
     return types.SimpleNamespace(
-        config_description=group, defaults=columns["default"], min=columns["min"], max=columns["max"],
-        level=columns["level"], type=columns["type"], all_level=1,
+        config_description=group,
+        defaults=columns["default"],
+        min=columns["min"],
+        max=columns["max"],
+        level=columns["level"],
+        type=columns["type"],
+        all_level=1,
     )
 
 
 class Tuning(Generic[P]):
     """Serves the numbers and switches of a parameter class for reconfiguration.
 
-    dynamic_reconfigure pulls single values into their limits. What the class itself refuses then, for instance a smallest
-    size above the largest one, changes nothing: the old values stay and are sent back, with one warning that says why.
+    dynamic_reconfigure pulls single values into their limits. What the class itself refuses then, for instance a
+    smallest size above the largest one, changes nothing: the old values stay and are sent back, with one warning that
+    says why.
 
     Services:
         <namespace>/set_parameters (dynamic_reconfigure/Reconfigure)

@@ -43,7 +43,7 @@ class InfoTopic:
         """The model for images of this shape.
 
         Raises:
-            CodedError: "no_camera_info" if none came yet, if it describes no camera, or one with images of another size.
+            CodedError: "no_camera_info" if none came yet, if it describes no camera, or one of another image size.
         """
         with self._lock:
             camera, reason = self._camera, self._reason
@@ -56,8 +56,17 @@ class InfoTopic:
 
     def _on_info(self, message: CameraInfo) -> None:
         roi = message.roi
-        key = (message.width, message.height, message.distortion_model, tuple(message.K), tuple(message.D),
-               message.binning_x, message.binning_y, roi.width, roi.height)
+        key = (
+            message.width,
+            message.height,
+            message.distortion_model,
+            tuple(message.K),
+            tuple(message.D),
+            message.binning_x,
+            message.binning_y,
+            roi.width,
+            roi.height,
+        )
         if key == self._key:
             return
         self._key = key

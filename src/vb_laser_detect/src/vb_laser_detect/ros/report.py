@@ -103,7 +103,8 @@ class Report:
         summary = self._statistics.summary(now.to_sec())
         with self._lock:
             missing = [self._standing] if self._standing else []
-            recent = [f"{text} [{code}]" for code, (at, text) in self._faults.items() if abs((now - at).to_sec()) < _RECENT_S]
+            faults = [(code, text) for code, (at, text) in self._faults.items() if abs((now - at).to_sec()) < _RECENT_S]
+        recent = [f"{text} [{code}]" for code, text in faults]
         image = self._image
         saturated = float((sample_blocks(image) >= _SATURATED).mean()) if image is not None else 0.0
         level, lines = DiagnosticStatus.OK, [f"{summary.rate_hz:.1f} images per second"]
@@ -114,7 +115,8 @@ class Report:
         elif recent:
             level, lines = DiagnosticStatus.WARN, recent
         elif saturated > _TOO_BRIGHT:
-            level, lines = DiagnosticStatus.WARN, [f"{100 * saturated:.0f} % of the image is saturated: reduce the exposure"]
+            level = DiagnosticStatus.WARN
+            lines = [f"{100 * saturated:.0f} % of the image is saturated: reduce the exposure"]
         status.summary(level, "; ".join(_unique(lines)))
         status.add("rate [1/s]", f"{summary.rate_hz:.1f}")
         status.add("latency, median [ms]", f"{summary.latency_ms:.1f}")
