@@ -129,7 +129,9 @@ class Controls:
         elif key in (ENTER, ESCAPE):
             self.mode = "keys"
             name = self.text.strip()
-            return Action("rename", self._chosen, name) if key == ENTER and name else Action("note", text="the name stays")
+            if key == ENTER and name:
+                return Action("rename", self._chosen, name)
+            return Action("note", text="the name stays")
         elif len(key) == 1:
             self.text = (self.text + key)[:LONGEST_NAME]
         return None
