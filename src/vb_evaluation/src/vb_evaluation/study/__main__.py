@@ -21,11 +21,12 @@ from vb_evaluation.study.cameras import Room
 from vb_evaluation.study.config import Study
 from vb_evaluation.study.runner import Task
 
-RERUN = "python3 -m vb_evaluation.study run --participant {participant} --scenario {scenario} --method {method} --seed {seed}"
+RERUN = ("python3 -m vb_evaluation.study run --participant {participant} --scenario {scenario} --method {method} "
+         "--seed {seed}")
 
 
 def main(arguments: Optional[List[str]] = None) -> int:
-    """Runs a command; 0 if all went well, 1 if runs failed, 2 with one line for a mistake, 130 after an interruption."""
+    """Runs a command; 0 if all went well, 1 if runs failed, 2 for a mistake (one line), 130 after an interruption."""
     given = _parser().parse_args(arguments)
     console = Console(highlight=False, soft_wrap=True)
     try:
@@ -39,20 +40,22 @@ def main(arguments: Optional[List[str]] = None) -> int:
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(prog="vb_evaluation.study", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        prog="vb_evaluation.study", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     commands = parser.add_subparsers(dest="name", required=True)
 
     def command(name: str, function, words: str) -> argparse.ArgumentParser:
         sub = commands.add_parser(name, help=words)
         sub.set_defaults(command=function)
-        sub.add_argument("--config", type=Path, default=None, help="a configuration of your own (YAML); only what differs")
+        sub.add_argument("--config", type=Path, default=None, help="a configuration of your own (YAML)")
         sub.add_argument("--seed", type=int, default=None, help="instead of the configuration's")
         return sub
 
     out = str(config.top() / "out" / "study")
     every = command("all", _all, "every run that has not been done yet")
     every.add_argument("--out", type=Path, default=Path(out))
-    every.add_argument("--quick", action="store_true", help="fewer participants, a small part of curves and sensitivity")
+    every.add_argument("--quick", action="store_true", help="fewer participants, little or no curves and sensitivity")
     every.add_argument("--only", choices=("runs", "curves", "sensitivity"), help="one part alone")
     every.add_argument("--participants", type=int, default=None, help="instead of the configuration's number")
     every.add_argument("--processes", type=int, default=os.cpu_count() or 1)
@@ -83,11 +86,14 @@ def _all(given: argparse.Namespace, console: Console) -> int:
     if given.only:
         jobs = [job for job in jobs if job.file == f"{given.only}.csv"]
     counts = {name: sum(job.file == name for job in jobs) for name in (plan.RUNS, plan.CURVES, plan.SENSITIVITY)}
-    console.print(f"{participants} participants, {len(design.scenarios)} scenarios, {len(design.methods)} methods: {counts[plan.RUNS]} runs; "
-                  f"{counts[plan.CURVES]} for curves, {counts[plan.SENSITIVITY]} for sensitivity; {given.processes} processes")
+    console.print(
+        f"{participants} participants, {len(design.scenarios)} scenarios, {len(design.methods)} methods: "
+        f"{counts[plan.RUNS]} runs; {counts[plan.CURVES]} for curves, {counts[plan.SENSITIVITY]} for sensitivity; "
+        f"{given.processes} processes"
+    )
     if given.quick:
-        console.print("QUICK: curves and sensitivity are left out" if not (counts[plan.CURVES] + counts[plan.SENSITIVITY])
-                      else "QUICK: only a small part of curves and sensitivity")
+        some = counts[plan.CURVES] + counts[plan.SENSITIVITY] > 0
+        console.print(f"QUICK: {'only a small part of' if some else 'without'} curves and sensitivity")
     facts = {"quick": given.quick, "rerun": RERUN + (f" --config {given.config}" if given.config else "")}
     failed = campaign.conduct(study, jobs, given.out, max(1, given.processes), given.fresh, facts, console)
     console.print(f"written to {given.out}")

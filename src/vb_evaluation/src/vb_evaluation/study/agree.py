@@ -8,7 +8,7 @@ import subprocess
 import sys
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Dict, List, Mapping, Optional, Sequence
+from typing import Any, Dict, List, Mapping, Optional
 
 import yaml
 from rich.console import Console
@@ -28,9 +28,11 @@ ROS, IN_PROCESS = "ros", "in_process"
 
 @dataclass(frozen=True)
 class AgreementParams(Parameters):
-    """Which runs, and what agreement is. The live system depends on how busy the computer is; these limits allow for it."""
+    """Which runs, and what agreement is; the limits allow for the live system's computer being busy."""
 
-    runs: list = param([[1, "room", "nrs"], [1, "carpet", "robot_only"], [2, "corner", "nrs"]], doc="[participant, scenario, method]")
+    runs: list = param(
+        [[1, "room", "nrs"], [1, "carpet", "robot_only"], [2, "corner", "nrs"]], doc="[participant, scenario, method]"
+    )
     time_share: float = param(0.2, low=0.0, high=1.0, doc="of the whole time by which the two may differ ...")
     time_s: float = param(3.0, "s", low=0.0, doc="... or this, whatever is more")
     jaccard: float = param(0.05, low=0.0, high=1.0)
@@ -40,13 +42,15 @@ class AgreementParams(Parameters):
 def agree(study: Study, folder: Path, count: Optional[int], console: Console) -> int:
     """Runs each pair, writes agreement.csv, prints both beside each other; 0 if they agree."""
     params = AgreementParams.from_mapping(study.document.get("agreement"), "agreement")
-    tasks = [Task(int(participant), str(scenario), str(method)) for participant, scenario, method in params.runs][:count]
+    tasks = [Task(int(number), str(scenario), str(method)) for number, scenario, method in params.runs][:count]
     columns = ("runner", *plan.TASK, *measures.PAPER, "outcome", "real_time_factor")
     path = folder / AGREEMENT
     if path.exists():
         path.unlink()
     rows = RowFile(path, columns, ("runner", *plan.TASK))
-    table = Table("participant", "scenario", "method", "", "guide [s]", "border [s]", "seed [s]", "total [s]", "Jaccard", "agree")
+    shown = ("time_guide_s", "time_border_s", "time_seed_s", "time_total_s", "jaccard")
+    table = Table("participant", "scenario", "method", "", "guide [s]", "border [s]", "seed [s]", "total [s]", "Jaccard",
+                  "agree")
     room, disagreeing = Room(), 0
     for task in tasks:
         console.print(f"participant {task.participant}, {task.scenario}, {task.method}: in one process, then through ROS")
@@ -57,11 +61,13 @@ def agree(study: Study, folder: Path, count: Optional[int], console: Console) ->
         disagreeing += not same
         for row, verdict in ((here, ""), (live, "yes" if same else "NO")):
             rows.append(row)
-            table.add_row(str(task.participant), task.scenario, task.method, str(row["runner"]), *(
-                str(row[key]) for key in ("time_guide_s", "time_border_s", "time_seed_s", "time_total_s", "jaccard")), verdict)
+            numbers = [str(row[key]) for key in shown]
+            table.add_row(str(task.participant), task.scenario, task.method, str(row["runner"]), *numbers, verdict)
     console.print(table)
-    console.print(f"they agree if both were completed or neither, the times differ by no more than {params.time_share:.0%} or "
-                  f"{params.time_s:g} s, and the Jaccard indices by no more than {params.jaccard:g}; written to {path}")
+    console.print(
+        f"they agree if both were completed or neither, the times differ by no more than {params.time_share:.0%} or "
+        f"{params.time_s:g} s, and the Jaccard indices by no more than {params.jaccard:g}; written to {path}"
+    )
     return 1 if disagreeing else 0
 
 
@@ -73,7 +79,8 @@ def alike(a: Mapping[str, Any], b: Mapping[str, Any], params: AgreementParams) -
     """Whether two rows of the same run agree."""
     allowed = max(params.time_s, params.time_share * float(a["time_total_s"]))
     near = abs(float(a["time_total_s"]) - float(b["time_total_s"])) <= allowed
-    return bool(a["completed"] == b["completed"] and near and abs(float(a["jaccard"]) - float(b["jaccard"])) <= params.jaccard)
+    as_accurate = abs(float(a["jaccard"]) - float(b["jaccard"])) <= params.jaccard
+    return bool(a["completed"] == b["completed"] and near and as_accurate)
 
 
 def through_ros(study: Study, simulation: Simulation, folder: Path, timeout_s: float) -> Dict[str, Any]:
@@ -89,14 +96,18 @@ def through_ros(study: Study, simulation: Simulation, folder: Path, timeout_s: f
     summary = place / "summary.json"
     if summary.exists():
         summary.unlink()
-    command = [sys.executable, str(top() / "scripts" / "demo"), "--no-rviz", "--scenario", task.scenario, "--method", task.method,
-               "--world", str(world), "--models", str(models), "--seed", str(study.run_seed(task.participant)), "--out", str(place)]
+    seed = str(study.run_seed(task.participant))
+    command = [
+        sys.executable, str(top() / "scripts" / "demo"), "--no-rviz", "--scenario", task.scenario, "--method", task.method,
+        "--world", str(world), "--models", str(models), "--seed", seed, "--out", str(place),
+    ]
     with open(str(place / "output.txt"), "w") as output:
         try:
             subprocess.run(command, stdout=output, stderr=subprocess.STDOUT, stdin=subprocess.DEVNULL, timeout=timeout_s,
                            env=dict(os.environ), cwd=str(top()))
         except subprocess.TimeoutExpired:
-            raise CodedError("ros_run_failed", f"the run through ROS took longer than {timeout_s:g} s: see {place}/output.txt") from None
+            reason = f"the run through ROS took longer than {timeout_s:g} s: see {place}/output.txt"
+            raise CodedError("ros_run_failed", reason) from None
     if not summary.exists():
         raise CodedError("ros_run_failed", f"the run through ROS left no summary: see {place}/output.txt")
     found = json.loads(summary.read_text(encoding="utf-8"))
@@ -121,4 +132,4 @@ def write_inputs(study: Study, simulation: Simulation, place: Path) -> List[Path
 
 
 def _plain(values: Mapping[str, Any]) -> Dict[str, Any]:
-    return {key: list(value) if isinstance(value, Sequence) and not isinstance(value, str) else value for key, value in values.items()}
+    return {key: list(value) if isinstance(value, tuple) else value for key, value in values.items()}

@@ -120,7 +120,9 @@ class StationaryCamera:
     is no spot.
     """
 
-    def __init__(self, camera: CeilingCamera, view: CeilingView, models: CameraModels, grid: GridMap, seed: int, idle_every: int) -> None:
+    def __init__(
+        self, camera: CeilingCamera, view: CeilingView, models: CameraModels, grid: GridMap, seed: int, idle_every: int
+    ) -> None:
         self.name = camera.name
         self.rate = camera.rate
         self.rendered = self.skipped = 0
@@ -168,7 +170,8 @@ class StationaryCamera:
 
 def _hull(pose: Tuple[float, float, float], radius: float, height: float) -> np.ndarray:
     x, y = pose[:2]
-    return np.array([(x + dx, y + dy, z) for dx in (-radius, radius) for dy in (-radius, radius) for z in (0.0, height)])
+    sides = (-radius, radius)
+    return np.array([(x + dx, y + dy, z) for dx in sides for dy in sides for z in (0.0, height)])
 
 
 class RobotCamera:
@@ -214,9 +217,9 @@ class RobotCamera:
         due = self._frames % self._every == 0 or stamp - self._depth[0] > (self._every - 0.5) / self.rate
         if due or self._depth[1] != area:
             self._depth = (stamp, area, view.depth(snapshot))
-        depth = self._depth[2]
+        depth = (self._depth[2], view.depth_model)
         image = view.color(snapshot)
-        frame = Frame(view.color_model, lambda: self._estimated(stamp), self._projector, lambda: (depth, view.depth_model))
+        frame = Frame(view.color_model, lambda: self._estimated(stamp), self._projector, lambda: depth)
         spots = search(self._detector, image, stamp, frame)
         return [_seen(stamp, frame, spot, self.name, True) for spot in spots]
 
@@ -235,7 +238,8 @@ class RobotCamera:
         if spot[0, 2] < 0.05:
             return None
         u, v = model.project(spot)[0]
-        if not (-_SPOT_MARGIN_PX <= u <= model.width + _SPOT_MARGIN_PX and -_SPOT_MARGIN_PX <= v <= model.height + _SPOT_MARGIN_PX):
+        beyond = max(-u, u - model.width, -v, v - model.height)
+        if beyond > _SPOT_MARGIN_PX:
             return None
         if self._part is not None and _well_inside(self._part[0], u, v, model):
             return self._part[0]

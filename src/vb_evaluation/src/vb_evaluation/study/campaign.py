@@ -12,7 +12,15 @@ from typing import Any, Dict, List, Mapping, Optional, Sequence, Tuple
 
 import numpy as np
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    SpinnerColumn,
+    TextColumn,
+    TimeElapsedColumn,
+    TimeRemainingColumn,
+)
 
 from vb_core.errors import CodedError
 from vb_core.grid_map import OCCUPIED
@@ -25,7 +33,15 @@ from vb_evaluation.study.store import RowFile, claim
 from vb_map_integration.map_files import write_map
 from vb_sim import floor_plan
 
-CONDITIONS = {plan.RUNS: (), plan.CURVES: ("sweep", "value"), plan.SENSITIVITY: ("parameter", "factor", "value", "unit")}
+CONDITIONS = {
+    plan.RUNS: (),
+    plan.CURVES: ("sweep", "value"),
+    plan.SENSITIVITY: ("parameter", "factor", "value", "unit"),
+}
+
+# what a run's result hangs on
+PACKAGES = ("vb_core", "vb_laser_detect", "vb_fusion", "vb_map_integration", "vb_robot", "vb_voice_wizard", "vb_sim",
+            "vb_evaluation/study")
 
 _study: Optional[Study] = None
 _room = Room()
@@ -65,7 +81,8 @@ def conduct(study: Study, jobs: Sequence[Job], folder: Path, processes: int, fre
     console = console or Console(highlight=False, soft_wrap=True)
     claim(folder, configuration(study), fresh, {**facts, **about(study)})
     write_truth(study, folder)
-    files = {name: RowFile(folder / name, columns(study, name), (*CONDITIONS[name], *TASK)) for name in dict.fromkeys(job.file for job in jobs)}
+    names = list(dict.fromkeys(job.file for job in jobs))
+    files = {name: RowFile(folder / name, columns(study, name), (*CONDITIONS[name], *TASK)) for name in names}
     done = {name: set(file.done) for name, file in files.items()}
     order: Dict[str, Dict[Tuple[str, ...], int]] = {name: {} for name in files}
     waiting = []
@@ -100,12 +117,16 @@ def _repeat(study: Study, job: Job, files: Mapping[str, RowFile]) -> None:
             return
 
 
-def _carry_out(study: Study, jobs: Sequence[Job], folder: Path, processes: int, files: Mapping[str, RowFile], console: Console) -> int:
+def _carry_out(
+    study: Study, jobs: Sequence[Job], folder: Path, processes: int, files: Mapping[str, RowFile], console: Console
+) -> int:
     if not jobs:
         return 0
     failures: List[str] = []
-    bar = Progress(SpinnerColumn(), TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TextColumn("runs, for"),
-                   TimeElapsedColumn(), TextColumn("left"), TimeRemainingColumn(elapsed_when_finished=False), console=console)
+    bar = Progress(
+        SpinnerColumn(), TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TextColumn("runs, for"),
+        TimeElapsedColumn(), TextColumn("left"), TimeRemainingColumn(elapsed_when_finished=False), console=console,
+    )
     # forked before any thread is there; each run is computed by one process alone, so their number changes nothing
     context = multiprocessing.get_context("fork")
     global _study, _folder
@@ -125,8 +146,7 @@ def _carry_out(study: Study, jobs: Sequence[Job], folder: Path, processes: int, 
 
 def _ordered(jobs: Sequence[Job]) -> List[Job]:
     """The study itself first; the longest runs of each part early, so that no core waits for a last long one."""
-    weight = {"robot_only": 2}
-    return sorted(jobs, key=lambda job: (job.file != plan.RUNS, -weight.get(job.task.method, 1) if job.file == plan.RUNS else 0))
+    return sorted(jobs, key=lambda job: (job.file != plan.RUNS, job.file == plan.RUNS and job.task.method != "robot_only"))
 
 
 def _begin() -> None:
@@ -146,8 +166,9 @@ def _work(job: Job) -> Tuple[Job, Optional[Dict[str, Any]], str]:
 
 
 def _words(job: Job) -> str:
-    changed = " ".join(str(value) for value in job.conditions.values())
-    return f"participant {job.task.participant}, {job.task.scenario}, {job.task.method}" + (f", {changed}" if changed else "")
+    task = job.task
+    changed = [str(value) for value in job.conditions.values()]
+    return ", ".join([f"participant {task.participant}", task.scenario, task.method, *changed[:2]])
 
 
 # ---------------------------------------------------------------- what belongs to the runs
@@ -156,10 +177,7 @@ def configuration(study: Study) -> str:
 
     How many participants there are, and which curves, is left out: rows of some are rows of all.
     """
-    parts = [study.hash]
-    packages = ("vb_core", "vb_laser_detect", "vb_fusion", "vb_map_integration", "vb_robot", "vb_voice_wizard", "vb_sim", "vb_evaluation/study")
-    for package in packages:
-        parts.append(_fingerprint(package))
+    parts = [study.hash, *(_fingerprint(package) for package in PACKAGES)]
     return hashlib.sha256("".join(parts).encode()).hexdigest()[:12]
 
 

@@ -51,8 +51,8 @@ class Timing(Parameters):
     command_s: float = param(0.04, "s", low=0.0, high=5.0, doc="from a command to its effect and answer")
     save_s: float = param(0.4, "s", low=0.0, high=10.0, doc="from save to the map with the border")
     spot_s: float = param(0.02, "s", low=0.0, high=1.0, doc="from an image's delivery to its spot, search included")
-    extraction_s: float = param(0.06, "s", low=0.0, high=5.0, doc="what one live extraction takes; sets how often there is one")
-    idle_every: int = param(5, low=1, high=25, doc="a ceiling camera that sees people but no spot renders every n-th frame")
+    extraction_s: float = param(0.06, "s", low=0.0, high=5.0, doc="of one live extraction; sets how often there is one")
+    idle_every: int = param(5, low=1, high=25, doc="so many frames a ceiling camera without spot goes on")
     time_limit_s: float = param(400.0, "s", above=0.0, doc="then a run ends, whatever the person does")
 
 
@@ -200,7 +200,8 @@ def _read(path: Path) -> Dict[str, Any]:
         raise CodedError("no_study", f"cannot read '{path}': {error.strerror}") from None
     except yaml.YAMLError as error:
         where = getattr(error, "problem_mark", None)
-        raise CodedError("bad_study", f"'{path}' is not valid YAML{f' in line {where.line + 1}' if where else ''}") from None
+        line = f" in line {where.line + 1}" if where else ""
+        raise CodedError("bad_study", f"'{path}' is not valid YAML{line}") from None
     if document is None:
         return {}
     if not isinstance(document, dict):

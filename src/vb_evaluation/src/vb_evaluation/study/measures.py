@@ -48,7 +48,8 @@ def measure(result: Result, maps: Optional[Path], names: Sequence[str] = ()) -> 
 
 def times(result: Result) -> Dict[str, float]:
     """[s] in each state and in all, over every interaction of the run: what was cancelled was spent all the same."""
-    sums = {state: sum(getattr(record, f"{state}_s") for record in result.records) for state in ("guide", "border", "seed")}
+    states = ("guide", "border", "seed")
+    sums = {state: sum(getattr(record, f"{state}_s") for record in result.records) for state in states}
     columns = {f"time_{state}_s": _rounded(value, 2) for state, value in sums.items()}
     return {**columns, "time_total_s": _rounded(sum(sums.values()), 2)}
 

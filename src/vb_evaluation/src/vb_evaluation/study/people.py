@@ -76,8 +76,8 @@ class Distribution:
             raise ParameterError(key, f"expected one of uniform, normal, lognormal, mixture, scaled, got {spec!r}")
         self._kind, values = rest.popitem()
         if self._kind == "mixture":
-            self._parts = [(float(part.get("share", 0.0)), Distribution(key, {k: v for k, v in part.items() if k != "share"}))
-                           for part in values]
+            parts = [dict(part) for part in values]
+            self._parts = [(float(part.pop("share", 0.0)), Distribution(key, part)) for part in parts]
             return
         if self._kind == "scaled":
             self._parts = [(float(values[1]), Distribution(key, values[0]))]
@@ -134,7 +134,8 @@ class DrawnPopulation(Population):
         mapping = {**{field.name: getattr(self._model, field.name) for field in fields(self._model)}, **values}
         body = Build(**_possible(Build, {key: trait.draw(streams(f"body {key}")) for key, trait in self._body.items()}))
         stand = streams("stand")
-        return Traits(ParticipantModel(**_possible(ParticipantModel, mapping)), body, (self._offset.draw(stand), self._offset.draw(stand)))
+        person = ParticipantModel(**_possible(ParticipantModel, mapping))
+        return Traits(person, body, (self._offset.draw(stand), self._offset.draw(stand)))
 
 
 def _possible(cls: Type[Parameters], values: Mapping[str, Any]) -> Dict[str, Any]:

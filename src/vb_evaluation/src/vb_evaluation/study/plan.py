@@ -31,7 +31,8 @@ class Job:
     def columns(self, seed: int) -> Dict[str, Any]:
         """The columns that say which run it is."""
         task = self.task
-        return {"participant": task.participant, "scenario": task.scenario, "method": task.method, "seed": seed, **self.conditions}
+        named = {"participant": task.participant, "scenario": task.scenario, "method": task.method, "seed": seed}
+        return {**named, **self.conditions}
 
 
 def main_jobs(study: Study, participants: int) -> List[Job]:
@@ -48,4 +49,4 @@ def _in_order(study: Study, participant: int) -> List[Job]:
     tasks: List[Tuple[str, str]] = []
     for method in rng.permutation(study.design.methods):
         tasks += [(str(scenario), str(method)) for scenario in rng.permutation(study.design.scenarios)]
-    return [Job(Task(participant, scenario, method), order=number) for number, (scenario, method) in enumerate(tasks, 1)]
+    return [Job(Task(participant, *names), order=number) for number, names in enumerate(tasks, 1)]

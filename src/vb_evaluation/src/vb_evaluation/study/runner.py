@@ -112,8 +112,8 @@ class Simulation:
         self.poses = [PoseHistory() for _ in self.world.robots]
         idle_every = 1 if thorough else study.timing.idle_every
         ceiling = [
-            StationaryCamera(self.world.camera(name), room.ceiling_view(self.world.camera(name)), models, self.prior, seed, idle_every)
-            for name in self.method.cameras(self.world)
+            StationaryCamera(camera, room.ceiling_view(camera), models, self.prior, seed, idle_every)
+            for camera in map(self.world.camera, self.method.cameras(self.world))
         ]
         mobile = [
             RobotCamera(robot, room.robot_view(robot), models, self.prior, seed, poses.estimate, thorough)
@@ -121,10 +121,12 @@ class Simulation:
         ]
         latency = models.optics.latency_ms * 1e-3
         # as in the live system one node spreads the ceiling cameras' frames, and each robot's camera is apart
-        self._rigs = [(FrameSchedule([camera.rate for camera in rig], latency), rig) for rig in [ceiling, *([one] for one in mobile)] if rig]
+        rigs = [rig for rig in (ceiling, *([camera] for camera in mobile)) if rig]
+        self._rigs = [(FrameSchedule([camera.rate for camera in rig], latency), rig) for rig in rigs]
         self.cameras = [*ceiling, *mobile]
         self.system = System(self.lab, self.method, self.prior, self.poses, study.timing)
-        person = Person(self.world, self.scenario, self.traits.model, seed, self.method.start_near(self.world, self.scenario))
+        near = self.method.start_near(self.world, self.scenario)
+        person = Person(self.world, self.scenario, self.traits.model, seed, near)
         self.script = self.method.script(person)
         self._percept = Percept()
         self._action: Optional[Action] = None
@@ -192,8 +194,8 @@ class Simulation:
         integrator = self.system.integrator
         return Result(
             self.task, self.traits, self.world, self.scenario, self.prior, integrator.posterior,
-            floor_plan.ground_truth(self.world, self.scenario), tuple(self._records(now)), self.system.border, self.script,
-            tuple(self.system.spots), {camera.name: (camera.rendered, camera.skipped) for camera in self.cameras},
+            floor_plan.ground_truth(self.world, self.scenario), tuple(self._records(now)), self.system.border,
+            self.script, tuple(self.system.spots), {camera.name: (camera.rendered, camera.skipped) for camera in self.cameras},
             np.array(self._way), sum(robot.collisions for robot in self.lab.robots),
             sum(robot.goals for robot in self.system.robots.values()), START, now,
         )

@@ -99,8 +99,8 @@ def claim(folder: Path, configuration: str, fresh: bool, facts: Mapping[str, Any
                 path.unlink()
     elif found and found.get("configuration") != configuration:
         raise CodedError(
-            "other_study", f"{folder} holds runs of another configuration or program ({found.get('configuration')}, this is "
-            f"{configuration}): they cannot be mixed. FRESH=1 throws them away; OUT=folder puts the new ones elsewhere"
+            "other_study", f"{folder} holds runs of another configuration or program ({found.get('configuration')}, this "
+            f"is {configuration}): they cannot be mixed. FRESH=1 throws them away; OUT=folder puts the new ones elsewhere"
         )
     elif not found and (folder / "runs.csv").exists():
         raise CodedError("other_study", f"{folder}/runs.csv comes without {META}, so nobody knows how it was made: "

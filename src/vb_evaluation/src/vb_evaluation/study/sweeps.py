@@ -57,8 +57,10 @@ def curve_jobs(study: Study, participants: int, only: Sequence[str] = ()) -> Lis
     return jobs
 
 
-def _jobs(study: Study, file: str, participants: int, scenario: str, changes: Mapping[str, Any], conditions: Mapping[str, Any],
-          untouched: Sequence[str]) -> List[Job]:
+def _jobs(
+    study: Study, file: str, participants: int, scenario: str, changes: Mapping[str, Any], conditions: Mapping[str, Any],
+    untouched: Sequence[str],
+) -> List[Job]:
     return [
         Job(Task(participant, scenario, method), file, {} if method in untouched else changes, conditions)
         for participant in range(1, participants + 1) for method in study.design.methods
@@ -80,7 +82,7 @@ def coverage(study: Study, settings: Mapping[str, Any], scenario: str) -> Iterat
 
 
 def seen_share(world: World) -> float:
-    """Share of a world's free floor that lies in some ceiling camera's picture; what furniture hides is not taken off."""
+    """Share of a world's free floor in some ceiling camera's picture; what furniture hides is not taken off."""
     grid = floor_plan.physical_map(world)
     # every seventh cell is as good as all of them: to within half a percent
     cells = grid.cell_to_world(np.argwhere(grid.data == FREE)[::7])
@@ -122,7 +124,8 @@ def _way_to_border(world: World, scenario: Scenario, start: Sequence[float]) -> 
         except CodedError:
             continue
     if not ways:
-        raise ParameterError("curves/distance/starts", f"no way leads from {list(start)} to the border of '{scenario.key}'")
+        reason = f"no way leads from {list(start)} to the border of '{scenario.key}'"
+        raise ParameterError("curves/distance/starts", reason)
     return min(ways, key=geometry.chain_length)
 
 
@@ -131,7 +134,8 @@ def _waypoints(way: np.ndarray) -> List[List[float]]:
     length = geometry.chain_length(way)
     count = int(length / 1.5)
     places = geometry.resample_chain(way, 0.05)
-    return [[round(float(value), 3) for value in places[int(round((k + 1) * (len(places) - 1) / (count + 1)))]] for k in range(count)]
+    chosen = np.linspace(0, len(places) - 1, count + 2)[1:-1]
+    return [[round(float(value), 3) for value in places[int(round(index))]] for index in chosen]
 
 
 @sweeps.register("border_length")
@@ -141,7 +145,7 @@ def border_length(study: Study, settings: Mapping[str, Any], scenario: str) -> I
     about = np.array(settings["about"][scenario], dtype=float)
     for factor in settings["factors"]:
         changed = copy.deepcopy(entry)
-        moved = {tuple(corner): [round(float(value), 4) for value in about + factor * (np.array(corner) - about)] for corner in entry["border"]}
+        moved = {tuple(corner): np.round(about + factor * (np.array(corner) - about), 4).tolist() for corner in entry["border"]}
         changed["border"] = [moved[tuple(corner)] for corner in entry["border"]]
         # corners of the region that are the border's move with it; the room's do not
         changed["region"] = [moved.get(tuple(corner), corner) for corner in entry["region"]]
@@ -152,7 +156,7 @@ def border_length(study: Study, settings: Mapping[str, Any], scenario: str) -> I
 
 @sweeps.register("robots")
 def robots(study: Study, settings: Mapping[str, Any], scenario: str) -> Iterator[Point]:
-    """Over the number of robots; settings: `more`, the others' entries of the world. The baseline leads the first one."""
+    """Over the number of robots; settings: `more`, the others' entries of the world. The baseline leads the first."""
     first = {**study.sources["world"]["robots"][0], "namespace": "robot1"}
     for count in range(len(settings["more"]) + 1):
         # among several each has a namespace, as in the live system
@@ -181,10 +185,11 @@ class Assumption:
         return self.key.split("/", 1)[1].replace("traits/", "participant/")
 
 
+_SECTIONS = ("robot", "localisation", "scan", "optics", "camera_noise", "robot_camera", "participant")
 # sections whose figures concern the ceiling cameras alone, and keys that concern one method alone
 _ONLY_SECTIONS = {"camera_noise": ("nrs",)}
 _ONLY_KEYS = {"calibration_position_m": ("nrs",), "calibration_angle_deg": ("nrs",), "vignetting": ("nrs",)}
-_NO_MODEL = ("mechanics",)
+_NO_MODEL = "mechanics"
 
 
 def assumptions(study: Study) -> List[Assumption]:
@@ -194,7 +199,7 @@ def assumptions(study: Study) -> List[Assumption]:
     body = study.document["participants"].get("body") or {}
     for section_name, key, unit in _assumed(top() / "src" / "vb_sim" / "config" / "models.yaml", 2):
         drawn = (section_name == "participant" and key in traits) or (section_name == "body" and key in body)
-        if drawn or section_name not in ("robot", "localisation", "scan", "optics", "camera_noise", "robot_camera", "participant"):
+        if drawn or section_name not in _SECTIONS:
             continue
         only = _ONLY_KEYS.get(key, _ONLY_SECTIONS.get(section_name, ()))
         found.append(Assumption(f"models/{section_name}/{key}", unit, only))
@@ -213,7 +218,7 @@ def _assumed(path: Path, indent: int) -> Iterator[Tuple[str, str, str]]:
         if head:
             section_name = head.group(1)
         entry = re.match(r"\s{%d}(\w+):\s*[^#]+#\s*(.*)$" % indent, line)
-        if entry and re.search(r"\bassumed\b", entry.group(2)) and not any(word in entry.group(2) for word in _NO_MODEL):
+        if entry and "assumed" in entry.group(2) and _NO_MODEL not in entry.group(2):
             unit = re.match(r"\[([^\]]*)\]", entry.group(2))
             yield section_name, entry.group(1), unit.group(1) if unit else ""
 

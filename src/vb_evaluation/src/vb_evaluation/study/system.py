@@ -91,9 +91,10 @@ class System:
         self.spots: List[Seen] = []
         self._pending: List[Pending] = []
         self._saving: Optional[Pending] = None
-        self._extraction = ExtractionParams.from_mapping(_config("vb_fusion", "border_fusion").get("extraction"), "extraction")
+        fusion = _config("vb_fusion", "border_fusion")
+        self._extraction = ExtractionParams.from_mapping(fusion.get("extraction"), "extraction")
         self._collector = Collector()
-        self._live = LiveCandidate(self._extraction, float(_config("vb_fusion", "border_fusion").get("live_share", 0.12)))
+        self._live = LiveCandidate(self._extraction, float(fusion.get("live_share", 0.12)))
         self.integrator = MapIntegrator(IntegratorParams(), None)
         self.integrator.set_map(grid)
         names = [robot.namespace.strip("/") for robot in lab.world.robots]
