@@ -8,7 +8,8 @@
 
 In one process the same detectors, fusion, dispatcher, servoing and navigation run without ROS, in simulated time as
 fast as the processor goes (vb_evaluation.study). Over ROS the whole system is started with roslaunch under a master
-of its own. Either way the judge sees the lab's ground truth 50 times a second, none of what the robot believes.
+of its own; only there a run goes on after the border is saved, so only there entering it is judged. Either way the
+judge sees the lab's ground truth 50 times a second, none of what the robot believes.
 Leaves out/bench/robot_runs.json (robot_runs_ros.json), one entry per run; bad runs stay in it. Exits non-zero if a run
 broke a rule.
 """
@@ -174,10 +175,12 @@ def run_here(study, room: Room, scenario: str, method: str, seed: int) -> dict:
     judge = simulation.judge
     judge.outcome = "saved" if result.saved else simulation.script.outcome or "time is up"
     figures = judge.result(simulation.prior.resolution)
+    figures["border_entered_m"] = None  # the run ends when the border is saved
     if result.collisions and "collision" not in figures["breaches"]:
         figures["breaches"].append("collision")
     return {"scenario": scenario, "method": method, "seed": seed, **figures,
-            "duration_s": round(result.ended - result.began, 2), "goals": result.goals, "tries": result.script.person.tries, "wall_s": round(time.monotonic() - began, 1)}
+            "duration_s": round(result.ended - result.began, 2), "goals": result.goals,
+            "tries": result.script.person.tries, "wall_s": round(time.monotonic() - began, 1)}
 
 
 # ----------------------------------------------------------------- over ROS
@@ -207,7 +210,8 @@ def run_ros(world_path: Path, scenario: str, method: str, seed: int, log: Path, 
 
     launched = Child(
         ["roslaunch", "-p", str(port), str(TOP / "launch" / "simulation.launch"), f"world:={world_path}",
-         f"seed:={seed}", f"cameras:={' '.join(cameras) or 'none'}", f"method:={method}", f"state:={state}", "rviz:=false"],
+         f"seed:={seed}", f"cameras:={' '.join(cameras) or 'none'}", f"method:={method}", f"state:={state}",
+         "rviz:=false"],
         log / "roslaunch.txt", environment)
     person = bag = None
     try:
@@ -280,9 +284,11 @@ def summarise(runs: list) -> str:
             return sum(any(word in breach for breach in run["breaches"]) for run in group)
 
         holds = [run["longest_hold_s"] for run in group]
+        judged = any(run.get("border_entered_m") is not None for run in group)
         lines.append(
             f"{scenario:9} {method:10} {len(group):4d} {len(group) - count('no border'):5d} {count('collision'):10d} "
-            f"{count('entered'):7d} {count('too fast'):8d} {np.median(holds):9.1f} s {max(holds):6.1f} s "
+            f"{count('entered') if judged else '-':>7} {count('too fast'):8d} "
+            f"{np.median(holds):9.1f} s {max(holds):6.1f} s "
             f"{max(run['longest_unseen_s'] for run in group):8.1f} s "
             f"{min(run['least_clearance_m'] for run in group):7.3f} m")
     return "\n".join(lines)
