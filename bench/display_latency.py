@@ -19,6 +19,7 @@ import argparse
 import contextlib
 import json
 import os
+import signal
 import sys
 import threading
 import time
@@ -95,10 +96,17 @@ class Observer:
                     self.labels.append(time.monotonic())
 
 
+def pid_of(node: str) -> int:
+    """The node's process; 0 while it is away."""
+    try:
+        return xmlrpc.client.ServerProxy(rosgraph.Master("/bench").lookupNode(node)).getPid("/bench")[2]
+    except (OSError, rosgraph.MasterException):
+        return 0
+
+
 def cpu_seconds(node: str) -> float:
     """[s] of CPU time that a node has taken."""
-    uri = rosgraph.Master("/bench").lookupNode(node)
-    pid = xmlrpc.client.ServerProxy(uri).getPid("/bench")[2]
+    pid = pid_of(node)
     fields = Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()
     return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
@@ -196,8 +204,10 @@ def main() -> int:
             return 1
         if given.spot_rate:
             rospy.set_param("/display_markers/spot_rate", given.spot_rate)
-            os.kill(xmlrpc.client.ServerProxy(rosgraph.Master("/bench").lookupNode("/display_markers")).getPid("/bench")[2], 15)
-            time.sleep(8.0)  # until it is back
+            former = pid_of("/display_markers")
+            os.kill(former, signal.SIGTERM)
+            wait_until(lambda: pid_of("/display_markers") not in (0, former), 60.0)
+            wait_until(lambda: len(observer.stripes) > 1, 30.0)  # it draws again
         before, started = cpu_seconds("/display_markers"), time.monotonic()
         saved = draw(observer, world)
         used = (cpu_seconds("/display_markers") - before) / (time.monotonic() - started)
