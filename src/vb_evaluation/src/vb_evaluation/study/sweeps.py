@@ -188,7 +188,10 @@ class Assumption:
 _SECTIONS = ("robot", "localisation", "scan", "optics", "camera_noise", "robot_camera", "participant")
 # sections whose figures concern the ceiling cameras alone, and keys that concern one method alone
 _ONLY_SECTIONS = {"camera_noise": ("nrs",)}
-_ONLY_KEYS = {"calibration_position_m": ("nrs",), "calibration_angle_deg": ("nrs",), "vignetting": ("nrs",)}
+_ONLY_KEYS = {
+    **{key: ("nrs",) for key in ("calibration_position_m", "calibration_angle_deg", "vignetting", "drawing_speed")},
+    **{key: ("robot_only",) for key in ("leading_distance", "leading_distance_max", "leading_speed", "robot_drawing_speed")},
+}
 _NO_MODEL = "mechanics"
 
 
@@ -203,7 +206,7 @@ def assumptions(study: Study) -> List[Assumption]:
             continue
         only = _ONLY_KEYS.get(key, _ONLY_SECTIONS.get(section_name, ()))
         found.append(Assumption(f"models/{section_name}/{key}", unit, only))
-    found += [Assumption(f"participants/traits/{key}", "") for key in traits]
+    found += [Assumption(f"participants/traits/{key}", "", _ONLY_KEYS.get(key, ())) for key in traits]
     found += [Assumption(f"participants/body/{key}", "") for key in body]
     if "stand_offset" in study.document["participants"]:
         found.append(Assumption("participants/stand_offset", "m"))
