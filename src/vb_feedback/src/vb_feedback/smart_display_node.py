@@ -4,10 +4,10 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
-import tempfile
 from dataclasses import dataclass
 from typing import List, Tuple
 
+import rospkg
 import rospy
 import yaml
 from vb_core import names
@@ -58,10 +58,14 @@ def _fitted(params: SmartDisplayParams) -> str:
     except (OSError, yaml.YAMLError) as error:
         raise CodedError("bad_config", f"cannot read the RViz config '{params.config}': {error}") from None
     fitted = fit_config(config, extent, *params.size(), aspect=rospy.get_param(_ASPECT, None))
-    # RViz reads it when this process is no more, and writes to it when its user says save
-    handle, path = tempfile.mkstemp(prefix="smart_display_", suffix=".rviz")
-    with os.fdopen(handle, "w", encoding="utf-8") as file:
-        yaml.safe_dump(fitted, file, default_flow_style=False, sort_keys=False)
+    # one per node, written anew at each start: RViz reads it when this process is no more
+    path = os.path.join(rospkg.get_ros_home(), f"{rospy.get_name().strip('/').replace('/', '_')}.rviz")
+    try:
+        os.makedirs(os.path.dirname(path), exist_ok=True)
+        with open(path, "w", encoding="utf-8") as file:
+            yaml.safe_dump(fitted, file, default_flow_style=False, sort_keys=False)
+    except OSError as error:
+        raise CodedError("not_written", f"cannot write '{path}': {error.strerror}") from None
     return path
 
 
