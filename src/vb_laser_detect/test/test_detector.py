@@ -179,6 +179,13 @@ def test_moving_camera_takes_no_paper_for_light(tint):
     assert feed(detector, [scene.render() for _ in range(10)]) == [[]] * 10
 
 
+def test_moving_camera_takes_a_wide_bright_stripe_for_no_spot():
+    # what a projector draws, or the sun through a slit
+    detector, scene = SpotDetector(DetectorParams.mobile(confirm_frames=1)), Scene(640, 480)
+    scene.floor[200:216, 100:400] = (60, 250, 80)
+    assert feed(detector, [scene.render() for _ in range(5)]) == [[]] * 5
+
+
 @pytest.mark.parametrize("colour", [RED, GREEN])
 def test_moving_camera_sees_the_spot_on_the_edge_of_a_carpet(colour):
     # borders are drawn along such edges; the brighter side must not merge with the spot

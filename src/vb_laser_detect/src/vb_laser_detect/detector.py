@@ -26,6 +26,7 @@ from vb_laser_detect.tracker import SLACK_M, SLACK_PX, SpotTracker
 
 _SMEAR_PX = 3.0
 _NEAR = 6  # [blocks] whose changes count as nearby
+_WIDEST_MEDIAN = 255  # [px] of 8-bit images, OpenCV's limit
 
 # pixels (N, 2) to the floor (N, 2) [m], rows of NaN where there is none
 ToFloor = Callable[[np.ndarray], np.ndarray]
@@ -236,7 +237,7 @@ class SpotDetector:
             x0, y0 = max(0, left - reach), max(0, top - reach)
             window = image[y0 : bottom + reach, x0 : right + reach]
             # a median removes the spot and keeps the edges of carpets, next to which spots are drawn
-            floor = cv2.medianBlur(np.ascontiguousarray(window), 2 * reach - 7)
+            floor = cv2.medianBlur(np.ascontiguousarray(window), min(2 * reach - 7, _WIDEST_MEDIAN))
             seed = (left - x0, top - y0, right - x0, bottom - y0)
             candidate = appearance.measure(window, floor, seed, self._largest_px(), learnt=False, colour=p.min_chroma > 0)
             candidate.u += x0
