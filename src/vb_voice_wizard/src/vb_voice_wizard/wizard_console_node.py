@@ -63,6 +63,7 @@ class WizardConsole:
         self._changed = threading.Event()
         self._actions: "queue.Queue[Action]" = queue.Queue(maxsize=10)
         self._answered = rospy.Time(0)
+        self._progress_of = ""
         self._borders: Dict[str, VirtualBorder] = {}
         self._transforms: Optional[TransformLookup] = None
         self._robot_at: Optional[Tuple[float, float]] = None
@@ -166,7 +167,8 @@ class WizardConsole:
     def _on_state(self, message: InteractionState) -> None:
         with self._lock:
             view = self._view
-            if message.interaction_id != view.interaction_id:
+            # the first progress of an interaction may come before its state
+            if message.interaction_id not in (view.interaction_id, self._progress_of):
                 view.border_spots = view.seed_spots = view.chain_points = 0
                 view.cameras = view.seeing = ()
             view.state, view.interaction_id = message.name, message.interaction_id
@@ -181,6 +183,7 @@ class WizardConsole:
     def _on_progress(self, message: BorderProgress) -> None:
         with self._lock:
             view = self._view
+            self._progress_of = message.interaction_id
             view.border_spots, view.seed_spots = message.border_spots, message.seed_spots
             view.ignored_spots = message.ignored_spots
             view.chain_points, view.closed = len(message.chain), message.closed
