@@ -197,7 +197,7 @@ class SpotDetector:
         for seed, _ in regions(rise, hot, p.max_candidates, self._largest_px() / BLOCK) if hot.any() else []:
             candidate = self._too_dark(image, seed)
             if candidate is None:
-                candidate = appearance.measure(image, background.image, seed, self._largest_px(), colour=p.min_chroma > 0)
+                candidate = appearance.measure(image, background.image, seed, self._largest_at(seed), colour=p.min_chroma > 0)
             if not candidate.refusal:
                 own = _blocks_around(hot.shape, candidate, 1.25 * candidate.diameter + BLOCK)
                 near = _blocks_around(hot.shape, candidate, _NEAR * BLOCK)
@@ -238,8 +238,9 @@ class SpotDetector:
             window = image[y0 : bottom + reach, x0 : right + reach]
             # a median removes the spot and keeps the edges of carpets, next to which spots are drawn
             floor = cv2.medianBlur(np.ascontiguousarray(window), min(2 * reach - 7, _WIDEST_MEDIAN))
+            largest = self._largest_at((left, top, right, bottom))
             seed = (left - x0, top - y0, right - x0, bottom - y0)
-            candidate = appearance.measure(window, floor, seed, self._largest_px(), learnt=False, colour=p.min_chroma > 0)
+            candidate = appearance.measure(window, floor, seed, largest, learnt=False, colour=p.min_chroma > 0)
             candidate.u += x0
             candidate.v += y0
             candidate.refusal = candidate.refusal or self._refusal_of(candidate)
@@ -248,7 +249,19 @@ class SpotDetector:
 
     # ------------------------------------------------------------- both
     def _largest_px(self) -> float:
-        return self.params.max_diameter_px * (self.params.max_elongation if self.params.max_elongation < 3 else 2.0)
+        return self._smeared(self.params.max_diameter_px)
+
+    def _smeared(self, diameter: float) -> float:
+        """[px] the extent of a spot that is drawn quickly."""
+        return diameter * (self.params.max_elongation if self.params.max_elongation < 3 else 2.0)
+
+    def _largest_at(self, seed: Region) -> float:
+        """[px] the largest extent of a spot there: what is larger, a person's clothes, is not looked at closely."""
+        if self.to_floor is None:
+            return self._largest_px()
+        left, top, right, bottom = seed
+        metre = metres_per_pixel(self.to_floor, (left + right) / 2.0, (top + bottom) / 2.0)
+        return self._smeared(self.params.max_diameter_mm / 1e3 / metre + _SMEAR_PX) if metre else self._largest_px()
 
     def _refusal_of(self, c: Candidate) -> str:
         """Why a measured candidate is no spot, or ""; sets its confidence."""
