@@ -59,6 +59,21 @@ def test_manifests_name_what_is_imported(package):
         assert not missing, f"{path.relative_to(TOP)} imports {missing}, which package.xml does not name"
 
 
+# keys outside of Noetic's own packages, looked up in rosdistro's rosdep/python.yaml and base.yaml
+ROSDEP_KEYS = {"alsa-utils"} | {
+    "python3-" + name
+    for name in ("hypothesis", "jinja2", "matplotlib", "numpy", "opencv", "pytest", "rospkg", "scipy", "setuptools", "shapely", "yaml")
+}
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_manifests_use_rosdep_keys(package):
+    manifest = ElementTree.parse(str(TOP / "src" / package / "package.xml"))
+    named = {element.text for element in manifest.getroot() if element.tag.endswith("depend")}
+    # names of Debian's packages are the usual mistake; ROS packages have no dash
+    assert {name for name in named if "-" in name} <= ROSDEP_KEYS
+
+
 def test_no_manifest_at_the_top():
     # it would hide src/* from catkin
     assert not (TOP / "package.xml").exists()
