@@ -23,13 +23,14 @@ from vb_laser_detect import projection  # noqa: E402
 from vb_laser_detect.detector import DetectorParams, SpotDetector  # noqa: E402
 from vb_laser_detect.frame import Frame, search  # noqa: E402
 from vb_laser_detect.projection import FloorProjector, ProjectionParams  # noqa: E402
+from vb_sim.camera_calibration import calibrated_pose  # noqa: E402
 from vb_sim.ceiling_view import CeilingView  # noqa: E402
 from vb_sim.disturbances import Bystander, Glint, Surroundings  # noqa: E402
 from vb_sim.floor_plan import physical_map  # noqa: E402
 from vb_sim.floor_texture import FloorTexture, render_floor  # noqa: E402
 from vb_sim.lab_history import Snapshot  # noqa: E402
 from vb_sim.mesh import world_mesh  # noqa: E402
-from vb_sim.models_cameras import CameraModels, calibrated_pose  # noqa: E402
+from vb_sim.models_cameras import CameraModels  # noqa: E402
 from vb_sim.models_motion import LocalisationModel  # noqa: E402
 from vb_sim.raycast import DistanceField  # noqa: E402
 from vb_sim.robot_view import RobotView  # noqa: E402
@@ -195,7 +196,7 @@ def _pose_errors(scene: Scene, models: CameraModels, seed: int) -> Callable[[np.
     random = np.random.default_rng(seed)
     if not scene.mobile:
         camera = scene.worlds[0].camera(scene.camera)
-        wrong = [calibrated_pose(camera.pose(), models.optics, 100 + k, camera.name) for k in range(DRAWS)]
+        wrong = [calibrated_pose(camera, models.optics, 100 + k) for k in range(DRAWS)]
         return lambda pose: iter(wrong)
     model = LocalisationModel()
     offsets = [

@@ -16,7 +16,7 @@ from vb_sim.floor_texture import render_floor
 from vb_sim.frame_clock import FrameSchedule, SmoothClock
 from vb_sim.lab_history import History, Snapshot
 from vb_sim.mesh import DepthBuffer, RayGrid, world_mesh
-from vb_sim.models_cameras import CameraModels, Optics, calibrated_pose, load_camera_models
+from vb_sim.models_cameras import CameraModels, Optics, load_camera_models
 from vb_sim.robot_view import RobotView
 from vb_sim.spot import render_spot
 from vb_sim.world import load_world, world_from_mapping
@@ -355,16 +355,6 @@ def test_bad_models(tmp_path):
         with pytest.raises(ParameterError) as caught:
             load_camera_models(str(tmp_path / "bad.yaml"))
         assert caught.value.key == key
-
-
-def test_calibration_error_is_small_fixed_and_seeded():
-    world = load_world(str(PACKAGE / "worlds" / "lab.yaml"))
-    true = world.cameras[0].pose()
-    found = calibrated_pose(true, Optics(), 1, "red")
-    np.testing.assert_array_equal(found, calibrated_pose(true, Optics(), 1, "red"))
-    assert 0 < np.linalg.norm(found[:3, 3] - true[:3, 3]) < 0.03
-    assert not np.allclose(found, calibrated_pose(true, Optics(), 2, "red"))
-    np.testing.assert_allclose(found[:3, :3] @ found[:3, :3].T, np.eye(3), atol=1e-12)
 
 
 def test_pure_modules_import_without_ros():

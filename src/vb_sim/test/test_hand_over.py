@@ -14,9 +14,10 @@ from vb_core import geometry
 from vb_fusion.extraction import ExtractionParams, extract_border
 from vb_robot.coverage import CoverageParams, floor_seen, obstacle_heights
 from vb_robot.view import FloorView, ViewParams, to_base
+from vb_sim.camera_calibration import calibrated_pose
 from vb_sim.floor_plan import physical_map
 from vb_sim.models import load_models, section
-from vb_sim.models_cameras import calibrated_pose, load_camera_models
+from vb_sim.models_cameras import load_camera_models
 from vb_sim.models_motion import LocalisationModel
 from vb_sim.world import load_world
 
@@ -51,7 +52,7 @@ def drawn(seed, overlap=True):
         by_robot &= ~by_blue
     models = load_camera_models(MODELS)
     localisation = section(load_models(MODELS), "localisation", LocalisationModel)
-    believed = calibrated_pose(BLUE.pose(), models.optics, seed, BLUE.name)
+    believed = calibrated_pose(BLUE, models.optics, seed)
     blue = on_floor(BLUE.model(), BLUE.pose(), believed, line[by_blue]) + rng.normal(0.0, 0.002, (by_blue.sum(), 2))
     sigmas = (localisation.position_sigma, localisation.position_sigma, localisation.yaw_sigma)
     off = np.array(sigmas) * rng.normal(size=3)

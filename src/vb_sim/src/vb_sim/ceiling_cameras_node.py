@@ -17,6 +17,7 @@ from vb_core.parameters import Parameters, param
 from vb_core.ros import node, parameters
 from vb_core.ros.messages import info_from_camera, transform_message
 from vb_msgs.msg import LabState
+from vb_sim.camera_calibration import calibrated_pose
 from vb_sim.camera_loop import run_cameras
 from vb_sim.ceiling_view import CeilingView
 from vb_sim.floor_texture import render_floor
@@ -24,7 +25,7 @@ from vb_sim.frame_clock import FrameSchedule, SmoothClock
 from vb_sim.lab_history import History
 from vb_sim.lab_messages import array_image, camera_diagnostics, models_file, snapshot_from_message
 from vb_sim.mesh import world_mesh
-from vb_sim.models_cameras import CameraModels, calibrated_pose, load_camera_models
+from vb_sim.models_cameras import CameraModels, load_camera_models
 from vb_sim.projector_input import ProjectorInput
 from vb_sim.world import CeilingCamera, World, load_world
 
@@ -72,7 +73,7 @@ class CeilingCamerasNode:
         self._diagnostics = rospy.Publisher("/sim/cameras", DiagnosticArray, queue_size=1, latch=True)
         self._broadcaster = tf2_ros.StaticTransformBroadcaster()
         self._broadcaster.sendTransform([
-            transform_message(calibrated_pose(camera.pose(), optics, seed, camera.name), names.MAP_FRAME, frame, rospy.Time.now())
+            transform_message(calibrated_pose(camera, optics, seed), names.MAP_FRAME, frame, rospy.Time.now())
             for camera, frame in zip(cameras, self._frames)
         ])
         rospy.Subscriber(names.LAB_STATE, LabState, self._on_state, queue_size=10, tcp_nodelay=True)

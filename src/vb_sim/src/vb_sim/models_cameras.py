@@ -10,7 +10,6 @@ from typing import Any, Tuple
 
 import numpy as np
 
-from vb_core import geometry
 from vb_core.parameters import Parameters, param
 from vb_sim.bodies import AVERAGE, Build
 from vb_sim.models import load_models, section
@@ -35,8 +34,8 @@ class Optics(Parameters):
     halo_share: float = param(0.06, "", low=0.0, high=1.0)
     halo_scale_px: float = param(3.0, "px", above=0.1, high=50.0)
     vignetting: float = param(0.22, "", low=0.0, high=1.0)
-    calibration_position_m: float = param(0.005, "m", low=0.0, high=1.0)
-    calibration_angle_deg: float = param(0.15, "deg", low=0.0, high=30.0)
+    calibration_points: int = param(8, "", low=4, high=100)
+    calibration_point_m: float = param(0.011, "m", low=0.0, high=1.0)
 
     @property
     def exposure_gain(self) -> float:
@@ -111,13 +110,3 @@ def load_camera_models(path: str) -> CameraModels:
 def generator(seed: int, name: str) -> np.random.Generator:
     """Random numbers of one thing of the world: the same for the same seed and name."""
     return np.random.default_rng([int(seed) & 0xFFFFFFFF, zlib.crc32(name.encode("utf-8"))])
-
-
-def calibrated_pose(true_pose: np.ndarray, optics: Optics, seed: int, name: str) -> np.ndarray:
-    """T_map_optical, 4x4, as a calibration found it: the true pose with small, fixed errors."""
-    rng = generator(seed, f"calibration of {name}")
-    shift = rng.normal(0.0, optics.calibration_position_m, 3)
-    angles = np.radians(rng.normal(0.0, optics.calibration_angle_deg, 3))
-    pose = true_pose @ geometry.transform(geometry.rotation_from_rpy(*angles), (0.0, 0.0, 0.0))
-    pose[:3, 3] += shift
-    return pose

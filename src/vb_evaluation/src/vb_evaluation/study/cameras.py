@@ -19,11 +19,12 @@ from vb_evaluation.study.config import top
 from vb_laser_detect.detector import DetectorParams, SpotDetector
 from vb_laser_detect.frame import Frame, search
 from vb_laser_detect.projection import FloorProjector, ProjectionParams
+from vb_sim.camera_calibration import calibrated_pose
 from vb_sim.ceiling_view import CeilingView
 from vb_sim.floor_texture import FloorTexture, render_floor
 from vb_sim.lab_history import Snapshot
 from vb_sim.mesh import Mesh, world_mesh
-from vb_sim.models_cameras import CameraModels, calibrated_pose
+from vb_sim.models_cameras import CameraModels
 from vb_sim.robot_view import RobotView
 from vb_sim.world import CeilingCamera, Robot, World
 
@@ -131,7 +132,7 @@ class StationaryCamera:
         detecting, projecting = detector_params("stationary")
         self._detector = SpotDetector(detecting)
         self._projector = FloorProjector(projecting, grid)
-        self._pose = calibrated_pose(camera.pose(), models.optics, seed, camera.name)
+        self._pose = calibrated_pose(camera, models.optics, seed)
         self._from_map = geometry.invert(camera.pose())
         self._idle_every = idle_every
         self._idle = 0

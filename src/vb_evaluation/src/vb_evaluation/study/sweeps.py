@@ -189,7 +189,7 @@ _SECTIONS = ("robot", "localisation", "scan", "optics", "camera_noise", "robot_c
 # sections whose figures concern the ceiling cameras alone, and keys that concern one method alone
 _ONLY_SECTIONS = {"camera_noise": ("nrs",)}
 _ONLY_KEYS = {
-    **{key: ("nrs",) for key in ("calibration_position_m", "calibration_angle_deg", "vignetting", "drawing_speed")},
+    **{key: ("nrs",) for key in ("calibration_point_m", "vignetting", "drawing_speed")},
     **{key: ("robot_only",) for key in ("leading_distance", "leading_distance_max", "leading_speed", "robot_drawing_speed")},
 }
 _NO_MODEL = "mechanics"
