@@ -368,3 +368,13 @@ def test_parameters_are_checked():
         with pytest.raises(CodedError) as caught:
             IntegrationParams.from_mapping(bad)
         assert next(iter(bad)) in caught.value.message
+
+
+def test_a_closet_of_one_cell_outside_the_polygon_can_be_restricted():
+    data = np.zeros((60, 60), np.int8)
+    data[49:52, 49:52] = 100
+    data[50, 50] = 0
+    prior = GridMap(data, 0.05, (0.0, 0.0, 0.0))
+    square = np.array([(0.5, 0.5), (1.5, 0.5), (1.5, 1.5), (0.5, 1.5)])
+    result = integrate(prior, VirtualBorder(square, (50.5 * 0.05, 50.5 * 0.05), closed=True))
+    assert np.argwhere(result.region).tolist() == [[50, 50]]

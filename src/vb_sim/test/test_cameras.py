@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from vb_core import geometry
+from vb_core.camera_model import CameraModel
 from vb_core.errors import CodedError, ParameterError
 from vb_sim import bodies, pixels
 from vb_sim.ceiling_view import CeilingView
@@ -271,6 +272,15 @@ def test_the_nearer_box_hides_the_other_whatever_the_order():
         geometry.invert(geometry.pose2d_transform(0.8, 1.0, 0.0) @ world.robots[0].camera_mount()), np.array([[1.85, 1.0, 0.25]])
     ))[0]).astype(int)
     assert pictures[0][v, u, 0] > 80 and pictures[0][v, u, 2] == 0
+
+
+def test_a_thing_of_which_one_pixel_is_in_the_picture_is_drawn():
+    camera = CameraModel(40, 30, np.array([[50.0, 0.0, 20.0], [0.0, 50.0, 15.0], [0.0, 0.0, 1.0]]), np.zeros(5))
+    buffer = DepthBuffer(RayGrid(camera))
+    beyond_the_corner = np.array([(-9.0, -9.0), (0.0, -9.0), (0.0, 0.0), (-9.0, 0.0)])
+    buffer.draw_flat(beyond_the_corner, 2.0, (10, 20, 30), np.array([0.0, 0.0, -1.0]))
+    assert buffer.inverse[0, 0] == pytest.approx(0.5)
+    assert np.count_nonzero(buffer.inverse) == 1
 
 
 def test_person_stands_upright_and_holds_the_pointer():

@@ -12,6 +12,7 @@ import cv2
 import numpy as np
 import shapely
 
+from vb_core import masks
 from vb_core.grid_map import GridMap
 from vb_core.parameters import Parameters, param
 from vb_map_integration import curve, raster
@@ -188,13 +189,13 @@ def restricted_area(
 def _count_free(cells: np.ndarray, occupied_from: int) -> int:
     """How many cells are neither obstacles nor unknown."""
     parts = (cells[block] for block in raster.row_blocks(cells.shape))
-    return sum(cv2.countNonZero(cv2.compare(part, occupied_from, cv2.CMP_LT)) for part in parts)
+    return sum(cv2.countNonZero(masks.compare(part, occupied_from, cv2.CMP_LT)) for part in parts)
 
 
 def _framed(cells: np.ndarray, occupied_from: int) -> np.ndarray:
     """(H + 2, W + 2) uint8 mask of what no fill may enter: obstacles, unknown, and a frame round the map."""
     framed = raster.filled((cells.shape[0] + 2, cells.shape[1] + 2), 255)
-    cv2.compare(cells, occupied_from - 1, cv2.CMP_GT, dst=framed[1:-1, 1:-1])
+    masks.compare(cells, occupied_from - 1, cv2.CMP_GT, dst=framed[1:-1, 1:-1])
     return framed
 
 
@@ -246,7 +247,7 @@ def _polygon(
         return window, mask
     # the outer area is all that hangs together with the seed, also behind the polygon
     start = row, column
-    blocked = cv2.compare(cells, params.occupied_from - 1, cv2.CMP_GT)
+    blocked = masks.compare(cells, params.occupied_from - 1, cv2.CMP_GT)
     if blocked[start]:
         barred = blocked.copy()
         barred[window] = np.bitwise_or(barred[window], inner)
@@ -254,7 +255,7 @@ def _polygon(
     _, _, _, (left, top, width, depth) = cv2.floodFill(blocked, None, start[::-1], _FILLED, flags=4)
     blocked[window] = cv2.subtract(blocked[window], inner)
     outer = slice(top, top + depth), slice(left, left + width)
-    return outer, cv2.compare(blocked[outer], _FILLED, cv2.CMP_EQ)
+    return outer, masks.compare(blocked[outer], _FILLED, cv2.CMP_EQ)
 
 
 def _curve(

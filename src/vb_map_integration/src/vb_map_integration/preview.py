@@ -7,6 +7,7 @@ from typing import Optional, Sequence, Tuple
 import cv2
 import numpy as np
 
+from vb_core import masks
 from vb_core.grid_map import GridMap
 
 
@@ -44,7 +45,7 @@ def ways(
         radius_m: [m] the robot's.
         least_part_m2: [m^2] smaller parts, measured for the robot's centre, are not counted.
     """
-    free = cv2.compare(np.ascontiguousarray(grid.data).view(np.uint8), occupied_from, cv2.CMP_LT)
+    free = masks.compare(np.ascontiguousarray(grid.data).view(np.uint8), occupied_from, cv2.CMP_LT)
     radius = radius_m / grid.resolution
     factor = int(np.ceil(np.sqrt(free.size / MAX_CELLS)))
     if factor > 1:
@@ -54,7 +55,7 @@ def ways(
         radius = max(0.0, radius / factor - 0.5)
     if radius > 1.0:
         framed = cv2.copyMakeBorder(free, 1, 1, 1, 1, cv2.BORDER_CONSTANT, value=0)
-        free = cv2.compare(cv2.distanceTransform(framed, cv2.DIST_L2, 3)[1:-1, 1:-1], radius, cv2.CMP_GT)
+        free = masks.compare(cv2.distanceTransform(framed, cv2.DIST_L2, 3)[1:-1, 1:-1], radius, cv2.CMP_GT)
     _, labels, stats, _ = cv2.connectedComponentsWithStats(free, connectivity=4)
     areas = stats[1:, cv2.CC_STAT_AREA]
     parts = int((areas * grid.resolution**2 >= least_part_m2).sum())
@@ -75,7 +76,7 @@ def _coarser(free: np.ndarray, factor: int) -> np.ndarray:
     padded = cv2.copyMakeBorder(
         free, 0, rows * factor - free.shape[0], 0, columns * factor - free.shape[1], cv2.BORDER_CONSTANT, value=0
     )
-    return cv2.compare(cv2.resize(padded, (columns, rows), interpolation=cv2.INTER_AREA), 254, cv2.CMP_GT)
+    return masks.compare(cv2.resize(padded, (columns, rows), interpolation=cv2.INTER_AREA), 254, cv2.CMP_GT)
 
 
 def _labels_near(grid: GridMap, labels: np.ndarray, point: Sequence[float], radius: float) -> np.ndarray:

@@ -10,6 +10,7 @@ from typing import List, Sequence, Tuple
 import cv2
 import numpy as np
 
+from vb_core import masks
 from vb_core.camera_model import CameraModel
 from vb_core.geometry import invert
 from vb_sim.floor_plan import wall_outline
@@ -258,7 +259,7 @@ class DepthBuffer:
         self.normals[self._count] = normal
         inverse = self.inverse[rows, columns]
         if plane[0] == 0.0 and plane[1] == 0.0:
-            nearer = cv2.compare(inverse, float(plane[2]), cv2.CMP_LT)
+            nearer = masks.compare(inverse, float(plane[2]), cv2.CMP_LT)
             cv2.bitwise_and(mask, nearer, dst=mask)
             inverse[mask > 0] = plane[2]
         else:
