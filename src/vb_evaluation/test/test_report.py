@@ -239,9 +239,28 @@ def test_a_study_under_way_has_other_rows_missing(tmp_path):
     folder = study_rows.make_study(tmp_path / "s", participants=3, sweeps=False, maps=False)
     rows = rows_of(folder / "runs.csv")
     study_rows.write(folder / "runs.csv", study_rows.RUN_COLUMNS, rows[:7])
-    assert "Network robot system" in write_report(folder).read_text()
+    page = write_report(folder).read_text()
+    assert "Network robot system" in page and "Not every participant has every run" in page
     study_rows.write(folder / "runs.csv", study_rows.RUN_COLUMNS, [row for row in rows if row["method"] == "nrs"])
     assert "Beside the paper" not in write_report(folder).read_text()
+
+
+@pytest.mark.usefixtures("no_pictures")
+def test_runs_that_are_missing_are_named(tmp_path):
+    folder = study_rows.make_study(tmp_path / "s", participants=3, sweeps=False, maps=False)
+    assert "Missing:" not in write_report(folder).read_text()
+    rows = rows_of(folder / "runs.csv")
+    kept = [row for row in rows if (row["participant"], row["scenario"], row["method"]) != ("p02", "carpet", "robot_only")]
+    study_rows.write(folder / "runs.csv", study_rows.RUN_COLUMNS, kept)
+    assert "Missing: Carpet exclusion, robot only: participant p02." in write_report(folder).read_text()
+
+
+def test_scenarios_stand_in_the_order_of_the_study_not_of_the_first_participant(tmp_path):
+    folder = study_rows.make_study(tmp_path / "s", participants=3, sweeps=False, maps=False)
+    rows = rows_of(folder / "runs.csv")
+    study_rows.write(folder / "runs.csv", study_rows.RUN_COLUMNS, rows[::-1])
+    titles = ("Room exclusion", "Carpet exclusion", "Spot cleaning")
+    assert [read_study(folder).scenario_title(key) for key in read_study(folder).scenarios] == list(titles)
 
 
 @pytest.mark.usefixtures("no_pictures")

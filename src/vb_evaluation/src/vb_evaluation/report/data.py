@@ -2,6 +2,7 @@
 from __future__ import annotations
 
 import csv
+import itertools
 import json
 import math
 from dataclasses import dataclass, field
@@ -60,7 +61,8 @@ class Study:
     Attributes:
         tables: by file name; runs.csv is always among them.
         meta: study.json, empty if there is none.
-        scenarios, methods: those of runs.csv; the baseline comes last.
+        scenarios: those of runs.csv, in the order of study.json or of the paper; others follow.
+        methods: those of runs.csv; the baseline comes last.
     """
 
     folder: Path
@@ -82,7 +84,10 @@ class Study:
 
     @property
     def scenarios(self) -> List[str]:
-        return self.runs.distinct("scenario")
+        # each participant has another order, so that of the rows means nothing
+        known = [*(self.meta.get("scenarios") or {}), *paper.PAPER]
+        place = {key: known.index(key) for key in reversed(known)}
+        return sorted(self.runs.distinct("scenario"), key=lambda key: place.get(key, len(known)))
 
     @property
     def methods(self) -> List[str]:
@@ -97,6 +102,13 @@ class Study:
     @property
     def participants(self) -> List[str]:
         return self.runs.distinct("participant")
+
+    @property
+    def missing(self) -> List[Tuple[str, str, str]]:
+        """(participant, scenario, method) of which other participants have a run, or this one has others."""
+        there = {(row["participant"], row["scenario"], row["method"]) for row in self.runs.rows}
+        every = itertools.product(self.participants, self.scenarios, self.methods)
+        return [one for one in every if one not in there]
 
     @property
     def further_measures(self) -> List[str]:

@@ -71,6 +71,7 @@ def _values(study: Study, ledger: Ledger) -> Dict[str, Any]:
         "quick": bool(study.meta.get("quick", False)),
         "participants": len(study.participants),
         "runs_total": len(study.runs.rows),
+        "missing": _missing(study),
         "scenarios": study.scenarios,
         "methods": study.methods,
         "method_names": [study.method_title(method) for method in study.methods],
@@ -182,6 +183,15 @@ def rerun(study: Study, row: Row) -> str:
 def _facts(study: Study) -> List[str]:
     named = (("world", "world {}"), ("seed", "seed {}"), ("software", "software {}"), ("created", "{}"))
     return [words.format(study.meta[key]) for key, words in named if study.meta.get(key) not in (None, "")]
+
+
+def _missing(study: Study) -> List[str]:
+    """Runs that a complete study would have, in words."""
+    by_task: Dict[str, List[str]] = {}
+    for participant, scenario, method in study.missing:
+        words = f"{study.scenario_title(scenario)}, {study.method_title(method).lower()}"
+        by_task.setdefault(words, []).append(participant)
+    return [f"{words}: participant {', '.join(found)}" for words, found in by_task.items()]
 
 
 def _standing(nominal: Optional[sweeps.Setting], settings: Sequence[sweeps.Setting]) -> List[Any]:
