@@ -50,7 +50,7 @@ def _judge(plan: speech.Plan) -> Optional[dict]:
         return None
     findings = _recognizer.examine(spoken.pcm)
     started = time.process_time()
-    endpointer = Endpointer(_recognizer.params.endpointing)
+    endpointer = Endpointer(_recognizer.endpointing)
     answers, deciding = [], 0.0
     for at in range(0, len(spoken.pcm), RATE // 20):
         for utterance in endpointer.push(spoken.pcm[at : at + RATE // 20]):

@@ -57,28 +57,6 @@ class RecognizerParams(Parameters):
     second_warp: float = param(1.18, "", low=0.7, high=1.4)
     gaussian_weight: float = param(0.4, "", low=0.0, high=5.0)
     phone_penalty: float = param(-5.0, "", low=-100.0, high=0.0)
-    endpoint_threshold: float = param(0.5, "", above=0.0, high=20.0)
-    noise_window: float = param(3.0, "s", low=0.5, high=30.0)
-    noise_percentile: float = param(30.0, "%", low=1.0, high=90.0)
-    start_speech: float = param(0.08, "s", low=0.01, high=1.0)
-    end_silence: float = param(0.25, "s", low=0.05, high=2.0)
-    shortest: float = param(0.15, "s", low=0.0, high=5.0)
-    longest: float = param(3.0, "s", low=0.5, high=30.0)
-    padding: float = param(0.2, "s", low=0.0, high=1.0)
-
-    @property
-    def endpointing(self) -> EndpointParams:
-        """The part of them that says when speech starts and ends."""
-        return EndpointParams(
-            threshold=self.endpoint_threshold,
-            noise_window=self.noise_window,
-            noise_percentile=self.noise_percentile,
-            start_speech=self.start_speech,
-            end_silence=self.end_silence,
-            shortest=self.shortest,
-            longest=self.longest,
-            padding=self.padding,
-        )
 
 
 @dataclass(frozen=True)
@@ -111,14 +89,18 @@ class CommandRecognizer:
 
     Args:
         params: see RecognizerParams; None for the defaults.
+        endpointing: when speech starts and ends, for whole recordings; None for the defaults.
 
     Raises:
         ParameterError: for a bad parameter, grammar or dictionary; a word without a pronunciation is named.
         CodedError: if the speech model or the network cannot be read.
     """
 
-    def __init__(self, params: Optional[RecognizerParams] = None) -> None:
+    def __init__(
+        self, params: Optional[RecognizerParams] = None, endpointing: Optional[EndpointParams] = None
+    ) -> None:
         self.params = params if params is not None else RecognizerParams()
+        self.endpointing = endpointing if endpointing is not None else EndpointParams()
         folder = embedded_model()
         self._phones = PhoneSet(AcousticModel(folder))
         self.phrases = self._read_phrases(folder)
@@ -156,7 +138,7 @@ class CommandRecognizer:
         pcm = np.asarray(pcm)
         if pcm.ndim != 1 or pcm.dtype != np.int16:
             raise ValueError(f"expected (N,) int16 samples, got {pcm.shape} {pcm.dtype}")
-        return [self.classify(utterance) for utterance in utterances(pcm, self.params.endpointing)]
+        return [self.classify(utterance) for utterance in utterances(pcm, self.endpointing)]
 
     def classify(self, utterance: Utterance) -> Finding:
         """What became of one utterance."""

@@ -18,7 +18,7 @@ from vb_msgs.msg import Audio, Heard, Sound
 from vb_msgs.srv import Command, CommandRequest
 
 from vb_voice_wizard.audio_sources import Microphone, arecord, read_wav, to_model_rate
-from vb_voice_wizard.endpointing import Endpointer, Utterance
+from vb_voice_wizard.endpointing import Endpointer, EndpointParams, Utterance
 from vb_voice_wizard.recognizer import CommandRecognizer, Finding, RecognizerParams
 from vb_voice_wizard.speech_features import SAMPLE_RATE
 
@@ -79,7 +79,7 @@ class VoiceCommands:
         self._params = params
         self._recognizer = recognizer
         self._durations = _durations(params.sounds)
-        self._endpointer = Endpointer(recognizer.params.endpointing)
+        self._endpointer = Endpointer(recognizer.endpointing)
         self._muted_until = 0.0
         self._mute_lock = threading.Lock()
         self._last_command = ""
@@ -179,7 +179,7 @@ class VoiceCommands:
         now = time.monotonic()
         if finding.command and finding.command == self._last_command and now - self._last_time < self._params.repeat_after:
             finding = finding.refused("repeated")
-        silence = 0.0 if utterance.too_long else self._recognizer.params.endpointing.end_silence
+        silence = 0.0 if utterance.too_long else self._recognizer.endpointing.end_silence
         answer_s = now - when + silence
         if not finding.command:
             if finding.reason == "unlike_a_command" and finding.confidence >= self._params.doubt:
@@ -246,13 +246,13 @@ def _durations(sounds: dict) -> Dict[str, float]:
 
 
 def _build() -> VoiceCommands:
-    params = parameters.read(VoiceParams, ignore=("recognizer",))
+    params = parameters.read(VoiceParams, ignore=("recognizer", "endpointing"))
     if params.source == "wav" and not params.wav_file:
         raise ParameterError(rospy.resolve_name("~wav_file"), "this parameter must be set when ~source is wav")
-    where = rospy.resolve_name("~recognizer")
-    recognizer_params = RecognizerParams.from_mapping(rospy.get_param(where, {}), where)
-    rospy.loginfo("%s: %s", where, recognizer_params.describe())
-    return VoiceCommands(params, CommandRecognizer(recognizer_params))
+    recognizer = CommandRecognizer(
+        parameters.read(RecognizerParams, "~recognizer"), parameters.read(EndpointParams, "~endpointing")
+    )
+    return VoiceCommands(params, recognizer)
 
 
 def main() -> None:
