@@ -20,7 +20,7 @@ for package in ("vb_core", "vb_laser_detect", "vb_sim"):
 
 from vb_core import geometry  # noqa: E402
 from vb_laser_detect import projection  # noqa: E402
-from vb_laser_detect.detector import DetectorParams, SpotDetector  # noqa: E402
+from vb_laser_detect.detector import DetectorParams, Spot, SpotDetector  # noqa: E402
 from vb_laser_detect.frame import Frame, search  # noqa: E402
 from vb_laser_detect.projection import FloorProjector, ProjectionParams  # noqa: E402
 from vb_sim.camera_calibration import calibrated_pose  # noqa: E402
@@ -92,7 +92,7 @@ class Outcome:
             "recall": round(self.found / self.visible, 4) if self.visible else None,
             "false_spots": len(self.false),
             "false_spots_per_hour": round(len(self.false) / hours, 1) if hours else None,
-            "missed_because": self.missed,
+            "missed_because": {why: count for why, count in self.missed.items() if count},
             "false_at_time_u_v_diameter": self.false,
         }
         for name, values in (("error", self.errors), ("error_with_pose_error", self.errors_posed)):
@@ -136,6 +136,14 @@ def _same_floor(a: World, b: World) -> bool:
     return all(getattr(a, part) == getattr(b, part) for part in ("room", "floor", "walls", "furniture", "patches", "lights"))
 
 
+class SeenFrame(Frame):
+    """An image's geometry, and the truth."""
+
+    def __init__(self, snapshot: Snapshot, *geometry_of_it: Any) -> None:
+        super().__init__(*geometry_of_it)
+        self.snapshot = snapshot
+
+
 class Camera:
     """A rendered camera and its detector, wired as the node does it."""
 
@@ -148,6 +156,8 @@ class Camera:
         self._projector = FloorProjector(ProjectionParams.from_mapping(config["projection"]), floor)
         self._views = [rooms.view(world, "" if scene.mobile else scene.camera) for world in scene.worlds]
         self._poses = _pose_errors(scene, rooms.models, rooms.seed)
+        self._model: Any = None
+        self._missed: Dict[float, str] = {}  # why nothing was seen at a time [s], until a later frame recalls it
 
     def look(self, t: float, index: int, snapshot: Snapshot, outcome: Outcome) -> None:
         """Renders one frame, searches it, and counts."""
@@ -158,33 +168,39 @@ class Camera:
             depth = lambda: (view.depth(snapshot), view.depth_model)  # noqa: E731
         else:
             image, pose, model = view.frame(snapshot), view.pose, view.model
-        frame = Frame(model, lambda: pose, self._projector, depth)
+        frame = SeenFrame(snapshot, model, lambda: pose, self._projector, depth)
+        self._model = model
         spots = search(self.detector, image, t, frame)
         outcome.frames += 1
-        hit = None
-        for spot in spots:
-            point = frame.point(spot.u, spot.v)
-            error = np.inf if snapshot.laser is None else float(np.hypot(*(point.position[:2] - snapshot.laser)))
-            if error < NEAR_M:
-                hit = (spot, point, error)
-            else:
-                outcome.false.append((round(t, 2), round(spot.u, 1), round(spot.v, 1), round(spot.diameter, 1)))
+        for earlier in self.detector.recalled:
+            if self._count(earlier.spot, earlier.stamp, earlier.tag, outcome) and earlier.stamp in self._missed:
+                outcome.missed[self._missed.pop(earlier.stamp)] -= 1
+                outcome.found += 1
+        hits = [self._count(spot, t, frame, outcome) for spot in spots]
         if snapshot.laser is None or view.spot_share(snapshot) < SEEN:
             return
         outcome.visible += 1
-        if hit is None:
-            why = self._why(view.spot(snapshot, pose) if self._mobile else view.spot(snapshot))
-            outcome.missed[why] = outcome.missed.get(why, 0) + 1
+        if any(hits):
+            outcome.found += 1
             return
-        spot, point, error = hit
-        outcome.found += 1
+        why = self._missed[t] = self._why(view.spot(snapshot, pose) if self._mobile else view.spot(snapshot))
+        outcome.missed[why] = outcome.missed.get(why, 0) + 1
+
+    def _count(self, spot: Spot, t: float, frame: SeenFrame, outcome: Outcome) -> bool:
+        """Whether a spot is the laser's; if so its errors are noted, else it is a false one."""
+        point, laser = frame.point(spot.u, spot.v), frame.snapshot.laser
+        error = np.inf if laser is None else float(np.hypot(*(point.position[:2] - laser)))
+        if error >= NEAR_M:
+            outcome.false.append((round(t, 2), round(spot.u, 1), round(spot.v, 1), round(spot.diameter, 1)))
+            return False
         outcome.errors.append(error)
-        for wrong in self._poses(pose):
+        for wrong in self._poses(frame.pose):
             if self._mobile:
-                moved = geometry.apply(wrong @ geometry.invert(pose), point.position)
+                moved = geometry.apply(wrong @ geometry.invert(frame.pose), point.position)
             else:
-                moved = projection.floor_points(model, wrong, np.array([[spot.u, spot.v]]))[0]
-            outcome.errors_posed.append(float(np.hypot(*(moved[:2] - snapshot.laser))))
+                moved = projection.floor_points(self._model, wrong, np.array([[spot.u, spot.v]]))[0]
+            outcome.errors_posed.append(float(np.hypot(*(moved[:2] - laser))))
+        return True
 
     def _why(self, spot: Any) -> str:
         near = [c for c in self.detector.candidates if math.hypot(c.u - spot.center[0], c.v - spot.center[1]) < 25]

@@ -132,6 +132,20 @@ def test_one_flash_is_not_confirmed_but_a_drawn_spot_is():
     assert [len(spots) for spots in found] == [0, 0, 1, 1, 1, 1]
 
 
+def test_a_confirmed_stroke_gives_back_its_first_spots():
+    scene, detector = Scene(), SpotDetector(DetectorParams.stationary(confirm_frames=3))
+    feed(detector, [scene.render() for _ in range(6)])
+    recalled = []
+    for i in range(5):
+        detector.tag = f"image {i}"
+        detector.detect(scene.render([(300 + 4 * i, 200)]), 0.3 + PERIOD * i)
+        recalled.append([(earlier.tag, round(earlier.stamp, 2), round(earlier.spot.u)) for earlier in detector.recalled])
+    assert recalled == [[], [], [("image 0", 0.3, 300), ("image 1", 0.34, 304)], [], []]
+    detector.retune(DetectorParams.stationary(confirm_frames=1))
+    detector.detect(scene.render([(100, 100)]), 0.6)
+    assert detector.recalled == []
+
+
 def test_sizes_count_in_millimetres_where_the_pose_is_known():
     scene = Scene()
     for scale, expected in ((0.002, 1), (0.05, 0)):

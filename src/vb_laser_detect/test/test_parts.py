@@ -87,6 +87,17 @@ def test_tracker_confirms_what_a_hand_can_do():
     assert tracker.update(np.zeros((0, 2)), 0.2) == []
 
 
+def test_tracker_recalls_what_it_confirms():
+    tracker = SpotTracker(3, 8.0, 0.25, 0.05)
+    at = lambda x, t: (tracker.update(np.array([[x, 0.0]]), t, [t]), tracker.recalled)[1]  # noqa: E731
+    assert [at(0.0, 0.0), at(0.1, 0.04), at(0.2, 0.08), at(0.3, 0.12)] == [[], [], [0.0, 0.04], []]
+    # a flash that nothing follows is never recalled, neither is what was seen before time jumped back
+    assert [at(3.0, 1.0), at(0.0, 1.04), at(0.0, 1.08), at(0.0, 1.12)] == [[], [], [], [1.04, 1.08]]
+    assert [at(3.0, 2.0), at(3.0, 1.5), at(3.0, 1.54)] == [[], [], []]
+    tracker.reset()
+    assert tracker.recalled == []
+
+
 def test_tracker_keeps_spots_apart():
     tracker = SpotTracker(2, 1.0, 0.25, 0.05)
     tracker.update(np.array([[0.0, 0.0], [2.0, 0.0]]), 0.0)
@@ -106,6 +117,8 @@ def test_statistics():
     assert summary.refusals == {"no_transform": 1}
     assert statistics.summary(100.0).rate_hz == 0.0
     assert statistics.summary(1.0).processed == 50
+    statistics.recall(2)
+    assert (statistics.summary(12.0).detected, statistics.summary(12.0).spots) == (27, 27)
 
 
 @pytest.mark.parametrize("encoding, bayer", [("bgr8", False), ("rgb8", False), ("bayer_rggb8", True), ("mono8", True)])

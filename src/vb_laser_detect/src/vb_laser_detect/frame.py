@@ -1,7 +1,7 @@
 """One image's geometry: where its pixels lie on the floor, worked out only where a candidate asks for it."""
 from __future__ import annotations
 
-from typing import Callable, Dict, List, Optional, Tuple
+from typing import Any, Callable, Dict, List, Optional, Tuple
 
 import numpy as np
 
@@ -23,6 +23,7 @@ class Frame:
         pose: gives (4, 4) T_map_camera at the image's time; asked at most once. CodedError "no_transform" if unknown.
         projector: the camera's.
         depth: gives the depth image of that time; None: the floor is a plane.
+        stamp: the image's, in whatever form the caller keeps it: seconds as a float lose its nanoseconds.
     """
 
     def __init__(
@@ -31,7 +32,9 @@ class Frame:
         pose: Callable[[], np.ndarray],
         projector: FloorProjector,
         depth: Optional[DepthAt] = None,
+        stamp: Any = None,
     ) -> None:
+        self.stamp = stamp
         self._camera = camera
         self._ask_pose = pose
         self._pose: Optional[np.ndarray] = None
@@ -75,10 +78,13 @@ class Frame:
 def search(detector: SpotDetector, image: np.ndarray, stamp: float, frame: Optional[Frame]) -> List[Spot]:
     """Searches one image; each spot's place is `frame.point(spot.u, spot.v)`.
 
+    The frames of earlier spots that this image confirmed are the tags in `detector.recalled`.
+
     Args:
         stamp: [s] when the image was taken.
         frame: None while camera or pose are unknown: sizes and speeds are judged in pixels then.
     """
     detector.to_floor = frame.to_floor if frame is not None else None
     detector.place_check = frame.refusal_at if frame is not None else None
+    detector.tag = frame
     return detector.detect(image, stamp)

@@ -64,7 +64,8 @@ class SpotDetectorNode:
         /map (nav_msgs/OccupancyGrid): optional; spots outside it are refused
         tf: <optical frame> to map, at the image's time for a moving camera
     Publishes:
-        /virtual_borders/spots (vb_msgs/LaserSpot), stamped with the image's time
+        /virtual_borders/spots (vb_msgs/LaserSpot), stamped with the image's time. The spots that a stroke began with
+            follow when it is confirmed, in their order and with their own times
         /virtual_borders/detectors (vb_msgs/DetectorStatus), once a second
         /diagnostics (diagnostic_msgs/DiagnosticArray)
         ~debug_image (sensor_msgs/Image): spots, and candidates with the reason of their refusal; only if listened to
@@ -167,6 +168,7 @@ class SpotDetectorNode:
             # these are everyday events: counted, but not worth a warning
             if candidate.refusal:
                 self._report.count(candidate.refusal)
+        self._publish_recalled()
         if frame is not None:
             for spot in spots:
                 self._spots.publish(self._message(spot, frame.point(spot.u, spot.v), stamp))
@@ -176,6 +178,15 @@ class SpotDetectorNode:
         self._report.frame(stamp, took, len(spots), image)
         if self._debug.get_num_connections() > 0:
             self._publish_debug(image, "bgr8" if self._compressed else message.encoding, message.header)
+
+    def _publish_recalled(self) -> None:
+        """The first spots of a stroke, once it is confirmed: with their own times and places."""
+        # a spot without a place was counted as dropped when it was seen
+        recalled = [earlier for earlier in self._detector.recalled if earlier.tag is not None]
+        for earlier in recalled:
+            frame, spot = earlier.tag, earlier.spot
+            self._spots.publish(self._message(spot, frame.point(spot.u, spot.v), frame.stamp))
+        self._report.recall(len(recalled))
 
     def _place(
         self, frame_id: str, stamp: rospy.Time, image: np.ndarray

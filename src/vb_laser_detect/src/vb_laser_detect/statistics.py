@@ -55,6 +55,12 @@ class Statistics:
             self._detected += spots > 0
             self._spots += spots
 
+    def recall(self, frames: int) -> None:
+        """Counts earlier frames whose spot was published late, once it was confirmed."""
+        with self._lock:
+            self._detected += frames
+            self._spots += frames
+
     def summary(self, now: float) -> Summary:
         """What happened so far."""
         with self._lock:

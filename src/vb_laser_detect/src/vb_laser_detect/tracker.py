@@ -1,8 +1,8 @@
 """Confirms spots over several frames."""
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import List, Optional
+from dataclasses import dataclass, field
+from typing import Any, List, Optional, Sequence
 
 import numpy as np
 
@@ -17,6 +17,7 @@ class _Track:
     position: np.ndarray
     stamp: float
     hits: int
+    waiting: List[Any] = field(default_factory=list)  # sightings that nobody was told of yet
 
 
 class SpotTracker:
@@ -27,6 +28,9 @@ class SpotTracker:
         max_speed: [m/s] or [px/s], in the unit of the positions: how fast a spot may move.
         max_gap_s: [s] how long a spot may be hidden without having to be confirmed again.
         slack: how far noise alone may move it.
+
+    Attributes:
+        recalled: the sightings of earlier frames that the last frame confirmed, the oldest first.
     """
 
     def __init__(self, confirm_frames: int, max_speed: float, max_gap_s: float, slack: float) -> None:
@@ -34,18 +38,20 @@ class SpotTracker:
         self.max_speed = max_speed
         self.max_gap_s = max_gap_s
         self.slack = slack
+        self.recalled: List[Any] = []
         self._tracks: List[_Track] = []
 
     def reset(self) -> None:
         """Forgets every spot."""
-        self._tracks = []
+        self._tracks, self.recalled = [], []
 
-    def update(self, positions: np.ndarray, stamp: float) -> List[bool]:
+    def update(self, positions: np.ndarray, stamp: float, sightings: Optional[Sequence[Any]] = None) -> List[bool]:
         """Takes in the spots of one frame.
 
         Args:
             positions: (N, 2) in [m] on the floor or [px], always the same unit; the most certain first.
             stamp: [s] time of the frame; one before the last frame's starts anew.
+            sightings: N things, what `recalled` gives back of those that are confirmed later.
 
         Returns:
             N times whether the spot is confirmed.
@@ -53,8 +59,9 @@ class SpotTracker:
         if any(track.stamp > stamp for track in self._tracks):
             self.reset()
         self._tracks = [track for track in self._tracks if stamp - track.stamp <= self.max_gap_s]
+        self.recalled = []
         confirmed, free = [], list(self._tracks)
-        for position in np.asarray(positions, dtype=float).reshape(-1, 2):
+        for index, position in enumerate(np.asarray(positions, dtype=float).reshape(-1, 2)):
             track = self._nearest(position, stamp, free)
             if track is None:
                 track = _Track(position, stamp, 0)
@@ -64,6 +71,11 @@ class SpotTracker:
             track.position, track.stamp = position, stamp
             track.hits += 1
             confirmed.append(track.hits >= self.confirm_frames)
+            if confirmed[-1]:
+                self.recalled += track.waiting
+                track.waiting = []
+            elif sightings is not None:
+                track.waiting.append(sightings[index])
         return confirmed
 
     def _nearest(self, position: np.ndarray, stamp: float, tracks: List[_Track]) -> Optional[_Track]:

@@ -166,7 +166,7 @@ class Placing:
         else:
             pose = partial(np.copy, self._stationary_pose(frame_id))
         depth = partial(self._depth.near, stamp, self.depth_age_s) if self._depth is not None else None
-        return Frame(camera, pose, self._projector, depth)
+        return Frame(camera, pose, self._projector, depth, stamp)
 
     def _stationary_pose(self, frame_id: str) -> np.ndarray:
         now = rospy.Time.now()

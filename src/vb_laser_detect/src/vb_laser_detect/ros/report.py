@@ -83,6 +83,10 @@ class Report:
         self._statistics.frame(rospy.Time.now().to_sec(), stamp.to_sec(), search_s, spots)
         self._image = image
 
+    def recall(self, frames: int) -> None:
+        """Spots of so many earlier images were published late, once they were confirmed."""
+        self._statistics.recall(frames)
+
     # ------------------------------------------------------------- what goes out
     def _publish(self, _event: Any) -> None:
         now = rospy.Time.now()
