@@ -1,4 +1,4 @@
-"""The errors that a calibration leaves: on the floor, where they count, and none of them where nothing is measured wrong."""
+"""The errors that a calibration leaves: on the floor, where they count; none where nothing is measured wrong."""
 from pathlib import Path
 
 import numpy as np
