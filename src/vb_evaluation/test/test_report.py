@@ -250,7 +250,8 @@ def test_runs_that_are_missing_are_named(tmp_path):
     folder = study_rows.make_study(tmp_path / "s", participants=3, sweeps=False, maps=False)
     assert "Missing:" not in write_report(folder).read_text()
     rows = rows_of(folder / "runs.csv")
-    kept = [row for row in rows if (row["participant"], row["scenario"], row["method"]) != ("p02", "carpet", "robot_only")]
+    lost = ("p02", "carpet", "robot_only")
+    kept = [row for row in rows if (row["participant"], row["scenario"], row["method"]) != lost]
     study_rows.write(folder / "runs.csv", study_rows.RUN_COLUMNS, kept)
     assert "Missing: Carpet exclusion, robot only: participant p02." in write_report(folder).read_text()
 

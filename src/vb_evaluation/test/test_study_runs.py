@@ -3,8 +3,9 @@ import numpy as np
 import pytest
 from rich.console import Console
 
+from vb_core.errors import CodedError
 from vb_evaluation import metrics
-from vb_evaluation.study import campaign, config, plan
+from vb_evaluation.study import alone, campaign, config, plan, sweeps
 from vb_evaluation.study.cameras import Room
 from vb_evaluation.study.runner import Task, run
 from vb_map_integration.map_files import read_map
@@ -65,3 +66,42 @@ def test_the_same_with_any_number_of_processes_and_after_an_interruption(tmp_pat
     (tmp_path / "one" / "runs.csv").write_bytes(one[: one.rstrip(b"\n").rfind(b"\n") + 12])
     assert campaign.conduct(study, jobs, tmp_path / "one", 1, False, {}, QUIET) == 0
     assert (tmp_path / "one" / "runs.csv").read_bytes() == one
+
+
+@pytest.mark.parametrize(
+    "file, asked",
+    [
+        (plan.RUNS, {}),
+        (plan.CURVES, {"sweep": "robots", "amount": 2.0}),
+        (plan.SENSITIVITY, {"parameter": "participant/tremor", "amount": 0.5}),
+        (plan.SENSITIVITY, {"parameter": "nominal", "amount": 1.0}),
+    ],
+)
+def test_a_row_of_each_file_is_made_again_alone(file, asked, tmp_path, monkeypatch):
+    monkeypatch.setattr(campaign, "_room", ROOM)
+    study = moments(0.5, **{"design/scenarios": ["room"]})
+    job = alone.find(study, Task(1, "room", "nrs"), **asked)
+    assert job.file == file and campaign.conduct(study, [job], tmp_path, 1, False, {}, QUIET) == 0
+    row = campaign.row_of(study, job, ROOM, None)
+    assert alone.compare(tmp_path / file, job, row, study.design.seed) == (True, "")
+    same, differing = alone.compare(tmp_path / file, job, {**row, "spots": -1}, study.design.seed)
+    assert not same and differing.startswith("spots ") and "instead of -1" in differing
+    assert alone.compare(tmp_path / file, job, row, study.design.seed + 1) == (False, "there is no such row")
+
+
+def test_every_row_of_curves_and_sensitivity_has_its_command():
+    for file, jobs in ((plan.CURVES, sweeps.curve_jobs(STUDY, 2)), (plan.SENSITIVITY, sweeps.sensitivity_jobs(STUDY, 1))):
+        for job in jobs[3::40]:
+            columns = job.columns(1)
+            asked = {"sweep": columns["sweep"], "amount": columns["value"]} if file == plan.CURVES else {
+                "parameter": columns["parameter"], "amount": columns["factor"]}
+            assert alone.find(STUDY, job.task, **asked) == job
+            words = alone.COMMANDS[file].format(**columns)
+            assert str(asked["amount"]) in words and "{" not in words
+
+
+def test_a_row_that_no_study_has_is_told():
+    with pytest.raises(CodedError, match="there are 1.0, 2.0, 3.0"):
+        alone.find(STUDY, Task(1, "room", "nrs"), sweep="robots", amount=9.0)
+    with pytest.raises(CodedError, match="there are none"):
+        alone.find(STUDY, Task(1, "room", "nrs"), parameter="participant/wit", amount=2.0)

@@ -11,18 +11,18 @@ import csv
 import os
 import sys
 from pathlib import Path
-from typing import List, Optional, Tuple
+from typing import List, Optional
 
 from rich.console import Console
 
 from vb_core.errors import CodedError
-from vb_evaluation.study import agree, campaign, config, plan, sweeps
+from vb_evaluation.study import agree, alone, campaign, config, plan, sweeps
 from vb_evaluation.study.cameras import Room
 from vb_evaluation.study.config import Study
 from vb_evaluation.study.runner import Task
 
-RERUN = ("python3 -m vb_evaluation.study run --participant {participant} --scenario {scenario} --method {method} "
-         "--seed {seed}")
+# names in study.json
+RERUNS = {"rerun": plan.RUNS, "rerun_curves": plan.CURVES, "rerun_sensitivity": plan.SENSITIVITY}
 
 
 def main(arguments: Optional[List[str]] = None) -> int:
@@ -64,7 +64,11 @@ def _parser() -> argparse.ArgumentParser:
     one.add_argument("--participant", type=int, required=True)
     one.add_argument("--scenario", required=True)
     one.add_argument("--method", required=True)
-    one.add_argument("--compare", type=Path, default=None, help="a runs.csv: says whether its row is the same")
+    varied = one.add_mutually_exclusive_group()
+    varied.add_argument("--sweep", help="with --value: a row of curves.csv")
+    varied.add_argument("--parameter", help="with --factor: a row of sensitivity.csv")
+    one.add_argument("--value", "--factor", dest="amount", type=float, help="that row's column of this name")
+    one.add_argument("--compare", type=Path, help="the study's CSV file: says whether its row is the same")
     both = command("agree", _agree, "some runs through ROS, beside the same runs in one process")
     both.add_argument("--out", type=Path, default=Path(out))
     both.add_argument("--count", type=int, default=None, help="only the first so many of the configuration's")
@@ -94,7 +98,9 @@ def _all(given: argparse.Namespace, console: Console) -> int:
     if given.quick:
         some = counts[plan.CURVES] + counts[plan.SENSITIVITY] > 0
         console.print(f"QUICK: {'only a small part of' if some else 'without'} curves and sensitivity")
-    facts = {"quick": given.quick, "rerun": RERUN + (f" --config {given.config}" if given.config else "")}
+    own = f" --config {given.config}" if given.config else ""
+    again = {key: alone.COMMANDS[file] + own for key, file in RERUNS.items()}
+    facts = {"quick": given.quick, **again}
     failed = campaign.conduct(study, jobs, given.out, max(1, given.processes), given.fresh, facts, console)
     console.print(f"written to {given.out}")
     return 1 if failed else 0
@@ -114,33 +120,17 @@ def sweep_jobs(study: Study, quick: bool) -> List[plan.Job]:
 
 def _run(given: argparse.Namespace, console: Console) -> int:
     study = config.load(given.config, given.seed)
-    task = _task(study, given)
-    job = next((job for job in plan.main_jobs(study, task.participant) if job.task == task), plan.Job(task))
+    task = Task(given.participant, given.scenario, given.method)
+    job = alone.find(study, task, given.sweep, given.parameter, given.amount)
     row = campaign.row_of(study, job, Room(), None)
-    columns = campaign.columns(study, plan.RUNS)
-    writer = csv.DictWriter(sys.stdout, columns, lineterminator="\n", extrasaction="ignore")
+    writer = csv.DictWriter(sys.stdout, campaign.columns(study, job.file), lineterminator="\n", extrasaction="ignore")
     writer.writeheader()
     writer.writerow(row)
     if given.compare is None:
         return 0
-    found, same = _compared(given.compare, {key: str(value) for key, value in row.items()})
-    console.print("the row is the same" if same else f"the row in {given.compare} differs: {found}")
+    same, differing = alone.compare(given.compare, job, row, study.design.seed)
+    console.print("the row is the same" if same else f"the row in {given.compare} differs: {differing}")
     return 0 if same else 1
-
-
-def _compared(path: Path, row) -> Tuple[str, bool]:
-    with open(str(path), newline="", encoding="utf-8") as stream:
-        for other in csv.DictReader(stream):
-            if all(other[key] == row[key] for key in plan.TASK):
-                # only a study stores maps
-                differing = [key for key in other if key != "map" and other[key] != row.get(key, "")]
-                return ", ".join(f"{key} {other[key]} instead of {row.get(key)}" for key in differing), not differing
-    return "there is no such row", False
-
-
-def _task(study: Study, given: argparse.Namespace) -> Task:
-    study.world.scenario(given.scenario)
-    return Task(given.participant, given.scenario, given.method)
 
 
 if __name__ == "__main__":

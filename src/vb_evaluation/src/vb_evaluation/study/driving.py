@@ -2,25 +2,23 @@
 from __future__ import annotations
 
 from collections import deque
-from typing import Deque, Optional, Tuple
+from typing import Any, Deque, Mapping, Optional, Tuple
 
 import numpy as np
 
 from vb_core import geometry
 from vb_core.errors import CodedError
 from vb_core.grid_map import GridMap
-from vb_robot import sightings
 from vb_robot.dispatch import GoalStatus
 from vb_robot.dispatcher import RobotStatus
+from vb_robot.guiding import Frames, Guiding, GuidingParams
 from vb_robot.safety import ForbiddenGround, SafetyParams, free_by_scan
 from vb_robot.servoing import Servo, ServoParams
-from vb_robot.sightings import Sighting, Sightings
+from vb_robot.sightings import Sighting
 from vb_robot.view import FloorView, ViewParams
 from vb_sim.lab import Lab
 from vb_sim.navigator import Navigator
 from vb_sim.robot_body import Pose
-
-AUTO_WAIT = 1.0  # [s] robot_guide.yaml, auto_wait
 
 
 class PoseHistory:
@@ -68,39 +66,43 @@ class DrivenRobot:
         index: of the robot in the world.
         camera: name of its camera in the spots.
         follow: whether it follows the spot while a border is drawn: "auto", "true" or "false".
+        settings: robot_guide's parameters.
     """
 
     def __init__(
-        self, index: int, lab: Lab, poses: PoseHistory, navigator: Navigator, camera: str, follow: str, grid: GridMap
+        self,
+        index: int,
+        lab: Lab,
+        poses: PoseHistory,
+        navigator: Navigator,
+        camera: str,
+        follow: str,
+        grid: GridMap,
+        settings: Mapping[str, Any],
     ) -> None:
         self._index, self._lab, self._body = index, lab, lab.robots[index]
-        self._poses, self._navigator, self._camera, self._follow = poses, navigator, camera, follow
-        self._safety = SafetyParams()
-        self._servo = Servo(ServoParams(), self._safety, FloorView(ViewParams()))
+        self._poses, self._navigator = poses, navigator
+        self._safety = SafetyParams.from_mapping(settings.get("safety"), "safety")
+        view = FloorView(ViewParams.from_mapping(settings.get("view"), "view"))
+        servo = Servo(ServoParams.from_mapping(settings.get("servo"), "servo"), self._safety, view)
+        self._guiding = Guiding(GuidingParams(camera, (camera,), settings["auto_wait"]), follow, servo)
         self._ground = ForbiddenGround(grid, self._safety)
-        self._sightings = Sightings(mobile_cameras=(camera,))
-        self._spot: Optional[Tuple[float, np.ndarray]] = None  # stamp [s], (2,) [m] in the odom frame
         self._obstacles = np.zeros((0, 2))  # robot's frame, from the newest scan
-        self._following = False
         self._goal: Optional[Pose] = None
         self._goal_status = GoalStatus.NONE
         self.goals = 0
 
     def set_state(self, state: int, interaction_id: str, entered: float) -> None:
         """Takes the interaction's state."""
-        if self._sightings.set_state(state, interaction_id, entered):
-            self._spot = None
+        self._guiding.set_state(state, interaction_id, entered)
 
     def add(self, sighting: Sighting) -> None:
         """Takes a spot of any camera."""
-        self._sightings.add(sighting)
-        if sighting.camera == self._camera:
-            to_odom = geometry.invert(self._poses.map_to_odom(sighting.stamp))
-            self._spot = (sighting.stamp, geometry.apply(to_odom, np.array([*sighting.position, 0.0]))[:2])
+        self._guiding.add(sighting)
 
     def scan(self, now: float) -> None:
         """Looks round, if somebody wants to know."""
-        if self.driving or self._wanted(now):
+        if self.driving or self._guiding.wanted(now):
             angles, ranges = self._lab.scan(self._index)
             hit = np.isfinite(ranges)
             self._obstacles = ranges[hit, None] * np.column_stack([np.cos(angles[hit]), np.sin(angles[hit])])
@@ -149,37 +151,21 @@ class DrivenRobot:
     # ------------------------------------------------------------- following the spot
     def follow(self, now: float, dt: float) -> None:
         """One step of visual servoing, if it is to follow."""
-        wanted = self._wanted(now)
-        if wanted and not self._following:
+        was = self._guiding.active
+        motion = self._guiding.step(now, dt, self._frames(now), self._free_way)
+        if self._guiding.active and not was:
             # two drivers at one wheel: the person leads now
             self.cancel()
-        if wanted != self._following:
-            self._following = wanted
-            self._servo.reset()
-            self._body.command(0.0, 0.0, now)
-        if not self._following:
-            return
-        pose = self._poses.estimate(now)
-        spot, age = None, 0.0
-        if self._spot is not None:
-            stamp, place = self._spot
-            base = geometry.pose2d_transform(*self._poses.at(now)[0])
-            spot, age = geometry.apply(geometry.invert(base), np.array([*place, 0.0]))[:2], now - stamp
+        if motion is not None:
+            self._body.command(motion.v, motion.w, now)
 
-        def free_way(v: float, w: float) -> float:
-            return min(self._ground.free_way(pose, v, w), free_by_scan(self._obstacles, v > 0, self._safety))
+    def _frames(self, now: float) -> Frames:
+        odometry = self._poses.at(now)[0]
+        return Frames(
+            lambda stamp: geometry.invert(self._poses.map_to_odom(stamp)),
+            lambda: geometry.invert(geometry.pose2d_transform(*odometry)),
+        )
 
-        motion = self._servo.step(dt, spot, age, free_way)
-        self._body.command(motion.v, motion.w, now)
-
-    def _wanted(self, now: float) -> bool:
-        known = self._sightings
-        if known.state == sightings.GUIDE:
-            return True
-        if known.state not in (sightings.BORDER, sightings.SEED) or self._follow == "false":
-            return False
-        if self._follow == "true":
-            return True
-        if known.stationary_seen or known.first_mobile is None:
-            return False
-        return now - known.first_mobile >= AUTO_WAIT
+    def _free_way(self, v: float, w: float) -> float:
+        pose = self._poses.estimate(self._lab.now)
+        return min(self._ground.free_way(pose, v, w), free_by_scan(self._obstacles, v > 0, self._safety))

@@ -193,6 +193,7 @@ _ONLY_KEYS = {
     **{key: ("robot_only",) for key in ("leading_distance", "leading_distance_max", "leading_speed", "robot_drawing_speed")},
 }
 _NO_MODEL = "mechanics"
+NOMINAL = "nominal"  # in the column `parameter`: nothing is changed
 
 
 def assumptions(study: Study) -> List[Assumption]:
@@ -236,7 +237,7 @@ def sensitivity_jobs(study: Study, participants: int, only: Sequence[str] = ()) 
     scenarios = settings.get("scenarios", study.design.scenarios)
     jobs: List[Job] = []
     for scenario in scenarios:
-        conditions = {"parameter": "nominal", "factor": 1, "value": "", "unit": ""}
+        conditions = {"parameter": NOMINAL, "factor": 1, "value": "", "unit": ""}
         jobs += _jobs(study, SENSITIVITY, participants, scenario, {}, conditions, ())
     for assumption in assumptions(study):
         if only and assumption.name not in only:

@@ -99,7 +99,9 @@ class System:
         self.integrator.set_map(grid)
         names = [robot.namespace.strip("/") for robot in lab.world.robots]
         self.robots = {
-            name: DrivenRobot(index, lab, history, _navigator(grid), name or "robot", method.follow, grid)
+            name: DrivenRobot(
+                index, lab, history, _navigator(grid), name or "robot", method.follow, grid,
+                _config("vb_robot", "robot_guide"))
             for index, (name, history) in enumerate(zip(names, poses))
         }
         self._dispatcher = _dispatcher(lab.world, method, grid, names) if method.dispatch else None
