@@ -49,13 +49,15 @@ class RobotCamera:
     """Drives along x and looks down at the floor before it; colour 320 x 240, depth a quarter of it.
 
     Attributes:
+        info: a stamp to the camera_info to be sent.
         localised: whether its pose is published.
+        looped: whether its transforms go round in a circle.
         pose_late_s: [s] by which the pose comes after the image of the same time.
         depth_message: depth (60, 80) uint16 [mm] to the message to be sent.
     """
 
     def __init__(self):
-        self.camera = CameraModel.ideal(320, 240, 280.0)
+        self.camera, self.frame = CameraModel.ideal(320, 240, 280.0), "camera_optical_frame"
         self.T_base = geometry.transform(
             geometry.rotation_from_rpy(0, 0.6, 0) @ geometry.optical_rotation(), (0.1, 0.0, 0.6)
         )
@@ -64,8 +66,9 @@ class RobotCamera:
         self.infos = rospy.Publisher("/camera/rgb/camera_info", CameraInfo, queue_size=1)
         self.depths = rospy.Publisher("/camera/depth_registered/image_raw", Image, queue_size=1)
         self.tf = tf2_ros.TransformBroadcaster()
-        self.localised, self.pose_late_s = True, 0.0
-        self.depth_message = lambda depth: messages.image_message(depth, "16UC1", rospy.Time(), "camera_optical_frame")
+        self.localised, self.looped, self.pose_late_s = True, False, 0.0
+        self.info = lambda stamp: messages.info_from_camera(self.camera, stamp, self.frame)
+        self.depth_message = lambda depth: messages.image_message(depth, "16UC1", rospy.Time(), self.frame)
 
     def play(self, stamp, x):
         base = geometry.pose2d_transform(x, 1.0, 0.2)
@@ -81,10 +84,10 @@ class RobotCamera:
         message = self.depth_message(depth)
         message.header.stamp = stamp
         self.depths.publish(message)
-        self.infos.publish(messages.info_from_camera(self.camera, stamp, "camera_optical_frame"))
+        self.infos.publish(self.info(stamp))
         if self.pose_late_s == 0.0:
             self._publish_pose(base, stamp)
-        self.images.publish(messages.image_message(image, "rgb8", stamp, "camera_optical_frame"))
+        self.images.publish(messages.image_message(image, "rgb8", stamp, self.frame))
         if self.pose_late_s > 0.0:
             rospy.rostime.wallsleep(self.pose_late_s)
             self._publish_pose(base, stamp)
@@ -94,7 +97,7 @@ class RobotCamera:
         if self.localised:
             self.tf.sendTransform(
                 [
-                    messages.transform_message(base, "map", "base_link", stamp),
-                    messages.transform_message(self.T_base, "base_link", "camera_optical_frame", stamp),
+                    messages.transform_message(base, self.frame if self.looped else "map", "base_link", stamp),
+                    messages.transform_message(self.T_base, "base_link", self.frame, stamp),
                 ]
             )

@@ -60,6 +60,17 @@ class Observer:
         return [log for log in self.logs if log.name == name and f"[{code}]" in log.msg and log.level >= Log.WARN]
 
 
+def uncalibrated(camera):
+    """The camera_info of a camera whose lens nobody calibrated."""
+
+    def info(stamp):
+        message = messages.info_from_camera(camera.camera, stamp, camera.frame)
+        message.K = [0.0] * 9
+        return message
+
+    return info
+
+
 class FaultsTest(unittest.TestCase):
     @classmethod
     def setUpClass(cls):
@@ -68,7 +79,7 @@ class FaultsTest(unittest.TestCase):
         cls.red = FixedCamera("red", 2.0, 1.5, RED, False)
         cls.robot = RobotCamera()
         cls.red.info = None
-        cls.spoil = None
+        cls.spoil = None  # a camera, and what makes the message that comes instead of every second image
         cls.static = tf2_ros.StaticTransformBroadcaster()
         cls.running = True
         cls.player = threading.Thread(target=cls.play, daemon=True)
@@ -85,14 +96,22 @@ class FaultsTest(unittest.TestCase):
         while cls.running and not rospy.is_shutdown():
             stamp, step = rospy.Time.now(), step + 1
             point = cls.red.T[:2, 3] + 0.5 * np.array([np.cos(0.1 * step), np.sin(0.1 * step)])
-            cls.observer.truth["red", stamp.to_nsec()] = point
-            cls.red.play(stamp, point)
-            cls.observer.truth["robot", stamp.to_nsec()] = cls.robot.play(stamp, 1.0 + 0.01 * (step % 100))
-            if cls.spoil is not None:
-                message = cls.spoil()
-                message.header.stamp, message.header.frame_id = rospy.Time.now(), cls.red.frame
-                cls.red.images.publish(message)
+            if not cls.spoilt(cls.red, stamp, step):
+                cls.observer.truth["red", stamp.to_nsec()] = point
+                cls.red.play(stamp, point)
+            if not cls.spoilt(cls.robot, stamp, step):
+                cls.observer.truth["robot", stamp.to_nsec()] = cls.robot.play(stamp, 1.0 + 0.01 * (step % 100))
             rate.sleep()
+
+    @classmethod
+    def spoilt(cls, camera, stamp, step):
+        spoil = cls.spoil
+        if spoil is None or spoil[0] is not camera or step % 2:
+            return False
+        message = spoil[1]()
+        message.header.stamp, message.header.frame_id = stamp, camera.frame
+        camera.images.publish(message)
+        return True
 
     def wait(self, condition, what):
         o = self.observer
@@ -144,7 +163,7 @@ class FaultsTest(unittest.TestCase):
         self.camera_info_is_late_wrong_and_then_right()
         self.tf_loop_ends()
         self.camera_info_changes()
-        self.bad_images()
+        self.bad_images("red", self.red)
         self.tuning()
         self.debug_image_only_while_somebody_looks()
 
@@ -156,12 +175,7 @@ class FaultsTest(unittest.TestCase):
         )
         self.assertEqual(o.diagnostics["red"].level, DiagnosticStatus.ERROR)
 
-        def uncalibrated(stamp):
-            info = messages.info_from_camera(red.camera, stamp, red.frame)
-            info.K = [0.0] * 9
-            return info
-
-        red.info = uncalibrated
+        red.info = uncalibrated(red)
         self.wait(lambda: o.warnings("red", "bad_camera_info"), "a warning of the zero matrix")
         self.wait(lambda: "no focal length" in o.diagnostics["red"].message, "the diagnostic of the zero matrix")
         self.assertEqual(o.diagnostics["red"].level, DiagnosticStatus.ERROR)
@@ -206,25 +220,29 @@ class FaultsTest(unittest.TestCase):
         spot = next(spot for spot in reversed(self.observer.spots) if spot.camera == "red")
         return np.hypot(spot.position.x - self.red.T[0, 3], spot.position.y - self.red.T[1, 3])
 
-    def bad_images(self):
-        good = np.full((270, 480), 100, np.uint8)
+    def bad_images(self, name, camera):
+        height, width = camera.camera.height, camera.camera.width
+        good = np.full((height, width), 100, np.uint8)
 
         def short():
             message = messages.image_message(good, "mono8", rospy.Time(), "")
             message.data = message.data[:1000]
             return message
 
+        def unknown():
+            return Image(encoding="purple8", height=height, width=width, step=width, data=good.tobytes())
+
         for spoil, words in (
             (lambda: Image(encoding="bayer_rggb8"), "the image is empty"),
-            (lambda: Image(encoding="purple8", height=270, width=480, step=480, data=good.tobytes()), "purple8"),
+            (unknown, "purple8"),
             (lambda: messages.image_message(good.astype(np.uint16), "mono16", rospy.Time(), ""), "uint16"),
             (short, "cannot read an image"),
         ):
-            type(self).spoil = staticmethod(spoil)
-            self.check_fault("red", "bad_image", words, DiagnosticStatus.WARN, count=3)
-            self.wait_for_spots("red", 1)
+            type(self).spoil = (camera, spoil)
+            self.check_fault(name, "bad_image", words, DiagnosticStatus.WARN, count=3)
+            self.wait_for_spots(name, 1)
         type(self).spoil = None
-        self.wait(lambda: self.observer.diagnostics["red"].level == DiagnosticStatus.OK, "all well again")
+        self.wait(lambda: self.observer.diagnostics[name].level == DiagnosticStatus.OK, "all well again")
 
     def tuning(self):
         client = Client("/spot_detector_red/detector", timeout=PATIENCE)
@@ -275,11 +293,16 @@ class FaultsTest(unittest.TestCase):
 
         self.wait(settled, "the end of the debug images")
 
+    # one story again
     def test_moving_camera(self):
-        robot, o = self.robot, self.observer
         spots = self.wait_for_spots("robot", 3, LaserSpot.DEPTH)
         self.assertLess(np.median(self.errors(spots)), 0.03)
+        self.bad_depth(self.robot)
+        self.bad_images("robot", self.robot)
+        self.zero_matrix_while_it_runs(self.robot)
+        self.pose_is_late_missing_and_in_a_loop(self.robot)
 
+    def bad_depth(self, robot):
         def empty(depth):
             return messages.image_message(
                 np.full(depth.shape, np.nan, np.float32), "32FC1", rospy.Time(), "camera_optical_frame"
@@ -305,6 +328,16 @@ class FaultsTest(unittest.TestCase):
         )
         self.wait_for_spots("robot", 3, LaserSpot.DEPTH)
         robot.depth_message = good
+
+    def zero_matrix_while_it_runs(self, robot):
+        good, robot.info = robot.info, uncalibrated(robot)
+        self.check_fault("robot", "no_camera_info", "no focal length", DiagnosticStatus.ERROR, count=3)
+        self.assertEqual(len(self.observer.warnings("robot", "bad_camera_info")), 1)
+        robot.info = good
+        self.assertLess(np.median(self.errors(self.wait_for_spots("robot"))), 0.03)
+
+    def pose_is_late_missing_and_in_a_loop(self, robot):
+        o = self.observer
         # a pose that comes after its image is waited for
         robot.pose_late_s = 0.05
         self.assertLess(np.median(self.errors(self.wait_for_spots("robot"))), 0.03)
@@ -317,7 +350,12 @@ class FaultsTest(unittest.TestCase):
         before = o.refused("robot", "no_transform")
         self.wait(lambda: o.refused("robot", "no_transform") >= before + 5, "more spots that are dropped")
         self.assertLessEqual(len([spot for spot in o.spots if spot.camera == "robot"]), count)
-        robot.localised = True
+        robot.looped = robot.localised = True
+        self.wait(lambda: "loop" in o.diagnostics["robot"].message, "the diagnostic of the loop")
+        before = o.refused("robot", "no_transform")
+        self.wait(lambda: o.refused("robot", "no_transform") >= before + 5, "spots that are dropped for the loop")
+        self.assertLessEqual(len([spot for spot in o.spots if spot.camera == "robot"]), count)
+        robot.looped = False
         self.assertLess(np.median(self.errors(self.wait_for_spots("robot"))), 0.03)
 
 
