@@ -1,3 +1,4 @@
+import cv2
 import numpy as np
 import pytest
 
@@ -13,6 +14,18 @@ def test_project_and_rays_are_inverse_over_the_whole_image(camera):
     pixels = np.column_stack([columns.ravel(), rows.ravel()])
     rays = camera.rays(pixels)
     assert np.abs(camera.project(rays * 3.7) - pixels).max() < 0.01
+
+
+@pytest.mark.parametrize("distortion", [np.zeros(5), WIDE.distortion, [0.1, 0.02, 0, 0, 0.01, 0.05, 0.01, 0.003], np.full(12, 1e-3)])
+@pytest.mark.parametrize("count", [1, 3, 500])
+def test_projection_is_opencvs(distortion, count):
+    camera = CameraModel(1920, 1080, WIDE.matrix, np.array(distortion))
+    points = np.random.default_rng(count).uniform([-2, -1, 0.5], [2, 1, 4], (count, 3))
+    pixels, _ = cv2.projectPoints(points, np.zeros(3), np.zeros(3), camera.matrix, camera.distortion)
+    assert np.abs(camera.project(points) - pixels[:, 0]).max() < 1e-6
+    rays = cv2.undistortPoints(pixels, camera.matrix, camera.distortion)[:, 0]
+    if not camera.distorted:
+        assert np.abs(camera.rays(pixels)[:, :2] - rays).max() < 1e-9
 
 
 def test_points_behind_the_camera_have_no_pixel():

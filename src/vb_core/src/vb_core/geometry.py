@@ -92,8 +92,9 @@ def transform(rotation: np.ndarray, translation) -> np.ndarray:
 def invert(T: np.ndarray) -> np.ndarray:
     """The inverse of a rigid 4x4 transform."""
     result = np.eye(4)
-    result[:3, :3] = T[:3, :3].T
-    result[:3, 3] = -T[:3, :3].T @ T[:3, 3]
+    rotation = T[:3, :3].T
+    result[:3, :3] = rotation
+    result[:3, 3] = -rotation @ T[:3, 3]
     return result
 
 
@@ -131,10 +132,10 @@ def intersect_floor(origin: np.ndarray, directions: np.ndarray, height: float = 
     """
     directions = np.atleast_2d(np.asarray(directions, dtype=float))
     origin = np.asarray(origin, dtype=float)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        steps = (height - origin[2]) / directions[:, 2]
-        points = origin + steps[:, None] * directions
-    points[~(np.isfinite(steps) & (steps > 0))] = np.nan
+    down = directions[:, 2:]
+    steps = np.divide(height - origin[2], down, out=np.full(down.shape, np.nan), where=down != 0)
+    points = origin + steps * directions
+    points[~((steps > 0) & (steps < np.inf))[:, 0]] = np.nan
     return points
 
 
