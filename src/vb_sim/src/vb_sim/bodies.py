@@ -2,7 +2,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
+from functools import lru_cache
 from typing import List, Optional, Sequence, Tuple
 
 import numpy as np
@@ -29,34 +30,56 @@ AVERAGE = Build()
 
 
 @dataclass(frozen=True)
-class Piece:
-    """The hull of two flat ellipses.
+class Pieces:
+    """Hulls of two flat ellipses each.
 
     Attributes:
-        low, high: (3,) [m] their middles, map frame.
-        low_radii, high_radii: half axes [m] along and across the heading.
-        yaw: [rad] heading.
-        color: rgb.
+        low, high: (N, 3) [m] the ellipses' middles, map frame.
+        low_radii, high_radii: (N, 2) [m] half axes along and across the heading.
+        yaws: (N,) [rad] headings.
+        colors: (N, 3) rgb.
     """
 
     low: np.ndarray
     high: np.ndarray
-    low_radii: Tuple[float, float]
-    high_radii: Tuple[float, float]
-    yaw: float
-    color: Tuple[int, int, int]
+    low_radii: np.ndarray
+    high_radii: np.ndarray
+    yaws: np.ndarray
+    colors: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.yaws)
+
+    def placed(self, x: float, y: float, yaw: float) -> "Pieces":
+        """The pieces of a body that stands at the origin, moved to a pose [m, m, rad]."""
+        c, s = math.cos(yaw), math.sin(yaw)
+
+        def moved(points: np.ndarray) -> np.ndarray:
+            forward, left, up = points.T
+            return np.stack([x + c * forward - s * left, y + s * forward + c * left, up], axis=1)
+
+        return replace(self, low=moved(self.low), high=moved(self.high), yaws=np.full(len(self), yaw))
+
+    def built(self, middle: Tuple[float, float], build: Build) -> "Pieces":
+        """The pieces of someone who is taller or broader than the average."""
+        scale = np.array([build.breadth, build.breadth, build.height / AVERAGE.height])
+        at = np.array([*middle, 0.0])
+        return replace(
+            self, low=at + (self.low - at) * scale, high=at + (self.high - at) * scale,
+            low_radii=self.low_radii * build.breadth, high_radii=self.high_radii * build.breadth,
+        )
 
 
-def piece_outlines(pieces: Sequence[Piece]) -> np.ndarray:
+def joined(parts: Sequence[Pieces]) -> Pieces:
+    """All pieces of several bodies."""
+    return Pieces(*(np.concatenate([getattr(part, field.name) for part in parts]) for field in fields(Pieces)))
+
+
+def piece_outlines(pieces: Pieces) -> np.ndarray:
     """(N, 32, 3) [m] points of both ellipses of each piece."""
-    yaws = np.array([piece.yaw for piece in pieces])
-    c, s = np.cos(yaws)[:, None], np.sin(yaws)[:, None]
+    c, s = np.cos(pieces.yaws)[:, None], np.sin(pieces.yaws)[:, None]
     points = np.empty((len(pieces), 2, len(_CIRCLE), 3))
-    for end, (middles, radii) in enumerate(
-        (([piece.low for piece in pieces], [piece.low_radii for piece in pieces]),
-         ([piece.high for piece in pieces], [piece.high_radii for piece in pieces]))
-    ):
-        middles, radii = np.array(middles), np.array(radii)
+    for end, (middles, radii) in enumerate(((pieces.low, pieces.low_radii), (pieces.high, pieces.high_radii))):
         along, across = _CIRCLE[:, 0] * radii[:, :1], _CIRCLE[:, 1] * radii[:, 1:]
         points[:, end, :, 0] = middles[:, :1] + c * along - s * across
         points[:, end, :, 1] = middles[:, 1:2] + s * along + c * across
@@ -64,89 +87,84 @@ def piece_outlines(pieces: Sequence[Piece]) -> np.ndarray:
     return points.reshape(len(pieces), -1, 3)
 
 
-def _stack(x: float, y: float, yaw: float, rows: Sequence[Tuple]) -> List[Piece]:
+def _stack(rows: Sequence[Tuple]) -> Pieces:
     """Pieces from rows (forward, left, z low, z high, radii low, radii high, colour[, forward high, left high])."""
-    c, s = math.cos(yaw), math.sin(yaw)
+    low = [(forward, left, z) for forward, left, z, *_ in rows]
+    high = [(*(row[7:] or row[:2]), row[3]) for row in rows]
+    columns = (low, high, [row[4] for row in rows], [row[5] for row in rows], [0.0] * len(rows), [row[6] for row in rows])
+    return Pieces(*(np.array(column, dtype=float) for column in columns))
 
-    def at(forward: float, left: float, z: float) -> np.ndarray:
-        return np.array([x + c * forward - s * left, y + s * forward + c * left, z])
 
-    pieces = []
-    for row in rows:
-        forward, left, z0, z1, low, high, color = row[:7]
-        forward1, left1 = row[7:] if len(row) > 7 else (forward, left)
-        pieces.append(Piece(at(forward, left, z0), at(forward1, left1, z1), low, high, yaw, color))
-    return pieces
+def _tinted(color: Tuple[int, int, int], brightness: float) -> Tuple[int, ...]:
+    return tuple(int(value * brightness) for value in color)
+
+
+# from both feet up to the hair; the right arm moves
+_PERSON = _stack([
+    *(
+        row for left in (0.10, -0.10) for row in (
+            (0.06, left, 0.0, 0.07, (0.14, 0.05), (0.11, 0.045), SHOES),
+            (0.0, left, 0.05, 0.45, (0.055, 0.055), (0.07, 0.07), TROUSERS),
+            (0.0, left, 0.45, 0.85, (0.07, 0.07), (0.09, 0.09), TROUSERS),
+        )
+    ),
+    (0.0, 0.0, 0.82, 1.0, (0.12, 0.18), (0.11, 0.17), TROUSERS),
+    (0.0, 0.0, 0.98, 1.2, (0.115, 0.17), (0.125, 0.19), SHIRT),
+    (0.0, 0.0, 1.2, 1.38, (0.125, 0.19), (0.115, 0.22), SHIRT),
+    (0.0, 0.0, 1.38, 1.46, (0.11, 0.22), (0.06, 0.12), _tinted(SHIRT, 1.12)),
+    # the left arm hangs
+    (0.0, 0.235, 1.1, 1.4, (0.05, 0.05), (0.055, 0.055), _tinted(SHIRT, 0.9)),
+    (0.03, 0.245, 0.82, 1.1, (0.045, 0.035), (0.045, 0.045), SKIN),
+    (0.0, 0.0, 1.44, 1.53, (0.055, 0.055), (0.055, 0.055), SKIN),
+    (0.015, 0.0, 1.53, 1.62, (0.075, 0.065), (0.098, 0.078), SKIN),
+    (0.0, 0.0, 1.60, 1.69, (0.10, 0.08), (0.095, 0.078), HAIR),
+    (-0.01, 0.0, 1.69, 1.75, (0.095, 0.078), (0.045, 0.04), HAIR),
+])
+# of the upper arm, the lower arm, and the pointer in the hand
+_ARM_LOW_RADII = np.array([(0.055, 0.055), (0.045, 0.045), (0.014, 0.014)])
+_ARM_HIGH_RADII = np.array([(0.046, 0.046), (0.035, 0.035), (0.01, 0.01)])
+_ARM_COLORS = np.array([_tinted(SHIRT, 1.05), SKIN, (30, 30, 32)], dtype=float)
 
 
 def hand_position(person: Tuple[float, float, float], target: Optional[Tuple[float, float]], height: float) -> np.ndarray:
     """(3,) [m] where the right hand holds the pointer, at a height [m]."""
     x, y, yaw = person
-    shoulder = np.array([x + 0.20 * math.sin(yaw), y - 0.20 * math.cos(yaw)])
-    direction = np.array([math.cos(yaw), math.sin(yaw)])
+    shoulder_x, shoulder_y = x + 0.20 * math.sin(yaw), y - 0.20 * math.cos(yaw)
+    along_x, along_y = math.cos(yaw), math.sin(yaw)
     if target is not None:
-        to_target = np.array(target) - shoulder
-        distance = float(np.linalg.norm(to_target))
+        to_x, to_y = target[0] - shoulder_x, target[1] - shoulder_y
+        distance = math.hypot(to_x, to_y)
         if distance > 0.05:
-            direction = to_target / distance
-    return np.array([*(shoulder + 0.42 * direction), height])
+            along_x, along_y = to_x / distance, to_y / distance
+    return np.array([shoulder_x + 0.42 * along_x, shoulder_y + 0.42 * along_y, height])
 
 
 def person_pieces(
     person: Tuple[float, float, float], target: Optional[Tuple[float, float]], hand_height: float, build: Build = AVERAGE
-) -> List[Piece]:
+) -> Pieces:
     """A standing person with the right arm raised towards a point on the floor, or hanging.
 
     Args:
         hand_height: [m] at which someone of 1.75 m holds the pointer.
     """
     x, y, yaw = person
-    pieces: List[Piece] = []
-    for left in (0.10, -0.10):
-        pieces += _stack(x, y, yaw, [
-            (0.06, left, 0.0, 0.07, (0.14, 0.05), (0.11, 0.045), SHOES),
-            (0.0, left, 0.05, 0.45, (0.055, 0.055), (0.07, 0.07), TROUSERS),
-            (0.0, left, 0.45, 0.85, (0.07, 0.07), (0.09, 0.09), TROUSERS),
-        ])
-    pieces += _stack(x, y, yaw, [
-        (0.0, 0.0, 0.82, 1.0, (0.12, 0.18), (0.11, 0.17), TROUSERS),
-        (0.0, 0.0, 0.98, 1.2, (0.115, 0.17), (0.125, 0.19), SHIRT),
-        (0.0, 0.0, 1.2, 1.38, (0.125, 0.19), (0.115, 0.22), SHIRT),
-        (0.0, 0.0, 1.38, 1.46, (0.11, 0.22), (0.06, 0.12), tuple(int(v * 1.12) for v in SHIRT)),
-        # the left arm hangs
-        (0.0, 0.235, 1.1, 1.4, (0.05, 0.05), (0.055, 0.055), tuple(int(v * 0.9) for v in SHIRT)),
-        (0.03, 0.245, 0.82, 1.1, (0.045, 0.035), (0.045, 0.045), SKIN),
-        (0.0, 0.0, 1.44, 1.53, (0.055, 0.055), (0.055, 0.055), SKIN),
-        (0.015, 0.0, 1.53, 1.62, (0.075, 0.065), (0.098, 0.078), SKIN),
-        (0.0, 0.0, 1.60, 1.69, (0.10, 0.08), (0.095, 0.078), HAIR),
-        (-0.01, 0.0, 1.69, 1.75, (0.095, 0.078), (0.045, 0.04), HAIR),
-    ])
     shoulder = np.array([x + 0.21 * math.sin(yaw), y - 0.21 * math.cos(yaw), 1.38])
     if target is None:
         hand = np.array([shoulder[0] + 0.05 * math.cos(yaw), shoulder[1] + 0.05 * math.sin(yaw), 0.82])
     else:
         hand = hand_position(person, target, hand_height)
     elbow = 0.5 * (shoulder + hand) - (0.0, 0.0, 0.06 if target is not None else 0.0)
-    pieces += [
-        Piece(shoulder, elbow, (0.055, 0.055), (0.046, 0.046), yaw, tuple(int(v * 1.05) for v in SHIRT)),
-        Piece(elbow, hand, (0.045, 0.045), (0.035, 0.035), yaw, SKIN),
-    ]
+    joints = [shoulder, elbow, hand]
     if target is not None:
         beam = np.array([*target, 0.0]) - hand
-        tip = hand + beam / max(1e-6, float(np.linalg.norm(beam))) * 0.09
-        pieces.append(Piece(hand, tip, (0.014, 0.014), (0.01, 0.01), yaw, (30, 30, 32)))
-    return pieces if build == AVERAGE else [_built(piece, (x, y), build) for piece in pieces]
-
-
-def _built(piece: Piece, middle: Tuple[float, float], build: Build) -> Piece:
-    """A piece of someone who is taller or broader than the average."""
-    scale = np.array([build.breadth, build.breadth, build.height / AVERAGE.height])
-    at = np.array([*middle, 0.0])
-    return Piece(
-        at + (piece.low - at) * scale, at + (piece.high - at) * scale,
-        (piece.low_radii[0] * build.breadth, piece.low_radii[1] * build.breadth),
-        (piece.high_radii[0] * build.breadth, piece.high_radii[1] * build.breadth), piece.yaw, piece.color,
+        joints.append(hand + beam / max(1e-6, float(np.linalg.norm(beam))) * 0.09)
+    count = len(joints) - 1
+    arm = Pieces(
+        np.array(joints[:-1]), np.array(joints[1:]), _ARM_LOW_RADII[:count], _ARM_HIGH_RADII[:count],
+        np.full(count, yaw), _ARM_COLORS[:count],
     )
+    pieces = joined([_PERSON.placed(x, y, yaw), arm])
+    return pieces if build == AVERAGE else pieces.built((x, y), build)
 
 
 def person_key(person: Optional[Tuple[float, float, float]], target: Optional[Tuple[float, float]]) -> Tuple:
@@ -165,10 +183,14 @@ def robot_key(pose: Tuple[float, float, float]) -> Tuple:
     return (round(pose[0] / 0.003), round(pose[1] / 0.003), round(pose[2] / 0.02))
 
 
-def robot_pieces(pose: Tuple[float, float, float], radius: float) -> List[Piece]:
+def robot_pieces(pose: Tuple[float, float, float], radius: float) -> Pieces:
     """A TurtleBot-like robot, 0.42 m high: round base, plates on poles, a camera at the front."""
+    return _robot(radius).placed(*pose)
+
+
+@lru_cache(maxsize=None)
+def _robot(r: float) -> Pieces:
     black, plate = (40, 40, 43), (58, 56, 54)
-    r = radius
     rows: List[Tuple] = [
         (0.0, 0.0, 0.01, 0.10, (r, r), (r, r), black),
         (0.0, 0.0, 0.10, 0.115, (0.96 * r, 0.96 * r), (0.96 * r, 0.96 * r), (70, 70, 72)),
@@ -183,7 +205,7 @@ def robot_pieces(pose: Tuple[float, float, float], radius: float) -> List[Piece]
         (0.55 * r, 0.0, 0.41, 0.46, (0.025, 0.09), (0.025, 0.09), (26, 26, 28)),
         (-0.35 * r, 0.0, 0.414, 0.417, (0.035, 0.035), (0.03, 0.03), (120, 168, 96)),
     ]
-    return _stack(*pose, rows)
+    return _stack(rows)
 
 
 @dataclass(frozen=True)
@@ -201,7 +223,7 @@ class Outlines:
     colors: np.ndarray
 
 
-def project_pieces(pieces: Sequence[Piece], camera: CameraModel, T_map_optical: np.ndarray, near: float = 0.15) -> Outlines:
+def project_pieces(pieces: Pieces, camera: CameraModel, T_map_optical: np.ndarray, near: float = 0.15) -> Outlines:
     """Outlines of pieces; those that reach behind the camera are left out."""
     T = invert(T_map_optical)
     points = piece_outlines(pieces).reshape(-1, 3) @ T[:3, :3].T + T[:3, 3]
@@ -214,5 +236,4 @@ def project_pieces(pieces: Sequence[Piece], camera: CameraModel, T_map_optical: 
     middle = depths.mean(axis=1)
     order = np.argsort(-middle)
     order = order[usable[order]]
-    colors = np.array([piece.color for piece in pieces], dtype=float)[order]
-    return Outlines(pixels[order], middle[order], colors)
+    return Outlines(pixels[order], middle[order], pieces.colors[order])

@@ -240,7 +240,7 @@ class CeilingView:
             self._sprites[name] = known
         return known[1]
 
-    def _draw_sprite(self, pieces: Sequence[bodies.Piece], pose, radius: float) -> Optional[_Sprite]:
+    def _draw_sprite(self, pieces: bodies.Pieces, pose, radius: float) -> Optional[_Sprite]:
         outlines = bodies.project_pieces(pieces, self.model, self.pose)
         if not len(outlines.points):
             return None

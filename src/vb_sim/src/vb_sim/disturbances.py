@@ -3,7 +3,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import List, Optional, Tuple
+from typing import Optional, Tuple
 
 import cv2
 import numpy as np
@@ -11,7 +11,7 @@ import numpy as np
 from vb_core import geometry
 from vb_core.camera_model import CameraModel
 from vb_sim import pixels
-from vb_sim.bodies import SHIRT, SHOES, Piece, person_key, person_pieces
+from vb_sim.bodies import SHIRT, SHOES, Pieces, person_key, person_pieces
 
 Rectangle = Tuple[slice, slice]
 _SHIFT = 4
@@ -30,18 +30,15 @@ class Bystander:
     shirt: Tuple[int, int, int] = SHIRT
     shoes: Tuple[int, int, int] = SHOES
 
-    def pieces(self) -> List[Piece]:
+    def pieces(self) -> Pieces:
         """What this person is made of; clothes are told by their colour."""
-        dressed = []
-        for piece in person_pieces(self.pose, None, 0.0):
-            tint = float(np.mean(np.divide(piece.color, SHIRT)))
-            color = piece.color
-            if piece.color == SHOES:
-                color = self.shoes
-            elif np.allclose(np.multiply(SHIRT, tint), piece.color, atol=1.0):
-                color = tuple(int(min(255.0, tint * value)) for value in self.shirt)
-            dressed.append(replace(piece, color=color))
-        return dressed
+        pieces = person_pieces(self.pose, None, 0.0)
+        colors = pieces.colors.copy()
+        tints = np.mean(colors / SHIRT, axis=1, keepdims=True)
+        of_shirt = np.isclose(tints * SHIRT, colors, rtol=1e-5, atol=1.0).all(axis=1)
+        colors[of_shirt] = np.floor(np.minimum(255.0, tints * self.shirt))[of_shirt]
+        colors[(pieces.colors == SHOES).all(axis=1)] = self.shoes
+        return replace(pieces, colors=colors)
 
     def key(self) -> Tuple:
         """The same for people who look the same."""

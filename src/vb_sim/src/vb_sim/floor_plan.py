@@ -2,17 +2,25 @@
 from __future__ import annotations
 
 import math
+from functools import lru_cache
+from typing import Tuple
 
 import numpy as np
 import shapely
 from shapely.geometry import Polygon
 
 from vb_core.grid_map import FREE, OCCUPIED, UNKNOWN, GridMap
-from vb_sim.world import Scenario, Wall, World
+from vb_sim.world import Furniture, Room, Scenario, Wall, World
+
 
 def physical_map(world: World) -> GridMap:
     """The physical map: walls and whatever stands on the floor; unknown beyond the walls."""
-    room = world.room
+    grid = _physical_map(world.room, world.walls, world.furniture)
+    return grid.with_data(grid.data.copy())
+
+
+@lru_cache(maxsize=4)
+def _physical_map(room: Room, walls: Tuple[Wall, ...], furniture: Tuple[Furniture, ...]) -> GridMap:
     margin_cells = int(math.ceil(room.margin / room.resolution - 1e-9))
     columns = int(round(room.size[0] / room.resolution)) + 2 * margin_cells
     rows = int(round(room.size[1] / room.resolution)) + 2 * margin_cells
@@ -23,9 +31,9 @@ def physical_map(world: World) -> GridMap:
     data = grid.data
     data[outline_mask(grid, np.array([[-t, -t], [width + t, -t], [width + t, height + t], [-t, height + t]]))] = OCCUPIED
     data[outline_mask(grid, np.array([[0, 0], [width, 0], [width, height], [0, height]], dtype=float))] = FREE
-    for wall in world.walls:
+    for wall in walls:
         data[outline_mask(grid, wall_outline(wall))] = OCCUPIED
-    for thing in world.furniture:
+    for thing in furniture:
         for contact in thing.floor_contacts():
             data[outline_mask(grid, contact)] = OCCUPIED
     return grid

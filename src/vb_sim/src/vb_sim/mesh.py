@@ -4,6 +4,7 @@ Colours are rgb. A depth buffer holds inverse depths along the optical axis [1/m
 """
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import List, Sequence, Tuple
 
@@ -173,7 +174,7 @@ class DepthBuffer:
         size = (grid.camera.height, grid.camera.width)
         self.inverse = np.zeros(size, np.float32)
         self.ids = np.zeros(size, np.uint8)
-        self.normals = np.zeros((256, 3))
+        self.normals = np.zeros((256, 3), np.float32)
         self.colors = np.zeros((256, 3), np.uint8)
         self._count = 0
 
@@ -194,9 +195,9 @@ class DepthBuffer:
         offsets = np.einsum("ij,ij->i", normals, corners[starts])
         x0, x1, y0, y1 = self.grid.limits
         x, y, z = corners.T
-        sides = np.column_stack([z - _NEAR, x - x0 * z, x1 * z - x, y - y0 * z, y1 * z - y])
-        reachable = (np.maximum.reduceat(sides, starts, axis=0) > 0).all(axis=1) & (offsets < -1e-9)
-        inside = np.minimum.reduceat(sides, starts, axis=0) >= 0
+        sides = np.stack([z - _NEAR, x - x0 * z, x1 * z - x, y - y0 * z, y1 * z - y])
+        reachable = (np.maximum.reduceat(sides, starts, axis=1) > 0).all(axis=0) & (offsets < -1e-9)
+        inside = np.minimum.reduceat(sides, starts, axis=1).T >= 0
         chosen = np.nonzero(reachable)[0]
         if len(chosen) > 255 - self._count:
             nearest = np.minimum.reduceat(z, starts)
@@ -243,13 +244,14 @@ class DepthBuffer:
 
     def _fill(self, outline: np.ndarray, plane: Tuple[float, float, float], color: Sequence[float], normal: np.ndarray) -> None:
         height, width = self.ids.shape
-        low = np.maximum(np.floor(outline.min(axis=0)).astype(int), 0)
-        high = np.minimum(np.ceil(outline.max(axis=0)).astype(int) + 1, (width, height))
-        if (high <= low).any():
+        (least_x, least_y), (most_x, most_y) = outline.min(axis=0), outline.max(axis=0)
+        left, top = max(math.floor(least_x), 0), max(math.floor(least_y), 0)
+        right, bottom = min(math.ceil(most_x) + 1, width), min(math.ceil(most_y) + 1, height)
+        if right <= left or bottom <= top:
             return
-        rows, columns = slice(low[1], high[1]), slice(low[0], high[0])
-        mask = np.zeros((high[1] - low[1], high[0] - low[0]), np.uint8)
-        points = np.round((outline - low) * (1 << _SHIFT)).astype(np.int32)
+        rows, columns = slice(top, bottom), slice(left, right)
+        mask = np.zeros((bottom - top, right - left), np.uint8)
+        points = np.round((outline - (left, top)) * (1 << _SHIFT)).astype(np.int32)
         if self.grid.distorted:
             cv2.fillPoly(mask, [points], 255, cv2.LINE_8, _SHIFT)
         else:

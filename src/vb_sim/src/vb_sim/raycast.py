@@ -1,6 +1,7 @@
 """Distances in the physical map: how far a beam goes, how near the next obstacle is."""
 from __future__ import annotations
 
+import math
 from typing import Tuple
 
 import numpy as np
@@ -9,6 +10,7 @@ from vb_core.errors import CodedError
 from vb_core.grid_map import OCCUPIED, GridMap, distance_to
 
 TRACING_STEPS = 14
+_STRETCH = 48  # samples of a creeping beam that are looked at together: few creep on for longer
 
 
 class DistanceField:
@@ -41,7 +43,7 @@ class DistanceField:
         """[m] from a place to the nearest obstacle's edge, interpolated between cells; 0 off the map."""
         column = (x - self._origin[0]) / self._resolution + 0.5  # +1 for the rim, -0.5 to the cell's centre
         row = (y - self._origin[1]) / self._resolution + 0.5
-        c, r = int(np.floor(column)), int(np.floor(row))
+        c, r = math.floor(column), math.floor(row)
         if not (0 <= c < self._columns - 1 and 0 <= r < self._rows - 1):
             return 0.0
         fc, fr = column - c, row - r
@@ -86,12 +88,21 @@ class DistanceField:
     ) -> np.ndarray:
         """Goes on from `ranges` (N,) by half a cell at a time, all beams at once."""
         count = int(max(range_max - ranges.min(), 0.0) / (0.5 * self._resolution)) + 2
-        at = ranges[:, None] + 0.5 * self._resolution * np.arange(count)
-        rows = np.clip((y + at * direction_y[:, None]).astype(np.int32), 0, self._rows - 1)
-        columns = np.clip((x + at * direction_x[:, None]).astype(np.int32), 0, self._columns - 1)
-        hit = self._steps[rows * self._columns + columns] == 0.0
-        first = hit.argmax(axis=1)
-        return np.where(hit.any(axis=1), at[np.arange(len(at)), first], np.inf)
+        result = np.full(len(ranges), np.inf)
+        beams = np.arange(len(ranges))
+        for start in range(0, count, _STRETCH):
+            at = ranges[beams, None] + 0.5 * self._resolution * np.arange(start, min(start + _STRETCH, count))
+            rows = (y + at * direction_y[beams, None]).astype(np.int32)
+            columns = (x + at * direction_x[beams, None]).astype(np.int32)
+            np.minimum(np.maximum(rows, 0, out=rows), self._rows - 1, out=rows)
+            np.minimum(np.maximum(columns, 0, out=columns), self._columns - 1, out=columns)
+            hit = self._steps[rows * self._columns + columns] == 0.0
+            ended = hit.any(axis=1)
+            result[beams[ended]] = at[ended, hit[ended].argmax(axis=1)]
+            beams = beams[~ended]
+            if not len(beams):
+                break
+        return result
 
 
 def cast_disc(origin: Tuple[float, float], angles: np.ndarray, centre: Tuple[float, float], radius: float) -> np.ndarray:

@@ -234,26 +234,26 @@ class RobotView:
         buffer, gain = self._buffer, self._optics.exposure_gain
         buffer.clear()
         buffer.draw_mesh(self._mesh, pose, gain)
-        pieces: List[bodies.Piece] = []
+        pieces: List[bodies.Pieces] = []
         for name, where in snapshot.robots.items():
             if name not in self._names:
-                pieces += bodies.robot_pieces(where, self._radii.get(name, 0.18))
+                pieces.append(bodies.robot_pieces(where, self._radii.get(name, 0.18)))
         if snapshot.person is not None:
-            pieces += bodies.person_pieces(snapshot.person, snapshot.laser, self._hand_height, self._body)
+            pieces.append(bodies.person_pieces(snapshot.person, snapshot.laser, self._hand_height, self._body))
         for other in snapshot.around.bystanders:
-            pieces += other.pieces()
+            pieces.append(other.pieces())
         if not pieces:
             return
         camera = buffer.grid.camera
-        outlines = bodies.project_pieces(pieces, camera, pose)
+        outlines = bodies.project_pieces(bodies.joined(pieces), camera, pose)
         normal = np.array([0.0, 0.0, -1.0])
-        for points, depth, color in zip(outlines.points, outlines.depths, outlines.colors):
-            low, high = points.min(axis=0), points.max(axis=0)
-            if (high < 0).any() or (low > (camera.width, camera.height)).any():
-                continue
-            near = max(0.1, float(depth) - _FRONT)
+        lows, highs = outlines.points.min(axis=1), outlines.points.max(axis=1)
+        shown = (highs >= 0).all(axis=1) & (lows <= (camera.width, camera.height)).all(axis=1)
+        for index in np.nonzero(shown)[0]:
+            points, color = outlines.points[index], outlines.colors[index]
+            near = max(0.1, float(outlines.depths[index]) - _FRONT)
             buffer.draw_flat(points, near, 0.74 * gain * color, normal)
-            middle = 0.5 * (low + high)
+            middle = 0.5 * (lows[index] + highs[index])
             buffer.draw_flat(middle + 0.7 * (points - middle), near - 0.001, 0.95 * gain * color, normal)
 
     def spot(self, snapshot: Snapshot, pose: np.ndarray) -> Optional[SpotImage]:
@@ -324,7 +324,7 @@ class RobotView:
         inverse = np.where(floor, down / np.float32(pose[2, 3]), self._buffer.inverse[at])
         depth = np.float32(1.0) / np.maximum(inverse, np.float32(1e-3))
         # cosine of the angle between ray and surface normal
-        normals = self._buffer.normals.astype(np.float32)[ids]
+        normals = self._buffer.normals[ids]
         facing = -(normals[..., 0] * grid.x + normals[..., 1] * grid.y + normals[..., 2])
         facing = np.where(floor, down, facing) / self._slant
         grazing = facing < math.cos(math.radians(figures.depth_grazing_deg))
