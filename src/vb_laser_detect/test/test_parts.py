@@ -34,6 +34,7 @@ def test_block_maxima_are_numpys(shape):
     rise = np.maximum(image.astype(int) - background, 0)
     assert (block_maxima(image, background) == blocks(rise).max(axis=(1, 3))).all()
     assert (block_maxima(image, background, row_step=2) == blocks(rise)[:, 1::2].max(axis=(1, 3))).all()
+    assert (block_maxima(image, background, brightest=True) == max_channel(block_maxima(image, background))).all()
     assert (max_channel(image) == (image if image.ndim == 2 else image.max(axis=2))).all()
 
 

@@ -48,7 +48,7 @@ class Background:
     def rise(self, image: np.ndarray) -> np.ndarray:
         """(H // 8, W // 8) uint8: by how much each block's brightest change is above the background."""
         # a colour image carries so much data that every second row has to do: spots cover several
-        return max_channel(block_maxima(image, self.image, row_step=1 if image.ndim == 2 else 2))
+        return block_maxima(image, self.image, row_step=1 if image.ndim == 2 else 2, brightest=True)
 
     def darker_blocks(self, image: np.ndarray) -> np.ndarray:
         """(H // 8, W // 8) bool: blocks that became darker, judged by one pixel of each."""
@@ -79,7 +79,7 @@ class Background:
         held = spots & (self._held_s < self._hold_s)
         steady = ~(changed | held)
         self._changed_s += dt32
-        self._changed_s[steady | held] = 0.0
+        self._changed_s *= ~(steady | held)
         if dt > 0:
             mask = steady.view(np.uint8)
             weight = 1.0 - math.exp(-dt / _NOISE_TIME)
