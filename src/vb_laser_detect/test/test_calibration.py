@@ -109,15 +109,38 @@ def test_three_points_are_too_few():
     assert refusal(Observations.single(np.zeros((0, 2)), np.zeros((0, 2)))) == "too_few_points"
 
 
+def test_one_place_taken_again_and_again_does_not_count():
+    for seed in range(5):
+        rng = np.random.default_rng(seed)
+        three, again = observe(rng, 3), [0, 1, 2, 0, 1, 2, 0, 1]
+        assert refusal(three.select(again)) == refusal(three.select(again[:4])) == "too_few_points"
+        # seen and clicked a little beside, as it would be
+        pixels, points = (getattr(three, name)[again] for name in ("pixels", "points"))
+        near = Observations.single(pixels + rng.normal(0, 1.5, (8, 2)), points + rng.normal(0, 0.001, (8, 2)))
+        assert refusal(near) == "too_few_points"
+        # the click stayed where it was while the spot moved on
+        points = observe(rng, 4).points
+        points[3] = points[2]
+        assert refusal(Observations.single(SPREAD[:4], points)) == "too_few_points"
+
+
+def test_one_click_that_stayed_behind_is_left_out():
+    observed = observe(np.random.default_rng(2), 8)
+    points = observed.points.copy()
+    points[3] = points[2]
+    assert list(np.flatnonzero(~estimate_pose(CAMERA, Observations.single(observed.pixels, points)).used)) == [3]
+
+
 def test_points_on_a_line_are_refused():
     pixels = np.column_stack([np.linspace(100, 1800, 8), np.linspace(200, 900, 8)])
     assert refusal(Observations.single(pixels, floor_points(CAMERA, POSE, pixels)[:, :2])) == "collinear"
-    assert refusal(Observations.single(np.full((5, 2), 500.0), np.full((5, 2), 2.0))) == "collinear"
+    assert refusal(Observations.single(np.full((5, 2), 500.0), np.full((5, 2), 2.0))) == "too_few_points"
 
 
 def test_points_close_together_are_refused():
-    pixels = np.array([900, 500]) + np.random.default_rng(1).uniform(0, 120, (10, 2))
-    assert refusal(Observations.single(pixels, floor_points(CAMERA, POSE, pixels)[:, :2])) == "clustered"
+    for corner in ((900, 500), (10, 10), (1780, 950)):
+        pixels = np.array(corner) + np.random.default_rng(1).uniform(0, 120, (10, 2))
+        assert refusal(Observations.single(pixels, floor_points(CAMERA, POSE, pixels)[:, :2])) == "clustered"
 
 
 @pytest.mark.parametrize(

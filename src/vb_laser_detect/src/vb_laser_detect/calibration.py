@@ -24,6 +24,8 @@ from vb_laser_detect.projection import floor_points
 LEAST_POINTS = 4
 _MOST_SETS = 200  # minimal sets tried; with 40 % wrong points 50 are enough for one without any, at 99.9 %
 _PROMISING = 10  # of them are solved again, more exactly
+_SAME_PLACE = 0.005  # of the image's diagonal; points nearer to each other are one place, seen twice
+_SAME_PLACE_M = 0.01
 _SAME_TURN = math.radians(2.0)  # solutions that differ by less are one
 _LIKELY = 9.0  # difference of chi square within which two poses are both believable: 3 sigma
 
@@ -188,10 +190,15 @@ def check_points(camera: CameraModel, observed: Observations, params: Calibratio
         raise CodedError("outside_image", f"some points lie outside the image of {camera.width} x {camera.height}")
     if len(observed) < LEAST_POINTS:
         raise CodedError("too_few_points", f"{len(observed)} points; at least {LEAST_POINTS} are needed, 6 are good")
-    for values, what in ((observed.points, "in the map"), (observed.pixels, "in the image")):
+    near_px = _SAME_PLACE * math.hypot(camera.width, camera.height)
+    for values, near, what in ((observed.points, _SAME_PLACE_M, "map"), (observed.pixels, near_px, "image")):
+        different = _different(values, near)
+        if different < LEAST_POINTS:
+            reason = f"{len(observed)} points, but in the {what} only {different} different places"
+            raise CodedError("too_few_points", f"{reason}; at least {LEAST_POINTS} are needed")
         along, across = np.linalg.svd(values - values.mean(axis=0), compute_uv=False)
-        if across < 0.1 * along or across == 0.0:
-            raise CodedError("collinear", f"the points lie on one line {what}: add some beside it")
+        if across < 0.1 * along:
+            raise CodedError("collinear", f"the points lie on one line in the {what}: add some beside it")
     hull = cv2.convexHull(observed.pixels.astype(np.float32))
     share = cv2.contourArea(hull) / (camera.width * camera.height)
     if share < params.min_area:
@@ -200,6 +207,15 @@ def check_points(camera: CameraModel, observed: Observations, params: Calibratio
             f"the points span {100 * share:.1f} % of the image, {100 * params.min_area:.1f} % are needed: "
             "spread them over what the camera sees",
         )
+
+
+def _different(values: np.ndarray, near: float) -> int:
+    """How many of values (N, 2) are not near to one counted before; counted up to what is needed."""
+    counted = values[:0]
+    for value in values:
+        if len(counted) < LEAST_POINTS and (np.linalg.norm(counted - value, axis=1) > near).all():
+            counted = np.vstack([counted, value])
+    return len(counted)
 
 
 def errors_on_floor(camera: CameraModel, T_map_camera: np.ndarray, observed: Observations, height: float) -> np.ndarray:
