@@ -16,7 +16,7 @@ from sensor_msgs.msg import CompressedImage, Image
 from vb_core import names
 from vb_core.errors import CodedError, ParameterError
 from vb_core.parameters import Parameters, param
-from vb_core.ros import messages, parameters
+from vb_core.ros import messages, node, parameters
 from vb_core.ros.node import Mailbox, Worker
 from vb_core.ros.tuning import Tuning
 from vb_laser_detect import projection
@@ -79,6 +79,7 @@ class SpotDetectorNode:
     def __init__(self, params: NodeParams, detector: DetectorParams, projection_params: ProjectionParams) -> None:
         # one process per camera: threads within each would only fight for the cores
         cv2.setNumThreads(1)
+        node.keep_memory()
         if not params.camera:
             raise ParameterError(rospy.resolve_name("~camera"), "the camera's name must be set")
         self._params = params

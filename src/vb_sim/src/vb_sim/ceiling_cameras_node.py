@@ -134,6 +134,7 @@ class CeilingCamerasParams(Parameters):
 def build() -> CeilingCamerasNode:
     """Reads the parameters."""
     cv2.setNumThreads(1)
+    node.keep_memory()
     parameters.required("~world")
     params = parameters.read(CeilingCamerasParams)
     world = load_world(params.world)

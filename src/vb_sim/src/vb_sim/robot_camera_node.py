@@ -134,6 +134,7 @@ class RobotCameraParams(Parameters):
 def build() -> RobotCameraNode:
     """Reads the parameters."""
     cv2.setNumThreads(1)
+    node.keep_memory()
     parameters.required("~world")
     params = parameters.read(RobotCameraParams)
     world = load_world(params.world)

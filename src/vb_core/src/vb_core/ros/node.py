@@ -1,6 +1,7 @@
 """Start-up, shutdown and threads of a node."""
 from __future__ import annotations
 
+import ctypes
 import sys
 import threading
 from typing import Any, Callable, Generic, List, Optional, TypeVar
@@ -42,6 +43,24 @@ def fail(error: CodedError) -> None:
     rospy.logfatal("%s: %s", rospy.get_name(), error)
     _failures.append(error)
     rospy.signal_shutdown(error.code)
+
+
+_M_TRIM_THRESHOLD, _M_MMAP_THRESHOLD = -1, -3  # malloc.h
+
+
+def keep_memory() -> None:
+    """Makes this process keep the memory of an image for the next one; for nodes that handle many images.
+
+    As delivered glibc returns blocks of that size to the system, which then clears the next image's pages one by one:
+    three quarters of the time that it takes to receive 1080p images. With another C library nothing changes.
+    """
+    try:
+        mallopt = ctypes.CDLL(None).mallopt
+    except (OSError, AttributeError):
+        return
+    # the largest that glibc takes; rospy receives into buffers of half that size
+    mallopt(_M_MMAP_THRESHOLD, 32 << 20)
+    mallopt(_M_TRIM_THRESHOLD, 128 << 20)
 
 
 class Mailbox(Generic[T]):
