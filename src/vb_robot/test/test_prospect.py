@@ -5,7 +5,7 @@ import pytest
 from vb_core.errors import ParameterError
 from vb_core.grid_map import GridMap
 from vb_robot.notices import Notices
-from vb_robot.prospect import ProspectParams, UnseenFloor, thought_on, with_focus
+from vb_robot.prospect import ProspectParams, UnseenFloor, with_focus
 from vb_robot.terrain import Terrain, TerrainParams
 from vb_robot.viewpoint import Drawing
 
@@ -28,9 +28,13 @@ def room():
 TERRAIN, UNSEEN = room()
 
 
-def focus(spot, direction=None, watched=True, unseen=UNSEEN, seeding=False):
+def look(spot, direction=None, watched=True, unseen=UNSEEN, seeding=False):
     drawing = Drawing(np.array(spot), NO_CHAIN, direction, watched=watched, seeding=seeding)
-    return with_focus(TERRAIN, unseen, drawing, PARAMS).look_at
+    return with_focus(TERRAIN, unseen, drawing, PARAMS)
+
+
+def focus(*args, **kwargs):
+    return look(*args, **kwargs).look_at
 
 
 def test_unseen_floor_is_known_to_a_cell_and_narrow_shadows_do_not_count():
@@ -41,7 +45,7 @@ def test_unseen_floor_is_known_to_a_cell_and_narrow_shadows_do_not_count():
 
 
 def test_looks_where_the_line_ahead_leaves_what_cameras_see():
-    assert focus((4.5, 2.5), RIGHT) == pytest.approx((6.0 + PARAMS.beyond, 2.5), abs=0.06)
+    assert focus((4.5, 2.5), RIGHT) == pytest.approx((6.0 + PARAMS.ahead, 2.5), abs=0.06)
     assert focus((7.6, 2.5), RIGHT)[0] < 7.95, "not into the wall"
 
 
@@ -52,14 +56,20 @@ def test_looks_at_the_spot_while_nothing_unseen_is_near():
     assert focus((5.5, 2.5), RIGHT, seeding=True) == pytest.approx((5.5, 2.5))
 
 
-def test_looks_ahead_of_a_spot_that_it_alone_sees():
-    assert focus((7.0, 2.5), RIGHT, watched=False) == pytest.approx((7.0 + PARAMS.lead, 2.5))
-    assert focus((7.0, 2.5), None, watched=False) == pytest.approx((7.0, 2.5))
+def test_all_of_the_stretch_that_nobody_sees_is_known_up_to_the_wall():
+    stretch = look((4.5, 2.5), RIGHT).stretch
+    assert stretch[0] == pytest.approx((6.0, 2.5), abs=0.06) and stretch[-1][0] == pytest.approx(6.5, abs=0.06)
+    assert look((5.5, 2.5), RIGHT).stretch[-1][0] == pytest.approx(7.5, abs=0.06), "no farther than the horizon"
+    assert look((6.5, 2.5), RIGHT).stretch[-1][0] <= 7.95
+    assert look((7.5, 2.5), -RIGHT).stretch[-1] == pytest.approx((6.0, 2.5), abs=0.06), "they see it again from there on"
 
 
-def test_thought_on_stops_at_walls():
-    assert thought_on(TERRAIN, np.array([7.0, 2.5]), RIGHT, 0.5) == pytest.approx((7.5, 2.5))
-    assert thought_on(TERRAIN, np.array([7.8, 2.5]), RIGHT, 0.5)[0] <= 7.95
+def test_spot_that_only_the_robot_sees_or_nobody_stays_in_view_with_what_is_ahead():
+    alone = look((7.0, 2.5), RIGHT, watched=False)
+    assert alone.look_at == pytest.approx((7.0 + PARAMS.ahead, 2.5))
+    assert (np.abs(alone.must_see - (7.0, 2.5)).max(axis=1) < 1e-6).any(), "people hold still where it was lost"
+    assert look((7.0, 2.5), None, watched=False).look_at == pytest.approx((7.0, 2.5))
+    assert look((7.9, 2.5), RIGHT, watched=False).look_at[0] <= 7.95, "not into the wall"
 
 
 def test_bad_parameters():

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Callable, Hashable, List, Optional, Sequence, Tuple
 
 from vb_core.parameters import Parameters, param
+from vb_robot.sightings import LOST_AFTER
 from vb_robot.viewpoint import Pose, Viewpoint
 
 
@@ -18,10 +19,14 @@ class DispatchParams(Parameters):
     min_interval: float = param(1.5, "s", low=0.0, doc="between two goals")
     retry_interval: float = param(0.5, "s", low=0.0, doc="after a failure")
     patience: float = param(0.6, "s", low=0.0, doc="how long the present goal must have been unfit to be replaced")
+    lost_interval: float = param(0.5, "s", low=0.0, doc="between two goals while nobody sees the spot")
     min_spot_move: float = param(0.3, "m", low=0.0, doc="how far the spot must have gone since the goal was chosen")
     min_gain: float = param(0.25, "m", low=0.0, doc="a new place must differ by this from the present goal")
     failed_radius: float = param(0.3, "m", low=0.0, doc="round a place that failed nothing is tried ...")
     failed_memory: float = param(20.0, "s", low=0.0, doc="... for this long")
+    blind_after: float = param(3.0, "s", low=0.5, doc="a robot that stands and sees nothing for so long goes elsewhere")
+    blind_radius: float = param(0.5, "m", low=0.0, doc="by at least this")
+    blind_tries: int = param(2, low=0, doc="so often, until somebody sees the spot again")
     max_failures: int = param(5, low=1, doc="in a row, then the pause below")
     failure_pause: float = param(8.0, "s", low=0.0)
     yield_pause: float = param(15.0, "s", low=0.0, doc="after somebody else took the robot")
@@ -69,6 +74,7 @@ class Situation:
         robot: (x, y, yaw), None if not localised.
         server: whether navigation is there.
         goal: what became of the last goal.
+        silent: [s] for which no camera has seen the spot.
     """
 
     now: float
@@ -78,6 +84,7 @@ class Situation:
     robot: Optional[Pose]
     server: bool
     goal: GoalStatus
+    silent: float = 0.0
 
 
 class DispatchPolicy:
@@ -85,7 +92,8 @@ class DispatchPolicy:
 
     A goal is kept as long as its pose shows the spot. It is replaced only if it has been unfit for a while, the
     spot has moved on, and there is a place that is really another one. A place that failed is left out for a
-    while and the next best is tried. If somebody else takes the robot, it is left to them for a while.
+    while and the next best is tried; so is one from which the spot should be in view and is not reported. If somebody
+    else takes the robot, it is left to them for a while.
     """
 
     def __init__(self, params: DispatchParams) -> None:
@@ -96,7 +104,9 @@ class DispatchPolicy:
         self._sent = -math.inf
         self._quiet_until = -math.inf
         self._unfit_since: Optional[float] = None
-        self._failed: List[Tuple[float, float, float]] = []
+        self._failed: List[Tuple[float, float, float, float]] = []  # when [s], x, y [m], radius [m]
+        self._blind_since: Optional[Tuple[float, Pose]] = None  # since when it stands where it should see the spot
+        self._blind_tries = 0
         self._failures = 0
         self._progress: Optional[Tuple[float, Pose]] = None
 
@@ -128,10 +138,9 @@ class DispatchPolicy:
     def usable(self, candidates: Sequence[Viewpoint]) -> List[Viewpoint]:
         """Those that lie off the places that failed lately."""
         self._failed = [entry for entry in self._failed if self._now - entry[0] < self.params.failed_memory]
-        radius = self.params.failed_radius
         return [
             candidate for candidate in candidates
-            if all(math.dist((candidate.x, candidate.y), entry[1:]) >= radius for entry in self._failed)
+            if all(math.dist((candidate.x, candidate.y), (x, y)) >= radius for _, x, y, radius in self._failed)
         ]
 
     def take(self, viewpoint: Viewpoint, reason: str) -> Decision:
@@ -186,8 +195,8 @@ class DispatchPolicy:
         self._sent = self._quiet_until = -math.inf
         self._unfit_since = None
         self._failed.clear()
-        self._failures = 0
-        self._progress = None
+        self._failures = self._blind_tries = 0
+        self._progress = self._blind_since = None
 
     def _follow_up(self, situation: Situation) -> Optional[Decision]:
         """Takes note of how the goal goes."""
@@ -214,7 +223,7 @@ class DispatchPolicy:
 
     def _fail(self, now: float) -> None:
         if self.goal is not None:
-            self._failed.append((now, self.goal.x, self.goal.y))
+            self._failed.append((now, self.goal.x, self.goal.y, self.params.failed_radius))
         self.goal = None
         self._progress = None
         self._unfit_since = None
@@ -239,16 +248,21 @@ class DispatchPolicy:
             goal = self.goal = None  # somebody has moved the robot since
         place = goal.pose if under_way and goal is not None else situation.robot
         endangered = under_way and goal is not None and not safe(goal)
-        if fit(place) and not endangered:
+        lost = situation.silent > LOST_AFTER
+        fits = fit(place)
+        blind = self._is_blind(situation, fits and not under_way)
+        if fits and not endangered and not blind:
             self._unfit_since = None
             return Decision(Kind.KEEP, "the spot is in view there")
         if now < self._quiet_until:
             return Decision(Kind.KEEP, "waiting after a failure or for somebody else")
+        if blind:
+            goal = self.goal = None
         if goal is not None:
             if self._unfit_since is None:
                 self._unfit_since = now
-            recent = now - self._sent < params.min_interval and not endangered
-            if now - self._unfit_since < params.patience or recent:
+            recent = now - self._sent < (params.lost_interval if lost else params.min_interval) and not endangered
+            if (now - self._unfit_since < params.patience and not lost) or recent:
                 return Decision(Kind.KEEP, "the goal has become unfit only just now")
             resting = math.dist(situation.spot, goal.spot) < params.min_spot_move
             if under_way and resting and not goal.sees_spot and not endangered:
@@ -259,13 +273,35 @@ class DispatchPolicy:
                 if under_way or math.dist(situation.spot, goal.spot) < params.min_spot_move:
                     self._unfit_since = now
                     return Decision(Kind.KEEP, "there is no better place")
-            return self.take(candidate, "the spot is not in view from where the robot is or goes")
+            seen = "should be in view there, but is not reported" if blind else "is not in view from where the robot is or goes"
+            return self.take(candidate, f"the spot {seen}")
         if endangered:
             self.goal = None
             return Decision(Kind.CANCEL, "the way would lead through what is being drawn")
         # asking again at once would give the same answer
         self._quiet_until = now + params.min_interval
         return Decision(Kind.KEEP, "no place from which the spot is seen can be reached without crossing the line")
+
+    def _is_blind(self, situation: Situation, stands: bool) -> bool:
+        """Whether the robot has stood long enough where it should see the spot, and nobody reports it.
+
+        Then something hides it from there, or it is not where it is thought to be. The place counts as failed.
+        """
+        now, params, robot = situation.now, self.params, situation.robot
+        assert robot is not None
+        if situation.silent <= LOST_AFTER:
+            self._blind_tries = 0
+        before = self._blind_since
+        if not stands or before is None or _moved(before[1], robot) > params.stuck_distance:
+            self._blind_since = before = (now, robot) if stands else None
+        if before is None or min(situation.silent, now - before[0]) < params.blind_after:
+            return False
+        if self._blind_tries >= params.blind_tries:
+            return False
+        self._blind_tries += 1
+        self._blind_since = None
+        self._failed.append((now, robot[0], robot[1], params.blind_radius))
+        return True
 
 
 def _moved(a: Pose, b: Pose) -> float:

@@ -1,6 +1,7 @@
 """One robot as the dispatcher deals with it: where it is, and its navigation."""
 from __future__ import annotations
 
+import math
 from typing import Optional
 
 import rospy
@@ -10,7 +11,7 @@ from vb_core.errors import CodedError
 from vb_core.ros.transforms import TransformLookup
 from vb_robot.dispatcher import RobotStatus
 from vb_robot.navigation_client import NavigationClient
-from vb_robot.viewpoint import Pose
+from vb_robot.viewpoint import Pose, Viewpoint
 
 
 class DispatchedRobot:
@@ -36,6 +37,16 @@ class DispatchedRobot:
             rospy.logwarn("%s: called off a goal that %s had from before a restart", rospy.get_name(), self.who)
         pose = self._pose() if wanted else None
         return RobotStatus(pose, server, navigation.status(), navigation.busy(), navigation.goal_place())
+
+    def pose_for(self, viewpoint: Viewpoint) -> Pose:
+        """(x, y, yaw) that the robot is to be sent to for a viewpoint, map frame.
+
+        Choosing takes a moment. A robot that drove on meanwhile is not to come back only to turn at the same place.
+        """
+        here = self._pose() if viewpoint.turns_only else None
+        if here is None:
+            return viewpoint.pose
+        return here[0], here[1], math.atan2(viewpoint.spot[1] - here[1], viewpoint.spot[0] - here[0])
 
     def _pose(self) -> Optional[Pose]:
         """(x, y, yaw), map frame; None if it is not localised."""

@@ -2,7 +2,7 @@
 from __future__ import annotations
 
 import threading
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Dict, List, Mapping, Optional, Sequence, Tuple
 
 import numpy as np
@@ -14,7 +14,7 @@ from vb_robot import sightings
 from vb_robot.dispatch import Decision, DispatchParams, GoalStatus, Situation
 from vb_robot.fleet import Fleet, Member
 from vb_robot.notices import Notices
-from vb_robot.prospect import ProspectParams, UnseenFloor, thought_on, with_focus
+from vb_robot.prospect import ProspectParams, UnseenFloor, with_focus
 from vb_robot.sightings import Sighting, Sightings
 from vb_robot.terrain import Terrain, TerrainParams
 from vb_robot.view import FloorView, ViewParams
@@ -29,8 +29,7 @@ class WatchParams(Parameters):
 
     robots: list = param([], doc="names of the robots, which are their namespaces; empty: one without a namespace")
     way_check: float = param(0.5, "s", low=0.0, doc="between two looks at the way to the present goal")
-    lost_speed: float = param(0.3, "m/s", low=0.0, high=2.0, doc="a spot that nobody sees has moved on like this")
-    lost_distance: float = param(0.5, "m", low=0.0, high=2.0, doc="but not farther than this")
+    min_confidence: float = param(0.4, low=0.0, high=1.0, doc="a spot less certain than this sends no robot")
     mobile_cameras: tuple = param(("robot",), doc="names of cameras on robots, beside those of `robots`")
 
     def __post_init__(self) -> None:
@@ -181,7 +180,9 @@ class Dispatcher:
             return self._sightings.set_state(state, interaction_id, entered)
 
     def add(self, sighting: Sighting) -> None:
-        """Takes a spot of any camera."""
+        """Takes a spot of any camera, if it is certain enough."""
+        if sighting.confidence < self._watch.min_confidence:
+            return
         with self._lock:
             self._sightings.add(sighting)
 
@@ -209,14 +210,14 @@ class Dispatcher:
             known.forget_after(now)
             wanted, key = self.wanted(), known.key
             drawing = self._drawing(now) if wanted else None
-            gone_on = known.gone_on(now, self._watch.lost_speed, self._watch.lost_distance)
+            silent = known.silent(now)
             unseen = self._unseen
         members = []
         for name, status in robots.items():
             others = [place for other, its in robots.items() if other != name for place in its.places()]
-            members.append(self._member(name, status, now, drawing, gone_on, unseen, wanted, key, others))
+            members.append(self._member(name, status, now, drawing, silent, unseen, wanted, key, others))
         decisions = self._fleet.step(members)
-        self.notice = self._notice(now, drawing, gone_on, unseen, members)
+        self.notice = self._notice(now, drawing, unseen, members)
         return decisions
 
     def _drawing(self, now: float) -> Optional[Drawing]:
@@ -242,7 +243,7 @@ class Dispatcher:
         status: RobotStatus,
         now: float,
         drawing: Optional[Drawing],
-        gone_on: float,
+        silent: float,
         unseen: Optional[UnseenFloor],
         wanted: bool,
         key: Tuple[str, int],
@@ -255,8 +256,6 @@ class Dispatcher:
         pose = status.pose if wanted else None
         spot: Optional[Tuple[float, float]] = None
         if drawing is not None and terrain is not None:
-            if drawing.direction is not None and gone_on > 0.0:
-                drawing = replace(drawing, spot=thought_on(terrain, drawing.spot, drawing.direction, gone_on))
             drawing = with_focus(terrain, unseen, drawing, self._prospect)
             spot = (float(drawing.look_at[0]), float(drawing.look_at[1]))
         goal = self._fleet.policies[name].goal
@@ -275,7 +274,7 @@ class Dispatcher:
             assert drawing is not None and pose is not None
             return grounds.way_is_safe(now, self._watch.way_check, pose, viewpoint, drawing, self._viewpoint)
 
-        situation = Situation(now, wanted, key, spot, pose, status.server, status.goal)
+        situation = Situation(now, wanted, key, spot, pose, status.server, status.goal, silent)
         return Member(name, situation, status.busy, fit, rank, safe)
 
     # ------------------------------------------------------------- words
@@ -283,7 +282,6 @@ class Dispatcher:
         self,
         now: float,
         drawing: Optional[Drawing],
-        gone_on: float,
         unseen: Optional[UnseenFloor],
         members: Sequence[Member],
     ) -> Optional[str]:
@@ -294,7 +292,8 @@ class Dispatcher:
         serving = self._fleet.serving
         comes = serving is not None and self._fleet.policies[serving].goal is not None
         able = any(member.situation.server and member.situation.robot is not None for member in members)
-        place = drawing.spot if drawing.direction is None else drawing.spot + gone_on * drawing.direction
+        # cameras lose a spot that leaves their image: the place where it was seen last is one that they see well
+        place = drawing.spot if drawing.direction is None else drawing.spot + self._prospect.ahead * drawing.direction
         uncovered = unseen is not None and bool(unseen.at(place[None])[0])
         near = unseen.nearest(drawing.spot, self._prospect.beside) if unseen is not None else None
         ahead = drawing.watched and near is not None

@@ -5,7 +5,8 @@ import enum
 import math
 from typing import Hashable, Optional
 
-LOST_AFTER = 0.7  # [s] without a sighting: cameras miss some images
+from vb_robot.sightings import LOST_AFTER
+
 RENEWED_AFTER = 20.0  # [s] the same words again
 
 

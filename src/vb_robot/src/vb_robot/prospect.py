@@ -9,7 +9,9 @@ import numpy as np
 from vb_core.grid_map import GridMap, distance_to
 from vb_core.parameters import Parameters, param
 from vb_robot.terrain import Terrain, sample
-from vb_robot.viewpoint import Drawing
+from vb_robot.viewpoint import NO_STRETCH, Drawing
+
+STEP = 0.05  # [m] between places of a line that is thought on
 
 
 @dataclass(frozen=True)
@@ -17,10 +19,9 @@ class ProspectParams(Parameters):
     """How far ahead is looked."""
 
     horizon: float = param(2.0, "m", low=0.0, high=10.0, doc="how far the line is thought straight on")
-    beyond: float = param(0.3, "m", low=0.0, high=2.0, doc="the robot looks so far beyond the edge of what cameras see")
+    ahead: float = param(0.3, "m", low=0.0, high=2.0, doc="the robot looks so far into what only it can see")
     beside: float = param(1.0, "m", low=0.0, high=5.0, doc="so near to the spot floor that nobody sees counts")
     least_gap: float = param(0.15, "m", low=0.0, high=2.0, doc="narrower shadows, as of a table's leg, do not count")
-    lead: float = param(0.3, "m", low=0.0, high=1.0, doc="the robot looks so far ahead of a spot that it alone sees")
 
 
 class UnseenFloor:
@@ -55,42 +56,39 @@ class UnseenFloor:
 def with_focus(terrain: Terrain, unseen: Optional[UnseenFloor], drawing: Drawing, params: ProspectParams) -> Drawing:
     """The drawing with what the robot is to look at.
 
-    While stationary cameras see the spot: where they will lose it if it goes straight on, or else the floor beside it
-    that they do not see. When they do not: a little ahead of it.
+    While stationary cameras see the spot: the stretch on which they will lose it if it goes straight on, or else the
+    floor beside it that they do not see. When they do not: from where it was seen last on. People notice that they
+    have lost the cameras a moment later, and hold still some decimetres beyond.
     """
     if drawing.seeding:
         return drawing
     spot = np.asarray(drawing.spot, dtype=float)
-    if drawing.watched and unseen is not None:
-        place = _exit(terrain, unseen, spot, drawing.direction, params)
-        if place is None:
-            place = unseen.nearest(spot, params.beside)
-        return drawing if place is None else replace(drawing, focus=place)
-    if drawing.direction is None or drawing.watched:
-        return drawing
-    return replace(drawing, focus=spot + _room(terrain, spot, drawing.direction, params.lead) * drawing.direction)
+    if drawing.direction is None:
+        stretch = spot[None] if not drawing.watched else NO_STRETCH
+    elif not drawing.watched:
+        stretch = _straight_on(terrain, spot, drawing.direction, params.horizon)
+    elif unseen is not None:
+        stretch = _first_unseen(unseen, _straight_on(terrain, spot, drawing.direction, params.horizon))
+    else:
+        stretch = NO_STRETCH
+    if len(stretch):
+        focus = stretch[min(int(round(params.ahead / STEP)), len(stretch) - 1)]
+        return replace(drawing, focus=focus, stretch=stretch)
+    place = unseen.nearest(spot, params.beside) if drawing.watched and unseen is not None else None
+    return drawing if place is None else replace(drawing, focus=place)
 
 
-def thought_on(terrain: Terrain, spot: np.ndarray, direction: np.ndarray, distance: float) -> np.ndarray:
-    """(2,) [m] a spot (2,) moved on along a unit vector (2,), but not into a wall."""
-    return spot + _room(terrain, spot, direction, distance) * direction
-
-
-def _room(terrain: Terrain, spot: np.ndarray, direction: np.ndarray, distance: float) -> float:
+def _straight_on(terrain: Terrain, spot: np.ndarray, direction: np.ndarray, length: float) -> np.ndarray:
+    """(K, 2) [m] places a STEP apart from a spot on along a unit vector (2,), but not into a wall."""
     room = float(np.linalg.norm(terrain.ray_end(spot, direction) - spot)) - 0.05
-    return min(distance, max(0.0, room))
+    return spot + np.arange(0.0, min(length, max(0.0, room)) + 1e-9, STEP)[:, None] * direction
 
 
-def _exit(
-    terrain: Terrain, unseen: UnseenFloor, spot: np.ndarray, direction: Optional[np.ndarray], params: ProspectParams
-) -> Optional[np.ndarray]:
-    """(2,) [m] a little beyond where the line ahead of the spot leaves what cameras see; None if it does not."""
-    if direction is None:
-        return None
-    room = _room(terrain, spot, direction, params.horizon)
-    along = np.arange(0.0, room + 1e-9, 0.05)
-    lost = np.flatnonzero(unseen.at(spot + along[:, None] * direction))
-    if not len(lost):
-        return None
-    reach = _room(terrain, spot, direction, params.horizon + params.beyond)
-    return spot + min(float(along[lost[0]]) + params.beyond, reach) * direction
+def _first_unseen(unseen: UnseenFloor, line: np.ndarray) -> np.ndarray:
+    """(K, 2) [m] the first part of a line (N, 2) that no stationary camera sees; empty if they see all of it."""
+    hidden = unseen.at(line)
+    if not hidden.any():
+        return NO_STRETCH
+    begin = int(np.argmax(hidden))
+    seen_again = np.flatnonzero(~hidden[begin:])
+    return line[begin:begin + int(seen_again[0])] if len(seen_again) else line[begin:]

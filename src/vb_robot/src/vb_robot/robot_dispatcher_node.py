@@ -27,7 +27,7 @@ from vb_robot.prospect import ProspectParams
 from vb_robot.sightings import Sighting
 from vb_robot.terrain import TerrainParams
 from vb_robot.view import ViewParams
-from vb_robot.viewpoint import Pose, ViewpointParams
+from vb_robot.viewpoint import Viewpoint, ViewpointParams
 
 _GROUPS = ("dispatch", "viewpoint", "view", "terrain", "prospect")
 
@@ -120,8 +120,8 @@ class RobotDispatcherNode:
                 5.0, f"{rospy.get_name()}: spot refused: frame '{message.header.frame_id}', position {position}; "
                 f"expected finite values in '{names.MAP_FRAME}' ({self._refused_spots} so far)")
             return
-        sighting = Sighting(message.header.stamp.to_sec(), position, message.camera, message.mobile)
-        self._dispatcher.add(sighting)
+        stamp, confidence = message.header.stamp.to_sec(), message.confidence
+        self._dispatcher.add(Sighting(stamp, position, message.camera, message.mobile, confidence))
 
     def _on_progress(self, message: BorderProgress) -> None:
         self._dispatcher.set_progress(Progress(
@@ -151,7 +151,7 @@ class RobotDispatcherNode:
             if decision.kind is Kind.CANCEL:
                 robot.navigation.cancel()
             elif decision.kind is Kind.SEND and decision.viewpoint is not None:
-                self._send(robot, decision.viewpoint.pose, key)
+                self._send(robot, decision.viewpoint, key)
             if decision.reason != self._reasons.get(robot.name):
                 self._reasons[robot.name] = decision.reason
                 rospy.loginfo("%s: %s: %s: %s", rospy.get_name(), robot.who, decision.kind.value, decision.reason)
@@ -159,7 +159,8 @@ class RobotDispatcherNode:
             rospy.loginfo("%s: %s", rospy.get_name(), self._dispatcher.notice)
             self._notice.publish(String(self._dispatcher.notice))
 
-    def _send(self, robot: DispatchedRobot, pose: Pose, key: Tuple[str, int]) -> None:
+    def _send(self, robot: DispatchedRobot, viewpoint: Viewpoint, key: Tuple[str, int]) -> None:
+        pose = robot.pose_for(viewpoint)
         with self._goals:
             if self._dispatcher.key != key:
                 return  # the state has ended meanwhile

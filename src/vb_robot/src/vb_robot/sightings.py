@@ -1,24 +1,27 @@
 """What is known about the spot in the interaction that goes on: where it is, which way it moves, who saw it."""
 from __future__ import annotations
 
-from collections import deque
+from collections import Counter, deque
 from dataclasses import dataclass
 from typing import Deque, Dict, Iterable, Optional, Set, Tuple
 
 import numpy as np
 
 DEFAULT, BORDER, SEED, GUIDE = range(4)  # the values of vb_msgs/InteractionState
+LOST_AFTER = 0.7  # [s] a spot that nobody has seen for so long is lost: cameras miss some images
+STRAIGHT = 0.7  # cosine of the angle up to which a spot goes straight on
 RUN_GAP = 2.0  # [s] a robot that has not seen the spot for so long does not lead any more
 
 
 @dataclass(frozen=True)
 class Sighting:
-    """One spot: when [s], where (x, y) [m] in the map frame, which camera, whether that camera is on a robot."""
+    """One spot: when [s], where (x, y) [m] in the map frame, which camera, whether that is on a robot, how certain."""
 
     stamp: float
     position: Tuple[float, float]
     camera: str
     mobile: bool
+    confidence: float = 1.0
 
 
 class Sightings:
@@ -93,30 +96,18 @@ class Sightings:
         """The newest sighting of any camera in this state."""
         return max(self._recent, key=lambda s: s.stamp) if self._recent else None
 
-    def watched(self, now: float, patience: float = 3.0) -> bool:
-        """Whether a stationary camera sees the spot, or did when it was seen last.
-
-        The seed does not move: once seen is enough. A border's spot that nobody sees any more, for longer than a
-        patience [s], is not watched.
-        """
+    def watched(self, now: float) -> bool:
+        """Whether a stationary camera sees the spot. The seed does not move: once seen is enough."""
         newest = self.newest()
         stamps = [s.stamp for s in self._recent if not s.mobile]
         if newest is None or not stamps:
             return False
-        return self.state == SEED or (newest.stamp - max(stamps) <= self._window and now - newest.stamp <= patience)
+        return self.state == SEED or (newest.stamp - max(stamps) <= self._window and self.silent(now) <= LOST_AFTER)
 
-    def gone_on(self, now: float, speed: float, most: float) -> float:
-        """[m] by which a border's spot that nobody sees any more has probably moved on since it was seen last.
-
-        Cameras lose a spot that leaves their image, so the place where it was last is one that they see well.
-
-        Args:
-            speed: [m/s] at which people draw; most: [m]
-        """
+    def silent(self, now: float) -> float:
+        """[s] for which nobody has seen a border's spot; 0 before somebody did, and for a seed: that does not move."""
         newest = self.newest()
-        if newest is None or self.state != BORDER or now - newest.stamp < 0.5 * self._window:
-            return 0.0
-        return min(speed * (now - newest.stamp), most)
+        return max(0.0, now - newest.stamp) if newest is not None and self.state == BORDER else 0.0
 
     def target(self, min_sightings: int = 3) -> Optional[np.ndarray]:
         """(2,) [m] where the spot was last: the median of the last window before the newest sighting.
@@ -131,21 +122,26 @@ class Sightings:
             last = [s.position for s in self._recent if s.stamp >= newest.stamp - self._window]
         return np.median(np.array(last), axis=0) if len(last) >= min_sightings else None
 
-    def direction(self, min_speed: float = 0.05) -> Optional[np.ndarray]:
-        """(2,) unit vector along which the spot moved over the window; None if it moved too little to tell."""
+    def direction(self, min_speed: float = 0.1) -> Optional[np.ndarray]:
+        """(2,) unit vector along which the spot moved over the window; None if it moved too little to tell, or turned.
+
+        Cameras differ by centimetres: only the one counts that saw most of the window.
+        """
         newest = self.newest()
         if newest is None:
             return None
         recent = [s for s in self._recent if s.stamp >= newest.stamp - self._window]
-        times = np.array([s.stamp for s in recent])
-        if len(recent) < 6 or np.ptp(times) < 0.3 * self._window:
+        most = Counter(s.camera for s in recent).most_common(1)[0][0]
+        recent = sorted((s for s in recent if s.camera == most), key=lambda s: s.stamp)
+        if len(recent) < 6 or recent[-1].stamp - recent[0].stamp < 0.3 * self._window:
             return None
-        middle = np.median(times)
-        places = np.array([s.position for s in recent])
-        early, late = times <= middle, times > middle
-        if not late.any():
+        times, places = (
+            [np.median(third, axis=0) for third in np.array_split(values, 3)]
+            for values in (np.array([s.stamp for s in recent]), np.array([s.position for s in recent]))
+        )
+        before, after, whole = places[1] - places[0], places[2] - places[1], places[2] - places[0]
+        length, seconds = float(np.linalg.norm(whole)), float(times[2] - times[0])
+        if seconds <= 0 or length / seconds < min_speed:
             return None
-        step = np.median(places[late], axis=0) - np.median(places[early], axis=0)
-        seconds = float(np.median(times[late]) - np.median(times[early]))
-        length = float(np.linalg.norm(step))
-        return step / length if seconds > 0 and length / seconds >= min_speed else None
+        straight = float(np.dot(before, after)) >= STRAIGHT * float(np.linalg.norm(before) * np.linalg.norm(after))
+        return whole / length if straight else None

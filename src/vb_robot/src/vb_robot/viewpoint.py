@@ -2,7 +2,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import List, Optional, Tuple
 
 import cv2
@@ -39,6 +39,8 @@ class ViewpointParams(Parameters):
 
 _SPOT_MARGIN = 0.06  # fraction of the image that must lie beyond a spot which is not what is looked at
 
+NO_STRETCH = np.zeros((0, 2))
+
 MAX_SAFE = 12  # as many poses as anybody will try one after the other
 
 
@@ -48,6 +50,7 @@ class Viewpoint:
 
     Attributes:
         sees_spot: False for a place that only leaves the side to be restricted.
+        turns_only: it is where the robot stood when it was chosen.
         risky: the way leads through what is being drawn, and was chosen all the same.
     """
 
@@ -59,6 +62,7 @@ class Viewpoint:
     spot: Tuple[float, float]
     sees_spot: bool = True
     risky: bool = False
+    turns_only: bool = False
 
     @property
     def pose(self) -> Pose:
@@ -79,6 +83,8 @@ class Drawing:
         watched: a stationary camera sees the spot, so that there is no need for a robot to take risks.
         focus: (2,) [m] what the robot is to look at, for instance where the spot will leave the stationary cameras'
             sight. None: the spot.
+        stretch: (K, 2) [m] what it is to see if it can: where the line probably goes on while no stationary camera sees
+            it. It leads past the focus; the part up to there it must see.
     """
 
     spot: np.ndarray
@@ -89,6 +95,13 @@ class Drawing:
     ordered: bool = True
     watched: bool = False
     focus: Optional[np.ndarray] = None
+    stretch: np.ndarray = field(default_factory=lambda: NO_STRETCH)
+
+    @property
+    def must_see(self) -> np.ndarray:
+        """(K, 2) [m] without which a pose is none; a spot that no stationary camera sees is among them."""
+        wanted = [self.look_at, *self.stretch[:1]]
+        return np.array(wanted if self.watched else [*wanted, np.asarray(self.spot, dtype=float)])
 
     @property
     def look_at(self) -> np.ndarray:
@@ -112,7 +125,7 @@ def rank_viewpoints(
 
     Each is clear of obstacles and borders by radius and margin, off the line drawn and the line ahead,
     faces what is looked at from a distance within the limits, has a free line of sight and a way that leads there.
-    A spot that no stationary camera sees lies in the image too. Where the robot stands counts if it only has to turn.
+    What it must see lies in the image too. Where the robot stands counts if it only has to turn.
     While the seed is being shown, poses on its side are left out: the border to come would lock the robot in.
     If none is left then and the robot itself stands on that side, the nearest place off it is given.
 
@@ -128,9 +141,9 @@ def rank_viewpoints(
     if len(others):
         apart = 2.0 * terrain.params.robot_radius + terrain.params.margin
         keep &= np.linalg.norm(places[:, None] - others[None], axis=2).min(axis=1) >= apart
-    if not drawing.watched and drawing.focus is not None:
+    if drawing.focus is not None:
         poses = ((*place, angle) for place, angle in zip(places, yaw))
-        keep &= np.array([bool(view.sees(to_base(spot[None], pose), _SPOT_MARGIN)[0]) for pose in poses])
+        keep &= np.array([bool(view.sees(to_base(drawing.must_see, pose), _SPOT_MARGIN).all()) for pose in poses])
     side = terrain.side_of(spot, drawing.chain, drawing.closed) if drawing.seeding else None
     off_side = _clear_of(terrain, side)
     if off_side is not None:
@@ -151,14 +164,15 @@ def rank_viewpoints(
     turn = np.array([_turns(robot, place, angle) for place, angle in zip(places, yaw)])
     cost = way + params.turn_cost * turn + params.distance_cost * np.abs(distance - params.best_distance)
     cost = cost + params.enclosed_cost * _enclosed(places, drawing)
-    ahead = drawing.line_ahead(params.ahead)
+    ahead = np.vstack([drawing.line_ahead(params.ahead), drawing.stretch])
     if len(ahead) > 1:
         unseen = [1.0 - float(np.mean(view.sees(to_base(ahead, (*place, angle))))) for place, angle in zip(places, yaw)]
         cost = cost + params.unseen_ahead_cost * np.array(unseen)
     order = np.argsort(cost, kind="stable")
     found = [
         Viewpoint(float(places[i, 0]), float(places[i, 1]), geometry.wrap_angle(float(yaw[i])), float(way[i]),
-                  float(cost[i]), (float(look_at[0]), float(look_at[1])))
+                  float(cost[i]), (float(look_at[0]), float(look_at[1])),
+                  turns_only=bool(np.linalg.norm(places[i] - robot[:2]) < 1e-6))
         for i in order
     ]
     area = expected_area(terrain, drawing, params.min_line)
@@ -227,7 +241,7 @@ def shows_spot(
     if off_side is not None and not sample(terrain.grid, off_side, place)[0] > 0:
         return False
     look_at = drawing.look_at
-    wanted = look_at[None] if drawing.watched else np.vstack([look_at, drawing.spot])
+    wanted = drawing.must_see
     if float(np.linalg.norm(wanted - place[0], axis=1).min()) < 0.6 * params.min_distance:
         return False
     if not view.sees(to_base(wanted, pose), image_margin).all():

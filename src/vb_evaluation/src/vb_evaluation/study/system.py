@@ -121,7 +121,7 @@ class System:
         """A camera has reported a spot."""
         self.spots.append(seen)
         self._collector.add(Spot(seen.stamp, *seen.position, seen.camera, seen.confidence))
-        sighting = Sighting(seen.stamp, seen.position, seen.camera, seen.mobile)
+        sighting = Sighting(seen.stamp, seen.position, seen.camera, seen.mobile, seen.confidence)
         for robot in self.robots.values():
             robot.add(sighting)
         if self._dispatcher is not None:
