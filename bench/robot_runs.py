@@ -7,9 +7,10 @@
     python3 bench/robot_runs.py --resume                           only the runs that are missing in the file
 
 In one process the same detectors, fusion, dispatcher, servoing and navigation run without ROS, in simulated time as
-fast as the processor goes (vb_evaluation.study). Over ROS the whole system is started with roslaunch under a master
-of its own; only there a run goes on after the border is saved, so only there entering it is judged. Either way the
-judge sees the lab's ground truth 50 times a second, none of what the robot believes.
+fast as the processor goes (vb_evaluation.study). Once the border is saved navigation is sent to places on either side of
+it and in it: it must go round or refuse. Over ROS the whole system is started with roslaunch under a master of its own,
+and goes on for some seconds in which a robot that the border swallowed leaves it. Either way the judge sees the lab's
+ground truth 50 times a second, none of what the robot believes.
 Leaves out/bench/robot_runs.json (robot_runs_ros.json), one entry per run; bad runs stay in it. Exits non-zero if a run
 broke a rule.
 """
@@ -38,6 +39,7 @@ from vb_evaluation.processes import Child, free_port
 from vb_evaluation.study import config
 from vb_evaluation.study.cameras import Room
 from vb_evaluation.study.runner import Simulation, Task
+from vb_evaluation.study.system import NAVIGATION_HZ, SCAN_HZ, Every
 from vb_msgs.msg import DetectorStatus, InteractionState, LabState, LaserSpot
 from vb_sim.world import load_world
 
@@ -47,6 +49,7 @@ DRIVEN_SPEED = 0.5  # [m/s] under navigation
 SPEED_TOLERANCE = 0.005  # [m/s] over ROS speeds are differences of positions
 WAIT_GOAL_S = 10.0
 READY_S, RUN_S, AFTER_S = 90.0, 600.0, 6.0
+GOAL_S = 60.0  # [s] for navigation to reach a goal or to give it up
 BAG_TOPICS = [names.SPOTS, names.LAB_STATE, names.STATE, names.PROGRESS, names.DETECTORS, names.WORKSPACE, "/tf",
               "/tf_static", "/robot_dispatcher/viewpoint", "/spot_detector_robot/debug_image"]
 
@@ -167,6 +170,35 @@ class JudgedSimulation(Simulation):
         self.judge.step(now, self.lab.robots[0].pose[:2], action.laser is not None, action.doing)
 
 
+    def send_across(self, goal) -> str:
+        """Sends the robot to a goal (x, y, yaw) [m, m, rad] with the border in force; gives what became of it."""
+        robot = next(iter(self.system.robots.values()))
+        body, step = self.lab.robots[0], 1.0 / self.study.timing.rate
+        scan, control = Every(SCAN_HZ), Every(NAVIGATION_HZ)
+        robot.send(goal)
+        until = self.lab.now + GOAL_S
+        while robot.driving and self.lab.now < until:
+            now = self.lab.now + step
+            self.lab.step(step, now)
+            self.poses[0].add(now, body.odometry, body.estimate())
+            if scan.due(now):
+                robot.scan(now)
+            if control.due(now):
+                robot.navigate(now, control.period)
+            self.judge.step(now, body.pose[:2], False, "")
+        outcome = robot.status(self.lab.now).goal.value
+        robot.cancel()
+        return outcome
+
+    def go_on(self) -> list:
+        """What became of goals on either side of the border, and of one in the area it restricts."""
+        self.judge.state = "default"
+        self.judge.set_maps(posterior=self.system.integrator.posterior)
+        proof = self.scenario.proof
+        places = [proof.start[:2], proof.goal[:2], self.scenario.seed]
+        return [self.send_across((float(place[0]), float(place[1]), 0.0)) for place in places]
+
+
 def run_here(study, room: Room, scenario: str, method: str, seed: int) -> dict:
     """One run without ROS; the seed is the participant's number."""
     began = time.monotonic()
@@ -174,12 +206,12 @@ def run_here(study, room: Room, scenario: str, method: str, seed: int) -> dict:
     result = simulation.run()
     judge = simulation.judge
     judge.outcome = "saved" if result.saved else simulation.script.outcome or "time is up"
+    goals_after = simulation.go_on() if result.saved else []
     figures = judge.result(simulation.prior.resolution)
-    figures["border_entered_m"] = None  # the run ends when the border is saved
     if result.collisions and "collision" not in figures["breaches"]:
         figures["breaches"].append("collision")
     return {"scenario": scenario, "method": method, "seed": seed, **figures,
-            "duration_s": round(result.ended - result.began, 2), "goals": result.goals,
+            "duration_s": round(result.ended - result.began, 2), "goals": result.goals, "goals_after": goals_after,
             "tries": result.script.person.tries, "wall_s": round(time.monotonic() - began, 1)}
 
 
@@ -284,10 +316,9 @@ def summarise(runs: list) -> str:
             return sum(any(word in breach for breach in run["breaches"]) for run in group)
 
         holds = [run["longest_hold_s"] for run in group]
-        judged = any(run.get("border_entered_m") is not None for run in group)
         lines.append(
             f"{scenario:9} {method:10} {len(group):4d} {len(group) - count('no border'):5d} {count('collision'):10d} "
-            f"{count('entered') if judged else '-':>7} {count('too fast'):8d} "
+            f"{count('entered'):7d} {count('too fast'):8d} "
             f"{np.median(holds):9.1f} s {max(holds):6.1f} s "
             f"{max(run['longest_unseen_s'] for run in group):8.1f} s "
             f"{min(run['least_clearance_m'] for run in group):7.3f} m")

@@ -92,6 +92,11 @@ class DrivenRobot:
         self._goal_status = GoalStatus.NONE
         self.goals = 0
 
+    def set_map(self, grid: GridMap) -> None:
+        """Takes the map with borders."""
+        self._navigator.set_map(grid)
+        self._ground = ForbiddenGround(grid, self._safety)
+
     def set_state(self, state: int, interaction_id: str, entered: float) -> None:
         """Takes the interaction's state."""
         self._guiding.set_state(state, interaction_id, entered)

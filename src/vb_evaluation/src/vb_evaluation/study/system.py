@@ -155,6 +155,8 @@ class System:
             answer = self.interaction.refuse_save(error.code, error.message, now)
         else:
             self.border = border
+            for robot in self.robots.values():
+                robot.set_map(self.integrator.posterior)
             answer = self.interaction.finish_save(outcome.ids[0], now)
         self._tell(pending.number, answer, now)
 
