@@ -9,7 +9,7 @@ from move_base_msgs.msg import MoveBaseAction
 
 from vb_core.ros.messages import pose_to_2d
 
-SPEED = 0.5  # [m/s]
+SPEED = 1.5  # [m/s] faster than in life: tests wait for robots that arrive
 
 
 class _Server(actionlib.ActionServer):

@@ -68,7 +68,7 @@ class GuideTest(unittest.TestCase):
         self.assertTrue(wait_until(lambda: self.distance((2.95, 2.7)) < 1.4))
         self.stimulus.spot = None
         self.assertTrue(wait_until(lambda: self.stimulus.velocity == (0.0, 0.0)))
-        spot = (self.stimulus.pose[0] + 1.4, 2.7)
+        spot = (self.stimulus.pose[0] + 1.32, 2.7)
         self.stimulus.spot = (*spot, "robot", True)
         self.assertTrue(wait_until(lambda: self.distance(spot) < 1.1 and self.stimulus.velocity == (0.0, 0.0)))
         self.stimulus.spot = (spot[0] + 0.6, 2.7, "robot", True)
@@ -121,7 +121,7 @@ class GuideTest(unittest.TestCase):
         self.stimulus.publish_map(grid.with_data(data), physical=grid)
         self.stimulus.spot = (3.0, 3.1, "other", True)
         self.spots(12)
-        self.stimulus.pose = (3.05, 2.5, 0.0)
+        self.stimulus.pose = (3.12, 2.5, 0.0)
         type(self).nearest = math.inf
         self.stimulus.set_state(GUIDE)
         self.stimulus.spot = (4.6, 2.5, "robot", True)

@@ -201,3 +201,14 @@ def test_seed_side_is_left():
     assert not shows_spot(TERRAIN, VIEW, (6.0, 1.0, 0.0), drawing, PARAMS)
     # from the left room nothing of the seed can be seen, and there is no need to go anywhere
     assert rank_viewpoints(TERRAIN, VIEW, (1.0, 3.0, 0.0), drawing, PARAMS) == []
+
+
+def test_robot_that_only_has_to_turn_does_so_where_it_is_by_now():
+    robot = (6.0, 2.0, 0.0)
+    drawing = Drawing(np.array([6.0, 3.2]), NO_CHAIN, None)
+    best = rank_viewpoints(TERRAIN, VIEW, robot, drawing, PARAMS)[0]
+    assert best.turns_only and best.pose == pytest.approx((6.0, 2.0, math.pi / 2))
+    assert best.pose_from((6.3, 2.0, 0.0)) == pytest.approx((6.3, 2.0, math.atan2(1.2, -0.3)))
+    assert best.pose_from(None) == best.pose
+    elsewhere = rank_viewpoints(TERRAIN, VIEW, (7.0, 0.5, 0.0), drawing, PARAMS)[0]
+    assert not elsewhere.turns_only and elsewhere.pose_from((6.9, 0.6, 0.0)) == elsewhere.pose

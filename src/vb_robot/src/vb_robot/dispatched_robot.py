@@ -1,7 +1,6 @@
 """One robot as the dispatcher deals with it: where it is, and its navigation."""
 from __future__ import annotations
 
-import math
 from typing import Optional
 
 import rospy
@@ -39,14 +38,8 @@ class DispatchedRobot:
         return RobotStatus(pose, server, navigation.status(), navigation.busy(), navigation.goal_place())
 
     def pose_for(self, viewpoint: Viewpoint) -> Pose:
-        """(x, y, yaw) that the robot is to be sent to for a viewpoint, map frame.
-
-        Choosing takes a moment. A robot that drove on meanwhile is not to come back only to turn at the same place.
-        """
-        here = self._pose() if viewpoint.turns_only else None
-        if here is None:
-            return viewpoint.pose
-        return here[0], here[1], math.atan2(viewpoint.spot[1] - here[1], viewpoint.spot[0] - here[0])
+        """(x, y, yaw) that the robot is to be sent to for a viewpoint, map frame."""
+        return viewpoint.pose_from(self._pose() if viewpoint.turns_only else None)
 
     def _pose(self) -> Optional[Pose]:
         """(x, y, yaw), map frame; None if it is not localised."""

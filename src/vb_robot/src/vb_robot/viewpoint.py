@@ -68,6 +68,15 @@ class Viewpoint:
     def pose(self) -> Pose:
         return self.x, self.y, self.yaw
 
+    def pose_from(self, here: Optional[Pose]) -> Pose:
+        """Where a robot that is `here` by now is to be sent.
+
+        Choosing takes a moment. A robot that drove on meanwhile is not to come back only to turn at the same place.
+        """
+        if not self.turns_only or here is None:
+            return self.pose
+        return here[0], here[1], math.atan2(self.spot[1] - here[1], self.spot[0] - here[0])
+
 
 @dataclass(frozen=True)
 class Drawing:

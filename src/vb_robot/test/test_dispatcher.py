@@ -1,0 +1,112 @@
+"""The dispatcher as a whole, without ROS: a line that leaves what the ceiling camera sees, and robots that fail to see it."""
+import math
+
+import numpy as np
+import pytest
+
+from vb_core.grid_map import GridMap
+from vb_robot.dispatch import GoalStatus, Kind
+from vb_robot.dispatcher import Dispatcher, RobotStatus
+from vb_robot.sightings import BORDER, Sighting
+from vb_robot.view import FloorView, ViewParams, to_base
+
+PERIOD = 0.25
+VIEW = FloorView(ViewParams())
+EDGE = 5.0  # [m] the ceiling camera sees x < EDGE
+
+
+class Lab:
+    """8 m x 5 m, one ceiling camera that sees x < 5 m, a spot that is drawn along y = 2.5 m, a robot that arrives at once."""
+
+    def __init__(self, robot=(7.0, 1.0, 0.0)):
+        data = np.zeros((100, 160), dtype=np.int8)
+        data[[0, -1]] = 100
+        data[:, [0, -1]] = 100
+        grid = GridMap(data, 0.05)
+        coverage = np.where(data > 0, np.int8(-1), np.int8(1))
+        coverage[1:-1, int(EDGE / 0.05):-1] = 0
+        self.dispatcher = Dispatcher()
+        self.dispatcher.set_map(grid)
+        self.dispatcher.set_physical_map(grid)
+        self.dispatcher.set_coverage(grid.with_data(coverage))
+        self.dispatcher.set_state(BORDER, "a", 100.0)
+        self.now, self.robot, self.goal, self.sent = 100.0, robot, GoalStatus.NONE, []
+        self.spot = np.array([3.0, 2.5])
+
+    def see(self, camera, position, mobile=False, confidence=0.9):
+        self.dispatcher.add(Sighting(self.now, tuple(position), camera, mobile, confidence))
+
+    def step(self, speed=0.0, robot_sees=True):
+        """A quarter of a second in which the spot moves on along x [m/s]."""
+        for _ in range(5):
+            self.now += PERIOD / 5
+            self.spot = self.spot + (speed * PERIOD / 5, 0.0)
+            if self.spot[0] < EDGE:
+                self.see("red", self.spot)
+            if robot_sees and self.robot_views(self.spot):
+                self.see("robot", self.spot, mobile=True)
+        status = RobotStatus(self.robot, True, self.goal)
+        decision = self.dispatcher.decide(self.now, {"": status})[""]
+        if decision.kind is Kind.SEND:
+            self.robot, self.goal = decision.viewpoint.pose_from(self.robot), GoalStatus.REACHED
+            self.sent.append((self.now, self.robot))
+        return decision
+
+    def robot_views(self, place):
+        return bool(VIEW.sees(to_base(np.asarray(place)[None], self.robot))[0])
+
+    def draw_until(self, x, speed=0.4, **how):
+        while self.spot[0] < x:
+            self.step(speed, **how)
+
+
+def test_robot_has_the_whole_stretch_in_view_before_the_spot_gets_there():
+    lab = Lab()
+    lab.draw_until(EDGE - 0.4)
+    stretch = np.column_stack([np.arange(EDGE, EDGE + 0.8, 0.1), np.full(8, 2.5)])
+    assert all(lab.robot_views(place) for place in stretch), f"from {lab.robot}"
+    goals = len(lab.sent)
+    lab.draw_until(EDGE + 0.6)
+    assert len(lab.sent) == goals, "and need not move while it is drawn there"
+
+
+def test_camera_that_reports_nothing_from_its_place_another_place_is_taken():
+    lab = Lab()
+    lab.draw_until(EDGE + 0.25, robot_sees=False)  # its camera is there, but tells of no spot
+    place, lost, known = lab.robot, lab.now, len(lab.sent)
+    assert lab.robot_views(lab.spot)
+    while lab.now < lost + 12.0:
+        lab.step(robot_sees=False)
+    tried = lab.sent[known:]
+    assert len(tried) == 2, "not for ever: the laser may be off"
+    assert tried[0][0] - lost < 4.0 and math.dist(tried[0][1][:2], place[:2]) >= 0.5
+    assert math.dist(tried[1][1][:2], tried[0][1][:2]) >= 0.5
+    assert lab.robot_views(lab.spot), "each shows where people hold still"
+    for _ in range(8):
+        lab.step()
+    assert len(lab.sent) == known + 2, "it stays where it sees the spot"
+
+
+def test_lost_spot_people_hold_still_where_they_notice_and_the_robot_looks_there():
+    lab = Lab()
+    lab.draw_until(EDGE - 0.05, speed=0.5, robot_sees=False)
+    lab.robot = (7.0, 0.5, 0.0)  # somebody has moved it
+    lab.draw_until(EDGE + 0.3, robot_sees=False)
+    lost = lab.now
+    while lab.now < lost + 2.0:
+        lab.step()
+    for beyond in (0.0, 0.15, 0.3):
+        assert lab.robot_views((EDGE + beyond, 2.5))
+
+
+@pytest.mark.parametrize("confidence, moved", [(0.28, False), (0.9, True)])
+def test_reflection_is_no_spot(confidence, moved):
+    lab = Lab()
+    lab.draw_until(EDGE + 0.4)
+    before = len(lab.sent)
+    lab.spot = np.array([EDGE + 2.0, 4.5])  # neither the camera nor the robot sees it
+    for _ in range(12):
+        for i in range(5):
+            lab.see("red", (1.0, 0.6 + 0.001 * i), confidence=confidence)
+        lab.step(robot_sees=False)
+    assert any(math.dist(pose[:2], (1.0, 0.6)) < 2.0 for _, pose in lab.sent[before:]) == moved
