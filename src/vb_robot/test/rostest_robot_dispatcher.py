@@ -14,9 +14,8 @@ import rostest
 from move_base_msgs.msg import MoveBaseAction
 
 sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
-from stimulus import Stimulus, wait_until  # noqa: E402
+from stimulus import Stimulus, assert_bad_parameter_is_named, wait_until  # noqa: E402
 
-from vb_core.errors import ParameterError  # noqa: E402
 from vb_core.ros.messages import pose_to_2d  # noqa: E402
 from vb_robot import robot_dispatcher_node  # noqa: E402
 from vb_robot.view import FloorView, ViewParams, to_base  # noqa: E402
@@ -144,11 +143,7 @@ class DispatcherTest(unittest.TestCase):
         self.assertTrue(wait_until(lambda: self.navigation.preempted == 1, 30.0), "it comes back and finds its goal")
 
     def test_bad_parameter_is_named(self):
-        # node.run makes one line and exit status 1 of it; the parameters are those of this very process
-        rospy.set_param("~dispatch/min_interval", -1.0)
-        with self.assertRaises(ParameterError) as caught:
-            robot_dispatcher_node.build()
-        self.assertEqual(caught.exception.key, rospy.get_name() + "/dispatch/min_interval")
+        assert_bad_parameter_is_named(self, robot_dispatcher_node.build, "dispatch/min_interval", -1.0)
 
 
 if __name__ == "__main__":

@@ -10,9 +10,8 @@ import rostest
 from geometry_msgs.msg import Twist
 
 sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
-from stimulus import Stimulus, room, wait_until  # noqa: E402
+from stimulus import Stimulus, assert_bad_parameter_is_named, room, wait_until  # noqa: E402
 
-from vb_core.errors import ParameterError  # noqa: E402
 from vb_robot import robot_guide_node  # noqa: E402
 
 DEFAULT, BORDER, SEED, GUIDE = range(4)
@@ -143,11 +142,7 @@ class GuideTest(unittest.TestCase):
         self.assertTrue(wait_until(lambda: self.stimulus.velocity[0] > 0.1), "and it goes on")
 
     def test_bad_parameter_is_named(self):
-        # node.run makes one line and exit status 1 of it; the parameters are those of this very process
-        rospy.set_param("~follow_in_border", "sometimes")
-        with self.assertRaises(ParameterError) as caught:
-            robot_guide_node.build()
-        self.assertEqual(caught.exception.key, rospy.get_name() + "/follow_in_border")
+        assert_bad_parameter_is_named(self, robot_guide_node.build, "follow_in_border", "sometimes")
 
 
 if __name__ == "__main__":

@@ -13,10 +13,9 @@ from move_base_msgs.msg import MoveBaseActionGoal
 from std_msgs.msg import String
 
 sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
-from stimulus import Stimulus, room, wait_until  # noqa: E402
+from stimulus import Stimulus, assert_bad_parameter_is_named, room, wait_until  # noqa: E402
 
 from vb_core import names  # noqa: E402
-from vb_core.errors import ParameterError  # noqa: E402
 from vb_core.ros.messages import OccupancyGridArray, message_from_grid, pose_from_2d  # noqa: E402
 from vb_robot import workspace_monitor_node  # noqa: E402
 from vb_msgs.msg import VirtualBorder, VirtualBorderArray  # noqa: E402
@@ -136,10 +135,7 @@ class MonitorTest(unittest.TestCase):
         self.assertTrue(wait_until(lambda: any("goal" in s and "lies inside 'carpet'" in s for s in self.said)))
 
     def test_unknown_policy_is_named(self):
-        rospy.set_param("~policy", "ignore")
-        with self.assertRaises(ParameterError) as caught:
-            workspace_monitor_node.build()
-        self.assertEqual(caught.exception.key, rospy.get_name() + "/policy")
+        assert_bad_parameter_is_named(self, workspace_monitor_node.build, "policy", "ignore")
 
 
 if __name__ == "__main__":

@@ -9,6 +9,7 @@ from geometry_msgs.msg import Point
 from sensor_msgs.msg import LaserScan
 
 from vb_core import geometry, names
+from vb_core.errors import ParameterError
 from vb_core.grid_map import GridMap
 from vb_core.ros.messages import OccupancyGridArray, message_from_grid, transform_message
 from vb_msgs.msg import InteractionState, LaserSpot
@@ -114,6 +115,17 @@ class Stimulus(Body):
             message.header.stamp, message.header.frame_id = now, frame
             message.position = Point(spot[0], spot[1], 0.0)
             self.spots.publish(message)
+
+
+def assert_bad_parameter_is_named(test, build, key, value):
+    """A node's `build` refuses a value of ~key: node.run makes one line and exit status 1 of it.
+
+    The parameters are those of this very process.
+    """
+    rospy.set_param(f"~{key}", value)
+    with test.assertRaises(ParameterError) as caught:
+        build()
+    test.assertEqual(caught.exception.key, f"{rospy.get_name()}/{key}")
 
 
 def wait_until(condition, seconds=15.0):

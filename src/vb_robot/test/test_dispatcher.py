@@ -1,15 +1,21 @@
 """The dispatcher as a whole, without ROS: a line that leaves what the ceiling camera sees, and robots that fail to see it."""
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 
 from vb_core.grid_map import GridMap
-from vb_robot.dispatch import GoalStatus, Kind
-from vb_robot.dispatcher import Dispatcher, RobotStatus
+from vb_robot.dispatch import DispatchParams, GoalStatus, Kind
+from vb_robot.dispatcher import Dispatcher, RobotStatus, WatchParams
+from vb_robot.prospect import ProspectParams
 from vb_robot.sightings import BORDER, Sighting
+from vb_robot.terrain import TerrainParams
 from vb_robot.view import FloorView, ViewParams, to_base
+from vb_robot.viewpoint import ViewpointParams
 
+CONFIG = Path(__file__).resolve().parents[1] / "config" / "robot_dispatcher.yaml"
 PERIOD = 0.25
 VIEW = FloorView(ViewParams())
 EDGE = 5.0  # [m] the ceiling camera sees x < EDGE
@@ -110,3 +116,13 @@ def test_reflection_is_no_spot(confidence, moved):
             lab.see("red", (1.0, 0.6 + 0.001 * i), confidence=confidence)
         lab.step(robot_sees=False)
     assert any(math.dist(pose[:2], (1.0, 0.6)) < 2.0 for _, pose in lab.sent[before:]) == moved
+
+
+def test_the_file_of_parameters_has_the_defaults():
+    settings = yaml.safe_load(CONFIG.read_text())
+    groups = {"dispatch": DispatchParams, "viewpoint": ViewpointParams, "prospect": ProspectParams, "view": ViewParams,
+              "terrain": TerrainParams}
+    for name, params in groups.items():
+        assert params.from_mapping(settings[name]) == params()
+    own = {key: settings[key] for key in ("way_check", "min_confidence")}
+    assert WatchParams.from_mapping({**own, "mobile_cameras": tuple(settings["mobile_cameras"])}) == WatchParams()
