@@ -17,7 +17,7 @@ PATIENCE = 30.0
 class ClockCheckTest(unittest.TestCase):
     def setUp(self):
         rospy.init_node("other")
-        self.ahead = 0.05
+        self.ahead, self.slow = 0.05, 0.0
         self.changed = threading.Condition()
         self.found, self.warned = {}, []
         rospy.Service("/other/get_time", GetTime, self.answer)
@@ -26,6 +26,7 @@ class ClockCheckTest(unittest.TestCase):
 
     def answer(self, _request):
         now = rospy.Time.from_sec(time.time() + self.ahead)
+        time.sleep(self.slow)  # on its way back
         return GetTimeResponse(now, now)
 
     def on_diagnostics(self, message):
@@ -63,6 +64,12 @@ class ClockCheckTest(unittest.TestCase):
         self.wait(lambda: "away" in self.found and "does not answer" in self.found["away"].message, "one that is away")
         self.wait(lambda: self.warned, "the log")
         # said once, until it changes
+        self.assertEqual(len(self.warned), 1)
+        # answers that take long say nothing: neither that the clock is right, nor anew that it is wrong
+        self.slow = 0.2
+        self.wait(lambda: "takes too long" in self.found["other"].message, "answers that are too slow")
+        self.slow = 0.0
+        self.wait(lambda: "ahead of" in self.found["other"].message, "quick answers again")
         self.assertEqual(len(self.warned), 1)
         self.ahead = 0.0
         self.wait(lambda: self.level("other") == DiagnosticStatus.OK, "the clock that was set right")

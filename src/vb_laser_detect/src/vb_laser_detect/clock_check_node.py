@@ -48,6 +48,7 @@ class ClockCheckNode:
         self._params = params
         self._lock = threading.Lock()
         self._offsets: Dict[str, Optional[ClockOffset]] = {name: None for name in names}
+        self._wrong: Dict[str, bool] = {}  # what was said last of each clock
         self._closed = threading.Event()
         self._updater = diagnostic_updater.Updater()
         self._updater.setHardwareID("clocks")
@@ -93,13 +94,14 @@ class ClockCheckNode:
             proxy.close()
 
     def _judge(self, name: str, offset: ClockOffset) -> None:
-        with self._lock:
-            before = self._offsets[name]
         limit = self._params.limit_ms / 1e3
         wrong = offset.beyond(limit)
-        if wrong and not (before is not None and before.beyond(limit)):
+        if not wrong and offset.uncertainty > limit:
+            return  # on a busy network an exchange may say nothing: neither that it is right nor that it became so
+        before, self._wrong[name] = self._wrong.get(name), wrong
+        if wrong and not before:
             rospy.logwarn("%s: %s", rospy.get_name(), CodedError("clocks_differ", _sentence(name, offset)))
-        elif not wrong and (before is None or before.beyond(limit)):
+        elif not wrong and before is not False:
             rospy.loginfo("%s: %s", rospy.get_name(), _sentence(name, offset))
 
     def _diagnose(self, status: Any, name: str) -> Any:
