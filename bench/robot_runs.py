@@ -7,10 +7,10 @@
     python3 bench/robot_runs.py --resume                           only the runs that are missing in the file
 
 In one process the same detectors, fusion, dispatcher, servoing and navigation run without ROS, in simulated time as
-fast as the processor goes (vb_evaluation.study). Once the border is saved navigation is sent to places on either side of
-it and in it: it must go round or refuse. Over ROS the whole system is started with roslaunch under a master of its own,
-and goes on for some seconds in which a robot that the border swallowed leaves it. Either way the judge sees the lab's
-ground truth 50 times a second, none of what the robot believes.
+fast as the processor goes (vb_evaluation.study). Once the border is saved navigation is sent to places on either side
+of it and in it: it must go round or refuse. Over ROS the whole system is started with roslaunch under a master of its
+own, and goes on for some seconds in which a robot that the border swallowed leaves it. Either way the judge sees the
+lab's ground truth 50 times a second, none of what the robot believes.
 Leaves out/bench/robot_runs.json (robot_runs_ros.json), one entry per run; bad runs stay in it. Exits non-zero if a run
 broke a rule.
 """

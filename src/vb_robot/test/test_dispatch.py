@@ -263,7 +263,7 @@ def blind_bench(**changes):
 
 
 def stand(bench, steps):
-    """Steps while the spot stays unseen; a robot that is sent arrives at once. Gives (time since, place) of each goal."""
+    """Steps while the spot stays unseen; a robot that is sent arrives at once. Gives (time since, place) of goals."""
     goals, began = [], bench.now
     for _ in range(steps):
         decision = bench.step(silent=bench.now + 0.25 - began)

@@ -1,4 +1,4 @@
-"""The dispatcher as a whole, without ROS: a line that leaves what the ceiling camera sees, and robots that fail to see it."""
+"""The dispatcher as a whole, without ROS: lines that leave what the ceiling camera sees, robots that see nothing."""
 import math
 from pathlib import Path
 
@@ -22,7 +22,7 @@ EDGE = 5.0  # [m] the ceiling camera sees x < EDGE
 
 
 class Lab:
-    """8 m x 5 m, one ceiling camera that sees x < 5 m, a spot that is drawn along y = 2.5 m, a robot that arrives at once."""
+    """8 m x 5 m, a ceiling camera that sees x < 5 m, a spot that moves along y = 2.5 m, a robot that arrives at once."""
 
     def __init__(self, robot=(7.0, 1.0, 0.0)):
         data = np.zeros((100, 160), dtype=np.int8)

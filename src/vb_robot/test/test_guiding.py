@@ -61,7 +61,8 @@ def test_leads_in_guide_and_stands_once_when_that_ends():
 
 
 @pytest.mark.parametrize("state", [BORDER, SEED])
-@pytest.mark.parametrize("follow, alone, watched", [("auto", True, False), ("true", True, True), ("false", False, False)])
+@pytest.mark.parametrize(
+    "follow, alone, watched", [("auto", True, False), ("true", True, True), ("false", False, False)])
 def test_who_drives_while_a_border_is_drawn(follow, alone, watched, state):
     led = Led(follow, state)
     led.run(30, FAR)
@@ -101,7 +102,7 @@ def test_of_two_robots_only_the_one_follows_that_sees_the_spot_longer():
 def test_spot_stays_where_it_is_on_the_floor_while_the_localisation_leaps():
     led = Led()
     led.run(20, FAR)
-    led.T_map_odom = geometry.pose2d_transform(0.0, 3.0, 1.0)  # the next spots come by it; what is kept does not move
+    led.T_map_odom = geometry.pose2d_transform(0.0, 3.0, 1.0)  # the next spots come by it, what is kept does not move
     assert abs(led.step().w) < 1e-9
     led.T_odom_base = geometry.pose2d_transform(0.0, 0.0, -0.6)  # but the robot's own turning does tell
     assert led.step().w > 0.0

@@ -62,7 +62,8 @@ def test_ways_never_enter_the_polygon(x, y, yaw, corner, seeding):
     for viewpoint in rank((x, y, yaw), drawing):
         assert not viewpoint.risky
         way = route((x, y), viewpoint)
-        assert polygon.distance(LineString(way) if len(way) > 1 else Point(way[0])) >= TERRAIN.params.robot_radius - 0.05 / 2
+        driven = LineString(way) if len(way) > 1 else Point(way[0])
+        assert polygon.distance(driven) >= TERRAIN.params.robot_radius - 0.05 / 2
         assert keeps_off(TERRAIN, (x, y, yaw), viewpoint.pose, drawing, PARAMS)
 
 

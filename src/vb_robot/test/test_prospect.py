@@ -61,7 +61,7 @@ def test_all_of_the_stretch_that_nobody_sees_is_known_up_to_the_wall():
     assert stretch[0] == pytest.approx((6.0, 2.5), abs=0.06) and stretch[-1][0] == pytest.approx(6.5, abs=0.06)
     assert look((5.5, 2.5), RIGHT).stretch[-1][0] == pytest.approx(7.5, abs=0.06), "no farther than the horizon"
     assert look((6.5, 2.5), RIGHT).stretch[-1][0] <= 7.95
-    assert look((7.5, 2.5), -RIGHT).stretch[-1] == pytest.approx((6.0, 2.5), abs=0.06), "they see it again from there on"
+    assert look((7.5, 2.5), -RIGHT).stretch[-1] == pytest.approx((6.0, 2.5), abs=0.06), "they see it again there"
 
 
 def test_spot_that_only_the_robot_sees_or_nobody_stays_in_view_with_what_is_ahead():

@@ -1,7 +1,8 @@
 """Our configuration of twist_mux against its rules: twist_mux is not among Debian's packages.
 
-The rules are those of its sources for Noetic (3.1): TwistMux::getTopicHandles reads name, topic, timeout and priority of
-each entry of ~topics and ~locks by their XML-RPC types; TwistMux::hasPriority compares names, and starts at priority 0.
+The rules are those of its sources for Noetic (3.1): TwistMux::getTopicHandles reads name, topic, timeout and priority
+of each entry of ~topics and ~locks by their XML-RPC types; TwistMux::hasPriority compares names, and begins with
+priority 0.
 """
 import re
 import xml.etree.ElementTree as ElementTree
@@ -43,9 +44,8 @@ def test_monitor_comes_before_guide_before_navigation():
 
 
 def test_who_speaks_keeps_the_word_and_who_died_does_not_keep_it_long():
-    guide, monitor = (
-        yaml.safe_load((PACKAGE / "config" / f"{name}.yaml").read_text()) for name in ("robot_guide", "workspace_monitor")
-    )
+    files = [PACKAGE / "config" / f"{name}.yaml" for name in ("robot_guide", "workspace_monitor")]
+    guide, monitor = (yaml.safe_load(path.read_text()) for path in files)
     rates = {"guide": guide["rate"], "monitor": min(monitor["rate"], monitor["exit_rate"])}
     for name, rate in rates.items():
         assert 2.0 / rate <= TOPICS[name]["timeout"] <= HANDED_ON, "one message may be late"
@@ -56,5 +56,6 @@ def test_launch_file_and_configuration_name_the_same_topics():
         remap = next(remap for remap in node(kind).findall("remap") if remap.get("from") == "cmd_vel")
         assert (remap.get("if"), remap.get("to")) == ("$(arg mux)", TOPICS[name]["topic"])
     mux = node("twist_mux")
-    assert mux.get("if") == "$(arg mux)" and mux.find("rosparam").get("file").endswith("vb_robot)/config/twist_mux.yaml")
+    assert mux.get("if") == "$(arg mux)"
+    assert mux.find("rosparam").get("file").endswith("vb_robot)/config/twist_mux.yaml")
     assert [(remap.get("from"), remap.get("to")) for remap in mux.findall("remap")] == [("cmd_vel_out", "cmd_vel")]

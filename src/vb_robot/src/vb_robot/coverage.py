@@ -61,7 +61,7 @@ def floor_seen(
     """
     eye = np.asarray(T_map_camera, dtype=float)[:3, 3]
     if eye[2] <= 0.0:
-        raise CodedError("bad_camera_pose", f"the camera must be above the floor of the map, it is at z = {eye[2]:.2f} m")
+        raise CodedError("bad_camera_pose", f"the camera must be above the map's floor, it is at z = {eye[2]:.2f} m")
     seen = np.zeros(grid.shape, dtype=bool)
     cells = np.argwhere(heights <= 0.0)
     places = grid.cell_to_world(cells)

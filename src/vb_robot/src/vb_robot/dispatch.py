@@ -249,15 +249,17 @@ class DispatchPolicy:
         place = goal.pose if under_way and goal is not None else situation.robot
         endangered = under_way and goal is not None and not safe(goal)
         lost = situation.silent > LOST_AFTER
-        fits = fit(place)
+        fits = fit(place) and not endangered
         blind = self._is_blind(situation, fits and not under_way)
-        if fits and not endangered and not blind:
+        if fits and not blind:
             self._unfit_since = None
             return Decision(Kind.KEEP, "the spot is in view there")
         if now < self._quiet_until:
             return Decision(Kind.KEEP, "waiting after a failure or for somebody else")
         if blind:
             goal = self.goal = None
+            self._blind_tries += 1
+            self._failed.append((now, *situation.robot[:2], params.blind_radius))
         if goal is not None:
             if self._unfit_since is None:
                 self._unfit_since = now
@@ -273,8 +275,8 @@ class DispatchPolicy:
                 if under_way or math.dist(situation.spot, goal.spot) < params.min_spot_move:
                     self._unfit_since = now
                     return Decision(Kind.KEEP, "there is no better place")
-            seen = "should be in view there, but is not reported" if blind else "is not in view from where the robot is or goes"
-            return self.take(candidate, f"the spot {seen}")
+            place = "where it should be in view" if blind else "where the robot is or goes"
+            return self.take(candidate, f"the spot is not seen from {place}")
         if endangered:
             self.goal = None
             return Decision(Kind.CANCEL, "the way would lead through what is being drawn")
@@ -285,7 +287,10 @@ class DispatchPolicy:
     def _is_blind(self, situation: Situation, stands: bool) -> bool:
         """Whether the robot has stood long enough where it should see the spot, and nobody reports it.
 
-        Then something hides it from there, or it is not where it is thought to be. The place counts as failed.
+        Then something hides it from there, or it is not where it is thought to be.
+
+        Args:
+            stands: whether it stands where it should see it, and does not drive to such a place.
         """
         now, params, robot = situation.now, self.params, situation.robot
         assert robot is not None
@@ -294,14 +299,9 @@ class DispatchPolicy:
         before = self._blind_since
         if not stands or before is None or _moved(before[1], robot) > params.stuck_distance:
             self._blind_since = before = (now, robot) if stands else None
-        if before is None or min(situation.silent, now - before[0]) < params.blind_after:
+        if before is None or self._blind_tries >= params.blind_tries:
             return False
-        if self._blind_tries >= params.blind_tries:
-            return False
-        self._blind_tries += 1
-        self._blind_since = None
-        self._failed.append((now, robot[0], robot[1], params.blind_radius))
-        return True
+        return min(situation.silent, now - before[0]) >= params.blind_after
 
 
 def _moved(a: Pose, b: Pose) -> float:

@@ -57,8 +57,8 @@ class RobotGuideNode:
         ~follow_in_border ("auto", true, false), ~* GuideParams and GuidingParams, ~servo/* ServoParams,
         ~safety/* SafetyParams, ~view/* ViewParams
 
-    It guides in Guide, and in Border and Seed if people draw with the robot alone, see `Guiding`. As soon as a stationary
-    camera sees the spot the robot is robot_dispatcher's.
+    It guides in Guide, and in Border and Seed if people draw with the robot alone, see `Guiding`. As soon as a
+    stationary camera sees the spot the robot is robot_dispatcher's.
     """
 
     def __init__(self, params: GuideParams, guiding: Guiding, safety: SafetyParams) -> None:
