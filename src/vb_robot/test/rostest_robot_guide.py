@@ -93,25 +93,21 @@ class GuideTest(unittest.TestCase):
         self.stimulus.spot = (3.2, 2.2, "red", False)
         self.assertTrue(wait_until(lambda: self.commands[-1] == (0.0, 0.0)))
 
-    def test_obstacle_in_the_scan_stops_it_but_it_turns(self):
-        self.stimulus.scan_range = 0.28
-        # the scan of the free room must have been replaced
+    def assert_only_turns(self, scan_range, spots):
+        """With such a scan; the one of the free room must be replaced or out of date first, after so many spots."""
+        self.stimulus.scan_range = scan_range
         self.stimulus.spot = (3.0, 3.1, "other", True)
-        self.spots(12)
+        self.spots(spots)
         self.stimulus.set_state(GUIDE)
         self.stimulus.spot = (3.0, 3.1, "robot", True)
         self.assertTrue(wait_until(lambda: self.stimulus.pose[2] > 0.2))
         self.assertEqual(max(v for v, _ in self.commands), 0.0)
 
+    def test_obstacle_in_the_scan_stops_it_but_it_turns(self):
+        self.assert_only_turns(0.28, spots=12)
+
     def test_missing_scan_lets_it_only_turn(self):
-        self.stimulus.scan_range = None
-        # an older scan must be out of date first
-        self.stimulus.spot = (3.0, 3.1, "other", True)
-        self.spots(20)
-        self.stimulus.set_state(GUIDE)
-        self.stimulus.spot = (3.0, 3.1, "robot", True)
-        self.assertTrue(wait_until(lambda: self.stimulus.pose[2] > 0.2))
-        self.assertEqual(max(v for v, _ in self.commands), 0.0)
+        self.assert_only_turns(None, spots=20)
 
     def test_never_enters_a_border(self):
         grid = room()

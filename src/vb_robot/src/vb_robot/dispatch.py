@@ -275,8 +275,8 @@ class DispatchPolicy:
                 if under_way or math.dist(situation.spot, goal.spot) < params.min_spot_move:
                     self._unfit_since = now
                     return Decision(Kind.KEEP, "there is no better place")
-            place = "where it should be in view" if blind else "where the robot is or goes"
-            return self.take(candidate, f"the spot is not seen from {place}")
+            whence = "where it should be in view" if blind else "where the robot is or goes"
+            return self.take(candidate, f"the spot is not seen from {whence}")
         if endangered:
             self.goal = None
             return Decision(Kind.CANCEL, "the way would lead through what is being drawn")
