@@ -78,7 +78,7 @@ class CoverageTest(unittest.TestCase):
 
         self.assertTrue(wait_until(lambda: labels() == {"east", "west"}), "both outlines are named")
         counted = self.counts[names.COVERAGE]
-        done = rospy.Time.now() + rospy.Duration(1.0)
+        done = rospy.Time.now() + rospy.Duration(1.5)
         self.assertTrue(wait_until(lambda: rospy.Time.now() > done))
         self.assertEqual(self.counts[names.COVERAGE], counted, "nothing has changed, so nothing is published")
         self.place("west", 1.5, 2.5)
