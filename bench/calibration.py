@@ -233,6 +233,8 @@ WAYS: Dict[str, Way] = {
     "board, 3 places": _boards(3),
     "board, 4 places": _boards(4),
     "board, 4 places, lens 0.1 % wrong": _boards(4, Care(lens=0.001)),
+    # two clicks 0.35 m apart, each wrong by 10 mm, turn the board by 2.3 degrees
+    "board, 4 places, clicked": _boards(4, Care(board_m=0.010, board_deg=2.3)),
 }
 FROM_IMAGES = ("8 spots, clicked", "board, 4 places")
 
