@@ -27,6 +27,8 @@ class Candidate:
         u, v: [px] centroid, sub-pixel; the centre of the first pixel is 0.
         diameter: [px] of a disc of the same area.
         peak: [grey levels] the largest rise, smoothed.
+        rise: [grey levels] the largest rise of a pixel: of a spot that is hardly larger than a pixel, smoothing leaves
+            less than half.
         level: [grey levels] the brightest pixel itself.
         elongation: longest over shortest axis.
         compactness: area over that of the ellipse with the same second moments; 1 for discs and ellipses.
@@ -43,6 +45,7 @@ class Candidate:
         cut_off: the image ends there: what is seen of it may be a part.
         busy: part of the whole image that changed elsewhere.
         neighbours: blocks near it that became brighter, beyond those that its own light reaches.
+        doubt: the sum of what speaks against it; more than 1 refuses.
         confidence: 0 ... 1.
         refusal: why it is no spot, or "".
     """
@@ -51,6 +54,7 @@ class Candidate:
     v: float
     diameter: float
     peak: float = 0.0
+    rise: float = 0.0
     level: float = 255.0
     elongation: float = 1.0
     compactness: float = 1.0
@@ -65,6 +69,7 @@ class Candidate:
     cut_off: bool = False
     busy: float = 0.0
     neighbours: int = 0
+    doubt: float = 0.0
     confidence: float = 0.0
     refusal: str = ""
 
@@ -142,6 +147,7 @@ def _describe(
         v=light["m01"] / light["m00"],
         diameter=2.0 * math.sqrt(area / math.pi),
         peak=peak,
+        rise=float(cv2.minMaxLoc(max_channel(rise), blob)[1]),
         level=float(cv2.minMaxLoc(max_channel(image), blob)[1]),
         elongation=long / short,
         compactness=area / (4.0 * math.pi * long * short),

@@ -9,6 +9,7 @@ import numpy as np
 from vb_laser_detect.blocks import BLOCK, block_maxima, mask_of_blocks, max_channel, sample_blocks
 
 _DARKER = 20  # [grey levels] a pixel that became darker by more than this has changed
+_MOSAIC = 2.0  # [grey levels] by which the means of places in a grey image's tiles may differ
 _NOISE_DEVIATIONS = 6.0  # how far a rise must stand out of a block's own noise
 _NOISE_TIME = 1.0  # [s] in which a block's noise is learnt
 _WEIGHT = 0.25  # of a frame whenever a strip is blended in
@@ -64,6 +65,18 @@ class Background:
         """(rows, columns) bool: blocks whose rise is at least `least` and stands out of the block's own noise."""
         return maxima >= np.maximum(np.float32(least), self._noise + np.float32(_NOISE_DEVIATIONS) * self._deviation)
 
+    def erase(self, u: float, v: float, diameter: float) -> None:
+        """Takes the floor beside a spot for what lies below it: the spot was there when the background was taken."""
+        reach = 2 * int(math.ceil(0.75 * diameter) + 4)
+        height, width = self.image.shape[:2]
+        top, bottom = max(0, int(v) - reach), min(height, int(v) + reach)
+        left, right = max(0, int(u) - reach), min(width, int(u) + reach)
+        # an even number of pixels, so that each keeps its place in a Bayer image's pattern
+        shift = 2 * reach if right + 2 * reach <= width else -2 * reach
+        if left + shift >= 0 and right + shift <= width:
+            self.image[top:bottom, left:right] = self.image[top:bottom, left + shift : right + shift].copy()
+            self._sample = sample_blocks(self.image)
+
     def learn(self, image: np.ndarray, rise: np.ndarray, changed: np.ndarray, spots: np.ndarray, dt: float) -> None:
         """Takes a frame in.
 
@@ -115,3 +128,20 @@ class Background:
             cv2.copyTo(blended, mask, strip)
             self._sample[self._row : last] = sample_blocks(strip)
             self._row = last
+
+
+def is_mosaic(image: np.ndarray) -> bool:
+    """Whether an image (H, W) comes from a Bayer camera: neighbouring pixels show different colours.
+
+    A camera that is balanced to white over a floor without any colour is taken for a grey one.
+    """
+    if image.ndim != 2:
+        return False
+    # the means of tiles 32 pixels wide, of each place in the pattern
+    rows, columns = image.shape[0] // 32, image.shape[1] // 32
+    means = np.stack([
+        cv2.resize(np.ascontiguousarray(image[y : 32 * rows : 2, x : 32 * columns : 2]), (columns, rows), interpolation=cv2.INTER_AREA)
+        for y in (0, 1) for x in (0, 1)
+    ]).astype(np.float32)
+    spread = means.max(axis=0) - means.min(axis=0)
+    return bool(np.median(spread) > _MOSAIC + 0.04 * np.median(means))

@@ -18,14 +18,17 @@ from vb_core.errors import CodedError, ParameterError
 
 from vb_laser_detect import appearance
 from vb_laser_detect.appearance import Candidate, Region
-from vb_laser_detect.background import Background
+from vb_laser_detect.background import Background, is_mosaic
 from vb_laser_detect.blocks import BLOCK, block_maxima, max_channel
-from vb_laser_detect.detector_params import DetectorParams
-from vb_laser_detect.judgement import doubts
+from vb_laser_detect.detector_params import ALWAYS, BAYER, DetectorParams
+from vb_laser_detect.judgement import SATURATED, doubts
 from vb_laser_detect.tracker import SLACK_M, SLACK_PX, SpotTracker
 
 _SMEAR_PX = 3.0
+_LARGE = 14  # [blocks] regions that are larger are cut down to their brightest parts
 _NEAR = 6  # [blocks] whose changes count as nearby
+_LEAST_WHITE = 128.0  # [grey levels] no camera's white is darker
+_HELD = 0.5  # doubts up to which a spot that stays is kept out of the background: more, and it may be a ghost
 _WIDEST_MEDIAN = 255  # [px] of 8-bit images, OpenCV's limit
 
 # pixels (N, 2) to the floor (N, 2) [m], rows of NaN where there is none
@@ -80,6 +83,10 @@ class SpotDetector:
         self.candidates: List[Candidate] = []
         self._background: Optional[Background] = None
         self._noise_known = False
+        self._white = _LEAST_WHITE  # [grey levels] the brightest that was seen so far
+        self._diagonal = 0.0  # [px]
+        self._mosaic = False  # whether the image is a Bayer camera's
+        self._last: Optional[Tuple[float, float, float]] = None  # u, v [px] and time [s] of the most certain spot
         self._stamp: Optional[float] = None
         self._tracker = SpotTracker(self.params.confirm_frames, self.params.max_speed, self.params.max_gap_s, SLACK_M)
         self._on_floor: Optional[bool] = None
@@ -105,6 +112,8 @@ class SpotDetector:
     def reset(self) -> None:
         """Forgets the scene; the next frame is learnt as it is."""
         self._background = None
+        self._white = _LEAST_WHITE
+        self._last = None
         self._stamp = None
         self._tracker.reset()
         self.candidates = []
@@ -127,6 +136,7 @@ class SpotDetector:
             self.reset()
         elapsed = 0.0 if self._stamp is None else stamp - self._stamp
         self._stamp = stamp
+        self._diagonal = math.hypot(*image.shape[:2])
         if self.params.moving_camera:
             self.candidates = self._search_moving(image)
         else:
@@ -134,6 +144,8 @@ class SpotDetector:
             self.candidates = self._search_stationary(image, min(elapsed, 1.0))
         found = sorted((c for c in self.candidates if not c.refusal), key=lambda c: -c.confidence)
         found = found[: self.params.max_spots]
+        if found:
+            self._last = (found[0].u, found[0].v, stamp)
         return self._confirm(found, image.shape, stamp)
 
     # ------------------------------------------------------------- stationary camera
@@ -153,39 +165,67 @@ class SpotDetector:
             # a light was switched, the exposure jumped or the camera was moved: nothing known holds any more;
             # somebody close to the camera darkens much of the image too, and must not become its background
             self._start(image)
-            return []
+            return self._search_followed(image)
         changed = hot | darker
         count = int(np.count_nonzero(changed))
         spots = np.zeros_like(hot)
         candidates: List[Candidate] = []
-        for seed, _ in regions(rise, hot, p.max_candidates, self._largest_px() / BLOCK) if hot.any() else []:
-            candidate = self._too_dark(image, seed)
-            if candidate is None:
-                candidate = appearance.measure(image, background.image, seed, self._largest_at(seed), colour=p.min_chroma > 0)
+        for seed, level in self._brightest(image, rise, hot) if hot.any() else []:
+            if level < p.min_level * self._white / 255.0:
+                candidates.append(_unmeasured(seed, "too_dark"))
+                continue
+            metre = self._metre_in(seed)
+            candidate = appearance.measure(
+                image, background.image, seed, self._largest(metre), colour=self._asks_colour()
+            )
             if not candidate.refusal:
                 own = _blocks_around(hot.shape, candidate, 1.25 * candidate.diameter + BLOCK)
                 near = _blocks_around(hot.shape, candidate, _NEAR * BLOCK)
                 candidate.busy = (count - int(np.count_nonzero(changed[own]))) / hot.size
                 candidate.neighbours = int(np.count_nonzero(hot[near])) - int(np.count_nonzero(hot[own]))
-                candidate.refusal = self._refusal_of(candidate)
-                spots[own] |= not candidate.refusal
+                candidate.refusal = self._refusal_of(candidate, metre)
+                spots[own] |= not candidate.refusal and candidate.doubt <= _HELD
             candidates.append(candidate)
         background.learn(image, rise, changed, spots, elapsed)
         return _without_doubles(candidates)
 
-    def _too_dark(self, image: np.ndarray, seed: Region) -> Optional[Candidate]:
-        """A refused candidate where nothing is bright enough: spares measuring what a walking person changes."""
-        left, top, right, bottom = seed
-        part = image[top:bottom, left:right]
-        # columns and channels side by side: the brightest sample is all that counts
-        if cv2.minMaxLoc(part.reshape(part.shape[0], -1))[1] >= self.params.min_level:
-            return None
-        return Candidate((left + right) / 2.0, (top + bottom) / 2.0, float(right - left), refusal="too_dark")
+    def _brightest(self, image: np.ndarray, rise: np.ndarray, hot: np.ndarray) -> List[Tuple[Region, float]]:
+        """The regions to look at closely, and the brightest pixel of each.
+
+        A spot shows the camera's white wherever it falls; by how much it rises depends on the floor, and on a bright one
+        a person beside it rises more. So white regions come first, among them those that rose most.
+        """
+        p, found = self.params, []
+        for seed, peak in regions(rise, hot, 4 * p.max_candidates, _LARGE):
+            left, top, right, bottom = seed
+            part = image[top:bottom, left:right]
+            # columns and channels side by side: the brightest sample is all that counts
+            found.append((seed, float(cv2.minMaxLoc(part.reshape(part.shape[0], -1))[1]), peak))
+        if not found:
+            return []
+        self._white = max(self._white, max(level for _, level, _ in found))
+        found.sort(key=lambda one: (-min(one[1], SATURATED * self._white), -one[2]))
+        # most of what a person's clothes leave is found too large at once, and must not use up all places
+        return [(seed, level) for seed, level, _ in found[: 2 * p.max_candidates]]
 
     def _start(self, image: np.ndarray) -> None:
         p = self.params
+        self._white = max(self._white, float(cv2.minMaxLoc(image.reshape(image.shape[0], -1))[1]))
         self._background = Background(image, p.cycle_s, p.absorb_s, p.hold_s)
         self._noise_known = False
+        self._mosaic = is_mosaic(image)
+
+    def _search_followed(self, image: np.ndarray) -> List[Candidate]:
+        """The spot that was followed until now, in the first image of a scene that nothing is known of."""
+        if self._last is None:
+            return []
+        candidates = self._search_moving(image)
+        for candidate in candidates:
+            if not self._follows(candidate):
+                candidate.refusal = candidate.refusal or "scene_unknown"
+            elif not candidate.refusal:
+                self._background.erase(candidate.u, candidate.v, candidate.diameter)
+        return candidates
 
     # ------------------------------------------------------------- moving camera
     def _search_moving(self, image: np.ndarray) -> List[Candidate]:
@@ -196,47 +236,62 @@ class SpotDetector:
         rise = max_channel(cv2.subtract(maxima, cv2.medianBlur(maxima, 7)))
         hot = (rise >= p.min_rise) & (max_channel(maxima) >= p.min_level)
         candidates = []
-        for (left, top, right, bottom), _ in regions(rise, hot, p.max_candidates, self._largest_px() / BLOCK):
+        for (left, top, right, bottom), _ in regions(rise, hot, p.max_candidates, _LARGE):
             reach = int(max(24, 1.5 * max(right - left, bottom - top)))
             x0, y0 = max(0, left - reach), max(0, top - reach)
             window = image[y0 : bottom + reach, x0 : right + reach]
             # a median removes the spot and keeps the edges of carpets, next to which spots are drawn
             floor = cv2.medianBlur(np.ascontiguousarray(window), min(2 * reach - 7, _WIDEST_MEDIAN))
-            largest = self._largest_at((left, top, right, bottom))
+            metre = self._metre_in((left, top, right, bottom))
             seed = (left - x0, top - y0, right - x0, bottom - y0)
-            candidate = appearance.measure(window, floor, seed, largest, learnt=False, colour=p.min_chroma > 0)
+            candidate = appearance.measure(window, floor, seed, self._largest(metre), learnt=False, colour=self._asks_colour())
             candidate.u += x0
             candidate.v += y0
-            candidate.refusal = candidate.refusal or self._refusal_of(candidate)
+            candidate.refusal = candidate.refusal or self._refusal_of(candidate, metre)
             candidates.append(candidate)
         return _without_doubles(candidates)
 
     # ------------------------------------------------------------- both
+    def _asks_colour(self) -> bool:
+        asked = self.params.ask_colour
+        return asked == ALWAYS or (asked == BAYER and self._mosaic)
+
+    def _follows(self, c: Candidate) -> bool:
+        """Whether a candidate is where the last spot can have moved to, at half an image per second."""
+        if self._last is None or self._stamp is None:
+            return False
+        u, v, stamp = self._last
+        elapsed = self._stamp - stamp
+        return elapsed <= self.params.max_gap_s and math.hypot(c.u - u, c.v - v) <= SLACK_PX + 0.5 * self._diagonal * elapsed
+
     def _largest_px(self) -> float:
-        return self._smeared(self.params.max_diameter_px)
+        return self._smeared(self.params.max_diameter_share * self._diagonal)
 
     def _smeared(self, diameter: float) -> float:
         """[px] the extent of a spot that is drawn quickly."""
         return diameter * (self.params.max_elongation if self.params.max_elongation < 3 else 2.0)
 
-    def _largest_at(self, seed: Region) -> float:
-        """[px] the largest extent of a spot there: what is larger, a person's clothes, is not looked at closely."""
-        if self.to_floor is None:
-            return self._largest_px()
+    def _metre_in(self, seed: Region) -> Optional[float]:
+        """[m/px] on the floor in the middle of a region; None where the floor, or the camera's pose, is not known."""
         left, top, right, bottom = seed
-        metre = metres_per_pixel(self.to_floor, (left + right) / 2.0, (top + bottom) / 2.0)
+        return metres_per_pixel(self.to_floor, (left + right) / 2.0, (top + bottom) / 2.0) if self.to_floor else None
+
+    def _largest(self, metre: Optional[float]) -> float:
+        """[px] the largest extent of a spot there: what is larger, a person's clothes, is not looked at closely."""
         return self._smeared(self.params.max_diameter_mm / 1e3 / metre + _SMEAR_PX) if metre else self._largest_px()
 
-    def _refusal_of(self, c: Candidate) -> str:
-        """Why a measured candidate is no spot, or ""; sets its confidence."""
+    def _refusal_of(self, c: Candidate, metre: Optional[float]) -> str:
+        """Why a measured candidate is no spot, or ""; sets its confidence. `metre`: [m/px] on the floor there."""
         p = self.params
         if c.diameter < p.min_diameter_px:
             return "too_small"
-        if c.chroma < p.min_chroma:
+        # a spot that is followed has shown its colour before: whatever light falls on it now may hide it
+        if self._asks_colour() and c.chroma < p.min_chroma and (p.moving_camera or not self._follows(c)):
             return "not_coloured"
-        against = doubts(c, p)
+        against = doubts(c, p, 255.0 if p.moving_camera else self._white)
         if self.to_floor is not None:
-            metre = metres_per_pixel(self.to_floor, c.u, c.v)
+            # a person's region may have its middle above the horizon, and the spot on the floor
+            metre = metre or metres_per_pixel(self.to_floor, c.u, c.v)
             if metre is None:
                 return "off_floor"
             # optics and pixels smear every spot by some pixels, whatever its size
@@ -245,8 +300,8 @@ class SpotDetector:
             if c.diameter * metre < p.min_diameter_mm / 1e3:
                 return "too_small"
         else:
-            against["too_large"] = max(0.0, (c.diameter / p.max_diameter_px - 0.55) / 0.45)
-        doubt = sum(against.values())
+            against["too_large"] = max(0.0, (c.diameter / (p.max_diameter_share * self._diagonal) - 0.55) / 0.45)
+        doubt = c.doubt = sum(against.values())
         if doubt > 1.0:
             return max(against, key=lambda reason: against[reason])
         # of two without doubts the brighter one is more likely what somebody points at
@@ -306,7 +361,7 @@ def regions(maxima: np.ndarray, hot: np.ndarray, most: int, large: float) -> Lis
             cut = (slice(top, top + height), slice(left, left + width))
             part = (labels[cut] == label) & (maxima[cut] > 0.6 * peaks[label])
             if not part.all():
-                result += [(_shifted(region, x + left, y + top), peak) for region, peak in regions(maxima[cut], part, 3, np.inf)]
+                result += [(_shifted(region, x + left, y + top), peak) for region, peak in regions(maxima[cut], part, 6, np.inf)]
                 continue
         region = (left * BLOCK, top * BLOCK, (left + width) * BLOCK, (top + height) * BLOCK)
         result.append((_shifted(region, x, y), float(peaks[label])))
@@ -324,6 +379,11 @@ def _blocks_around(shape: Tuple[int, ...], c: Candidate, reach: float) -> Tuple[
     top, bottom = int(max(0.0, c.v - reach)) // BLOCK, int(c.v + reach) // BLOCK + 1
     left, right = int(max(0.0, c.u - reach)) // BLOCK, int(c.u + reach) // BLOCK + 1
     return slice(top, min(shape[0], bottom)), slice(left, min(shape[1], right))
+
+
+def _unmeasured(seed: Region, refusal: str) -> Candidate:
+    left, top, right, bottom = seed
+    return Candidate((left + right) / 2.0, (top + bottom) / 2.0, float(right - left), refusal=refusal)
 
 
 def _without_doubles(candidates: List[Candidate]) -> List[Candidate]:

@@ -16,19 +16,23 @@ from vb_laser_detect.appearance import Candidate
 if TYPE_CHECKING:
     from vb_laser_detect.detector import DetectorParams
 
-SATURATED = 248.0  # [grey levels] from here on the sensor shows no more
+SATURATED = 0.97  # of the camera's white: from here on the sensor shows no more
 
 
-def doubts(c: Candidate, p: DetectorParams) -> Dict[str, float]:
-    """Each reason to refuse a candidate and its strength: 0 is none, 1 is enough on its own."""
+def doubts(c: Candidate, p: DetectorParams, white: float = 255.0) -> Dict[str, float]:
+    """Each reason to refuse a candidate and its strength: 0 is none, 1 is enough on its own.
+
+    Args:
+        white: [grey levels] the most that the camera shows. Not 255 everywhere: video often ends at 235.
+    """
     # the longer an outline, the less do noise and the edge of a table under the spot weigh in it
-    size = np.interp(c.diameter, (12.0, 24.0), (0.0, 1.0))
+    size = np.interp(c.diameter, (24.0, 48.0), (0.0, 1.0))
     usual_edge, least_edge = 0.58 + 0.14 * size, p.min_edge + (p.min_edge_large - p.min_edge) * size
-    saturated = c.level >= SATURATED
-    faint = _below(c.peak, 38.0, p.min_peak) if saturated else _below(c.peak, 70.0, p.min_peak_unsaturated)
+    saturated = c.level >= SATURATED * white
+    faint = _below(c.peak, 38.0, p.min_peak) if saturated else _below(c.rise, 90.0, p.min_rise_unsaturated)
     return {
         "too_faint": faint,
-        "too_dark": _below(c.level, 245.0, p.min_level),
+        "too_dark": _below(c.level, 0.96 * white, p.min_level * white / 255.0),
         "too_long": _above(c.elongation, 1.8, p.max_elongation),
         "not_round": _below(c.compactness, 0.92, p.min_compactness),
         "too_flat": 0.0 if saturated else _above(c.flatness, 0.4, p.max_flatness),
