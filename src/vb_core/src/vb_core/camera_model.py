@@ -82,18 +82,17 @@ class CameraModel:
         points = np.asarray(points, dtype=float).reshape(-1, 3)
         if len(points) == 0:
             return np.zeros((0, 2))
-        depths = points[:, 2:]
         if self.distorted and (len(points) < _MANY or self.distortion.size > 8):
             pixels = cv2.projectPoints(points, _ORIGIN, _ORIGIN, self.matrix, self.distortion)[0][:, 0]
-        else:
-            # operation by operation what OpenCV does, to the last bit
-            with np.errstate(divide="ignore", invalid="ignore"):
-                normalised = points[:, :2] * (1.0 / depths)
-            focal, middle = self._pinhole
-            pixels = (self._distort(normalised) if self.distorted else normalised) * focal + middle
-        if depths.min() <= 0:
-            pixels[depths[:, 0] <= 0] = np.nan
-        return pixels
+            pixels[points[:, 2] <= 0] = np.nan
+            return pixels
+        depths = points[:, 2:]
+        if not depths.min() > 0:
+            depths = np.where(depths > 0, depths, np.nan)
+        # operation by operation what OpenCV does, to the last bit
+        normalised = points[:, :2] * (1.0 / depths)
+        focal, middle = self._pinhole
+        return (self._distort(normalised) if self.distorted else normalised) * focal + middle
 
     @cached_property
     def distorted(self) -> bool:
