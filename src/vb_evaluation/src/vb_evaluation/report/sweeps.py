@@ -98,7 +98,8 @@ def curves(study: Study, ledger: Ledger) -> Dict[str, List[Curve]]:
 
 def _point(ledger: Ledger, study: Study, methods: Tuple[str, str], where: Dict[str, str]) -> CurvePoint:
     def two(column: str, statistic: str, form: str) -> Number:
-        return ledger.two(CURVES, column, statistic, form, methods, **where)
+        # somebody who gave up after minutes has not done the task: his time says when he lost patience
+        return ledger.two(CURVES, column, statistic, form, methods, completed="1", **where)
 
     def each(column: str, statistic: str, form: str, **more: str) -> Dict[str, Number]:
         return {
@@ -112,7 +113,7 @@ def _point(ledger: Ledger, study: Study, methods: Tuple[str, str], where: Dict[s
         speedup=two("time_total_s", "ratio", "factor"),
         speedup_low=two("time_total_s", "ratio_low", "factor"),
         speedup_high=two("time_total_s", "ratio_high", "factor"),
-        times=each("time_total_s", "mean", "seconds"),
+        times=each("time_total_s", "mean", "seconds", completed="1"),
         jaccard=each("jaccard", "median", "index", completed="1"),
         completeness=each("completed", "mean", "share"),
         runs=ledger.one(CURVES, "time_total_s", "n", "count", **where),

@@ -23,6 +23,9 @@ from vb_sim.world import CeilingCamera, Scenario, World
 
 sweeps: Registry[Callable[["Study", Mapping[str, Any], str], Iterator["Point"]]] = Registry("curves")
 
+# who leads a robot gives walls a wide berth: it must still see the spot when that has gone round the corner
+_LED = CostmapParams(inflation_radius=1.0, cost_scaling_factor=3.0)
+
 
 @dataclass(frozen=True)
 class Point:
@@ -110,13 +113,16 @@ def distance(study: Study, settings: Mapping[str, Any], scenario: str) -> Iterat
         changes: Dict[str, Any] = {}
         if list(start) != list(study.world.robots[0].start):
             # the way along which a person leads the robot belongs to where it starts
-            changes = {"world/robots/0/start": list(start), f"world/scenarios/{scenario}/guide": _waypoints(way)}
+            led = _led_along(study.world, study.world.scenario(scenario), start[:2])
+            changes = {"world/robots/0/start": list(start), f"world/scenarios/{scenario}/guide": led}
         yield Point(geometry.chain_length(way), changes)
 
 
-def _way_to_border(world: World, scenario: Scenario, start: Sequence[float]) -> np.ndarray:
+def _way_to_border(
+    world: World, scenario: Scenario, start: Sequence[float], costs: CostmapParams = CostmapParams()
+) -> np.ndarray:
     """(N, 2) [m] the shortest way of a robot to a place from which it sees the nearest part of the border."""
-    planner = Planner(Costmap(floor_plan.physical_map(world), CostmapParams()))
+    planner = Planner(Costmap(floor_plan.physical_map(world), costs))
     ways = []
     for place in geometry.resample_chain(scenario.border, 0.25, scenario.closed):
         try:
@@ -129,13 +135,21 @@ def _way_to_border(world: World, scenario: Scenario, start: Sequence[float]) -> 
     return min(ways, key=geometry.chain_length)
 
 
-def _waypoints(way: np.ndarray) -> List[List[float]]:
-    """Places about 1.5 m apart along a way, without its ends."""
-    length = geometry.chain_length(way)
-    count = int(length / 1.5)
+def _led_along(world: World, scenario: Scenario, start: Sequence[float]) -> List[List[float]]:
+    """Places [m] about 1 m apart, along which a person leads a robot from its start.
+
+    A closed border can be begun anywhere. Before an open one there is a place from which all of it is seen: the last
+    of the scenario's own way.
+    """
+    if scenario.closed or not len(scenario.guide):
+        way, shown = _way_to_border(world, scenario, start, _LED), []
+    else:
+        planner = Planner(Costmap(floor_plan.physical_map(world), _LED))
+        way, shown = planner.plan(np.asarray(start, dtype=float), scenario.guide[-1]), [scenario.guide[-1]]
     places = geometry.resample_chain(way, 0.05)
-    chosen = np.linspace(0, len(places) - 1, count + 2)[1:-1]
-    return [[round(float(value), 3) for value in places[int(round(index))]] for index in chosen]
+    chosen = np.linspace(0, len(places) - 1, int(geometry.chain_length(way)) + 2)[1:-1]
+    between = [places[int(round(index))] for index in chosen]
+    return [[round(float(value), 3) for value in place] for place in (*between, *shown)]
 
 
 @sweeps.register("border_length")
