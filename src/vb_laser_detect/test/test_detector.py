@@ -1,4 +1,5 @@
 """Spots rendered at known places, and everything that is no spot."""
+import cv2
 import numpy as np
 import pytest
 
@@ -122,6 +123,99 @@ def test_no_spot_without_a_laser(disturbance, bayer):
     assert found == [[]] * 60
 
 
+@pytest.mark.parametrize("white", [140.0, 235.0])
+def test_white_is_what_the_camera_shows_at_most(white):
+    # limited range video ends at 235; a spot is as white as that camera's white, and a grey thing is not
+    scene, detector = Scene(), at_once()
+
+    def shown(image):
+        return np.round(image * (white / 255.0)).astype(np.uint8)
+
+    floor = scene.floor.copy()
+    floor[300:340, 20:100] = 255
+    feed(detector, [shown(scene.render(floor=floor)) for _ in range(8)])
+    found = feed(detector, [shown(scene.render([(100 + 15.3 * i, 150)], floor=floor)) for i in range(20)], 0.4)
+    assert sum(len(spots) for spots in found) >= 19
+    floor[200:208, 400:408] = 150
+    assert feed(detector, [shown(scene.render(floor=floor)) for _ in range(5)], 1.3) == [[]] * 5
+
+
+def test_a_spot_hardly_larger_than_a_pixel_is_no_faint_one():
+    scene, detector = Scene(brightness=60.0, noise=2.0), at_once()
+    feed(detector, [scene.render() for _ in range(8)])
+    found = feed(detector, [scene.render([(100 + 15.0 * i, 150)], 0.75, 190.0, GREEN) for i in range(20)], 0.4)
+    assert sum(len(spots) for spots in found) >= 18
+    assert max(candidate.level for candidate in detector.candidates) < 250
+
+
+def tinted(scene):
+    """The same floor, so coloured that a Bayer image of it can be told from a grey one."""
+    scene.floor = scene.floor * np.array([0.75, 1.0, 1.1], np.float32)
+    return scene
+
+
+@pytest.mark.parametrize("laser", [RED, GREEN])
+def test_bayer_images_tell_white_light_from_a_laser(laser):
+    scene, detector = tinted(Scene()), at_once()
+    feed(detector, [scene.render(bayer=True) for _ in range(8)])
+    glint = feed(detector, [scene.render([(300, 150)], colour=(1.0, 1.0, 1.0), bayer=True) for _ in range(10)], 0.4)
+    assert glint == [[]] * 10
+    assert "not_coloured" in [candidate.refusal for candidate in detector.candidates]
+    both = tinted(Scene())
+    found = [
+        detector.detect(np.maximum(scene.render([(300, 150)], colour=(1.0, 1.0, 1.0), bayer=True),
+                                   both.render([(80 + 10.0 * i, 300)], colour=laser, bayer=True)), 0.8 + PERIOD * i)
+        for i in range(20)
+    ]
+    assert sum(len(spots) == 1 and abs(spots[0].v - 300) < 1.0 for spots in found) >= 19
+
+
+def test_a_camera_without_colour_is_not_asked_for_it():
+    scene, detector = Scene(), at_once()
+    grey = lambda *spots: scene.render(spots, colour=(1.0, 1.0, 1.0))[:, :, 1].copy()  # noqa: E731
+    feed(detector, [grey() for _ in range(8)])
+    assert len(detector.detect(grey((200, 150)), 0.4)) == 1
+    asked = at_once(ask_colour="always")
+    feed(asked, [grey() for _ in range(8)])
+    assert asked.detect(grey((200, 150)), 0.4) == []
+
+
+@pytest.mark.parametrize("gain, bayer", [(1.4, False), (0.4, False), (0.4, True)])
+def test_a_spot_is_followed_over_a_switched_light(gain, bayer):
+    scene, detector = Scene(), at_once()
+    feed(detector, [scene.render(bayer=bayer) for _ in range(8)])
+    held = []
+    for i, light in enumerate([1.0] * 5 + [gain] * 60):
+        image = scene.render([(300, 150)], gain=light, power=420.0 / light, bayer=bayer)
+        held.append(detector.detect(image, 0.4 + PERIOD * i))
+    # held still through it all: not even the image that brings the new light takes it for floor
+    assert sum(len(spots) for spots in held) >= 64
+    assert feed(detector, [scene.render(gain=gain, bayer=bayer) for _ in range(10)], 4.0) == [[]] * 10
+
+
+def test_people_beside_it_do_not_take_a_spots_turn():
+    # on a bright floor each of them rises more than the spot can
+    scene, detector = Scene(640, 360, brightness=200.0), at_once()
+    floor = np.minimum(scene.floor, 215.0)
+    floor[:, :280] = 40.0
+    feed(detector, [scene.render(floor=floor) for _ in range(8)])
+    beside = floor.copy()
+    for row in range(6):
+        for column in range(5):
+            beside[20 + 56 * row : 44 + 56 * row, 20 + 52 * column : 40 + 52 * column] = 215.0
+    found = feed(detector, [scene.render([(400 + 8.0 * i, 200)], floor=beside) for i in range(20)], 0.4)
+    assert sum(any(abs(spot.u - (400 + 8.0 * i)) < 1.5 for spot in spots) for i, spots in enumerate(found)) >= 19
+
+
+def test_a_doubtful_spot_that_stays_is_learnt():
+    scene, detector = Scene(), at_once()
+    feed(detector, [scene.render() for _ in range(8)])
+    doubtful = scene.floor.copy()
+    detector._refusal_of = lambda c, metre: setattr(c, "doubt", 0.9) or ""
+    found = feed(detector, [scene.render([(150, 90)], floor=doubtful) for _ in range(75)], 0.4)
+    assert all(found[:30]) and not any(found[45:])
+
+
 # ------------------------------------------------------------------ confirmation, sizes, places
 def test_one_flash_is_not_confirmed_but_a_drawn_spot_is():
     scene, detector = Scene(), SpotDetector(DetectorParams.stationary(confirm_frames=3))
@@ -210,6 +304,20 @@ def test_moving_camera_sees_the_spot_on_the_edge_of_a_carpet(colour):
     assert sum(len(spots) for spots in found) <= 20
     hits = [spots and np.hypot(spots[0].u - u, spots[0].v - v) < 2.0 for spots, (u, v) in zip(found, truths)]
     assert sum(map(bool, hits)) >= 19
+
+
+@pytest.mark.parametrize("colour", [RED, GREEN])
+def test_moving_camera_sees_the_spot_within_the_reflection_of_a_lamp(colour):
+    detector, scene = SpotDetector(DetectorParams.mobile(confirm_frames=1)), Scene(640, 480, brightness=120.0)
+    detector.to_floor = lambda pixels: np.column_stack([pixels * 0.003, np.zeros(len(pixels))])
+    lamp = cv2.ellipse(np.zeros((480, 640), np.float32), (320, 300), (34, 20), 0, 0, 360, 90.0, -1)
+    scene.floor = scene.floor + cv2.GaussianBlur(lamp, (0, 0), 6)[:, :, None]
+    assert not any(feed(detector, [scene.render([])] * 3))
+    truths = [(285.0 + 2 * i, 300.0) for i in range(36)]
+    found = feed(detector, [scene.render([truth], 3.0, colour=colour) for truth in truths])
+    offsets = [np.hypot(spot.u - u, spot.v - v) for spots, (u, v) in zip(found, truths) for spot in spots]
+    # not at its rim, where lamp and floor meet under the spot; what is seen is the spot and not the lamp
+    assert len(offsets) > 18 and max(offsets) < 8.0
 
 
 # ------------------------------------------------------------------ bad input

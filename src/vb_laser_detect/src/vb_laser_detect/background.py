@@ -66,16 +66,23 @@ class Background:
         return maxima >= np.maximum(np.float32(least), self._noise + np.float32(_NOISE_DEVIATIONS) * self._deviation)
 
     def erase(self, u: float, v: float, diameter: float) -> None:
-        """Takes the floor beside a spot for what lies below it: the spot was there when the background was taken."""
-        reach = 2 * int(math.ceil(0.75 * diameter) + 4)
+        """Puts the median of its surroundings where a spot was shining when the background was taken."""
+        inner = 2 * int(math.ceil(0.5 * diameter) + 2)
+        outer = 2 * inner
         height, width = self.image.shape[:2]
-        top, bottom = max(0, int(v) - reach), min(height, int(v) + reach)
-        left, right = max(0, int(u) - reach), min(width, int(u) + reach)
-        # an even number of pixels, so that each keeps its place in a Bayer image's pattern
-        shift = 2 * reach if right + 2 * reach <= width else -2 * reach
-        if left + shift >= 0 and right + shift <= width:
-            self.image[top:bottom, left:right] = self.image[top:bottom, left + shift : right + shift].copy()
-            self._sample = sample_blocks(self.image)
+        # even bounds keep each pixel's place in a Bayer image's pattern; there each place has a median of its own
+        u, v = 2 * int(u / 2), 2 * int(v / 2)
+        top, bottom, left, right = max(0, v - outer), min(height, v + outer), max(0, u - outer), min(width, u + outer)
+        window = self.image[top:bottom, left:right]
+        filled = window.copy()
+        steps = [(0, 0, 1)] if self.image.ndim == 3 else [(y, x, 2) for y in (0, 1) for x in (0, 1)]
+        for y, x, step in steps:
+            plane = np.ascontiguousarray(window[y::step, x::step])
+            filled[y::step, x::step] = cv2.medianBlur(plane, min(2 * outer // step - 1, 255))
+        rows = slice(max(0, v - inner) - top, v + inner - top)
+        columns = slice(max(0, u - inner) - left, u + inner - left)
+        window[rows, columns] = filled[rows, columns]
+        self._sample = sample_blocks(self.image)
 
     def learn(self, image: np.ndarray, rise: np.ndarray, changed: np.ndarray, spots: np.ndarray, dt: float) -> None:
         """Takes a frame in.

@@ -29,6 +29,7 @@ _LARGE = 14  # [blocks] regions that are larger are cut down to their brightest 
 _NEAR = 6  # [blocks] whose changes count as nearby
 _LEAST_WHITE = 128.0  # [grey levels] no camera's white is darker
 _HELD = 0.5  # doubts up to which a spot that stays is kept out of the background: more, and it may be a ghost
+_EVERYWHERE = (slice(None), slice(None))
 _WIDEST_MEDIAN = 255  # [px] of 8-bit images, OpenCV's limit
 
 # pixels (N, 2) to the floor (N, 2) [m], rows of NaN where there is none
@@ -219,7 +220,9 @@ class SpotDetector:
         """The spot that was followed until now, in the first image of a scene that nothing is known of."""
         if self._last is None:
             return []
-        candidates = self._search_moving(image)
+        u, v, stamp = self._last
+        blocks = (image.shape[0] // BLOCK, image.shape[1] // BLOCK)
+        candidates = self._search_moving(image, _blocks_around(blocks, Candidate(u, v, 0.0), self._gate(stamp)))
         for candidate in candidates:
             if not self._follows(candidate):
                 candidate.refusal = candidate.refusal or "scene_unknown"
@@ -228,13 +231,17 @@ class SpotDetector:
         return candidates
 
     # ------------------------------------------------------------- moving camera
-    def _search_moving(self, image: np.ndarray) -> List[Candidate]:
+    def _search_moving(self, image: np.ndarray, within: Tuple[slice, slice] = _EVERYWHERE) -> List[Candidate]:
+        """Searches without a background, in some of the blocks."""
         p = self.params
         maxima = block_maxima(image)
         # what a block would show without a spot: the median of its neighbourhood, seven blocks wide. Each channel on its
         # own: a bright floor leaves a red spot hardly any room in red, but its white core rises in blue and green
         rise = max_channel(cv2.subtract(maxima, cv2.medianBlur(maxima, 7)))
         hot = (rise >= p.min_rise) & (max_channel(maxima) >= p.min_level)
+        elsewhere = np.ones_like(hot)
+        elsewhere[within] = False
+        hot[elsewhere] = False
         candidates = []
         for (left, top, right, bottom), _ in regions(rise, hot, p.max_candidates, _LARGE):
             reach = int(max(24, 1.5 * max(right - left, bottom - top)))
@@ -256,13 +263,16 @@ class SpotDetector:
         asked = self.params.ask_colour
         return asked == ALWAYS or (asked == BAYER and self._mosaic)
 
+    def _gate(self, stamp: float) -> float:
+        """[px] how far a spot can have moved since a time [s], at half an image's diagonal per second."""
+        return SLACK_PX + 0.5 * self._diagonal * (self._stamp - stamp)
+
     def _follows(self, c: Candidate) -> bool:
-        """Whether a candidate is where the last spot can have moved to, at half an image per second."""
-        if self._last is None or self._stamp is None:
+        """Whether a candidate is where the last spot can be by now."""
+        if self._last is None or self._stamp - self._last[2] > self.params.max_gap_s:
             return False
         u, v, stamp = self._last
-        elapsed = self._stamp - stamp
-        return elapsed <= self.params.max_gap_s and math.hypot(c.u - u, c.v - v) <= SLACK_PX + 0.5 * self._diagonal * elapsed
+        return math.hypot(c.u - u, c.v - v) <= self._gate(stamp)
 
     def _largest_px(self) -> float:
         return self._smeared(self.params.max_diameter_share * self._diagonal)
