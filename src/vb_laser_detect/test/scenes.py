@@ -76,3 +76,9 @@ class Scene:
         start = int(self._random.integers(0, self._noise.size - light.size))
         noise = self._noise[start : start + light.size].reshape(light.shape)
         return cv2.convertScaleAbs(np.clip(light + noise, 0, 255))
+
+
+def tinted(scene: Scene) -> Scene:
+    """The same scene with so coloured a floor that a Bayer image of it can be told from a grey one."""
+    scene.floor = scene.floor * np.array([0.75, 1.0, 1.1], np.float32)
+    return scene

@@ -3,7 +3,7 @@ import cv2
 import numpy as np
 import pytest
 
-from scenes import GREEN, RED, Scene
+from scenes import GREEN, RED, Scene, tinted
 from vb_core.errors import CodedError, ParameterError
 from vb_laser_detect.detector import DetectorParams, SpotDetector, metres_per_pixel
 
@@ -146,12 +146,6 @@ def test_a_spot_hardly_larger_than_a_pixel_is_no_faint_one():
     found = feed(detector, [scene.render([(100 + 15.0 * i, 150)], 0.75, 190.0, GREEN) for i in range(20)], 0.4)
     assert sum(len(spots) for spots in found) >= 18
     assert max(candidate.level for candidate in detector.candidates) < 250
-
-
-def tinted(scene):
-    """The same floor, so coloured that a Bayer image of it can be told from a grey one."""
-    scene.floor = scene.floor * np.array([0.75, 1.0, 1.1], np.float32)
-    return scene
 
 
 @pytest.mark.parametrize("laser", [RED, GREEN])

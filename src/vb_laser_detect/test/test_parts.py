@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 import yaml
 
-from scenes import Scene
+from scenes import Scene, tinted
 from vb_laser_detect.appearance import Candidate
-from vb_laser_detect.background import Background
+from vb_laser_detect.background import Background, is_mosaic
 from vb_laser_detect.blocks import block_maxima, mask_of_blocks, max_channel
 from vb_laser_detect.debug_image import draw
 from vb_laser_detect.detector import DetectorParams, regions
@@ -67,6 +67,28 @@ def test_background_follows_a_slow_drift():
         maxima = background.rise(image)
         background.learn(image, maxima, maxima > 18, np.zeros((8, 8), bool), 0.04)
     assert abs(int(background.image.mean()) - 119) <= 4
+
+
+@pytest.mark.parametrize("bayer", [False, True])
+def test_what_a_spot_covered_is_filled_in(bayer):
+    scene = Scene(320, 192)
+    truth = scene.render(bayer=bayer).astype(int)
+    background = Background(scene.render([(150.3, 91.7)], bayer=bayer), 1.0, 1.5, 25.0)
+    assert np.abs(background.image.astype(int) - truth)[88:96, 146:156].max() > 100
+    background.erase(150.3, 91.7, 12.0)
+    assert np.abs(background.image.astype(int) - truth)[88:96, 146:156].max() < 80
+    # at the edge there is less to take a median of
+    background.erase(1.0, 190.0, 8.0)
+    background.erase(318.0, 2.0, 30.0)
+
+
+def test_bayer_images_are_told_from_grey_ones():
+    scene = Scene()
+    assert is_mosaic(tinted(scene).render(bayer=True))
+    assert not is_mosaic(scene.render(bayer=True)[::2, ::2].copy())
+    assert not is_mosaic(scene.render()[:, :, 1].copy())
+    assert not is_mosaic(scene.render())
+    assert not is_mosaic(np.full((240, 320), 100, np.uint8))
 
 
 def test_regions_part_a_bright_spot_from_what_it_touches():

@@ -146,8 +146,9 @@ def is_mosaic(image: np.ndarray) -> bool:
         return False
     # the means of tiles 32 pixels wide, of each place in the pattern
     rows, columns = image.shape[0] // 32, image.shape[1] // 32
+    whole = image[: 32 * rows, : 32 * columns]
     means = np.stack([
-        cv2.resize(np.ascontiguousarray(image[y : 32 * rows : 2, x : 32 * columns : 2]), (columns, rows), interpolation=cv2.INTER_AREA)
+        cv2.resize(np.ascontiguousarray(whole[y::2, x::2]), (columns, rows), interpolation=cv2.INTER_AREA)
         for y in (0, 1) for x in (0, 1)
     ]).astype(np.float32)
     spread = means.max(axis=0) - means.min(axis=0)

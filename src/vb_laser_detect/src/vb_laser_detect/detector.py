@@ -193,8 +193,8 @@ class SpotDetector:
     def _brightest(self, image: np.ndarray, rise: np.ndarray, hot: np.ndarray) -> List[Tuple[Region, float]]:
         """The regions to look at closely, and the brightest pixel of each.
 
-        A spot shows the camera's white wherever it falls; by how much it rises depends on the floor, and on a bright one
-        a person beside it rises more. So white regions come first, among them those that rose most.
+        A spot shows the camera's white wherever it falls; by how much it rises depends on the floor, and on a bright
+        one a person beside it rises more. So white regions come first, among them those that rose most.
         """
         p, found = self.params, []
         for seed, peak in regions(rise, hot, 4 * p.max_candidates, _LARGE):

@@ -19,8 +19,9 @@ class DetectorParams(Parameters):
     min_rise: float = param(18.0, "grey levels", low=2.0, high=255.0, doc="a block's rise that is looked at")
     # limits of `judgement`: what alone refuses a candidate
     min_peak: float = param(22.0, "grey levels", low=1.0, high=255.0, doc="a spot's own rise, smoothed")
-    min_rise_unsaturated: float = param(60.0, "grey levels", low=1.0, high=255.0, doc="a pixel's, where none is saturated")
-    min_level: float = param(190.0, "of 255", low=0.0, high=255.0, doc="the brightest pixel of a spot; 255: the camera's white")
+    min_rise_unsaturated: float = param(60.0, "grey levels", low=1.0, high=255.0, doc="of a pixel, if none saturates")
+    # 255 stands for the camera's white
+    min_level: float = param(190.0, "grey levels", low=0.0, high=255.0, doc="the brightest pixel of a spot")
     max_elongation: float = param(3.2, "", low=1.0, high=20.0, doc="longest over shortest axis")
     min_compactness: float = param(0.78, "", low=0.0, high=1.0)
     max_flatness: float = param(0.6, "", low=0.0, high=1.0, doc="of spots that do not saturate the sensor")
