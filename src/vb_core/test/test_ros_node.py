@@ -46,3 +46,20 @@ def test_a_fault_in_a_worker_ends_the_node():
     assert done.returncode == 0, done.stderr
     assert "failures ['internal_error']" in done.stdout
     assert "ZeroDivisionError" in done.stderr
+
+
+def test_kept_memory_is_used_again():
+    program = """
+import resource
+from vb_core.ros import node
+node.keep_memory()
+image = b"x" * (6 << 20)
+before = resource.getrusage(resource.RUSAGE_SELF).ru_minflt
+for _ in range(20):
+    del image
+    image = b"x" * (6 << 20)
+print(resource.getrusage(resource.RUSAGE_SELF).ru_minflt - before)
+"""
+    faults = int(subprocess.run([sys.executable, "-c", program], check=True, capture_output=True, text=True).stdout)
+    # each image has 1536 pages; the first may still have been got from the system
+    assert faults < 4 * 1536
