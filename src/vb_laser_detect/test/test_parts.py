@@ -13,8 +13,9 @@ from vb_laser_detect.appearance import Candidate
 from vb_laser_detect.background import Background, is_mosaic
 from vb_laser_detect.blocks import block_maxima, mask_of_blocks, max_channel
 from vb_laser_detect.debug_image import draw
-from vb_laser_detect.detector import DetectorParams, regions
+from vb_laser_detect.detector import DetectorParams
 from vb_laser_detect.projection import ProjectionParams
+from vb_laser_detect.regions import regions
 from vb_laser_detect.statistics import Statistics
 from vb_laser_detect.tracker import SpotTracker
 

@@ -22,6 +22,7 @@ from vb_laser_detect.background import Background, is_mosaic
 from vb_laser_detect.blocks import BLOCK, block_maxima, max_channel
 from vb_laser_detect.detector_params import ALWAYS, BAYER, DetectorParams
 from vb_laser_detect.judgement import SATURATED, doubts
+from vb_laser_detect.regions import regions
 from vb_laser_detect.tracker import SLACK_M, SLACK_PX, SpotTracker
 
 _SMEAR_PX = 3.0
@@ -243,20 +244,30 @@ class SpotDetector:
         elsewhere[within] = False
         hot[elsewhere] = False
         candidates = []
-        for (left, top, right, bottom), _ in regions(rise, hot, p.max_candidates, _LARGE):
-            reach = int(max(24, 1.5 * max(right - left, bottom - top)))
-            x0, y0 = max(0, left - reach), max(0, top - reach)
-            window = image[y0 : bottom + reach, x0 : right + reach]
-            # a median removes the spot and keeps the edges of carpets, next to which spots are drawn
-            floor = cv2.medianBlur(np.ascontiguousarray(window), min(2 * reach - 7, _WIDEST_MEDIAN))
-            metre = self._metre_in((left, top, right, bottom))
-            seed = (left - x0, top - y0, right - x0, bottom - y0)
-            candidate = appearance.measure(window, floor, seed, self._largest(metre), learnt=False, colour=self._asks_colour())
-            candidate.u += x0
-            candidate.v += y0
+        for seed, _ in regions(rise, hot, p.max_candidates, _LARGE):
+            metre = self._metre_in(seed)
+            candidate = self._measure_moving(image, seed, metre)
+            if candidate.refusal == "too_large" and self._asks_colour() and image.ndim == 3:
+                # a spot within a lamp's reflection is the coloured place in it
+                candidate = self._measure_moving(image, _most_coloured(image, seed), metre)
             candidate.refusal = candidate.refusal or self._refusal_of(candidate, metre)
             candidates.append(candidate)
         return _without_doubles(candidates)
+
+    def _measure_moving(self, image: np.ndarray, seed: Region, metre: Optional[float]) -> Candidate:
+        left, top, right, bottom = seed
+        reach = int(max(24, 1.5 * max(right - left, bottom - top)))
+        x0, y0 = max(0, left - reach), max(0, top - reach)
+        window = image[y0 : bottom + reach, x0 : right + reach]
+        # a median removes the spot and keeps the edges of carpets, next to which spots are drawn
+        floor = cv2.medianBlur(np.ascontiguousarray(window), min(2 * reach - 7, _WIDEST_MEDIAN))
+        inside = (left - x0, top - y0, right - x0, bottom - y0)
+        candidate = appearance.measure(
+            window, floor, inside, self._largest(metre), learnt=False, colour=self._asks_colour()
+        )
+        candidate.u += x0
+        candidate.v += y0
+        return candidate
 
     # ------------------------------------------------------------- both
     def _asks_colour(self) -> bool:
@@ -349,39 +360,17 @@ def metres_per_pixel(to_floor: ToFloor, u: float, v: float) -> Optional[float]:
     return math.sqrt(area) if math.isfinite(area) and area > 0 else None
 
 
-def regions(maxima: np.ndarray, hot: np.ndarray, most: int, large: float) -> List[Tuple[Region, float]]:
-    """Regions of connected hot blocks, the brightest first: pixels (left, top, right, bottom) and the peak.
-
-    A region larger than `large` [blocks] is cut down to the parts above 60 % of its peak: a spot beside a person
-    must not be lost in the person's region.
-    """
-    # few blocks are hot, and they lie together: all that follows is done where they are
-    x, y, wide, high = cv2.boundingRect(hot.view(np.uint8))
-    hot, maxima = (np.ascontiguousarray(blocks[y : y + high, x : x + wide]) for blocks in (hot, maxima))
-    if not hot.size:
-        return []
-    _, labels, stats, _ = cv2.connectedComponentsWithStats(hot.view(np.uint8), connectivity=8)
-    rows, columns = np.nonzero(hot)
-    peaks = np.zeros(len(stats), np.int64)
-    np.maximum.at(peaks, labels[rows, columns], maxima[rows, columns])
-    result: List[Tuple[Region, float]] = []
-    for label in np.argsort(-peaks[1:], kind="stable")[:most] + 1:
-        left, top, width, height, _ = (int(value) for value in stats[label])
-        if max(width, height) > large:
-            cut = (slice(top, top + height), slice(left, left + width))
-            part = (labels[cut] == label) & (maxima[cut] > 0.6 * peaks[label])
-            if not part.all():
-                result += [(_shifted(region, x + left, y + top), peak) for region, peak in regions(maxima[cut], part, 6, np.inf)]
-                continue
-        region = (left * BLOCK, top * BLOCK, (left + width) * BLOCK, (top + height) * BLOCK)
-        result.append((_shifted(region, x, y), float(peaks[label])))
-    return result[: 2 * most]
-
-
-def _shifted(region: Region, columns: int, rows: int) -> Region:
-    """A region moved by whole blocks."""
+def _most_coloured(image: np.ndarray, region: Region) -> Region:
+    """The block of pixels about the most coloured place of a region."""
     left, top, right, bottom = region
-    return left + columns * BLOCK, top + rows * BLOCK, right + columns * BLOCK, bottom + rows * BLOCK
+    planes = cv2.split(cv2.blur(image[top:bottom, left:right], (3, 3)))
+    most, least = planes[0], planes[0]
+    for plane in planes[1:]:
+        most, least = cv2.max(most, plane), cv2.min(least, plane)
+    u, v = cv2.minMaxLoc(cv2.subtract(most, least))[3]
+    u, v = left + u, top + v
+    half = BLOCK // 2
+    return max(left, u - half), max(top, v - half), min(right, u + half), min(bottom, v + half)
 
 
 def _blocks_around(shape: Tuple[int, ...], c: Candidate, reach: float) -> Tuple[slice, slice]:
