@@ -177,8 +177,10 @@ class SpotDetector:
                 candidates.append(_unmeasured(seed, "too_dark"))
                 continue
             metre = self._metre_in(seed)
+            # colour is dear to measure; half the gate, for the spot is not in the very middle of its blocks
+            followed = self._follows(_unmeasured(seed, ""), 0.5)
             candidate = appearance.measure(
-                image, background.image, seed, self._largest(metre), colour=self._asks_colour()
+                image, background.image, seed, self._largest(metre), colour=self._asks_colour() and not followed
             )
             if not candidate.refusal:
                 own = _blocks_around(hot.shape, candidate, 1.25 * candidate.diameter + BLOCK)
@@ -278,12 +280,12 @@ class SpotDetector:
         """[px] how far a spot can have moved since a time [s], at half an image's diagonal per second."""
         return SLACK_PX + 0.5 * self._diagonal * (self._stamp - stamp)
 
-    def _follows(self, c: Candidate) -> bool:
-        """Whether a candidate is where the last spot can be by now."""
+    def _follows(self, c: Candidate, share: float = 1.0) -> bool:
+        """Whether a candidate is where the last spot can be by now, or within a share of that distance."""
         if self._last is None or self._stamp - self._last[2] > self.params.max_gap_s:
             return False
         u, v, stamp = self._last
-        return math.hypot(c.u - u, c.v - v) <= self._gate(stamp)
+        return math.hypot(c.u - u, c.v - v) <= share * self._gate(stamp)
 
     def _largest_px(self) -> float:
         return self._smeared(self.params.max_diameter_share * self._diagonal)
