@@ -88,3 +88,13 @@ def search(detector: SpotDetector, image: np.ndarray, stamp: float, frame: Optio
     detector.place_check = frame.refusal_at if frame is not None else None
     detector.tag = frame
     return detector.detect(image, stamp)
+
+
+def placed(detector: SpotDetector, spots: List[Spot], frame: Frame) -> List[Tuple[Frame, Spot]]:
+    """The spots that a search has confirmed, each with its own image, the oldest first.
+
+    Args:
+        spots: what `search` found in the image of `frame`.
+    """
+    recalled = [(earlier.tag, earlier.spot) for earlier in detector.recalled if earlier.tag is not None]
+    return recalled + [(frame, spot) for spot in spots]

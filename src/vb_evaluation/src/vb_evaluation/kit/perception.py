@@ -19,7 +19,9 @@ from vb_evaluation.kit.replay import Event
 from vb_evaluation.kit.session import ROBOT_IMAGES
 from vb_fusion.collector import Spot
 from vb_laser_detect.detector import DetectorParams, SpotDetector
-from vb_laser_detect.projection import FloorPoint, FloorProjector, ProjectionParams, floor_points
+from vb_laser_detect.detector import Spot as DetectedSpot
+from vb_laser_detect.frame import Frame, placed, search
+from vb_laser_detect.projection import FloorProjector, ProjectionParams
 
 _KEPT_DEPTHS = 4
 
@@ -65,30 +67,19 @@ class RecordedCamera:
         if self.model is None:
             raise CodedError("no_camera_info", f"{self.name}: no camera_info was recorded before the first image")
         pose = self._pose(frame, stamp)
-        model, height = self.model, self.projector.params.floor_height
-        self._detector.to_floor = lambda pixels: floor_points(model, pose, pixels, height)
+        geometry = Frame(
+            self.model,
+            lambda: pose,
+            self.projector,
+            (lambda: self._depth_at(stamp.to_sec())) if self._mobile else None,
+            stamp.to_sec(),
+        )
+        spots = search(self._detector, image, stamp.to_sec(), geometry)
+        return [self._on_floor(*found) for found in placed(self._detector, spots, geometry)]
 
-        def refusal(u: float, v: float) -> str:
-            try:
-                self._project(pose, u, v, stamp.to_sec())
-            except CodedError as error:
-                return error.code
-            return ""
-
-        self._detector.place_check = refusal
-        found = []
-        for spot in self._detector.detect(image, stamp.to_sec()):
-            point = self._project(pose, spot.u, spot.v, stamp.to_sec())
-            found.append(
-                Spot(
-                    stamp.to_sec(),
-                    float(point.position[0]),
-                    float(point.position[1]),
-                    self.name,
-                    float(spot.confidence),
-                )
-            )
-        return found
+    def _on_floor(self, frame: Frame, spot: DetectedSpot) -> Spot:
+        x, y = (float(value) for value in frame.point(spot.u, spot.v).position[:2])
+        return Spot(frame.stamp, x, y, self.name, float(spot.confidence))
 
     def _pose(self, frame: str, stamp: rospy.Time) -> np.ndarray:
         try:
@@ -97,19 +88,12 @@ class RecordedCamera:
             raise CodedError("no_transform", f"{self.name}: no transform from '{frame}': {error}") from None
         return messages.matrix_from_transform(found.transform)
 
-    def _project(self, pose: np.ndarray, u: float, v: float, stamp: float) -> FloorPoint:
-        if not self._mobile:
-            return self.projector.on_plane(self.model, pose, u, v)
+    def _depth_at(self, stamp: float) -> Tuple[Optional[np.ndarray], Optional[CameraModel]]:
         near = min(self.depths, key=lambda entry: abs(entry[0] - stamp), default=None)
-        depth = near[1] if near is not None and abs(near[0] - stamp) <= self._depth_age_s else None
-        model = (
-            self.depth_model
-            if depth is not None
-            and self.depth_model is not None
-            and ((self.depth_model.height, self.depth_model.width) == depth.shape[:2])
-            else None
-        )
-        return self.projector.with_depth(self.model, pose, u, v, depth, model)
+        if near is None or abs(near[0] - stamp) > self._depth_age_s:
+            return None, None
+        fits = self.depth_model is not None and (self.depth_model.height, self.depth_model.width) == near[1].shape[:2]
+        return near[1], self.depth_model if fits else None
 
 
 def events(

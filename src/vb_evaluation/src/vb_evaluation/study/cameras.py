@@ -16,8 +16,8 @@ from vb_core import geometry
 from vb_core.camera_model import CameraModel
 from vb_core.grid_map import GridMap
 from vb_evaluation.study.config import top
-from vb_laser_detect.detector import DetectorParams, SpotDetector
-from vb_laser_detect.frame import Frame, search
+from vb_laser_detect.detector import DetectorParams, Spot, SpotDetector
+from vb_laser_detect.frame import Frame, placed, search
 from vb_laser_detect.projection import FloorProjector, ProjectionParams
 from vb_sim.camera_calibration import calibrated_pose
 from vb_sim.ceiling_view import CeilingView
@@ -144,9 +144,9 @@ class StationaryCamera:
             return []
         self.rendered += 1
         image = self._view.frame(snapshot, frame_generator(self._seed, self.name, stamp))
-        frame = Frame(self._view.model, lambda: self._pose, self._projector)
+        frame = Frame(self._view.model, lambda: self._pose, self._projector, stamp=stamp)
         spots = search(self._detector, image, stamp, frame)
-        return [_seen(stamp, frame, spot, self.name, False) for spot in spots]
+        return [_seen(*found, self.name, False) for found in placed(self._detector, spots, frame)]
 
     def _worth_a_look(self, snapshot: Snapshot) -> bool:
         if snapshot.laser is not None and self._shows(np.array([[*snapshot.laser, 0.0]]), _SPOT_MARGIN_PX):
@@ -220,9 +220,9 @@ class RobotCamera:
             self._depth = (stamp, area, view.depth(snapshot))
         depth = (self._depth[2], view.depth_model)
         image = view.color(snapshot)
-        frame = Frame(view.color_model, lambda: self._estimated(stamp), self._projector, lambda: depth)
+        frame = Frame(view.color_model, lambda: self._estimated(stamp), self._projector, lambda: depth, stamp)
         spots = search(self._detector, image, stamp, frame)
-        return [_seen(stamp, frame, spot, self.name, True) for spot in spots]
+        return [_seen(*found, self.name, True) for found in placed(self._detector, spots, frame)]
 
     def _estimated(self, stamp: float) -> np.ndarray:
         return geometry.pose2d_transform(*self._pose_at(stamp)) @ self._mount
@@ -265,9 +265,9 @@ def _well_inside(area: Tuple[int, int, int, int], u: float, v: float, model: Cam
     )
 
 
-def _seen(stamp: float, frame: Frame, spot, camera: str, mobile: bool) -> Seen:
+def _seen(frame: Frame, spot: Spot, camera: str, mobile: bool) -> Seen:
     x, y = (float(value) for value in frame.point(spot.u, spot.v).position[:2])
-    return Seen(stamp, (x, y), camera, mobile, float(np.float32(spot.confidence)))
+    return Seen(frame.stamp, (x, y), camera, mobile, float(np.float32(spot.confidence)))
 
 
 def spot_counts(seen: Sequence[Seen]) -> Dict[str, int]:
