@@ -14,7 +14,7 @@ class DetectorParams(Parameters):
     """What a spot looks like and how it behaves. See config/*.yaml for the reasons."""
 
     moving_camera: bool = param(False, doc="the camera moves: no background is learnt")
-    confirm_frames: int = param(2, "frames", low=1, high=50, doc="a spot must be seen in so many; 1: at once")
+    confirm_frames: int = param(4, "frames", low=1, high=50, doc="a spot must be seen in so many; 1: at once")
     max_spots: int = param(1, "", low=1, high=20, doc="at most so many spots per frame, the most certain ones")
     min_rise: float = param(18.0, "grey levels", low=2.0, high=255.0, doc="a block's rise that is looked at")
     # limits of `judgement`: what alone refuses a candidate
