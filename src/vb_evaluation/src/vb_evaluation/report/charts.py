@@ -180,7 +180,12 @@ def lines(
                 )
         if ticks and len(ticks) <= 8:
             axis.set_xticks(ticks)
-            axis.set_xticklabels([f"{tick:.3g}" for tick in ticks])
+            # a number that would touch the one before is left out
+            room, last, labels = 0.07 * (ticks[-1] - ticks[0]), -math.inf, []
+            for tick in ticks:
+                labels.append(f"{tick:.3g}" if tick - last > room else "")
+                last = tick if labels[-1] else last
+            axis.set_xticklabels(labels)
         axis.set_xlabel(x_label)
         axis.set_ylabel(y_label)
         handles = {}

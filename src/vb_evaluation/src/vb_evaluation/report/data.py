@@ -61,7 +61,7 @@ class Study:
     Attributes:
         tables: by file name; runs.csv is always among them.
         meta: study.json, empty if there is none.
-        scenarios: those of runs.csv, in the order of study.json or of the paper; others follow.
+        scenarios: those of runs.csv; the paper's in its order, then others in that of study.json.
         methods: those of runs.csv; the baseline comes last.
     """
 
@@ -85,7 +85,7 @@ class Study:
     @property
     def scenarios(self) -> List[str]:
         # each participant has another order, so that of the rows means nothing
-        known = [*(self.meta.get("scenarios") or {}), *paper.PAPER]
+        known = [*paper.PAPER, *(self.meta.get("scenarios") or {})]
         place = {key: known.index(key) for key in reversed(known)}
         return sorted(self.runs.distinct("scenario"), key=lambda key: place.get(key, len(known)))
 

@@ -101,7 +101,9 @@ def map_rows(study: Study, pictures: Sequence[maps.MapPicture]) -> List[List[Opt
 
 def sweep(study: Study, name: str, curves: Sequence[sweeps.Curve]) -> Dict[str, Any]:
     speedups, times, accuracies = [], [], []
-    for index, curve in enumerate(curves):
+    for curve in curves:
+        # a scenario has the same look in every figure
+        index = study.scenarios.index(curve.scenario) if curve.scenario in study.scenarios else len(study.scenarios)
         x, title = [point.x for point in curve.points], study.scenario_title(curve.scenario)
         style = {
             "color": charts.SERIES[(index + 2) % len(charts.SERIES)],
@@ -160,7 +162,9 @@ def tornados(study: Study, nominal: sweeps.Setting, settings: Sequence[sweeps.Se
             name: max((abs(value - centre) for _, value in results if math.isfinite(value)), default=0.0)
             for name, results in found.items()
         }
-        longest = sorted(found, key=lambda name: -reach[name])[:TORNADO_ROWS]
+        longest = sorted(found, key=lambda name: -reach[name])
+        # what changes nothing has no bar; one row stays if nothing does
+        longest = [name for name in longest if reach[name] > 1e-9][:TORNADO_ROWS] or longest[:1]
         return [(name, found[name]) for name in longest], centre
 
     speedup, jaccard = rows("speedup"), rows("jaccard")

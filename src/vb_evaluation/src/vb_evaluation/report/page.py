@@ -200,10 +200,11 @@ def _standing(nominal: Optional[sweeps.Setting], settings: Sequence[sweeps.Setti
         return []
     words: List[Any] = [
         f"{len({setting.parameter for setting in settings})} assumed parameters were changed, one at a time "
-        f"({len(settings)} settings). These conclusions stand:"
+        f"({len(settings)} settings), in {', '.join(row['scenario'] for row in nominal.by_scenario)}. "
+        "These conclusions stand:"
     ]
     for flag, claim in (
-        ("faster", "faster in every scenario"),
+        ("faster", "faster"),
         ("no_loss", "no loss of accuracy"),
         ("complete", "as complete"),
     ):
