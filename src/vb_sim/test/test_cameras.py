@@ -20,7 +20,7 @@ from vb_sim.mesh import DepthBuffer, RayGrid, world_mesh
 from vb_sim.models_cameras import CameraModels, Optics, load_camera_models
 from vb_sim.robot_view import RobotView
 from vb_sim.spot import render_spot
-from vb_sim.world import load_world, world_from_mapping
+from vb_sim.world import world_from_mapping
 
 PACKAGE = Path(__file__).resolve().parent.parent
 WORLD = {

@@ -30,7 +30,6 @@ _LARGE = 14  # [blocks] regions that are larger are cut down to their brightest 
 _NEAR = 6  # [blocks] whose changes count as nearby
 _LEAST_WHITE = 128.0  # [grey levels] no camera's white is darker
 _HELD = 0.5  # doubts up to which a spot that stays is kept out of the background: more, and it may be a ghost
-_EVERYWHERE = (slice(None), slice(None))
 _WIDEST_MEDIAN = 255  # [px] of 8-bit images, OpenCV's limit
 
 # pixels (N, 2) to the floor (N, 2) [m], rows of NaN where there is none
@@ -148,7 +147,7 @@ class SpotDetector:
         found = found[: self.params.max_spots]
         if found:
             self._last = (found[0].u, found[0].v, stamp)
-        return self._confirm(found, image.shape, stamp)
+        return self._confirm(found, stamp)
 
     # ------------------------------------------------------------- stationary camera
     def _search_stationary(self, image: np.ndarray, elapsed: float) -> List[Candidate]:
@@ -234,17 +233,17 @@ class SpotDetector:
         return candidates
 
     # ------------------------------------------------------------- moving camera
-    def _search_moving(self, image: np.ndarray, within: Tuple[slice, slice] = _EVERYWHERE) -> List[Candidate]:
-        """Searches without a background, in some of the blocks."""
+    def _search_moving(self, image: np.ndarray, within: Optional[Tuple[slice, slice]] = None) -> List[Candidate]:
+        """Searches without a background, in all blocks or some."""
         p = self.params
         maxima = block_maxima(image)
         # what a block would show without a spot: the median of its neighbourhood, seven blocks wide. Each channel on its
         # own: a bright floor leaves a red spot hardly any room in red, but its white core rises in blue and green
         rise = max_channel(cv2.subtract(maxima, cv2.medianBlur(maxima, 7)))
         hot = (rise >= p.min_rise) & (max_channel(maxima) >= p.min_level)
-        elsewhere = np.ones_like(hot)
-        elsewhere[within] = False
-        hot[elsewhere] = False
+        if within is not None:
+            everywhere, hot = hot, np.zeros_like(hot)
+            hot[within] = everywhere[within]
         candidates = []
         for seed, _ in regions(rise, hot, p.max_candidates, _LARGE):
             metre = self._metre_in(seed)
@@ -331,7 +330,7 @@ class SpotDetector:
         c.confidence = (1.0 - 0.7 * doubt) * (0.7 + 0.3 * min(1.0, c.peak / 160.0))
         return self.place_check(c.u, c.v) if self.place_check is not None else ""
 
-    def _confirm(self, found: List[Candidate], shape: Tuple[int, ...], stamp: float) -> List[Spot]:
+    def _confirm(self, found: List[Candidate], stamp: float) -> List[Spot]:
         spots = [Spot(c.u, c.v, c.diameter, c.confidence) for c in found]
         if self.params.confirm_frames <= 1:
             self._tracker.reset()
@@ -346,8 +345,7 @@ class SpotDetector:
             positions = self.to_floor(positions)[:, :2] if len(positions) else positions
         else:
             # without a pose the image's diagonal is taken for five metres
-            diagonal = math.hypot(shape[0], shape[1])
-            tracker.max_speed, tracker.slack = self.params.max_speed * diagonal / 5.0, SLACK_PX
+            tracker.max_speed, tracker.slack = self.params.max_speed * self._diagonal / 5.0, SLACK_PX
         confirmed = tracker.update(positions, stamp, [Recalled(spot, stamp, self.tag) for spot in spots])
         for candidate, passed in zip(found, confirmed):
             candidate.refusal = "" if passed else "unconfirmed"
@@ -365,11 +363,8 @@ def metres_per_pixel(to_floor: ToFloor, u: float, v: float) -> Optional[float]:
 def _most_coloured(image: np.ndarray, region: Region) -> Region:
     """The block of pixels about the most coloured place of a region."""
     left, top, right, bottom = region
-    planes = cv2.split(cv2.blur(image[top:bottom, left:right], (3, 3)))
-    most, least = planes[0], planes[0]
-    for plane in planes[1:]:
-        most, least = cv2.max(most, plane), cv2.min(least, plane)
-    u, v = cv2.minMaxLoc(cv2.subtract(most, least))[3]
+    part = cv2.blur(image[top:bottom, left:right], (3, 3))
+    u, v = cv2.minMaxLoc(cv2.subtract(max_channel(part), np.minimum.reduce(cv2.split(part))))[3]
     u, v = left + u, top + v
     half = BLOCK // 2
     return max(left, u - half), max(top, v - half), min(right, u + half), min(bottom, v + half)

@@ -90,11 +90,13 @@ def search(detector: SpotDetector, image: np.ndarray, stamp: float, frame: Optio
     return detector.detect(image, stamp)
 
 
-def placed(detector: SpotDetector, spots: List[Spot], frame: Frame) -> List[Tuple[Frame, Spot]]:
+def placed(detector: SpotDetector, spots: List[Spot], frame: Optional[Frame]) -> List[Tuple[Frame, Spot]]:
     """The spots that a search has confirmed, each with its own image, the oldest first.
+
+    Those of images without a known place are left out.
 
     Args:
         spots: what `search` found in the image of `frame`.
     """
     recalled = [(earlier.tag, earlier.spot) for earlier in detector.recalled if earlier.tag is not None]
-    return recalled + [(frame, spot) for spot in spots]
+    return recalled if frame is None else recalled + [(frame, spot) for spot in spots]

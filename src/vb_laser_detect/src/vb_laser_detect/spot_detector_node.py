@@ -22,7 +22,7 @@ from vb_core.ros.tuning import Tuning
 from vb_laser_detect import projection
 from vb_laser_detect.debug_image import draw
 from vb_laser_detect.detector import DetectorParams, Spot, SpotDetector
-from vb_laser_detect.frame import Frame, search
+from vb_laser_detect.frame import Frame, placed, search
 from vb_laser_detect.projection import FloorPoint, FloorProjector, ProjectionParams
 from vb_laser_detect.ros.placing import DepthTopic, InfoTopic, Placing
 from vb_laser_detect.ros.report import Report
@@ -169,25 +169,17 @@ class SpotDetectorNode:
             # these are everyday events: counted, but not worth a warning
             if candidate.refusal:
                 self._report.count(candidate.refusal)
-        self._publish_recalled()
-        if frame is not None:
-            for spot in spots:
-                self._spots.publish(self._message(spot, frame.point(spot.u, spot.v), stamp))
-        elif spots and unplaced is not None:
+        # the first spots of a stroke come with their own times and places; what has no place was counted when seen
+        confirmed = placed(self._detector, spots, frame)
+        for where, spot in confirmed:
+            self._spots.publish(self._message(spot, where.point(spot.u, spot.v), where.stamp))
+        self._report.recall(sum(where is not frame for where, _ in confirmed))
+        if frame is None and spots and unplaced is not None:
             self._report.fault(unplaced)
             spots = []
         self._report.frame(stamp, took, len(spots), image)
         if self._debug.get_num_connections() > 0:
             self._publish_debug(image, "bgr8" if self._compressed else message.encoding, message.header)
-
-    def _publish_recalled(self) -> None:
-        """The first spots of a stroke, once it is confirmed: with their own times and places."""
-        # a spot without a place was counted as dropped when it was seen
-        recalled = [earlier for earlier in self._detector.recalled if earlier.tag is not None]
-        for earlier in recalled:
-            frame, spot = earlier.tag, earlier.spot
-            self._spots.publish(self._message(spot, frame.point(spot.u, spot.v), frame.stamp))
-        self._report.recall(len(recalled))
 
     def _place(
         self, frame_id: str, stamp: rospy.Time, image: np.ndarray

@@ -130,7 +130,7 @@ class RayGrid:
 
     def __init__(self, camera: CameraModel) -> None:
         self.camera = camera
-        self.distorted = bool(np.any(camera.distortion))
+        self.distorted = camera.distorted
         if self.distorted:
             self.x, self.y = self._distorted(camera)
         else:
