@@ -18,6 +18,7 @@ STRIP = 0.23  # ... height of the strip, ...
 MARGIN = 0.015  # ... and what is left free round the map
 PANEL_MOST = 0.38  # share of the view's width, for screens that are hardly wider than high
 LINE = 1.2  # distance of lines, in heights of a line's letters
+_GAP, _TOUCHING = 0.1, 1e-6  # between labels, in heights of the one that moves: the usual, and where there is no more room
 
 
 @dataclass(frozen=True)
@@ -229,18 +230,20 @@ def _cut(lines: List[str], count: int, size: float, width: float) -> str:
 
 
 def place_labels(wanted: Sequence[Box], within: Box) -> List[Box]:
-    """Moves labels as little as needed so that they lie within a box and, if there is room, not on each other."""
+    """Moves labels up or down as little as needed so that they lie within a box and, if there is room, not on each other."""
     placed: List[Box] = []
     for box in wanted:
-        x, y = box.centre
+        wanted_x, wanted_y = box.centre
         half_width, half_height = box.width / 2.0, box.height / 2.0
-        x = min(max(x, within.x0 + half_width), max(within.x0 + half_width, within.x1 - half_width))
+        x = min(max(wanted_x, within.x0 + half_width), max(within.x0 + half_width, within.x1 - half_width))
         low, high = within.y0 + half_height, max(within.y0 + half_height, within.y1 - half_height)
-        y = min(max(y, low), high)
-        steps = [0.0]
-        for count in range(1, 12):
-            steps += [count * box.height * 1.1, -count * box.height * 1.1]
-        options = [Box.centred(x, min(max(y + step, low), high), box.width, box.height) for step in steps]
-        free = [option for option in options if not any(option.overlaps(other) for other in placed)]
-        placed.append(free[0] if free else options[0])
+        unmoved = Box.centred(x, min(max(wanted_y, low), high), box.width, box.height)
+        free: List[Box] = []
+        for gap in (_GAP, _TOUCHING):
+            # where there is room, there is some beside the box's edge or another label: no other heights need be tried
+            away = [(other.centre[1], (other.height + box.height) / 2.0 + gap * box.height) for other in placed]
+            heights = [wanted_y, low, high] + [y + side * step for y, step in away for side in (1, -1)]
+            options = [Box.centred(x, min(max(y, low), high), box.width, box.height) for y in heights]
+            free = free or [option for option in options if not any(option.overlaps(other) for other in placed)]
+        placed.append(min(free, key=lambda option: abs(option.centre[1] - wanted_y)) if free else unmoved)
     return placed
