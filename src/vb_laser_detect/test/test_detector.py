@@ -5,6 +5,7 @@ import pytest
 
 from scenes import GREEN, RED, Scene, tinted
 from vb_core.errors import CodedError, ParameterError
+from vb_laser_detect import colour
 from vb_laser_detect.detector import DetectorParams, SpotDetector, metres_per_pixel
 
 PERIOD = 0.04
@@ -164,6 +165,44 @@ def test_bayer_images_tell_white_light_from_a_laser(laser):
     assert sum(len(spots) == 1 and abs(spots[0].v - 300) < 1.0 for spots in found) >= 19
 
 
+def test_small_glints_that_move_are_no_spots_on_bayer_images():
+    # a glint hardly larger than a pixel: the pattern makes colours of it, another one wherever it goes
+    scene = tinted(Scene())
+    detector = SpotDetector(DetectorParams.stationary())
+    feed(detector, [scene.render(bayer=True) for _ in range(8)])
+    looks, found, time = [], 0, 0.4
+    for sigma in (0.5, 0.6, 0.7):
+        for u, v in ((7.3, 3.1), (9.4, 0.6), (5.7, 8.2), (8.3, 4.7)):
+            for i in range(12):
+                place = (100.2 + u * i, 100.3 + v * i)
+                found += len(detector.detect(scene.render([place], sigma, 700.0, (1.0, 1.0, 1.0), bayer=True), time))
+                looks += [colour.chroma(c.tint) for c in detector.candidates if c.tint is not None]
+                time += PERIOD
+            feed(detector, [scene.render(bayer=True) for _ in range(8)], time)
+            time += 8 * PERIOD
+    assert sum(look > detector.params.min_chroma for look in looks) > 20
+    assert found == 0
+
+
+def test_while_a_spot_is_drawn_nothing_else_is_looked_at():
+    scene, detector = tinted(Scene()), SpotDetector(DetectorParams.stationary())
+    feed(detector, [scene.render(bayer=True) for _ in range(8)])
+    drawn, other, left_out = [], (500.0, 80.0), []
+    for i in range(60):
+        place = (80 + 6.0 * min(i, 30), 200)
+        drawn.append(detector.detect(scene.render([place, other] if i >= 15 else [place], bayer=True), 0.4 + PERIOD * i))
+        left_out.append([c.refusal for c in detector.candidates].count("not_looked_at"))
+    assert all(len(spots) == 1 and abs(spots[0].v - 200) < 1 for spots in drawn[3:45])
+    assert left_out[20:30] == [1] * 10
+    # held still it may be a thing that was laid down: all is looked at again, and the more certain one is told
+    assert all(len(spots) == 1 for spots in drawn[45:]) and "less_certain" in [c.refusal for c in detector.candidates]
+    # and whoever looks for several spots gets them
+    several = SpotDetector(DetectorParams.stationary(max_spots=2))
+    feed(several, [scene.render(bayer=True) for _ in range(8)])
+    both = [several.detect(scene.render([(80 + 6.0 * i, 200), other], bayer=True), 0.4 + PERIOD * i) for i in range(20)]
+    assert all(len(spots) == 2 for spots in both[3:])
+
+
 def test_a_camera_without_colour_is_not_asked_for_it():
     scene, detector = Scene(), at_once()
     grey = lambda *spots: scene.render(spots, colour=(1.0, 1.0, 1.0))[:, :, 1].copy()  # noqa: E731
@@ -254,8 +293,9 @@ def test_a_place_can_be_refused_and_the_reason_is_kept():
 
 
 def test_metres_per_pixel():
-    assert metres_per_pixel(lambda p: p * 0.004, 10, 10) == pytest.approx(0.004)
-    assert metres_per_pixel(lambda p: p * np.nan, 10, 10) is None
+    assert metres_per_pixel(lambda p: p * 0.004, [(10, 10)]) == pytest.approx([0.004])
+    assert metres_per_pixel(lambda p: p * np.nan, [(10, 10), (20, 20)]) == [None, None]
+    assert metres_per_pixel(lambda p: p * 0.004, []) == []
 
 
 def test_moving_camera():

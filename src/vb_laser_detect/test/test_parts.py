@@ -4,16 +4,19 @@ import subprocess
 import sys
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 import yaml
 
-from scenes import Scene, tinted
+from scenes import GREEN, RED, Scene, tinted
+from vb_laser_detect import colour
 from vb_laser_detect.appearance import Candidate
 from vb_laser_detect.background import Background, is_mosaic
 from vb_laser_detect.blocks import block_maxima, mask_of_blocks, max_channel
 from vb_laser_detect.debug_image import draw
 from vb_laser_detect.detector import DetectorParams
+from vb_laser_detect.followed import FollowedSpot
 from vb_laser_detect.projection import ProjectionParams
 from vb_laser_detect.regions import regions
 from vb_laser_detect.statistics import Statistics
@@ -92,6 +95,55 @@ def test_bayer_images_are_told_from_grey_ones():
     assert not is_mosaic(np.full((240, 320), 100, np.uint8))
 
 
+@pytest.mark.parametrize("bayer", [False, True])
+def test_tint_is_the_light_s_wherever_a_window_starts(bayer):
+    scene = tinted(Scene(200, 160, noise=0.0))
+    floor, place = scene.render(bayer=bayer), (81, 62)
+    for light, least, most in ((RED, 0.4, 1.0), (GREEN, 0.4, 1.0), ((1.0, 1.0, 1.0), 0.0, 0.2)):
+        lit, tints = scene.render([place], 2.5, 100.0, light, bayer=bayer), []
+        for left, top in ((60, 40), (62, 44), (58, 50)):
+            window = (slice(top, top + 40), slice(left, left + 40))
+            rise = cv2.GaussianBlur(max_channel(cv2.subtract(lit[window], floor[window])), (3, 3), 0)
+            blob = (rise > 0.35 * rise.max()).astype(np.uint8)
+            tints.append(colour.tint_of(blob, rise.astype(np.float32), lit[window], floor[window]))
+        assert np.allclose(tints, tints[0], atol=0.02)
+        assert least <= colour.chroma(tints[0]) <= most
+    # four places of a pattern, of which green has two; three channels
+    assert len(tints[0]) == (4 if bayer else 3)
+
+
+def test_white_light_in_a_shadow_is_white():
+    floor = np.full((60, 60, 3), (200, 185, 172), np.uint8)
+    light = np.zeros((60, 60), np.float32)
+    light[30, 30] = 1.0
+    light = 9000.0 * cv2.GaussianBlur(light, (0, 0), 2.5)
+    shaded = np.clip(0.7 * floor + light[:, :, None], 0, 255).astype(np.uint8)
+    rise = cv2.GaussianBlur(max_channel(cv2.subtract(shaded, floor)), (3, 3), 0)
+    blob = (rise > 0.35 * rise.max()).astype(np.uint8)
+    # beside the saturated core the shadow takes most where the floor was brightest: that is no colour of the light
+    assert colour.chroma(colour.tint_of(blob, rise.astype(np.float32), shaded, floor)) < 0.12
+
+
+def test_followed_spot():
+    followed = FollowedSpot()
+    followed.diagonal = 1000.0
+    assert not followed.reaches(0.0, 0.0, 0.0, 0.25) and not followed.moves()
+    for i in range(30):
+        followed.see(100.0 + 4.0 * i, 50.0, 0.04 * i)
+        assert followed.moves() == (i > 2)  # it has to leave its place first
+    u, now = 216.0, 29 * 0.04
+    assert followed.reaches(u + 25.0, 50.0, now + 0.04, 0.25) and not followed.reaches(u + 40.0, 50.0, now + 0.04, 0.25)
+    assert not followed.reaches(u + 25.0, 50.0, now + 0.04, 0.25, 0.5)
+    assert not followed.reaches(u, 50.0, now + 0.3, 0.25)
+    for i in range(30, 60):
+        followed.see(u + 2.0 * (-1) ** i, 50.0, 0.04 * i)
+    assert not followed.moves()
+    followed.see(600.0, 200.0, 2.4)  # another one is no movement
+    assert not followed.moves() and followed.reaches(600.0, 200.0, 2.44, 0.25)
+    followed.forget()
+    assert followed.last is None
+
+
 def test_regions_part_a_bright_spot_from_what_it_touches():
     maxima = np.zeros((40, 40), np.uint8)
     maxima[5:35, 5:20] = 50
@@ -113,13 +165,34 @@ def test_tracker_confirms_what_a_hand_can_do():
 
 def test_tracker_recalls_what_it_confirms():
     tracker = SpotTracker(3, 8.0, 0.25, 0.05)
-    at = lambda x, t: (tracker.update(np.array([[x, 0.0]]), t, [t]), tracker.recalled)[1]  # noqa: E731
+    at = lambda x, t: (tracker.update(np.array([[x, 0.0]]), t, [t]), tracker.recalled[0])[1]  # noqa: E731
     assert [at(0.0, 0.0), at(0.1, 0.04), at(0.2, 0.08), at(0.3, 0.12)] == [[], [], [0.0, 0.04], []]
     # a flash that nothing follows is never recalled, neither is what was seen before time jumped back
     assert [at(3.0, 1.0), at(0.0, 1.04), at(0.0, 1.08), at(0.0, 1.12)] == [[], [], [], [1.04, 1.08]]
     assert [at(3.0, 2.0), at(3.0, 1.5), at(3.0, 1.54)] == [[], [], []]
     tracker.reset()
     assert tracker.recalled == []
+
+
+def test_tracker_wants_the_same_colour_in_the_mean():
+    # as a white glint moves by odd numbers of pixels, another place of the pattern gets most of it
+    left, right, red = np.array([1.0, 0.5, 1.0, 0.5]), np.array([0.5, 1.0, 0.5, 1.0]), np.array([1.0, 0.4, 0.4, 0.1])
+    tracker = SpotTracker(3, 8.0, 0.25, 0.05, min_chroma=0.3)
+
+    def see(tint, t):
+        return tracker.update(np.array([[0.0, 0.0]]), t, [t], [tint]), tracker.recalled[0]
+
+    for i in range(40):
+        assert see((left, right)[i % 2], 0.04 * i) == ([False], [])
+    tracker.reset()
+    assert [see(red, 2.0 + 0.04 * i) for i in range(3)] == [([False], []), ([False], []), ([True], [2.0, 2.04])]
+    # once confirmed, its colour is not asked again
+    assert [see(None, 2.12)[0], see(left, 2.16)[0], see(right, 2.2)[0]] == [[True]] * 3
+    # what becomes coloured after a long time tells of the last second only
+    tracker.reset()
+    passed = [see(np.full(4, 0.9) if i < 50 else red, 4.0 + 0.04 * i) for i in range(120)]
+    recalled = next(told for confirmed, told in passed if confirmed == [True])
+    assert 20 <= len(recalled) <= 25 and np.ptp(recalled) <= 1.0
 
 
 def test_tracker_keeps_spots_apart():

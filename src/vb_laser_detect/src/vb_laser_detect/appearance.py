@@ -3,18 +3,17 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Tuple
+from typing import Optional, Tuple
 
 import cv2
 import numpy as np
 
+from vb_laser_detect import colour
 from vb_laser_detect.blocks import max_channel
 
 _EDGE = 0.35  # the spot is where the rise exceeds this part of its peak
-_WHITE = 240.0  # [grey levels] a pixel whose weakest channel shows more tells nothing about colour
-_GREY = 0.85  # a floor is grey if its weakest channel has so much of the strongest
 _SHADOW = 0.5  # part of the light that a shadow leaves at least
-_SQUARE, _QUAD = np.ones((3, 3), np.uint8), np.ones((2, 2), np.uint8)
+_SQUARE = np.ones((3, 3), np.uint8)
 
 Region = Tuple[int, int, int, int]  # left, top, right, bottom [px]; right and bottom are excluded
 
@@ -41,7 +40,7 @@ class Candidate:
         darker: part of the surroundings that became darker than in a shadow; more than 0 where something moves in.
         flatness: part of the blob that is nearly as bright as its peak.
         fall: [grey levels] by how much the channel that lost most became darker; a light darkens none, paint does.
-        chroma: how coloured its light is; near 0 for white light, for white things and if it was not measured.
+        tint: (C,) each channel's part in its light, see `colour.tint_of`; None if it was not measured.
         cut_off: the image ends there: what is seen of it may be a part.
         busy: part of the whole image that changed elsewhere.
         neighbours: blocks near it that became brighter, beyond those that its own light reaches.
@@ -65,7 +64,7 @@ class Candidate:
     darker: float = 0.0
     flatness: float = 0.0
     fall: float = 0.0
-    chroma: float = 0.0
+    tint: Optional[np.ndarray] = None
     cut_off: bool = False
     busy: float = 0.0
     neighbours: int = 0
@@ -75,7 +74,12 @@ class Candidate:
 
 
 def measure(
-    image: np.ndarray, background: np.ndarray, seed: Region, largest: float, learnt: bool = True, colour: bool = False
+    image: np.ndarray,
+    background: np.ndarray,
+    seed: Region,
+    largest: float,
+    learnt: bool = True,
+    least_chroma: Optional[float] = None,
 ) -> Candidate:
     """Measures the brightest blob of a region.
 
@@ -85,17 +89,18 @@ def measure(
         seed: region that holds the peak.
         largest: [px] largest extent looked for.
         learnt: whether the background was seen before; a guessed one says nothing about what was there.
-        colour: whether to measure its colour too.
+        least_chroma: how coloured its light must be; None: its colour is not measured.
 
     Returns:
-        The candidate; its refusal is "too_large" or "too_faint" if no blob was measured.
+        The candidate; its refusal is "too_large", "too_faint" or "not_coloured" if no more was measured.
     """
     height, width = image.shape[:2]
     left, top, right, bottom = seed
     middle = Candidate((left + right) / 2.0, (top + bottom) / 2.0, float(max(right - left, bottom - top)))
     margin = 12
     while True:
-        x0, y0 = max(0, left - margin), max(0, top - margin)
+        # even bounds keep each pixel's place in a Bayer image's pattern
+        x0, y0 = max(0, left - margin) & ~1, max(0, top - margin) & ~1
         x1, y1 = min(width, right + margin), min(height, bottom + margin)
         # [1 2 1]: noise, and a Bayer image's mosaic, cancel out in it
         rise = cv2.subtract(image[y0:y1, x0:x1], background[y0:y1, x0:x1])
@@ -121,13 +126,20 @@ def measure(
         if missing <= 0:
             break
         margin += missing
-    sx0, sy0 = max(0, bx - pad), max(0, by - pad)
+    sx0, sy0 = max(0, bx - pad) & ~1, max(0, by - pad) & ~1
     sx1, sy1 = min(x1 - x0, bx + bw + pad), min(y1 - y0, by + bh + pad)
     part, whole = (slice(sy0, sy1), slice(sx0, sx1)), (slice(y0 + sy0, y0 + sy1), slice(x0 + sx0, x0 + sx1))
-    blob, light = labels[part] == label, smooth[part].astype(np.float32)
+    blob, light = (labels[part] == label).view(np.uint8), smooth[part].astype(np.float32)
+    tint = None
+    if least_chroma is not None:
+        # most of what rises is white or grey: that is found out first, for the rest of the measures costs more
+        tint = middle.tint = colour.tint_of(blob, light, image[whole], background[whole])
+        if colour.chroma(tint) < least_chroma:
+            middle.u, middle.v, middle.diameter = x0 + bx + bw / 2.0, y0 + by + bh / 2.0, float(max(bw, bh))
+            middle.refusal = "not_coloured"
+            return middle
     candidate = _describe(blob, light, image[whole], rise[part], background[whole], learnt)
-    if colour:
-        candidate.chroma = _chroma(blob.view(np.uint8), light, image[whole], background[whole])
+    candidate.tint = tint
     candidate.cut_off = x0 + bx == 0 or y0 + by == 0 or x0 + bx + bw == width or y0 + by + bh == height
     candidate.u += x0 + sx0
     candidate.v += y0 + sy0
@@ -138,7 +150,6 @@ def _describe(
     blob: np.ndarray, smooth: np.ndarray, image: np.ndarray, rise: np.ndarray, background: np.ndarray, learnt: bool
 ) -> Candidate:
     # cv2 with masks, not numpy with indices: on patches this small the calls are what takes the time
-    blob = blob.view(np.uint8)
     peak = float(cv2.minMaxLoc(smooth, blob)[1])
     light = cv2.moments(cv2.copyTo(smooth, blob))
     area, long, short = _axes(blob)
@@ -159,7 +170,7 @@ def _describe(
     rises = cv2.mean(rise, blob)[: 1 if rise.ndim == 2 else 3]
     best = int(np.argmax(rises))
     rose = max(rises[best], 1.0)
-    _, level, floor = _color_over(blob, image, background)
+    _, level, floor = colour.means_over(blob, image, background)
     candidate.fall = max(0.0, float((floor - level).max()))
     now = _plane(image, best)
     inside = cv2.mean(now, blob)[0]
@@ -168,7 +179,7 @@ def _describe(
         before = _plane(background, best)
         # a light falls on a floor that goes on beside it; where an object has left, the background still shows
         # the object, and nothing beside it looks the same
-        off = cv2.absdiff(before, float(np.median(before[blob > 0])))
+        off = cv2.absdiff(before, _median(before[blob > 0]))
         like = cv2.bitwise_and(ring, cv2.compare(off, max(12.0, 0.25 * rose), cv2.CMP_LT))
         alike = cv2.countNonZero(like)
         candidate.likeness = alike / around
@@ -180,41 +191,6 @@ def _describe(
         candidate.edge = slope / max(1e-3, slope + slope_before)
     candidate.contrast = (inside - cv2.mean(now, like)[0]) / rose if alike else 0.0
     return candidate
-
-
-def _chroma(blob: np.ndarray, smooth: np.ndarray, image: np.ndarray, background: np.ndarray) -> float:
-    """How coloured the light is.
-
-    White paper on a brown floor rises most in blue, and still looks white: a laser's light rises most in its own colour
-    and has that colour. Where the core is white, since it saturates every channel, the light round it has to show the
-    colour; that counts on a grey floor only, where white things rise evenly.
-    """
-    rise, level, _ = _color_over(blob, image, background)
-    best = int(rise.argmax())
-    core = min((rise[best] - rise.min()) / max(rise[best], 1.0), (level[best] - level.min()) / max(level[best], 1.0))
-    weakest = cv2.erode(image, _QUAD) if image.ndim == 2 else np.minimum.reduce(cv2.split(image))
-    bright = cv2.compare(smooth, 0.12 * cv2.minMaxLoc(smooth, blob)[1], cv2.CMP_GT)
-    halo = cv2.bitwise_and(cv2.dilate(blob, _disc(2)), cv2.bitwise_and(bright, cv2.compare(weakest, _WHITE, cv2.CMP_LT)))
-    if cv2.countNonZero(halo) < 6:
-        return float(core)
-    rise, _, floor = _color_over(halo, image, background)
-    if floor.min() < _GREY * floor.max() or rise.max() < 4.0:
-        return float(core)
-    return float(max(core, (rise.max() - rise.min()) / rise.max()))
-
-
-def _color_over(mask: np.ndarray, image: np.ndarray, background: np.ndarray) -> Tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Mean rise, level and floor (C,) of each channel; the four places in a Bayer image's pattern count as channels."""
-    if image.ndim == 3:
-        level, floor = (np.array(cv2.mean(picture, mask)[:3]) for picture in (image, background))
-    else:
-        places = [(slice(row, None, 2), slice(column, None, 2)) for row in (0, 1) for column in (0, 1)]
-        parts = [np.ascontiguousarray(mask[place]) for place in places]
-        level, floor = (
-            np.array([cv2.mean(np.ascontiguousarray(picture[place]), part)[0] for place, part in zip(places, parts) if part.any()])
-            for picture in (image, background)
-        )
-    return np.maximum(level - floor, 0.0), level, floor
 
 
 def _axes(blob: np.ndarray) -> Tuple[float, float, float]:
@@ -230,12 +206,14 @@ def _axes(blob: np.ndarray) -> Tuple[float, float, float]:
 def _ring(blob: np.ndarray, diameter: float) -> np.ndarray:
     gap, thick = max(2, int(round(0.2 * diameter))), max(2, int(round(0.35 * diameter)))
     # dilating with a disc would cost its area for each pixel, which a person's clothes make a hundred times dearer
-    away = cv2.distanceTransform(cv2.compare(blob, 0, cv2.CMP_EQ), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+    away = cv2.distanceTransform(cv2.compare(blob, 0, cv2.CMP_EQ), cv2.DIST_L2, cv2.DIST_MASK_5)
     return cv2.inRange(away, gap + 0.5, gap + thick + 0.5)
 
 
-def _disc(radius: int) -> np.ndarray:
-    return cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * radius + 1, 2 * radius + 1))
+def _median(values: np.ndarray) -> float:
+    # np.median looks for NaN and for the mean of two middle values, which takes three times as long
+    middle = len(values) // 2
+    return float(np.partition(values, middle)[middle])
 
 
 def _plane(image: np.ndarray, channel: int) -> np.ndarray:

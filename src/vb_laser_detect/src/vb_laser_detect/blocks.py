@@ -1,7 +1,7 @@
 """Whole-image work that must stay cheap: maxima over blocks of pixels, masks back to pixels."""
 from __future__ import annotations
 
-from typing import Optional
+from typing import Optional, Tuple
 
 import cv2
 import numpy as np
@@ -72,6 +72,13 @@ def max_channel(image: np.ndarray) -> np.ndarray:
     for plane in planes[1:]:
         result = cv2.max(result, plane)
     return result
+
+
+def blocks_around(shape: Tuple[int, ...], u: float, v: float, reach: float) -> Tuple[slice, slice]:
+    """The rows and columns of a grid (rows, columns) of blocks that lie within `reach` of a place [px]."""
+    top, bottom = int(max(0.0, v - reach)) // BLOCK, int(v + reach) // BLOCK + 1
+    left, right = int(max(0.0, u - reach)) // BLOCK, int(u + reach) // BLOCK + 1
+    return slice(top, min(shape[0], bottom)), slice(left, min(shape[1], right))
 
 
 def mask_of_blocks(blocks: np.ndarray, height: int, width: int) -> np.ndarray:

@@ -9,18 +9,19 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any, Callable, List, Optional, Tuple
+from typing import Any, Callable, List, Optional, Sequence, Tuple
 
 import cv2
 import numpy as np
 
 from vb_core.errors import CodedError, ParameterError
 
-from vb_laser_detect import appearance
+from vb_laser_detect import appearance, colour
 from vb_laser_detect.appearance import Candidate, Region
 from vb_laser_detect.background import Background, is_mosaic
-from vb_laser_detect.blocks import BLOCK, block_maxima, max_channel
+from vb_laser_detect.blocks import BLOCK, block_maxima, blocks_around, max_channel
 from vb_laser_detect.detector_params import ALWAYS, BAYER, DetectorParams
+from vb_laser_detect.followed import FollowedSpot
 from vb_laser_detect.judgement import SATURATED, doubts
 from vb_laser_detect.regions import regions
 from vb_laser_detect.tracker import SLACK_M, SLACK_PX, SpotTracker
@@ -74,6 +75,7 @@ class SpotDetector:
         place_check: a pixel (u, v) to the reason why no spot can be there, or ""; asked last.
         tag: whatever belongs to the next frame; it comes back with those of its spots that are recalled later.
         candidates: what the last frame held, spots and refused ones, for debug images.
+        recalled: spots of earlier frames that the last one confirmed, the oldest first: what a stroke began with.
     """
 
     def __init__(self, params: Optional[DetectorParams] = None) -> None:
@@ -82,20 +84,16 @@ class SpotDetector:
         self.place_check: Optional[Callable[[float, float], str]] = None
         self.tag: Any = None
         self.candidates: List[Candidate] = []
+        self.recalled: List[Recalled] = []
         self._background: Optional[Background] = None
         self._noise_known = False
         self._white = _LEAST_WHITE  # [grey levels] the brightest that was seen so far
-        self._diagonal = 0.0  # [px]
         self._mosaic = False  # whether the image is a Bayer camera's
-        self._last: Optional[Tuple[float, float, float]] = None  # u, v [px] and time [s] of the most certain spot
+        self._followed = FollowedSpot()
         self._stamp: Optional[float] = None
-        self._tracker = SpotTracker(self.params.confirm_frames, self.params.max_speed, self.params.max_gap_s, SLACK_M)
+        p = self.params
+        self._tracker = SpotTracker(p.confirm_frames, p.max_speed, p.max_gap_s, SLACK_M, p.min_chroma)
         self._on_floor: Optional[bool] = None
-
-    @property
-    def recalled(self) -> List[Recalled]:
-        """Spots of earlier frames that the last one confirmed, the oldest first: what a stroke began with."""
-        return self._tracker.recalled
 
     def retune(self, params: DetectorParams) -> None:
         """Goes on with other parameters; what was learnt of the scene stays.
@@ -106,7 +104,8 @@ class SpotDetector:
         if params.moving_camera != self.params.moving_camera:
             raise ParameterError("moving_camera", "cannot be changed while the detector runs")
         self.params = params
-        self._tracker.confirm_frames, self._tracker.max_gap_s = params.confirm_frames, params.max_gap_s
+        tracker = self._tracker
+        tracker.confirm_frames, tracker.max_gap_s, tracker.min_chroma = params.confirm_frames, params.max_gap_s, params.min_chroma
         if self._background is not None:
             self._background.retime(params.cycle_s, params.absorb_s, params.hold_s)
 
@@ -114,10 +113,10 @@ class SpotDetector:
         """Forgets the scene; the next frame is learnt as it is."""
         self._background = None
         self._white = _LEAST_WHITE
-        self._last = None
+        self._followed.forget()
         self._stamp = None
         self._tracker.reset()
-        self.candidates = []
+        self.candidates, self.recalled = [], []
 
     def detect(self, image: np.ndarray, stamp: float) -> List[Spot]:
         """Searches one frame.
@@ -137,16 +136,13 @@ class SpotDetector:
             self.reset()
         elapsed = 0.0 if self._stamp is None else stamp - self._stamp
         self._stamp = stamp
-        self._diagonal = math.hypot(*image.shape[:2])
+        self._followed.diagonal = math.hypot(*image.shape[:2])
         if self.params.moving_camera:
             self.candidates = self._search_moving(image)
         else:
             # a pause must not make one frame outweigh all that was learnt before
             self.candidates = self._search_stationary(image, min(elapsed, 1.0))
         found = sorted((c for c in self.candidates if not c.refusal), key=lambda c: -c.confidence)
-        found = found[: self.params.max_spots]
-        if found:
-            self._last = (found[0].u, found[0].v, stamp)
         return self._confirm(found, stamp)
 
     # ------------------------------------------------------------- stationary camera
@@ -170,27 +166,47 @@ class SpotDetector:
         changed = hot | darker
         count = int(np.count_nonzero(changed))
         spots = np.zeros_like(hot)
-        candidates: List[Candidate] = []
-        for seed, level in self._brightest(image, rise, hot) if hot.any() else []:
-            if level < p.min_level * self._white / 255.0:
-                candidates.append(_unmeasured(seed, "too_dark"))
-                continue
-            metre = self._metre_in(seed)
-            # colour is dear to measure; half the gate, for the spot is not in the very middle of its blocks
-            followed = self._follows(_unmeasured(seed, ""), 0.5)
-            candidate = appearance.measure(
-                image, background.image, seed, self._largest(metre), colour=self._asks_colour() and not followed
-            )
-            if not candidate.refusal:
-                own = _blocks_around(hot.shape, candidate, 1.25 * candidate.diameter + BLOCK)
-                near = _blocks_around(hot.shape, candidate, _NEAR * BLOCK)
-                candidate.busy = (count - int(np.count_nonzero(changed[own]))) / hot.size
-                candidate.neighbours = int(np.count_nonzero(hot[near])) - int(np.count_nonzero(hot[own]))
-                candidate.refusal = self._refusal_of(candidate, metre)
-                spots[own] |= not candidate.refusal and candidate.doubt <= _HELD
+        followed, others, left_out = self._seeds(image, rise, hot) if hot.any() else ([], [], [])
+        seeds, candidates = followed + others, []
+        for number, (seed, metre) in enumerate(zip(seeds, self._metres_in(seeds))):
+            # a spot that is followed has shown its colour: whatever light falls on it now may hide it
+            least = self._least_chroma() if number >= len(followed) else None
+            candidate = appearance.measure(image, background.image, seed, self._largest(metre), least_chroma=least)
             candidates.append(candidate)
+            if candidate.refusal:
+                continue
+            own = blocks_around(hot.shape, candidate.u, candidate.v, 1.25 * candidate.diameter + BLOCK)
+            near = blocks_around(hot.shape, candidate.u, candidate.v, _NEAR * BLOCK)
+            candidate.busy = (count - int(np.count_nonzero(changed[own]))) / hot.size
+            candidate.neighbours = int(np.count_nonzero(hot[near])) - int(np.count_nonzero(hot[own]))
+            candidate.refusal = self._refusal_of(candidate, metre)
+            if candidate.refusal or candidate.doubt > _HELD:
+                continue
+            spots[own] = True
+            if self._is_the_one(candidate):
+                left_out += [_unmeasured(seed, "not_looked_at") for seed in seeds[number + 1 :]]
+                break
         background.learn(image, rise, changed, spots, elapsed)
-        return _without_doubles(candidates)
+        return _without_doubles(candidates) + left_out
+
+    def _is_the_one(self, c: Candidate) -> bool:
+        """Whether no other spot has to be looked for: this one is followed, has shown its colour, and is drawn with."""
+        only = self.params.max_spots == 1 and self._least_chroma() is not None
+        return only and self._followed.moves() and self._follows(c.u, c.v)
+
+    def _seeds(
+        self, image: np.ndarray, rise: np.ndarray, hot: np.ndarray
+    ) -> Tuple[List[Region], List[Region], List[Candidate]]:
+        """The regions to look at closely: where the spot that is followed may be, and others; and those too dark for it."""
+        seeds: Tuple[List[Region], List[Region], List[Candidate]] = ([], [], [])
+        for seed, level in self._brightest(image, rise, hot):
+            place = _unmeasured(seed, "too_dark")
+            if level < self.params.min_level * self._white / 255.0:
+                seeds[2].append(place)
+            else:
+                # half the gate, for the spot is not in the very middle of its blocks
+                seeds[not self._follows(place.u, place.v, 0.5)].append(seed)
+        return seeds
 
     def _brightest(self, image: np.ndarray, rise: np.ndarray, hot: np.ndarray) -> List[Tuple[Region, float]]:
         """The regions to look at closely, and the brightest pixel of each.
@@ -220,13 +236,13 @@ class SpotDetector:
 
     def _search_followed(self, image: np.ndarray) -> List[Candidate]:
         """The spot that was followed until now, in the first image of a scene that nothing is known of."""
-        if self._last is None:
+        if self._followed.last is None:
             return []
-        u, v, stamp = self._last
+        u, v, _ = self._followed.last
         blocks = (image.shape[0] // BLOCK, image.shape[1] // BLOCK)
-        candidates = self._search_moving(image, _blocks_around(blocks, Candidate(u, v, 0.0), self._gate(stamp)))
+        candidates = self._search_moving(image, blocks_around(blocks, u, v, self._followed.gate(self._stamp)))
         for candidate in candidates:
-            if not self._follows(candidate):
+            if not self._follows(candidate.u, candidate.v):
                 candidate.refusal = candidate.refusal or "scene_unknown"
             elif not candidate.refusal:
                 self._background.erase(candidate.u, candidate.v, candidate.diameter)
@@ -245,58 +261,53 @@ class SpotDetector:
             everywhere, hot = hot, np.zeros_like(hot)
             hot[within] = everywhere[within]
         candidates = []
-        for seed, _ in regions(rise, hot, p.max_candidates, _LARGE):
-            metre = self._metre_in(seed)
+        seeds = [seed for seed, _ in regions(rise, hot, p.max_candidates, _LARGE)]
+        for seed, metre in zip(seeds, self._metres_in(seeds)):
             candidate = self._measure_moving(image, seed, metre)
-            if candidate.refusal == "too_large" and self._asks_colour() and image.ndim == 3:
+            if candidate.refusal == "too_large" and self._least_chroma() is not None and image.ndim == 3:
                 # a spot within a lamp's reflection is the coloured place in it
-                candidate = self._measure_moving(image, _most_coloured(image, seed), metre)
+                candidate = self._measure_moving(image, colour.most_coloured(image, seed), metre)
             candidate.refusal = candidate.refusal or self._refusal_of(candidate, metre)
             candidates.append(candidate)
         return _without_doubles(candidates)
 
     def _measure_moving(self, image: np.ndarray, seed: Region, metre: Optional[float]) -> Candidate:
         left, top, right, bottom = seed
+        # even bounds keep each pixel's place in a Bayer image's pattern
         reach = int(max(24, 1.5 * max(right - left, bottom - top)))
-        x0, y0 = max(0, left - reach), max(0, top - reach)
+        x0, y0 = max(0, left - reach) & ~1, max(0, top - reach) & ~1
         window = image[y0 : bottom + reach, x0 : right + reach]
         # a median removes the spot and keeps the edges of carpets, next to which spots are drawn
         floor = cv2.medianBlur(np.ascontiguousarray(window), min(2 * reach - 7, _WIDEST_MEDIAN))
         inside = (left - x0, top - y0, right - x0, bottom - y0)
         candidate = appearance.measure(
-            window, floor, inside, self._largest(metre), learnt=False, colour=self._asks_colour()
+            window, floor, inside, self._largest(metre), learnt=False, least_chroma=self._least_chroma()
         )
         candidate.u += x0
         candidate.v += y0
         return candidate
 
     # ------------------------------------------------------------- both
-    def _asks_colour(self) -> bool:
+    def _least_chroma(self) -> Optional[float]:
+        """How coloured a spot must be; None if this camera's images are not asked for it."""
         asked = self.params.ask_colour
-        return asked == ALWAYS or (asked == BAYER and self._mosaic)
+        return self.params.min_chroma if asked == ALWAYS or (asked == BAYER and self._mosaic) else None
 
-    def _gate(self, stamp: float) -> float:
-        """[px] how far a spot can have moved since a time [s], at half an image's diagonal per second."""
-        return SLACK_PX + 0.5 * self._diagonal * (self._stamp - stamp)
-
-    def _follows(self, c: Candidate, share: float = 1.0) -> bool:
-        """Whether a candidate is where the last spot can be by now, or within a share of that distance."""
-        if self._last is None or self._stamp - self._last[2] > self.params.max_gap_s:
-            return False
-        u, v, stamp = self._last
-        return math.hypot(c.u - u, c.v - v) <= share * self._gate(stamp)
+    def _follows(self, u: float, v: float, share: float = 1.0) -> bool:
+        return self._followed.reaches(u, v, self._stamp, self.params.max_gap_s, share)
 
     def _largest_px(self) -> float:
-        return self._smeared(self.params.max_diameter_share * self._diagonal)
+        return self._smeared(self.params.max_diameter_share * self._followed.diagonal)
 
     def _smeared(self, diameter: float) -> float:
         """[px] the extent of a spot that is drawn quickly."""
         return diameter * (self.params.max_elongation if self.params.max_elongation < 3 else 2.0)
 
-    def _metre_in(self, seed: Region) -> Optional[float]:
-        """[m/px] on the floor in the middle of a region; None where the floor, or the camera's pose, is not known."""
-        left, top, right, bottom = seed
-        return metres_per_pixel(self.to_floor, (left + right) / 2.0, (top + bottom) / 2.0) if self.to_floor else None
+    def _metres_in(self, seeds: List[Region]) -> List[Optional[float]]:
+        """[m/px] on the floor in the middle of regions; None where the floor, or the camera's pose, is not known."""
+        if self.to_floor is None:
+            return [None] * len(seeds)
+        return metres_per_pixel(self.to_floor, [((left + right) / 2.0, (top + bottom) / 2.0) for left, top, right, bottom in seeds])
 
     def _largest(self, metre: Optional[float]) -> float:
         """[px] the largest extent of a spot there: what is larger, a person's clothes, is not looked at closely."""
@@ -307,13 +318,10 @@ class SpotDetector:
         p = self.params
         if c.diameter < p.min_diameter_px:
             return "too_small"
-        # a spot that is followed has shown its colour before: whatever light falls on it now may hide it
-        if self._asks_colour() and c.chroma < p.min_chroma and (p.moving_camera or not self._follows(c)):
-            return "not_coloured"
         against = doubts(c, p, 255.0 if p.moving_camera else self._white)
         if self.to_floor is not None:
             # a person's region may have its middle above the horizon, and the spot on the floor
-            metre = metre or metres_per_pixel(self.to_floor, c.u, c.v)
+            metre = metre or metres_per_pixel(self.to_floor, [(c.u, c.v)])[0]
             if metre is None:
                 return "off_floor"
             # optics and pixels smear every spot by some pixels, whatever its size
@@ -322,7 +330,7 @@ class SpotDetector:
             if c.diameter * metre < p.min_diameter_mm / 1e3:
                 return "too_small"
         else:
-            against["too_large"] = max(0.0, (c.diameter / (p.max_diameter_share * self._diagonal) - 0.55) / 0.45)
+            against["too_large"] = max(0.0, (c.diameter / (p.max_diameter_share * self._followed.diagonal) - 0.55) / 0.45)
         doubt = c.doubt = sum(against.values())
         if doubt > 1.0:
             return max(against, key=lambda reason: against[reason])
@@ -331,10 +339,25 @@ class SpotDetector:
         return self.place_check(c.u, c.v) if self.place_check is not None else ""
 
     def _confirm(self, found: List[Candidate], stamp: float) -> List[Spot]:
+        """The most certain of the confirmed ones; a newcomer takes nobody's place before it is confirmed."""
         spots = [Spot(c.u, c.v, c.diameter, c.confidence) for c in found]
+        passed, recalled = self._track(found, spots, stamp)
+        chosen = [number for number, confirmed in enumerate(passed) if confirmed][: self.params.max_spots]
+        for number, candidate in enumerate(found):
+            if number not in chosen:
+                candidate.refusal = "less_certain" if passed[number] else "unconfirmed"
+        self.recalled = [earlier for number in chosen for earlier in recalled[number]]
+        if chosen:
+            self._followed.see(found[chosen[0]].u, found[chosen[0]].v, stamp)
+        return [spots[number] for number in chosen]
+
+    def _track(
+        self, found: List[Candidate], spots: List[Spot], stamp: float
+    ) -> Tuple[List[bool], List[List[Recalled]]]:
+        """Whether each is confirmed by now, and what is recalled with it."""
         if self.params.confirm_frames <= 1:
             self._tracker.reset()
-            return spots
+            return [True] * len(found), [[]] * len(found)
         positions = np.array([(c.u, c.v) for c in found], dtype=float).reshape(-1, 2)
         tracker, on_floor = self._tracker, self.to_floor is not None
         if on_floor != self._on_floor:
@@ -345,36 +368,20 @@ class SpotDetector:
             positions = self.to_floor(positions)[:, :2] if len(positions) else positions
         else:
             # without a pose the image's diagonal is taken for five metres
-            tracker.max_speed, tracker.slack = self.params.max_speed * self._diagonal / 5.0, SLACK_PX
-        confirmed = tracker.update(positions, stamp, [Recalled(spot, stamp, self.tag) for spot in spots])
-        for candidate, passed in zip(found, confirmed):
-            candidate.refusal = "" if passed else "unconfirmed"
-        return [spot for spot, passed in zip(spots, confirmed) if passed]
+            tracker.max_speed, tracker.slack = self.params.max_speed * self._followed.diagonal / 5.0, SLACK_PX
+        sightings = [Recalled(spot, stamp, self.tag) for spot in spots]
+        return tracker.update(positions, stamp, sightings, [c.tint for c in found]), tracker.recalled
 
 
-def metres_per_pixel(to_floor: ToFloor, u: float, v: float) -> Optional[float]:
-    """[m/px] floor length of a pixel, the mean over directions; None where the floor is not seen."""
-    points = np.asarray(to_floor(np.array([[u, v], [u + 1.0, v], [u, v + 1.0]])), dtype=float)[:, :2]
-    a, b = points[1] - points[0], points[2] - points[0]
-    area = abs(float(a[0] * b[1] - a[1] * b[0]))
-    return math.sqrt(area) if math.isfinite(area) and area > 0 else None
-
-
-def _most_coloured(image: np.ndarray, region: Region) -> Region:
-    """The block of pixels about the most coloured place of a region."""
-    left, top, right, bottom = region
-    part = cv2.blur(image[top:bottom, left:right], (3, 3))
-    u, v = cv2.minMaxLoc(cv2.subtract(max_channel(part), np.minimum.reduce(cv2.split(part))))[3]
-    u, v = left + u, top + v
-    half = BLOCK // 2
-    return max(left, u - half), max(top, v - half), min(right, u + half), min(bottom, v + half)
-
-
-def _blocks_around(shape: Tuple[int, ...], c: Candidate, reach: float) -> Tuple[slice, slice]:
-    """The blocks within `reach` [px] of a candidate's middle."""
-    top, bottom = int(max(0.0, c.v - reach)) // BLOCK, int(c.v + reach) // BLOCK + 1
-    left, right = int(max(0.0, c.u - reach)) // BLOCK, int(c.u + reach) // BLOCK + 1
-    return slice(top, min(shape[0], bottom)), slice(left, min(shape[1], right))
+def metres_per_pixel(to_floor: ToFloor, pixels: Sequence[Tuple[float, float]]) -> List[Optional[float]]:
+    """[m/px] floor length of each of N pixels (u, v), the mean over directions; None where the floor is not seen."""
+    if not len(pixels):
+        return []
+    corners = np.asarray(pixels, dtype=float)[:, None] + np.array([(0.0, 0.0), (1.0, 0.0), (0.0, 1.0)])
+    points = np.asarray(to_floor(corners.reshape(-1, 2)), dtype=float)[:, :2].reshape(-1, 3, 2)
+    (ax, ay), (bx, by) = (points[:, 1] - points[:, 0]).T, (points[:, 2] - points[:, 0]).T
+    areas = np.abs(ax * by - ay * bx)
+    return [math.sqrt(area) if math.isfinite(area) and area > 0 else None for area in areas.tolist()]
 
 
 def _unmeasured(seed: Region, refusal: str) -> Candidate:

@@ -2,13 +2,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any, List, Optional, Sequence
+from typing import Any, List, Optional, Sequence, Tuple
 
 import numpy as np
+
+from vb_laser_detect.colour import chroma
 
 # [m] or [px]: what noise alone may move a spot between two frames, in the unit of the positions
 SLACK_M = 0.05
 SLACK_PX = 12.0
+_RECALL_S = 1.0  # older sightings of what is confirmed at last are not worth telling
 
 
 # tracks are told apart by what they are, not by where they lie
@@ -17,7 +20,15 @@ class _Track:
     position: np.ndarray
     stamp: float
     hits: int
-    waiting: List[Any] = field(default_factory=list)  # sightings that nobody was told of yet
+    confirmed: bool = False
+    tint: Optional[np.ndarray] = None  # the sum over its sightings, as far as it was measured
+    waiting: List[Tuple[float, Any]] = field(default_factory=list)  # stamps and sightings that nobody was told of yet
+
+    def see(self, position: np.ndarray, stamp: float, tint: Optional[np.ndarray]) -> None:
+        self.position, self.stamp = position, stamp
+        self.hits += 1
+        if tint is not None:
+            self.tint = tint if self.tint is None else self.tint + tint
 
 
 class SpotTracker:
@@ -28,30 +39,43 @@ class SpotTracker:
         max_speed: [m/s] or [px/s], in the unit of the positions: how fast a spot may move.
         max_gap_s: [s] how long a spot may be hidden without having to be confirmed again.
         slack: how far noise alone may move it.
+        min_chroma: how coloured its light must be in the mean over its frames. Of a glint hardly larger than a pixel one
+            place of a Bayer pattern gets more than the others, which looks like a colour; but as it moves, another does.
 
     Attributes:
-        recalled: the sightings of earlier frames that the last frame confirmed, the oldest first.
+        recalled: of each of the last frame's N spots, the sightings of earlier frames that this frame confirmed, the
+            oldest first.
     """
 
-    def __init__(self, confirm_frames: int, max_speed: float, max_gap_s: float, slack: float) -> None:
+    def __init__(
+        self, confirm_frames: int, max_speed: float, max_gap_s: float, slack: float, min_chroma: float = 0.0
+    ) -> None:
         self.confirm_frames = confirm_frames
         self.max_speed = max_speed
         self.max_gap_s = max_gap_s
         self.slack = slack
-        self.recalled: List[Any] = []
+        self.min_chroma = min_chroma
+        self.recalled: List[List[Any]] = []
         self._tracks: List[_Track] = []
 
     def reset(self) -> None:
         """Forgets every spot."""
         self._tracks, self.recalled = [], []
 
-    def update(self, positions: np.ndarray, stamp: float, sightings: Optional[Sequence[Any]] = None) -> List[bool]:
+    def update(
+        self,
+        positions: np.ndarray,
+        stamp: float,
+        sightings: Optional[Sequence[Any]] = None,
+        tints: Optional[Sequence[Optional[np.ndarray]]] = None,
+    ) -> List[bool]:
         """Takes in the spots of one frame.
 
         Args:
             positions: (N, 2) in [m] on the floor or [px], always the same unit; the most certain first.
             stamp: [s] time of the frame; one before the last frame's starts anew.
             sightings: N things, what `recalled` gives back of those that are confirmed later.
+            tints: N times each channel's part in its light (`colour.tint_of`), None where it was not measured.
 
         Returns:
             N times whether the spot is confirmed.
@@ -68,15 +92,20 @@ class SpotTracker:
                 self._tracks.append(track)
             else:
                 free.remove(track)
-            track.position, track.stamp = position, stamp
-            track.hits += 1
-            confirmed.append(track.hits >= self.confirm_frames)
-            if confirmed[-1]:
-                self.recalled += track.waiting
+            track.see(position, stamp, tints[index] if tints is not None else None)
+            track.confirmed = track.confirmed or self._enough(track)
+            confirmed.append(track.confirmed)
+            self.recalled.append([])
+            if track.confirmed:
+                self.recalled[-1] = [sighting for when, sighting in track.waiting if stamp - when <= _RECALL_S]
                 track.waiting = []
             elif sightings is not None:
-                track.waiting.append(sightings[index])
+                track.waiting.append((stamp, sightings[index]))
         return confirmed
+
+    def _enough(self, track: _Track) -> bool:
+        coloured = track.tint is None or chroma(track.tint) >= self.min_chroma
+        return track.hits >= self.confirm_frames and coloured
 
     def _nearest(self, position: np.ndarray, stamp: float, tracks: List[_Track]) -> Optional[_Track]:
         best, least = None, np.inf
