@@ -6,7 +6,8 @@ import pytest
 from scenes import GREEN, RED, Scene, tinted
 from vb_core.errors import CodedError, ParameterError
 from vb_laser_detect import colour
-from vb_laser_detect.detector import DetectorParams, SpotDetector, metres_per_pixel
+from vb_laser_detect.detector import DetectorParams, SpotDetector
+from vb_laser_detect.floor_scale import metres_per_pixel
 
 PERIOD = 0.04
 
@@ -203,6 +204,42 @@ def test_while_a_spot_is_drawn_nothing_else_is_looked_at():
     assert all(len(spots) == 2 for spots in both[3:])
 
 
+def test_a_spot_is_followed_into_light_that_comes():
+    # a sunbeam's edge creeps along under the spot: what rose there is larger than any spot
+    scene, detector = tinted(Scene(brightness=60.0)), SpotDetector(DetectorParams.stationary())
+    dark = scene.floor.copy()
+    feed(detector, [scene.render(bayer=True) for _ in range(8)])
+    found, truths = [], [(150.0 + 3.0 * i, 180.0) for i in range(60)]
+    for i, truth in enumerate(truths):
+        # first the spot is drawn beside it, then it comes
+        scene.floor = dark.copy()
+        scene.floor[120:240, 300 - 3 * max(0, i - 15) : 420] *= 1.6
+        found.append(detector.detect(scene.render([truth], bayer=True), 0.4 + PERIOD * i))
+    offsets = [np.hypot(spots[0].u - u, spots[0].v - v) for spots, (u, v) in zip(found, truths) if spots]
+    assert len(offsets) >= 50 and max(offsets) < 1.5
+
+
+def test_what_comes_beside_a_followed_spot_is_no_reason_to_lose_it():
+    scene, detector = tinted(Scene()), SpotDetector(DetectorParams.stationary())
+    floor = scene.floor.copy()
+    feed(detector, [scene.render(bayer=True) for _ in range(8)])
+    truths, found = [(150.0 + 3.0 * i, 180.0) for i in range(40)], []
+    for i, truth in enumerate(truths):
+        # a dark leg that goes along beside it for a third of a second
+        scene.floor = floor.copy()
+        if 20 <= i < 28:
+            scene.floor[100:330, int(truth[0]) + 5 : int(truth[0]) + 60] *= 0.2
+        found.append(detector.detect(scene.render([truth], bayer=True), 0.4 + PERIOD * i))
+    assert all(len(spots) == 1 for spots in found[3:])
+    # without having been followed it is refused, for what left may look the same
+    new = SpotDetector(DetectorParams.stationary(confirm_frames=1))
+    scene.floor = floor.copy()
+    feed(new, [scene.render(bayer=True) for _ in range(8)])
+    scene.floor[100:330, 154:210] *= 0.2
+    assert new.detect(scene.render([(150.0, 180.0)], bayer=True), 0.4) == []
+    assert "object_came" in [c.refusal for c in new.candidates]
+
+
 def test_a_camera_without_colour_is_not_asked_for_it():
     scene, detector = Scene(), at_once()
     grey = lambda *spots: scene.render(spots, colour=(1.0, 1.0, 1.0))[:, :, 1].copy()  # noqa: E731
@@ -244,7 +281,7 @@ def test_a_doubtful_spot_that_stays_is_learnt():
     scene, detector = Scene(), at_once()
     feed(detector, [scene.render() for _ in range(8)])
     doubtful = scene.floor.copy()
-    detector._refusal_of = lambda c, metre: setattr(c, "doubt", 0.9) or ""
+    detector._judge.refusal_of = lambda c, metre: setattr(c, "doubt", 0.9) or ""
     found = feed(detector, [scene.render([(150, 90)], floor=doubtful) for _ in range(75)], 0.4)
     assert all(found[:30]) and not any(found[45:])
 
@@ -277,7 +314,7 @@ def test_sizes_count_in_millimetres_where_the_pose_is_known():
     scene = Scene()
     for scale, expected in ((0.002, 1), (0.05, 0)):
         detector = at_once()
-        detector.to_floor = lambda pixels, scale=scale: np.column_stack([pixels * scale, np.zeros(len(pixels))])
+        detector.look_from(lambda pixels, scale=scale: np.column_stack([pixels * scale, np.zeros(len(pixels))]))
         feed(detector, [scene.render() for _ in range(6)])
         assert len(detector.detect(scene.render([(200, 150)]), 0.3)) == expected
     assert detector.candidates[0].refusal == "too_large"
@@ -285,7 +322,7 @@ def test_sizes_count_in_millimetres_where_the_pose_is_known():
 
 def test_a_place_can_be_refused_and_the_reason_is_kept():
     scene, detector = Scene(), at_once()
-    detector.place_check = lambda u, v: "outside_map" if u < 320 else ""
+    detector.look_from(None, lambda u, v: "outside_map" if u < 320 else "")
     feed(detector, [scene.render() for _ in range(6)])
     spots = detector.detect(scene.render([(100, 100), (500, 200)]), 0.3)
     assert [round(spot.u) for spot in spots] == [500]
@@ -328,6 +365,18 @@ def test_moving_camera_takes_a_wide_bright_stripe_for_no_spot():
     assert feed(detector, [scene.render() for _ in range(5)]) == [[]] * 5
 
 
+def test_moving_camera_follows_the_spot_over_a_bright_line():
+    # a red line on a red carpet: the spot's outline goes on in it, and what it is shows the frame before
+    detector, scene = SpotDetector(DetectorParams.mobile()), Scene(640, 480)
+    scene.floor[:, :] = (56, 48, 120) + scene.render()[:, :, :1] * 0.05
+    scene.floor[200:204, 100:500] = (95, 80, 190)
+    assert not any(feed(detector, [scene.render() for _ in range(3)]))
+    truths = [(250.0 + 0.5 * i, 150.0 + 2.0 * i) for i in range(50)]
+    found = feed(detector, [scene.render([truth], 1.2) for truth in truths], 1.0)
+    offsets = [np.hypot(spots[0].u - u, spots[0].v - v) for spots, (u, v) in zip(found[2:], truths[2:]) if spots]
+    assert len(offsets) == 48 and max(offsets) < 1.5
+
+
 @pytest.mark.parametrize("colour", [RED, GREEN])
 def test_moving_camera_sees_the_spot_on_the_edge_of_a_carpet(colour):
     # borders are drawn along such edges; the brighter side must not merge with the spot
@@ -343,7 +392,7 @@ def test_moving_camera_sees_the_spot_on_the_edge_of_a_carpet(colour):
 @pytest.mark.parametrize("colour", [RED, GREEN])
 def test_moving_camera_sees_the_spot_within_the_reflection_of_a_lamp(colour):
     detector, scene = SpotDetector(DetectorParams.mobile(confirm_frames=1)), Scene(640, 480, brightness=120.0)
-    detector.to_floor = lambda pixels: np.column_stack([pixels * 0.003, np.zeros(len(pixels))])
+    detector.look_from(lambda pixels: np.column_stack([pixels * 0.003, np.zeros(len(pixels))]))
     lamp = cv2.ellipse(np.zeros((480, 640), np.float32), (320, 300), (34, 20), 0, 0, 360, 90.0, -1)
     scene.floor = scene.floor + cv2.GaussianBlur(lamp, (0, 0), 6)[:, :, None]
     assert not any(feed(detector, [scene.render([])] * 3))

@@ -125,23 +125,33 @@ def test_white_light_in_a_shadow_is_white():
 
 
 def test_followed_spot():
-    followed = FollowedSpot()
+    followed = FollowedSpot(max_gap_s=0.25)
     followed.diagonal = 1000.0
-    assert not followed.reaches(0.0, 0.0, 0.0, 0.25) and not followed.moves()
+
+    def see(u, v, now, certain=True):
+        followed.now = now
+        followed.see(u, v, certain)
+
+    assert not followed.reaches(0.0, 0.0) and not followed.expected_at(0.0, 0.0) and not followed.moves() and not followed.trusted()
     for i in range(30):
-        followed.see(100.0 + 4.0 * i, 50.0, 0.04 * i)
+        see(100.0 + 4.0 * i, 50.0, 0.04 * i)
         assert followed.moves() == (i > 2)  # it has to leave its place first
-    u, now = 216.0, 29 * 0.04
-    assert followed.reaches(u + 25.0, 50.0, now + 0.04, 0.25) and not followed.reaches(u + 40.0, 50.0, now + 0.04, 0.25)
-    assert not followed.reaches(u + 25.0, 50.0, now + 0.04, 0.25, 0.5)
-    assert not followed.reaches(u, 50.0, now + 0.3, 0.25)
+    u = 216.0
+    followed.now = 30 * 0.04
+    assert followed.reaches(u + 25.0, 50.0) and not followed.reaches(u + 40.0, 50.0)
+    # if it goes on as it did it is 4 px further
+    assert followed.expected_at(u + 4.0 + 13.0, 50.0) and not followed.expected_at(u - 12.0, 50.0)
+    assert followed.expected_in((0, 0, 500, 500)) == (206, 35, 235, 65)
+    assert followed.expected_in((400, 0, 500, 500)) is None
+    followed.now += 0.3
+    assert not followed.reaches(u, 50.0) and not followed.expected_at(u + 4.0, 50.0)
+    assert followed.expected_in((0, 0, 500, 500)) is None
     for i in range(30, 60):
-        followed.see(u + 2.0 * (-1) ** i, 50.0, 0.04 * i)
+        see(u + 2.0 * (-1) ** i, 50.0, 0.04 * i, certain=i < 40)
+        assert followed.trusted() == (i < 52)  # half a second after the last one that was certain
     assert not followed.moves()
-    followed.see(600.0, 200.0, 2.4)  # another one is no movement
-    assert not followed.moves() and followed.reaches(600.0, 200.0, 2.44, 0.25)
-    followed.forget()
-    assert followed.last is None
+    see(600.0, 200.0, 2.4)  # another one is no movement
+    assert not followed.moves() and followed.reaches(600.0, 200.0)
 
 
 def test_regions_part_a_bright_spot_from_what_it_touches():
@@ -188,6 +198,9 @@ def test_tracker_wants_the_same_colour_in_the_mean():
     assert [see(red, 2.0 + 0.04 * i) for i in range(3)] == [([False], []), ([False], []), ([True], [2.0, 2.04])]
     # once confirmed, its colour is not asked again
     assert [see(None, 2.12)[0], see(left, 2.16)[0], see(right, 2.2)[0]] == [[True]] * 3
+    # another thing near a confirmed one, whose colour was not asked either, is not confirmed by that
+    tracker.reset()
+    assert [see(None, 3.0 + 0.04 * i)[0] for i in range(10)] == [[False]] * 10
     # what becomes coloured after a long time tells of the last second only
     tracker.reset()
     passed = [see(np.full(4, 0.9) if i < 50 else red, 4.0 + 0.04 * i) for i in range(120)]

@@ -3,7 +3,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Optional, Tuple
+from typing import List, Optional, Tuple
 
 import cv2
 import numpy as np
@@ -11,7 +11,8 @@ import numpy as np
 from vb_laser_detect import colour
 from vb_laser_detect.blocks import max_channel
 
-_EDGE = 0.35  # the spot is where the rise exceeds this part of its peak
+EDGE = 0.35  # the spot is where the rise exceeds this part of its peak; ...
+CORE, CORE_OF_MORE = 0.6, 0.75  # ... its core, where it touches a bright line, or more that became brighter with it
 _SHADOW = 0.5  # part of the light that a shadow leaves at least
 _SQUARE = np.ones((3, 3), np.uint8)
 
@@ -46,6 +47,7 @@ class Candidate:
         neighbours: blocks near it that became brighter, beyond those that its own light reaches.
         doubt: the sum of what speaks against it; more than 1 refuses.
         confidence: 0 ... 1.
+        certain: False if it was taken for a spot since one is followed there: too little is known of it for more.
         refusal: why it is no spot, or "".
     """
 
@@ -70,7 +72,23 @@ class Candidate:
     neighbours: int = 0
     doubt: float = 0.0
     confidence: float = 0.0
+    certain: bool = True
     refusal: str = ""
+
+
+def unmeasured(seed: Region, refusal: str) -> Candidate:
+    """A region that was refused without a closer look."""
+    left, top, right, bottom = seed
+    return Candidate((left + right) / 2.0, (top + bottom) / 2.0, float(right - left), refusal=refusal)
+
+
+def without_doubles(candidates: List[Candidate]) -> List[Candidate]:
+    """Two regions can lead to the same blob; the first stays."""
+    kept: List[Candidate] = []
+    for c in candidates:
+        if not any(math.hypot(c.u - k.u, c.v - k.v) < 2.0 and k.refusal == c.refusal for k in kept):
+            kept.append(c)
+    return kept
 
 
 def measure(
@@ -80,6 +98,7 @@ def measure(
     largest: float,
     learnt: bool = True,
     least_chroma: Optional[float] = None,
+    edge: float = EDGE,
 ) -> Candidate:
     """Measures the brightest blob of a region.
 
@@ -90,6 +109,7 @@ def measure(
         largest: [px] largest extent looked for.
         learnt: whether the background was seen before; a guessed one says nothing about what was there.
         least_chroma: how coloured its light must be; None: its colour is not measured.
+        edge: the part of the peak that the rise exceeds in the blob.
 
     Returns:
         The candidate; its refusal is "too_large", "too_faint" or "not_coloured" if no more was measured.
@@ -109,7 +129,7 @@ def measure(
         if peak < 4:
             middle.refusal = "too_faint"
             return middle
-        _, labels, stats, _ = cv2.connectedComponentsWithStats((smooth > _EDGE * peak).astype(np.uint8), connectivity=8)
+        _, labels, stats, _ = cv2.connectedComponentsWithStats((smooth > edge * peak).astype(np.uint8), connectivity=8)
         label = labels[at[1] + top - y0, at[0] + left - x0]
         bx, by, bw, bh, _ = (int(value) for value in stats[label])
         if max(bw, bh) > largest:

@@ -84,8 +84,10 @@ def search(detector: SpotDetector, image: np.ndarray, stamp: float, frame: Optio
         stamp: [s] when the image was taken.
         frame: None while camera or pose are unknown: sizes and speeds are judged in pixels then.
     """
-    detector.to_floor = frame.to_floor if frame is not None else None
-    detector.place_check = frame.refusal_at if frame is not None else None
+    if frame is None:
+        detector.look_from(None)
+    else:
+        detector.look_from(frame.to_floor, frame.refusal_at)
     detector.tag = frame
     return detector.detect(image, stamp)
 

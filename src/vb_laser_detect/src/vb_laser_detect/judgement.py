@@ -7,15 +7,16 @@ from 0 to 1, doubts add up, and a candidate with more than 1 is refused.
 """
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Dict
+from typing import Callable, Dict, List, Optional, Sequence
 
 import numpy as np
 
-from vb_laser_detect.appearance import Candidate
+from vb_laser_detect.appearance import Candidate, Region
+from vb_laser_detect.detector_params import ALWAYS, BAYER, DetectorParams
+from vb_laser_detect.floor_scale import ToFloor, metres_per_pixel
 
-if TYPE_CHECKING:
-    from vb_laser_detect.detector import DetectorParams
-
+_SMEAR_PX = 3.0
+_AROUND = ("no_end", "object_came", "painted", "scene_busy", "change_nearby")  # what speaks of the surroundings
 SATURATED = 0.97  # of the camera's white: from here on the sensor shows no more
 
 
@@ -46,6 +47,75 @@ def doubts(c: Candidate, p: DetectorParams, white: float = 255.0) -> Dict[str, f
         "scene_busy": _above(c.busy, 0.1, p.max_busy),
         "change_nearby": _above(c.neighbours, 30.0, p.max_neighbours),
     }
+
+
+class Judge:
+    """Judges the candidates of one camera's images.
+
+    Attributes:
+        to_floor: pixels (N, 2) to the floor [m], for sizes in millimetres. None: they are judged in pixels.
+        place_check: a pixel (u, v) to the reason why no spot can be there, or ""; asked last.
+        diagonal: [px] of the image.
+        white: [grey levels] the most that the camera shows.
+        mosaic: whether the images are a Bayer camera's.
+    """
+
+    def __init__(self, params: DetectorParams) -> None:
+        self.params = params
+        self.to_floor: Optional[ToFloor] = None
+        self.place_check: Optional[Callable[[float, float], str]] = None
+        self.diagonal, self.white, self.mosaic = 0.0, 255.0, False
+
+    def least_chroma(self) -> Optional[float]:
+        """How coloured a spot must be; None if this camera's images are not asked for it."""
+        asked = self.params.ask_colour
+        return self.params.min_chroma if asked == ALWAYS or (asked == BAYER and self.mosaic) else None
+
+    def metres_in(self, seeds: Sequence[Region]) -> List[Optional[float]]:
+        """[m/px] on the floor in the middle of regions; None where the floor, or the camera's pose, is not known."""
+        if self.to_floor is None:
+            return [None] * len(seeds)
+        middles = [((left + right) / 2.0, (top + bottom) / 2.0) for left, top, right, bottom in seeds]
+        return metres_per_pixel(self.to_floor, middles)
+
+    def largest(self, metre: Optional[float]) -> float:
+        """[px] the largest extent of a spot where a pixel is so long: what is larger, a person's clothes, needs no closer look."""
+        p = self.params
+        diameter = p.max_diameter_mm / 1e3 / metre + _SMEAR_PX if metre else p.max_diameter_share * self.diagonal
+        # one that is drawn quickly is longer
+        return diameter * (p.max_elongation if p.max_elongation < 3 else 2.0)
+
+    def refusal_of(self, c: Candidate, metre: Optional[float], expected: bool = False) -> str:
+        """Why a measured candidate is no spot, or ""; sets its doubt and confidence.
+
+        Args:
+            metre: [m/px] on the floor there.
+            expected: a spot was seen until now and must be there: what else changed around it says nothing against it.
+        """
+        p = self.params
+        if c.diameter < p.min_diameter_px:
+            return "too_small"
+        against = doubts(c, p, self.white)
+        if self.to_floor is not None:
+            # a person's region may have its middle above the horizon, and the spot on the floor
+            metre = metre or metres_per_pixel(self.to_floor, [(c.u, c.v)])[0]
+            if metre is None:
+                return "off_floor"
+            # optics and pixels smear every spot by some pixels, whatever its size
+            if (c.diameter - _SMEAR_PX) * metre > p.max_diameter_mm / 1e3:
+                return "too_large"
+            if c.diameter * metre < p.min_diameter_mm / 1e3:
+                return "too_small"
+        else:
+            against["too_large"] = max(0.0, (c.diameter / (p.max_diameter_share * self.diagonal) - 0.55) / 0.45)
+        if expected:
+            against = {reason: doubt for reason, doubt in against.items() if reason not in _AROUND}
+        doubt = c.doubt = sum(against.values())
+        if doubt > 1.0:
+            return max(against, key=lambda reason: against[reason])
+        # of two without doubts the brighter one is more likely what somebody points at
+        c.confidence = (1.0 - 0.7 * doubt) * (0.7 + 0.3 * min(1.0, c.peak / 160.0))
+        return self.place_check(c.u, c.v) if self.place_check is not None else ""
 
 
 def _above(value: float, usual: float, limit: float) -> float:

@@ -24,11 +24,6 @@ class _Track:
     tint: Optional[np.ndarray] = None  # the sum over its sightings, as far as it was measured
     waiting: List[Tuple[float, Any]] = field(default_factory=list)  # stamps and sightings that nobody was told of yet
 
-    def see(self, position: np.ndarray, stamp: float, tint: Optional[np.ndarray]) -> None:
-        self.position, self.stamp = position, stamp
-        self.hits += 1
-        if tint is not None:
-            self.tint = tint if self.tint is None else self.tint + tint
 
 
 class SpotTracker:
@@ -75,7 +70,8 @@ class SpotTracker:
             positions: (N, 2) in [m] on the floor or [px], always the same unit; the most certain first.
             stamp: [s] time of the frame; one before the last frame's starts anew.
             sightings: N things, what `recalled` gives back of those that are confirmed later.
-            tints: N times each channel's part in its light (`colour.tint_of`), None where it was not measured.
+            tints: N times each channel's part in its light (`colour.tint_of`), None where it was not measured; None if
+                light of every colour may be a spot.
 
         Returns:
             N times whether the spot is confirmed.
@@ -92,7 +88,12 @@ class SpotTracker:
                 self._tracks.append(track)
             else:
                 free.remove(track)
-            track.see(position, stamp, tints[index] if tints is not None else None)
+            track.position, track.stamp = position, stamp
+            tint = tints[index] if tints is not None else None
+            if tint is not None:
+                track.tint = tint if track.tint is None else track.tint + tint
+            # where a confirmed spot should be colour is not asked: that confirms no other
+            track.hits += tints is None or tint is not None
             track.confirmed = track.confirmed or self._enough(track)
             confirmed.append(track.confirmed)
             self.recalled.append([])
