@@ -36,7 +36,7 @@ class DetectorParams(Parameters):
     max_neighbours: int = param(80, "blocks", low=0, high=1000, doc="brighter blocks within 6 blocks of the spot")
     # limits that refuse whatever the rest looks like
     ask_colour: str = param("bayer", choices=(NEVER, BAYER, ALWAYS), doc="of which images a spot must be coloured")
-    min_chroma: float = param(0.3, "", low=0.0, high=1.0, doc="how coloured its light must be then")
+    min_chroma: float = param(0.4, "", low=0.0, high=1.0, doc="how coloured its light must be then")
     min_diameter_mm: float = param(3.0, "mm", low=0.0, high=1000.0, doc="on the floor, where the pose is known")
     max_diameter_mm: float = param(80.0, "mm", low=1.0, high=1000.0, doc="on the floor, where the pose is known")
     min_diameter_px: float = param(2.5, "px", low=0.0, high=1000.0, doc="smaller blobs are noise")

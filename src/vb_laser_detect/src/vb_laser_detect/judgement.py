@@ -16,6 +16,7 @@ from vb_laser_detect.detector_params import ALWAYS, BAYER, DetectorParams
 from vb_laser_detect.floor_scale import ToFloor, metres_per_pixel
 
 _SMEAR_PX = 3.0
+_ONE_MOSAIC = 0.75  # a small spot's colour in one mosaic depends on which places it falls on; see SpotTracker.min_chroma
 _AROUND = ("no_end", "object_came", "painted", "scene_busy", "change_nearby")  # what speaks of the surroundings
 SATURATED = 0.97  # of the camera's white: from here on the sensor shows no more
 
@@ -67,9 +68,11 @@ class Judge:
         self.diagonal, self.white, self.mosaic = 0.0, 255.0, False
 
     def least_chroma(self) -> Optional[float]:
-        """How coloured a spot must be; None if this camera's images are not asked for it."""
+        """How coloured a spot must be in one image; None if this camera's images are not asked for it."""
         asked = self.params.ask_colour
-        return self.params.min_chroma if asked == ALWAYS or (asked == BAYER and self.mosaic) else None
+        if asked != ALWAYS and not (asked == BAYER and self.mosaic):
+            return None
+        return self.params.min_chroma * (_ONE_MOSAIC if self.mosaic else 1.0)
 
     def metres_in(self, seeds: Sequence[Region]) -> List[Optional[float]]:
         """[m/px] on the floor in the middle of regions; None where the floor, or the camera's pose, is not known."""
