@@ -273,7 +273,9 @@ class Demo:
             self._say(f"the participant ended with '{observer.outcome.get('outcome')}': {observer.outcome.get('reason', '')}")
 
     def _start_clock(self, observer) -> dict:
-        return {"ros": rospy.get_time(), "wall": time.monotonic(), "frames": observer.frames()}
+        frames = observer.frames()
+        told = {camera: len(observer.delays(camera)) for camera in frames}
+        return {"ros": rospy.get_time(), "wall": time.monotonic(), "frames": frames, "told": told}
 
     def _stop_clock(self, observer, start: dict) -> dict:
         ros, wall = rospy.get_time() - start["ros"], time.monotonic() - start["wall"]
@@ -281,6 +283,9 @@ class Demo:
         for camera, counts in frames.items():
             for key in counts:
                 counts[key] -= start["frames"].get(camera, {}).get(key, 0)
+            delays = observer.delays(camera)[start["told"].get(camera, 0) :]
+            if len(delays):
+                counts["delay_median_ms"], counts["delay_p95_ms"] = np.median(delays, axis=0).round(1).tolist()
         return {"real_time_factor": ros / wall if wall > 0 else math.nan, "frames": frames, "duration_s": ros}
 
     def _plan_after(self, observer, proof: Proof, region: np.ndarray) -> np.ndarray:

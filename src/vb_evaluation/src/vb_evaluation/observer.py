@@ -38,6 +38,7 @@ class Observer:
         self.lab: Optional[LabState] = None
         self.detectors: Dict[str, DetectorStatus] = {}
         self._counted: Dict[str, Tuple[int, int]] = {}
+        self._delays: Dict[str, List[Tuple[float, float]]] = {}
         self.outcome: Optional[dict] = None
         self._published: Dict[str, int] = {}
         self._published_before: Dict[str, int] = {}
@@ -70,6 +71,8 @@ class Observer:
             before = self._counted.get(message.camera, (0, 0))
             self._counted[message.camera] = (before[0] + last.processed, before[1] + last.detected)
         self.detectors[message.camera] = message
+        if np.isfinite(message.latency_p95_ms):
+            self._delays.setdefault(message.camera, []).append((message.latency_ms, message.latency_p95_ms))
 
     def _on_cameras(self, message: DiagnosticArray) -> None:
         for status in message.status:
@@ -107,6 +110,10 @@ class Observer:
                 "detected": detected + int(status.detected),
             }
         return counts
+
+    def delays(self, camera: str) -> np.ndarray:
+        """(N, 2) [ms] median and 95th percentile from image to search, as its detector told them of each last seconds."""
+        return np.array(self._delays.get(camera, []), dtype=float).reshape(-1, 2)
 
     def trail(self, camera: str) -> np.ndarray:
         """(N, 3) stamp [s], column, row [px] of every spot that a camera reported."""
