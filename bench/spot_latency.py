@@ -3,11 +3,11 @@
 
     python3 bench/spot_latency.py [--seconds 30] [--rate 25]
 
-Renders some seconds of the lab's three ceiling cameras beforehand (1080p, a border is drawn, two people walk), then plays
-them in a process of its own to three spot_detector nodes, as camera drivers would: no simulator, RViz or robot runs
-beside them. So it tells whether a computer can carry its cameras. Writes out/bench/spot_latency.json: for each camera
-from image stamp to spot as another process receives it, median and 95th percentile; images sent and searched; the cores
-that detectors and player took. The first spots of a stroke, which wait for their confirmation, are in it.
+Renders some seconds of the lab's three ceiling cameras beforehand (1080p, a border is drawn, two people walk), then
+plays them in a process of its own to three spot_detector nodes, as camera drivers would: no simulator, RViz or robot
+runs beside them. So it tells whether a computer can carry its cameras. Writes out/bench/spot_latency.json: for each
+camera from image stamp to spot as another process receives it, median and 95th percentile; images sent and searched;
+the cores that detectors and player took. The first spots of a stroke, which wait for their confirmation, are in it.
 
 The stamp is the moment of sending: exposure and readout of a real camera come on top.
 """
@@ -22,6 +22,7 @@ import signal
 import sys
 import time
 from pathlib import Path
+from typing import Any, Dict, List
 
 import numpy as np
 import rosgraph
@@ -31,13 +32,15 @@ import tf2_ros
 TOP = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(TOP / "bench"))
 
-from spot_scenes import CARPET, RATE, DARK, WHITE, CameraModels, Rooms, Snapshot, Walk, along, lab, walking  # noqa: E402
+from spot_scenes import CARPET, DARK, RATE, WHITE, Rooms, Walk, along, lab, walking  # noqa: E402
 from sensor_msgs.msg import CameraInfo, Image  # noqa: E402
 from vb_core import names  # noqa: E402
 from vb_core.ros import messages  # noqa: E402
 from vb_evaluation.observer import wait_until  # noqa: E402
 from vb_evaluation.processes import Child, free_port  # noqa: E402
 from vb_msgs.msg import DetectorStatus, LaserSpot  # noqa: E402
+from vb_sim.lab_history import Snapshot  # noqa: E402
+from vb_sim.models_cameras import CameraModels  # noqa: E402
 
 FRAMES = 50  # of each camera, played to and fro
 LEARN_S = 4.0  # without a laser before, for the background
@@ -63,8 +66,10 @@ def play(seconds: float, rate: float) -> None:
     signal.signal(signal.SIGINT, lambda *_: rospy.signal_shutdown("ended"))
     poses = tf2_ros.StaticTransformBroadcaster()
     frame = lambda camera: f"{camera.name}_optical_frame"  # noqa: E731
-    poses.sendTransform([
-        messages.transform_message(view.pose, names.MAP_FRAME, frame(camera), rospy.Time.now()) for camera, view, _, _ in cameras])
+    now = rospy.Time.now()
+    poses.sendTransform(
+        [messages.transform_message(view.pose, names.MAP_FRAME, frame(camera), now) for camera, view, *_ in cameras]
+    )
     images = [rospy.Publisher(f"/{camera.name}/image_raw", Image, queue_size=1) for camera, *_ in cameras]
     infos = [rospy.Publisher(f"/{camera.name}/camera_info", CameraInfo, queue_size=1) for camera, *_ in cameras]
     wait_until(lambda: all(image.get_num_connections() for image in images), 60.0)
@@ -93,6 +98,14 @@ def cpu_seconds(pid: int) -> float:
             if pid in (int(stat.parent.name), int(fields[1])):
                 total += (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
     return total
+
+
+def summary(delays: List[float]) -> Dict[str, Any]:
+    """How many, and how long in ms."""
+    if not delays:
+        return {"spots": 0}
+    median, most = (1e3 * np.percentile(delays, (50, 95))).round(1).tolist()
+    return {"spots": len(delays), "median_ms": median, "p95_ms": most}
 
 
 def main() -> int:
@@ -131,22 +144,19 @@ def main() -> int:
         if not wait_until(lambda: rospy.has_param("/player/began"), 180.0, 0.5):
             print(f"the player did not begin:\n{player.tail()}", file=sys.stderr)
             return 1
-        before, began = [cpu_seconds(child.pid) for child in (launch, player)], time.monotonic()
+        children = (launch, player)
+        before, began = [cpu_seconds(child.pid) for child in children], time.monotonic()
         wait_until(lambda: rospy.has_param("/player/sent"), LEARN_S + given.seconds + 30.0, 0.5)
-        cores = [(cpu_seconds(child.pid) - old) / (time.monotonic() - began) for child, old in zip((launch, player), before)]
+        took = time.monotonic() - began
+        cores = [(cpu_seconds(child.pid) - old) / took for child, old in zip(children, before)]
         sent = rospy.get_param("/player/sent", 0)
         wait_until(lambda: False, 1.5)  # the last counts come
         result = {"rate_hz": given.rate, "cores_detectors": round(cores[0], 3), "cores_player": round(cores[1], 3),
                   "load": os.getloadavg()[0], "cameras": {}}
         for name in cameras:
-            found = 1e3 * np.array(delays[name])
-            result["cameras"][name] = {
-                "sent": sent, "searched": int(status[name].processed) if name in status else 0, "spots": len(found),
-                **({"median_ms": round(float(np.median(found)), 1), "p95_ms": round(float(np.percentile(found, 95)), 1)}
-                   if len(found) else {}),
-            }
-        together = 1e3 * np.concatenate([np.array(values) for values in delays.values()])
-        result["median_ms"], result["p95_ms"] = (round(float(np.percentile(together, q)), 1) for q in (50, 95)) if len(together) else (None, None)
+            searched = int(status[name].processed) if name in status else 0
+            result["cameras"][name] = {"sent": sent, "searched": searched, **summary(delays[name])}
+        result["all"] = summary([delay for values in delays.values() for delay in values])
     given.out.write_text(json.dumps(result, indent=2) + "\n")
     print(json.dumps(result, indent=2))
     return 0

@@ -111,7 +111,8 @@ def test_labels_that_are_wanted_at_one_place_find_room():
     assert not any(a.overlaps(b) for number, a in enumerate(placed) for b in placed[:number])
     # the last one in a column that is full but for its own height
     narrow = Box(0.0, 0.0, 1.0, 2.0)
-    full = place_labels([Box.centred(0.5, y, 1.0, 0.5) for y in (0.25, 1.25, 1.75)] + [Box.centred(0.5, 1.9, 1.0, 0.4)], narrow)
+    column = [Box.centred(0.5, y, 1.0, 0.5) for y in (0.25, 1.25, 1.75)]
+    full = place_labels(column + [Box.centred(0.5, 1.9, 1.0, 0.4)], narrow)
     assert not any(full[3].overlaps(other) for other in full[:3]) and abs(full[3].centre[1] - 0.75) < 0.06
 
 

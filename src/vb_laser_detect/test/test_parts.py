@@ -132,7 +132,8 @@ def test_followed_spot():
         followed.now = now
         followed.see(u, v, certain)
 
-    assert not followed.reaches(0.0, 0.0) and not followed.expected_at(0.0, 0.0) and not followed.moves() and not followed.trusted()
+    assert not followed.reaches(0.0, 0.0) and not followed.expected_at(0.0, 0.0)
+    assert not followed.moves() and not followed.trusted()
     for i in range(30):
         see(100.0 + 4.0 * i, 50.0, 0.04 * i)
         assert followed.moves() == (i > 2)  # it has to leave its place first

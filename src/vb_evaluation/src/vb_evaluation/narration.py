@@ -100,9 +100,11 @@ def result_table(summary: dict) -> Table:
     ]
     for camera, counts in sorted(summary["frames"].items()):
         rate = counts["published"] / summary["duration_s"] if summary["duration_s"] else 0.0
-        delay = f" after {counts['delay_median_ms']:.0f} ms (95 %: {counts['delay_p95_ms']:.0f})" if "delay_p95_ms" in counts else ""
-        rows.append((f"camera {camera}", f"{rate:.1f} frames/s, {counts['processed']} of {counts['published']} searched{delay}, "
-                     f"spot in {counts['detected']}"))
+        delay = ""
+        if "delay_p95_ms" in counts:
+            delay = f" after {counts['delay_median_ms']:.0f} ms (95 %: {counts['delay_p95_ms']:.0f})"
+        searched = f"{counts['processed']} of {counts['published']} searched{delay}"
+        rows.append((f"camera {camera}", f"{rate:.1f} frames/s, {searched}, spot in {counts['detected']}"))
     for row in rows:
         table.add_row(*row)
     return table

@@ -112,7 +112,7 @@ class Observer:
         return counts
 
     def delays(self, camera: str) -> np.ndarray:
-        """(N, 2) [ms] median and 95th percentile from image to search, as its detector told them of each last seconds."""
+        """(N, 2) [ms] median and 95th percentile from image to search, each of some seconds, as the detector told."""
         return np.array(self._delays.get(camera, []), dtype=float).reshape(-1, 2)
 
     def trail(self, camera: str) -> np.ndarray:

@@ -18,7 +18,7 @@ STRIP = 0.23  # ... height of the strip, ...
 MARGIN = 0.015  # ... and what is left free round the map
 PANEL_MOST = 0.38  # share of the view's width, for screens that are hardly wider than high
 LINE = 1.2  # distance of lines, in heights of a line's letters
-_GAP, _TOUCHING = 0.1, 1e-6  # between labels, in heights of the one that moves: the usual, and where there is no more room
+_GAP, _TOUCHING = 0.1, 1e-6  # between labels, in heights of the one that moves: usual, and where room is scarce
 
 
 @dataclass(frozen=True)
@@ -230,7 +230,7 @@ def _cut(lines: List[str], count: int, size: float, width: float) -> str:
 
 
 def place_labels(wanted: Sequence[Box], within: Box) -> List[Box]:
-    """Moves labels up or down as little as needed so that they lie within a box and, if there is room, not on each other."""
+    """Moves labels up or down, as little as needed to lie within a box and, if there is room, not on each other."""
     placed: List[Box] = []
     for box in wanted:
         wanted_x, wanted_y = box.centre
@@ -240,7 +240,7 @@ def place_labels(wanted: Sequence[Box], within: Box) -> List[Box]:
         unmoved = Box.centred(x, min(max(wanted_y, low), high), box.width, box.height)
         free: List[Box] = []
         for gap in (_GAP, _TOUCHING):
-            # where there is room, there is some beside the box's edge or another label: no other heights need be tried
+            # if there is room, there is some beside the edge or another label: no other heights need be tried
             away = [(other.centre[1], (other.height + box.height) / 2.0 + gap * box.height) for other in placed]
             heights = [wanted_y, low, high] + [y + side * step for y, step in away for side in (1, -1)]
             options = [Box.centred(x, min(max(y, low), high), box.width, box.height) for y in heights]

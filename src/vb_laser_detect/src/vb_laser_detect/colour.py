@@ -15,7 +15,9 @@ _SQUARE, _QUAD = np.ones((3, 3), np.uint8), np.ones((2, 2), np.uint8)
 _HALO = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (5, 5))
 
 
-def means_over(mask: np.ndarray, image: np.ndarray, background: np.ndarray) -> Tuple[np.ndarray, np.ndarray, np.ndarray]:
+def means_over(
+    mask: np.ndarray, image: np.ndarray, background: np.ndarray
+) -> Tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Mean rise, level and floor (C,) of each channel over a mask (H, W), which must not be empty.
 
     The four places in a Bayer image's pattern count as channels, in the order of the first two rows.
@@ -77,7 +79,7 @@ def chroma(tint: np.ndarray) -> float:
 
 
 def most_coloured(image: np.ndarray, region: Tuple[int, int, int, int]) -> Tuple[int, int, int, int]:
-    """The block of pixels about the most coloured place of a region (left, top, right, bottom) [px], in a colour image."""
+    """The block of pixels about the most coloured place of a region (left, top, right, bottom) of a colour image."""
     left, top, right, bottom = region
     part = cv2.blur(image[top:bottom, left:right], (3, 3))
     u, v = cv2.minMaxLoc(cv2.subtract(max_channel(part), np.minimum.reduce(cv2.split(part))))[3]
@@ -89,7 +91,8 @@ def most_coloured(image: np.ndarray, region: Tuple[int, int, int, int]) -> Tuple
 def _at_places(mask: np.ndarray) -> Tuple[np.ndarray, ...]:
     """A mask's pixels at each of the four places of a Bayer pattern."""
     height, width = mask.shape
-    return tuple(cv2.bitwise_and(mask, place[:height, :width]) for place in _places(-(-max(height, width) // 256) * 256))
+    places = _places(-(-max(height, width) // 256) * 256)
+    return tuple(cv2.bitwise_and(mask, place[:height, :width]) for place in places)
 
 
 @lru_cache(maxsize=None)

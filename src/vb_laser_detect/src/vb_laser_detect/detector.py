@@ -1,7 +1,7 @@
 """Finds laser spots in a camera's images, one call per frame.
 
-`stationary_search` or `moving_search` proposes candidates, which `appearance` measures and `judgement` judges; `tracker`
-confirms them over frames.
+`stationary_search` or `moving_search` proposes candidates, which `appearance` measures and `judgement` judges;
+`tracker` confirms them over frames.
 """
 from __future__ import annotations
 
@@ -76,7 +76,9 @@ class SpotDetector:
         """What a spot looks like; see `retune`."""
         return self._judge.params
 
-    def look_from(self, to_floor: Optional[ToFloor], place_check: Optional[Callable[[float, float], str]] = None) -> None:
+    def look_from(
+        self, to_floor: Optional[ToFloor], place_check: Optional[Callable[[float, float], str]] = None
+    ) -> None:
         """Says where the camera of the next frames is.
 
         Args:
@@ -94,8 +96,8 @@ class SpotDetector:
         if params.moving_camera != self.params.moving_camera:
             raise ParameterError("moving_camera", "cannot be changed while the detector runs")
         self._judge.params, tracker = params, self._tracker
-        tracker.confirm_frames, tracker.max_gap_s, tracker.min_chroma = params.confirm_frames, params.max_gap_s, params.min_chroma
-        self._followed.max_gap_s = params.max_gap_s
+        tracker.confirm_frames, tracker.min_chroma = params.confirm_frames, params.min_chroma
+        tracker.max_gap_s = self._followed.max_gap_s = params.max_gap_s
         if self._stationary is not None:
             self._stationary.retime()
 

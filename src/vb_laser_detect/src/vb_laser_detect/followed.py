@@ -27,7 +27,7 @@ class FollowedSpot:
         self.last: Optional[Tuple[float, float, float]] = None
         self._speed = (0.0, 0.0)  # [px/s]
         self._certain_s = -math.inf  # [s] stamp of the last one that was certain
-        self._held_at: Optional[Tuple[float, float, float]] = None  # where it was when it last began to stay, and since when
+        self._held_at: Optional[Tuple[float, float, float]] = None  # where it last began to stay, and since when
 
     def see(self, u: float, v: float, certain: bool = True) -> None:
         """Takes in the image's confirmed spot; see `Candidate.certain`."""
@@ -35,7 +35,10 @@ class FollowedSpot:
             self._certain_s = self.now
         elapsed = self.now - self.last[2] if self.last is not None else 0.0
         jumped = self.last is None or math.hypot(u - self.last[0], v - self.last[1]) > self.gate()
-        self._speed = (0.0, 0.0) if jumped or elapsed <= 0 else ((u - self.last[0]) / elapsed, (v - self.last[1]) / elapsed)
+        if jumped or elapsed <= 0:
+            self._speed = (0.0, 0.0)
+        else:
+            self._speed = ((u - self.last[0]) / elapsed, (v - self.last[1]) / elapsed)
         self.last = (u, v, self.now)
         if jumped:
             self._held_at = (u, v, -math.inf)  # another one, which has not moved yet
@@ -79,5 +82,5 @@ class FollowedSpot:
         return self.last[0] + self._speed[0] * elapsed, self.last[1] + self._speed[1] * elapsed, reach
 
     def moves(self) -> bool:
-        """Whether it was drawn with when it was last seen; what is laid down, or shines by itself, stays where it is."""
+        """Whether it was drawn with when it was last seen; what is laid down, or shines by itself, stays."""
         return self.last is not None and self._held_at is not None and self.last[2] - self._held_at[2] < _HELD_S

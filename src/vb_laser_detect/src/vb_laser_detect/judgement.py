@@ -16,7 +16,7 @@ from vb_laser_detect.detector_params import ALWAYS, BAYER, DetectorParams
 from vb_laser_detect.floor_scale import ToFloor, metres_per_pixel
 
 _SMEAR_PX = 3.0
-_ONE_MOSAIC = 0.75  # a small spot's colour in one mosaic depends on which places it falls on; see SpotTracker.min_chroma
+_ONE_MOSAIC = 0.75  # a small spot's colour in one mosaic depends on the places it falls on; see SpotTracker
 _AROUND = ("no_end", "object_came", "painted", "scene_busy", "change_nearby")  # what speaks of the surroundings
 SATURATED = 0.97  # of the camera's white: from here on the sensor shows no more
 
@@ -82,7 +82,7 @@ class Judge:
         return metres_per_pixel(self.to_floor, middles)
 
     def largest(self, metre: Optional[float]) -> float:
-        """[px] the largest extent of a spot where a pixel is so long: what is larger, a person's clothes, needs no closer look."""
+        """[px] the largest extent of a spot where a pixel is so long; what is larger, as clothes, is not looked at."""
         p = self.params
         diameter = p.max_diameter_mm / 1e3 / metre + _SMEAR_PX if metre else p.max_diameter_share * self.diagonal
         # one that is drawn quickly is longer

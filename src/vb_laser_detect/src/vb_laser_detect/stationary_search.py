@@ -23,8 +23,8 @@ _HELD = 0.5  # doubts up to which a spot that stays is kept out of the backgroun
 class StationarySearch:
     """Candidates in what rose above a slowly learnt background.
 
-    The saturating difference to it is reduced to its maxima over blocks of 8 x 8 pixels; only blocks that rose are looked
-    at in full resolution.
+    The saturating difference to it is reduced to its maxima over blocks of 8 x 8 pixels; only blocks that rose are
+    looked at in full resolution.
     """
 
     def __init__(self, judge: Judge, followed: FollowedSpot) -> None:
@@ -97,7 +97,7 @@ class StationarySearch:
     def _seeds(
         self, image: np.ndarray, rise: np.ndarray, hot: np.ndarray
     ) -> Tuple[List[Region], List[Region], List[Candidate]]:
-        """The regions to look at closely: where the spot that is followed may be, and others; and those too dark for it."""
+        """The regions to look at closely: where the followed spot should be, and others; and those too dark for it."""
         seeds: Tuple[List[Region], List[Region], List[Candidate]] = ([], [], [])
         for seed, level in self._brightest(image, rise, hot):
             if level < self._judge.params.min_level * self._judge.white / 255.0:
@@ -131,8 +131,8 @@ class StationarySearch:
     def _measure_followed(self, image: np.ndarray, seed: Region, largest: float) -> Candidate:
         """Measures a region where the followed spot should be.
 
-        It has shown its colour: whatever light falls on it now may hide that. Where it is a part of something larger that
-        became brighter, as at the edge of a sun patch, it is the core of that, and nobody can say where it ends.
+        It has shown its colour: whatever light falls on it now may hide that. Where it is a part of something larger
+        that became brighter, as at the edge of a sun patch, it is the core of that, and nobody can say where it ends.
         """
         candidate = appearance.measure(image, self._background.image, seed, largest)
         if candidate.refusal == "too_large" and self._followed.trusted():
@@ -157,7 +157,8 @@ class StationarySearch:
             return []
         u, v, _ = self._followed.last
         blocks = (image.shape[0] // BLOCK, image.shape[1] // BLOCK)
-        candidates = search_moving(image, self._judge, self._followed, blocks_around(blocks, u, v, self._followed.gate()))
+        within = blocks_around(blocks, u, v, self._followed.gate())
+        candidates = search_moving(image, self._judge, self._followed, within)
         for candidate in candidates:
             if not self._followed.reaches(candidate.u, candidate.v):
                 candidate.refusal = candidate.refusal or "scene_unknown"

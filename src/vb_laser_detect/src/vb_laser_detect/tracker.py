@@ -34,8 +34,8 @@ class SpotTracker:
         max_speed: [m/s] or [px/s], in the unit of the positions: how fast a spot may move.
         max_gap_s: [s] how long a spot may be hidden without having to be confirmed again.
         slack: how far noise alone may move it.
-        min_chroma: how coloured its light must be in the mean over its frames. Of a glint hardly larger than a pixel one
-            place of a Bayer pattern gets more than the others, which looks like a colour; but as it moves, another does.
+        min_chroma: how coloured its light must be in the mean over its frames. Of a glint hardly larger than a pixel
+            one place of a Bayer pattern gets most, which looks like a colour; but as it moves, another does.
 
     Attributes:
         recalled: of each of the last frame's N spots, the sightings of earlier frames that this frame confirmed, the
