@@ -22,9 +22,7 @@ import signal
 import sys
 import time
 from pathlib import Path
-from typing import Any, Dict, List
 
-import numpy as np
 import rosgraph
 import rospy
 import tf2_ros
@@ -32,7 +30,8 @@ import tf2_ros
 TOP = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(TOP / "bench"))
 
-from spot_scenes import CARPET, DARK, RATE, WHITE, Rooms, Walk, along, lab, walking  # noqa: E402
+from display_latency import cpu_seconds, summary  # noqa: E402
+from spot_scenes import CARPET, DARK, RATE, WHITE, Rooms, Walk, along, lab, place_and_velocity, walking  # noqa: E402
 from sensor_msgs.msg import CameraInfo, Image  # noqa: E402
 from vb_core import names  # noqa: E402
 from vb_core.ros import messages  # noqa: E402
@@ -57,10 +56,9 @@ def play(seconds: float, rate: float) -> None:
         drawn = []
         for k in range(FRAMES):
             t = k / RATE
-            (x, y), (x1, y1) = border(t), border(t + 0.01)
-            person = (4.6, 2.9, math.atan2(y - 2.9, x - 4.6))
-            snapshot = Snapshot(t, {}, (x, y), "red", ((x1 - x) / 0.01, (y1 - y) / 0.01), person, people(t))
-            drawn.append(view.frame(snapshot).copy())
+            laser, velocity = place_and_velocity(border, t)
+            person = (4.6, 2.9, math.atan2(laser[1] - 2.9, laser[0] - 4.6))
+            drawn.append(view.frame(Snapshot(t, {}, laser, "red", velocity, person, people(t))).copy())
         cameras.append((camera, view, empty, drawn + drawn[::-1]))
     rospy.init_node("player", disable_signals=True)
     signal.signal(signal.SIGINT, lambda *_: rospy.signal_shutdown("ended"))
@@ -87,25 +85,7 @@ def play(seconds: float, rate: float) -> None:
         infos[which].publish(messages.info_from_camera(view.model, stamp, frame(camera)))
         number += 1
     rospy.set_param("/player/sent", number // len(cameras))
-
-
-def cpu_seconds(pid: int) -> float:
-    """[s] of CPU time that a process and its children have taken until now."""
-    total = 0.0
-    for stat in Path("/proc").glob("[0-9]*/stat"):
-        with contextlib.suppress(OSError, IndexError, ValueError):
-            fields = stat.read_text().rsplit(")", 1)[1].split()
-            if pid in (int(stat.parent.name), int(fields[1])):
-                total += (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
-    return total
-
-
-def summary(delays: List[float]) -> Dict[str, Any]:
-    """How many, and how long in ms."""
-    if not delays:
-        return {"spots": 0}
-    median, most = (1e3 * np.percentile(delays, (50, 95))).round(1).tolist()
-    return {"spots": len(delays), "median_ms": median, "p95_ms": most}
+    rospy.spin()  # its share of a core is still to be asked for
 
 
 def main() -> int:
@@ -144,15 +124,15 @@ def main() -> int:
         if not wait_until(lambda: rospy.has_param("/player/began"), 180.0, 0.5):
             print(f"the player did not begin:\n{player.tail()}", file=sys.stderr)
             return 1
-        children = (launch, player)
-        before, began = [cpu_seconds(child.pid) for child in children], time.monotonic()
+        detectors = [f"/spot_detector_{name}" for name in cameras]
+        before, began = {node: cpu_seconds(node) for node in [*detectors, "/player"]}, time.monotonic()
         wait_until(lambda: rospy.has_param("/player/sent"), LEARN_S + given.seconds + 30.0, 0.5)
         took = time.monotonic() - began
-        cores = [(cpu_seconds(child.pid) - old) / took for child, old in zip(children, before)]
+        cores = {node: (cpu_seconds(node) - old) / took for node, old in before.items()}
         sent = rospy.get_param("/player/sent", 0)
         wait_until(lambda: False, 1.5)  # the last counts come
-        result = {"rate_hz": given.rate, "cores_detectors": round(cores[0], 3), "cores_player": round(cores[1], 3),
-                  "load": os.getloadavg()[0], "cameras": {}}
+        result = {"rate_hz": given.rate, "cores_detectors": round(sum(cores[node] for node in detectors), 3),
+                  "cores_player": round(cores["/player"], 3), "load": os.getloadavg()[0], "cameras": {}}
         for name in cameras:
             searched = int(status[name].processed) if name in status else 0
             result["cameras"][name] = {"sent": sent, "searched": searched, **summary(delays[name])}

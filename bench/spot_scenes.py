@@ -239,9 +239,7 @@ def play(scene: Scene, rooms: Rooms) -> Outcome:
         t = k / RATE
         laser, velocity, person = None, (0.0, 0.0), None
         if t >= before:
-            laser = scene.laser_at(t - before)
-            later = scene.laser_at(t - before + 0.01)
-            velocity = ((later[0] - laser[0]) / 0.01, (later[1] - laser[1]) / 0.01)
+            laser, velocity = place_and_velocity(scene.laser_at, t - before)
         if scene.person:
             # beside what is drawn, so that neither the body nor its shadow is always in the way
             target = laser or scene.laser_at(0.0)
@@ -264,6 +262,12 @@ def along(chain: np.ndarray, speed: float, closed: bool = True) -> Callable[[flo
         return float(np.interp(s, arc, points[:, 0])) + wave[0], float(np.interp(s, arc, points[:, 1])) + wave[1]
 
     return at
+
+
+def place_and_velocity(laser_at: Callable[[float], Place], t: float) -> Tuple[Place, Tuple[float, float]]:
+    """Where a spot is [m] at a time [s], and how fast it goes [m/s]."""
+    (x, y), (later_x, later_y) = laser_at(t), laser_at(t + 0.01)
+    return (x, y), ((later_x - x) / 0.01, (later_y - y) / 0.01)
 
 
 def still(x: float, y: float, tremor: float = 0.0) -> Callable[[float], Place]:

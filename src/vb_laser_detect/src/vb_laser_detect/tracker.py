@@ -25,7 +25,6 @@ class _Track:
     waiting: List[Tuple[float, Any]] = field(default_factory=list)  # stamps and sightings that nobody was told of yet
 
 
-
 class SpotTracker:
     """Lets a spot pass once it was seen in enough frames, without a jump that no hand can make.
 
