@@ -40,13 +40,17 @@ def held(stroke: Stroke, share: float, count: int, cameras: int, seed: int, seco
 
 
 def beside(stroke: Stroke, distance: float, share: float) -> np.ndarray:
-    """(2,) a place at a distance [m] from the stroke and from no part of it less, abreast of `share` of its length."""
+    """(2,) a place at a distance [m] from the stroke and from no part of it less, abreast of `share` of its length.
+
+    It lies on the side with more room; on the left where both have the same, which is no matter of the last bit.
+    """
     dense = geometry.resample_chain(stroke.truth, 0.01, stroke.closed)
     k = int(np.clip(share * (len(dense) - 1), 5, len(dense) - 6))
     along = dense[k + 5] - dense[k - 5]
     normal = np.array([-along[1], along[0]]) / np.linalg.norm(along)
     sides = [dense[k] + distance * normal, dense[k] - distance * normal]
-    return max(sides, key=lambda place: np.linalg.norm(dense - place, axis=1).min())
+    left, right = (np.linalg.norm(dense - place, axis=1).min() for place in sides)
+    return sides[0] if left > right - 1e-6 else sides[1]
 
 
 def with_fixed_place(

@@ -80,7 +80,8 @@ def draw(shape: str, setting: Setting, rng: np.random.Generator) -> Stroke:
     arc = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(way, axis=0), axis=1))])
     hidden = rng.uniform(0.2, 0.8) * arc[-1]
     duration = arc[-1] / setting.speed
-    hand_t = np.arange(-2.0, duration + 2.0, 0.01)
+    # counted in whole steps: how many numbers are drawn must not depend on the last bit of a length
+    hand_t = -2.0 + 0.01 * np.arange(int(round((duration + 4.0) / 0.01)))
     hand = _tremor(hand_t, setting, rng)
     points, stamps, cameras = [], [], []
     for camera in range(setting.cameras):
