@@ -139,7 +139,7 @@ class DisplayMarkersTest(unittest.TestCase):
         cells[50:70, 20:60] = 100
         preview = BorderPreviewArray(
             interaction_id="i8", available=True, success=True, area_m2=2.0,
-            findings=[Finding(Finding.WARNING, "splits", "the free space would fall into 2 parts")],
+            findings=[Finding(severity=Finding.WARNING, code="splits", message="the free space would fall into 2 parts")],
             region=message_from_grid(self.grid.with_data(cells), rospy.Time.now()),
         )
         self.preview.publish(preview)

@@ -109,11 +109,11 @@ class StubNeighbours:
 
     def _on_update(self, request):
         self.updated.append(request)
-        return UpdateBorderResponse(True, "ok", f"{request.border.name} was changed.", [])
+        return UpdateBorderResponse(success=True, code="ok", message=f"{request.border.name} was changed.")
 
     def _on_remove(self, request):
         self.removed.append(request.id)
-        return RemoveBorderResponse(True, "ok", f"{request.id} is gone.")
+        return RemoveBorderResponse(success=True, code="ok", message=f"{request.id} is gone.")
 
     def withdraw(self) -> None:
         """Stops them."""

@@ -31,7 +31,7 @@ class ButtonsTest(unittest.TestCase):
     @classmethod
     def on_command(cls, request):
         cls.commands.append((request.command, request.source))
-        return CommandResponse(True, "ok", "Ok.")
+        return CommandResponse(success=True, code="ok", message="Ok.")
 
     def press(self, button):
         buttons = [int(index == button) for index in range(8)]

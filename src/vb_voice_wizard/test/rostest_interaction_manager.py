@@ -113,7 +113,7 @@ class InteractionManagerTest(unittest.TestCase):
         self.assertEqual(self.stub.previews[-1].border.points, first.border.points)
         # a moved seed is looked at anew, and so are borders that others change
         refusal = PreviewBorderResponse(success=False, code="separates_nothing", message="It separates nothing.")
-        refusal.findings = [Finding(Finding.ERROR, "separates_nothing", "It separates nothing.")]
+        refusal.findings = [Finding(severity=Finding.ERROR, code="separates_nothing", message="It separates nothing.")]
         good, self.stub.preview = self.stub.preview, refusal
         self.draw(identity, dx=0.2)
         refused = self.preview.wait(lambda message: message.code == "separates_nothing", "the refusal")
@@ -170,7 +170,7 @@ class InteractionManagerTest(unittest.TestCase):
         self.command("define_seed")
         identity = self.in_state("seed").interaction_id
         good = self.stub.candidate
-        self.stub.candidate = GetCandidateResponse(False, "too_few", "Draw more.", VirtualBorder())
+        self.stub.candidate = GetCandidateResponse(success=False, code="too_few", message="Draw more.")
         answer = self.command("save")
         self.assertEqual((answer.success, answer.code, answer.message), (False, "too_few", "Draw more."))
         self.stub.candidate = good

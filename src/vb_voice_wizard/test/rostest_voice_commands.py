@@ -29,7 +29,7 @@ class VoiceCommandsTest(unittest.TestCase):
     def setUpClass(cls):
         rospy.init_node("rostest_voice_commands")
         cls.requests = []
-        cls.answer = CommandResponse(True, "ok", "Draw the border.")
+        cls.answer = CommandResponse(success=True, code="ok", message="Draw the border.")
         cls.hold = threading.Event()
         cls.hold.set()
         cls.service = rospy.Service("/virtual_borders/command", Command, cls.on_command)

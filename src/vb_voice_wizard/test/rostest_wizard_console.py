@@ -128,7 +128,7 @@ class WizardConsoleTest(unittest.TestCase):
         preview = rospy.Publisher("/virtual_borders/preview", BorderPreview, queue_size=1, latch=True)
         preview.publish(
             available=True, success=False, message="It separates nothing.", free_parts=1,
-            findings=[Finding(Finding.WARNING, "robot_inside", "The robot stands inside.")],
+            findings=[Finding(severity=Finding.WARNING, code="robot_inside", message="The robot stands inside.")],
         )
         terminal = Terminal()
         # the manager that runs publishes a preview of its own, of nothing: ours is said again

@@ -1,19 +1,26 @@
 """Errors that a program can tell apart and a person can act on."""
 from __future__ import annotations
 
+from typing import Any, Dict
+
+from vb_core import sentences
+
 
 class CodedError(Exception):
     """An error with a machine-readable code and a sentence for a person.
 
     Args:
         code: lower-case words joined by underscores, stable across releases.
-        message: one sentence that says what is wrong and what to do.
+        message: one English sentence that says what is wrong and what to do; left out: the sentence that
+            vb_core/languages/en has for this code.
+        values: what the sentence names, for that and for sentences in other languages.
     """
 
-    def __init__(self, code: str, message: str) -> None:
-        super().__init__(message)
+    def __init__(self, code: str, message: str = "", **values: Any) -> None:
         self.code = code
-        self.message = message
+        self.values: Dict[str, Any] = values
+        self.message = message or sentences.say(code, values)
+        super().__init__(self.message)
 
     def __str__(self) -> str:
         return f"{self.message} [{self.code}]"

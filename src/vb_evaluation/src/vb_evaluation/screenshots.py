@@ -231,7 +231,7 @@ class Stage:
         region = self._grid.with_data(np.where(scene.region, 100, 0).astype(np.int8))
         return BorderPreviewArray(
             interaction_id=scene.name, available=True, success=True, area_m2=scene.area_m2,
-            findings=[Finding(Finding.WARNING, "warning", text) for text in scene.findings],
+            findings=[Finding(severity=Finding.WARNING, code="warning", message=text) for text in scene.findings],
             region=message_from_grid(region, rospy.Time.now()),
         )
 

@@ -59,28 +59,28 @@ class BorderClient:
     def preview(self, border: VirtualBorder) -> Answer:
         """What saving would do; changes nothing."""
         message = message_from_border(border)
-        return self._call(names.PREVIEW_BORDER, PreviewBorderArray, PreviewBorderRequest(message, self._frame_id, []))
+        return self._call(names.PREVIEW_BORDER, PreviewBorderArray, PreviewBorderRequest(border=message, frame_id=self._frame_id))
 
     def save(self, border: VirtualBorder) -> Answer:
         """Preview, and if that finds no error, adds the border or, if it has an id, replaces the stored one."""
         checked = self.preview(border)
         if not checked.success:
             return checked
-        arguments = (message_from_border(border), self._frame_id, self._source)
         if border.id:
-            answer = self._call(names.UPDATE_BORDER, UpdateBorder, UpdateBorderRequest(*arguments))
-            return answer._replace(id=border.id, area_m2=checked.area_m2)
-        answer = self._call(names.ADD_BORDER, AddBorder, AddBorderRequest(*arguments))
-        return answer._replace(area_m2=checked.area_m2)
+            return self.update(border)._replace(id=border.id, area_m2=checked.area_m2)
+        message = message_from_border(border)
+        request = AddBorderRequest(border=message, frame_id=self._frame_id, source=self._source)
+        return self._call(names.ADD_BORDER, AddBorder, request)._replace(area_m2=checked.area_m2)
 
     def update(self, border: VirtualBorder) -> Answer:
         """Replaces the stored border of the same id."""
-        request = UpdateBorderRequest(message_from_border(border), self._frame_id, self._source)
+        message = message_from_border(border)
+        request = UpdateBorderRequest(border=message, frame_id=self._frame_id, source=self._source)
         return self._call(names.UPDATE_BORDER, UpdateBorder, request)
 
     def remove(self, border_id: str) -> Answer:
         """Removes a border."""
-        return self._call(names.REMOVE_BORDER, RemoveBorder, RemoveBorderRequest(border_id))
+        return self._call(names.REMOVE_BORDER, RemoveBorder, RemoveBorderRequest(id=border_id, source=self._source))
 
     def trigger(self, name: str) -> Answer:
         """Calls undo, redo or clear."""

@@ -162,7 +162,7 @@ class MapIntegratorNode:
     def _array(self, stamp: rospy.Time) -> VirtualBorderArray:
         array = VirtualBorderArray()
         array.header.stamp, array.header.frame_id = stamp, self._params.frame_id
-        array.revision = self._integrator.revision % 2**32
+        array.revision = self._integrator.revision
         array.borders = [message_from_border(b, self._integrator.area_m2(b.id)) for b in self._integrator.borders]
         return array
 

@@ -127,7 +127,7 @@ class InteractionManager:
 
     def _on_command(self, request: CommandRequest) -> CommandResponse:
         answer = self._handle(request.command, request.source)
-        return CommandResponse(answer.success, answer.code, answer.message)
+        return CommandResponse(success=answer.success, code=answer.code, message=answer.message)
 
     def _on_timer(self, _event: rospy.timer.TimerEvent) -> None:
         with self._lock:

@@ -261,7 +261,7 @@ class WizardConsole:
         if action.what in ("undo", "redo"):
             service, kind, request = {"undo": names.UNDO, "redo": names.REDO}[action.what], Trigger, TriggerRequest()
         elif action.what == "remove":
-            service, kind, request = names.REMOVE_BORDER, RemoveBorder, RemoveBorderRequest(action.border_id)
+            service, kind, request = names.REMOVE_BORDER, RemoveBorder, RemoveBorderRequest(id=action.border_id)
         else:
             with self._lock:
                 border = self._borders.get(action.border_id)

@@ -2,12 +2,13 @@
 from __future__ import annotations
 
 import sys
-from typing import Iterable, List, Tuple
+from typing import Any, Dict, Iterable, List, Mapping, Tuple
 
 import cv2
 import numpy as np
 import rospy
 from cv_bridge import CvBridge, CvBridgeError
+from diagnostic_msgs.msg import KeyValue
 from geometry_msgs.msg import Point, Pose, Quaternion, Transform, TransformStamped, Vector3
 from nav_msgs.msg import OccupancyGrid
 from rospy.numpy_msg import numpy_msg
@@ -67,6 +68,16 @@ def message_from_grid(grid: GridMap, stamp: rospy.Time, frame_id: str = "map") -
 
 
 # ----------------------------------------------------------------- poses and points
+def values_from_mapping(values: Mapping[str, Any]) -> List[KeyValue]:
+    """What a sentence names, for a message; inverse of `mapping_from_values`."""
+    return [KeyValue(key=key, value=str(value)) for key, value in values.items()]
+
+
+def mapping_from_values(values: Iterable[KeyValue]) -> Dict[str, str]:
+    """What a sentence names, from a message; inverse of `values_from_mapping`."""
+    return {value.key: value.value for value in values}
+
+
 def points_from_array(points: np.ndarray) -> List[Point]:
     """(N, 2) or (N, 3) [m] to points; inverse of `array_from_points`."""
     return [Point(float(p[0]), float(p[1]), float(p[2]) if len(p) > 2 else 0.0) for p in points]

@@ -1,0 +1,63 @@
+"""Notices to and from messages, and a publisher that repeats them."""
+from __future__ import annotations
+
+import threading
+from typing import Iterable, List
+
+import rospy
+from diagnostic_msgs.msg import KeyValue
+
+from vb_core import names
+from vb_core.notices import REPEATED_AFTER, Notice, Severity
+from vb_core.ros.messages import mapping_from_values, values_from_mapping
+from vb_msgs.msg import Notice as NoticeMessage
+from vb_msgs.msg import NoticeArray
+
+
+def message_from_notice(notice: Notice) -> NoticeMessage:
+    """Inverse of `notice_from_message`; the English sentence is filled in."""
+    values: List[KeyValue] = values_from_mapping(notice.values)
+    return NoticeMessage(
+        severity=int(notice.severity), code=notice.code, robot=notice.robot, border_id=notice.border_id,
+        camera=notice.camera, values=values, message=notice.sentence(),
+    )
+
+
+def notice_from_message(message: NoticeMessage) -> Notice:
+    """A severity that is not known counts as an error: it may come from a newer version."""
+    known = message.severity in tuple(Severity)
+    return Notice(
+        message.code, Severity(message.severity) if known else Severity.ERROR, message.robot, message.border_id,
+        message.camera, mapping_from_values(message.values), message.message,
+    )
+
+
+class NoticePublisher:
+    """Says all that this node has to say on /virtual_borders/notices, at once and again every second."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._notices: List[Notice] = []
+        self._publisher = rospy.Publisher(names.NOTICES, NoticeArray, queue_size=10, latch=True)
+        self._timer = rospy.Timer(rospy.Duration(REPEATED_AFTER), lambda _event: self._publish(), reset=True)
+        self._publish()
+
+    def set(self, notices: Iterable[Notice]) -> None:
+        """Replaces what this node says; nothing is sent before the next repetition if that changes nothing."""
+        notices = list(notices)
+        with self._lock:
+            if notices == self._notices:
+                return
+            self._notices = notices
+        self._publish()
+
+    def close(self) -> None:
+        """Takes everything back."""
+        self._timer.shutdown()
+        self.set([])
+
+    def _publish(self) -> None:
+        with self._lock:
+            message = NoticeArray(source=rospy.get_name(), notices=[message_from_notice(n) for n in self._notices])
+        message.header.stamp = rospy.Time.now()
+        self._publisher.publish(message)

@@ -1,0 +1,67 @@
+"""The sentences that people read or hear, by code and language.
+
+Messages carry a code and values. A sentence is looked up here, in the language of whoever reads it:
+languages/<language>/<topic>.yaml maps each code to one sentence with the values' names in braces:
+
+    seed_missing: "{border} has no seed: point at the side that the robot should keep out of."
+
+No program reads a sentence.
+"""
+from __future__ import annotations
+
+import functools
+import string
+from pathlib import Path
+from typing import Any, Dict, List, Mapping
+
+import yaml
+
+ENGLISH = "en"
+FOLDER = Path(__file__).resolve().parent / "languages"
+
+
+def languages() -> List[str]:
+    """The languages there are, by their two letters."""
+    return sorted(path.name for path in FOLDER.iterdir() if path.is_dir())
+
+
+@functools.lru_cache(maxsize=None)
+def catalogue(language: str = ENGLISH) -> Dict[str, str]:
+    """Every code's sentence in one language, from all of its files.
+
+    Raises:
+        ValueError: if two files have the same code.
+    """
+    found: Dict[str, str] = {}
+    for path in sorted((FOLDER / language).glob("*.yaml")):
+        for code, sentence in (yaml.safe_load(path.read_text(encoding="utf-8")) or {}).items():
+            if code in found:
+                raise ValueError(f"{path}: {code} has a sentence in another file already")
+            found[code] = sentence
+    return found
+
+
+def placeholders(sentence: str) -> List[str]:
+    """The names of the values that a sentence names, each once, sorted."""
+    return sorted({field for _, field, _, _ in string.Formatter().parse(sentence) if field})
+
+
+class _Shown(dict):
+    """Shows a value that is missing by its name: a sentence is never lost for want of one."""
+
+    def __missing__(self, key: str) -> str:
+        return f"({key})"
+
+
+def say(code: str, values: Mapping[str, Any] = {}, language: str = ENGLISH, otherwise: str = "") -> str:
+    """The sentence for a code; English where the language has none.
+
+    Args:
+        values: what the sentence names.
+        otherwise: said if no language knows the code, for instance a message's own English sentence; if that is
+            empty too, the code's words.
+    """
+    sentence = catalogue(language).get(code) or catalogue(ENGLISH).get(code)
+    if sentence is None:
+        return otherwise or code.replace("_", " ")
+    return string.Formatter().vformat(sentence, (), _Shown({name: str(value) for name, value in values.items()}))

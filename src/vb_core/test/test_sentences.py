@@ -1,0 +1,38 @@
+"""Sentences: complete in every language, naming the same values, never lost."""
+import pytest
+
+from vb_core import sentences
+from vb_core.errors import CodedError
+
+OTHERS = [language for language in sentences.languages() if language != sentences.ENGLISH]
+
+
+def test_there_is_more_than_english():
+    assert "de" in OTHERS and sentences.catalogue()
+
+
+@pytest.mark.parametrize("language", OTHERS)
+def test_every_language_has_every_code_with_the_same_values(language):
+    english, other = sentences.catalogue(), sentences.catalogue(language)
+    assert set(english) == set(other)
+    differing = {code for code in english if sentences.placeholders(english[code]) != sentences.placeholders(other[code])}
+    assert not differing
+
+
+def test_a_sentence_names_its_values():
+    assert sentences.say("no_service", {"who": "border_fusion"}) == "border_fusion is not running."
+    assert sentences.say("no_service", {"who": "border_fusion"}, "de") == "border_fusion läuft nicht."
+
+
+def test_a_sentence_is_never_lost():
+    assert sentences.say("no_service", {}) == "(who) is not running."
+    assert sentences.say("of_a_newer_version", {}, "de", "Please update.") == "Please update."
+    assert sentences.say("of_a_newer_version") == "of a newer version"
+    assert sentences.say("no_answer", {"who": "x"}, "fr") == "x does not answer."
+
+
+def test_an_error_carries_its_values():
+    error = CodedError("no_answer", who="map_integrator")
+    assert (error.code, error.values) == ("no_answer", {"who": "map_integrator"})
+    assert str(error) == "map_integrator does not answer. [no_answer]"
+    assert CodedError("no_answer", "in words of its own").message == "in words of its own"
