@@ -2,8 +2,10 @@
 from __future__ import annotations
 
 import ctypes
+import inspect
 import sys
 import threading
+from pathlib import Path
 from typing import Any, Callable, Generic, List, Optional, TypeVar
 
 import rospy
@@ -16,13 +18,16 @@ _failures: List[CodedError] = []
 
 
 def run(name: str, build: Callable[[], Any]) -> None:
-    """Runs a node until it is shut down.
+    """Runs a node until it is shut down; with --help prints its interface instead, without a ROS master.
 
     Args:
         name: the node's default name.
-        build: makes the node's object. A `CodedError` from it, for instance a bad parameter, is
+        build: makes the node's object, whose class's docstring is the interface. A `CodedError` from it, for instance a bad parameter, is
             logged as one line, and the process exits with status 1; so it does after `fail`.
     """
+    if {"-h", "--help"} & set(sys.argv[1:]):
+        print(_interface(name, build))
+        return
     rospy.init_node(name)
     try:
         node = build()
@@ -36,6 +41,16 @@ def run(name: str, build: Callable[[], Any]) -> None:
     rospy.spin()
     if _failures:
         sys.exit(1)
+
+
+def _interface(name: str, build: Callable[[], Any]) -> str:
+    """What a person may know of a node without starting it: its class's docstring, and where its parameters are."""
+    # with postponed evaluation an annotation is the class's name
+    returned = build.__annotations__.get("return", "")
+    class_ = build.__globals__.get(returned) if isinstance(returned, str) else returned
+    text = inspect.getdoc(class_) or inspect.getdoc(sys.modules[build.__module__]) or ""
+    values = Path(build.__code__.co_filename).resolve().parent.parent.parent / "config" / f"{name}.yaml"
+    return f"{name}\n\n{text}" + (f"\n\nParameters and their defaults: {values}" if values.is_file() else "")
 
 
 def fail(error: CodedError) -> None:
