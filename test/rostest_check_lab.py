@@ -1,10 +1,15 @@
 #!/usr/bin/env python3
 """check_lab and lab_monitor beside a newcomer's lab: real topics, and every mistake in it is named."""
 import json
+import os
 import subprocess
 import threading
 import unittest
+import xmlrpc.client
+from pathlib import Path
 
+import rosgraph
+import rosnode
 import rospy
 import rostest
 from sensor_msgs.msg import CameraInfo, Image
@@ -12,6 +17,24 @@ from sensor_msgs.msg import CameraInfo, Image
 from vb_core import names
 from vb_core.ros.notices import notice_from_message
 from vb_msgs.msg import NoticeArray
+
+
+def listening_beyond_loopback(pid):
+    """(address, port) of a process's listening IPv4 sockets that other computers reach."""
+    own = set()
+    for descriptor in Path(f"/proc/{pid}/fd").iterdir():
+        try:
+            own.add(os.readlink(str(descriptor)))
+        except OSError:
+            continue  # closed meanwhile
+    found = []
+    for line in Path(f"/proc/{pid}/net/tcp").read_text().splitlines()[1:]:
+        fields = line.split()
+        address, port = fields[1].split(":")
+        listens = fields[3] == "0A"
+        if listens and f"socket:[{fields[9]}]" in own and not address.endswith("7F"):
+            found.append((address, int(port, 16)))
+    return found
 
 
 class CheckLab(unittest.TestCase):
@@ -61,6 +84,14 @@ class CheckLab(unittest.TestCase):
         status, text = self.check("--language", "de")
         self.assertEqual(status, 1)
         self.assertIn("calibrate_camera spots", " ".join(text.split()))
+
+    def test_nothing_listens_beyond_this_machine(self):
+        nodes = 0
+        for name in rosnode.get_node_names():
+            uri = rosgraph.Master("/check_lab").lookupNode(name)
+            nodes += 1
+            self.assertEqual(listening_beyond_loopback(xmlrpc.client.ServerProxy(uri).getPid("/check_lab")[2]), [], name)
+        self.assertGreaterEqual(nodes, 4)
 
     def test_a_camera_that_should_be_there_is_told_to_people(self):
         with self.changed:
