@@ -3,10 +3,11 @@ from __future__ import annotations
 
 import ctypes
 import inspect
+import queue
 import sys
 import threading
 from pathlib import Path
-from typing import Any, Callable, Generic, List, Optional, TypeVar
+from typing import Any, Callable, Generic, List, Optional, TypeVar, Union
 
 import rospy
 
@@ -116,6 +117,25 @@ class Mailbox(Generic[T]):
             self._condition.notify_all()
 
 
+class Inbox(Generic[T]):
+    """A mailbox in which each item counts: they are taken in the order in which they came."""
+
+    def __init__(self) -> None:
+        self._items: "queue.Queue[Optional[T]]" = queue.Queue()
+
+    def put(self, item: T) -> None:
+        """Leaves an item."""
+        self._items.put(item)
+
+    def take(self) -> Optional[T]:
+        """Waits for an item and takes it; None once the inbox is closed and empty."""
+        return self._items.get()
+
+    def close(self) -> None:
+        """What lies there is still taken, then `take` gives None."""
+        self._items.put(None)
+
+
 class Worker:
     """A thread that handles a mailbox's items one after the other, and survives a faulty item.
 
@@ -123,11 +143,15 @@ class Worker:
     brings it back; a node whose worker had died alone would go on deaf.
     """
 
-    def __init__(self, mailbox: Mailbox, handle: Callable[[Any], None]) -> None:
+    def __init__(self, mailbox: Union[Mailbox, Inbox], handle: Callable[[Any], None]) -> None:
         self._mailbox = mailbox
         self._handle = handle
         self._thread = threading.Thread(target=self._run, daemon=True)
         self._thread.start()
+
+    def join(self, timeout: float) -> None:
+        """Waits until a closed mailbox's last item is handled, at most for a time [s]."""
+        self._thread.join(timeout)
 
     def _run(self) -> None:
         sound = False
