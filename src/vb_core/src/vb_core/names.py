@@ -18,6 +18,7 @@ DETECTORS = "/virtual_borders/detectors"
 LED = "/virtual_borders/led"
 SOUND = "/virtual_borders/sound"
 HEARD = "/virtual_borders/voice/heard"
+VOICE_LEVEL = "/virtual_borders/voice/level"
 PROJECTOR = "/virtual_borders/projector"
 
 COMMAND = "/virtual_borders/command"
