@@ -76,7 +76,7 @@ class BorderEditorNode:
         self._seen: Dict[str, int] = {}
         self._tool = np.zeros(2)
         # service calls wait for their answers: not in a callback
-        self._work: "node.Inbox[Callable[[], None]]" = node.Inbox()
+        self._work: "node.Queue[Callable[[], None]]" = node.Queue()
         node.Worker(self._work, lambda work: work())
         self._server = InteractiveMarkerServer(SERVER)
         self._put_tool()

@@ -55,7 +55,7 @@ class ClickedBorderNode:
         self._status_out = rospy.Publisher("~status", String, queue_size=1, latch=True)
         self._markers_out = rospy.Publisher("~markers", MarkerArray, queue_size=1, latch=True)
         # each click counts, in the order in which they came
-        self._inbox: "node.Inbox[PointStamped]" = node.Inbox()
+        self._inbox: "node.Queue[PointStamped]" = node.Queue()
         node.Worker(self._inbox, self._take_click)
         for name, command in (
             ("~close", lambda: self._clicks.end(closed=True)),

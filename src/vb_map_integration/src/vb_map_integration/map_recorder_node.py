@@ -47,7 +47,7 @@ class MapRecorderNode:
         self._arrived = rospy.Time(0)
         self._borders = VirtualBorderArray()
         # maps are rare and each one counts: they queue up
-        self._work: "node.Inbox[Any]" = node.Inbox()
+        self._work: "node.Queue[Any]" = node.Queue()
         self._worker = node.Worker(self._work, self._record)
         rospy.Subscriber(names.BORDERS, VirtualBorderArray, self._on_borders, queue_size=10)
         rospy.Subscriber(names.VIRTUAL_MAP, messages.OccupancyGridArray, self._on_map, queue_size=10, buff_size=2**24)

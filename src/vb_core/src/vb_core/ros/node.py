@@ -1,13 +1,13 @@
 """Start-up, shutdown and threads of a node."""
 from __future__ import annotations
 
+import collections
 import ctypes
 import inspect
-import queue
 import sys
 import threading
 from pathlib import Path
-from typing import Any, Callable, Generic, List, Optional, TypeVar, Union
+from typing import Any, Callable, Deque, Generic, List, Optional, TypeVar
 
 import rospy
 
@@ -117,33 +117,73 @@ class Mailbox(Generic[T]):
             self._condition.notify_all()
 
 
-class Inbox(Generic[T]):
-    """A mailbox in which each item counts: they are taken in the order in which they came."""
+class Queue(Generic[T]):
+    """A queue for a worker: every item counts, they are taken in order, and only so many may wait."""
 
-    def __init__(self) -> None:
-        self._items: "queue.Queue[Optional[T]]" = queue.Queue()
+    def __init__(self, size: int = 1000) -> None:
+        self._condition = threading.Condition()
+        self._items: Deque[T] = collections.deque()
+        self._size = size
+        self._closed = False
 
-    def put(self, item: T) -> None:
-        """Leaves an item."""
-        self._items.put(item)
+    def put(self, item: T) -> bool:
+        """Adds an item; False if too many wait already, which the caller has to say."""
+        with self._condition:
+            if len(self._items) >= self._size:
+                return False
+            self._items.append(item)
+            self._condition.notify()
+            return True
 
     def take(self) -> Optional[T]:
-        """Waits for an item and takes it; None once the inbox is closed and empty."""
-        return self._items.get()
+        """Waits for the oldest item and takes it; None once the queue is closed and empty."""
+        with self._condition:
+            while not self._items and not self._closed:
+                self._condition.wait()
+            return self._items.popleft() if self._items else None
 
     def close(self) -> None:
-        """What lies there is still taken, then `take` gives None."""
-        self._items.put(None)
+        """Wakes up the worker; from now on `take` gives None."""
+        with self._condition:
+            self._closed = True
+            self._condition.notify_all()
+
+
+class Beat:
+    """A clock for a worker: `take` returns when something was announced, or after a period of wall time.
+
+    A rospy.Timer follows simulated time, which may pause; what must not pause uses this.
+    """
+
+    def __init__(self, period: float) -> None:
+        self._period = period
+        self._wake = threading.Event()
+        self._closed = False
+
+    def set(self) -> None:
+        """Announces something: the worker need not wait any longer."""
+        self._wake.set()
+
+    def take(self) -> Optional[bool]:
+        """Waits; gives whether something was announced, None once closed."""
+        woken = not self._closed and self._wake.wait(self._period)
+        self._wake.clear()
+        return None if self._closed else woken
+
+    def close(self) -> None:
+        """Wakes up the worker; from now on `take` gives None."""
+        self._closed = True
+        self._wake.set()
 
 
 class Worker:
-    """A thread that handles a mailbox's items one after the other, and survives a faulty item.
+    """A thread that handles the items of a Mailbox, Queue or Beat one after the other, and survives a faulty item.
 
     A `CodedError` is a faulty item. Anything else is a fault of the node: it ends with a traceback, and roslaunch
     brings it back; a node whose worker had died alone would go on deaf.
     """
 
-    def __init__(self, mailbox: Union[Mailbox, Inbox], handle: Callable[[Any], None]) -> None:
+    def __init__(self, mailbox: Any, handle: Callable[[Any], None]) -> None:
         self._mailbox = mailbox
         self._handle = handle
         self._thread = threading.Thread(target=self._run, daemon=True)
