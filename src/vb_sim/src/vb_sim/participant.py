@@ -60,9 +60,9 @@ class Percept:
     answer: Optional[Answer] = None
     answered: int = 0
 
-    def read(self, sentence: str) -> None:
-        """Takes note of what the display says about the robots."""
-        if "hold still" in sentence:
+    def read(self, code: str) -> None:
+        """Takes note of what the display says about the robots, by its code."""
+        if code == "spot_unseen_robot_comes":
             self.told_to_hold = self.now
 
     def hear(self, spot: Optional[Tuple[float, float]], stamp: float, seen: Tuple[float, float], mobile: bool) -> None:

@@ -5,7 +5,7 @@ import json
 import os
 import threading
 from dataclasses import asdict, dataclass, replace
-from typing import Any, Dict, Optional, Tuple
+from typing import Any, Dict, Optional, Set, Tuple
 
 import numpy as np
 import rospy
@@ -17,7 +17,7 @@ from vb_core import names
 from vb_core.errors import CodedError
 from vb_core.parameters import Parameters, param
 from vb_core.ros import node, parameters, services
-from vb_msgs.msg import BorderProgress, InteractionState, LabState, LaserSpot, ParticipantState
+from vb_msgs.msg import BorderProgress, InteractionState, LabState, LaserSpot, NoticeArray, ParticipantState
 from vb_msgs.srv import Command, CommandRequest
 from vb_sim.lab_simulator_node import default_models
 from vb_sim.models import load_models, section
@@ -49,7 +49,7 @@ class ParticipantNode:
         /virtual_borders/spots (vb_msgs/LaserSpot): only whether the spot is seen, as sound and LED tell it
         /virtual_borders/progress (vb_msgs/BorderProgress): whether the display shows a seed
         /virtual_borders/state (vb_msgs/InteractionState): what the display calls the state
-        /virtual_borders/workspace (std_msgs/String): what it says about the robots
+        /virtual_borders/notices (vb_msgs/NoticeArray): what it says about the robots
     Publishes:
         /sim/participant (vb_msgs/ParticipantState): 50 Hz with the lab's clock, 5 Hz once everything is over
         /sim/participant_done (std_msgs/String, latched): JSON with outcome ("saved", "gave_up", "failed"), reason,
@@ -87,7 +87,8 @@ class ParticipantNode:
         rospy.Subscriber(names.SPOTS, LaserSpot, self._on_spot, queue_size=50)
         rospy.Subscriber(names.PROGRESS, BorderProgress, self._on_progress, queue_size=1)
         rospy.Subscriber(names.STATE, InteractionState, self._on_state, queue_size=5)
-        rospy.Subscriber(names.WORKSPACE, String, self._on_workspace, queue_size=5)
+        self._notices: Dict[str, Set[str]] = {}  # codes by the node that says them
+        rospy.Subscriber(names.NOTICES, NoticeArray, self._on_notices, queue_size=10)
         rospy.Subscriber(names.LAB_STATE, LabState, self._lab_states.put, queue_size=1, tcp_nodelay=True)
         rospy.Service("~start", Trigger, self._on_start)
 
@@ -121,9 +122,11 @@ class ParticipantNode:
         with self._lock:
             self._percept.has_seed = message.has_seed
 
-    def _on_workspace(self, message: String) -> None:
+    def _on_notices(self, message: NoticeArray) -> None:
         with self._lock:
-            self._percept.read(message.data)
+            before, self._notices[message.source] = self._notices.get(message.source, set()), {n.code for n in message.notices}
+            for code in self._notices[message.source] - before:
+                self._percept.read(code)
 
     def _on_state(self, message: InteractionState) -> None:
         with self._lock:

@@ -36,7 +36,7 @@ class ManagerParams(Parameters):
     command_text_topic: str = param("/virtual_borders/command_text")
     service_wait: float = param(2.0, "s", above=0.0, high=10.0)
     service_answer: float = param(5.0, "s", above=0.0, high=60.0)
-    publish_period: float = param(1.0, "s", above=0.0, high=10.0)
+    publish_period: float = param(0.5, "s", above=0.0, high=0.5)
 
 
 class InteractionManager:
@@ -133,7 +133,8 @@ class InteractionManager:
         with self._lock:
             if self._interaction.state != State.DEFAULT:
                 self._interaction.advance(rospy.get_time())
-                self._publish()
+            # also in Default: robots' drivers stop when it is silent
+            self._publish()
 
     # ------------------------------------------------------------------ commands
     def _handle(self, command: str, source: str) -> Answer:
