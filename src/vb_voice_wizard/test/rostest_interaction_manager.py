@@ -373,7 +373,7 @@ class InteractionManagerTest(unittest.TestCase):
         ends = [(process.communicate(timeout=120), process.returncode) for process in called]
         self.assertEqual([status for _, status in ends], [1, 0, 2, 3], ends)
         self.assertIn("follows the laser spot", ends[1][0][0])
-        self.assertIn("nichts zu speichern", ends[0][0][0])
+        self.assertRegex(ends[0][0][0], "nichts zu speichern|Nicht gespeichert")
         self.assertIn("master does not answer", ends[3][0][1])
         self.assertFalse(any("Traceback" in text for texts, _ in ends for text in texts))
         self.in_state("guide")
