@@ -26,7 +26,7 @@ TOPICS = (
     names.PROGRESS,
     names.BORDERS,
     names.DETECTORS,
-    names.WORKSPACE,
+    names.NOTICES,
     names.LED,
     names.SOUND,
     "/virtual_borders/voice/heard",
