@@ -253,3 +253,17 @@ def test_who_is_told_that_the_robot_comes_does_not_step_aside():
     assert percept.told_to_hold == float("-inf")
     percept.read("spot_unseen_robot_comes")
     assert percept.told_to_hold == 5.0
+
+
+def test_whoever_is_asked_looks_at_the_preview_and_says_save_once_more():
+    sim = system("room", refuse_saves=["confirm_save"])
+    assert sim.run(120.0) == "saved"
+    assert [command for command, _, _ in sim.commands] == ["define_border", "define_seed", "save", "save"]
+
+
+def test_the_display_is_read_by_its_codes():
+    percept = Percept(now=7.0)
+    percept.read(["no_camera_sees_spot", "hold still"])
+    assert percept.told_to_hold < 0.0
+    percept.read(["robot_inside_border", "robot_coming"])
+    assert percept.told_to_hold == 7.0
