@@ -41,7 +41,7 @@ ACCELERATION, TURN_ACCELERATION = 0.4, 2.0  # [m/s^2, rad/s^2] of the driver's o
 NOBODY, STOP, TELEOP, FOLLOW, LEAVE, NAVIGATION = "nobody", "stop", "teleop", "follow", "leave", "navigation"
 KEEPS = {
     TELEOP: Keep(0.05, 0.02, 0.0),
-    FOLLOW: Keep(0.12, 0.04, 0.05),
+    FOLLOW: Keep(0.12, 0.04, 0.06),  # from where a person leaves it navigation must still find a way
     LEAVE: Keep(0.12, 0.04, MAP_MARGIN),
     NAVIGATION: Keep(0.04, 0.0, -0.04),  # it keeps its own distance; here is only what must never happen
 }

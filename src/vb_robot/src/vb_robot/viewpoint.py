@@ -41,7 +41,7 @@ _SPOT_MARGIN = 0.06  # fraction of the image that must lie beyond a spot which i
 
 NO_STRETCH = np.zeros((0, 2))
 
-MAX_SAFE = 12  # as many poses as anybody will try one after the other
+MAX_SAFE = 6  # one more than are tried in a row before a pause
 
 
 @dataclass(frozen=True)
