@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from vb_core import geometry
 from vb_core.grid_map import GridMap
 from vb_core.robot_profile import RobotProfile
-from vb_robot.driver import NAVIGATION, STATE_LIMIT, TELEOP, Driver
+from vb_robot.driver import NAVIGATION, POSE_LIMIT, SCAN_LIMITS, STATE_LIMITS, TELEOP, Driver
 from vb_robot.following import Frames
 from vb_robot.safety import Scan
 from vb_robot.servoing import BACK_TO_DISTANCE, FAR_DISTANCE, MAX_SPEED, MAX_TURN, NEAR_DISTANCE
@@ -156,8 +156,8 @@ def test_stop_is_latched_until_released(by):
 
 
 # ------------------------------------------------------------ the gate
-@pytest.mark.parametrize("lost, code, limit", [("scan", "scan_lost", 0.35), ("pose", "pose_lost", 0.45),
-                                              ("state", "state_lost", STATE_LIMIT + 0.05)])
+@pytest.mark.parametrize("lost, code, limit", [("scan", "scan_lost", SCAN_LIMITS[0]), ("pose", "pose_lost", POSE_LIMIT),
+                                               ("state", "state_lost", STATE_LIMITS[1])])
 @pytest.mark.parametrize("who", ["follow", "navigation"])
 def test_without_state_scan_or_pose_nobody_drives(who, lost, code, limit):
     rig = Rig()

@@ -31,7 +31,7 @@ class TerrainParams(Parameters):
 
 
 PAD = 3.0  # [m] of floor about what matters: a robot looks at it from 1.5 m, and the line is thought on for 2 m
-MAX_WAY_CELLS = 20000  # ways are searched on a coarser grid where there would be more
+MAX_WAY_CELLS = 10000  # ways are searched on a coarser grid where there would be more
 REACH = 8.0  # [m] robots and lines farther away do not make the window larger
 SNAP = 2.0  # [m] windows begin and end at multiples of this, so that one serves while the spot moves on
 
