@@ -58,7 +58,10 @@ class MapIntegratorTest(unittest.TestCase):
 
     @classmethod
     def call(cls, name, *arguments):
-        return rospy.ServiceProxy(f"/virtual_borders/{name}", SERVICES[name])(*arguments)
+        request = SERVICES[name]._request_class()
+        for slot, value in zip(request.__slots__, arguments):
+            setattr(request, slot, value)
+        return rospy.ServiceProxy(f"/virtual_borders/{name}", SERVICES[name])(request)
 
     @classmethod
     def cells(cls):

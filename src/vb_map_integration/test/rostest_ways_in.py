@@ -243,7 +243,7 @@ class WaysInTest(unittest.TestCase):
             wait_until(lambda: self.borders.message.borders[0].name == "carpet", "the edited border")
             self.assertEqual([(one.name, one.acting, one.reason) for one in self.stored(1)], [("carpet", False, "disabled")])
             # one of another home is added, and stays switched off
-            copy.write_text(copy.read_text().replace('"created": ', '"created": 1'))
+            copy.write_text(copy.read_text().replace('"created": 1', '"created": '))
             count = self.maps.count
             status, output = self.run_command("import_borders", copy)
             self.assertEqual(status, 0, output)
