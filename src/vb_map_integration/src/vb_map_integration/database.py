@@ -104,12 +104,13 @@ class StoredMap:
     grid: Optional[GridMap]
 
 
-class _State(NamedTuple):
+class State(NamedTuple):
     """What a sound file holds, beside its rows."""
 
     revision: int
     next_number: int
     sum: int
+    borders: int = 0
 
 
 def fingerprint(grid: GridMap) -> str:
@@ -149,7 +150,7 @@ class Database:
         if folder is None:
             self._main = _connect(":memory:")
             _create(self._main)
-            self._state = _State(0, 1, 0)
+            self._state = State(0, 1, 0)
             return
         self._path, self._twin_path = folder / FILE, folder / FILE.replace(".db", ".twin.db")
         try:
@@ -187,14 +188,14 @@ class Database:
                     raise CodedError("database_in_use", what=str(self._path)) from None
                 time.sleep(0.05)
 
-    def _open_soundest(self) -> Tuple[sqlite3.Connection, _State]:
-        main, why_main = _sound(self._path)
-        twin, why_twin = _sound(self._twin_path)
+    def _open_soundest(self) -> Tuple[sqlite3.Connection, State]:
+        main, why_main = check_file(self._path)
+        twin, why_twin = check_file(self._twin_path)
         if {why_main, why_twin} <= {"", _EMPTY} and main is None and twin is None and not self.copies():
             _delete(self._path)  # none yet, or the very first start was cut off
             connection = _connect(self._path)
             _create(connection)
-            main = _State(0, 1, 0)
+            main = State(0, 1, 0)
             connection.close()
         elif main is None or (twin is not None and twin.revision > main.revision):
             why = why_main if main is None else f"revision {main.revision} instead of {twin.revision}"  # type: ignore[union-attr]
@@ -213,11 +214,11 @@ class Database:
             self._without_twin(error)
         return connection, main
 
-    def _repair(self, why: str, twin: Optional[_State]) -> _State:
+    def _repair(self, why: str, twin: Optional[State]) -> State:
         """Replaces the database by its twin, by the newest sound copy, or by an empty one."""
         _set_aside(self._path)
         for source in [self._twin_path] if twin is not None else self.copies():
-            found, _ = _sound(source)
+            found, _ = check_file(source)
             if found is None:
                 continue
             connection = _connect(source)
@@ -226,21 +227,14 @@ class Database:
             if twin is not None:
                 self._say("database_repaired", Severity.WARNING, reason=why)
             else:
-                count = self._count(self._path)
-                self._say("borders_lost_since", Severity.ERROR, reason=why, date=source.stem[-10:], count=count)
+                self._say("borders_lost_since", Severity.ERROR, reason=why, date=source.stem[-10:], count=found.borders)
             return found
         connection = _connect(self._path)
         _create(connection)
         connection.close()
         self._say("borders_lost", Severity.ERROR, reason=why, what=str(self._path.parent / "damaged"))
-        return _State(0, 1, 0)
+        return State(0, 1, 0)
 
-    @staticmethod
-    def _count(path: Path) -> int:
-        connection = _connect(path)
-        count = connection.execute("SELECT count(*) FROM borders").fetchone()[0]
-        connection.close()
-        return int(count)
 
     def copies(self) -> List[Path]:
         """The daily copies, the newest first."""
@@ -270,7 +264,7 @@ class Database:
         total = self._state.sum
         for digest in (*out, *into):
             total ^= int(digest, 16)
-        state = _State(self._state.revision + 1, self._state.next_number + ids, total)
+        state = State(self._state.revision + 1, self._state.next_number + ids, total)
         statements = statements + [(_PUT_FACT, (key, value)) for key, value in _facts(state)]
         try:
             _run(self._main, statements)
@@ -502,6 +496,31 @@ class Database:
 
 
 # ----------------------------------------------------------------- files
+def restore(folder: Path, source: Path) -> None:
+    """Goes back to a copy; the present files are set aside.
+
+    Raises:
+        CodedError: "database_in_use", "damaged_copy", "cannot_write".
+    """
+    if check_file(source)[0] is None:
+        raise CodedError("damaged_copy", what=str(source))
+    database = Database(folder)  # nobody else writes while it is open
+    copy = folder / "restore.new"
+    try:
+        _delete(copy)
+        _copy(_connect(source), copy)
+        for connection in (database._main, database._twin):
+            if connection is not None:
+                connection.close()
+        _set_aside(database._path)
+        _set_aside(database._twin_path)
+        os.replace(str(copy), str(database._path))
+    except (sqlite3.Error, OSError) as error:
+        raise CodedError("cannot_write", what=str(folder), reason=str(error)) from None
+    finally:
+        database.close()
+
+
 def _connect(path: Any) -> sqlite3.Connection:
     connection = sqlite3.connect(str(path), isolation_level=None, check_same_thread=False, timeout=2.0)
     for pragma in ("journal_mode = WAL", "synchronous = FULL", "cell_size_check = ON"):
@@ -510,7 +529,7 @@ def _connect(path: Any) -> sqlite3.Connection:
 
 
 def _create(connection: sqlite3.Connection) -> None:
-    facts = [(_PUT_FACT, (key, value)) for key, value in _facts(_State(0, 1, 0))]
+    facts = [(_PUT_FACT, (key, value)) for key, value in _facts(State(0, 1, 0))]
     tables = [(statement, ()) for statement in _SCHEMA.split(";") if statement.strip()]
     _run(connection, [*tables, *facts, (f"PRAGMA user_version = {FORMAT}", ())])
 
@@ -540,7 +559,7 @@ def _copy(connection: sqlite3.Connection, path: Path) -> None:
         os.fsync(stream.fileno())
 
 
-def _sound(path: Path) -> Tuple[Optional[_State], str]:
+def check_file(path: Path) -> Tuple[Optional[State], str]:
     """What a database holds if it is sound; else None, and why ("" if there is no file)."""
     if not path.exists():
         return None, ""
@@ -567,7 +586,8 @@ def _sound(path: Path) -> Tuple[Optional[_State], str]:
             if _digest(place, body) != digest:
                 return None, f"change {number} is damaged"
         facts = dict(connection.execute("SELECT key, value FROM facts"))
-        state = _State(int(facts["revision"]), int(facts["next_number"]), total)
+        count = connection.execute("SELECT count(*) FROM borders").fetchone()[0]
+        state = State(int(facts["revision"]), int(facts["next_number"]), total, int(count))
         if dict(_facts(state))["content"] != facts["content"]:
             return None, "its rows are not those of its revision"
         return state, ""
@@ -600,8 +620,8 @@ def _delete(path: Path) -> None:
 
 
 # ----------------------------------------------------------------- rows
-def _facts(state: _State) -> List[Tuple[str, str]]:
-    content = _digest(*state)
+def _facts(state: State) -> List[Tuple[str, str]]:
+    content = _digest(state.revision, state.next_number, state.sum)
     return [("revision", str(state.revision)), ("next_number", str(state.next_number)), ("content", content)]
 
 
