@@ -26,6 +26,7 @@ import sqlite3
 import time
 import zlib
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any, Dict, Iterable, List, NamedTuple, Optional, Sequence, Tuple
 
@@ -93,7 +94,6 @@ class StoredMap:
         name: for people; only of that first map.
         fingerprint: see `fingerprint`.
         transform: from the place's frame to this map's.
-        grid: the map; None if its cells could not be taken over.
     """
 
     id: int
@@ -101,7 +101,18 @@ class StoredMap:
     name: str
     fingerprint: str
     transform: Transform
-    grid: Optional[GridMap]
+    _resolution: float
+    _origin: Tuple[float, float, float]
+    _shape: Tuple[int, int]
+    _cells: Optional[bytes]
+
+    @cached_property
+    def grid(self) -> Optional[GridMap]:
+        """The map; None if its cells could not be taken over."""
+        if self._cells is None:
+            return None
+        data = np.frombuffer(zlib.decompress(self._cells), np.int8).reshape(self._shape)
+        return GridMap(data, self._resolution, self._origin)
 
 
 class State(NamedTuple):
@@ -331,19 +342,29 @@ class Database:
         digest = _digest(*row)
         out = self._digests("maps", "id = ?", (number,))
         statements: List[Statement] = [(_PUT_MAP, (*row, digest))]
-        extra = [one for one in self.maps() if one.place == place and one.id not in (place, number)][: -MAX_MAPS]
-        for old in extra:
-            out += self._digests("maps", "id = ?", (old.id,))
-            statements.append(("DELETE FROM maps WHERE id = ?", (old.id,)))
+        others = "SELECT id FROM maps WHERE place = ? AND id NOT IN (?, ?) ORDER BY id DESC LIMIT -1 OFFSET ?"
+        for (old,) in self._main.execute(others, (place, place, number, MAX_MAPS)).fetchall():
+            out += self._digests("maps", "id = ?", (old,))
+            statements.append(("DELETE FROM maps WHERE id = ?", (old,)))
         self._write(statements, out, [digest])
         return place
+
+    def name_of(self, place: int) -> str:
+        """A place's name; "" if it has none."""
+        row = self._main.execute("SELECT name FROM maps WHERE id = ?", (place,)).fetchone()
+        return "" if row is None else str(row[0])
+
+    def place_named(self, name: str) -> int:
+        """The place of a name; 0 if there is none."""
+        row = self._main.execute("SELECT id FROM maps WHERE name = ? AND name <> '' AND id = place", (name,)).fetchone()
+        return 0 if row is None else int(row[0])
 
     def rename_place(self, place: int, name: str) -> None:
         """Gives a place a name; raises CodedError "name_taken"."""
         row = self._main.execute(f"SELECT {', '.join(_MAP_COLUMNS)} FROM maps WHERE id = ?", (place,)).fetchone()
         if row is None or row[2] == name:
             return
-        if any(one.name == name and one.place != place for one in self.maps()):
+        if self.place_named(name) not in (0, place):
             raise CodedError("name_taken", name=name)
         new = (*row[:2], name, *row[3:])
         digest = _digest(*new)
@@ -648,11 +669,8 @@ def _border(values: Any) -> Optional[VirtualBorder]:
 
 def _map_from_row(row: Sequence[Any]) -> StoredMap:
     number, place, name, map_id, x, y, yaw, resolution, origin_x, origin_y, origin_yaw, rows, columns, cells = row
-    grid = None
-    if cells is not None:
-        data = np.frombuffer(zlib.decompress(cells), np.int8).reshape(rows, columns)
-        grid = GridMap(data, resolution, (origin_x, origin_y, origin_yaw))
-    return StoredMap(number, place, name, map_id, Transform(x, y, yaw), grid)
+    origin = (origin_x, origin_y, origin_yaw)
+    return StoredMap(number, place, name, map_id, Transform(x, y, yaw), resolution, origin, (rows, columns), cells)
 
 
 def _number_of(border_id: str) -> int:
