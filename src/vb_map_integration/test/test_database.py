@@ -18,6 +18,7 @@ from vb_map_integration import database as module
 from vb_map_integration.border_files import borders_to_yaml
 from vb_map_integration.database import FILE, Database, fingerprint
 from vb_map_integration.integrator import IntegratorParams, MapIntegrator
+from vb_map_integration.repair import repair_borders
 
 sys.path.insert(0, str(Path(__file__).resolve().parent))
 from keepers import GRID, integrator, square  # noqa: E402
@@ -324,3 +325,22 @@ def test_os_is_not_needed_for_memory_only():
     keeper.add(square(10, 10), 1.0)
     keeper.undo()
     assert keeper.borders == () and not os.path.exists(":memory:")
+
+
+def test_the_command_repairs_and_goes_back_to_a_copy(tmp_path, capsys):
+    borders = closed(tmp_path, 2)
+    copy = next((tmp_path / "copies").glob("*.db"))
+    (tmp_path / FILE).write_bytes(b"?" * 9000)
+    assert repair_borders([str(tmp_path)]) == 0
+    said = capsys.readouterr().out
+    assert "damaged" in said and "No border was lost" in said and said.rstrip().endswith("2 border(s)")
+    assert again(tmp_path) == (borders, [])
+    keeper = integrator(tmp_path)
+    keeper.clear()
+    keeper.close()
+    shutil.copyfile(str(copy), str(tmp_path / "mine.db"))
+    assert repair_borders([str(tmp_path), "--from", str(tmp_path / "mine.db")]) == 0
+    assert again(tmp_path)[0] == borders
+    (tmp_path / "bad.db").write_bytes(b"?")
+    assert repair_borders([str(tmp_path), "--from", str(tmp_path / "bad.db")]) == 1
+    assert repair_borders([str(tmp_path / "none")]) == 1

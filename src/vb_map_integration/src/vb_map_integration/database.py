@@ -26,6 +26,7 @@ import sqlite3
 import time
 import zlib
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any, Dict, Iterable, List, NamedTuple, Optional, Sequence, Tuple
 
@@ -93,7 +94,6 @@ class StoredMap:
         name: for people; only of that first map.
         fingerprint: see `fingerprint`.
         transform: from the place's frame to this map's.
-        grid: the map; None if its cells could not be taken over.
     """
 
     id: int
@@ -101,15 +101,27 @@ class StoredMap:
     name: str
     fingerprint: str
     transform: Transform
-    grid: Optional[GridMap]
+    _resolution: float
+    _origin: Tuple[float, float, float]
+    _shape: Tuple[int, int]
+    _cells: Optional[bytes]
+
+    @cached_property
+    def grid(self) -> Optional[GridMap]:
+        """The map; None if its cells could not be taken over."""
+        if self._cells is None:
+            return None
+        data = np.frombuffer(zlib.decompress(self._cells), np.int8).reshape(self._shape)
+        return GridMap(data, self._resolution, self._origin)
 
 
-class _State(NamedTuple):
+class State(NamedTuple):
     """What a sound file holds, beside its rows."""
 
     revision: int
     next_number: int
     sum: int
+    borders: int = 0
 
 
 def fingerprint(grid: GridMap) -> str:
@@ -149,7 +161,7 @@ class Database:
         if folder is None:
             self._main = _connect(":memory:")
             _create(self._main)
-            self._state = _State(0, 1, 0)
+            self._state = State(0, 1, 0)
             return
         self._path, self._twin_path = folder / FILE, folder / FILE.replace(".db", ".twin.db")
         try:
@@ -187,14 +199,14 @@ class Database:
                     raise CodedError("database_in_use", what=str(self._path)) from None
                 time.sleep(0.05)
 
-    def _open_soundest(self) -> Tuple[sqlite3.Connection, _State]:
-        main, why_main = _sound(self._path)
-        twin, why_twin = _sound(self._twin_path)
+    def _open_soundest(self) -> Tuple[sqlite3.Connection, State]:
+        main, why_main = check_file(self._path)
+        twin, why_twin = check_file(self._twin_path)
         if {why_main, why_twin} <= {"", _EMPTY} and main is None and twin is None and not self.copies():
             _delete(self._path)  # none yet, or the very first start was cut off
             connection = _connect(self._path)
             _create(connection)
-            main = _State(0, 1, 0)
+            main = State(0, 1, 0)
             connection.close()
         elif main is None or (twin is not None and twin.revision > main.revision):
             why = why_main if main is None else f"revision {main.revision} instead of {twin.revision}"  # type: ignore[union-attr]
@@ -213,11 +225,11 @@ class Database:
             self._without_twin(error)
         return connection, main
 
-    def _repair(self, why: str, twin: Optional[_State]) -> _State:
+    def _repair(self, why: str, twin: Optional[State]) -> State:
         """Replaces the database by its twin, by the newest sound copy, or by an empty one."""
         _set_aside(self._path)
         for source in [self._twin_path] if twin is not None else self.copies():
-            found, _ = _sound(source)
+            found, _ = check_file(source)
             if found is None:
                 continue
             connection = _connect(source)
@@ -226,21 +238,14 @@ class Database:
             if twin is not None:
                 self._say("database_repaired", Severity.WARNING, reason=why)
             else:
-                count = self._count(self._path)
-                self._say("borders_lost_since", Severity.ERROR, reason=why, date=source.stem[-10:], count=count)
+                self._say("borders_lost_since", Severity.ERROR, reason=why, date=source.stem[-10:], count=found.borders)
             return found
         connection = _connect(self._path)
         _create(connection)
         connection.close()
         self._say("borders_lost", Severity.ERROR, reason=why, what=str(self._path.parent / "damaged"))
-        return _State(0, 1, 0)
+        return State(0, 1, 0)
 
-    @staticmethod
-    def _count(path: Path) -> int:
-        connection = _connect(path)
-        count = connection.execute("SELECT count(*) FROM borders").fetchone()[0]
-        connection.close()
-        return int(count)
 
     def copies(self) -> List[Path]:
         """The daily copies, the newest first."""
@@ -270,7 +275,7 @@ class Database:
         total = self._state.sum
         for digest in (*out, *into):
             total ^= int(digest, 16)
-        state = _State(self._state.revision + 1, self._state.next_number + ids, total)
+        state = State(self._state.revision + 1, self._state.next_number + ids, total)
         statements = statements + [(_PUT_FACT, (key, value)) for key, value in _facts(state)]
         try:
             _run(self._main, statements)
@@ -337,19 +342,29 @@ class Database:
         digest = _digest(*row)
         out = self._digests("maps", "id = ?", (number,))
         statements: List[Statement] = [(_PUT_MAP, (*row, digest))]
-        extra = [one for one in self.maps() if one.place == place and one.id not in (place, number)][: -MAX_MAPS]
-        for old in extra:
-            out += self._digests("maps", "id = ?", (old.id,))
-            statements.append(("DELETE FROM maps WHERE id = ?", (old.id,)))
+        others = "SELECT id FROM maps WHERE place = ? AND id NOT IN (?, ?) ORDER BY id DESC LIMIT -1 OFFSET ?"
+        for (old,) in self._main.execute(others, (place, place, number, MAX_MAPS)).fetchall():
+            out += self._digests("maps", "id = ?", (old,))
+            statements.append(("DELETE FROM maps WHERE id = ?", (old,)))
         self._write(statements, out, [digest])
         return place
+
+    def name_of(self, place: int) -> str:
+        """A place's name; "" if it has none."""
+        row = self._main.execute("SELECT name FROM maps WHERE id = ?", (place,)).fetchone()
+        return "" if row is None else str(row[0])
+
+    def place_named(self, name: str) -> int:
+        """The place of a name; 0 if there is none."""
+        row = self._main.execute("SELECT id FROM maps WHERE name = ? AND name <> '' AND id = place", (name,)).fetchone()
+        return 0 if row is None else int(row[0])
 
     def rename_place(self, place: int, name: str) -> None:
         """Gives a place a name; raises CodedError "name_taken"."""
         row = self._main.execute(f"SELECT {', '.join(_MAP_COLUMNS)} FROM maps WHERE id = ?", (place,)).fetchone()
         if row is None or row[2] == name:
             return
-        if any(one.name == name and one.place != place for one in self.maps()):
+        if self.place_named(name) not in (0, place):
             raise CodedError("name_taken", name=name)
         new = (*row[:2], name, *row[3:])
         digest = _digest(*new)
@@ -502,6 +517,31 @@ class Database:
 
 
 # ----------------------------------------------------------------- files
+def restore(folder: Path, source: Path) -> None:
+    """Goes back to a copy; the present files are set aside.
+
+    Raises:
+        CodedError: "database_in_use", "damaged_copy", "cannot_write".
+    """
+    if check_file(source)[0] is None:
+        raise CodedError("damaged_copy", what=str(source))
+    database = Database(folder)  # nobody else writes while it is open
+    copy = folder / "restore.new"
+    try:
+        _delete(copy)
+        _copy(_connect(source), copy)
+        for connection in (database._main, database._twin):
+            if connection is not None:
+                connection.close()
+        _set_aside(database._path)
+        _set_aside(database._twin_path)
+        os.replace(str(copy), str(database._path))
+    except (sqlite3.Error, OSError) as error:
+        raise CodedError("cannot_write", what=str(folder), reason=str(error)) from None
+    finally:
+        database.close()
+
+
 def _connect(path: Any) -> sqlite3.Connection:
     connection = sqlite3.connect(str(path), isolation_level=None, check_same_thread=False, timeout=2.0)
     for pragma in ("journal_mode = WAL", "synchronous = FULL", "cell_size_check = ON"):
@@ -510,7 +550,7 @@ def _connect(path: Any) -> sqlite3.Connection:
 
 
 def _create(connection: sqlite3.Connection) -> None:
-    facts = [(_PUT_FACT, (key, value)) for key, value in _facts(_State(0, 1, 0))]
+    facts = [(_PUT_FACT, (key, value)) for key, value in _facts(State(0, 1, 0))]
     tables = [(statement, ()) for statement in _SCHEMA.split(";") if statement.strip()]
     _run(connection, [*tables, *facts, (f"PRAGMA user_version = {FORMAT}", ())])
 
@@ -540,7 +580,7 @@ def _copy(connection: sqlite3.Connection, path: Path) -> None:
         os.fsync(stream.fileno())
 
 
-def _sound(path: Path) -> Tuple[Optional[_State], str]:
+def check_file(path: Path) -> Tuple[Optional[State], str]:
     """What a database holds if it is sound; else None, and why ("" if there is no file)."""
     if not path.exists():
         return None, ""
@@ -567,7 +607,8 @@ def _sound(path: Path) -> Tuple[Optional[_State], str]:
             if _digest(place, body) != digest:
                 return None, f"change {number} is damaged"
         facts = dict(connection.execute("SELECT key, value FROM facts"))
-        state = _State(int(facts["revision"]), int(facts["next_number"]), total)
+        count = connection.execute("SELECT count(*) FROM borders").fetchone()[0]
+        state = State(int(facts["revision"]), int(facts["next_number"]), total, int(count))
         if dict(_facts(state))["content"] != facts["content"]:
             return None, "its rows are not those of its revision"
         return state, ""
@@ -600,8 +641,8 @@ def _delete(path: Path) -> None:
 
 
 # ----------------------------------------------------------------- rows
-def _facts(state: _State) -> List[Tuple[str, str]]:
-    content = _digest(*state)
+def _facts(state: State) -> List[Tuple[str, str]]:
+    content = _digest(state.revision, state.next_number, state.sum)
     return [("revision", str(state.revision)), ("next_number", str(state.next_number)), ("content", content)]
 
 
@@ -628,11 +669,8 @@ def _border(values: Any) -> Optional[VirtualBorder]:
 
 def _map_from_row(row: Sequence[Any]) -> StoredMap:
     number, place, name, map_id, x, y, yaw, resolution, origin_x, origin_y, origin_yaw, rows, columns, cells = row
-    grid = None
-    if cells is not None:
-        data = np.frombuffer(zlib.decompress(cells), np.int8).reshape(rows, columns)
-        grid = GridMap(data, resolution, (origin_x, origin_y, origin_yaw))
-    return StoredMap(number, place, name, map_id, Transform(x, y, yaw), grid)
+    origin = (origin_x, origin_y, origin_yaw)
+    return StoredMap(number, place, name, map_id, Transform(x, y, yaw), resolution, origin, (rows, columns), cells)
 
 
 def _number_of(border_id: str) -> int:

@@ -203,8 +203,7 @@ class MapIntegrator:
     @property
     def map_name(self) -> str:
         """The name of the place that the present map shows; "" if nobody gave it one."""
-        found = [one.name for one in self._database.maps() if one.id == self._verdict.place]
-        return found[0] if found else self.params.map_name
+        return self._database.name_of(self._verdict.place) if self._verdict.place else self.params.map_name
 
     @property
     def needs_confirmation(self) -> bool:
@@ -346,7 +345,7 @@ class MapIntegrator:
         else:
             if known is not None and known.id == known.place and self._database.count(known.place):
                 raise CodedError("drawn_on_this_map")
-            if name and any(one.name == name for one in self._database.maps()):
+            if self._database.place_named(name):
                 raise CodedError("name_taken", name=name)
             place, transform = self._database.add_map(grid, self._map_id), Transform()
         if name:
@@ -588,8 +587,7 @@ class MapIntegrator:
             self._verdict = Verdict(place, self._verdict.transform)
 
     def _free_name(self) -> str:
-        taken = any(one.name == self.params.map_name for one in self._database.maps())
-        return "" if taken else self.params.map_name
+        return "" if self._database.place_named(self.params.map_name) else self.params.map_name
 
     def _plain(self, change: Change, kind: str, what: str, now: float, place: int = 0) -> Outcome:
         findings = self._commit(place or self._verdict.place, change, kind, now)
