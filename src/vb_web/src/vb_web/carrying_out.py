@@ -42,6 +42,7 @@ COMMAND_EXPIRES_S = 5.0
 _PATIENCE_S = 20.0
 _INTEGRATOR = "the map integrator"
 _MANAGER = "the interaction manager"
+_SENT = {"stop": "page_stop_sent", "resume": "page_resume_sent"}
 _UNREACHED = ("no_service", "no_answer")
 
 
@@ -89,7 +90,7 @@ class Carrier:
             return _answer(services.call(names.COMMAND, Command, wanted, _MANAGER))
         except CodedError as error:
             if command in ("stop", "resume") and error.code in _UNREACHED:
-                return {"ok": True, "code": f"page_{command}_sent", "values": {}, "message": ""}
+                return {"ok": True, "code": _SENT[command], "values": {}, "message": ""}
             raise
 
     @staticmethod

@@ -139,7 +139,6 @@ class PageNode(Backend):
         )
         self._server.start()
         self._addresses = addresses(params, self._server.port, _own_addresses())
-        rospy.set_param("~url", self._addresses[0] if self._addresses else "")
         rospy.loginfo("%s: the page is at %s%s", rospy.get_name(), " or ".join(self._addresses),
                       "" if local else f"; its codes are in {codes}")
         self._timers = [Every(_POSES_S, self._look_at_robots), Every(_HEALTH_S, self._look_at_health)]
@@ -196,7 +195,7 @@ class PageNode(Backend):
         origin = [number(value, 5) for value in prior.origin]
         self._view.put("map", {"picture": base.name, "restricted": restricted, "rows": rows, "columns": columns,
                                "resolution": number(prior.resolution, 6), "origin": origin, "cells": base.cells,
-                               "width": base.width, "height": base.height, "floor": bool(self._params.cameras)})
+                               "width": base.width, "height": base.height, "floor": pictures.floor_cells(prior) if self._params.cameras else 0})
 
     def _on_borders(self, message: VirtualBorderArray) -> None:
         section = ros_view.borders_section(message)

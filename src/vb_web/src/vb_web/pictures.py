@@ -18,6 +18,7 @@ from vb_core.grid_map import UNKNOWN, GridMap
 
 MAX_SIDE = 2048  # [px] of a picture; more is neither seen on a display nor fluid on a phone
 FLOOR_SIDE = 1400  # [px] of the floor's picture
+FLOOR_PIXEL_M = 0.01  # [m] a ceiling camera sees no more
 STRIPES_M = 0.2  # [m] period of the stripes
 _INK = (40, 34, 30, 255)  # bgra of walls; the dark page inverts them
 _UNKNOWN = (128, 128, 128, 70)
@@ -33,14 +34,14 @@ class Picture:
     Attributes:
         name: changes with the content, so that browsers may keep it for ever.
         width, height: [px].
-        cells: map cells per pixel along a side.
+        cells: map cells per pixel along a side; less than 1 where a picture is finer than the map.
     """
 
     data: bytes
     name: str
     width: int
     height: int
-    cells: int
+    cells: float
 
 
 class Album:
@@ -130,13 +131,18 @@ class FloorView:
     pose: np.ndarray
 
 
+def floor_cells(grid: GridMap) -> float:
+    """Map cells per pixel of the floor's picture, along a side."""
+    return max(max(grid.shape) / FLOOR_SIDE, FLOOR_PIXEL_M / grid.resolution)
+
+
 def draw_floor(grid: GridMap, views: Sequence[FloorView]) -> Picture:
     """The floor in the map's geometry, as all cameras together see it; clear where none does.
 
     Where several see the same floor, each counts by how near to its image's centre it is: no hard seams.
     """
-    cells = reduction(grid.shape, FLOOR_SIDE)
-    rows, columns = (-(-size // cells) for size in grid.shape)
+    cells = floor_cells(grid)
+    rows, columns = (int(np.ceil(size / cells)) for size in grid.shape)
     centres = np.stack(np.meshgrid(np.arange(columns) + 0.5, np.arange(rows) + 0.5), axis=-1).reshape(-1, 2) * cells - 0.5
     places = np.column_stack([grid.grid_to_world(centres), np.zeros(len(centres))])
     total = np.zeros((rows, columns, 3), np.float32)

@@ -73,8 +73,18 @@ class Request:
     values: Mapping[str, Any]
 
 
-def _fail(field: str) -> CodedError:
-    return CodedError("page_bad_request", field=field)
+class RequestError(CodedError):
+    """A message that is no request.
+
+    Attributes:
+        request_id: its id, if it has a usable one: the browser learns which request failed.
+    """
+
+    request_id = ""
+
+
+def _fail(field: str) -> RequestError:
+    return RequestError("page_bad_request", field=field)
 
 
 def _text(limit: int, empty: bool = True) -> Callable[[Any, str], str]:
@@ -166,7 +176,7 @@ def _point(value: Any, field: str, bounds: Bounds) -> Tuple[float, float]:
 
 def _draft(value: Any, bounds: Optional[Bounds]) -> Draft:
     if bounds is None:
-        raise CodedError("page_no_map")
+        raise RequestError("page_no_map")
     if not isinstance(value, dict) or set(value) != {*_BORDER, "points", "seed"}:
         raise _fail("draft")
     checked = {field: check(value[field], field) for field, check in _BORDER.items()}
@@ -191,7 +201,7 @@ def parse(text: Any, bounds: Optional[Bounds]) -> Request:
         bounds: of the map; None if there is none yet.
 
     Raises:
-        CodedError: "page_bad_request" with the field's name, "page_no_map".
+        RequestError: "page_bad_request" with the field's name, "page_no_map".
     """
     if not isinstance(text, str) or len(text.encode("utf-8", "replace")) > MAX_BYTES:
         raise _fail("message")
@@ -201,10 +211,18 @@ def parse(text: Any, bounds: Optional[Bounds]) -> Request:
         raise _fail("message") from None
     if not isinstance(found, dict):
         raise _fail("message")
+    request_id = _matching(_ID)(found.pop("id", None), "id")
+    try:
+        return _request(request_id, found, bounds)
+    except RequestError as error:
+        error.request_id = request_id
+        raise
+
+
+def _request(request_id: str, found: Dict[str, Any], bounds: Optional[Bounds]) -> Request:
     action = found.pop("do", None)
     if not isinstance(action, str) or action not in ACTIONS:
         raise _fail("do")
-    request_id = _matching(_ID)(found.pop("id", None), "id")
     fields = ACTIONS[action]
     if set(found) != set(fields):
         raise _fail(sorted(set(found) ^ set(fields))[0][:40])

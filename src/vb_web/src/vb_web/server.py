@@ -493,7 +493,8 @@ class _Link(_Guarded, WebSocketHandler):
                 raise CodedError("page_viewer_only")
         except CodedError as error:
             self._faults += 1
-            self._tell({"re": request.id if request else "", **_refusal(error)})
+            request_id = request.id if request else getattr(error, "request_id", "")
+            self._tell({"re": request_id, **_refusal(error)})
             if self._faults >= _MAX_FAULTS:
                 self.close(1008)
             return

@@ -49,12 +49,13 @@ export function inside(p, polygon) {
 export function middle(polygon) {
   const xs = polygon.map((p) => p[0]), ys = polygon.map((p) => p[1]);
   const [x0, x1, y0, y1] = [Math.min(...xs), Math.max(...xs), Math.min(...ys), Math.max(...ys)];
-  let best = [(x0 + x1) / 2, (y0 + y1) / 2], depth = -1;
+  let best = [(x0 + x1) / 2, (y0 + y1) / 2], depth = -Infinity;
   for (let i = 0; i < 24; i++) for (let j = 0; j < 24; j++) {
     const p = [x0 + (i + .5) * (x1 - x0) / 24, y0 + (j + .5) * (y1 - y0) / 24];
     if (!inside(p, polygon)) continue;
     let d = Infinity;
     for (let k = 0; k < polygon.length; k++) d = Math.min(d, toSegment(p, polygon[k], polygon[(k + 1) % polygon.length]));
+    d -= .02 * distance(p, [(x0 + x1) / 2, (y0 + y1) / 2]);  // where several are as deep: the one in the middle
     if (d > depth) [best, depth] = [p, d];
   }
   return best;
@@ -86,7 +87,7 @@ export class MapView {
     if (!this.info) return;
     const corners = this.corners(), xs = corners.map((p) => p[0]), ys = corners.map((p) => p[1]), [w, h] = this.size();
     const [x0, x1, y0, y1] = [Math.min(...xs), Math.max(...xs), Math.min(...ys), Math.max(...ys)];
-    this.element.style.setProperty("--aspect", ((y1 - y0) / (x1 - x0)).toFixed(3));
+    $("map-area").style.setProperty("--aspect", ((y1 - y0) / (x1 - x0)).toFixed(3));
     this.view = { x: (x0 + x1) / 2, y: (y0 + y1) / 2, scale: Math.max(1, Math.min((w - 12) / (x1 - x0), (h - 12) / (y1 - y0))) };
     this.limits = [this.view.scale * .5, Math.max(400, this.view.scale * 20)];
     this.touched = false;
@@ -116,7 +117,7 @@ export class MapView {
     for (const image of $("pictures").children) {
       if (!image.naturalWidth) continue;
       // every picture begins at the map's lower left corner; they differ in how many cells a pixel has
-      const per = { floor: Math.max(1, Math.ceil(Math.max(rows, columns) / 1400)), region: Math.max(1, Math.ceil(Math.max(rows, columns) / 700)) }[image.id] || cells;
+      const per = { floor: this.info.floor, region: Math.max(1, Math.ceil(Math.max(rows, columns) / 700)) }[image.id] || cells;
       const k = per * resolution * scale, high = image.naturalHeight;
       const [e, f] = [w / 2 + (origin[0] - x) * scale - s * k * high, h / 2 - (origin[1] - y) * scale - c * k * high];
       image.style.transform = `matrix(${c * k},${-s * k},${s * k},${c * k},${e},${f})`;
@@ -189,7 +190,7 @@ export class MapView {
     for (const [name, pose] of Object.entries(robots)) {
       let group = this.robots[name];
       if (!group) {
-        group = this.robots[name] = this.place(null, "robot", [0, 0], [["path", { d: "M1 0A1 1 0 1 1 1-.01ZM.95 0-.2.55V-.55Z", "fill-rule": "evenodd", style: "stroke-width:.12" }], ["title", {}, name || "robot"]]);
+        group = this.robots[name] = this.place(null, "robot", [0, 0], [["path", { d: "M1 0A1 1 0 1 1 1-.01ZM.95 0-.2.55V-.55Z", "fill-rule": "evenodd" }], ["title", {}, name || "robot"]]);
         group.metres = .18;
       }
       group.at = [pose[0], pose[1]]; group.yaw = pose[2];

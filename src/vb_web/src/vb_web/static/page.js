@@ -301,7 +301,7 @@ function scheduleDialog(border) {
     } }, say(`page_day_${day}`));
     return toggle;
   }));
-  const times = ["from", "to"].map((key) => { const made = element("input", { type: "time", value: schedule[key] }); made.addEventListener("change", () => { if (made.value) schedule[key] = made.value; }); return element("label", {}, element("span", {}, say(`page_${key}`)), made); });
+  const times = [["from", "page_from"], ["to", "page_to"]].map(([key, code]) => { const made = element("input", { type: "time", value: schedule[key] }); made.addEventListener("change", () => { if (made.value) schedule[key] = made.value; }); return element("label", {}, element("span", {}, say(code)), made); });
   const put = async (text) => {
     edit(border);
     draft.schedule = text;
@@ -339,6 +339,7 @@ function drawState() {
   const stopped = Boolean(state && state.stopped);
   $("stop").classList.toggle("resume", stopped);
   $("stop-word").textContent = say(stopped ? "page_resume" : "page_stop");
+  words.label($("stop"), stopped ? "page_resume" : "page_stop_all");
   $("stop").dataset.command = stopped ? "resume" : "stop";
   $("stop").disabled = !online;
   $("laser").hidden = !state && !there;
@@ -458,6 +459,7 @@ async function logIn(code) {
   else $("login-answer").textContent = say(answer.status === 429 ? "page_too_many_codes" : "page_wrong_code");
 }
 
+window.__map = map;
 await words.load(language());
 const link = new Link(
   (sections) => {
