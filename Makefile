@@ -9,10 +9,11 @@ QUICK    ?=
 FRESH    ?=
 CONFIG   ?=
 OUT      ?= out/study
+HOURS    ?= 24
 PROCESSES ?=
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test unit rostest screenshots study agree clean
+.PHONY: help setup demo test unit rostest screenshots study agree soak clean
 
 help: ## this list
 	@grep -E '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 13
@@ -42,6 +43,9 @@ study: setup ## the paper's experiment with simulated people, into out/study: QU
 
 agree: setup ## some runs of the study through ROS, beside the same runs in one process
 	@. scripts/env.sh && python3 -m vb_evaluation.study agree --out "$(OUT)" $(if $(CONFIG),--config "$(CONFIG)")
+
+soak: setup ## simulated days with people, crashes and changing maps: HOURS=24 SEED=1
+	@. scripts/env.sh && python3 bench/soak.py --hours "$(HOURS)" --seed "$(SEED)"
 
 clean: ## removes what was built and written, keeps the system packages
 	rm -rf build devel install logs out .venv src/CMakeLists.txt .catkin_workspace

@@ -1,3 +1,4 @@
+import os
 import subprocess
 import sys
 import threading
@@ -63,3 +64,28 @@ print(resource.getrusage(resource.RUSAGE_SELF).ru_minflt - before)
     faults = int(subprocess.run([sys.executable, "-c", program], check=True, capture_output=True, text=True).stdout)
     # each image has 1536 pages; the first may still have been got from the system
     assert faults < 4 * 1536
+
+
+def test_help_tells_a_nodes_interface_without_a_ros_master():
+    program = """
+from __future__ import annotations
+import sys
+from vb_core.ros import node
+
+class Lamp:
+    '''Switches a lamp.
+
+    Subscribes:
+        /lamp/wanted
+    '''
+
+def build() -> Lamp:
+    raise AssertionError("it must not be started")
+
+sys.argv = ["lamp", "--help"]
+node.run("lamp", build)
+"""
+    done = subprocess.run([sys.executable, "-c", program], stdout=subprocess.PIPE, universal_newlines=True, timeout=60,
+                          env={**os.environ, "ROS_MASTER_URI": "http://127.0.0.1:1"})
+    assert done.returncode == 0
+    assert "Switches a lamp." in done.stdout and "/lamp/wanted" in done.stdout

@@ -36,3 +36,9 @@ def test_an_error_carries_its_values():
     assert (error.code, error.values) == ("no_answer", {"who": "map_integrator"})
     assert str(error) == "map_integrator does not answer. [no_answer]"
     assert CodedError("no_answer", "in words of its own").message == "in words of its own"
+
+
+def test_a_value_may_be_a_word_of_the_readers_language():
+    assert sentences.say("no_service", {"who": "$map_integrator"}) == "The map integrator is not running."
+    assert sentences.say("no_service", {"who": "$map_integrator"}, "de") == "Die Kartenverwaltung läuft nicht."
+    assert sentences.say("no_service", {"who": "$"}) == "$ is not running."

@@ -34,7 +34,7 @@ def test_nothing_was_sent_to_an_absent_neighbour(monkeypatch):
     with pytest.raises(CodedError) as caught:
         services.call("/s", object, 1, "the integrator")
     assert caught.value.code == "no_service" and not sent
-    assert "the integrator does not answer" in str(caught.value)
+    assert "the integrator is not running" in str(caught.value)
 
 
 def test_a_hanging_neighbour_is_left(monkeypatch):

@@ -19,10 +19,13 @@ sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
 from ros_helpers import wait_until  # noqa: E402
 from vb_core.grid_map import GridMap  # noqa: E402
 from vb_core.ros.messages import BorderPreviewArray, OccupancyGridArray, message_from_grid  # noqa: E402
-from std_msgs.msg import String  # noqa: E402
+from vb_core.notices import Notice, Severity  # noqa: E402
+from vb_core.ros.notices import message_from_notice  # noqa: E402
 from vb_feedback.layout import Box, fit  # noqa: E402
 from vb_feedback.restricted import PREVIEW  # noqa: E402
-from vb_msgs.msg import BorderProgress, Finding, InteractionState, LaserSpot, VirtualBorder, VirtualBorderArray  # noqa: E402
+from vb_msgs.msg import (  # noqa: E402
+    BorderProgress, Finding, InteractionState, LaserSpot, NoticeArray, VirtualBorder, VirtualBorderArray,
+)
 from visualization_msgs.msg import Marker, MarkerArray  # noqa: E402
 
 
@@ -63,7 +66,7 @@ class DisplayMarkersTest(unittest.TestCase):
         cls.progress = rospy.Publisher("/virtual_borders/progress", BorderProgress, **latched)
         cls.borders = rospy.Publisher("/virtual_borders/borders", VirtualBorderArray, **latched)
         cls.preview = rospy.Publisher("/virtual_borders/preview", BorderPreviewArray, **latched)
-        cls.workspace = rospy.Publisher("/virtual_borders/workspace", String, **latched)
+        cls.notices = rospy.Publisher("/virtual_borders/notices", NoticeArray, **latched)
         cls.spots = rospy.Publisher("/virtual_borders/spots", LaserSpot, queue_size=10)
         cls.overlays = []
         cls.overlay = rospy.Subscriber("/virtual_borders/display/restricted", OccupancyGridArray, cls.overlays.append)
@@ -88,6 +91,9 @@ class DisplayMarkersTest(unittest.TestCase):
         self.assertEqual([self.screen.says(f"words/say/{number}") for number in range(3)], ["save", "cancel", ""])
         self.assertEqual(self.screen.says("words/elapsed"), "1:10")
         self.assertIn("say save again", self.screen.says("words/answer"))
+        self.say(name="seed", interaction_id="i", stopped=True, last_code="stopped", last_message="English, and not read.")
+        wait_until(lambda: self.screen.says("words/state") == "Stopped", "the stop")
+        wait_until(lambda: self.screen.says("words/answer").startswith("Stopped: no robot"), "the code's sentence")
         self.say(name="border", interaction_id="i", last_message="Draw.")
         wait_until(lambda: self.screen.says("words/answer") == "Draw.", "an answer with fewer words")
         # words are beside the map, not on it: the map goes from (-2, 1) to (6, 6)
@@ -119,7 +125,7 @@ class DisplayMarkersTest(unittest.TestCase):
             kind=VirtualBorder.POLYGON, seed=Point(1.5, 2.2, 0), occupancy=1.0, enabled=True, area_m2=1.0,
         )
         self.borders.publish(borders=[border])
-        wait_until(lambda: self.screen.says("borders/label/0") == "Teppich u 1.00 m2", "the border's label")
+        wait_until(lambda: self.screen.says("borders/label/0") == "Teppich \u00fc 1.00 m\u00b2", "the border's label")
         self.assertEqual(len(self.screen.has("borders/outline")[0].points), 6)
         cells = self.grid.data.copy()
         cells[20:40, 40:80] = 100
@@ -150,11 +156,19 @@ class DisplayMarkersTest(unittest.TestCase):
 
         rows, columns = wait_until(lambda: orange() if len(orange()[0]) else None, "the region that save would restrict")
         self.assertEqual((rows.min(), rows.max(), columns.min(), columns.max()), (50, 69, 20, 59))
-        wait_until(lambda: self.screen.says("words/notice/1") == "Save would restrict 2.00 m2.", "its size in words")
+        wait_until(lambda: self.screen.says("words/notice/1") == "Save would restrict 2.00 m\u00b2.", "its size in words")
         self.assertEqual(self.screen.says("words/notice/2"), "Mind: the free space would fall into 2 parts")
-        self.workspace.publish("the robot is inside 'Carpet'")
-        wait_until(lambda: self.screen.says("words/notice/1") == "The robot is inside 'Carpet'.", "the robot's standing")
-        self.workspace.publish("the robot has left 'Carpet'")
+        # a code that no catalogue has yet: its own sentence, and no word of it matters
+        inside = Notice("robot_where_it_should_not_be", Severity.WARNING, message="A robot: Carpet!")
+
+        def said():
+            self.notices.publish(source="/monitor", notices=[message_from_notice(inside)])
+            return self.screen.says("words/notice/1") == "A robot: Carpet!"
+
+        wait_until(said, "the robot's standing")
+        self.assertTrue(self.screen.has("words/notice/1/plate"))
+        self.notices.publish(source="/monitor", notices=[])
+        wait_until(lambda: self.screen.says("words/notice/1").startswith("Save would"), "the end of the robot's standing")
         self.say(last_message="Saved.", last_outcome="saved")
         wait_until(lambda: not len(orange()[0]) and not self.screen.has("words/notice/2"), "the end of the preview")
 

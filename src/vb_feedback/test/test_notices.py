@@ -4,7 +4,9 @@ from __future__ import annotations
 import numpy as np
 
 from vb_core.grid_map import GridMap
-from vb_feedback.notices import Preview, Workspace, of_preview, of_spot
+from vb_core.notices import Notice as Held
+from vb_core.notices import Severity
+from vb_feedback.notices import Finding, Preview, of_others, of_preview, of_spot
 
 
 def texts(found):
@@ -12,33 +14,31 @@ def texts(found):
 
 
 def test_what_save_would_do():
-    assert of_preview(None) == []
-    assert texts(of_preview(Preview(True, "Ok.", (), 2.5))) == [("Save would restrict 2.50 m2.", False)]
-    mind = of_preview(Preview(True, "Ok.", ((False, "it parts the room."), (False, "more")), 8.0))
+    assert of_preview(None, "en") == []
+    assert texts(of_preview(Preview(True, area_m2=2.5), "en")) == [("Save would restrict 2.50 m\u00b2.", False)]
+    found = (Finding(False, "of_the_integrator", (), "it parts the room."), Finding(False, "more"))
+    mind = of_preview(Preview(True, findings=found, area_m2=8.0), "en")
     assert texts(mind)[1] == ("Mind: it parts the room.", True)
-    refused = of_preview(Preview(False, "Cannot be added.", ((False, "a"), (True, "the seed is on a wall."))))
+    errors = (Finding(False, "a"), Finding(True, "b", (), "the seed is on a wall."))
+    refused = of_preview(Preview(False, Finding(True, "c"), errors), "en")
     assert texts(refused) == [("Save would be refused: the seed is on a wall.", True)]
-    assert texts(of_preview(Preview(False, "No map."))) == [("Save would be refused: No map.", True)]
-
-
-def test_a_robot_in_a_border_stays_said_until_it_has_left():
-    workspace = Workspace(6.0)
-    assert workspace.notices(0.0) == []
-    workspace.hear("the robot is inside 'Carpet'", 1.0)
-    workspace.hear("the goal of the robot at x 1.00 m, y 2.00 m lies inside 'Carpet'", 2.0)
-    assert texts(workspace.notices(3.0)) == [
-        ("The robot is inside 'Carpet'.", True),
-        ("The goal of the robot at x 1.00 m, y 2.00 m lies inside 'Carpet'.", True),
+    why = Finding(True, "no_service", (("who", "$map_integrator"),), "in English")
+    assert texts(of_preview(Preview(False, why), "de")) == [
+        ("Speichern w\u00fcrde abgelehnt: Die Kartenverwaltung l\u00e4uft nicht.", True)
     ]
-    assert texts(workspace.notices(500.0)) == [("The robot is inside 'Carpet'.", True)]
-    workspace.hear("the robot has left 'Carpet'", 501.0)
-    assert texts(workspace.notices(502.0)) == [("The robot has left 'Carpet'.", False)]
-    workspace.hear("the robot is inside 'Carpet'", 503.0)
-    workspace.hear("", 503.5)
-    assert workspace.notices(504.0) == []
-    workspace.hear("the robot has left 'Carpet'", 505.0)
-    # it goes, also if time jumps back
-    assert workspace.notices(600.0) == workspace.notices(3.0) == []
+
+
+def test_what_others_say_is_said_whatever_its_words():
+    held = [
+        Held("robot_in_a_newer_version", Severity.ERROR, message="Der Roboter steht im Teppich."),
+        Held("robots_stopped", Severity.WARNING), Held("robots_stopped", Severity.WARNING, robot="b"),
+        Held("robot_coming_along", Severity.INFO, message="It comes."),
+    ]
+    assert texts(of_others(held, "en")) == [
+        ("Der Roboter steht im Teppich.", True), ("Robots are stopped. Say resume to let them drive.", True), ("It comes.", False),
+    ]
+    assert "angehalten" in texts(of_others(held, "de"))[1][0]
+    assert len(of_others([Held(f"code_{number}") for number in range(9)], "en")) == 3
 
 
 def test_a_spot_that_nobody_sees():
@@ -46,11 +46,13 @@ def test_a_spot_that_nobody_sees():
     corner = covered.data.copy()
     corner[:10, :10] = 0
     partly = covered.with_data(corner)
-    assert of_spot("default", (), (1.0, 1.0), partly, True) == of_spot("border", ("red",), (1.0, 1.0), partly, True) == []
-    assert of_spot("border", (), None, partly, True) == []
-    assert texts(of_spot("border", (), (1.2, 0.5), partly, True)) == [("No camera sees this place: a robot will be sent.", True)]
+    assert of_spot("default", (), (1.0, 1.0), partly, True, (), "en") == of_spot("border", ("red",), (1.0, 1.0), partly, True, (), "en") == []
+    assert of_spot("border", (), None, partly, True, (), "en") == []
+    assert texts(of_spot("border", (), (1.2, 0.5), partly, True, (), "en")) == [("No camera sees this place: a robot will be sent.", True)]
     # where cameras see all the floor it was switched off
-    assert of_spot("seed", (), (1.2, 0.5), covered, True) == of_spot("seed", (), (6.0, 4.0), partly, True) == []
-    assert texts(of_spot("seed", (), (1.2, 0.5), None, True)) == [("No camera sees a spot. Keep pointing: a robot comes.", False)]
+    assert of_spot("seed", (), (1.2, 0.5), covered, True, (), "en") == of_spot("seed", (), (6.0, 4.0), partly, True, (), "en") == []
+    assert texts(of_spot("seed", (), (1.2, 0.5), None, True, (), "en")) == [("No camera sees a spot. Keep pointing: a robot comes.", False)]
     for coverage in (None, partly):
-        assert "robot" not in texts(of_spot("seed", (), (1.2, 0.5), coverage, False))[0][0]
+        assert "robot" not in texts(of_spot("seed", (), (1.2, 0.5), coverage, False, (), "en"))[0][0]
+    # a dispatcher that says so itself knows better
+    assert of_spot("border", (), (1.2, 0.5), partly, True, [Held("robot_coming")], "en") == []

@@ -158,8 +158,10 @@ class WaysInTest(unittest.TestCase):
         self.said("no transform")
         for x, y in ((0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 0.0), (50.0, 50.0)):
             self.click(x, y)
-        self.said("refused [seed_outside_map]")
+        self.said("refused [seed_outside_map]", "restricted")  # the clicks are still there: only the seed is missing
         self.assertEqual((self.maps.count, self.borders.message.borders), (count, []))
+        self.click(0.7, 0.3)
+        self.stored(1)
 
     # ------------------------------------------------------------- dragged vertices
     def test_a_new_polygon_is_dragged_and_saved(self):
@@ -230,12 +232,24 @@ class WaysInTest(unittest.TestCase):
             self.assertEqual((status, self.borders.message.borders), (1, []), output)
             status, output = self.run_command("import_borders", source)
             self.assertEqual(status, 1, output)
-            for words in ("rug: added", "far: refused [outside_map]", "1 of 2 added"):
+            for words in ("rug: added", "far: refused [outside_map]", "1 of 2 taken"):
                 self.assertIn(words, output)
             self.assertEqual(self.stored(1)[0].name, "rug")
             self.assertEqual(self.run_command("export_borders", copy)[0], 0)
-            self.assertEqual(self.run_command("import_borders", copy)[0], 0)
-            self.assertEqual([border.name for border in self.stored(2)], ["rug", "rug"])
+            # what was exported and edited is updated, not doubled
+            copy.write_text(copy.read_text().replace('"rug"', '"carpet"').replace('"enabled": true', '"enabled": false'))
+            status, output = self.run_command("import_borders", copy)
+            self.assertEqual(status, 0, output)
+            wait_until(lambda: self.borders.message.borders[0].name == "carpet", "the edited border")
+            self.assertEqual([(one.name, one.acting, one.reason) for one in self.stored(1)], [("carpet", False, "disabled")])
+            # one of another home is added, and stays switched off
+            copy.write_text(copy.read_text().replace('"created": ', '"created": 1'))
+            count = self.maps.count
+            status, output = self.run_command("import_borders", copy)
+            self.assertEqual(status, 0, output)
+            self.assertEqual([(one.name, one.acting) for one in self.stored(2)], [("carpet", False)] * 2)
+            wait_until(lambda: self.maps.count > count, "the map with it")
+            self.assertEqual(self.restricted(), 0)
             copy.write_text("borders: 3")
             status, output = self.run_command("import_borders", copy)
             self.assertEqual(status, 2)

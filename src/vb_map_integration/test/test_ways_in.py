@@ -41,6 +41,10 @@ def test_a_click_on_the_first_point_closes_a_polygon():
     clicks, border = clicked((0, 0), (1, 0), (1, 1), (0.1, 0.1), (0.8, 0.2), occupancy=0.75)
     assert border.closed and border.points.tolist() == [[0, 0], [1, 0], [1, 1]]
     assert border.seed.tolist() == [0.8, 0.2] and border.occupancy == 0.75
+    # a refused border loses no click: the next one is another seed
+    again = clicks.click((0.7, 0.3))
+    assert again.seed.tolist() == [0.7, 0.3] and np.array_equal(again.points, border.points)
+    clicks.cancel()
     assert clicks.points == [] and clicks.closed is None
 
 
@@ -91,6 +95,8 @@ def test_clicks_have_an_end():
 def test_any_row_of_clicks_gives_sound_borders(points):
     clicks = Clicks()
     for point in points:
+        if clicks.closed is not None and len(clicks.points) % 2:
+            clicks.cancel()
         assert clicks.describe()
         try:
             border = clicks.click(point)
@@ -133,7 +139,15 @@ def test_a_new_border_is_one(closed):
 # ----------------------------------------------------------------- GeoJSON
 def test_geojson_round_trip():
     borders = [square(10, 10, id="b1", name="Küche", robots=("ada",), occupancy=0.75), LINE.replace(expires=7.5)]
+    borders.append(VirtualBorder([(0, 0), (1, 2)], None, wall=True))
+    borders.append(square(10, 10, zone="slow", max_speed=0.3, schedule="sat 10:00-11:00"))
     assert borders_from_geojson(borders_to_geojson(borders)) == borders
+
+
+def test_properties_of_other_programs_are_left_out():
+    border = borders_from_geojson(line([[0, 0], [1, 1]], seed=[1, 0], name="a", fid=7, style={"stroke": 1}))[0]
+    assert (border.name, border.closed) == ("a", False)
+    assert borders_from_geojson(line([[0, 0], [1, 1]], seed=[1, 0], robots="robot1"))[0].robots == ("robot1",)
 
 
 def feature(geometry, **properties):
@@ -155,7 +169,7 @@ def test_a_polygon_without_a_seed_restricts_its_inside():
     "code, document",
     [
         ("bad_border_file", line([[0, "a"], [1, 1]], seed=[1, 0])),
-        ("bad_border_file", line([[0, 0], [1, 1]], seed=[1, 0], unheard_of=1)),
+        ("bad_speed", line([[0, 0], [1, 1]], seed=[1, 0], zone="slow")),
         ("bad_seed", line([[0, 0], [1, 1]])),
         ("bad_points", line([[0, 0], [1e400, 1]], seed=[1, 0])),
         ("too_many_points", line([[k, 0] for k in range(9999)], seed=[1, 0])),

@@ -6,6 +6,8 @@ import time
 
 import rospy
 
+from std_srvs.srv import Trigger, TriggerResponse
+from vb_msgs.msg import VirtualBorder
 from vb_msgs.srv import (
     AddBorder,
     AddBorderResponse,
@@ -106,6 +108,26 @@ class StubNeighbours:
             rospy.Service("/virtual_borders/update_border", UpdateBorder, self._on_update),
             rospy.Service("/virtual_borders/remove_border", RemoveBorder, self._on_remove),
         ]
+
+    def offer_undo(self) -> list:
+        """Starts undo over one border, "Nursery", which can be taken back once; gives the services."""
+        self.undone = 0
+        return [
+            rospy.Service("/virtual_borders/undo", Trigger, self._on_undo),
+            rospy.Service("/virtual_borders/list_borders", ListBorders, self._on_list),
+        ]
+
+    def _on_undo(self, _request):
+        if self.undone:
+            return TriggerResponse(False, "There is nothing to undo.")
+        self.undone += 1
+        return TriggerResponse(True, "Nursery is gone.")
+
+    def _on_list(self, _request):
+        response = ListBordersResponse()
+        if not self.undone:
+            response.borders.borders.append(VirtualBorder(id="b1", name="Nursery"))
+        return response
 
     def _on_update(self, request):
         self.updated.append(request)

@@ -24,27 +24,39 @@ class ButtonsTest(unittest.TestCase):
         rospy.init_node("rostest_buttons")
         cls.joy = rospy.Publisher("joy", Joy, queue_size=10)
         cls.state = rospy.Publisher("/virtual_borders/state", InteractionState, queue_size=1, latch=True)
-        cls.commands = []
+        cls.commands, cls.requests = [], []
         cls.service = rospy.Service("/virtual_borders/command", Command, cls.on_command)
         wait_until(lambda: cls.joy.get_num_connections() and cls.state.get_num_connections(), "the node")
 
     @classmethod
     def on_command(cls, request):
         cls.commands.append((request.command, request.source))
+        cls.requests.append(request)
         return CommandResponse(success=True, code="ok", message="Ok.")
 
     def press(self, button):
-        buttons = [int(index == button) for index in range(8)]
+        buttons = [int(index == button) for index in range(12)]
         for _ in range(3):
             self.joy.publish(buttons=buttons)
-        self.joy.publish(buttons=[0] * 8)
+        self.joy.publish(buttons=[0] * 12)
 
     def test_presses_become_commands_once(self):
         del self.commands[:]
-        for button in (0, 7, 3):
+        for button in (0, 9, 3):
             self.press(button)
         wait_until(lambda: len(self.commands) >= 2, f"two commands, got {self.commands}")
         self.assertEqual(self.commands, [("define_border", "buttons"), ("save", "buttons")])
+
+    def test_each_press_is_a_command_of_its_own_that_expires(self):
+        del self.requests[:]
+        for button in (5, 6):
+            self.press(button)
+        wait_until(lambda: len(self.requests) == 2, "stop and resume")
+        # stop waits for nothing: which of the two comes first is open
+        self.assertEqual({request.command for request in self.requests}, {"stop", "resume"})
+        self.assertEqual(len({request.id for request in self.requests}), 2)
+        for request in self.requests:
+            self.assertTrue(request.id and request.expires > rospy.Time.now())
 
     def test_the_state_gives_a_button_its_meaning(self):
         self.state.publish(InteractionState(name="border"))

@@ -51,7 +51,7 @@ def test_every_command_is_one_key():
     assert len(set([*COMMAND_KEYS, *help_keys])) == len(COMMAND_KEYS) + len(help_keys)
     for key, command in COMMAND_KEYS.items():
         assert pressed(Controls(), [key, key.upper()]) == [Action("command", text=command)] * 2
-    assert [action.what for action in pressed(Controls(), "urq")] == ["undo", "redo", "quit"]
+    assert [action.what for action in pressed(Controls(), "q")] == ["quit"]
 
 
 def test_the_newest_border_is_chosen_until_another_one_is():
@@ -104,5 +104,5 @@ def test_without_a_border_there_is_nothing_to_change():
 
 def test_other_keys_are_answered_and_change_nothing():
     controls = Controls()
-    assert pressed(controls, ["z"]) == [Action("note", text="the key 'z' means nothing")]
+    assert pressed(controls, ["z"]) == [Action("note", text="console_key_unknown", key="z")]
     assert pressed(controls, ["enter", "escape", "backspace"]) == []

@@ -6,6 +6,8 @@ import io
 import pytest
 from rich.console import Console
 
+from vb_core import sentences
+from vb_core.notices import Notice, Severity
 from vb_voice_wizard.console_keys import BorderRow
 from vb_voice_wizard.console_view import BAD, GOOD, View, render
 
@@ -33,8 +35,8 @@ def drawing():
 @pytest.mark.parametrize("width, height", [(80, 24), (120, 40), (200, 60)])
 def test_everything_is_on_the_screen(width, height):
     text = screen(drawing(), width, height)
-    for word in ("BORDER", "1:13", "ab12", "120 border, 3 seed, 7 ignored", "9 points, polygon", "red, robot", "Nursery",
-                 "50% off", "Draw the border", "borders (2)", "72.3", "quit", "undo", "redo", "remove", "define border",
+    for word in ("BORDER", "1:13", "ab12", "120 border, 3 seed, 7 ignored", "9 points, polygon", "red (so far red, robot)", "Nursery",
+                 "50% off", "resume", "stop", "Draw the border", "borders (2)", "72.3", "quit", "undo", "redo", "remove", "define border",
                  "guide robot", "drives", "restrict 2.50 m2", "stands inside"):
         assert word in text, word
 
@@ -84,8 +86,8 @@ def test_what_is_away_is_said():
     assert "waiting for the ROS master at http://here" in screen(View("http://here"))
     assert "waiting for the interaction manager" in screen(View("http://here", True))
     view = drawing()
-    view.away = ("interaction manager", "border fusion", "map integrator")
-    assert "away: interaction manager, border fusion, map integrator" in screen(view)
+    view.away = ("interaction_manager", "border_fusion", "map_integrator")
+    assert "away: The interaction manager, The border fusion, The map integrator" in screen(view, 120)
 
 
 def test_markup_in_names_is_only_text():
@@ -102,3 +104,36 @@ def test_messages_do_not_grow_for_ever_nor_repeat():
         view.say("10:00:00", f"message {number // 2}", GOOD)
     assert len(view.messages) == 50 and view.messages[-1][1] == "message 249"
     assert "message 249" in screen(view)
+
+
+@pytest.mark.parametrize("language", sentences.languages())
+def test_a_long_value_leaves_the_labels_their_room(language):
+    view = drawing()
+    view.language, view.chain_points = language, 0
+    view.progress_message = "The points do not make a border yet: draw on, slowly, where a camera sees the spot. " * 2
+    view.say("10:00:01", "word " * 60, BAD)
+    text = screen(view, 90, 30)
+    for label in ("time", "spots", "chain", "seen_by", "cameras", "robot", "voice"):
+        assert view.words(f"console_{label}") + "  " in text
+    assert "\u2026" in text  # and what is cut says so
+
+
+def test_stop_cameras_notices_and_the_microphone_are_shown():
+    view = drawing()
+    view.stopped, view.stopped_by, view.ends_in_s, view.confirm_save = True, "voice", 45.0, True
+    view.detectors, view.level_db = (("green", 24.6), ("red", 0.0)), -31.7
+    view.notices = (Notice("robots_stopped", Severity.WARNING), Notice("of_a_newer_version", Severity.ERROR, message="Look!"))
+    text = screen(view, 100)
+    for word in ("STOPPED", "by voice", "ends in 0:45", "save once more", "green 25/s, red silent", "-32 dB",
+                 "! Robots are stopped.", "! Look!"):
+        assert word in text, word
+    assert "STOPPED" in screen(view, 30)
+
+
+def test_everything_is_said_in_the_operators_language():
+    english, german = drawing(), drawing()
+    german.language = "de"
+    german.messages.clear()
+    assert "GRENZE" in screen(german) and "Grenze zeichnen" in screen(german) and "anhalten" in screen(german)
+    for word in ("define border", "interaction", "messages", "seen by", "ignored", "quit"):
+        assert word in screen(english, 120) and word not in screen(german, 120)

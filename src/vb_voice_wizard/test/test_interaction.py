@@ -8,16 +8,25 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from vb_core.errors import CodedError
+from vb_core import sentences
+from vb_core.errors import CodedError, ParameterError
 from vb_voice_wizard.interaction import (
+    ALWAYS,
     CANCEL,
     COMMANDS,
+    CONFIRM_WITHIN,
     DEFINE_BORDER,
     DEFINE_SEED,
     GUIDE_ROBOT,
+    NEVER,
+    REDO,
+    RESUME,
     SAVE,
+    STOP,
+    UNDO,
     Answer,
     Interaction,
+    InteractionParams,
     State,
     normalise,
     spoken,
@@ -26,9 +35,9 @@ from vb_voice_wizard.interaction import (
 ENTERING = {DEFINE_BORDER: State.BORDER, DEFINE_SEED: State.SEED, GUIDE_ROBOT: State.GUIDE}
 
 
-def machine() -> Interaction:
+def machine(**params) -> Interaction:
     ids = (f"i{number}" for number in itertools.count(1))
-    return Interaction(lambda: next(ids))
+    return Interaction(InteractionParams(**params), lambda: next(ids))
 
 
 def after(*commands: str) -> Interaction:
@@ -55,8 +64,8 @@ def test_every_state_and_command_pair_is_answered(way, command):
 
     answer = interaction.command(command, "test", 10.0)
 
-    assert answer.message.endswith(".") and answer.code
-    assert answer.success == (answer.code == "ok")
+    assert answer.message.endswith(".") and answer.message == sentences.say(answer.code, answer.values)
+    assert answer.code in sentences.catalogue()
     if not interaction.saving:
         assert interaction.last_answer == answer and interaction.last_command == command
     if command in ENTERING:
@@ -69,13 +78,19 @@ def test_every_state_and_command_pair_is_answered(way, command):
         assert (record is not None) == bool(way)
         if record:
             assert (record.outcome, record.border_id, record.interaction_id) == ("cancelled", "", kept[0])
+    elif command in (STOP, RESUME):
+        assert answer.success and interaction.stopped == (command == STOP)
+        assert interaction.state == state and (interaction.interaction_id, interaction.missing()) == kept
+    elif command in (UNDO, REDO):
+        assert answer.success == (not way) and interaction.pending == ("" if way else command)
+        assert interaction.state == state and (interaction.interaction_id, interaction.missing()) == kept
     else:
         complete = DEFINE_BORDER in way and DEFINE_SEED in way
         expected = {
             (False, False): "missing_border_and_seed" if way else "nothing_to_save",
             (True, False): "missing_seed",
             (False, True): "missing_border",
-            (True, True): "ok",
+            (True, True): "saving",
         }[(DEFINE_BORDER in way, DEFINE_SEED in way)]
         assert answer.code == expected and interaction.saving == complete
         # nothing is lost, whatever was answered
@@ -116,15 +131,17 @@ def test_while_saving_everything_else_waits_and_a_refusal_keeps_everything():
     identity = interaction.interaction_id
     assert interaction.command(SAVE, "voice", 5.0).success
     for command in (*COMMANDS, "nonsense"):
-        assert interaction.command(command, "wizard", 6.0).code == "busy"
-    answer = interaction.refuse_save("no_service", "The map integrator does not answer.", 7.0)
-    assert answer == Answer(False, "no_service", "The map integrator does not answer.")
+        if command not in (STOP, RESUME):
+            assert interaction.command(command, "wizard", 6.0).code == "busy"
+    answer = interaction.refuse(Answer(False, "no_service", {"who": "$map_integrator"}), 7.0)
+    assert answer.message == "The map integrator is not running."
     assert interaction.last_answer == answer and interaction.last_source == "voice"
     assert (interaction.state, interaction.interaction_id) == (State.SEED, identity)
     assert interaction.take_record() is None
     assert interaction.command(SAVE, "wizard", 8.0).success
+    assert interaction.command(STOP, "page", 8.5).success
     assert interaction.finish_save("b1", 9.0).success
-    assert interaction.state == State.DEFAULT
+    assert (interaction.state, interaction.stopped, interaction.last_source) == (State.DEFAULT, True, "wizard")
     assert (interaction.last_outcome, interaction.last_border_id) == ("saved", "b1")
     record = interaction.take_record()
     assert (record.border_id, record.outcome, record.interaction_id) == ("b1", "saved", identity)
@@ -173,17 +190,19 @@ def test_any_sequence_keeps_its_invariants_and_survives_a_restart(sequence):
         before = interaction.state
         if other is None:
             # the second machine is rebuilt from the first one's memory before each command
-            other = Interaction.from_mapping(interaction.to_mapping(), lambda: "next")
+            other = Interaction.from_mapping(interaction.to_mapping(), InteractionParams(), lambda: "next")
+            other.stopped, other.stopped_by = interaction.stopped, interaction.stopped_by
         interaction.command(command, "s", now)
         other.command(command, "s", now)
         if before == State.DEFAULT and interaction.state != State.DEFAULT:
             began = now
-        if interaction.saving:
+        if interaction.pending:
+            saving = interaction.saving
             for one in (interaction, other):
-                if outcome == "accept":
+                if outcome == "accept" and saving:
                     one.finish_save("b", now)
                 else:
-                    one.refuse_save("no", "No.", now)
+                    one.finish_change(Answer(False, "busy"), now)
         for one in (interaction, other):
             one.interaction_id = one.interaction_id and "same"
         assert interaction.to_mapping() == other.to_mapping()
@@ -217,6 +236,8 @@ def test_a_save_under_way_is_not_remembered_as_such():
         lambda memory: memory.update(durations={"border": -1.0, "seed": 0, "guide": 0}),
         lambda memory: memory.update(visited=["nowhere"]),
         lambda memory: memory.update(interaction_id=""),
+        lambda memory: memory.update(last_values=7),
+        lambda memory: memory.pop("active"),
         lambda memory: memory.clear(),
     ],
 )
@@ -231,3 +252,111 @@ def test_a_damaged_memory_is_refused(damage):
 def test_no_memory_is_refused():
     with pytest.raises(CodedError):
         Interaction.from_mapping(None)
+
+
+# ------------------------------------------------------------------ stop
+@pytest.mark.parametrize("way", list(situations()))
+def test_stop_holds_until_resume_whatever_else_is_said(way):
+    interaction = after(*way)
+    assert interaction.command(STOP, "voice", 10.0, unclear=True).success
+    for command in (c for c in COMMANDS if c != RESUME):
+        interaction.command(command, "wizard", 11.0)
+        if interaction.pending:
+            interaction.finish_change(Answer(True, "borders_changed"), 11.0)
+        assert interaction.stopped and interaction.stopped_by == "voice"
+        assert interaction.sensible_commands()[0] == RESUME
+    assert interaction.command(RESUME, "wizard", 12.0).success
+    assert not interaction.stopped and STOP in interaction.sensible_commands()
+
+
+def test_guide_while_stopped_says_so():
+    interaction = after(STOP)
+    assert interaction.command(GUIDE_ROBOT, "a", 2.0).code == "guide_stopped"
+
+
+# ------------------------------------------------------------------ asked about
+def drawn(**params) -> Interaction:
+    interaction = machine(**params)
+    interaction.command(DEFINE_BORDER, "a", 1.0)
+    interaction.command(DEFINE_SEED, "a", 2.0)
+    return interaction
+
+
+@pytest.mark.parametrize("rule, unclear, doubtful, asked", [
+    (NEVER, True, True, False), ("unclear", False, False, False), ("unclear", True, False, True),
+    ("unclear", False, True, True), (ALWAYS, False, False, True),
+])
+def test_save_is_asked_about_as_the_rule_says(rule, unclear, doubtful, asked):
+    interaction = drawn(confirm_save=rule)
+    answer = interaction.command(SAVE, "voice", 3.0, unclear, doubtful)
+    assert (answer.code == "confirm_save") == asked == interaction.confirm_save == (not interaction.saving)
+    if asked:
+        assert interaction.command(SAVE, "voice", 4.0, unclear, doubtful).success and interaction.saving
+
+
+@pytest.mark.parametrize("between", [DEFINE_BORDER, GUIDE_ROBOT, STOP, "nonsense", ""])
+def test_a_question_is_forgotten_by_another_command_or_after_a_while(between):
+    interaction = drawn(confirm_save=ALWAYS)
+    interaction.command(SAVE, "a", 3.0)
+    if between:
+        interaction.command(between, "a", 4.0)
+    again = interaction.command(SAVE, "a", 5.0 if between else 3.1 + CONFIRM_WITHIN)
+    assert (again.code == "confirm_save") == (between != "nonsense") and interaction.saving == (between == "nonsense")
+
+
+@pytest.mark.parametrize("command, way", [(CANCEL, (DEFINE_BORDER,)), (UNDO, ()), (REDO, ()), (RESUME, (STOP,))])
+def test_what_an_unclear_command_would_undo_is_asked_about(command, way):
+    interaction = after(*way)
+    before = interaction.state, interaction.stopped
+    asked = interaction.command(command, "voice", 10.0, unclear=True)
+    assert asked.code == "confirm_command" and command in asked.message and not asked.success
+    assert (interaction.state, interaction.stopped) == before and not interaction.pending
+    assert interaction.command(command, "voice", 11.0, unclear=True).success
+    assert after(*way).command(command, "voice", 10.0).success
+
+
+# ------------------------------------------------------------------ a save without an answer, and nobody there
+def test_cancel_after_an_unanswered_save_does_not_promise_an_unchanged_map():
+    interaction = drawn()
+    interaction.command(SAVE, "a", 3.0)
+    interaction.unanswered_save = True
+    interaction.refuse(Answer(False, "save_unanswered", {"who": "$map_integrator"}), 4.0)
+    again = Interaction.from_mapping(interaction.to_mapping())
+    answer = again.command(CANCEL, "a", 5.0)
+    assert answer.code == "cancelled_unanswered" and "stays" not in answer.message
+    assert again.take_record().outcome == again.last_outcome == "unanswered"
+    again.command(DEFINE_BORDER, "a", 6.0)
+    assert again.command(CANCEL, "a", 7.0).code == "cancelled"
+
+
+def test_an_abandoned_interaction_ends_after_a_warning():
+    interaction = machine(idle_limit=100.0, idle_warning=20.0)
+    assert not interaction.end_if_idle(1e6) and interaction.ends == 0.0
+    interaction.command(DEFINE_BORDER, "a", 1000.0)
+    assert not interaction.end_if_idle(1079.0) and interaction.ends == 0.0
+    assert not interaction.end_if_idle(1080.0) and interaction.ends == 1100.0
+    interaction.touch(1090.0)
+    assert not interaction.end_if_idle(1100.0) and interaction.ends == 0.0
+    # over a restart of the node too: tomorrow's spots must not join today's border
+    interaction = Interaction.from_mapping(interaction.to_mapping(), InteractionParams(idle_limit=100.0, idle_warning=20.0))
+    assert interaction.end_if_idle(90000.0)
+    assert (interaction.state, interaction.last_outcome, interaction.last_answer.code) == (State.DEFAULT, "abandoned", "abandoned")
+    assert interaction.take_record().outcome == "abandoned"
+
+
+def test_an_interaction_that_is_being_saved_does_not_end_by_itself():
+    interaction = drawn(idle_limit=100.0, idle_warning=20.0)
+    interaction.command(SAVE, "a", 3.0)
+    assert not interaction.end_if_idle(1000.0) and interaction.saving
+
+
+def test_a_warning_must_come_before_the_end():
+    with pytest.raises(ParameterError):
+        InteractionParams(idle_limit=30.0, idle_warning=60.0)
+
+
+def test_a_late_command_is_refused_in_a_sentence():
+    interaction = after(DEFINE_BORDER)
+    answer = interaction.expired("cancel", "voice", 5.0)
+    assert (answer.success, answer.code, interaction.state) == (False, "expired", State.BORDER)
+    assert "cancel" in answer.message and interaction.last_answer == answer

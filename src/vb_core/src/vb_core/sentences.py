@@ -5,6 +5,8 @@ languages/<language>/<topic>.yaml maps each code to one sentence with the values
 
     seed_missing: "{border} has no seed: point at the side that the robot should keep out of."
 
+A value that begins with $ is itself a code, for words that differ by language: who = "$map_integrator".
+
 No program reads a sentence.
 """
 from __future__ import annotations
@@ -64,4 +66,9 @@ def say(code: str, values: Mapping[str, Any] = {}, language: str = ENGLISH, othe
     sentence = catalogue(language).get(code) or catalogue(ENGLISH).get(code)
     if sentence is None:
         return otherwise or code.replace("_", " ")
-    return string.Formatter().vformat(sentence, (), _Shown({name: str(value) for name, value in values.items()}))
+    words = {name: _word(str(value), language) for name, value in values.items()}
+    return string.Formatter().vformat(sentence, (), _Shown(words))
+
+
+def _word(value: str, language: str) -> str:
+    return say(value[1:], {}, language) if value.startswith("$") and len(value) > 1 else value

@@ -28,6 +28,9 @@ MAGENTA = rgb(225, 80, 160)
 # the person's state at a glance, on the LED and in the large letters on dark ground
 STATE: Dict[str, Colour] = {"default": WHITE, "border": ORANGE, "seed": SKY_BLUE, "guide": MAGENTA}
 
+# the LED alone, and it means the same everywhere
+STOPPED = rgb(255, 0, 0)
+
 # the lab names its cameras by colours: each gets the one of the set that is nearest to its name
 _NAMED: Dict[str, Colour] = {"red": VERMILION, "green": GREEN, "blue": BLUE, "robot": PURPLE}
 _OTHERS: Sequence[Colour] = (ORANGE, SKY_BLUE, YELLOW, PURPLE, BLUE, GREEN, VERMILION)
@@ -36,6 +39,11 @@ _OTHERS: Sequence[Colour] = (ORANGE, SKY_BLUE, YELLOW, PURPLE, BLUE, GREEN, VERM
 def state_colour(name: str) -> Colour:
     """The colour of a state by its name; grey for a state that is not known."""
     return STATE.get(name, GREY)
+
+
+def light_colour(name: str) -> Colour:
+    """The LED's colour for a state, or for "stopped"."""
+    return STOPPED if name == "stopped" else state_colour(name)
 
 
 def camera_colour(name: str) -> Colour:

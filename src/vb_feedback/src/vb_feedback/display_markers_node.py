@@ -10,14 +10,18 @@ from typing import Any, Callable, Deque, Dict, List, Optional, Sequence, Tuple
 import numpy as np
 import rospy
 from nav_msgs.msg import OccupancyGrid
-from std_msgs.msg import String
-from vb_core import names
+from vb_core import names, sentences
 from vb_core.errors import CodedError
 from vb_core.grid_map import GridMap
+from vb_core.notices import Notice as Said
+from vb_core.notices import NoticeBook
 from vb_core.parameters import Parameters, param
 from vb_core.ros import node, parameters
 from vb_core.ros.messages import BorderPreviewArray, OccupancyGridArray, grid_from_message, message_from_grid
-from vb_msgs.msg import BorderPreview, BorderProgress, InteractionState, LaserSpot, VirtualBorder, VirtualBorderArray
+from vb_core.ros.notices import notice_from_message
+from vb_msgs.msg import (
+    BorderPreview, BorderProgress, InteractionState, LaserSpot, NoticeArray, VirtualBorder, VirtualBorderArray,
+)
 from visualization_msgs.msg import Marker, MarkerArray
 
 from vb_feedback import display_messages, notices, restricted, scene
@@ -28,8 +32,6 @@ from vb_feedback.words import Notice, words
 _REFRESH_S = 2.0
 # [s] a spot that nobody has seen for so long is lost; a hand that hides it for a moment does not count
 _LOST_S = 1.0
-# [s] how long a sentence about a robot stays once it does not hold any more
-_LINGER_S = 6.0
 
 RESTRICTED = "/virtual_borders/display/restricted"
 
@@ -46,6 +48,7 @@ class DisplayParams(Parameters):
     robots: list = param(["base_link"])
     robot_radius: float = param(0.18, "m", above=0.0, high=2.0)
     stripe: float = param(0.10, "m", above=0.0, high=5.0)
+    language: str = param(sentences.ENGLISH, choices=sentences.languages())
 
 
 @dataclass(frozen=True)
@@ -60,7 +63,7 @@ class _Known:
     preview: Optional[BorderPreview]
     borders: Tuple[VirtualBorder, ...]
     spots: Tuple[scene.Spot, ...]
-    workspace: Tuple[Notice, ...]
+    held: Tuple[Said, ...]
 
 
 class DisplayMarkers:
@@ -73,7 +76,7 @@ class DisplayMarkers:
         /virtual_borders/preview (vb_msgs/BorderPreview): what saving now would do.
         /virtual_borders/borders (vb_msgs/VirtualBorderArray)
         /virtual_borders/spots (vb_msgs/LaserSpot)
-        /virtual_borders/workspace (std_msgs/String): what the workspace monitor says of robots.
+        /virtual_borders/notices (vb_msgs/NoticeArray): what any node has to say.
         /virtual_borders/coverage (nav_msgs/OccupancyGrid): 0 where no stationary camera sees the floor.
 
     Publishes:
@@ -89,7 +92,7 @@ class DisplayMarkers:
     def __init__(self, params: DisplayParams) -> None:
         self._params = params
         self._lock = threading.Lock()
-        self._wake = threading.Event()
+        self._wake = node.Beat(_REFRESH_S)
         self._dirty = True  # something but a spot has changed
         self._urgent = False  # something that a person waits for: an answer, the new map
         self._newcomers: List[Any] = []
@@ -98,7 +101,7 @@ class DisplayMarkers:
         self._progress: Optional[BorderProgress] = None
         self._preview: Optional[BorderPreview] = None
         self._borders: Tuple[VirtualBorder, ...] = ()
-        self._workspace = notices.Workspace(_LINGER_S)
+        self._book = NoticeBook()
         self._spots: Deque[scene.Spot] = collections.deque(maxlen=params.trail)
         # of the worker alone
         self._shown: Dict[Tuple[str, int], scene.Shape] = {}
@@ -108,15 +111,15 @@ class DisplayMarkers:
 
         self._restricted = rospy.Publisher(RESTRICTED, OccupancyGridArray, queue_size=1, latch=True)
         self._markers = rospy.Publisher(names.MARKERS, MarkerArray, self._on_subscriber(), queue_size=20)
-        self._thread = threading.Thread(target=self._work, daemon=True)
-        self._thread.start()
+        self._full_due = self._refreshed = 0.0
+        node.Worker(self._wake, lambda _woken: self._work())
         for topic, which in ((names.PHYSICAL_MAP, "physical"), (names.VIRTUAL_MAP, "posterior"), (names.COVERAGE, "coverage")):
             rospy.Subscriber(topic, OccupancyGridArray, self._on_grid, which, queue_size=1)
-        rospy.Subscriber(names.STATE, InteractionState, self._store, "_state", queue_size=5)
+        rospy.Subscriber(names.STATE, InteractionState, self._on_state, queue_size=5)
         rospy.Subscriber(names.PROGRESS, BorderProgress, self._store, "_progress", queue_size=1)
         rospy.Subscriber(names.PREVIEW, BorderPreviewArray, self._store, "_preview", queue_size=1)
         rospy.Subscriber(names.BORDERS, VirtualBorderArray, self._on_borders, queue_size=1)
-        rospy.Subscriber(names.WORKSPACE, String, self._on_workspace, queue_size=5)
+        rospy.Subscriber(names.NOTICES, NoticeArray, self._on_notices, queue_size=20)
         rospy.Subscriber(names.SPOTS, LaserSpot, self._on_spot, queue_size=50, tcp_nodelay=True)
 
     # ------------------------------------------------------------------ inputs
@@ -141,7 +144,16 @@ class DisplayMarkers:
     def _store(self, message: Any, where: str) -> None:
         with self._lock:
             setattr(self, where, message)
-        self._changed(urgent=where == "_state")
+        self._changed()
+
+    def _on_state(self, message: InteractionState) -> None:
+        with self._lock:
+            before, self._state = self._state, message
+        # it is repeated all the time: only what a person waits for is urgent
+        news = before is None or (before.last_answered, before.name, before.stopped) != (
+            message.last_answered, message.name, message.stopped
+        )
+        self._changed(urgent=news)
 
     def _on_grid(self, message: OccupancyGrid, which: str) -> None:
         try:
@@ -156,9 +168,9 @@ class DisplayMarkers:
     def _on_borders(self, message: VirtualBorderArray) -> None:
         self._store(tuple(message.borders), "_borders")
 
-    def _on_workspace(self, message: String) -> None:
+    def _on_notices(self, message: NoticeArray) -> None:
         with self._lock:
-            self._workspace.hear(message.data, rospy.get_time())
+            self._book.hear(message.source, map(notice_from_message, message.notices), time.monotonic())
         self._changed()
 
     def _on_spot(self, message: LaserSpot) -> None:
@@ -174,35 +186,30 @@ class DisplayMarkers:
     def _work(self) -> None:
         """Draws on change. Pauses are wall time: what a screen can show does not depend on simulated time."""
         pause, full_period = 1.0 / self._params.spot_rate, 1.0 / self._params.max_rate
-        full_due = refreshed = 0.0
-        while not rospy.is_shutdown():
-            self._wake.wait(_REFRESH_S)
-            self._wake.clear()
-            started = time.monotonic()
-            if started - refreshed >= _REFRESH_S:
-                # RViz drops markers in a frame that tf does not know yet: robots are sent again and again
-                refreshed, self._dirty = started, True
-                self._shown = {key: shape for key, shape in self._shown.items() if not shape.frame}
-            try:
-                if started >= full_due or self._urgent:
-                    full_due, self._dirty, self._urgent = started + full_period, False, False
-                    if self._draw():
-                        self._dirty = True
-                else:
-                    self._draw_spots()
-            except rospy.ROSException:
-                if rospy.is_shutdown():
-                    return
-                raise
-            rospy.rostime.wallsleep(max(0.0, started + pause - time.monotonic()))
-            if self._dirty:
-                self._wake.set()
+        started = time.monotonic()
+        if started - self._refreshed >= _REFRESH_S:
+            # RViz drops markers in a frame that tf does not know yet: robots are sent again and again
+            self._refreshed, self._dirty = started, True
+            self._shown = {key: shape for key, shape in self._shown.items() if not shape.frame}
+        if started >= self._full_due or self._urgent:
+            self._full_due, self._dirty, self._urgent = started + full_period, False, False
+            if self._draw():
+                self._dirty = True
+        else:
+            self._draw_spots()
+        rospy.rostime.wallsleep(max(0.0, started + pause - time.monotonic()))
+        if self._dirty:
+            self._wake.set()
+
+    def close(self) -> None:
+        """Ends the worker."""
+        self._wake.close()
 
     def _known(self) -> _Known:
         """All that has been heard; the lock is held."""
         return _Known(
             state=self._state, progress=self._progress, preview=self._preview, borders=self._borders,
-            spots=tuple(self._spots), workspace=tuple(self._workspace.notices(rospy.get_time())), **self._grids,
+            spots=tuple(self._spots), held=tuple(self._book.current(time.monotonic())), **self._grids,
         )
 
     def _draw_spots(self) -> None:
@@ -279,10 +286,11 @@ class DisplayMarkers:
             progress = None
         seeing = list(progress.seeing) if progress is not None else []
         said = self._notices(known, seeing, now)
-        talk = display_messages.talk_from_state(state, seeing, said, has_map)
+        talk = display_messages.talk_from_state(state, seeing, said, has_map, params.language)
         shapes = list(self._part("words", (layout, talk), lambda: words(layout, talk)))
+        off = sentences.say("display_off", {}, params.language)
         shapes += self._part("borders", (layout, known.borders), lambda: scene.borders(
-            layout, [display_messages.border_from_message(border) for border in known.borders]
+            layout, [display_messages.border_from_message(border) for border in known.borders], off
         ))
         if progress is not None:
             shapes += self._part("drawing", (layout, progress), lambda: scene.drawing(
@@ -299,10 +307,13 @@ class DisplayMarkers:
         if known.spots and known.state is not None and known.spots[-1].stamp >= known.state.started.to_sec():
             last = known.spots[-1]
             lost = (last.x, last.y) if now - last.stamp > _LOST_S else None
-        said = list(known.workspace)
-        said += notices.of_preview(display_messages.preview_from_message(preview) if preview is not None else None)
+        language = self._params.language
+        said = notices.of_others(known.held, language)
+        said += notices.of_preview(display_messages.preview_from_message(preview) if preview is not None else None, language)
         if lost is not None and preview is None and known.state is not None:
-            said += notices.of_spot(known.state.name, seeing, lost, known.coverage, bool(self._params.robots))
+            said += notices.of_spot(
+                known.state.name, seeing, lost, known.coverage, bool(self._params.robots), known.held, language
+            )
         return said
 
     def _part(self, name: str, inputs: Tuple[Any, ...], make: Callable[[], List[scene.Shape]]) -> List[scene.Shape]:

@@ -1,17 +1,18 @@
 """Messages to what the display shows, and what it shows to markers."""
 from __future__ import annotations
 
-from typing import Optional, Sequence
+from typing import Optional, Sequence, Tuple
 
 import rospy
+from diagnostic_msgs.msg import KeyValue
 from geometry_msgs.msg import Point
 from std_msgs.msg import ColorRGBA
-from vb_core import names
-from vb_core.ros.messages import array_from_points
+from vb_core import names, sentences
+from vb_core.ros.messages import array_from_points, mapping_from_values
 from vb_msgs.msg import BorderPreview, BorderProgress, Finding, InteractionState, VirtualBorder
 from visualization_msgs.msg import Marker
 
-from vb_feedback import scene
+from vb_feedback import notices, scene
 from vb_feedback.notices import Preview
 from vb_feedback.words import Notice, Talk
 
@@ -60,22 +61,28 @@ def removal(namespace: str, number: int) -> Marker:
 
 
 def talk_from_state(
-    state: Optional[InteractionState], seeing: Sequence[str], notices: Sequence[Notice], has_map: bool
+    state: Optional[InteractionState], seeing: Sequence[str], said: Sequence[Notice], has_map: bool, language: str
 ) -> Talk:
-    """The words' contents; without a map nothing else matters."""
+    """The words' contents; without a map nothing else matters but that robots are stopped."""
+    stopped = state is not None and state.stopped
     if not has_map:
-        return Talk(message="Waiting for the map of the room.")
+        return Talk(message=sentences.say("display_waiting_map", {}, language), stopped=stopped, language=language)
     if state is None:
-        return Talk()
+        return Talk(language=language)
+    message = state.last_message
+    if state.last_code:
+        message = sentences.say(state.last_code, mapping_from_values(state.last_values), language, message)
     return Talk(
         state.name,
         # whole seconds, as they are shown: less is no change
         float(int(state.guide_s + state.border_s + state.seed_s)),
         tuple(state.commands),
         state.last_success,
-        state.last_message,
+        message,
         tuple(seeing),
-        tuple(notices),
+        tuple(said),
+        stopped,
+        language,
     )
 
 
@@ -111,5 +118,13 @@ def border_from_message(border: VirtualBorder) -> scene.Border:
 
 def preview_from_message(preview: BorderPreview) -> Preview:
     """Preview message to plain values, without its region."""
-    findings = tuple((finding.severity == Finding.ERROR, finding.message) for finding in preview.findings)
-    return Preview(preview.success, preview.message, findings, preview.area_m2)
+    why = notices.Finding(True, preview.code, _items(preview.values), preview.message)
+    findings = tuple(
+        notices.Finding(found.severity == Finding.ERROR, found.code, _items(found.values), found.message)
+        for found in preview.findings
+    )
+    return Preview(preview.success, why, findings, preview.area_m2)
+
+
+def _items(values: Sequence[KeyValue]) -> Tuple[Tuple[str, str], ...]:
+    return tuple(mapping_from_values(values).items())

@@ -30,9 +30,9 @@ class Feedback:
         /virtual_borders/spots (vb_msgs/LaserSpot)
 
     Publishes:
-        /virtual_borders/led (std_msgs/ColorRGBA, latched): one colour per state.
+        /virtual_borders/led (std_msgs/ColorRGBA, latched): one colour per state, red while robots are stopped.
         /virtual_borders/sound (vb_msgs/Sound): a tone's name per change of state, "success", "refusal",
-            and "tick" per accepted spot, at most one every ~tick_period.
+            "asked", "stopped", and "tick" per accepted spot, at most one every ~tick_period.
 
     Args:
         params: see config/feedback.yaml.
@@ -49,12 +49,16 @@ class Feedback:
 
     def _on_state(self, message: InteractionState) -> None:
         answer = (message.last_answered.to_nsec(), message.last_command, message.last_code)
+        light = "stopped" if message.stopped else message.name
         with self._lock:
-            sounds = self._tones.on_state(message.name, message.last_success, message.last_outcome, answer)
+            sounds = self._tones.on_state(
+                message.name, message.last_success, message.last_outcome, answer, message.last_code, message.stopped,
+                not message.ends.is_zero(),
+            )
             self._play(sounds)
-            if message.name != self._lit:
-                self._lit = message.name
-                self._led.publish(ColorRGBA(*colours.state_colour(message.name), 1.0))
+            if light != self._lit:
+                self._lit = light
+                self._led.publish(ColorRGBA(*colours.light_colour(light), 1.0))
 
     def _on_spot(self, _message: LaserSpot) -> None:
         with self._lock:

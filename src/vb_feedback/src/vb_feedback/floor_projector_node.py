@@ -65,8 +65,8 @@ class FloorProjector:
         self._window = window
         self._period = 1.0 / params.max_rate
         self._lock = threading.Lock()
-        self._wake = threading.Event()
-        self._running = True
+        # the spot's end is no message: look now and then while something is under way
+        self._wake = node.Beat(1.0)
         self._state: Optional[InteractionState] = None
         self._progress: Optional[BorderProgress] = None
         self._preview: Optional[BorderPreview] = None
@@ -75,8 +75,7 @@ class FloorProjector:
         self._spot_shown: Optional[Tuple[float, float]] = None
         self._shown: Optional[Tuple[FloorContent, Optional[BorderPreview]]] = None
         self._publisher = rospy.Publisher(names.PROJECTOR, Image, queue_size=1, latch=True)
-        self._thread = threading.Thread(target=self._work, daemon=True)
-        self._thread.start()
+        node.Worker(self._wake, lambda _woken: self._work())
         self._wake.set()
         rospy.Subscriber(names.STATE, InteractionState, self._store, "_state", queue_size=1)
         rospy.Subscriber(names.PROGRESS, BorderProgress, self._store, "_progress", queue_size=1)
@@ -86,8 +85,7 @@ class FloorProjector:
 
     def close(self) -> None:
         """Takes the window away."""
-        self._running = False
-        self._wake.set()
+        self._wake.close()
         if self._window is not None:
             self._window.close()
 
@@ -104,18 +102,9 @@ class FloorProjector:
             self._store((message.position.x, message.position.y, message.header.stamp.to_sec()), "_spot")
 
     def _work(self) -> None:
-        while self._running and not rospy.is_shutdown():
-            # the spot's end is no message: look now and then while something is under way
-            self._wake.wait(1.0)
-            self._wake.clear()
-            started = time.monotonic()
-            try:
-                self._show(*self._content(rospy.get_time()))
-            except rospy.ROSException:
-                if rospy.is_shutdown():
-                    return
-                raise
-            rospy.rostime.wallsleep(max(0.0, self._period - (time.monotonic() - started)))
+        started = time.monotonic()
+        self._show(*self._content(rospy.get_time()))
+        rospy.rostime.wallsleep(max(0.0, self._period - (time.monotonic() - started)))
 
     def _content(self, now: float) -> Tuple[FloorContent, Optional[BorderPreview]]:
         """What is to be shown at a time [s], and the preview that its region is from."""

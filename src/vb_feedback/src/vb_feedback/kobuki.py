@@ -27,6 +27,7 @@ class KobukiParams(Parameters):
     leds: dict = param({"default": "BLACK", "border": "ORANGE", "seed": "GREEN", "guide": "RED"})
     sounds: dict = param({
         "border": "BUTTON", "seed": "BUTTON", "guide": "BUTTON", "default": "OFF", "success": "CLEANINGEND", "refusal": "ERROR",
+        "asked": "RECHARGE", "stopped": "OFF",
     })
 
     def __post_init__(self) -> None:

@@ -1,73 +1,73 @@
-"""What the display says beside the last answer: what saving would do, a robot in a border, a spot nobody sees."""
+"""What the display says beside the last answer: what others have to say, what saving would do, a spot nobody sees.
+
+Everything comes as a code with values; the sentence is looked up in the display's language, and no wording is read.
+"""
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import List, Optional, Sequence, Tuple
+from typing import List, Mapping, Optional, Sequence, Tuple
 
+from vb_core import notices, sentences
 from vb_core.grid_map import GridMap
 from vb_feedback.words import Notice
+
+# more sentences than this nobody reads from across the room, and letters would get too small
+_MOST = 3
+# codes of a dispatcher that says itself that no camera sees the spot, and what comes of it
+_ABOUT_THE_SPOT = ("no_camera_sees_spot", "robot_coming")
+
+
+@dataclass(frozen=True)
+class Finding:
+    """What the check of a border found; `message` is its own English sentence."""
+
+    is_error: bool
+    code: str
+    values: Tuple[Tuple[str, str], ...] = ()
+    message: str = ""
+
+    def sentence(self, language: str) -> str:
+        """What people read."""
+        return sentences.say(self.code, dict(self.values), language, self.message)
 
 
 @dataclass(frozen=True)
 class Preview:
-    """What saving now would do.
-
-    Attributes:
-        findings: (whether it is an error, sentence) of each.
-    """
+    """What saving now would do."""
 
     success: bool
-    message: str = ""
-    findings: Tuple[Tuple[bool, str], ...] = ()
+    why: Finding = Finding(True, "")
+    findings: Tuple[Finding, ...] = ()
     area_m2: float = 0.0
 
 
-def of_preview(preview: Optional[Preview]) -> List[Notice]:
+def of_preview(preview: Optional[Preview], language: str) -> List[Notice]:
     """Why save would be refused, or what it would restrict and what to mind."""
     if preview is None:
         return []
+
+    def say(code: str, values: Mapping[str, str]) -> str:
+        return sentences.say(code, values, language)
+
     if not preview.success:
-        errors = [text for is_error, text in preview.findings if is_error]
-        return [Notice(f"Save would be refused: {(errors or [preview.message])[0]}", warning=True)]
-    notices = [Notice(f"Save would restrict {preview.area_m2:.2f} m2.")]
-    warnings = [text for is_error, text in preview.findings if not is_error]
+        errors = [finding for finding in preview.findings if finding.is_error]
+        why = (errors or [preview.why])[0].sentence(language)
+        return [Notice(say("preview_refused", {"why": why}), warning=True)]
+    said = [Notice(say("preview_restricts", {"area": f"{preview.area_m2:.2f}"}))]
+    warnings = [finding for finding in preview.findings if not finding.is_error]
     if warnings:
-        notices.append(Notice(f"Mind: {warnings[0]}", warning=True))
-    return notices
+        said.append(Notice(say("preview_mind", {"what": warnings[0].sentence(language)}), warning=True))
+    return said
 
 
-class Workspace:
-    """What the workspace monitor says: a robot in a border until it has left, anything else for a while.
-
-    Args:
-        linger_s: [s] how long a sentence about something that is over stays.
-    """
-
-    def __init__(self, linger_s: float) -> None:
-        self._linger_s = linger_s
-        self._standing = ""
-        self._passing = ""
-        self._since = 0.0
-
-    def hear(self, sentence: str, now: float) -> None:
-        """A sentence of the monitor at a time [s]; an empty one: all is well."""
-        if not sentence:
-            self._standing = self._passing = ""
-            return
-        sentence = sentence[:1].upper() + sentence[1:].rstrip(".") + "."
-        if " is inside " in sentence or " touches " in sentence:
-            self._standing, self._passing = sentence, ""
-            return
-        if " has left " in sentence:
-            self._standing = ""
-        self._passing, self._since = sentence, now
-
-    def notices(self, now: float) -> List[Notice]:
-        """What is to be said at a time [s]; time may jump back."""
-        found = [Notice(self._standing, warning=True)] if self._standing else []
-        if self._passing and 0.0 <= now - self._since <= self._linger_s:
-            found.append(Notice(self._passing, warning=" has left " not in self._passing))
-        return found
+def of_others(held: Sequence[notices.Notice], language: str) -> List[Notice]:
+    """What other nodes have to say, the most severe first; each sentence once, and no more than can be read."""
+    said: List[Notice] = []
+    for notice in held:
+        shown = Notice(notice.sentence(language), notice.severity >= notices.Severity.WARNING)
+        if shown not in said:
+            said.append(shown)
+    return said[:_MOST]
 
 
 # [m] the spot that was lost so near to floor that no camera sees has gone there
@@ -75,7 +75,8 @@ _NEAR = 0.6
 
 
 def of_spot(
-    state: str, seeing: Sequence[str], lost: Optional[Tuple[float, float]], coverage: Optional[GridMap], robots: bool
+    state: str, seeing: Sequence[str], lost: Optional[Tuple[float, float]], coverage: Optional[GridMap], robots: bool,
+    held: Sequence[notices.Notice], language: str,
 ) -> List[Notice]:
     """What is said while spots are wanted and none is seen.
 
@@ -85,16 +86,19 @@ def of_spot(
         lost: (x, y) [m] where the spot was seen last; None if that is only a moment ago, or never was.
         coverage: how many stationary cameras see each cell; None if that is not known.
         robots: whether there is a robot that can be sent.
+        held: what other nodes say; a dispatcher knows better.
     """
     if state not in ("border", "seed") or seeing or lost is None:
         return []
+    if any(notice.code in _ABOUT_THE_SPOT for notice in held):
+        return []
+    comes = "_robot_comes" if robots else ""
     if coverage is None:
-        return [Notice("No camera sees a spot. Keep pointing: a robot comes." if robots else "No camera sees a spot.")]
+        return [Notice(sentences.say("spot_not_seen" + comes, {}, language))]
     if _sees_all(coverage, lost):
         # it was switched off
         return []
-    comes = "a robot will be sent" if robots else "draw where a camera sees it"
-    return [Notice(f"No camera sees this place: {comes}.", warning=True)]
+    return [Notice(sentences.say("place_not_seen" + comes, {}, language), warning=True)]
 
 
 def _sees_all(coverage: GridMap, place: Tuple[float, float]) -> bool:

@@ -127,8 +127,8 @@ class Border:
     area_m2: float = 0.0
 
 
-def borders(layout: Layout, stored: Sequence[Border]) -> List[Shape]:
-    """Outline, name and area of each border: soft ones lighter, disabled ones grey."""
+def borders(layout: Layout, stored: Sequence[Border], off: str = "off") -> List[Shape]:
+    """Outline, name and area of each border: soft ones lighter, disabled ones grey and called `off`."""
     unit, shapes = layout.unit, []
     size = 0.055 * unit
     texts, wanted = [], []
@@ -136,7 +136,7 @@ def borders(layout: Layout, stored: Sequence[Border]) -> List[Shape]:
         # a name too long for the map's smaller half goes over two lines, and is cut at the end of the second
         text, _ = fit_text(plain(border.name) or "?", (size,), 0.45 * layout.map.width, 2.4 * size)
         if not border.enabled:
-            text += "\noff"
+            text += f"\n{off}"
         elif border.area_m2 > 0:
             text += f"\n{border.area_m2:.2f} m2"
         box = text_box(text, *border.seed, size)

@@ -4,6 +4,7 @@ from __future__ import annotations
 import threading
 import time
 from dataclasses import dataclass
+from typing import Optional
 
 import rospy
 from vb_core import names
@@ -45,17 +46,16 @@ class SoundPlayer:
         self._sink = sink
         self._playlist = Playlist(params.tick_period, params.max_age)
         self._condition = threading.Condition()
-        self._running = True
+        self._closed = False
         self._silent_until = 0.0
         self._said = False
-        self._thread = threading.Thread(target=self._work, daemon=True)
-        self._thread.start()
+        node.Worker(self, self._play)
         rospy.Subscriber(names.SOUND, Sound, self._on_sound, queue_size=10)
 
     def close(self) -> None:
         """Ends the thread."""
         with self._condition:
-            self._running = False
+            self._closed = True
             self._condition.notify()
 
     # on a steady clock: a loudspeaker does not follow simulated time
@@ -67,19 +67,18 @@ class SoundPlayer:
             if self._playlist.add(message.name, time.monotonic()):
                 self._condition.notify()
 
-    def _work(self) -> None:
-        while True:
-            with self._condition:
+    def take(self) -> Optional[str]:
+        """Waits for the next sound; None once closed. For the worker alone."""
+        with self._condition:
+            name = self._playlist.take(time.monotonic())
+            while name is None and not self._closed:
+                self._condition.wait()
                 name = self._playlist.take(time.monotonic())
-                while name is None and self._running:
-                    self._condition.wait()
-                    name = self._playlist.take(time.monotonic())
-                if not self._running:
-                    return
-            if name is not None and time.monotonic() >= self._silent_until:
-                self._play(name)
+            return None if self._closed else name
 
     def _play(self, name: str) -> None:
+        if time.monotonic() < self._silent_until:
+            return
         try:
             self._sink.play(synthesis.samples(name, self._params.volume))
         except CodedError as error:

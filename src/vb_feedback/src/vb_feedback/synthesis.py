@@ -34,7 +34,7 @@ _REST = Note(0.0, 0.05)
 
 # Going up: the interaction goes on; each active state ends on a tone of its own, a third or more from the next.
 # Going down: back to Default. A refusal is low and repeated, a success the longest run up: both are told without
-# knowing the others. A spoken command that was understood is answered at once, short, before its own tone. A tick
+# knowing the others. A question is one tone twice; a stop falls from high to low. A spoken command that was understood is answered at once, short, before its own tone. A tick
 # is far above all of them and soft: it comes often.
 SOUNDS: Dict[str, Tuple[Note, ...]] = {
     "border": (Note(C5, 0.09), Note(E5, 0.16)),
@@ -42,6 +42,8 @@ SOUNDS: Dict[str, Tuple[Note, ...]] = {
     "guide": (Note(C5, 0.09), Note(C6, 0.16)),
     "default": (Note(E5, 0.09), Note(C5, 0.20)),
     "success": (Note(C5, 0.09), Note(E5, 0.09), Note(G5, 0.09), Note(C6, 0.30)),
+    "asked": (Note(E5, 0.10), _REST, Note(E5, 0.16)),
+    "stopped": (Note(C6, 0.10), Note(LOW, 0.40)),
     "refusal": (Note(LOW, 0.16), _REST, Note(LOW, 0.24)),
     "understood": (Note(1567.98, 0.08),),
     "tick": (Note(2093.0, 0.02, 0.15),),

@@ -6,22 +6,33 @@ from typing import List, Optional
 TICK = "tick"
 SUCCESS = "success"
 REFUSAL = "refusal"
+STOPPED = "stopped"
+ASKED = "asked"
+
+# codes of answers that are a question, not a refusal
+_QUESTIONS = ("confirm_save", "confirm_command")
 
 
 class Tones:
     """Turns states and spots into the names of sounds.
 
-    A tone per change of state, one for a save that worked, one for a refusal, and a soft tick per
-    accepted spot, at most every `tick_period` seconds. Time may jump back.
+    A tone per change of state, one for a save that worked, one for a refusal, one for a question and for a drawing that
+    is about to be dropped, one for a stop, and a soft tick per accepted spot, at most every `tick_period` seconds.
+    Time may jump back.
     """
 
     def __init__(self, tick_period: float) -> None:
         self._tick_period = tick_period
         self._state: Optional[str] = None
+        self._stopped = False
+        self._ending = False
         self._answer: Optional[tuple] = None
         self._last_tick: Optional[float] = None
 
-    def on_state(self, name: str, success: bool, outcome: str, answer: tuple) -> List[str]:
+    def on_state(
+        self, name: str, success: bool, outcome: str, answer: tuple, code: str = "", stopped: bool = False,
+        ending: bool = False,
+    ) -> List[str]:
         """A state message.
 
         Args:
@@ -30,6 +41,9 @@ class Tones:
             outcome: of the interaction before: "saved" or "cancelled".
             answer: anything that changes when a command was answered and not when the message is
                 only repeated.
+            code: of the last answer.
+            stopped: whether robots are stopped.
+            ending: whether the interaction ends by itself soon.
 
         Returns:
             Names of sounds, in the order they are to be played. The first message makes none: it tells
@@ -37,11 +51,15 @@ class Tones:
         """
         sounds: List[str] = []
         if self._state is not None:
-            if name != self._state:
+            if stopped and not self._stopped:
+                sounds.append(STOPPED)
+            elif name != self._state:
                 sounds.append(SUCCESS if name == "default" and outcome == "saved" else name)
             elif answer != self._answer and not success:
-                sounds.append(REFUSAL)
-        self._state, self._answer = name, answer
+                sounds.append(ASKED if code in _QUESTIONS else REFUSAL)
+            if ending and not self._ending:
+                sounds.append(ASKED)
+        self._state, self._answer, self._stopped, self._ending = name, answer, stopped, ending
         return sounds
 
     def on_spot(self, now: float) -> List[str]:

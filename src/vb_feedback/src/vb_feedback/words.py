@@ -4,12 +4,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import List, Tuple
 
+from vb_core import sentences
 from vb_feedback import colours
 from vb_feedback.colours import Colour
 from vb_feedback.layout import LINE, Layout, fit_texts, plain, text_height, text_width
 from vb_feedback.scene import PLATE, Z_PLATE, Shape, write
-
-TITLES = {"default": "Ready", "border": "Border", "seed": "Seed", "guide": "Guide"}
 
 # heights of letters as RViz counts them, in shares of the screen's height; docs/display.md has them in minutes of arc
 TITLE, COMMAND, CLOCK, NAME, LABEL = 0.125, 0.088, 0.07, 0.062, 0.055
@@ -39,6 +38,12 @@ class Talk:
     message: str = ""
     seeing: Tuple[str, ...] = ()  # cameras that see the spot
     notices: Tuple[Notice, ...] = ()
+    stopped: bool = False
+    language: str = sentences.ENGLISH
+
+    def words(self, code: str) -> str:
+        """The words for a code in the display's language."""
+        return sentences.say(code, {}, self.language)
 
 
 def words(layout: Layout, talk: Talk) -> List[Shape]:
@@ -60,18 +65,26 @@ def _panel(layout: Layout, talk: Talk) -> List[Shape]:
     def line(name: str, text: str, down: float, share: float, *tints: Colour) -> None:
         size = share * unit
         # what is too wide, for instance a camera's long name, gets smaller letters
+        text = plain(text)
         size *= min(1.0, room / max(text_width(text, size), 1e-9))
         shapes.extend(write(f"words/{name}", text, centre, panel.y1 - down * unit, size, tints))
 
-    line("state", TITLES.get(talk.state, "Not ready"), 0.08, TITLE, colours.state_colour(talk.state))
+    if talk.stopped:
+        # in place of the state: whoever looks for why nothing moves reads this first
+        plate = (panel.width - 0.02 * unit, 1.2 * TITLE * unit)
+        shapes.append(Shape("words/state/plate", 0, PLATE, ((centre, panel.y1 - 0.08 * unit),), Z_PLATE, plate, (colours.YELLOW,)))
+        line("state", talk.words("display_stopped"), 0.08, TITLE, colours.BLACK)
+    else:
+        title = talk.words("state_" + talk.state if talk.state in colours.STATE else "display_not_ready")
+        line("state", title, 0.08, TITLE, colours.state_colour(talk.state))
     if talk.state not in ("", "default"):
         line("elapsed", clock(talk.elapsed_s), 0.185, CLOCK, colours.PALE)
     if talk.commands:
-        line("say", "You can say", 0.253, LABEL, colours.PALE)
+        line("say", talk.words("display_say"), 0.253, LABEL, colours.PALE)
         for number, command in enumerate(talk.commands[:MOST_COMMANDS]):
             line(f"say/{number}", command.replace("_", " "), 0.333 + 0.089 * number, COMMAND, colours.WHITE)
     if talk.seeing:
-        line("seen", "Spot seen by", 0.676, LABEL, colours.PALE)
+        line("seen", talk.words("display_seen_by"), 0.676, LABEL, colours.PALE)
         names = [plain(camera).replace(" ", "_") for camera in talk.seeing]
         tints = [colours.blend(colours.camera_colour(camera), colours.WHITE, 0.3) for camera in talk.seeing]
         if len(names) > MOST_CAMERAS:
@@ -82,8 +95,8 @@ def _panel(layout: Layout, talk: Talk) -> List[Shape]:
 
 
 def _strip(layout: Layout, talk: Talk) -> List[Shape]:
-    start = "Say define border to begin." if talk.state else "Waiting for the system to start."
-    said = [Notice(plain(talk.message) or start, warning=not talk.success)]
+    start = talk.words("display_start" if talk.state else "display_waiting_system")
+    said = [Notice(plain(talk.message or start), warning=not talk.success)]
     said += [Notice(plain(notice.text), notice.warning) for notice in talk.notices]
     unit, strip = layout.unit, layout.strip
     width, height = strip.width - 0.08 * unit, strip.height - 0.03 * unit

@@ -100,7 +100,7 @@ class BorderFusionNode:
                 self._journal.discard()
             if before == (self._collector.state, self._collector.interaction_id):
                 return
-            self._forget = state == "default" and message.last_outcome == "cancelled"
+            self._forget = state == "default" and message.last_outcome not in ("", "saved")
         self._changed.set()
 
     def _restore(self, interaction_id: str) -> None:

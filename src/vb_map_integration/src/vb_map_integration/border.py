@@ -10,6 +10,8 @@ import numpy as np
 
 from vb_core import geometry
 from vb_map_integration.findings import IntegrationError
+from vb_map_integration.registration import Transform
+from vb_map_integration.schedule import is_scheduled, parse_schedule
 
 # more than a person can draw: at 25 spots a second this is over three minutes without a pause
 MAX_POINTS = 5000
@@ -17,6 +19,10 @@ MAX_POINTS = 5000
 CLOSING_SHARE = 0.15
 # farther from the origin than this no floor is: such numbers come from a fault
 MAX_COORDINATE_M = 1e6
+
+# what a zone asks of robots
+KEEP_OUT, AVOID, SLOW = "keep_out", "avoid", "slow"
+ZONES = (KEEP_OUT, AVOID, SLOW)
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,10 +39,14 @@ class VirtualBorder:
         created, modified: [s] ROS time.
         expires: [s] ROS time at which `enabled` turns over by itself; 0: never.
         robots: names of the robots that it is for; empty: all.
+        wall: a virtual wall: the open chain itself may not be crossed, both sides stay usable, the seed is not used.
+        zone: KEEP_OUT; AVOID, where robots go only if the way round is long; or SLOW, where they go slowly.
+        max_speed: [m/s] in a SLOW zone; 0 elsewhere.
+        schedule: the weekly times at which it acts (see `parse_schedule`); empty: always.
 
     Raises:
         IntegrationError: "bad_points", "too_few_points", "too_many_points", "bad_seed", "bad_occupancy",
-            "bad_time", "bad_name".
+            "bad_time", "bad_name", "bad_zone", "bad_speed", "bad_schedule".
     """
 
     points: np.ndarray
@@ -50,6 +60,10 @@ class VirtualBorder:
     modified: float = 0.0
     expires: float = 0.0
     robots: Tuple[str, ...] = ()
+    wall: bool = False
+    zone: str = KEEP_OUT
+    max_speed: float = 0.0
+    schedule: str = ""
 
     def __post_init__(self) -> None:
         points = _coordinates(self.points, "bad_points", "the border's points")
@@ -59,21 +73,29 @@ class VirtualBorder:
             )
         if len(points) > 1:
             points = points[np.concatenate([[True], (np.diff(points, axis=0) != 0.0).any(axis=1)])]
-        closed = self.closed
+        closed = False if self.wall else self.closed
         if closed is None:
             closed = _looks_closed(points)
         if closed and len(points) > 1 and (points[0] == points[-1]).all():
             points = points[:-1]
         least = 3 if closed else 2
         if len(points) < least:
-            kind = "polygon" if closed else "separating curve"
+            kind = "polygon" if closed else "virtual wall" if self.wall else "separating curve"
             raise IntegrationError("too_few_points", f"a {kind} needs {least} different points, got {len(points)}")
-        seed = _coordinates(self.seed, "bad_seed", "the seed point")
+        seed = _coordinates(points[0] if self.wall else self.seed, "bad_seed", "the seed point")
         if len(seed) != 1:
             raise IntegrationError("bad_seed", f"the seed is one point, got {len(seed)}")
         occupancy = _number(self.occupancy, "bad_occupancy", "the occupancy")
         if not 0.0 <= occupancy <= 1.0:
             raise IntegrationError("bad_occupancy", f"the occupancy must lie between 0 and 1, got {occupancy}")
+        if self.zone not in ZONES:
+            raise IntegrationError("bad_zone", values={"zone": self.zone})
+        if self.zone == AVOID and occupancy >= 1.0:
+            raise IntegrationError("bad_occupancy", "a zone to avoid needs an occupancy below 1, or nobody may enter")
+        speed = _number(self.max_speed, "bad_speed", "the highest speed")
+        if speed < 0.0 or (self.zone == SLOW) != (speed > 0.0) or (self.zone == SLOW and self.wall):
+            raise IntegrationError("bad_speed", values={"speed": speed})
+        parse_schedule(self.schedule)
         for key in ("created", "modified", "expires"):
             value = _number(getattr(self, key), "bad_time", f"the time '{key}'")
             if value < 0.0:
@@ -91,21 +113,40 @@ class VirtualBorder:
         object.__setattr__(self, "occupancy", occupancy)
         object.__setattr__(self, "closed", bool(closed))
         object.__setattr__(self, "enabled", bool(self.enabled))
-        object.__setattr__(self, "robots", tuple(str(robot) for robot in self.robots))
-
-    @property
-    def value(self) -> int:
-        """delta as an occupancy grid has it, 0 .. 100."""
-        return int(round(100.0 * self.occupancy))
+        object.__setattr__(self, "wall", bool(self.wall))
+        object.__setattr__(self, "max_speed", speed)
+        robots = (self.robots,) if isinstance(self.robots, str) else self.robots
+        object.__setattr__(self, "robots", tuple(str(robot) for robot in robots if str(robot)))
 
     def replace(self, **changes: object) -> "VirtualBorder":
         """The same border with some things changed, checked again."""
         return dataclasses.replace(self, **changes)
 
+    @property
+    def kind(self) -> str:
+        """What files call it."""
+        return "virtual_wall" if self.wall else "polygon" if self.closed else "separating_curve"
+
+    @property
+    def value(self) -> int:
+        """delta as an occupancy grid has it, 0 .. 100; a SLOW zone leaves the map as it is."""
+        return 0 if self.zone == SLOW else int(round(100.0 * self.occupancy))
+
+    def is_due(self, now: float) -> bool:
+        """Whether it is enabled, and in its scheduled time at a moment [s]."""
+        return self.enabled and is_scheduled(self.schedule, now)
+
+    def moved(self, transform: Transform) -> "VirtualBorder":
+        """The same border in the frame of another map."""
+        if not any(transform):
+            return self
+        return self.replace(points=transform.apply(self.points), seed=transform.apply(self.seed)[0])
+
     def same_area(self, other: "VirtualBorder") -> bool:
         """Whether both restrict the same cells of any map (with whatever occupancy)."""
         return (
             self.closed == other.closed
+            and self.wall == other.wall
             and np.array_equal(self.points, other.points)
             and np.array_equal(self.seed, other.seed)
         )

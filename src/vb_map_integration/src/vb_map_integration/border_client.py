@@ -2,6 +2,7 @@
 from __future__ import annotations
 
 from typing import Any, NamedTuple, Tuple, Type
+from uuid import uuid4
 
 from std_srvs.srv import Trigger, TriggerRequest
 from vb_msgs.srv import (
@@ -10,6 +11,8 @@ from vb_msgs.srv import (
     PreviewBorderRequest,
     RemoveBorder,
     RemoveBorderRequest,
+    SetBorderEnabled,
+    SetBorderEnabledRequest,
     UpdateBorder,
     UpdateBorderRequest,
 )
@@ -61,26 +64,41 @@ class BorderClient:
         message = message_from_border(border)
         return self._call(names.PREVIEW_BORDER, PreviewBorderArray, PreviewBorderRequest(border=message, frame_id=self._frame_id))
 
-    def save(self, border: VirtualBorder) -> Answer:
-        """Preview, and if that finds no error, adds the border or, if it has an id, replaces the stored one."""
+    def save(self, border: VirtualBorder, revision: int = 0) -> Answer:
+        """Preview, and if that finds no error, adds the border or, if it has an id, replaces the stored one.
+
+        Args:
+            revision: of the borders that somebody saw when editing; it fails if there is another one. 0: any.
+        """
         checked = self.preview(border)
         if not checked.success:
             return checked
         if border.id:
-            return self.update(border)._replace(id=border.id, area_m2=checked.area_m2)
+            return self.update(border, revision)._replace(id=border.id, area_m2=checked.area_m2)
         message = message_from_border(border)
-        request = AddBorderRequest(border=message, frame_id=self._frame_id, source=self._source)
+        request = AddBorderRequest(
+            border=message, frame_id=self._frame_id, source=self._source, request_id=str(uuid4()),
+            disabled=not border.enabled, expected_revision=revision,
+        )
         return self._call(names.ADD_BORDER, AddBorder, request)._replace(area_m2=checked.area_m2)
 
-    def update(self, border: VirtualBorder) -> Answer:
+    def update(self, border: VirtualBorder, revision: int = 0) -> Answer:
         """Replaces the stored border of the same id."""
         message = message_from_border(border)
-        request = UpdateBorderRequest(border=message, frame_id=self._frame_id, source=self._source)
+        request = UpdateBorderRequest(
+            border=message, frame_id=self._frame_id, source=self._source, expected_revision=revision
+        )
         return self._call(names.UPDATE_BORDER, UpdateBorder, request)
 
-    def remove(self, border_id: str) -> Answer:
+    def enable(self, border_id: str, enabled: bool, revision: int = 0) -> Answer:
+        """Switches a border on or off."""
+        request = SetBorderEnabledRequest(border_id, enabled, self._source, revision)
+        return self._call(names.SET_BORDER_ENABLED, SetBorderEnabled, request)
+
+    def remove(self, border_id: str, revision: int = 0) -> Answer:
         """Removes a border."""
-        return self._call(names.REMOVE_BORDER, RemoveBorder, RemoveBorderRequest(id=border_id, source=self._source))
+        request = RemoveBorderRequest(id=border_id, source=self._source, expected_revision=revision)
+        return self._call(names.REMOVE_BORDER, RemoveBorder, request)
 
     def trigger(self, name: str) -> Answer:
         """Calls undo, redo or clear."""

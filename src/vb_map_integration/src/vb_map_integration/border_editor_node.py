@@ -1,7 +1,6 @@
 """Node: borders with vertices that one drags in RViz."""
 from __future__ import annotations
 
-import queue
 import threading
 from dataclasses import dataclass
 from typing import Any, Callable, Dict, List, Optional, Sequence, Tuple
@@ -72,11 +71,13 @@ class BorderEditorNode:
         self._stored: Dict[str, VirtualBorder] = {}
         self._drafts: Dict[str, VirtualBorder] = {}
         self._answers: Dict[str, Answer] = {}
+        # the revision whose borders are shown, and that in which each draft's border was as the person saw it
+        self._revision = 0
+        self._seen: Dict[str, int] = {}
         self._tool = np.zeros(2)
         # service calls wait for their answers: not in a callback
-        self._work: "queue.Queue[Optional[Callable[[], None]]]" = queue.Queue()
-        self._thread = threading.Thread(target=self._run, daemon=True)
-        self._thread.start()
+        self._work: "node.Queue[Callable[[], None]]" = node.Queue()
+        node.Worker(self._work, lambda work: work())
         self._server = InteractiveMarkerServer(SERVER)
         self._put_tool()
         self._server.applyChanges()
@@ -84,15 +85,7 @@ class BorderEditorNode:
 
     def close(self) -> None:
         """Ends the worker."""
-        self._work.put(None)
-        self._thread.join(1.0)
-
-    def _run(self) -> None:
-        while True:
-            work = self._work.get()
-            if work is None:
-                return
-            work()
+        self._work.close()
 
     # ------------------------------------------------------------- what comes in
     def _on_borders(self, message: VirtualBorderArray) -> None:
@@ -109,6 +102,10 @@ class BorderEditorNode:
             gone = [key for key in self._drafts if key != NEW and key not in stored]
             for key in gone:
                 rospy.logwarn("%s: '%s' was deleted while it was edited", rospy.get_name(), self._drafts.pop(key).name)
+            for key in self._drafts:
+                if self._stored.get(key) == stored.get(key):
+                    self._seen[key] = message.revision
+            self._revision = message.revision
             self._stored = stored
             for key in stored:
                 self._put(key)
@@ -160,7 +157,8 @@ class BorderEditorNode:
         draft, stored = self._drafts.get(key), self._stored.get(key)
         if draft is not None:
             if entry == SAVE:
-                self._work.put(lambda: self._save(key, draft))
+                revision = self._seen.get(key, 0)
+                self._work.put(lambda: self._save(key, draft, revision))
             elif entry == CANCEL:
                 self._drop(key)
             elif entry in (INSERT, REMOVE_VERTEX) and part.isdigit() and int(part) < len(draft.points):
@@ -170,10 +168,11 @@ class BorderEditorNode:
             if entry == EDIT:
                 self._replace(key, editing.simplified(stored, self._params.tolerance_m))
             elif entry == TOGGLE:
-                toggled = stored.replace(enabled=not stored.enabled, expires=0.0)
-                self._work.put(lambda: self._report(self._client.update(toggled)))
+                revision = self._revision
+                self._work.put(lambda: self._report(self._client.enable(key, not stored.enabled, revision)))
             elif entry == DELETE:
-                self._work.put(lambda: self._report(self._client.remove(key)))
+                revision = self._revision
+                self._work.put(lambda: self._report(self._client.remove(key, revision)))
 
     def _on_tool(self, entry: int) -> None:
         if entry in (NEW_POLYGON, NEW_CURVE):
@@ -185,6 +184,8 @@ class BorderEditorNode:
     def _replace(self, key: str, draft: VirtualBorder) -> None:
         """Takes a draft with another number of vertices: all its handles are made anew."""
         self._erase(key)
+        if key not in self._drafts:
+            self._seen[key] = 0 if key == NEW else self._revision
         self._drafts[key] = draft
         self._put(key)
         self._ask_preview(key)
@@ -193,14 +194,15 @@ class BorderEditorNode:
         self._erase(key)
         self._drafts.pop(key, None)
         self._answers.pop(key, None)
+        self._seen.pop(key, None)
         self._put(key)
 
     def _ask_preview(self, key: str) -> None:
         draft = self._drafts[key]
         self._work.put(lambda: self._say(key, self._client.preview(draft)))
 
-    def _save(self, key: str, draft: VirtualBorder) -> None:
-        answer = self._client.save(draft)
+    def _save(self, key: str, draft: VirtualBorder, revision: int) -> None:
+        answer = self._client.save(draft, 0 if key == NEW else revision)
         self._report(answer)
         with self._lock:
             if answer.success and self._drafts.get(key) is draft:

@@ -2,7 +2,7 @@
 from __future__ import annotations
 
 import json
-from typing import Any, Dict, List, Optional, Sequence, Tuple
+from typing import Any, Dict, List, Sequence, Tuple
 
 import yaml
 
@@ -17,7 +17,7 @@ def border_to_mapping(border: VirtualBorder) -> Dict[str, Any]:
     return {
         "id": border.id,
         "name": border.name,
-        "kind": "polygon" if border.closed else "separating_curve",
+        "kind": border.kind,
         "points": border.points.tolist(),
         "seed": border.seed.tolist(),
         "occupancy": border.occupancy,
@@ -26,6 +26,9 @@ def border_to_mapping(border: VirtualBorder) -> Dict[str, Any]:
         "modified": border.modified,
         "expires": border.expires,
         "robots": list(border.robots),
+        "zone": border.zone,
+        "max_speed": border.max_speed,
+        "schedule": border.schedule,
     }
 
 
@@ -39,33 +42,26 @@ def border_from_mapping(values: Any) -> VirtualBorder:
         raise CodedError("bad_border_file", f"a border has keys and values, got {values!r}")
     values = dict(values)
     kind = values.pop("kind", None)
-    if kind not in (None, "polygon", "separating_curve"):
-        raise CodedError("bad_border_file", f"kind: must be polygon or separating_curve, got {kind!r}")
+    if kind not in (None, "polygon", "separating_curve", "virtual_wall"):
+        raise CodedError(
+            "bad_border_file", f"kind: must be polygon, separating_curve or virtual_wall, got {kind!r}"
+        )
     try:
+        if kind == "virtual_wall":
+            values.setdefault("seed", (0.0, 0.0))
+            return VirtualBorder(wall=True, **values)
         return VirtualBorder(closed=None if kind is None else kind == "polygon", **values)
     except TypeError as error:
         raise CodedError("bad_border_file", f"a border's keys do not fit: {error}") from None
 
 
-def borders_to_yaml(
-    borders: Sequence[VirtualBorder], texts: Optional[Dict[int, Tuple[VirtualBorder, str]]] = None
-) -> str:
-    """The YAML list "borders"; `texts` keeps each border's text by identity, so that only new ones cost."""
+def borders_to_yaml(borders: Sequence[VirtualBorder]) -> str:
+    """The YAML list "borders"; inverse of `borders_from_yaml`."""
     if not borders:
         return "borders: []\n"
-    parts = ["borders:\n"]
-    fresh: Dict[int, Tuple[VirtualBorder, str]] = {}
-    for border in borders:
-        known = texts.get(id(border)) if texts is not None else None
-        if known is None:
-            # each border is a line of JSON, which is YAML too, and fifty times as fast
-            known = (border, f"- {json.dumps(border_to_mapping(border), ensure_ascii=False)}\n")
-        fresh[id(border)] = known
-        parts.append(known[1])
-    if texts is not None:
-        texts.clear()
-        texts.update(fresh)
-    return "".join(parts)
+    # each border is a line of JSON, which is YAML too, and fifty times as fast
+    lines = [f"- {json.dumps(border_to_mapping(border), ensure_ascii=False)}\n" for border in borders]
+    return "".join(["borders:\n", *lines])
 
 
 def borders_from_yaml(text: str) -> Tuple[List[VirtualBorder], Dict[str, Any]]:

@@ -8,10 +8,15 @@ from vb_msgs.msg import Finding as FindingMessage
 from vb_msgs.msg import VirtualBorder as BorderMessage
 
 from vb_core.ros import messages
-from vb_map_integration.border import VirtualBorder
+from vb_map_integration.border import AVOID, KEEP_OUT, SLOW, VirtualBorder
 from vb_map_integration.findings import ERROR, WARNING, Finding, IntegrationError
 
-KINDS = {BorderMessage.DECIDE: None, BorderMessage.POLYGON: True, BorderMessage.SEPARATING_CURVE: False}
+# whether the chain is closed, by kind
+KINDS = {
+    BorderMessage.DECIDE: None, BorderMessage.POLYGON: True, BorderMessage.SEPARATING_CURVE: False,
+    BorderMessage.VIRTUAL_WALL: False,
+}
+ZONES = {BorderMessage.KEEP_OUT: KEEP_OUT, BorderMessage.AVOID: AVOID, BorderMessage.SLOW: SLOW}
 _SEVERITIES = {WARNING: FindingMessage.WARNING, ERROR: FindingMessage.ERROR}
 
 
@@ -23,6 +28,8 @@ def border_from_message(message: BorderMessage) -> VirtualBorder:
     """
     if message.kind not in KINDS:
         raise IntegrationError("bad_kind", f"the kind must be one of {sorted(KINDS)}, got {message.kind}")
+    if message.zone not in ZONES:
+        raise IntegrationError("bad_zone", values={"zone": message.zone})
     return VirtualBorder(
         points=messages.array_from_points(message.points),
         seed=[message.seed.x, message.seed.y],
@@ -36,16 +43,23 @@ def border_from_message(message: BorderMessage) -> VirtualBorder:
         modified=message.modified.to_sec(),
         expires=message.expires.to_sec(),
         robots=tuple(message.robots),
+        wall=message.kind == BorderMessage.VIRTUAL_WALL,
+        zone=ZONES[message.zone],
+        max_speed=round(message.max_speed, 6),
+        schedule=message.schedule,
     )
 
 
-def message_from_border(border: VirtualBorder, area_m2: float = 0.0) -> BorderMessage:
+def message_from_border(
+    border: VirtualBorder, area_m2: float = 0.0, acting: bool = False, reason: str = ""
+) -> BorderMessage:
     """A border to a message; inverse of `border_from_message`."""
+    kind = BorderMessage.POLYGON if border.closed else BorderMessage.SEPARATING_CURVE
     message = BorderMessage(
         id=border.id,
         name=border.name,
         points=messages.points_from_array(border.points),
-        kind=BorderMessage.POLYGON if border.closed else BorderMessage.SEPARATING_CURVE,
+        kind=BorderMessage.VIRTUAL_WALL if border.wall else kind,
         occupancy=border.occupancy,
         enabled=border.enabled,
         created=rospy.Time.from_sec(border.created),
@@ -53,6 +67,11 @@ def message_from_border(border: VirtualBorder, area_m2: float = 0.0) -> BorderMe
         expires=rospy.Time.from_sec(border.expires),
         robots=list(border.robots),
         area_m2=area_m2,
+        zone=next(number for number, zone in ZONES.items() if zone == border.zone),
+        max_speed=border.max_speed,
+        schedule=border.schedule,
+        acting=acting,
+        reason=reason,
     )
     message.seed.x, message.seed.y = (float(value) for value in border.seed)
     return message
@@ -60,10 +79,19 @@ def message_from_border(border: VirtualBorder, area_m2: float = 0.0) -> BorderMe
 
 def finding_messages(findings: Sequence[Finding]) -> List[FindingMessage]:
     """Findings to messages; inverse of `findings_from_messages`."""
-    return [FindingMessage(_SEVERITIES[found.severity], found.code, found.message) for found in findings]
+    return [
+        FindingMessage(
+            severity=_SEVERITIES[one.severity], code=one.code, message=one.message,
+            values=messages.values_from_mapping(one.values),
+        )
+        for one in findings
+    ]
 
 
 def findings_from_messages(found: Iterable[FindingMessage]) -> Tuple[Finding, ...]:
     """Messages to findings; inverse of `finding_messages`."""
     severities = {value: key for key, value in _SEVERITIES.items()}
-    return tuple(Finding(severities.get(one.severity, ERROR), one.code, one.message) for one in found)
+    return tuple(
+        Finding(severities.get(one.severity, ERROR), one.code, one.message, messages.mapping_from_values(one.values))
+        for one in found
+    )

@@ -1,7 +1,6 @@
 """Node: borders from RViz's "Publish Point" tool."""
 from __future__ import annotations
 
-import queue
 import threading
 from dataclasses import dataclass
 from typing import Any, Callable, List, Optional
@@ -56,9 +55,8 @@ class ClickedBorderNode:
         self._status_out = rospy.Publisher("~status", String, queue_size=1, latch=True)
         self._markers_out = rospy.Publisher("~markers", MarkerArray, queue_size=1, latch=True)
         # each click counts, in the order in which they came
-        self._inbox: "queue.Queue[Optional[PointStamped]]" = queue.Queue()
-        self._thread = threading.Thread(target=self._run, daemon=True)
-        self._thread.start()
+        self._inbox: "node.Queue[PointStamped]" = node.Queue()
+        node.Worker(self._inbox, self._take_click)
         for name, command in (
             ("~close", lambda: self._clicks.end(closed=True)),
             ("~end", lambda: self._clicks.end(closed=False)),
@@ -71,25 +69,20 @@ class ClickedBorderNode:
 
     def close(self) -> None:
         """Ends the worker."""
-        self._inbox.put(None)
-        self._thread.join(1.0)
+        self._inbox.close()
 
-    def _run(self) -> None:
-        while True:
-            message = self._inbox.get()
-            if message is None:
-                return
-            try:
-                place = self._place(message)
-                with self._lock:
-                    border = self._clicks.click(place)
-                    if border is None:
-                        self._show("")
-                if border is not None:
-                    self._save(border)
-            except CodedError as error:
-                with self._lock:
-                    self._show(error.message)
+    def _take_click(self, message: PointStamped) -> None:
+        try:
+            place = self._place(message)
+            with self._lock:
+                border = self._clicks.click(place)
+                if border is None:
+                    self._show("")
+            if border is not None:
+                self._save(border)
+        except CodedError as error:
+            with self._lock:
+                self._show(error.message)
 
     def _place(self, message: PointStamped) -> np.ndarray:
         """(2,) [m] in the map's frame."""
@@ -107,6 +100,8 @@ class ClickedBorderNode:
         word = "added" if answer.success else f"refused [{answer.code}]"
         text = f"{word}: {answer.message}" + (f" ({warnings})" if warnings else "")
         with self._lock:
+            if answer.success:
+                self._clicks.cancel()
             self._show(text)
 
     def _trigger(self, command: Callable[[], None]) -> TriggerResponse:

@@ -36,7 +36,9 @@ class Clicks:
         self.closed: Optional[bool] = None
 
     def click(self, point: Sequence[float]) -> Optional[VirtualBorder]:
-        """Takes a click at (x, y) [m]; gives the border if it was the seed, and begins anew.
+        """Takes a click at (x, y) [m]; returns the border if it was the seed.
+
+        The clicks are kept until `cancel`: if the border is refused, the next click is another seed.
 
         Raises:
             CodedError: "bad_points" for what is no point, "too_many_points", or what `VirtualBorder` raises.
@@ -45,9 +47,7 @@ class Clicks:
         if place.shape != (2,) or not np.isfinite(place).all() or np.abs(place).max() > MAX_COORDINATE_M:
             raise CodedError("bad_points", f"a click has x and y on the floor, got {point}")
         if self.closed is not None:
-            border = VirtualBorder(np.array(self.points), place, self._params.occupancy, self.closed)
-            self.cancel()
-            return border
+            return VirtualBorder(np.array(self.points), place, self._params.occupancy, self.closed)
         count = len(self.points)
         to_first, to_last = (
             float(np.linalg.norm(place - self.points[index])) if self.points else np.inf for index in (0, -1)

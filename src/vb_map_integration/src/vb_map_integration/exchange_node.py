@@ -11,8 +11,8 @@ from vb_msgs.srv import ListBorders, ListBordersRequest
 
 from vb_core import names
 from vb_core.errors import CodedError
+from vb_core.files import write_atomically
 from vb_core.ros import services
-from vb_map_integration import map_files
 from vb_map_integration.border import VirtualBorder
 from vb_map_integration.border_client import Answer, BorderClient
 from vb_map_integration.border_files import borders_from_yaml, borders_to_yaml
@@ -43,8 +43,16 @@ def _print_answer(border: VirtualBorder, answer: Answer, done: str) -> None:
         print(f"    {'error' if found.severity == ERROR else 'warning'} [{found.code}]: {found.message}")
 
 
+def _stored_borders() -> List[VirtualBorder]:
+    response = services.call(names.LIST_BORDERS, ListBorders, ListBordersRequest(), "the map integrator")
+    return [border_from_message(message) for message in response.borders.borders]
+
+
 def import_borders(arguments: Optional[List[str]] = None) -> int:
-    """Adds each border of a file and prints what was found. Status 0: all were taken, 1: not all, 2: bad file."""
+    """Adds each border of a file, or updates the one that it was exported from, and prints what was found.
+
+    Status 0: all were taken, 1: not all, 2: bad file.
+    """
     parser = argparse.ArgumentParser(prog="import_borders", description=import_borders.__doc__)
     parser.add_argument("file", type=Path, help="YAML as the store and save_map write it, or GeoJSON in metres")
     parser.add_argument("--dry-run", action="store_true", help="only preview, add nothing")
@@ -58,15 +66,20 @@ def import_borders(arguments: Optional[List[str]] = None) -> int:
     rospy.init_node("import_borders", anonymous=True, disable_signals=True)
     client = BorderClient("import", options.frame)
     refused = 0
+    try:
+        known = _stored_borders()
+    except CodedError as error:
+        print(error, file=sys.stderr)
+        return 1
     for border in borders:
-        # an id belongs to the store that gave it
-        fresh = border.replace(id="")
-        answer = client.preview(fresh) if options.dry_run else client.save(fresh)
-        _print_answer(fresh, answer, "would be taken" if options.dry_run else f"added as {answer.id}")
-        if answer.success and not options.dry_run and not border.enabled and not border.expires:
-            answer = client.update(border.replace(id=answer.id))  # what is added is on: turn it off again
+        # an id belongs to the database that gave it: another one's borders have other times of creation
+        if (border.id, round(border.created, 3)) not in {(one.id, round(one.created, 3)) for one in known}:
+            border = border.replace(id="")
+        answer = client.preview(border) if options.dry_run else client.save(border)
+        done = "would be taken" if options.dry_run else f"updated {border.id}" if border.id else f"added as {answer.id}"
+        _print_answer(border, answer, done)
         refused += not answer.success
-    print(f"{len(borders) - refused} of {len(borders)} {'could be added' if options.dry_run else 'added'}")
+    print(f"{len(borders) - refused} of {len(borders)} {'could be taken' if options.dry_run else 'taken'}")
     return 1 if refused else 0
 
 
@@ -77,11 +90,10 @@ def export_borders(arguments: Optional[List[str]] = None) -> int:
     options = parser.parse_args(rospy.myargv(sys.argv)[1:] if arguments is None else arguments)
     rospy.init_node("export_borders", anonymous=True, disable_signals=True)
     try:
-        response = services.call(names.LIST_BORDERS, ListBorders, ListBordersRequest(), "the map integrator")
-        borders = [border_from_message(message) for message in response.borders.borders]
+        borders = _stored_borders()
         is_geojson = options.file.suffix.lower() in _GEOJSON
         text = borders_to_geojson(borders) if is_geojson else borders_to_yaml(borders)
-        map_files.write_atomically(options.file, text.encode())
+        write_atomically(options.file, text.encode())
     except CodedError as error:
         print(error, file=sys.stderr)
         return 1

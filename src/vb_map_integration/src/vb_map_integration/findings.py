@@ -1,8 +1,8 @@
 """What the check of a border finds, and the error that refuses one."""
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Iterable, Tuple
+from dataclasses import dataclass, field
+from typing import Any, Dict, Iterable, Mapping, Optional, Tuple
 
 from vb_core.errors import CodedError
 
@@ -18,11 +18,13 @@ class Finding:
         severity: WARNING (the border can be added all the same) or ERROR (it is refused).
         code: machine readable, for instance "separates_nothing".
         message: a sentence that a person can act on.
+        values: what the sentence names.
     """
 
     severity: int
     code: str
     message: str
+    values: Mapping[str, str] = field(default_factory=dict)
 
 
 class IntegrationError(CodedError):
@@ -32,6 +34,9 @@ class IntegrationError(CodedError):
         findings: all that was found up to the refusal; the last one is the refusal itself.
     """
 
-    def __init__(self, code: str, message: str, findings: Iterable[Finding] = ()) -> None:
-        super().__init__(code, message)
-        self.findings: Tuple[Finding, ...] = tuple(findings) + (Finding(ERROR, code, message),)
+    def __init__(
+        self, code: str, message: str = "", findings: Iterable[Finding] = (), values: Optional[Dict[str, Any]] = None
+    ) -> None:
+        super().__init__(code, message, **(values or {}))
+        text = {key: str(value) for key, value in self.values.items()}
+        self.findings: Tuple[Finding, ...] = tuple(findings) + (Finding(ERROR, code, self.message, text),)

@@ -1,10 +1,12 @@
 """Borders as GeoJSON (RFC 7946), in metres of the map frame instead of degrees on the earth.
 
 A Polygon is a polygon, a LineString a separating curve. The seed and all else are the feature's properties, named as
-in the YAML files; a polygon without a seed restricts its inside.
+in the YAML files; a polygon without a seed restricts its inside, and a LineString of kind "virtual_wall" needs none.
+Properties of other programs are left out; what is wrong with ours, or with the geometry, is an error.
 """
 from __future__ import annotations
 
+import dataclasses
 import json
 import math
 from typing import Any, Dict, List, Sequence
@@ -16,7 +18,10 @@ from vb_core.errors import CodedError
 from vb_map_integration.border import VirtualBorder
 from vb_map_integration.border_files import border_from_mapping, border_to_mapping
 
-_OWN = ("points", "seed", "kind")
+_GEOMETRY = ("points", "seed", "kind")
+_PROPERTIES = tuple(
+    one.name for one in dataclasses.fields(VirtualBorder) if one.name not in (*_GEOMETRY, "closed", "wall")
+)
 
 
 def borders_to_geojson(borders: Sequence[VirtualBorder]) -> str:
@@ -28,8 +33,10 @@ def borders_to_geojson(borders: Sequence[VirtualBorder]) -> str:
         geometry: Dict[str, Any] = {"type": "LineString", "coordinates": points}
         if border.closed:
             geometry = {"type": "Polygon", "coordinates": [points + points[:1]]}
-        properties = {key: value for key, value in values.items() if key not in _OWN}
+        properties = {key: value for key, value in values.items() if key not in _GEOMETRY}
         properties["seed"] = values["seed"]
+        if border.wall:
+            properties["kind"] = values["kind"]
         features.append({"type": "Feature", "geometry": geometry, "properties": properties})
     return json.dumps({"type": "FeatureCollection", "features": features}, indent=1) + "\n"
 
@@ -69,9 +76,11 @@ def _border(feature: Any) -> VirtualBorder:
     if kind == "Polygon" and len(coordinates) != 1:
         raise CodedError("bad_border_file", f"a border has one ring and no holes, got {len(coordinates)} rings")
     points = _positions(coordinates[0] if kind == "Polygon" else coordinates)
-    values = dict(properties) if isinstance(properties, dict) else {}
-    values.update(points=points, kind="polygon" if kind == "Polygon" else "separating_curve")
-    if "seed" not in values:
+    given = dict(properties) if isinstance(properties, dict) else {}
+    wall = kind == "LineString" and given.get("kind") == "virtual_wall"
+    values = {key: value for key, value in given.items() if key in (*_PROPERTIES, "seed")}
+    values.update(points=points, kind="virtual_wall" if wall else "polygon" if kind == "Polygon" else "separating_curve")
+    if "seed" not in values and not wall:
         if kind == "LineString":
             raise CodedError("bad_seed", "properties: a separating curve needs a seed, [x, y], on the restricted side")
         values["seed"] = _point_inside(points)

@@ -16,7 +16,7 @@ from vb_core import masks
 from vb_core.grid_map import GridMap
 from vb_core.parameters import Parameters, param
 from vb_map_integration import curve, raster
-from vb_map_integration.border import VirtualBorder
+from vb_map_integration.border import SLOW, VirtualBorder
 from vb_map_integration.findings import ERROR, WARNING, Finding, IntegrationError
 
 __all__ = [
@@ -38,6 +38,8 @@ class IntegrationParams(Parameters):
     nearly_everything: float = param(0.98, low=0.0, high=1.0, doc="share of the free space that is worth a warning")
 
 
+# [m] a virtual wall's band; in coarse maps it is the cells that the chain runs through
+WALL_WIDTH_M = 0.1
 _DEFAULT = IntegrationParams()
 # marks what a fill reached, in a mask of blocked cells
 _FILLED = 128
@@ -138,7 +140,7 @@ def restricted_area(
 
     A polygon restricts its inside, unknown cells included, or all the free space outside that hangs together
     with the seed. A separating curve is extended to the physical borders and restricts what can be reached from
-    the seed without crossing it. Unknown cells are raised only by a value that counts as an obstacle: a soft
+    the seed without crossing it. A virtual wall restricts a thin band along its chain. Unknown cells are raised only by a value that counts as an obstacle: a soft
     one would make them look freer than they were.
 
     Args:
@@ -156,7 +158,10 @@ def restricted_area(
     cells = np.ascontiguousarray(prior.data).view(np.uint8)
     try:
         _check_shape(prior, border, points, seed, findings)
-        if border.closed:
+        if border.wall:
+            window, mask = _wall(prior, points, cells, params)
+            line = border.points
+        elif border.closed:
             window, mask = _polygon(prior, points, seed, cells, params, findings)
             line = border.points
         else:
@@ -167,7 +172,7 @@ def restricted_area(
         if restricted > params.nearly_everything * _count_free(cells, params.occupied_from):
             text = "the area covers nearly all of the free space: is the seed on the right side?"
             _warn(findings, "nearly_everything", text)
-        if border.value == 0:
+        if border.value == 0 and border.zone != SLOW:
             _warn(findings, "no_effect", "an occupancy of 0 restricts nothing")
         for name, place in (places or {}).items():
             row, column = prior.world_to_cell(place)[0] - (window[0].start, window[1].start)
@@ -212,10 +217,10 @@ def _check_shape(
     if outside:
         text = f"{outside} of {len(points)} points lie outside the map: the border was clipped to it"
         _warn(findings, "outside_map", text)
-    if ((seed < -0.5) | (seed >= limit)).any():
+    if not border.wall and ((seed < -0.5) | (seed >= limit)).any():
         raise IntegrationError("seed_outside_map", "the seed point lies outside the map")
     chain = np.concatenate([border.points, border.points[:1]]) if border.closed else border.points
-    if not shapely.linestrings(chain).is_simple:
+    if not border.wall and not shapely.linestrings(chain).is_simple:
         _warn(findings, "self_crossing", "the border crosses itself: everything that it encloses counts as inside")
 
 
@@ -256,6 +261,25 @@ def _polygon(
     blocked[window] = cv2.subtract(blocked[window], inner)
     outer = slice(top, top + depth), slice(left, left + width)
     return outer, masks.compare(blocked[outer], _FILLED, cv2.CMP_EQ)
+
+
+def _wall(
+    prior: GridMap, points: np.ndarray, cells: np.ndarray, params: IntegrationParams
+) -> Tuple[raster.Window, np.ndarray]:
+    """The free cells of a band along a chain: a window, and a (h, w) uint8 mask of it."""
+    trace = raster.trace_chain(points, prior.shape)
+    inside = (trace.rows >= 0) & (trace.columns >= 0) & (trace.rows < prior.shape[0]) & (trace.columns < prior.shape[1])
+    rows, columns = trace.rows[inside], trace.columns[inside]
+    if len(rows) == 0:
+        raise IntegrationError("outside_map", "the wall lies outside the map")
+    reach = int(WALL_WIDTH_M / 2.0 / prior.resolution + 1e-6)
+    top, left = max(0, int(rows.min()) - reach), max(0, int(columns.min()) - reach)
+    window = slice(top, int(rows.max()) + reach + 1), slice(left, int(columns.max()) + reach + 1)
+    mask = raster.filled(cells[window].shape, 0)
+    mask[rows - top, columns - left] = 255
+    if reach:
+        mask = cv2.dilate(mask, np.ones((2 * reach + 1, 2 * reach + 1), np.uint8))
+    return window, cv2.bitwise_and(mask, masks.compare(cells[window], params.occupied_from, cv2.CMP_LT))
 
 
 def _curve(

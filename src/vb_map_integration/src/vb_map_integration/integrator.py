@@ -1,23 +1,34 @@
-"""Physical map, borders, their files and the posterior map, kept together."""
+"""Physical map, borders, their database and the posterior map, kept together.
+
+Borders are kept in the frame of the map at which their place's first one was drawn; here they are moved into the frame
+of the present map. Which borders act, and why others do not, is decided in one place: `_recompute`.
+"""
 from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Dict, List, Mapping, Optional, Sequence, Tuple
+from typing import Any, Dict, Iterable, List, Mapping, Optional, Sequence, Tuple
 
+import numpy as np
+
+from vb_core import sentences
 from vb_core.errors import CodedError
+from vb_core.files import write_atomically
 from vb_core.grid_map import GridMap
+from vb_core.notices import Notice, Severity
 from vb_core.parameters import param
 from vb_map_integration import map_files
-from vb_map_integration.border import VirtualBorder
+from vb_map_integration.border import SLOW, VirtualBorder
 from vb_map_integration.border_files import borders_to_yaml
-from vb_map_integration.border_folders import BorderFolder, BorderFolders
 from vb_map_integration.composition import Composition, Region
+from vb_map_integration.database import Change, Database, Entry, StoredMap, fingerprint
 from vb_map_integration.findings import WARNING, Finding, IntegrationError
 from vb_map_integration.integration import Area, IntegrationParams, restricted_area
-from vb_map_integration.map_binding import compatible, fingerprint
+from vb_map_integration.legacy_folders import read_folders
+from vb_map_integration.map_picture import map_picture
 from vb_map_integration.preview import Ways, ways
-from vb_map_integration.store import BorderStore, Change
+from vb_map_integration.recognition import Recognizer, Verdict
+from vb_map_integration.registration import Registration, Transform, register
 
 
 @dataclass(frozen=True)
@@ -29,6 +40,8 @@ class IntegratorParams(IntegrationParams):
     check_ways: bool = param(True, doc="whether saving looks for free space that falls into parts")
     dock: list = param([], "m", doc="x and y of the robot's dock; empty: none")
     robot_name: str = param("", doc="whose map this is: borders for other robots are left out; empty: all act")
+    robots: list = param([], doc="names of the robots that borders may name; empty: any")
+    map_name: str = param("", doc="of the place or floor whose map is published; empty: it is recognised by its map")
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -68,6 +81,23 @@ class Outcome:
     message: str
 
 
+@dataclass(frozen=True)
+class Proposal:
+    """Where borders of a known map would lie in the present one.
+
+    Attributes:
+        place: number of their place.
+        transform: from the frame of that place to the present map's.
+        registration: what it rests on; None if it was given, or nothing was found.
+        picture: PNG of both maps and the moved borders.
+    """
+
+    place: int
+    transform: Transform
+    registration: Optional[Registration]
+    picture: bytes
+
+
 class MapIntegrator:
     """Physical map plus borders. Every change is checked, written to the disk and only then made.
 
@@ -75,17 +105,46 @@ class MapIntegrator:
 
     Args:
         params: checked parameters.
-        root: folder for the borders of all maps; None keeps them in memory only.
+        root: folder of the database; None keeps borders in memory only.
+
+    Raises:
+        CodedError: "database_in_use", "cannot_write".
     """
 
     def __init__(self, params: IntegratorParams, root: Optional[Path]) -> None:
         self.params = params
-        self._folders = BorderFolders(root) if root is not None else None
-        self._folder: Optional[BorderFolder] = None
+        self._database = Database(root)
+        self._taken_over: List[Notice] = []
+        if root is not None:
+            self._take_over(root)
+        self._recognizer = Recognizer(self._database, params.map_name)
         self._composition: Optional[Composition] = None
-        self._store = BorderStore()
+        self._verdict = Verdict()
         self._map_id = ""
         self._parts: Optional[int] = None
+        # by border: as it is in the present map, whether it is due, why it does not act, what a slow zone covers
+        self._moved: Dict[str, VirtualBorder] = {}
+        self._due: Dict[str, bool] = {}
+        self._reasons: Dict[str, str] = {}
+        self._slow: Dict[str, Tuple[Region, float]] = {}
+
+    def close(self) -> None:
+        """Gives the database free."""
+        self._database.close()
+
+    def _take_over(self, root: Path) -> None:
+        """Borders of older versions, once; their folders stay as they are."""
+        for folder in read_folders(root):
+            note = f"taken over: {folder.name}"
+            if self._database.fact(note):
+                continue
+            place = self._database.add_map(folder.grid, folder.map_id or folder.name)
+            renamed = self._database.take_over(place, folder.borders, note)
+            self._database.remember_place(place)
+            values = {"count": str(len(folder.borders)), "folder": folder.name, "renamed": str(len(renamed))}
+            code = "borders_taken_over" if folder.whole else "borders_taken_over_damaged"
+            severity = Severity.INFO if folder.whole else Severity.WARNING
+            self._taken_over.append(Notice(code, severity, values=values))
 
     # ------------------------------------------------------------- state
     @property
@@ -96,7 +155,23 @@ class MapIntegrator:
     def posterior_for(self, robot: str) -> GridMap:
         """The physical map with those borders that hold for one robot: they name it, or none."""
         others = {border.id: None for border in self.borders if border.robots and robot not in border.robots}
-        return self._ready().changed(others).posterior
+        return self._ready().changed(others).posterior if others else self.posterior
+
+    @property
+    def speed_limits(self) -> GridMap:
+        """The highest speed in each cell [cm/s], 0: no limit; the geometry of the map."""
+        cells = np.zeros(self.physical.shape, np.int8)
+        for region, speed in self._slow.values():
+            part = cells[region.window]
+            limit = np.int8(max(1, min(127, round(100.0 * speed))))
+            inside = region.mask != 0
+            part[inside] = np.where(part[inside] == 0, limit, np.minimum(part[inside], limit))
+        return self.physical.with_data(cells)
+
+    @property
+    def has_speed_limits(self) -> bool:
+        """Whether a slow zone is in force."""
+        return bool(self._slow)
 
     @property
     def physical(self) -> GridMap:
@@ -110,17 +185,62 @@ class MapIntegrator:
 
     @property
     def borders(self) -> Tuple[VirtualBorder, ...]:
-        """All borders, the oldest first."""
-        return self._store.borders
+        """All borders of the present map, in its frame, the oldest first."""
+        if not self.has_map:
+            return ()
+        return tuple(self._moved[border.id] for border in self._database.borders(self._verdict.place))
 
     @property
     def revision(self) -> int:
         """Grows with every change."""
-        return self._store.revision
+        return self._database.revision
+
+    @property
+    def map_id(self) -> str:
+        """The present map's fingerprint."""
+        return self._map_id
+
+    @property
+    def map_name(self) -> str:
+        """The name of the place that the present map shows; "" if nobody gave it one."""
+        found = [one.name for one in self._database.maps() if one.id == self._verdict.place]
+        return found[0] if found else self.params.map_name
+
+    @property
+    def needs_confirmation(self) -> bool:
+        """Whether the present map may show another place than that of the borders in force."""
+        return not self._verdict.sure
+
+    @property
+    def notices(self) -> List[Notice]:
+        """What people should know: about the files, the map, and borders that do not fit it."""
+        found = [*self._database.notices, *self._taken_over]
+        if self.needs_confirmation:
+            values = {"count": str(len(self.borders)), "map": self.map_name or f"{self._verdict.place}"}
+            found.append(Notice("borders_unconfirmed", Severity.WARNING, values=values))
+        for border in self.borders:
+            reason = self.status(border)[1]
+            if reason == "does_not_fit":
+                why = self._reasons[border.id]
+                found.append(Notice(reason, Severity.WARNING, "", border.id, "", {"border": border.name, "why": why}))
+        return found
 
     def area_m2(self, border_id: str) -> float:
-        """[m^2] that a border restricts now; 0 while it is disabled."""
-        return self._ready().area_m2(border_id)
+        """[m^2] that a border restricts now; 0 if it does not act."""
+        slow = self._slow.get(border_id)
+        return slow[0].area_m2 if slow else self._ready().area_m2(border_id)
+
+    def status(self, border: VirtualBorder) -> Tuple[bool, str]:
+        """Whether a border acts now, and if not why: "other_robot", "disabled", "off_schedule", "does_not_fit"."""
+        if not self._is_mine(border):
+            return False, "other_robot"
+        if not self._due.get(border.id, False):
+            return False, "off_schedule" if border.enabled else "disabled"
+        if border.id in self._reasons:
+            return False, "does_not_fit"
+        if border.value == 0 and border.zone != SLOW:
+            return False, "no_effect"
+        return True, ""
 
     def _ready(self) -> Composition:
         if self._composition is None:
@@ -128,8 +248,11 @@ class MapIntegrator:
         return self._composition
 
     # ------------------------------------------------------------- the physical map
-    def set_map(self, grid: GridMap) -> Tuple[bool, Tuple[str, ...]]:
+    def set_map(self, grid: GridMap, now: float = 0.0) -> Tuple[bool, Tuple[str, ...]]:
         """Takes the physical map; the first one, another one, or one that has grown.
+
+        Args:
+            now: [s] decides what schedules say.
 
         Returns:
             Whether anything changed, and sentences for the person.
@@ -137,53 +260,145 @@ class MapIntegrator:
         map_id = fingerprint(grid)
         if map_id == self._map_id:
             return False, ()
-        notes: List[str] = []
-        if self._folders is None:
-            notes.extend(self._forget_if_elsewhere(grid))
-        else:
-            try:
-                folder, found = self._folders.open(grid)
-                notes.extend(found)
-                if self._folder is None or folder.folder != self._folder.folder:
-                    loaded = folder.load()
-                    notes.extend(loaded.notes)
-                    self._store = loaded.store
-                    self._folder = folder
-                self._folder.map_id = map_id
-            except CodedError as error:
-                self._folder = None
-                notes.append(f"{error.message}: borders will be lost when this program ends")
-                notes.extend(self._forget_if_elsewhere(grid))
+        before = self._composition.physical if self._composition else None
+        verdict = self._recognizer.recognise(grid, map_id, before, self._verdict)
         self._map_id = map_id
-        self._parts = None
-        self._composition, doubts = self._composed(Composition(grid), {border.id: border for border in self.borders})
-        return True, tuple(notes + doubts)
+        self._use(grid, verdict, now)
+        if verdict.place:
+            name = self.params.map_name
+            try:
+                self._database.remember_place(verdict.place)
+                if name and verdict.sure and not self.map_name:
+                    self._database.rename_place(verdict.place, name)
+            except CodedError as error:
+                return True, (error.message, *(notice.sentence() for notice in self.notices))
+        return True, tuple(notice.sentence() for notice in self.notices)
 
-    def _forget_if_elsewhere(self, grid: GridMap) -> List[str]:
-        """Without files borders cannot wait for their map to come back: another map begins with none."""
-        if not self.borders or compatible(self.physical, grid):
-            return []
-        self._store = BorderStore()
-        return ["this is another map: the borders of the one before are gone"]
+    def _use(self, grid: GridMap, verdict: Verdict, now: float) -> None:
+        self._verdict, self._parts = verdict, None
+        self._moved, self._due, self._reasons, self._slow = {}, {}, {}, {}
+        self._composition = self._recompute(Composition(grid), self._database.borders(verdict.place), now)
 
-    def _composed(
-        self, composition: Composition, borders: Mapping[str, Optional[VirtualBorder]]
-    ) -> Tuple[Composition, List[str]]:
-        """A composition with some borders' regions, and without those that do not act; sentences about misfits."""
+    def _recompute(
+        self,
+        composition: Composition,
+        stored: Iterable[VirtualBorder],
+        now: float,
+        gone: Sequence[str] = (),
+        check: Optional[Check] = None,
+    ) -> Composition:
+        """What borders do on the present map: the one place where it is decided which act, and why others do not.
+
+        Args:
+            stored: borders in the frame of their place.
+            gone: ids of borders that are no more.
+            check: of the only one of these borders, on the same composition; nothing is computed twice then.
+        """
         regions: Dict[str, Optional[Region]] = {}
-        notes: List[str] = []
-        for key, border in borders.items():
-            regions[key] = None
-            if border is not None and self._acts(border):
-                try:
-                    regions[key] = Region.of(restricted_area(composition.physical, border, self.params))
-                except IntegrationError as error:
-                    notes.append(f"the border '{border.name}' does not fit the map and does not act: {error.message}")
-        return composition.changed(regions), notes
+        for known in (self._moved, self._due, self._reasons, self._slow):
+            for key in gone:
+                known.pop(key, None)  # type: ignore[attr-defined]
+        regions.update((key, None) for key in gone)
+        for border in (one.moved(self._verdict.transform) for one in stored):
+            self._moved[border.id] = border
+            # whether it is on does not wait for the disk to take down that its time has come
+            toggled = 0.0 < border.expires <= now
+            self._due[border.id] = border.replace(enabled=border.enabled != toggled).is_due(now)
+            self._reasons.pop(border.id, None)
+            self._slow.pop(border.id, None)
+            regions[border.id] = None
+            if not (self._due[border.id] and self._is_mine(border)):
+                continue
+            if check is not None and border.zone != SLOW:
+                return check.composition
+            try:
+                region = Region.of(restricted_area(composition.physical, border, self.params))
+            except IntegrationError as error:
+                self._reasons[border.id] = error.code
+                continue
+            if border.zone == SLOW:
+                self._slow[border.id] = region, border.max_speed
+            else:
+                regions[border.id] = region
+        return composition.changed(regions)
 
-    def _acts(self, border: VirtualBorder) -> bool:
-        mine = not self.params.robot_name or not border.robots or self.params.robot_name in border.robots
-        return border.enabled and mine
+    def _is_mine(self, border: VirtualBorder) -> bool:
+        return not self.params.robot_name or not border.robots or self.params.robot_name in border.robots
+
+    # ------------------------------------------------------------- which place the map shows
+    def confirm(self, same: bool, name: str, now: float) -> Outcome:
+        """Takes a person's word for what the present map shows.
+
+        Args:
+            same: the place whose borders are in force, moved as they are now; else a place of its own, without borders.
+            name: for the place; empty: as it is.
+
+        Raises:
+            CodedError: "no_map", "name_taken", "drawn_on_this_map", "cannot_write".
+        """
+        grid, verdict = self.physical, self._verdict
+        known = self._database.map_of(self._map_id)
+        if same:
+            place = verdict.place
+            if not place or known is None or known.place != place:
+                place = self._database.add_map(grid, self._map_id, place, verdict.transform)
+            transform = verdict.transform
+        else:
+            if known is not None and known.id == known.place and self._database.count(known.place):
+                raise CodedError("drawn_on_this_map")
+            if name and any(one.name == name for one in self._database.maps()):
+                raise CodedError("name_taken", name=name)
+            place, transform = self._database.add_map(grid, self._map_id), Transform()
+        if name:
+            self._database.rename_place(place, name)
+        self._use(grid, Verdict(place, transform), now)
+        self._database.remember_place(place)
+        return Outcome((), (), sentences.say("map_confirmed", {"count": len(self.borders)}))
+
+    def propose(self, which: str, transform: Optional[Transform] = None) -> Proposal:
+        """Where the borders of a known map would lie in the present one; changes nothing.
+
+        Args:
+            which: the fingerprint or the name of their map; empty: of the place whose borders are in force.
+            transform: from that place's frame to the present map's; None: by registration.
+
+        Raises:
+            CodedError: "no_map", "unknown_map".
+        """
+        grid = self.physical
+        source = self._source(which)
+        found: Optional[Registration] = None
+        if transform is None:
+            found = register(source.grid, grid) if source.grid is not None else None
+            transform = found.transform.after(source.transform) if found else Transform()
+        moved = [border.moved(transform) for border in self._database.borders(source.place)]
+        picture = map_picture(source.grid, grid, transform.after(source.transform.inverse), moved)
+        return Proposal(source.place, transform, found, picture)
+
+    def adopt(self, proposal: Proposal, now: float) -> Outcome:
+        """Takes the borders of another map into the present one; from now on both show the same place.
+
+        Raises:
+            CodedError: "place_has_borders", "cannot_write".
+        """
+        known = self._database.map_of(self._map_id)
+        if known is not None and known.id == known.place:
+            if proposal.place == known.place or self._database.count(known.place):
+                raise CodedError("place_has_borders")
+        self._database.add_map(self.physical, self._map_id, proposal.place, proposal.transform)
+        self._use(self.physical, Verdict(proposal.place, proposal.transform), now)
+        self._database.remember_place(proposal.place)
+        return Outcome((), (), sentences.say("borders_adopted", {"count": len(self.borders)}))
+
+    def _source(self, which: str) -> StoredMap:
+        maps = self._database.maps()
+        if not which:
+            chosen = [one for one in maps if one.place == self._verdict.place]
+        else:
+            chosen = [one for one in maps if which in (one.fingerprint, one.name)]
+        if not chosen:
+            raise CodedError("unknown_map", map=which)
+        return chosen[0]
 
     # ------------------------------------------------------------- checks
     def check(
@@ -202,11 +417,12 @@ class MapIntegrator:
             CodedError: "no_map", or an IntegrationError with all findings.
         """
         before = self._ready()
+        self._check_robots(border)
         places = dict(places or {})
         if self.params.dock:
             places["dock"] = self.params.dock
         area = restricted_area(before.physical, border, self.params, places)
-        after = before.changed({border.id: Region.of(area)})
+        after = before.changed({border.id: None if border.zone == SLOW else Region.of(area)})
         findings = list(area.findings)
         found: Optional[Ways] = None
         if goals is not None or self.params.check_ways:
@@ -226,74 +442,176 @@ class MapIntegrator:
                 findings.append(Finding(WARNING, "nothing_left", "no free space would be left for the robot"))
         return Check(area, tuple(findings), found, after)
 
+    def _check_robots(self, border: VirtualBorder) -> None:
+        known = self.params.robots
+        unknown = [robot for robot in border.robots if known and robot not in known]
+        if unknown:
+            raise IntegrationError(
+                "unknown_robot", values={"robot": ", ".join(unknown), "known": ", ".join(map(str, known))}
+            )
+
     # ------------------------------------------------------------- changes
-    def add(self, border: VirtualBorder, now: float, places: Optional[Mapping[str, Sequence[float]]] = None) -> Outcome:
-        """Adds a border; `now` is [s] ROS time. Raises CodedError if it is refused; then nothing changed."""
-        check = self._checked(self._store.adding(border, now), places)
-        new = self._store.borders[-1]
+    # `expected` is the revision that whoever asks has seen; 0: any
+    def add(
+        self,
+        border: VirtualBorder,
+        now: float,
+        places: Optional[Mapping[str, Sequence[float]]] = None,
+        expected: int = 0,
+        request_id: str = "",
+    ) -> Outcome:
+        """Adds a border; `now` is [s] ROS time. Raises CodedError if it is refused; then nothing changed.
+
+        Args:
+            request_id: a repetition of the same request adds nothing and gives the first one's id.
+        """
+        known = self._database.border_of_request(request_id)
+        if known:
+            return Outcome((known,), (), sentences.say("added_before"))
+        self._expect(expected)
+        self._check_time(border, now)
+        new = self._database.new_border(border, now)
+        check = self.check(new, places)
+        self._check_confirmed()
+        self._keep_map()
+        self._commit(self._verdict.place, (Entry(new.id, None, self._at_home(new)),), "new", now, request_id, check)
         return Outcome((new.id,), check.findings, f"'{new.name}' restricts {check.area.area_m2:.2f} m2")
 
     def update(
-        self, border: VirtualBorder, now: float, places: Optional[Mapping[str, Sequence[float]]] = None
+        self, border: VirtualBorder, now: float, places: Optional[Mapping[str, Sequence[float]]] = None, expected: int = 0
     ) -> Outcome:
-        """Replaces the border of the same id; raises CodedError if it is refused; then nothing changed."""
-        check = self._checked(self._store.updating(border, now), places)
-        return Outcome((border.id,), check.findings, f"'{self._store.get(border.id).name}' was changed")
+        """Replaces the border of the same id; raises CodedError if it is refused; then nothing changed.
 
-    def _checked(self, change: Change, places: Optional[Mapping[str, Sequence[float]]]) -> Check:
-        """Makes the change of one border if the check allows it."""
-        border = change[0].after
-        assert border is not None
-        check = self.check(border, places)
-        if self._acts(border):
-            self._commit(change, "new", check.composition)
-            self._parts = check.ways.free_parts if check.ways else None
+        A border whose points and seed stay as they are is not refused because it does not fit the map.
+        """
+        self._ready()
+        self._expect(expected)
+        place, before = self._database.find(border.id)
+        if place != self._verdict.place:
+            raise CodedError("on_another_map", id=border.id)
+        self._check_time(border, now)
+        self._check_robots(border)
+        check: Optional[Check] = None
+        after = border.replace(name=border.name or before.name, created=before.created, modified=now)
+        if border.same_area(self._moved[border.id]):
+            after = after.replace(points=before.points, seed=before.seed)
         else:
-            self._commit(change, "new")
-        return check
+            check = self.check(border, places)
+            self._check_confirmed()
+            self._keep_map()
+            after = self._at_home(after)
+        findings = self._commit(place, (Entry(border.id, before, after),), "new", now, "", check)
+        return Outcome((border.id,), check.findings if check else findings, f"'{after.name}' was changed")
 
-    def enable(self, border_id: str, enabled: bool, now: float, expires: float = 0.0) -> Outcome:
-        """Turns a border on or off, for ever or until `expires` [s]; raises CodedError."""
-        return self._plain(self._store.enabling(border_id, enabled, now, expires), "new", "changed")
+    def enable(self, border_id: str, enabled: bool, now: float, expires: float = 0.0, expected: int = 0) -> Outcome:
+        """Turns a border of any map on or off, for ever or until `expires` [s]; raises CodedError."""
+        return self._adjust(border_id, now, expected, enabled=enabled, expires=expires)
 
-    def remove(self, border_id: str) -> Outcome:
+    def rename(self, border_id: str, name: str, now: float, expected: int = 0) -> Outcome:
+        """Gives a border of any map another name; raises CodedError."""
+        return self._adjust(border_id, now, expected, name=name)
+
+    def _adjust(self, border_id: str, now: float, expected: int, **changes: Any) -> Outcome:
+        self._ready()
+        self._expect(expected)
+        place, before = self._database.find(border_id)
+        after = before.replace(modified=now, **changes)
+        self._check_time(after, now)
+        return self._plain(((Entry(border_id, before, after)),), "new", "changed", now, place)
+
+    def remove(self, border_id: str, now: float = 0.0, expected: int = 0) -> Outcome:
         """Removes a border; raises CodedError "unknown_border"."""
-        return self._plain(self._store.removing(border_id), "new", "removed")
+        self._ready()
+        self._expect(expected)
+        place, before = self._database.find(border_id)
+        return self._plain((Entry(border_id, before, None),), "new", "removed", now, place)
 
-    def clear(self) -> Outcome:
-        """Removes all borders; raises CodedError "nothing_to_clear"."""
-        return self._plain(self._store.clearing(), "new", "removed")
+    def clear(self, now: float = 0.0) -> Outcome:
+        """Removes all borders of the present map; raises CodedError "nothing_to_clear"."""
+        stored = self._database.borders(self._verdict.place)
+        if not stored:
+            raise CodedError("nothing_to_clear", "there are no borders")
+        return self._plain(tuple(Entry(border.id, border, None) for border in stored), "new", "removed", now)
 
-    def undo(self) -> Outcome:
+    def undo(self, now: float = 0.0) -> Outcome:
         """Takes the last change back; raises CodedError "nothing_to_undo"."""
-        return self._plain(self._store.undoing(), "undo", "changed back")
+        return self._plain(self._database.undoing(self._verdict.place), "undo", "changed back", now)
 
-    def redo(self) -> Outcome:
+    def redo(self, now: float = 0.0) -> Outcome:
         """Makes again what was undone last; raises CodedError "nothing_to_redo"."""
-        return self._plain(self._store.redoing(), "redo", "changed again")
+        return self._plain(self._database.redoing(self._verdict.place), "redo", "changed again", now)
 
     def expire(self, now: float) -> Optional[Outcome]:
-        """Turns over the borders whose time has come; None if there are none."""
-        change = self._store.expiring(now)
-        # an expiry is no command: undo goes on to what a person did
-        return self._plain(change, "quiet", "turned over, their time has come") if change else None
+        """Follows the time: toggles borders that expire, and begins and ends scheduled times; None if nothing changed."""
+        stored = self._database.borders(self._verdict.place)
+        change = tuple(
+            Entry(border.id, border, border.replace(enabled=not border.enabled, expires=0.0, modified=now))
+            for border in stored if 0.0 < border.expires <= now
+        )
+        if change:
+            # an expiry is no command: undo goes on to what a person did
+            return self._plain(change, "quiet", "expired and toggled", now)
+        turned = [border for border in stored if border.schedule and border.is_due(now) != self._due.get(border.id)]
+        if not turned:
+            return None
+        self._composition, self._parts = self._recompute(self._ready(), turned, now), None
+        names = ", ".join(f"'{border.name}'" for border in turned)
+        return Outcome(tuple(border.id for border in turned), (), f"on or off by schedule: {names}")
 
-    def _plain(self, change: Change, kind: str, what: str) -> Outcome:
-        notes = self._commit(change, kind)
-        findings = tuple(Finding(WARNING, "does_not_act", note) for note in notes)
+    def _expect(self, expected: int) -> None:
+        if expected and expected != self.revision:
+            raise CodedError("changed_meanwhile")
+
+    def _check_confirmed(self) -> None:
+        """What is drawn while nobody knows which place the map shows would belong to no place."""
+        if self.needs_confirmation:
+            raise IntegrationError("confirm_map_first")
+
+    @staticmethod
+    def _check_time(border: VirtualBorder, now: float) -> None:
+        if 0.0 < border.expires <= now:
+            text = f"the border's time is over: it expires at {border.expires:.1f} s, now is {now:.1f} s"
+            raise CodedError("already_expired", text)
+
+    def _at_home(self, border: VirtualBorder) -> VirtualBorder:
+        """A border of the present map in the frame of its place."""
+        return border.moved(self._verdict.transform.inverse)
+
+    def _keep_map(self) -> None:
+        """Keeps the map at which somebody draws: later ones are compared with it."""
+        if self._database.map_of(self._map_id) is None:
+            place = self._database.add_map(
+                self.physical, self._map_id, self._verdict.place, self._verdict.transform,
+                "" if self._verdict.place else self._free_name(),
+            )
+            self._database.remember_place(place)
+            self._verdict = Verdict(place, self._verdict.transform)
+
+    def _free_name(self) -> str:
+        taken = any(one.name == self.params.map_name for one in self._database.maps())
+        return "" if taken else self.params.map_name
+
+    def _plain(self, change: Change, kind: str, what: str, now: float, place: int = 0) -> Outcome:
+        findings = self._commit(place or self._verdict.place, change, kind, now)
         names = ", ".join(f"'{(entry.after or entry.before).name}'" for entry in change)  # type: ignore[union-attr]
         return Outcome(tuple(entry.id for entry in change), findings, f"{what}: {names}")
 
-    def _commit(self, change: Change, kind: str, composition: Optional[Composition] = None) -> List[str]:
-        """Makes a change, all of it or, with a CodedError, nothing; gives sentences about borders that do not fit."""
-        notes: List[str] = []
-        if composition is None:
-            composition, notes = self._composed(self._ready(), {entry.id: entry.after for entry in change})
-        store = self._store.changed(change, kind)
-        if self._folder is not None:
-            self._folder.write(store, change, kind)
-        self._store, self._composition, self._parts = store, composition, None
-        return notes
+    def _commit(
+        self, place: int, change: Change, kind: str, now: float, request_id: str = "", check: Optional[Check] = None
+    ) -> Tuple[Finding, ...]:
+        """Makes a change, all of it or, with a CodedError, nothing; gives warnings about borders that do not act."""
+        ready = self._ready()
+        self._database.commit(place, change, kind, request_id)
+        if place != self._verdict.place:
+            return ()
+        stored = [entry.after for entry in change if entry.after is not None]
+        gone = [entry.id for entry in change if entry.after is None]
+        self._composition, self._parts = self._recompute(ready, stored, now, gone, check), None
+        if check is not None and check.ways is not None and len(change) == 1 and self.status(self._moved[change[0].id])[0]:
+            self._parts = check.ways.free_parts
+        found = [self._moved[border.id] for border in stored if border.id in self._reasons]
+        values = [{"border": border.name, "why": self._reasons[border.id]} for border in found]
+        return tuple(Finding(WARNING, "does_not_act", sentences.say("does_not_act", one), one) for one in values)
 
     # ------------------------------------------------------------- files
     def save(self, folder: Path, name: str, raw: bool) -> List[Path]:
@@ -305,5 +623,5 @@ class MapIntegrator:
         stem = map_files.safe_path(folder, name)
         files = map_files.write_map(stem, self.posterior, raw)
         borders = Path(f"{stem}.borders.yaml")
-        map_files.write_atomically(borders, borders_to_yaml(self.borders).encode())
+        write_atomically(borders, borders_to_yaml(self.borders).encode())
         return files + [borders]

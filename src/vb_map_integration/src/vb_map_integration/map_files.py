@@ -6,9 +6,7 @@ unknown. (A soft value written by map_saver comes back as 100, unknown or 0.)
 from __future__ import annotations
 
 import math
-import os
 import re
-import tempfile
 from pathlib import Path
 from typing import List, Optional
 
@@ -17,6 +15,7 @@ import numpy as np
 import yaml
 
 from vb_core.errors import CodedError
+from vb_core.files import write_atomically
 from vb_core.grid_map import UNKNOWN, GridMap
 
 # what map_saver writes and map_server reads as thresholds
@@ -37,44 +36,6 @@ def safe_path(folder: Path, name: str) -> Path:
             "bad_name", f"a file name has letters, digits, '_', '-', '.' and no path, got {name!r}: choose another one"
         )
     return folder / name
-
-
-def write_atomically(path: Path, content: bytes, backup: bool = False) -> None:
-    """Writes a file so that at any moment either the old or the new content is there, whole.
-
-    Args:
-        backup: keeps the old file as `<name>.bak`.
-
-    Raises:
-        CodedError: "cannot_write".
-    """
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        handle, temporary = tempfile.mkstemp(prefix=f".{path.name}.", dir=str(path.parent))
-        try:
-            with os.fdopen(handle, "wb") as stream:
-                stream.write(content)
-                stream.flush()
-                os.fsync(stream.fileno())
-            os.chmod(temporary, 0o644)
-            if backup and path.exists():
-                spare = path.with_name(f".{path.name}.spare")
-                if spare.exists():
-                    spare.unlink()
-                os.link(str(path), str(spare))  # the old file keeps its own name until the new one takes it
-                os.replace(str(spare), f"{path}.bak")
-            os.replace(temporary, str(path))
-        except BaseException:
-            if os.path.exists(temporary):
-                os.unlink(temporary)
-            raise
-        folder = os.open(str(path.parent), os.O_RDONLY)
-        try:
-            os.fsync(folder)
-        finally:
-            os.close(folder)
-    except OSError as error:
-        raise CodedError("cannot_write", f"cannot write {path}: {error.strerror or error}") from None
 
 
 def write_map(stem: Path, grid: GridMap, raw: bool = False) -> List[Path]:

@@ -1,10 +1,11 @@
 """Node: virtual borders into the map that navigation uses."""
 from __future__ import annotations
 
+import contextlib
 import threading
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Dict, List, Sequence, Tuple
+from typing import Any, Callable, Dict, Sequence, Tuple
 
 import numpy as np
 import rospy
@@ -13,26 +14,37 @@ from vb_msgs.msg import VirtualBorderArray
 from vb_msgs.srv import (
     AddBorder,
     AddBorderResponse,
+    AdoptBorders,
+    AdoptBordersResponse,
+    ConfirmMap,
+    ConfirmMapRequest,
+    ConfirmMapResponse,
     ListBorders,
     ListBordersResponse,
     RemoveBorder,
     RemoveBorderResponse,
+    RenameBorder,
+    RenameBorderResponse,
     SaveMap,
     SaveMapResponse,
+    SetBorderEnabled,
+    SetBorderEnabledResponse,
     UpdateBorder,
     UpdateBorderResponse,
 )
 
-from vb_core import names
+from vb_core import names, sentences
 from vb_core.errors import CodedError, ParameterError
 from vb_core.parameters import Parameters, param
 from vb_core.ros import messages, node, parameters
+from vb_core.ros.notices import NoticePublisher
 from vb_core.ros.transforms import TransformLookup
 from vb_map_integration.border import VirtualBorder
 from vb_map_integration.border_messages import border_from_message, finding_messages, message_from_border
 from vb_map_integration.costmap_settings import soft_value_finding
 from vb_map_integration.findings import ERROR, Finding, IntegrationError
 from vb_map_integration.integrator import IntegratorParams, MapIntegrator, Outcome
+from vb_map_integration.registration import Transform
 
 _MAP_PATIENCE_S = 5.0  # without a map for so long, a warning
 
@@ -45,7 +57,6 @@ class NodeParams(Parameters):
     store_dir: str = param("~/.ros/virtual_borders")
     map_dir: str = param("~/.ros/virtual_borders/maps")
     robot_frame: str = param("")
-    robots: list = param([])
     move_base: str = param("/move_base")
     expiry_period_s: float = param(1.0, "s", above=0.0)
     move_base_period_s: float = param(60.0, "s", above=0.0)
@@ -58,13 +69,17 @@ class MapIntegratorNode:
     Subscribes:
         /map (nav_msgs/OccupancyGrid): the physical map.
     Publishes, latched, with the same stamp for the same state:
-        /virtual_borders/borders (vb_msgs/VirtualBorderArray): all borders; with every change.
+        /virtual_borders/borders (vb_msgs/VirtualBorderArray): all borders of the present map; with every change.
+        /virtual_borders/speed_limits (nav_msgs/OccupancyGrid): highest speeds in slow zones [cm/s], 0: no limit; once
+            there is or was one, with every change.
         <robot>/virtual_borders/map (nav_msgs/OccupancyGrid): the same with those borders that hold for one of ~robots.
         /virtual_borders/map (nav_msgs/OccupancyGrid): the physical map with all enabled borders; as soon as
             there is a map, and whole with every change.
+    Publishes:
+        /virtual_borders/notices (vb_msgs/NoticeArray): what is wrong with map, borders or files.
     Services, all below /virtual_borders/:
         add_border, update_border, remove_border, preview_border, list_borders, save_map (vb_msgs);
-        undo, redo, clear (std_srvs/Trigger). Refusals come as code and message, and change nothing.
+        set_border_enabled, rename_border, confirm_map, adopt_borders (vb_msgs); undo, redo, clear (std_srvs/Trigger). Refusals come as code and message, and change nothing.
     Parameters:
         those of `NodeParams`, `IntegratorParams` and `IntegrationParams`; see config/map_integrator.yaml.
     """
@@ -77,6 +92,10 @@ class MapIntegratorNode:
         root = Path(params.store_dir).expanduser() if params.store_dir else None
         self._integrator = MapIntegrator(integrator_params, root)
         self._lock = threading.RLock()
+        self._notices = NoticePublisher()
+        self._notices.set(self._integrator.notices)
+        for notice in self._integrator.notices:
+            rospy.logwarn("%s: %s [%s]", rospy.get_name(), notice.sentence(), notice.code)
         self._last_stamp = rospy.Time(0)
         self._transforms = TransformLookup() if params.robot_frame else None
 
@@ -85,8 +104,10 @@ class MapIntegratorNode:
             str(name): rospy.Publisher(
                 f"/{name}{names.VIRTUAL_MAP}", messages.OccupancyGridArray, queue_size=1, latch=True
             )
-            for name in params.robots
+            for name in integrator_params.robots
         }
+        self._speeds_out = rospy.Publisher(names.SPEED_LIMITS, messages.OccupancyGridArray, queue_size=1, latch=True)
+        self._had_speeds = False
         self._borders_out = rospy.Publisher(names.BORDERS, VirtualBorderArray, queue_size=1, latch=True)
         for name, service, handler in (
             (names.ADD_BORDER, AddBorder, self._add),
@@ -95,6 +116,10 @@ class MapIntegratorNode:
             (names.PREVIEW_BORDER, messages.PreviewBorderArray, self._preview),
             (names.LIST_BORDERS, ListBorders, self._list),
             (names.SAVE_MAP, SaveMap, self._save),
+            (names.SET_BORDER_ENABLED, SetBorderEnabled, self._enable),
+            (names.RENAME_BORDER, RenameBorder, self._rename),
+            (names.CONFIRM_MAP, ConfirmMap, self._confirm),
+            (names.ADOPT_BORDERS, AdoptBorders, self._adopt),
             (names.UNDO, Trigger, lambda _: self._trigger(self._integrator.undo)),
             (names.REDO, Trigger, lambda _: self._trigger(self._integrator.redo)),
             (names.CLEAR, Trigger, lambda _: self._trigger(self._integrator.clear)),
@@ -107,12 +132,16 @@ class MapIntegratorNode:
         rospy.Timer(rospy.Duration(params.expiry_period_s), self._expire, reset=True)
         rospy.Timer(rospy.Duration(params.move_base_period_s), self._watch_move_base, reset=True)
         self._closing = threading.Event()
-        threading.Thread(target=self._wait_for_map, daemon=True).start()
+        waiting: node.Mailbox = node.Mailbox()
+        node.Worker(waiting, lambda _: self._wait_for_map())
+        waiting.put(True)
 
     def close(self) -> None:
-        """Ends worker and wait."""
+        """Ends worker and wait, and gives the database free."""
         self._maps.close()
         self._closing.set()
+        with self._lock:
+            self._integrator.close()
 
     def _wait_for_map(self) -> None:
         # wall time: whoever forgot map_server may have forgotten /clock too
@@ -134,14 +163,15 @@ class MapIntegratorNode:
         grid = messages.grid_from_message(message)
         with self._lock:
             first = not self._integrator.has_map
-            changed, notes = self._integrator.set_map(grid)
+            changed, notes = self._integrator.set_map(grid, self._now().to_sec())
             for note in notes:
                 rospy.logwarn("%s: %s", rospy.get_name(), note)
             if changed:
                 rows, columns = grid.shape
                 rospy.loginfo("%s: %s map of %d x %d cells, %d border(s)", rospy.get_name(),
                               "got the" if first else "got another", columns, rows, len(self._integrator.borders))
-                self._integrator.expire(self._now().to_sec())
+                with contextlib.suppress(CodedError):  # whatever the disk is like, what expired does not act
+                    self._integrator.expire(self._now().to_sec())
                 self._publish()
 
     def _now(self) -> rospy.Time:
@@ -153,17 +183,34 @@ class MapIntegratorNode:
         if stamp == self._last_stamp:
             stamp = stamp + rospy.Duration(0, 1000)
         self._last_stamp = stamp
+        self._notices.set(self._integrator.notices)
         self._borders_out.publish(self._array(stamp))
         self._map_out.publish(messages.message_from_grid(self._integrator.posterior, stamp, self._params.frame_id))
         for name, publisher in self._robot_maps.items():
             grid = self._integrator.posterior_for(name)
             publisher.publish(messages.message_from_grid(grid, stamp, self._params.frame_id))
 
+        if self._integrator.has_speed_limits or self._had_speeds:
+            self._had_speeds = True
+            limits = messages.message_from_grid(self._integrator.speed_limits, stamp, self._params.frame_id)
+            self._speeds_out.publish(limits)
+
     def _array(self, stamp: rospy.Time) -> VirtualBorderArray:
         array = VirtualBorderArray()
         array.header.stamp, array.header.frame_id = stamp, self._params.frame_id
         array.revision = self._integrator.revision
-        array.borders = [message_from_border(b, self._integrator.area_m2(b.id)) for b in self._integrator.borders]
+        array.map_id, array.map_name = self._integrator.map_id, self._integrator.map_name
+        array.needs_confirmation = self._integrator.needs_confirmation
+        array.code, array.message = "ok", ""
+        about_all = [notice for notice in self._integrator.notices if not notice.border_id]
+        if about_all:
+            worst = max(about_all, key=lambda notice: (notice.code == "borders_unconfirmed", notice.severity))
+            array.code, array.message = worst.code, worst.sentence()
+            array.values = messages.values_from_mapping(worst.values)
+        for border in self._integrator.borders:
+            acting, reason = self._integrator.status(border)
+            area = self._integrator.area_m2(border.id)
+            array.borders.append(message_from_border(border, area, acting, reason))
         return array
 
     def _expire(self, _event: Any) -> None:
@@ -215,8 +262,13 @@ class MapIntegratorNode:
     def _refused(self, response: Any, error: CodedError) -> Any:
         rospy.logwarn("%s: refused: %s", rospy.get_name(), error)
         response.success, response.code, response.message = False, error.code, error.message
+        if hasattr(response, "values"):
+            response.values = messages.values_from_mapping(error.values)
+        if hasattr(response, "revision"):
+            response.revision = self._integrator.revision
         if hasattr(response, "findings"):
-            plain = (Finding(ERROR, error.code, error.message),)
+            values = {key: str(value) for key, value in error.values.items()}
+            plain = (Finding(ERROR, error.code, error.message, values),)
             response.findings = finding_messages(error.findings if isinstance(error, IntegrationError) else plain)
         return response
 
@@ -227,22 +279,34 @@ class MapIntegratorNode:
         response.success, response.code, response.message = True, "ok", outcome.message
         if hasattr(response, "findings"):
             response.findings = finding_messages((*outcome.findings, *extra))
+        if hasattr(response, "revision"):
+            response.revision = self._integrator.revision
         return response
+
+    def _change(self, response: Any, change: Callable[[float], Outcome]) -> Any:
+        """Makes a change, publishes it, and answers."""
+        try:
+            with self._lock:
+                outcome = change(self._now().to_sec())
+                self._publish()
+                return self._done(response, outcome)
+        except CodedError as error:
+            return self._refused(response, error)
 
     def _add(self, request: Any) -> AddBorderResponse:
         response = AddBorderResponse()
         try:
-            border = self._requested(request)
-            if not border.expires:
-                border = border.replace(enabled=True)  # who adds a border wants it to act, set or not
+            border = self._requested(request).replace(enabled=not request.disabled)
             extra = self._soft_findings(border)
             with self._lock:
-                outcome = self._integrator.add(border, self._now().to_sec(), self._places())
+                outcome = self._integrator.add(
+                    border, self._now().to_sec(), self._places(), request.expected_revision, request.request_id
+                )
                 self._publish()
+                response.id = outcome.ids[0]
+                return self._done(response, outcome, extra)
         except CodedError as error:
             return self._refused(response, error)
-        response.id = outcome.ids[0]
-        return self._done(response, outcome, extra)
 
     def _update(self, request: Any) -> UpdateBorderResponse:
         response = UpdateBorderResponse()
@@ -250,21 +314,54 @@ class MapIntegratorNode:
             border = self._requested(request)
             extra = self._soft_findings(border)
             with self._lock:
-                outcome = self._integrator.update(border, self._now().to_sec(), self._places())
+                outcome = self._integrator.update(
+                    border, self._now().to_sec(), self._places(), request.expected_revision
+                )
                 self._publish()
+                return self._done(response, outcome, extra)
         except CodedError as error:
             return self._refused(response, error)
-        return self._done(response, outcome, extra)
 
     def _remove(self, request: Any) -> RemoveBorderResponse:
-        response = RemoveBorderResponse()
+        return self._change(
+            RemoveBorderResponse(), lambda now: self._integrator.remove(request.id, now, request.expected_revision)
+        )
+
+    def _enable(self, request: Any) -> SetBorderEnabledResponse:
+        def change(now: float) -> Outcome:
+            return self._integrator.enable(request.id, request.enabled, now, expected=request.expected_revision)
+
+        return self._change(SetBorderEnabledResponse(), change)
+
+    def _rename(self, request: Any) -> RenameBorderResponse:
+        def change(now: float) -> Outcome:
+            return self._integrator.rename(request.id, request.name, now, request.expected_revision)
+
+        return self._change(RenameBorderResponse(), change)
+
+    def _confirm(self, request: Any) -> ConfirmMapResponse:
+        same = request.answer == ConfirmMapRequest.SAME_PLACE
+        return self._change(ConfirmMapResponse(), lambda now: self._integrator.confirm(same, request.name, now))
+
+    def _adopt(self, request: Any) -> AdoptBordersResponse:
+        response = AdoptBordersResponse()
+        given = Transform(request.x, request.y, request.yaw) if request.has_transform else None
+
         try:
+            if given is not None and not np.isfinite(given).all():
+                raise CodedError("bad_transform", "the transform must be finite numbers")
             with self._lock:
-                outcome = self._integrator.remove(request.id)
-                self._publish()
+                proposal = self._integrator.propose(request.map, given)
         except CodedError as error:
             return self._refused(response, error)
-        return self._done(response, outcome)
+        response.x, response.y, response.yaw = proposal.transform
+        response.picture = proposal.picture
+        if proposal.registration is not None:
+            response.score, response.sure = proposal.registration.score, proposal.registration.sure
+        if not request.dry_run:
+            return self._change(response, lambda now: self._integrator.adopt(proposal, now))
+        message = sentences.say("borders_proposed", {"score": f"{response.score:.2f}"})
+        return self._done(response, Outcome((), (), message))
 
     def _preview(self, request: Any) -> Any:
         response = messages.PreviewBorderArrayResponse()
@@ -301,7 +398,7 @@ class MapIntegratorNode:
         response = TriggerResponse()
         try:
             with self._lock:
-                outcome = command()
+                outcome = command(self._now().to_sec())
                 self._publish()
         except CodedError as error:
             return TriggerResponse(False, str(error))

@@ -2,7 +2,6 @@
 from __future__ import annotations
 
 import datetime
-import queue
 import threading
 from dataclasses import dataclass
 from pathlib import Path
@@ -28,7 +27,8 @@ class RecorderParams(Parameters):
 
 
 class MapRecorderNode:
-    """Stores each new posterior map as map_server files, with the borders, time and trigger.
+    """Stores each new posterior map as map_server files, with the borders, time and trigger; the oldest ones go once
+    the folder has grown to `recording.MAX_BYTES`.
 
     Subscribes:
         /virtual_borders/map (nav_msgs/OccupancyGrid), /virtual_borders/borders (vb_msgs/VirtualBorderArray): the
@@ -47,9 +47,8 @@ class MapRecorderNode:
         self._arrived = rospy.Time(0)
         self._borders = VirtualBorderArray()
         # maps are rare and each one counts: they queue up
-        self._work: "queue.Queue[Any]" = queue.Queue()
-        self._thread = threading.Thread(target=self._run, daemon=True)
-        self._thread.start()
+        self._work: "node.Queue[Any]" = node.Queue()
+        self._worker = node.Worker(self._work, self._record)
         rospy.Subscriber(names.BORDERS, VirtualBorderArray, self._on_borders, queue_size=10)
         rospy.Subscriber(names.VIRTUAL_MAP, messages.OccupancyGridArray, self._on_map, queue_size=10, buff_size=2**24)
         rospy.Timer(rospy.Duration(params.wait_s), self._on_timer, reset=True)
@@ -58,8 +57,8 @@ class MapRecorderNode:
         """Writes what has come and ends."""
         with self._lock:
             self._flush()
-        self._work.put(None)
-        self._thread.join(5.0)
+        self._work.close()
+        self._worker.join(5.0)
 
     def _on_map(self, message: Any) -> None:
         with self._lock:
@@ -89,27 +88,19 @@ class MapRecorderNode:
             self._work.put((self._map, self._borders))
             self._map = None
 
-    def _run(self) -> None:
-        while True:
-            item = self._work.get()
-            if item is None:
-                return
-            grid, array = item
-            try:
-                path = self._recording.record(
-                    messages.grid_from_message(grid),
-                    [border_from_message(border) for border in array.borders],
-                    grid.header.stamp.to_sec(),
-                    {
-                        "revision": array.revision,
-                        # for people who look for a session; nothing goes by it
-                        "wall_time": datetime.datetime.now().astimezone().isoformat(timespec="milliseconds"),
-                    },
-                )
-            except CodedError as error:
-                rospy.logwarn_throttle(5.0, f"{rospy.get_name()}: a map was not recorded: {error}")
-                continue
-            rospy.loginfo("%s: wrote %s", rospy.get_name(), path)
+    def _record(self, item: Any) -> None:
+        grid, array = item
+        path = self._recording.record(
+            messages.grid_from_message(grid),
+            [border_from_message(border) for border in array.borders],
+            grid.header.stamp.to_sec(),
+            {
+                "revision": array.revision,
+                # for people who look for a session; nothing goes by it
+                "wall_time": datetime.datetime.now().astimezone().isoformat(timespec="milliseconds"),
+            },
+        )
+        rospy.loginfo("%s: wrote %s", rospy.get_name(), path)
 
 
 def main() -> None:

@@ -1,7 +1,9 @@
-"""Stand-in for map_server: serves the physical map."""
+"""Serves the physical map, from a file in map_server's format or from a world of the simulator."""
 from __future__ import annotations
 
+import os
 from dataclasses import dataclass
+from pathlib import Path
 
 import rospy
 from nav_msgs.srv import GetMap, GetMapResponse
@@ -33,7 +35,7 @@ class MapServerNode:
         /static_map (nav_msgs/GetMap)
     Parameters:
         ~world: a world file, whose physical map is served, or
-        ~map_yaml: a map in map_server's format
+        ~map_yaml: a map in map_server's format, relative to the folder that roslaunch was called in
     """
 
     def __init__(self, grid: GridMap) -> None:
@@ -57,7 +59,9 @@ def build() -> MapServerNode:
     params = parameters.read(MapServerParams)
     if bool(params.world) == bool(params.map_yaml):
         raise ParameterError(rospy.resolve_name("~world"), "either this or map_yaml must be set")
-    grid = load_map(params.map_yaml) if params.map_yaml else physical_map(load_world(params.world))
+    # roslaunch starts nodes in another folder, and hands on the one that it was called in
+    called_in = Path(os.environ.get("PWD", "."))
+    grid = load_map(str(called_in / params.map_yaml)) if params.map_yaml else physical_map(load_world(params.world))
     return MapServerNode(grid)
 
 

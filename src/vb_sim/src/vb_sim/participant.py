@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Generator, Optional, Tuple
+from typing import Generator, Optional, Sequence, Tuple
 
 import numpy as np
 
@@ -25,6 +25,9 @@ FEEDBACK_GAP = 0.3  # [s] between two sounds of "I see it" after which there is 
 OWN_SPOT = 0.5  # [m] a dot on the display farther from the spot than this is not taken for it
 
 DEFAULT = "default"
+# codes of what the display says, and of what the interaction answers
+ROBOT_COMING = "robot_coming"
+CONFIRM_SAVE = "confirm_save"
 
 
 @dataclass(frozen=True)
@@ -60,9 +63,9 @@ class Percept:
     answer: Optional[Answer] = None
     answered: int = 0
 
-    def read(self, sentence: str) -> None:
-        """Takes note of what the display says about the robots."""
-        if "hold still" in sentence:
+    def read(self, codes: Sequence[str]) -> None:
+        """Takes note of what the display says, by the codes of its notices."""
+        if ROBOT_COMING in codes:
             self.told_to_hold = self.now
 
     def hear(self, spot: Optional[Tuple[float, float]], stamp: float, seen: Tuple[float, float], mobile: bool) -> None:
@@ -396,10 +399,14 @@ class ParticipantScript:
     def _save(self) -> Step:
         for _ in range(4):
             yield from self.person.say("save", self.source)
-            if self.person.last_answer.code not in ("busy", "no_service", "no_answer"):
+            if self.person.last_answer.code == CONFIRM_SAVE:
+                # the display shows what would be restricted: looks at it, and means it
+                yield from self.person.react()
+                continue
+            if self.person.last_answer.code not in ("busy", "no_service", "no_answer", "save_unanswered"):
                 return
             # whoever should answer is being restarted; perhaps the border was saved all the same
             yield from self.person.wait(1.5)
-            if self.person.last_answer.code == "no_answer" and self.person.percept.state == DEFAULT:
+            if self.person.last_answer.code in ("no_answer", "save_unanswered") and self.person.percept.state == DEFAULT:
                 self.person.last_answer = Answer(True, "ok", "the display says that nothing is under way")
                 return

@@ -16,9 +16,8 @@ from std_srvs.srv import Trigger, TriggerResponse
 from vb_core import names
 from vb_core.errors import CodedError
 from vb_core.parameters import Parameters, param
-from vb_core.ros import node, parameters, services
-from vb_msgs.msg import BorderProgress, InteractionState, LabState, LaserSpot, ParticipantState
-from vb_msgs.srv import Command, CommandRequest
+from vb_core.ros import commands, node, parameters
+from vb_msgs.msg import BorderProgress, InteractionState, LabState, LaserSpot, NoticeArray, ParticipantState
 from vb_sim.lab_simulator_node import default_models
 from vb_sim.models import load_models, section
 from vb_sim.models_participant import ParticipantModel
@@ -49,7 +48,7 @@ class ParticipantNode:
         /virtual_borders/spots (vb_msgs/LaserSpot): only whether the spot is seen, as sound and LED tell it
         /virtual_borders/progress (vb_msgs/BorderProgress): whether the display shows a seed
         /virtual_borders/state (vb_msgs/InteractionState): what the display calls the state
-        /virtual_borders/workspace (std_msgs/String): what it says about the robots
+        /virtual_borders/notices (vb_msgs/NoticeArray): what it says about the robots
     Publishes:
         /sim/participant (vb_msgs/ParticipantState): 50 Hz with the lab's clock, 5 Hz once everything is over
         /sim/participant_done (std_msgs/String, latched): JSON with outcome ("saved", "gave_up", "failed"), reason,
@@ -87,7 +86,7 @@ class ParticipantNode:
         rospy.Subscriber(names.SPOTS, LaserSpot, self._on_spot, queue_size=50)
         rospy.Subscriber(names.PROGRESS, BorderProgress, self._on_progress, queue_size=1)
         rospy.Subscriber(names.STATE, InteractionState, self._on_state, queue_size=5)
-        rospy.Subscriber(names.WORKSPACE, String, self._on_workspace, queue_size=5)
+        rospy.Subscriber(names.NOTICES, NoticeArray, self._on_notices, queue_size=20)
         rospy.Subscriber(names.LAB_STATE, LabState, self._lab_states.put, queue_size=1, tcp_nodelay=True)
         rospy.Service("~start", Trigger, self._on_start)
 
@@ -121,9 +120,9 @@ class ParticipantNode:
         with self._lock:
             self._percept.has_seed = message.has_seed
 
-    def _on_workspace(self, message: String) -> None:
+    def _on_notices(self, message: NoticeArray) -> None:
         with self._lock:
-            self._percept.read(message.data)
+            self._percept.read([notice.code for notice in message.notices])
 
     def _on_state(self, message: InteractionState) -> None:
         with self._lock:
@@ -174,8 +173,7 @@ class ParticipantNode:
 
     def _command(self, script: ParticipantScript, action: Action) -> None:
         try:
-            request = CommandRequest(command=action.command, source=action.source)
-            response = services.call(names.COMMAND, Command, request, "the interaction manager", 3.0, 15.0)
+            response = commands.send(commands.order(action.command, action.source, 18.0), 3.0, 15.0)
             answer = Answer(response.success, response.code, response.message)
         except CodedError as error:
             answer = Answer(False, error.code, error.message)

@@ -1,27 +1,27 @@
 """The node that takes commands from buttons."""
 from __future__ import annotations
 
-import queue
-import threading
 from dataclasses import dataclass
+from typing import Any, Optional
 
 import rospy
 from sensor_msgs.msg import Joy
 from vb_core import names
 from vb_core.errors import CodedError
 from vb_core.parameters import Parameters, param
-from vb_core.ros import node, parameters, services
+from vb_core.ros import commands, node, parameters
 from vb_msgs.msg import InteractionState
-from vb_msgs.srv import Command, CommandRequest
+from vb_msgs.srv import CommandRequest, CommandResponse
 
 from vb_voice_wizard.buttons import ButtonMap
+from vb_voice_wizard.interaction import COMMANDS
 
 
 @dataclass(frozen=True)
 class ButtonsParams(Parameters):
     """Parameters of buttons; config/buttons.yaml says why."""
 
-    mapping: dict = param({"define_border": 0, "define_seed": 1, "guide_robot": 2, "save": 3, "cancel": 4})
+    mapping: dict = param({command: number for number, command in enumerate(COMMANDS)})
     by_state: dict = param({})
     source: str = param("buttons")
     service_wait: float = param(1.0, "s", above=0.0, high=10.0)
@@ -45,8 +45,7 @@ class Buttons:
         self._params = params
         self._map = ButtonMap(params.mapping, params.by_state)
         self._state = "default"
-        self._presses: "queue.Queue" = queue.Queue(maxsize=10)
-        threading.Thread(target=self._work, daemon=True).start()
+        self._orders = commands.Orders(params.source, self._on_answer, params.service_wait)
         rospy.Subscriber(names.STATE, InteractionState, self._on_state, queue_size=1)
         rospy.Subscriber("joy", Joy, self._on_joy, queue_size=20)
 
@@ -55,21 +54,21 @@ class Buttons:
 
     def _on_joy(self, message: Joy) -> None:
         for command in self._map.update(message.buttons, self._state):
-            try:
-                self._presses.put_nowait(command)
-            except queue.Full:
+            if not self._orders.put(command):
                 rospy.logwarn_throttle(5.0, "buttons: pressed faster than commands are answered, some are lost")
 
-    def _work(self) -> None:
-        while not rospy.is_shutdown():
-            request = CommandRequest(command=self._presses.get(), source=self._params.source)
-            try:
-                answer = services.call(
-                    names.COMMAND, Command, request, "the interaction manager", self._params.service_wait, 15.0
-                )
-                rospy.loginfo("%s: %s [%s]", request.command, answer.message, answer.code)
-            except CodedError as error:
-                rospy.logwarn("%s is lost: %s", request.command, error)
+    def close(self) -> None:
+        """Ends the threads."""
+        self._orders.close()
+
+    @staticmethod
+    def _on_answer(
+        request: CommandRequest, _beside: Any, answer: Optional[CommandResponse], error: Optional[CodedError]
+    ) -> None:
+        if answer is not None:
+            rospy.loginfo("%s: %s [%s]", request.command, answer.message, answer.code)
+        else:
+            rospy.logwarn("%s is lost: %s", request.command, error)
 
 
 def main() -> None:

@@ -2,15 +2,16 @@
 from __future__ import annotations
 
 import argparse
+import os
 import sys
 from typing import List, Optional
 
 import rosgraph
 import rospy
-from vb_core import names
+from vb_core import sentences
 from vb_core.errors import CodedError
-from vb_core.ros import services
-from vb_msgs.srv import Command, CommandRequest
+from vb_core.ros import commands
+from vb_core.ros.messages import mapping_from_values
 
 from vb_voice_wizard.interaction import COMMANDS, normalise
 
@@ -30,24 +31,33 @@ def run(arguments: Optional[List[str]] = None) -> int:
     )
     parser.add_argument("command", type=normalise, choices=COMMANDS)
     parser.add_argument("--source", default="wizard", help="who says so, for the record (default: wizard)")
+    parser.add_argument("--language", default=sentences.ENGLISH, choices=sentences.languages(), help="of the answer")
     parser.add_argument("--wait", type=float, default=2.0, help="[s] how long to wait for the interaction manager")
     chosen = parser.parse_args(rospy.myargv(["command", *(sys.argv[1:] if arguments is None else arguments)])[1:])
     if not rosgraph.is_master_online():
         print(f"the ROS master does not answer at {rosgraph.get_master_uri()}", file=sys.stderr)
         return UNREACHABLE
-    request = CommandRequest(command=chosen.command, source=chosen.source)
+    # for the time by which a command that arrives late is refused
+    rospy.init_node("command", anonymous=True, disable_signals=True, log_level=rospy.FATAL)
+    waited = 0.0
+    while rospy.get_rostime().is_zero() and waited < 1.0:
+        rospy.rostime.wallsleep(0.02)
+        waited += 0.02
+    wait_s = max(0.1, chosen.wait)
     try:
         # longer than the manager's own waits for its neighbours, so that its answer arrives
-        answer = services.call(
-            names.COMMAND, Command, request, "the interaction manager", wait_s=max(0.1, chosen.wait), answer_s=15.0
-        )
+        answer = commands.send(commands.order(chosen.command, chosen.source, wait_s + 15.0), wait_s, 15.0)
     except CodedError as error:
-        print(error, file=sys.stderr)
+        print(f"{sentences.say(error.code, error.values, chosen.language)} [{error.code}]", file=sys.stderr)
         return UNREACHABLE
-    print(f"{answer.message} [{answer.code}]")
+    said = sentences.say(answer.code, mapping_from_values(answer.values), chosen.language, answer.message)
+    print(f"{said} [{answer.code}]")
     return DONE if answer.success else REFUSED
 
 
 def main() -> None:
     """Runs the program."""
-    sys.exit(run())
+    status = run()
+    sys.stdout.flush()
+    # rospy's threads may wait for a master that is gone: leave without them
+    os._exit(status)

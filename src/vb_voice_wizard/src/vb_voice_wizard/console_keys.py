@@ -5,10 +5,15 @@ import re
 from dataclasses import dataclass
 from typing import Dict, List, Optional, Sequence, Tuple
 
-from vb_voice_wizard.interaction import CANCEL, DEFINE_BORDER, DEFINE_SEED, GUIDE_ROBOT, SAVE
+from vb_voice_wizard.interaction import (
+    CANCEL, DEFINE_BORDER, DEFINE_SEED, GUIDE_ROBOT, REDO, RESUME, SAVE, STOP, UNDO,
+)
 
-COMMAND_KEYS: Dict[str, str] = {"b": DEFINE_BORDER, "d": DEFINE_SEED, "g": GUIDE_ROBOT, "s": SAVE, "c": CANCEL}
-UNDO_KEY, REDO_KEY, QUIT_KEY = "u", "r", "q"
+# in the order of the screen's two lines; the largest key stops
+DRAWING_KEYS: Dict[str, str] = {"b": DEFINE_BORDER, "d": DEFINE_SEED, "g": GUIDE_ROBOT, "s": SAVE, "c": CANCEL}
+OTHER_KEYS: Dict[str, str] = {" ": STOP, "p": RESUME, "u": UNDO, "r": REDO}
+COMMAND_KEYS: Dict[str, str] = {**DRAWING_KEYS, **OTHER_KEYS}
+QUIT_KEY = "q"
 RENAME_KEY, ENABLE_KEY, REMOVE_KEY = "n", "e", "x"
 
 UP, DOWN, ENTER, ESCAPE, BACKSPACE = "up", "down", "enter", "escape", "backspace"
@@ -66,12 +71,13 @@ class BorderRow:
 
 @dataclass(frozen=True)
 class Action:
-    """What a key asks for: "command" (text: which), "undo", "redo", "rename" (text: the new name), "enable",
-    "disable", "remove", "quit", or "note" (text: for the operator, nothing is to be done)."""
+    """What a key asks for: "command" (text: which), "rename" (text: the new name), "enable", "disable", "remove",
+    "quit", or "note" (text: a sentence's code, for the operator; nothing is to be done)."""
 
     what: str
     border_id: str = ""
     text: str = ""
+    key: str = ""
 
 
 class Controls:
@@ -97,20 +103,20 @@ class Controls:
             return self._rename(key)
         if self.mode == "remove":
             self.mode = "keys"
-            return Action("remove", self._chosen) if key.lower() == "y" else Action("note", text="nothing was removed")
+            return Action("remove", self._chosen) if key.lower() == "y" else Action("note", text="console_nothing_removed")
         key = key if len(key) > 1 else key.lower()
         if key in COMMAND_KEYS:
             return Action("command", text=COMMAND_KEYS[key])
-        if key in (UNDO_KEY, REDO_KEY, QUIT_KEY):
-            return Action({UNDO_KEY: "undo", REDO_KEY: "redo", QUIT_KEY: "quit"}[key])
+        if key == QUIT_KEY:
+            return Action("quit")
         if key in (UP, DOWN, RENAME_KEY, ENABLE_KEY, REMOVE_KEY):
             return self._about_border(key, borders)
-        return Action("note", text=f"the key '{key}' means nothing") if len(key) == 1 else None
+        return Action("note", text="console_key_unknown", key=key) if len(key) == 1 else None
 
     def _about_border(self, key: str, borders: Sequence[BorderRow]) -> Optional[Action]:
         row = self.chosen(borders)
         if row is None:
-            return Action("note", text="there is no border yet")
+            return Action("note", text="console_no_border")
         if key in (UP, DOWN):
             place = list(borders).index(row) + (1 if key == DOWN else -1)
             self._chosen = borders[min(max(place, 0), len(borders) - 1)].id
@@ -131,18 +137,16 @@ class Controls:
             name = self.text.strip()
             if key == ENTER and name:
                 return Action("rename", self._chosen, name)
-            return Action("note", text="the name stays")
+            return Action("note", text="console_name_stays")
         elif len(key) == 1:
             self.text = (self.text + key)[:LONGEST_NAME]
         return None
 
 
 KEY_HELP: Tuple[Tuple[str, str], ...] = (
-    ("\u2191\u2193", "choose a border"),
-    (RENAME_KEY, "name"),
-    (ENABLE_KEY, "on/off"),
-    (REMOVE_KEY, "remove"),
-    (UNDO_KEY, "undo"),
-    (REDO_KEY, "redo"),
-    (QUIT_KEY, "quit"),
+    ("\u2191\u2193", "console_choose"),
+    (RENAME_KEY, "console_name"),
+    (ENABLE_KEY, "console_on_off"),
+    (REMOVE_KEY, "console_remove_key"),
+    (QUIT_KEY, "console_quit"),
 )

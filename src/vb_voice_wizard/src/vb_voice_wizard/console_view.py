@@ -4,7 +4,7 @@ from __future__ import annotations
 import collections
 import textwrap
 from dataclasses import dataclass, field
-from typing import Deque, List, Tuple
+from typing import Any, Deque, Dict, List, Tuple
 
 from rich.console import Group, RenderableType
 from rich.layout import Layout
@@ -12,14 +12,15 @@ from rich.panel import Panel
 from rich.table import Table
 from rich.text import Text
 
-from vb_voice_wizard.console_keys import COMMAND_KEYS, KEY_HELP, BorderRow, Controls
-from vb_voice_wizard.interaction import spoken
+from vb_core import sentences
+from vb_core.notices import Notice, Severity
+from vb_voice_wizard.console_keys import DRAWING_KEYS, KEY_HELP, OTHER_KEYS, BorderRow, Controls
 
 _STYLES = {"default": "white", "border": "orange1", "seed": "sky_blue2", "guide": "hot_pink"}
 GOOD, BAD, NOTE = "green", "yellow", "cyan"
 
 # [lines] what the parts of the screen take; the messages have the rest
-_HEAD, _BODY, _PREVIEW, _KEYS = 1, 8, 5, 3
+_HEAD, _BODY, _PREVIEW, _KEYS = 1, 9, 5, 3
 _LEAST_MESSAGES = 3
 _WIDEST = 400
 
@@ -31,7 +32,7 @@ class View:
     master: str = ""  # the ROS master's address
     connected: bool = False  # whether it answers
     state: str = ""  # "": the interaction manager has not been heard yet
-    away: Tuple[str, ...] = ()  # the nodes that do not answer
+    away: Tuple[str, ...] = ()  # codes of the nodes that do not answer
     interaction_id: str = ""
     times_s: Tuple[float, float, float] = (0.0, 0.0, 0.0)  # guide, border, seed
     commands: Tuple[str, ...] = ()
@@ -48,8 +49,20 @@ class View:
     preview_good: bool = False
     findings: Tuple[Tuple[str, bool], ...] = ()  # of the preview: what, and whether it forbids saving
     borders: Tuple[BorderRow, ...] = ()
+    stopped: bool = False
+    stopped_by: str = ""
+    ends_in_s: float = 0.0  # 0: not soon
+    confirm_save: bool = False
+    notices: Tuple[Notice, ...] = ()  # what holds now, the most severe first
+    detectors: Tuple[Tuple[str, float], ...] = ()  # camera and images searched per second, 0 for one that is silent
+    level_db: float = 0.0  # of the microphone, full scale is 0; 0: there is none
+    language: str = sentences.ENGLISH
     controls: Controls = field(default_factory=Controls)
     messages: Deque[Tuple[str, str, str]] = field(default_factory=lambda: collections.deque(maxlen=50))
+
+    def words(self, code: str, **values: Any) -> str:
+        """The words for a code in the operator's language."""
+        return sentences.say(code, values, self.language)
 
     def say(self, clock: str, text: str, style: str) -> None:
         """Adds a message with the time of day; what repeats the last one is left out."""
@@ -84,35 +97,62 @@ def render(view: View, width: int = 80, height: int = 24) -> Layout:
 
 def _head(view: View) -> Text:
     if not view.connected:
-        return Text(f"waiting for the ROS master at {view.master}", style="bold red")
+        return Text(view.words("console_waiting_master", address=view.master), style="bold red")
     if not view.state:
-        return Text("waiting for the interaction manager", style="bold yellow")
-    text = Text(f" {view.state.upper()} ", style=f"bold reverse {_STYLES.get(view.state, 'white')}", no_wrap=True)
+        return Text(view.words("console_waiting_manager"), style="bold yellow")
+    text = Text(no_wrap=True)
+    if view.stopped:
+        # before everything else: on a narrow terminal the end of the line is cut
+        text.append(f" {view.words('console_stopped')} ", style="bold white on red not reverse")
+        if view.stopped_by:
+            text.append(f" {view.words('console_stopped_by', who=view.stopped_by)} ", style="bold red not reverse")
+    text.append(f" {view.words('state_' + view.state).upper()} ", style=f"bold reverse {_STYLES.get(view.state, 'white')}")
     if view.interaction_id:
         text.append(f"  {_clock(sum(view.times_s))}", style="bold not reverse")
     if view.away:
-        text.append(f"  away: {', '.join(view.away)}", style="bold red not reverse")
+        who = ", ".join(map(view.words, view.away))
+        text.append("  " + view.words("console_is_away", who=who), style="bold red not reverse")
     elif view.interaction_id:
-        text.append(f"  interaction {view.interaction_id}", style="dim not reverse")
+        text.append(f"  {view.words('console_interaction')} {view.interaction_id}", style="dim not reverse")
+    if view.confirm_save:
+        text.append("  " + view.words("console_confirm"), style="bold yellow not reverse")
+    if view.ends_in_s > 0.0:
+        text.append("  " + view.words("console_ends_in", time=_clock(view.ends_in_s)), style="bold yellow not reverse")
     return text
 
 
 def _interaction(view: View) -> Panel:
-    table = Table.grid(padding=(0, 2))
-    table.add_column(style="dim", no_wrap=True)
-    table.add_column(no_wrap=True, overflow="ellipsis")
-    guide, border, seed = view.times_s
-    table.add_row("time [s]", f"guide {guide:.1f}, border {border:.1f}, seed {seed:.1f}")
-    table.add_row("spots", f"{view.border_spots} border, {view.seed_spots} seed, {view.ignored_spots} ignored")
-    chain = view.progress_message or "none"
+    say = view.words
+    guide, border, seed = (f"{seconds:.1f}" for seconds in view.times_s)
+    chain = view.progress_message or say("console_none")
     if view.chain_points:
-        chain = f"{view.chain_points} points, {'polygon' if view.closed else 'curve'}"
-    table.add_row("chain", Text(chain))
-    seeing = Text(", ".join(view.seeing) or "nobody", style="bold green" if view.seeing else "")
-    table.add_row("seen by", seeing)
-    table.add_row("cameras", Text(", ".join(view.cameras) or "none"))
-    table.add_row("robot", Text(view.robot or "unknown"))
-    return Panel(table, title="interaction", padding=(0, 1))
+        chain = say("console_polygon" if view.closed else "console_curve", points=view.chain_points)
+    seeing = ", ".join(view.seeing) or say("console_nobody")
+    if view.cameras:
+        seeing = say("console_seen_of", now=seeing, all=", ".join(view.cameras))
+    detectors = ", ".join(
+        say("console_camera" if rate else "console_camera_away", name=name, rate=f"{rate:.0f}")
+        for name, rate in view.detectors
+    )
+    silent = any(not rate for _, rate in view.detectors)
+    rows: Dict[str, Text] = {
+        "console_time": Text(say("console_times", guide=guide, border=border, seed=seed)),
+        "console_spots": Text(say(
+            "console_spot_counts", border=view.border_spots, seed=view.seed_spots, ignored=view.ignored_spots
+        )),
+        "console_chain": Text(chain),
+        "console_seen_by": Text(seeing, style="bold green" if view.seeing else ""),
+        "console_cameras": Text(detectors or say("console_none"), style=BAD if silent else ""),
+        "console_robot": Text(view.robot or say("console_unknown")),
+        "console_voice": Text(say("console_level", level=f"{view.level_db:.0f}") if view.level_db else say("console_none")),
+    }
+    table = Table.grid(padding=(0, 2), expand=True)
+    # a long value must not take the labels' room
+    table.add_column(style="dim", no_wrap=True, min_width=max(len(say(label)) for label in rows))
+    table.add_column(no_wrap=True, overflow="ellipsis", ratio=1)
+    for label, value in rows.items():
+        table.add_row(Text(say(label)), value)
+    return Panel(table, title=say("console_interaction"), padding=(0, 1))
 
 
 def _borders(view: View, room: int) -> Panel:
@@ -127,7 +167,7 @@ def _borders(view: View, room: int) -> Panel:
         if row.occupancy < 1.0:
             details += f" {row.occupancy:.0%}"
         if not row.enabled:
-            details += " off"
+            details += " " + view.words("console_off")
         mark = "> " if row is chosen else "  "
         line = Table.grid(expand=True)
         line.add_column(no_wrap=True, overflow="ellipsis", ratio=1)
@@ -136,7 +176,8 @@ def _borders(view: View, room: int) -> Panel:
         line.add_row(Text(mark + row.name, style=style), Text(details, style=style))
         lines.append(line)
     return Panel(
-        Group(*(lines or [Text("none", style="dim")])), title=f"borders ({len(view.borders)})", padding=(0, 1)
+        Group(*(lines or [Text(view.words("console_none"), style="dim")])),
+        title=view.words("console_borders", count=len(view.borders)), padding=(0, 1),
     )
 
 
@@ -147,11 +188,20 @@ def _preview(view: View, width: int) -> Panel:
         if what not in view.preview:
             lines += [Text(line, style="bold red" if forbids else BAD) for line in _wrapped(f"! {what}", width)]
     if not lines:
-        lines = [Text("there is nothing to save yet", style="dim")]
-    return Panel(Group(*lines[: _PREVIEW - 2]), title="save now", padding=(0, 1))
+        lines = [Text(view.words("console_nothing_to_save"), style="dim")]
+    return Panel(Group(*lines[: _PREVIEW - 2]), title=view.words("console_save_now"), padding=(0, 1))
+
+
+_SEVERITY = {Severity.INFO: NOTE, Severity.WARNING: "bold " + BAD, Severity.ERROR: "bold red"}
 
 
 def _messages(view: View, width: int, room: int) -> Panel:
+    pinned: List[Text] = []
+    for notice in view.notices:
+        style = _SEVERITY.get(notice.severity, "bold red")
+        pinned += [Text(line, style=style) for line in _wrapped(f"! {notice.sentence(view.language)}", width)]
+    # what holds now is pinned, but leaves half the room to what was just said
+    pinned = pinned[: max(1, room // 2)]
     lines: List[Text] = []
     for clock, text, style in view.messages:
         for number, line in enumerate(_wrapped(f"{clock} {text}", width)):
@@ -159,7 +209,10 @@ def _messages(view: View, width: int, room: int) -> Panel:
                 lines.append(Text.assemble((clock, "dim"), (line[len(clock) :], style)))
             else:
                 lines.append(Text(line, style=style))
-    return Panel(Group(*lines[-room:] if room > 0 else []), title="messages", padding=(0, 1))
+    left = room - len(pinned)
+    return Panel(
+        Group(*pinned, *(lines[-left:] if left > 0 else [])), title=view.words("console_messages"), padding=(0, 1)
+    )
 
 
 def _wrapped(text: str, width: int) -> List[str]:
@@ -172,23 +225,25 @@ def _keys(view: View) -> Group:
     name = chosen.name if chosen is not None else ""
     if controls.mode == "rename":
         return Group(
-            Text.assemble(("new name of ", "bold"), f"{name}: {controls.text}", ("_", "blink")),
-            Text("Enter takes it, Esc leaves the old one", style="dim"),
+            Text.assemble((view.words("console_new_name", border=name), "bold"), controls.text, ("_", "blink")),
+            Text(view.words("console_new_name_keys"), style="dim"),
         )
     if controls.mode == "remove":
         return Group(
-            Text(f"remove {name} from the map?", style="bold yellow"),
-            Text("y removes it, any other key keeps it; undo brings it back", style="dim"),
+            Text(view.words("console_remove", border=name), style="bold yellow"),
+            Text(view.words("console_remove_keys"), style="dim"),
         )
-    commands, others = Text(no_wrap=True), Text(no_wrap=True)
-    for key, command in COMMAND_KEYS.items():
-        sensible = command in view.commands
-        commands.append(f" {key} ", style="bold reverse" if sensible else "reverse dim")
-        commands.append(f" {spoken(command)}  ", style="bold" if sensible else "dim")
+    lines = [Text(no_wrap=True) for _ in range(3)]
+    for line, keys in zip(lines, (DRAWING_KEYS, OTHER_KEYS)):
+        for key, command in keys.items():
+            sensible = command in view.commands
+            shown = view.words("console_space") if key == " " else key
+            line.append(f" {shown} ", style="bold reverse" if sensible else "reverse dim")
+            line.append(f" {view.words('command_' + command)}  ", style="bold" if sensible else "dim")
     for key, meaning in KEY_HELP:
-        others.append(f" {key} ", style="reverse")
-        others.append(f" {meaning} ")
-    return Group(commands, Text(), others)
+        lines[2].append(f" {key} ", style="reverse")
+        lines[2].append(f" {view.words(meaning)} ")
+    return Group(*lines)
 
 
 def _clock(seconds: float) -> str:

@@ -1,18 +1,21 @@
 """The interaction between person and system as a state machine (paper, Sect. 4.2).
 
-Four states and five commands. Every command is answered in every state; a command that repeats goes on
-where the person left off and erases nothing. Only `cancel` and a completed `save` end an interaction.
-Time is injected, in seconds, and may stand still or jump back.
+Four states and nine commands. Every command is answered in every state; a command that repeats goes on
+where the person left off and erases nothing. Only `cancel`, a completed `save` and a long silence end an
+interaction. `stop` comes before everything else and holds until `resume`.
+Time is injected, in seconds, and may pause or jump back.
 """
 from __future__ import annotations
 
 import enum
 import math
 import uuid
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Callable, Dict, List, Mapping, Optional, Tuple
 
+from vb_core import sentences
 from vb_core.errors import CodedError
+from vb_core.parameters import Parameters, param
 
 
 class State(enum.IntEnum):
@@ -29,23 +32,61 @@ DEFINE_SEED = "define_seed"
 GUIDE_ROBOT = "guide_robot"
 SAVE = "save"
 CANCEL = "cancel"
-COMMANDS = (DEFINE_BORDER, DEFINE_SEED, GUIDE_ROBOT, SAVE, CANCEL)
+STOP = "stop"
+RESUME = "resume"
+UNDO = "undo"
+REDO = "redo"
+COMMANDS = (DEFINE_BORDER, DEFINE_SEED, GUIDE_ROBOT, SAVE, CANCEL, STOP, RESUME, UNDO, REDO)
 
 _ENTERS = {DEFINE_BORDER: State.BORDER, DEFINE_SEED: State.SEED, GUIDE_ROBOT: State.GUIDE}
+# what an unclear command must not do on its own: they throw away, take back, or let robots drive
+_ASKED_ABOUT = (SAVE, CANCEL, RESUME, UNDO, REDO)
+# [s] the second `save` counts as a confirmation within this time: enough to look at the preview, too short to forget
+CONFIRM_WITHIN = 30.0
 
 SAVED = "saved"
 CANCELLED = "cancelled"
+ABANDONED = "abandoned"
+UNANSWERED = "unanswered"
 
-OK = "ok"
+NEVER, UNCLEAR, ALWAYS = "never", "unclear", "always"
+
+
+@dataclass(frozen=True)
+class InteractionParams(Parameters):
+    """When an interaction asks or ends by itself; config/interaction_manager.yaml says why."""
+
+    confirm_save: str = param(UNCLEAR, choices=(NEVER, UNCLEAR, ALWAYS))
+    idle_limit: float = param(300.0, "s", low=10.0, high=86400.0)
+    idle_warning: float = param(60.0, "s", low=1.0, high=3600.0)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self.require_order("idle_warning", "idle_limit")
 
 
 @dataclass(frozen=True)
 class Answer:
-    """What the person is told: "ok" or the reason why not, and a sentence."""
+    """What the person is told: whether it was done, and the code and values of the sentence.
+
+    Attributes:
+        said: the English sentence of somebody else, whose code our catalogue may not have.
+    """
 
     success: bool
     code: str
-    message: str
+    values: Mapping[str, str] = field(default_factory=dict)
+    said: str = ""
+
+    @property
+    def message(self) -> str:
+        """The sentence in English."""
+        return sentences.say(self.code, self.values, otherwise=self.said)
+
+    @staticmethod
+    def refusal(error: CodedError) -> "Answer":
+        """What an error tells the person."""
+        return Answer(False, error.code, {name: str(value) for name, value in error.values.items()}, error.message)
 
 
 @dataclass(frozen=True)
@@ -69,6 +110,11 @@ def normalise(text: str) -> str:
     return "_".join(text.replace("-", " ").replace("_", " ").lower().split())
 
 
+def spoken(command: str) -> str:
+    """A command as one says it: "define border"."""
+    return command.replace("_", " ")
+
+
 def _new_id() -> str:
     return uuid.uuid4().hex[:8]
 
@@ -76,69 +122,136 @@ def _new_id() -> str:
 class Interaction:
     """The state machine, its memory and its clock. Not thread safe.
 
-    `save` takes two steps, since others decide whether a border can be added: `command("save", ...)`
-    checks and, if it succeeds, leaves `saving` set; then `finish_save` or `refuse_save` must be called.
+    `save`, `undo` and `redo` take two steps, since others carry them out: `command(...)` checks and, if it
+    succeeds, leaves `pending` set; then `finish_save`, `finish_change` or `refuse` must be called.
 
     Args:
         new_id: gives the id of the next interaction.
     """
 
-    def __init__(self, new_id: Callable[[], str] = _new_id) -> None:
+    def __init__(self, params: InteractionParams = InteractionParams(), new_id: Callable[[], str] = _new_id) -> None:
+        self._params = params
         self._new_id = new_id
         self.state = State.DEFAULT
         self.interaction_id = ""
         self.started = 0.0
         self.entered = 0.0
-        self.saving = False
+        self.pending = ""  # the command that somebody else is carrying out
+        self.stopped = False
+        self.stopped_by = ""
         self.last_command = ""
         self.last_source = ""
-        self.last_answer = Answer(True, OK, "")
+        self.last_answer = Answer(True, "")
         self.last_answered = 0.0
         self.last_outcome = ""
         self.last_border_id = ""
+        self.unanswered_save = False  # whether a border was sent whose answer never came
+        self._confirming = ""
+        self._asked = 0.0
+        self._pending_source = ""
+        self._active = 0.0
         self._durations = {State.GUIDE: 0.0, State.BORDER: 0.0, State.SEED: 0.0}
         self._counted_until = 0.0
         self._sources: List[str] = []
         self._visited: List[State] = []
         self._record: Optional[Record] = None
 
+    @property
+    def saving(self) -> bool:
+        """Whether a border is on its way to the map."""
+        return self.pending == SAVE
+
+    @property
+    def confirm_save(self) -> bool:
+        """Whether `save` was given and waits to be given once more."""
+        return self._confirming == SAVE
+
     # ------------------------------------------------------------------ commands
-    def command(self, name: str, source: str, now: float) -> Answer:
+    def command(self, name: str, source: str, now: float, unclear: bool = False, doubtful_border: bool = False) -> Answer:
         """Takes a command; never raises, never ignores.
 
         Args:
             name: one of COMMANDS; anything else is answered with "unknown_command".
             source: who gives it, for the record.
             now: [s].
+            unclear: whether it may have been misunderstood, as a spoken near miss.
+            doubtful_border: whether the preview of what would be saved has findings.
         """
         self.advance(now)
         name = normalise(name)
-        if self.saving:
-            # not remembered as the last answer: the save that is under way will be
-            return Answer(False, "busy", "The border is just being saved, one moment.")
+        if name == STOP:
+            return self._stop(source, now)
+        if self.pending and name != RESUME:
+            # not remembered as the last answer: that of the command under way will be
+            return Answer(False, "busy")
         if name not in COMMANDS:
-            return self._answered(
-                name, source, False, "unknown_command", f"I know {', '.join(spoken(c) for c in COMMANDS)}."
-            )
+            known = ", ".join(spoken(command) for command in COMMANDS)
+            return self._answered(name, source, Answer(False, "unknown_command", {"commands": known}))
+        self._active = now
         if self.state != State.DEFAULT:
             self._note(source)
+        refusal = self._check_save() if name == SAVE else None
+        if refusal is None:
+            refusal = self._ask(name, now, unclear, doubtful_border)
+        else:
+            self._confirming = ""
+        if refusal is not None:
+            return self._answered(name, source, refusal)
+        if name in (SAVE, UNDO, REDO):
+            return self._begin_change(name, source)
         if name == CANCEL:
             return self._cancel(source, now)
-        if name == SAVE:
-            return self._check_save(source)
+        if name == RESUME:
+            return self._resume(source)
         return self._enter(name, source, now)
+
+    def expired(self, name: str, source: str, now: float) -> Answer:
+        """A command that arrived too late: it is refused, and only the person who gave it is told."""
+        self.advance(now)
+        answer = Answer(False, "expired", {"command": spoken(normalise(name))})
+        return answer if self.pending else self._answered(normalise(name), source, answer)
 
     def finish_save(self, border_id: str, now: float) -> Answer:
         """The map has taken the border: the interaction ends, and with it its clock."""
         self.advance(now)
+        source = self._pending_source
         self._end(SAVED, border_id, now)
-        return self._answered(SAVE, self.last_source, True, OK, "Saved: the robot keeps out of this area now.")
+        return self._answered(SAVE, source, Answer(True, "saved"))
 
-    def refuse_save(self, code: str, message: str, now: float) -> Answer:
-        """The border could not be added: nothing is lost, the interaction goes on in its state."""
+    def finish_change(self, answer: Answer, now: float) -> Answer:
+        """Somebody else has carried out `undo` or `redo`."""
         self.advance(now)
-        self.saving = False
-        return self._answered(SAVE, self.last_source, False, code, message)
+        command, self.pending = self.pending, ""
+        return self._answered(command, self._pending_source, answer)
+
+    def refuse(self, answer: Answer, now: float) -> Answer:
+        """The pending command could not be carried out: nothing is lost, the interaction goes on in its state."""
+        return self.finish_change(answer, now)
+
+    def _stop(self, source: str, now: float) -> Answer:
+        self._confirming, self._active = "", now
+        if not self.stopped:
+            self.stopped, self.stopped_by = True, source
+        return self._answered(STOP, source, Answer(True, "stopped"))
+
+    def _resume(self, source: str) -> Answer:
+        code = "resumed" if self.stopped else "not_stopped"
+        self.stopped, self.stopped_by = False, ""
+        return self._answered(RESUME, source, Answer(True, code))
+
+    def _ask(self, name: str, now: float, unclear: bool, doubtful_border: bool) -> Optional[Answer]:
+        """The question whether this command is really meant, or None if it was answered or need not be asked."""
+        confirmed = self._confirming == name and 0.0 <= now - self._asked <= CONFIRM_WITHIN
+        self._confirming = ""
+        if name == SAVE:
+            rule = self._params.confirm_save
+            ask = rule == ALWAYS or (rule == UNCLEAR and (unclear or doubtful_border))
+        else:
+            ask = unclear and name in _ASKED_ABOUT and not (name == CANCEL and self.state == State.DEFAULT)
+        if confirmed or not ask:
+            return None
+        self._confirming, self._asked = name, now
+        return Answer(False, "confirm_save" if name == SAVE else "confirm_command", {"command": spoken(name)})
 
     def _enter(self, name: str, source: str, now: float) -> Answer:
         target = _ENTERS[name]
@@ -151,44 +264,32 @@ class Interaction:
             self.entered = now
         if not again:
             self._visited.append(target)
-        return self._answered(name, source, True, OK, self._prompt(target, again))
-
-    def _prompt(self, target: State, again: bool) -> str:
-        if target == State.BORDER:
-            return "Go on drawing, what you drew is kept." if again else "Draw the border on the floor with the laser."
-        if target == State.SEED:
-            if again:
-                return "Point again at the area to keep the robot out of."
-            return "Point the laser at the area to keep the robot out of."
-        return "The robot follows the laser spot, nothing is drawn."
+        if target == State.GUIDE:
+            code = "guide_stopped" if self.stopped else "guide"
+        else:
+            code = ("draw_border" if target == State.BORDER else "point_seed") + ("_again" if again else "")
+        return self._answered(name, source, Answer(True, code))
 
     def _cancel(self, source: str, now: float) -> Answer:
         if self.state == State.DEFAULT:
-            return self._answered(CANCEL, source, True, OK, "Nothing was under way.")
-        self._end(CANCELLED, "", now)
-        return self._answered(CANCEL, source, True, OK, "Cancelled, the map stays as it was.")
+            return self._answered(CANCEL, source, Answer(True, "nothing_under_way"))
+        # the border that was sent may be in the map after all: only the map integrator knows
+        lost = self.unanswered_save
+        self._end(UNANSWERED if lost else CANCELLED, "", now)
+        return self._answered(CANCEL, source, Answer(True, "cancelled_unanswered" if lost else "cancelled"))
 
-    def _check_save(self, source: str) -> Answer:
+    def _check_save(self) -> Optional[Answer]:
         if self.state == State.DEFAULT:
-            return self._answered(
-                SAVE, source, False, "nothing_to_save", "There is nothing to save: say define border first."
-            )
+            return Answer(False, "nothing_to_save")
         missing = self.missing()
-        if missing == ["border", "seed"]:
-            return self._answered(
-                SAVE, source, False, "missing_border_and_seed",
-                "Not saved: border and seed are missing. Say define border.",
-            )
-        if missing == ["border"]:
-            return self._answered(
-                SAVE, source, False, "missing_border", "Not saved: the border is missing. Say define border."
-            )
-        if missing == ["seed"]:
-            return self._answered(
-                SAVE, source, False, "missing_seed", "Not saved: the seed is missing. Say define seed."
-            )
-        self.saving = True
-        return self._answered(SAVE, source, True, OK, "Saving the border.")
+        return Answer(False, "missing_" + "_and_".join(missing)) if missing else None
+
+    def _begin_change(self, name: str, source: str) -> Answer:
+        if name != SAVE and self.state != State.DEFAULT:
+            # the newest change of the map is not what the person sees being drawn
+            return self._answered(name, source, Answer(False, "not_while_drawing", {"command": spoken(name)}))
+        self.pending, self._pending_source = name, source
+        return self._answered(name, source, Answer(True, "saving" if name == SAVE else "changing"))
 
     # ------------------------------------------------------------------ what others ask
     def take_record(self) -> Optional[Record]:
@@ -202,11 +303,14 @@ class Interaction:
         return [word for word, state in wanted if state not in self._visited]
 
     def sensible_commands(self) -> List[str]:
-        """The commands that bring a person further now, the most likely one first."""
-        if self.saving:
-            return []
+        """The commands that bring a person further now, the most likely one first; `stop` is always one."""
+        last = [RESUME] if self.stopped else [STOP]
+        if self.pending:
+            return last
         if self.state == State.DEFAULT:
-            return [DEFINE_BORDER, GUIDE_ROBOT]
+            undo = [UNDO] if self.last_outcome == SAVED and self.last_answer.success else []
+            steps = [DEFINE_BORDER, GUIDE_ROBOT, *undo]
+            return last + steps if self.stopped else steps + last
         missing = self.missing()
         steps = [SAVE] if not missing else []
         drawing = [DEFINE_BORDER, DEFINE_SEED]
@@ -217,7 +321,7 @@ class Interaction:
         )
         if self.state != State.GUIDE:
             steps.append(GUIDE_ROBOT)
-        return steps + [CANCEL]
+        return [*(last if self.stopped else []), *steps, CANCEL, *([] if self.stopped else last)]
 
     def durations(self, now: float) -> Dict[State, float]:
         """[s] per active state up to now; in Default, of the interaction that ended last."""
@@ -231,7 +335,33 @@ class Interaction:
         self._durations = self.durations(now)
         self._counted_until = now
         self.started, self.entered = min(self.started, now), min(self.entered, now)
-        self.last_answered = min(self.last_answered, now)
+        self.last_answered, self._active = min(self.last_answered, now), min(self._active, now)
+        if self._confirming and not 0.0 <= now - self._asked <= CONFIRM_WITHIN:
+            self._confirming = ""
+
+    # ------------------------------------------------------------------ an interaction that nobody goes on with
+    def touch(self, now: float) -> None:
+        """Somebody does something that is no command: draws, points, guides."""
+        self._active = now
+
+    @property
+    def ends(self) -> float:
+        """[s] when the interaction ends by itself if nothing happens; 0: not soon, or there is none."""
+        if self.state == State.DEFAULT or self.pending:
+            return 0.0
+        ends = self._active + self._params.idle_limit
+        return ends if self._counted_until >= ends - self._params.idle_warning else 0.0
+
+    def end_if_idle(self, now: float) -> bool:
+        """Ends an interaction that nobody has gone on with for too long; gives whether it did."""
+        self.advance(now)
+        if not self.ends or now < self.ends:
+            return False
+        idle = self._params.idle_limit
+        self._end(UNANSWERED if self.unanswered_save else ABANDONED, "", now)
+        minutes = f"{idle / 60.0:g}"
+        self._answered(CANCEL, "timeout", Answer(False, "abandoned", {"minutes": minutes}))
+        return True
 
     # ------------------------------------------------------------------ memory across a restart of the node
     def to_mapping(self) -> Dict[str, Any]:
@@ -241,47 +371,57 @@ class Interaction:
             "interaction_id": self.interaction_id,
             "started": self.started,
             "entered": self.entered,
+            "active": self._active,
             "counted_until": self._counted_until,
             "durations": {state.name.lower(): value for state, value in self._durations.items()},
             "sources": list(self._sources),
             "visited": [state.name.lower() for state in self._visited],
+            "unanswered_save": self.unanswered_save,
             "last_command": self.last_command,
             "last_source": self.last_source,
             "last_success": self.last_answer.success,
             "last_code": self.last_answer.code,
-            "last_message": self.last_answer.message,
+            "last_values": dict(self.last_answer.values),
+            "last_message": self.last_answer.said,
             "last_answered": self.last_answered,
             "last_outcome": self.last_outcome,
             "last_border_id": self.last_border_id,
         }
 
     @classmethod
-    def from_mapping(cls, mapping: Mapping[str, Any], new_id: Callable[[], str] = _new_id) -> "Interaction":
-        """The interaction that was remembered; a save that was under way is not: say save again.
+    def from_mapping(
+        cls, mapping: Mapping[str, Any], params: InteractionParams = InteractionParams(),
+        new_id: Callable[[], str] = _new_id,
+    ) -> "Interaction":
+        """The interaction that was remembered; a command that was being carried out is not: give it again.
+
+        Whether robots are stopped is not part of it: that outlives every interaction.
 
         Raises:
             CodedError: "bad_memory" if this is no memory of an interaction.
         """
-        self = cls(new_id)
+        self = cls(params, new_id)
         try:
             self.state = State[mapping["state"].upper()]
             self.interaction_id = str(mapping["interaction_id"])
             self.started, self.entered = float(mapping["started"]), float(mapping["entered"])
-            self._counted_until = float(mapping["counted_until"])
+            self._active, self._counted_until = float(mapping["active"]), float(mapping["counted_until"])
             for state in self._durations:
                 self._durations[state] = float(mapping["durations"][state.name.lower()])
             self._sources = [str(source) for source in mapping["sources"]]
             self._visited = [State[name.upper()] for name in mapping["visited"]]
+            self.unanswered_save = mapping["unanswered_save"] is True
             self.last_command, self.last_source = str(mapping["last_command"]), str(mapping["last_source"])
             self.last_answer = Answer(
-                bool(mapping["last_success"]), str(mapping["last_code"]), str(mapping["last_message"])
+                bool(mapping["last_success"]), str(mapping["last_code"]),
+                {str(name): str(value) for name, value in mapping["last_values"].items()}, str(mapping["last_message"]),
             )
             self.last_answered = float(mapping["last_answered"])
             self.last_outcome, self.last_border_id = str(mapping["last_outcome"]), str(mapping["last_border_id"])
         except (KeyError, TypeError, ValueError, AttributeError) as error:
             raise CodedError("bad_memory", f"this is no memory of an interaction: {error!r}") from None
-        numbers = [self.started, self.entered, self._counted_until, self.last_answered, *self._durations.values()]
-        if not all(math.isfinite(number) for number in numbers) or min(self._durations.values()) < 0:
+        numbers = [self.started, self.entered, self._active, self._counted_until, self.last_answered]
+        if not all(map(math.isfinite, [*numbers, *self._durations.values()])) or min(self._durations.values()) < 0:
             raise CodedError("bad_memory", "this is no memory of an interaction: times must be finite")
         if (self.state == State.DEFAULT) != (self.interaction_id == ""):
             raise CodedError("bad_memory", "this is no memory of an interaction: state and id do not fit")
@@ -290,9 +430,10 @@ class Interaction:
     # ------------------------------------------------------------------ inside
     def _begin(self, now: float) -> None:
         self.interaction_id = self._new_id()
-        self.started = self.entered = self._counted_until = now
+        self.started = self.entered = self._counted_until = self._active = now
         self._durations = {state: 0.0 for state in self._durations}
         self._sources, self._visited = [], []
+        self.unanswered_save = False
 
     def _end(self, outcome: str, border_id: str, now: float) -> None:
         durations = self._durations
@@ -310,7 +451,8 @@ class Interaction:
         )
         self.state = State.DEFAULT
         self.interaction_id = ""
-        self.saving = False
+        self.pending = self._confirming = ""
+        self.unanswered_save = False
         self.started, self.entered = 0.0, now
         self._visited = []
         self.last_outcome, self.last_border_id = outcome, border_id
@@ -319,12 +461,7 @@ class Interaction:
         if source and source not in self._sources:
             self._sources.append(source)
 
-    def _answered(self, name: str, source: str, success: bool, code: str, message: str) -> Answer:
-        self.last_command, self.last_source, self.last_answer = name, source, Answer(success, code, message)
+    def _answered(self, name: str, source: str, answer: Answer) -> Answer:
+        self.last_command, self.last_source, self.last_answer = name, source, answer
         self.last_answered = self._counted_until
-        return self.last_answer
-
-
-def spoken(command: str) -> str:
-    """A command as one says it: "define border"."""
-    return command.replace("_", " ")
+        return answer

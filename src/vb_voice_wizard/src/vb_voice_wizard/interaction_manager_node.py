@@ -1,31 +1,42 @@
 """The node that owns the state of the interaction."""
 from __future__ import annotations
 
-import queue
 import threading
+import time
 from dataclasses import dataclass
-from typing import List, Optional
+from typing import Any, Dict, List, Optional, Tuple
 
-import numpy as np
 import rospy
-from std_msgs.msg import String
+from std_msgs.msg import Bool, String
 from vb_core import names
 from vb_core.errors import CodedError
-from vb_core.parameters import Parameters, param
+from vb_core.notices import Notice, Severity
+from vb_core.parameters import param
 from vb_core.ros import node, parameters
-from vb_core.ros.messages import array_from_points
-from vb_msgs.msg import BorderProgress, InteractionState, VirtualBorder, VirtualBorderArray
+from vb_core.ros.messages import values_from_mapping
+from vb_core.ros.notices import NoticePublisher
+from vb_msgs.msg import BorderProgress, InteractionState, VirtualBorderArray
 from vb_msgs.srv import Command, CommandRequest, CommandResponse
 
 from vb_voice_wizard import memory
-from vb_voice_wizard.interaction import Answer, Interaction, State, normalise
+from vb_voice_wizard.interaction import (
+    REDO, RESUME, SAVE, STOP, UNDO, Answer, Interaction, InteractionParams, State, normalise,
+)
 from vb_voice_wizard.neighbours import UNANSWERED, Neighbours
+from vb_voice_wizard.once import Once
 from vb_voice_wizard.preview_pace import PreviewParams
 from vb_voice_wizard.previewer import Previewer
 
+# [s] wall time: drivers stop without a state of the last second, see vb_msgs/InteractionState
+_REPEATED_AFTER = 0.4
+# [s] a process that did nothing for so long hung: a text that waited meanwhile is nobody's wish any more
+_HUNG = 5.0
+# [s] after a hang, until everything that waited meanwhile has arrived
+_AFTERMATH = 1.0
+
 
 @dataclass(frozen=True)
-class ManagerParams(Parameters):
+class ManagerParams(InteractionParams):
     """Parameters of the interaction manager; config/interaction_manager.yaml says why."""
 
     log_file: str = param("~/.ros/virtual_borders/interactions.jsonl")
@@ -36,7 +47,6 @@ class ManagerParams(Parameters):
     command_text_topic: str = param("/virtual_borders/command_text")
     service_wait: float = param(2.0, "s", above=0.0, high=10.0)
     service_answer: float = param(5.0, "s", above=0.0, high=60.0)
-    publish_period: float = param(1.0, "s", above=0.0, high=10.0)
 
 
 class InteractionManager:
@@ -45,23 +55,29 @@ class InteractionManager:
     Subscribes to:
         /virtual_borders/command_text (std_msgs/String): a command as text, "define_border" or "define border";
             its answer is in the state.
+        /virtual_borders/stop (std_msgs/Bool): true stops every robot, false lets them drive; from anybody.
         /virtual_borders/progress (vb_msgs/BorderProgress): which cameras contributed, for the record; border and
-            seed so far, for the preview.
-        /virtual_borders/borders (vb_msgs/VirtualBorderArray): to see whether a save whose answer was lost
-            has arrived after all, and whether the preview is still right.
+            seed so far, for the preview; whether somebody still draws.
+        /virtual_borders/borders (vb_msgs/VirtualBorderArray): to see whether the preview is still right.
 
     Publishes:
-        /virtual_borders/state (vb_msgs/InteractionState, latched): on each change, and every
-            ~publish_period while an interaction is under way.
+        /virtual_borders/state (vb_msgs/InteractionState, latched): on each change, and every 0.4 s of wall time.
+        /virtual_borders/stop (std_msgs/Bool, latched): on `stop` and `resume`, before anything else.
+        /virtual_borders/notices (vb_msgs/NoticeArray): robots_stopped, stop_memory_lost, interaction_ends_soon.
         /virtual_borders/preview (vb_msgs/BorderPreview, latched): what saving now would do, as soon as there are
-            border and seed, and anew when they, the map or the borders in it change.
+            border and seed, and again when they, the map or the borders in it change.
 
     Offers:
-        /virtual_borders/command (vb_msgs/Command).
+        /virtual_borders/command (vb_msgs/Command): one with an id is carried out once, however often it is sent;
+            one that comes after its time is refused ("expired"). `stop` is always carried out.
 
     Calls on "save":
-        /virtual_borders/get_candidate (vb_msgs/GetCandidate), then /virtual_borders/add_border (vb_msgs/AddBorder).
-        No lock is held meanwhile; other commands are answered with "busy".
+        /virtual_borders/get_candidate (vb_msgs/GetCandidate), then /virtual_borders/add_border (vb_msgs/AddBorder)
+        with the interaction's id, so that a save which is repeated adds one border. No lock is held meanwhile; other
+        commands are answered with "busy", but not `stop` and `resume`.
+
+    Calls on "undo" and "redo":
+        /virtual_borders/undo, /virtual_borders/redo (std_srvs/Trigger), /virtual_borders/list_borders before and after.
 
     Calls for the preview, from a thread of its own:
         /virtual_borders/get_candidate, then /virtual_borders/preview_border (vb_msgs/PreviewBorder).
@@ -76,135 +92,180 @@ class InteractionManager:
         self._log_file = memory.writable("~log_file", params.log_file)
         self._state_file = memory.StateFile(memory.writable("~state_file", params.state_file), run_id)
         self._lock = threading.Lock()
-        self._interaction = Interaction()
-        # set while it is not known whether the map integrator has taken this interaction's border
-        self._unsure = False
+        self._interaction = Interaction(params)
+        # a save asks two neighbours, undo three times one
+        self._patience_s = 3.0 * (params.service_wait + params.service_answer)
+        self._once = Once(self._patience_s)
+        self._memory_lost = False
         self._cameras: List[str] = []
         self._cameras_of = ""
-        self._borders: List[VirtualBorder] = []
-        self._texts: "queue.Queue" = queue.Queue(maxsize=20)
+        self._spots = -1
+        self._beaten = self._revived = float("-inf")
         self._recall()
 
         self._neighbours = Neighbours(
             params.border_name, params.occupancy, params.service_wait, params.service_answer
         )
         self._preview = Previewer(preview, self._neighbours)
+        self._stop = rospy.Publisher(names.STOP, Bool, queue_size=10, latch=True)
         self._publisher = rospy.Publisher(names.STATE, InteractionState, queue_size=10, latch=True)
+        self._notices = NoticePublisher()
+        self._stop.publish(self._interaction.stopped)
         with self._lock:
             self._publish()
+        self._texts: node.Queue = node.Queue(20)
+        self._beat = node.Beat(_REPEATED_AFTER)
+        node.Worker(self._texts, lambda order: self._handle(order))
+        node.Worker(self._beat, lambda _woken: self._on_beat())
+        rospy.Subscriber(names.STOP, Bool, self._on_stop, queue_size=10)
         rospy.Subscriber(names.PROGRESS, BorderProgress, self._on_progress, queue_size=1)
-        rospy.Subscriber(names.BORDERS, VirtualBorderArray, self._on_borders, queue_size=1)
+        rospy.Subscriber(names.BORDERS, VirtualBorderArray, self._preview.on_borders, queue_size=1)
         rospy.Subscriber(params.command_text_topic, String, self._on_text, queue_size=10)
-        threading.Thread(target=self._serve_texts, daemon=True).start()
         self._service = rospy.Service(names.COMMAND, Command, self._on_command)
-        # reset: simulated time may jump back when a simulation starts afresh
-        self._timer = rospy.Timer(rospy.Duration(params.publish_period), self._on_timer, reset=True)
 
     def close(self) -> None:
-        """Ends the preview's worker."""
+        """Ends the workers."""
+        self._beat.close()
+        self._texts.close()
         self._preview.close()
 
     # ------------------------------------------------------------------ inputs
     def _on_progress(self, message: BorderProgress) -> None:
         with self._lock:
             self._cameras, self._cameras_of = list(message.cameras), message.interaction_id
+            # in Guide all spots are ignored by the fusion, and yet somebody holds the laser
+            spots = message.border_spots + message.seed_spots + message.ignored_spots
+            if spots != self._spots:
+                self._spots = spots
+                self._interaction.touch(rospy.get_time())
         self._preview.on_progress(message)
 
-    def _on_borders(self, message: VirtualBorderArray) -> None:
+    def _on_stop(self, message: Bool) -> None:
+        sender = message._connection_header.get("callerid", "")
+        if sender == rospy.get_name():
+            return
         with self._lock:
-            self._borders = list(message.borders)
-        self._preview.on_borders(message)
+            if message.data == self._interaction.stopped:
+                return
+        self._handle(CommandRequest(command=STOP if message.data else RESUME, source=sender.strip("/")))
 
     def _on_text(self, message: String) -> None:
-        try:
-            self._texts.put_nowait(message.data)
-        except queue.Full:
+        order, now = CommandRequest(command=message.data, source="text"), time.monotonic()
+        if normalise(order.command) == STOP:
+            self._handle(order)
+        elif now - self._beaten > _HUNG or now - self._revived < _AFTERMATH:
+            # a text tells no time: one that arrives with the end of a hang may be minutes old
+            with self._lock:
+                self._interaction.expired(order.command, order.source, rospy.get_time())
+                self._changed()
+        elif not self._texts.put(order):
             rospy.logwarn_throttle(5.0, "interaction_manager: too many commands as text at once, some are lost")
 
-    def _serve_texts(self) -> None:
-        while not rospy.is_shutdown():
-            self._handle(self._texts.get(), "text")
-
     def _on_command(self, request: CommandRequest) -> CommandResponse:
-        answer = self._handle(request.command, request.source)
-        return CommandResponse(success=answer.success, code=answer.code, message=answer.message)
+        answer = self._handle(request)
+        return CommandResponse(
+            success=answer.success, code=answer.code, message=answer.message, values=values_from_mapping(answer.values)
+        )
 
-    def _on_timer(self, _event: rospy.timer.TimerEvent) -> None:
+    def _on_beat(self) -> None:
+        now = time.monotonic()
+        if self._beaten > float("-inf") and now - self._beaten > _HUNG:
+            self._revived = now
+        self._beaten = now
         with self._lock:
-            if self._interaction.state != State.DEFAULT:
-                self._interaction.advance(rospy.get_time())
+            if self._interaction.end_if_idle(rospy.get_time()):
+                self._changed()
+            else:
                 self._publish()
 
     # ------------------------------------------------------------------ commands
-    def _handle(self, command: str, source: str) -> Answer:
+    def _handle(self, order: CommandRequest) -> Answer:
+        command = normalise(order.command)
+        if command == STOP:
+            # robots do not wait for locks, files or answers
+            self._stop.publish(True)
+            answer = self._carry_out(command, order)
+        else:
+            answer = self._once.carry_out(order.id, lambda: self._carry_out(command, order))
+            if order.id:
+                with self._lock:
+                    self._remember()
+        rospy.loginfo("%s says %s: %s [%s]", order.source or "somebody", command, answer.message, answer.code)
+        return answer
+
+    def _carry_out(self, command: str, order: CommandRequest) -> Answer:
         with self._lock:
-            answer = self._interaction.command(command, source, rospy.get_time())
-            save = answer.success and self._interaction.saving
-            interaction_id, unsure = self._interaction.interaction_id, self._unsure
-            if save:
+            interaction, now = self._interaction, rospy.get_time()
+            stopped = interaction.stopped
+            if command != STOP and not order.expires.is_zero() and now > order.expires.to_sec():
+                answer = interaction.expired(command, order.source, now)
+            else:
+                doubtful = self._preview.is_doubtful(interaction.interaction_id)
+                answer = interaction.command(command, order.source, now, order.unclear, doubtful)
+            if command == STOP or interaction.stopped != stopped:
+                self._memory_lost = False
+                self._stop.publish(interaction.stopped)
+            pending = interaction.pending if command in (SAVE, UNDO, REDO) and answer.success else ""
+            interaction_id = interaction.interaction_id
+            if pending == SAVE:
                 self._preview.on_interaction(interaction_id, saving=True)
             else:
                 self._changed()
-        if save:
-            answer = self._save(interaction_id, unsure)
-        rospy.loginfo("%s says %s: %s [%s]", source or "somebody", normalise(command), answer.message, answer.code)
-        return answer
-
-    def _save(self, interaction_id: str, unsure: bool) -> Answer:
-        """Asks the neighbours, without the lock, then ends or continues the interaction."""
-        try:
-            border = self._neighbours.candidate(interaction_id)
-            border_id = self._find(border) if unsure else ""
-            if not border_id:
-                border_id = self._add(border)
-        except CodedError as error:
-            message = error.message
-            if error.code in UNANSWERED:
-                rospy.logwarn("interaction_manager: %s: %s", error, error.__cause__)
-                message = f"{message}; say save again in a moment."
-            with self._lock:
-                answer = self._interaction.refuse_save(error.code, message, rospy.get_time())
-                self._changed()
+        if not pending:
             return answer
+        try:
+            return self._save(interaction_id, order.source) if pending == SAVE else self._change(pending)
+        except CodedError as error:
+            return self._refuse(error)
+
+    def _save(self, interaction_id: str, source: str) -> Answer:
+        """Asks the neighbours, without the lock, then ends the interaction."""
+        border = self._neighbours.candidate(interaction_id)
+        try:
+            with self._lock:
+                # whoever kills this node now leaves the next one unsure, as a lost answer does
+                unanswered, self._interaction.unanswered_save = self._interaction.unanswered_save, True
+                self._remember()
+            border_id = self._neighbours.add(border, source, interaction_id)
+        except CodedError as error:
+            # what was sent and not answered may have arrived; a refusal tells that no earlier one has
+            with self._lock:
+                self._interaction.unanswered_save = error.code == "no_answer" or (error.code == "no_service" and unanswered)
+            raise
         with self._lock:
-            self._unsure = False
             answer = self._interaction.finish_save(border_id, rospy.get_time())
             self._changed()
         return answer
 
-    def _add(self, border: VirtualBorder) -> str:
-        with self._lock:
-            self._unsure = True
-            self._remember()
-            source = self._interaction.last_source
+    def _change(self, command: str) -> Answer:
+        """Undo or redo, without the lock; says what became of the borders."""
+        before = self._neighbours.borders()
+        self._neighbours.change(command)
         try:
-            border_id = self._neighbours.add(border, source)
-        except CodedError as error:
-            # only what was sent and not answered may have arrived
-            if error.code != "no_answer":
-                with self._lock:
-                    self._unsure = False
-            raise
+            answer = _what_changed(before, self._neighbours.borders())
+        except CodedError:
+            answer = Answer(True, "borders_changed")
         with self._lock:
-            self._unsure = False
-        return border_id
+            answer = self._interaction.finish_change(answer, rospy.get_time())
+            self._changed()
+        return answer
 
-    def _find(self, border: VirtualBorder) -> str:
-        """The id of a border in the store with this very chain and seed, or ""."""
+    def _refuse(self, error: CodedError) -> Answer:
+        answer = Answer.refusal(error)
         with self._lock:
-            stored = list(self._borders)
-        wanted = array_from_points([*border.points, border.seed])
-        for candidate in stored:
-            found = array_from_points([*candidate.points, candidate.seed])
-            if found.shape == wanted.shape and np.allclose(found, wanted, atol=1e-6):
-                return candidate.id
-        return ""
+            if error.code in UNANSWERED:
+                rospy.logwarn("interaction_manager: %s: %s", error, error.__cause__)
+                if self._interaction.saving and self._interaction.unanswered_save:
+                    answer = Answer(False, "save_unanswered", answer.values)
+            answer = self._interaction.refuse(answer, rospy.get_time())
+            self._changed()
+        return answer
 
     # ------------------------------------------------------------------ outputs; the lock is held
     def _changed(self) -> None:
+        self._publish()
         record = self._interaction.take_record()
         if record is not None:
-            self._unsure = False
             cameras = self._cameras if self._cameras_of == record.interaction_id else []
             line = memory.record_line(record, self._params.method, cameras)
             rospy.loginfo("interaction %s %s after %.1f s", record.interaction_id, record.outcome, record.total_s)
@@ -213,24 +274,27 @@ class InteractionManager:
             except OSError as error:
                 rospy.logwarn("interaction_manager: cannot write %s: %s", self._log_file, error)
         self._remember()
-        self._publish()
 
     def _remember(self) -> None:
+        interaction = self._interaction
         try:
-            self._state_file.write({"interaction": self._interaction.to_mapping(), "unsure": self._unsure})
+            self._state_file.write({
+                "interaction": interaction.to_mapping(), "stopped": interaction.stopped,
+                "stopped_by": interaction.stopped_by, "answers": self._once.to_list(),
+            })
         except OSError as error:
             rospy.logwarn_throttle(30.0, f"interaction_manager: cannot remember the interaction: {error}")
 
     def _recall(self) -> None:
+        stopped, stopped_by = self._recall_stop()
         try:
             remembered = self._state_file.read()
-            if remembered is None:
-                return
-            self._interaction = Interaction.from_mapping(remembered.get("interaction"))
-            self._unsure = remembered.get("unsure") is True
-        except CodedError as error:
+            if remembered is not None:
+                self._interaction = Interaction.from_mapping(remembered.get("interaction"), self._params)
+                self._once = Once(self._patience_s, remembered.get("answers") or ())
+        except (CodedError, TypeError, ValueError) as error:
             rospy.logwarn("interaction_manager: starting afresh: %s", error)
-            return
+        self._interaction.stopped, self._interaction.stopped_by = stopped, stopped_by
         self._interaction.advance(rospy.get_time())
         if self._interaction.state != State.DEFAULT:
             rospy.loginfo(
@@ -239,8 +303,22 @@ class InteractionManager:
                 self._interaction.state.name.lower(),
             )
 
+    def _recall_stop(self) -> Tuple[bool, str]:
+        """Whether robots were stopped, also before the ROS master was restarted; a memory that is lost counts as yes."""
+        try:
+            remembered: Optional[Dict[str, Any]] = self._state_file.read_any()
+            if remembered is None:
+                return False, ""
+            stopped = remembered.get("stopped", False)
+            if isinstance(stopped, bool):
+                return stopped, str(remembered.get("stopped_by", ""))
+        except CodedError as error:
+            rospy.logwarn("interaction_manager: %s", error)
+        rospy.logwarn("interaction_manager: it is not known whether robots were stopped: they are now, until resume")
+        self._memory_lost = True
+        return True, "interaction_manager"
+
     def _publish(self) -> None:
-        self._preview.on_interaction(self._interaction.interaction_id, self._interaction.saving)
         interaction, now = self._interaction, rospy.get_time()
         durations = interaction.durations(now)
         message = InteractionState()
@@ -254,16 +332,40 @@ class InteractionManager:
         message.guide_s = durations[State.GUIDE]
         message.border_s = durations[State.BORDER]
         message.seed_s = durations[State.SEED]
+        message.stopped, message.stopped_by = interaction.stopped, interaction.stopped_by
+        message.ends = rospy.Time.from_sec(interaction.ends)
+        message.confirm_save = interaction.confirm_save
         message.commands = interaction.sensible_commands()
         message.last_command = interaction.last_command
         message.last_source = interaction.last_source
         message.last_success = interaction.last_answer.success
         message.last_code = interaction.last_answer.code
-        message.last_message = interaction.last_answer.message
+        message.last_message = interaction.last_answer.message if interaction.last_answer.code else ""
+        message.last_values = values_from_mapping(interaction.last_answer.values)
         message.last_answered = rospy.Time.from_sec(interaction.last_answered)
         message.last_outcome = interaction.last_outcome
         message.last_border_id = interaction.last_border_id
         self._publisher.publish(message)
+        self._preview.on_interaction(interaction.interaction_id, interaction.saving)
+        self._notices.set(self._what_to_say())
+
+    def _what_to_say(self) -> List[Notice]:
+        said = []
+        if self._interaction.stopped:
+            code = "stop_memory_lost" if self._memory_lost else "robots_stopped"
+            said.append(Notice(code, Severity.WARNING, values={"by": self._interaction.stopped_by}))
+        if self._interaction.ends:
+            said.append(Notice("interaction_ends_soon", Severity.WARNING))
+        return said
+
+
+def _what_changed(before: Dict[str, str], after: Dict[str, str]) -> Answer:
+    """What to say when the borders (id to name) were these and are those now."""
+    gone = [name for identity, name in before.items() if identity not in after]
+    back = [name for identity, name in after.items() if identity not in before]
+    if bool(gone) == bool(back):
+        return Answer(True, "borders_changed")
+    return Answer(True, "border_gone" if gone else "border_back", {"borders": ", ".join(gone or back)})
 
 
 def _await_clock(limit_s: float = 3.0) -> None:

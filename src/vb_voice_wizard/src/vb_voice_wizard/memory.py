@@ -52,7 +52,15 @@ class StateFile:
         os.replace(temporary, self._path)
 
     def read(self) -> Optional[Dict[str, Any]]:
-        """What this run of the roscore has remembered; None if nothing.
+        """What this run of the roscore has remembered; None if nothing. Raises as `read_any`."""
+        memory = self.read_any()
+        # without an id of the run (a bare rosmaster) nothing tells an old file from a new one
+        if memory is None or not self._run_id or memory.get("run_id") != self._run_id:
+            return None
+        return memory
+
+    def read_any(self) -> Optional[Dict[str, Any]]:
+        """What was remembered last, by whatever run; None if there is no file.
 
         Raises:
             CodedError: "bad_memory" if the file is no memory.
@@ -66,9 +74,6 @@ class StateFile:
             raise CodedError("bad_memory", f"cannot read {self._path}: {error}") from None
         if not isinstance(memory, dict):
             raise CodedError("bad_memory", f"{self._path} holds no memory of an interaction")
-        # without an id of the run (a bare rosmaster) nothing tells an old file from a new one
-        if not self._run_id or memory.get("run_id") != self._run_id:
-            return None
         return memory
 
 

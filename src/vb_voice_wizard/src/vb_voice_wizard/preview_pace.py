@@ -32,7 +32,7 @@ class Situation:
         chain: (N, 2) float64 [m] the border so far, map frame; (0, 2): none.
         seed: (1, 2) float64 [m] the seed so far; (0, 2): none.
         borders: changes with every change of the map or the borders in it.
-        code, message: why there is no border or no seed, where that is known.
+        code, message, values: why there is no border or no seed, where that is known.
     """
 
     interaction_id: str = ""
@@ -41,6 +41,7 @@ class Situation:
     borders: Tuple[float, int] = (0.0, 0)
     code: str = ""
     message: str = ""
+    values: Tuple[Tuple[str, str], ...] = ()
 
     @property
     def complete(self) -> bool:
@@ -56,7 +57,7 @@ class Situation:
         if self.interaction_id != other.interaction_id or self.complete != other.complete:
             return False
         if not self.complete:
-            return (self.code, self.message) == (other.code, other.message)
+            return (self.code, self.message, self.values) == (other.code, other.message, other.values)
         return self.borders == other.borders and all(
             mine.shape == others.shape and bool(np.abs(mine - others).max() <= tolerance)
             for mine, others in ((self.chain, other.chain), (self.seed, other.seed))

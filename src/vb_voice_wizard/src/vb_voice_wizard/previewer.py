@@ -4,14 +4,14 @@ from __future__ import annotations
 import dataclasses
 import threading
 import time
-from typing import Optional
+from typing import Any, Mapping, Optional
 
 import numpy as np
 import rospy
-from vb_core import names
+from vb_core import names, sentences
 from vb_core.errors import CodedError
 from vb_core.ros import node
-from vb_core.ros.messages import BorderPreviewArray, array_from_points
+from vb_core.ros.messages import BorderPreviewArray, array_from_points, mapping_from_values, values_from_mapping
 from vb_msgs.msg import BorderProgress, VirtualBorderArray
 
 from vb_voice_wizard.neighbours import UNANSWERED, Neighbours
@@ -36,6 +36,7 @@ class Previewer:
         self._progress: Optional[BorderProgress] = None
         self._held = False
         self._closed = False
+        self._doubtful_of = ""
         self._publisher = rospy.Publisher(names.PREVIEW, BorderPreviewArray, queue_size=1, latch=True)
         node.Worker(self, self._make)
 
@@ -48,6 +49,11 @@ class Previewer:
                 self._situation = Situation(interaction_id, borders=self._situation.borders)
                 self._take_progress()
             self._condition.notify()
+
+    def is_doubtful(self, interaction_id: str) -> bool:
+        """Whether saving would be taken, but the check of the border has found something to mind."""
+        with self._condition:
+            return bool(interaction_id) and self._doubtful_of == interaction_id
 
     def on_progress(self, message: BorderProgress) -> None:
         """What was drawn so far."""
@@ -72,8 +78,9 @@ class Previewer:
             self._situation,
             chain=array_from_points(message.chain),
             seed=array_from_points([message.seed] if message.has_seed else []),
-            code=message.code if refused else "missing_seed",
-            message=message.message if refused else "The seed is missing.",
+            code=message.code if refused else "seed_not_drawn",
+            message=message.message if refused else sentences.say("seed_not_drawn"),
+            values=tuple(mapping_from_values(message.values).items()) if refused else (),
         )
 
     # ------------------------------------------------------------------ work
@@ -95,17 +102,19 @@ class Previewer:
 
     def _make(self, situation: Situation) -> None:
         started, answered = time.monotonic(), True
-        preview = self._empty(situation, situation.code, situation.message)
+        preview = self._empty(situation, situation.code, situation.message, dict(situation.values))
         if situation.complete:
             try:
                 preview = self._look(situation)
             except CodedError as error:
                 answered = error.code not in UNANSWERED
-                preview = self._empty(situation, error.code, error.message)
+                preview = self._empty(situation, error.code, error.message, error.values)
         with self._condition:
             # an interaction that ended or is being saved meanwhile has nothing to show any more
             if self._situation.interaction_id == situation.interaction_id and not self._held:
                 self._publisher.publish(preview)
+                doubtful = preview.available and preview.success and preview.findings
+                self._doubtful_of = situation.interaction_id if doubtful else ""
                 self._pace.done(situation, started, time.monotonic(), answered)
 
     def _look(self, situation: Situation) -> BorderPreviewArray:
@@ -113,6 +122,7 @@ class Previewer:
         answer = self._neighbours.preview(border)
         border.area_m2 = answer.area_m2
         preview = self._empty(situation, answer.code, answer.message)
+        preview.values = answer.values
         preview.available, preview.success = True, answer.success
         preview.findings = answer.findings
         preview.border, preview.region = border, answer.region
@@ -120,8 +130,9 @@ class Previewer:
         return preview
 
     @staticmethod
-    def _empty(situation: Situation, code: str, message: str) -> BorderPreviewArray:
+    def _empty(situation: Situation, code: str, message: str, values: Mapping[str, Any] = {}) -> BorderPreviewArray:
         preview = BorderPreviewArray(interaction_id=situation.interaction_id, code=code, message=message)
+        preview.values = values_from_mapping(values)
         preview.header.stamp = rospy.Time.now()
         preview.header.frame_id = names.MAP_FRAME
         preview.region.data = np.zeros(0, np.int8)

@@ -51,6 +51,7 @@ class RecognizerParams(Parameters):
     dictionary: str = param("")
     wake_word: str = param("")
     threshold: float = param(0.5, "", low=0.0, high=1.0)
+    sure: float = param(0.98, "", low=0.0, high=1.0)
     decision: str = param("")
     network: str = param("")
     second_look: float = param(0.0025, "", low=0.0, high=1.0)
@@ -70,6 +71,7 @@ class Finding:
         reason: "ok", or why not: "unlike_a_command", "too_long", "too_short", or a node's own.
         heard: the phones that were heard, for people.
         measures: the values of MEASURES; empty if none was looked for.
+        unclear: understood, but not surely: what cannot be taken back has to be confirmed.
     """
 
     command: Optional[str] = None
@@ -78,6 +80,7 @@ class Finding:
     reason: str = "ok"
     heard: str = ""
     measures: Sequence[float] = ()
+    unclear: bool = False
 
     def refused(self, reason: str) -> "Finding":
         """The same, not accepted after all."""
@@ -160,7 +163,7 @@ class CommandRecognizer:
         confidence = float(1.0 / (1.0 + np.exp(-np.clip(values @ self._weights + self._offset, -50.0, 50.0))))
         if confidence < self.params.threshold:
             return replace(finding, confidence=confidence, reason="unlike_a_command")
-        return replace(finding, command=finding.best, confidence=confidence)
+        return replace(finding, command=finding.best, confidence=confidence, unclear=confidence < self.params.sure)
 
     # ------------------------------------------------------------------ measures
     def _measure(self, spectrum: np.ndarray) -> Finding:

@@ -1,21 +1,21 @@
 """The node that hears commands."""
 from __future__ import annotations
 
-import queue
 import threading
 import time
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Dict, Optional
+from typing import Any, Dict, Optional, Tuple
 
 import numpy as np
 import rospy
 from vb_core import names
 from vb_core.errors import CodedError, ParameterError
 from vb_core.parameters import Parameters, param
-from vb_core.ros import node, parameters, services
+from vb_core.ros import commands, node, parameters
+from vb_core.ros.messages import values_from_mapping
 from vb_msgs.msg import Audio, Heard, Sound
-from vb_msgs.srv import Command, CommandRequest
+from vb_msgs.srv import CommandRequest, CommandResponse
 
 from vb_voice_wizard.audio_sources import Microphone, arecord, read_wav, to_model_rate
 from vb_voice_wizard.endpointing import Endpointer, EndpointParams, Utterance
@@ -36,7 +36,8 @@ class VoiceParams(Parameters):
     heard_topic: str = param(names.HEARD)
     sounds: dict = param(
         {
-            "default": 0.3, "border": 0.3, "seed": 0.3, "guide": 0.3, "success": 0.6, "refusal": 0.5, "understood": 0.1,
+            "default": 0.3, "border": 0.3, "seed": 0.3, "guide": 0.3, "success": 0.6, "refusal": 0.5, "asked": 0.4,
+            "stopped": 0.5, "understood": 0.1,
         }
     )
     mute_after: float = param(0.25, "s", low=0.0, high=2.0)
@@ -85,14 +86,13 @@ class VoiceCommands:
         self._last_command = ""
         self._last_time = 0.0
         # 20 s of sound: whoever falls behind further should not act on what was said long ago
-        self._sound: "queue.Queue" = queue.Queue(maxsize=400)
-        # a command's answer may take seconds; listening goes on meanwhile
-        self._calls: "queue.Queue" = queue.Queue(maxsize=4)
+        self._sound: node.Queue = node.Queue(400)
         self._microphone: Optional[Microphone] = None
         self._heard = rospy.Publisher(params.heard_topic, Heard, queue_size=10)
         self._beeper = rospy.Publisher(names.SOUND, Sound, queue_size=10)
-        for work in (self._listen, self._call):
-            threading.Thread(target=work, daemon=True).start()
+        # a command's answer may take seconds; listening goes on meanwhile
+        self._orders = commands.Orders("voice", self._on_answer, params.service_wait, params.service_answer, size=4)
+        node.Worker(self._sound, self._listen)
         rospy.Subscriber(names.SOUND, Sound, self._on_sound, queue_size=10)
         if params.source == "topic":
             rospy.Subscriber(params.audio_topic, Audio, self._on_audio, queue_size=100)
@@ -102,15 +102,15 @@ class VoiceCommands:
             self._microphone = Microphone(arecord(params.device), self._put, self._on_trouble)
 
     def close(self) -> None:
-        """Lets go of the microphone."""
+        """Lets go of the microphone, and ends the threads."""
         if self._microphone is not None:
             self._microphone.close()
+        self._sound.close()
+        self._orders.close()
 
     # ------------------------------------------------------------------ sound in
     def _put(self, pcm: np.ndarray) -> None:
-        try:
-            self._sound.put_nowait((pcm, time.monotonic()))
-        except queue.Full:
+        if not self._sound.put((pcm, time.monotonic())):
             rospy.logwarn_throttle(5.0, "voice_commands: too slow for the sound that comes in, some is lost")
 
     def _on_audio(self, message: Audio) -> None:
@@ -156,20 +156,16 @@ class VoiceCommands:
             return when < self._muted_until
 
     # ------------------------------------------------------------------ listening
-    def _listen(self) -> None:
-        while not rospy.is_shutdown():
-            try:
-                pcm, when = self._sound.get(timeout=0.5)
-            except queue.Empty:
-                continue
-            if self._muted(when):
-                if self._endpointer.speaking:
-                    self._publish(Finding(reason="muted"), 0.0, 0.0)
-                self._endpointer.reset()
-                # the noise goes on being learnt from what is no sound of ours
-                continue
-            for utterance in self._endpointer.push(pcm):
-                self._handle(utterance, when)
+    def _listen(self, piece: Tuple[np.ndarray, float]) -> None:
+        pcm, when = piece
+        if self._muted(when):
+            if self._endpointer.speaking:
+                self._publish(Finding(reason="muted"), 0.0, 0.0)
+            self._endpointer.reset()
+            # the noise goes on being learnt from what is no sound of ours
+            return
+        for utterance in self._endpointer.push(pcm):
+            self._handle(utterance, when)
 
     def _handle(self, utterance: Utterance, when: float) -> None:
         """One utterance that ended; `when` is when its last piece of sound came in."""
@@ -188,52 +184,42 @@ class VoiceCommands:
             return
         self._beep(self._params.understood_sound)
         self._last_command, self._last_time = finding.command, now
-        try:
-            self._calls.put_nowait((finding, utterance.end - utterance.start, answer_s))
-        except queue.Full:
+        heard = (finding, utterance.end - utterance.start, answer_s)
+        if not self._orders.put(finding.command, heard, finding.unclear):
             self._publish(finding.refused("busy"), utterance.end - utterance.start, answer_s)
 
-    def _call(self) -> None:
-        while not rospy.is_shutdown():
-            try:
-                finding, duration, answer_s = self._calls.get(timeout=0.5)
-            except queue.Empty:
-                continue
-            request = CommandRequest(command=finding.command, source="voice")
-            try:
-                answer = services.call(
-                    names.COMMAND,
-                    Command,
-                    request,
-                    "The interaction manager",
-                    self._params.service_wait,
-                    self._params.service_answer,
-                )
-                success, code, message = answer.success, answer.code, answer.message
-            except CodedError as error:
-                success, code, message = False, error.code, error.message
-                rospy.logwarn("voice_commands: %s is lost: %s", finding.command, error)
-                self._beep(self._params.refusal_sound)
-            self._publish(finding, duration, answer_s, success, code, message)
+    def _on_answer(
+        self, request: CommandRequest, beside: Any, answer: Optional[CommandResponse], error: Optional[CodedError]
+    ) -> None:
+        if answer is None:
+            rospy.logwarn("voice_commands: %s is lost: %s", request.command, error)
+            answer = CommandResponse(
+                success=False, code=error.code, message=error.message, values=values_from_mapping(error.values)
+            )
+            self._beep(self._params.refusal_sound)
+        self._publish(*beside, answer)
 
     def _publish(
-        self, finding: Finding, duration: float, answer_s: float, success: bool = False, code: str = "", message: str = ""
+        self, finding: Finding, duration: float, answer_s: float, answer: Optional[CommandResponse] = None
     ) -> None:
+        answer = answer or CommandResponse()
         heard = Heard(
             command=finding.best,
             accepted=bool(finding.command),
+            unclear=finding.unclear,
             confidence=finding.confidence,
             reason=finding.reason,
             duration_s=duration,
             answer_s=answer_s,
-            success=success,
-            code=code,
-            message=message,
+            success=answer.success,
+            code=answer.code,
+            message=answer.message,
+            values=answer.values,
         )
         heard.header.stamp = rospy.Time.now()
         rospy.loginfo(
             "heard %s (%s, confidence %.2f, %.1f s, answered after %.2f s) %s",
-            finding.best or "something", finding.reason, finding.confidence, duration, answer_s, message,
+            finding.best or "something", finding.reason, finding.confidence, duration, answer_s, answer.message,
         )
         self._heard.publish(heard)
 

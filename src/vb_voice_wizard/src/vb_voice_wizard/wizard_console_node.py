@@ -3,7 +3,6 @@ from __future__ import annotations
 
 import argparse
 import os
-import queue
 import select
 import socket
 import sys
@@ -11,57 +10,68 @@ import termios
 import threading
 import time
 import tty
-from typing import Dict, List, Optional, Tuple
+from typing import Any, Dict, List, Optional, Tuple
 
 import rosgraph
 import rospy
 from rich.console import Console
 from rich.live import Live
-from std_msgs.msg import String
-from std_srvs.srv import Trigger, TriggerRequest
-from vb_core import names
+from std_msgs.msg import Float32
+from vb_core import names, sentences
 from vb_core.errors import CodedError
-from vb_core.ros import services
-from vb_core.ros.messages import BorderPreviewArray
+from vb_core.notices import NoticeBook
+from vb_core.ros import commands, node, services
+from vb_core.ros.messages import BorderPreviewArray, mapping_from_values
+from vb_core.ros.notices import notice_from_message
 from vb_core.ros.transforms import TransformLookup
-from vb_msgs.msg import BorderProgress, Finding, Heard, InteractionState, VirtualBorder, VirtualBorderArray
-from vb_msgs.srv import Command, CommandRequest, RemoveBorder, RemoveBorderRequest, UpdateBorder, UpdateBorderRequest
+from vb_msgs.msg import (
+    BorderProgress, DetectorStatus, Finding, Heard, InteractionState, NoticeArray, VirtualBorder, VirtualBorderArray,
+)
+from vb_msgs.srv import (
+    CommandRequest, CommandResponse, RemoveBorder, RemoveBorderRequest, UpdateBorder, UpdateBorderRequest,
+)
 
 from vb_voice_wizard import console_view
 from vb_voice_wizard.console_keys import Action, BorderRow, KeyReader
 from vb_voice_wizard.console_view import BAD, GOOD, NOTE, View
-from vb_voice_wizard.interaction import spoken
 
 _PERIOD_S = 0.2  # between two looks at the screen: an operator cannot follow more
 _WATCH_S = 1.0
 _DRIVES_M = 0.03  # [m] a robot that went further since the last look drives
+_SILENT_S = 3.0  # a detector reports once a second, the microphone's level comes four times
 _WORTH_TELLING = 0.1  # confidence of something spoken that was not understood
 # who is watched, by a service that only they offer
 _WATCHED = (
-    ("interaction manager", names.COMMAND), ("border fusion", names.CANDIDATE), ("map integrator", names.LIST_BORDERS)
+    ("interaction_manager", names.COMMAND), ("border_fusion", names.CANDIDATE), ("map_integrator", names.LIST_BORDERS)
 )
 
 
 class WizardConsole:
     """Shows the interaction and gives commands.
 
-    Subscribes to /virtual_borders/{state,progress,preview,borders,workspace,voice/heard} and tf. Calls
-    /virtual_borders/{command,undo,redo,update_border,remove_border}. It waits for the ROS master, says when the
+    Subscribes to /virtual_borders/{state,progress,preview,borders,notices,detectors,voice/heard,voice/level} and tf.
+    Calls /virtual_borders/{command,update_border,remove_border}. It waits for the ROS master, says when the
     master or a node goes away, and goes on when they are back.
 
     Args:
         source: who gives the commands, for the record.
         robot_frame: the robot whose place is shown; "" for none.
-        note: a first message.
+        note: code of a first message.
+        language: of everything that is shown.
     """
 
-    def __init__(self, source: str, robot_frame: str = "base_link", note: str = "") -> None:
+    def __init__(
+        self, source: str, robot_frame: str = "base_link", note: str = "", language: str = sentences.ENGLISH
+    ) -> None:
         self._source = source
         self._robot_frame = robot_frame
         self._lock = threading.RLock()
-        self._view = View(master=rosgraph.get_master_uri())
+        self._view = View(language=language, master=rosgraph.get_master_uri())
         self._changed = threading.Event()
-        self._actions: "queue.Queue[Action]" = queue.Queue(maxsize=10)
+        self._book = NoticeBook()
+        self._detectors: Dict[str, Tuple[float, float]] = {}
+        self._level_at = float("-inf")
+        self._ends = 0.0
         self._answered = rospy.Time(0)
         self._progress_of = ""
         self._borders: Dict[str, VirtualBorder] = {}
@@ -70,28 +80,41 @@ class WizardConsole:
         # a master that was restarted knows nothing of this process: it must register anew
         self._master_pid: Optional[int] = None
         self.stale = False
+        self._master = rosgraph.Master("/wizard_console_watch")
         if note:
-            self._say(note, NOTE)
-        threading.Thread(target=self._watch, daemon=True).start()
-        threading.Thread(target=self._work, daemon=True).start()
+            self._tell(note, NOTE)
+        # a socket limit of this process: a master that hangs must not hang the watch for ever
+        socket.setdefaulttimeout(5.0)
+        self._orders = commands.Orders(source, self._on_answer, answer_s=15.0)
+        self._actions: node.Queue = node.Queue(10)
+        node.Worker(self._actions, self._work)
+        node.Worker(node.Beat(_WATCH_S), lambda _woken: self._watch())
 
     # ------------------------------------------------------------------ who is there
     def _watch(self) -> None:
-        """Looks after the master, the nodes and the robot."""
-        # an own socket limit: a master that hangs must not hang the console's watch for ever
-        socket.setdefaulttimeout(5.0)
-        master = rosgraph.Master("/wizard_console_watch")
-        while True:
-            away: List[str] = []
-            try:
-                pid: Optional[int] = master.getPid()
-                if self._master_pid is not None:
-                    away = [who for who, service in _WATCHED if not self._answers(master, service)]
-            except Exception:  # whatever the transport raises: the master does not answer
-                pid = None
-            self._take_watch(pid, tuple(away))
-            self._look_at_robot()
-            time.sleep(_WATCH_S)
+        """Looks after the master, the nodes, the cameras and the robot."""
+        away: List[str] = []
+        try:
+            pid: Optional[int] = self._master.getPid()
+            if self._master_pid is not None:
+                away = [who for who, service in _WATCHED if not self._answers(self._master, service)]
+        except Exception:  # whatever the transport raises: the master does not answer
+            pid = None
+        self._take_watch(pid, tuple(away))
+        self._look_at_robot()
+        now = time.monotonic()
+        with self._lock:
+            view = self._view
+            detectors = tuple(
+                (camera, rate if now - heard <= _SILENT_S else 0.0) for camera, (heard, rate) in sorted(self._detectors.items())
+            )
+            level = view.level_db if now - self._level_at <= _SILENT_S else 0.0
+            notices = tuple(self._book.current(now))
+            ends_in = max(0.0, self._ends - rospy.get_time()) if self._ends else 0.0
+            shown = (detectors, level, notices, ends_in)
+            if shown != (view.detectors, view.level_db, view.notices, view.ends_in_s):
+                view.detectors, view.level_db, view.notices, view.ends_in_s = shown
+                self._changed.set()
 
     @staticmethod
     def _answers(master: rosgraph.Master, service: str) -> bool:
@@ -107,16 +130,17 @@ class WizardConsole:
         with self._lock:
             view = self._view
             if pid is None and view.connected:
-                self._say("the ROS master is away, waiting for it", BAD)
+                self._tell("console_master_away", BAD)
             elif pid is not None and self._master_pid not in (None, pid):
                 self.stale = True
             elif pid is not None and not view.connected:
-                self._say("connected to the ROS master", GOOD)
+                self._tell("console_master_back", GOOD)
             # before the first state nobody knows who ought to be there
             if pid is not None and view.state:
                 for who, _ in _WATCHED:
                     if (who in away) != (who in view.away):
-                        self._say(f"the {who} is {'away' if who in away else 'there'}", BAD if who in away else GOOD)
+                        gone = who in away
+                        self._tell("console_away" if gone else "console_there", BAD if gone else GOOD, who=f"${who}")
             shown = pid is not None, away if view.state else ()
             if shown != (view.connected, view.away):
                 view.connected, view.away = shown
@@ -134,7 +158,8 @@ class WizardConsole:
         text = ""
         if at is not None:
             drives = before is not None and max(abs(at[0] - before[0]), abs(at[1] - before[1])) > _DRIVES_M
-            text = f"x {at[0]:.2f} m, y {at[1]:.2f} m, {'drives' if drives else 'stands'}"
+            code = "console_drives" if drives else "console_stands"
+            text = self._view.words(code, x=f"{at[0]:.2f}", y=f"{at[1]:.2f}")
         with self._lock:
             if text != self._view.robot:
                 self._view.robot = text
@@ -151,7 +176,7 @@ class WizardConsole:
             # messages of rospy itself would tear the screen
             rospy.init_node("wizard_console", anonymous=True, disable_signals=True, log_level=rospy.FATAL)
         except Exception as error:
-            self._say(f"cannot connect: {error}", BAD)
+            self._tell("console_cannot_connect", BAD, why=error)
             return
         with self._lock:
             self._master_pid = pid
@@ -160,7 +185,9 @@ class WizardConsole:
         rospy.Subscriber(names.PREVIEW, BorderPreviewArray, self._on_preview, queue_size=1)
         rospy.Subscriber(names.BORDERS, VirtualBorderArray, self._on_borders, queue_size=1)
         rospy.Subscriber(names.HEARD, Heard, self._on_heard, queue_size=5)
-        rospy.Subscriber(names.WORKSPACE, String, self._on_workspace, queue_size=5)
+        rospy.Subscriber(names.NOTICES, NoticeArray, self._on_notices, queue_size=20)
+        rospy.Subscriber(names.DETECTORS, DetectorStatus, self._on_detector, queue_size=10)
+        rospy.Subscriber(names.VOICE_LEVEL, Float32, self._on_level, queue_size=1)
         if self._robot_frame:
             self._transforms = TransformLookup(cache_s=2.0)
 
@@ -176,8 +203,12 @@ class WizardConsole:
             view.commands = tuple(message.commands)
             if message.last_command and message.last_answered != self._answered:
                 self._answered = message.last_answered
-                text = f"{message.last_source or 'somebody'}, {spoken(message.last_command)}: {message.last_message}"
+                who = message.last_source or view.words("console_somebody")
+                answer = self._words_of(message.last_code, message.last_values, message.last_message)
+                text = f"{who}, {view.words('command_' + message.last_command)}: {answer}"
                 self._say(text, GOOD if message.last_success else BAD)
+            view.stopped, view.stopped_by = message.stopped, message.stopped_by
+            view.confirm_save, self._ends = message.confirm_save, message.ends.to_sec()
             self._changed.set()
 
     def _on_progress(self, message: BorderProgress) -> None:
@@ -187,17 +218,25 @@ class WizardConsole:
             view.border_spots, view.seed_spots = message.border_spots, message.seed_spots
             view.ignored_spots = message.ignored_spots
             view.chain_points, view.closed = len(message.chain), message.closed
-            view.progress_message = "" if message.code == "ok" else message.message
+            said = "" if message.code == "ok" else self._words_of(message.code, message.values, message.message)
+            view.progress_message = said
             view.seeing, view.cameras = tuple(message.seeing), tuple(message.cameras)
             self._changed.set()
 
     def _on_preview(self, message: BorderPreviewArray) -> None:
         with self._lock:
             view = self._view
-            view.preview, view.preview_good = message.message, message.available and message.success
-            if view.preview_good and message.free_parts > 1:
-                view.preview += f"; the free space would fall into {message.free_parts} parts"
-            view.findings = tuple((found.message, found.severity == Finding.ERROR) for found in message.findings)
+            view.preview_good = message.available and message.success
+            if view.preview_good:
+                view.preview = view.words("preview_restricts", area=f"{message.area_m2:.2f}")
+                if message.free_parts > 1:
+                    view.preview += " " + view.words("preview_parts", parts=message.free_parts)
+            else:
+                view.preview = self._words_of(message.code, message.values, message.message) if message.code else ""
+            view.findings = tuple(
+                (self._words_of(found.code, found.values, found.message), found.severity == Finding.ERROR)
+                for found in message.findings
+            )
             self._changed.set()
 
     def _on_borders(self, message: VirtualBorderArray) -> None:
@@ -209,14 +248,26 @@ class WizardConsole:
             )
             self._changed.set()
 
-    def _on_workspace(self, message: String) -> None:
-        self._say(message.data, NOTE)
+    def _on_notices(self, message: NoticeArray) -> None:
+        with self._lock:
+            self._book.hear(message.source, map(notice_from_message, message.notices), time.monotonic())
+
+    def _on_detector(self, message: DetectorStatus) -> None:
+        with self._lock:
+            self._detectors[message.camera] = time.monotonic(), message.rate_hz
+
+    def _on_level(self, message: Float32) -> None:
+        with self._lock:
+            # full scale itself would be 0, which is none
+            self._view.level_db, self._level_at = min(-0.1, message.data), time.monotonic()
 
     def _on_heard(self, message: Heard) -> None:
         # what was understood comes with the state, as any command
         if not message.accepted and message.confidence >= _WORTH_TELLING:
-            words = f"like {spoken(message.command)}, confidence {message.confidence:.2f}"
-            self._say(f"voice: not understood ({words}, {message.reason.replace('_', ' ')})", NOTE)
+            self._tell(
+                "console_not_understood", NOTE, command=f"$command_{message.command}",
+                confidence=f"{message.confidence:.2f}", reason=f"$heard_{message.reason}",
+            )
 
     # ------------------------------------------------------------------ commands
     def press(self, key: str) -> bool:
@@ -231,49 +282,46 @@ class WizardConsole:
         if action is None:
             return False
         if action.what == "note":
-            self._say(action.text, NOTE)
+            self._tell(action.text, NOTE, key=action.key)
         elif action.what != "quit":
-            try:
-                self._actions.put_nowait(action)
-            except queue.Full:
-                self._say("too many keys at once", BAD)
+            if self._master_pid is None:
+                self._tell("console_not_connected", BAD)
+            elif not (self._orders.put(action.text) if action.what == "command" else self._actions.put(action)):
+                self._tell("console_too_many_keys", BAD)
         return action.what == "quit"
 
-    def _work(self) -> None:
-        while True:
-            action = self._actions.get()
-            if self._master_pid is None:
-                self._say("not connected yet", BAD)
-                continue
-            try:
-                self._do(action)
-            except CodedError as error:
-                self._say(f"{error.message}, try again in a moment", BAD)
+    def _on_answer(
+        self, _request: CommandRequest, _beside: Any, answer: Optional[CommandResponse], error: Optional[CodedError]
+    ) -> None:
+        # the answer arrives with the state; "busy" is not remembered there
+        if error is not None:
+            self._tell_error(error)
+        elif answer is not None and answer.code == "busy":
+            self._say(self._words_of(answer.code, answer.values, answer.message), BAD)
+
+    def _work(self, action: Action) -> None:
+        try:
+            self._do(action)
+        except CodedError as error:
+            self._tell_error(error)
 
     def _do(self, action: Action) -> None:
-        if action.what == "command":
-            request = CommandRequest(command=action.text, source=self._source)
-            # the answer arrives with the state; "busy" is not remembered there
-            answer = services.call(names.COMMAND, Command, request, "the interaction manager", 1.0, 15.0)
-            if answer.code == "busy":
-                self._say(answer.message, BAD)
-            return
-        if action.what in ("undo", "redo"):
-            service, kind, request = {"undo": names.UNDO, "redo": names.REDO}[action.what], Trigger, TriggerRequest()
-        elif action.what == "remove":
-            service, kind, request = names.REMOVE_BORDER, RemoveBorder, RemoveBorderRequest(id=action.border_id)
+        if action.what == "remove":
+            service, kind = names.REMOVE_BORDER, RemoveBorder
+            request: Any = RemoveBorderRequest(id=action.border_id, source=self._source)
         else:
             with self._lock:
                 border = self._borders.get(action.border_id)
             if border is None:
-                self._say("this border is not there any more", BAD)
+                self._tell("console_border_is_gone", BAD)
                 return
             service, kind, request = names.UPDATE_BORDER, UpdateBorder, self._changed_border(border, action)
-        answer = services.call(service, kind, request, "the map integrator", 1.0, 5.0)
-        self._say(answer.message or "done", GOOD if answer.success else BAD)
+        answer = services.call(service, kind, request, "$map_integrator", 1.0, 5.0)
+        said = self._words_of(answer.code, answer.values, answer.message or self._view.words("console_done"))
+        self._say(said, GOOD if answer.success else BAD)
         for found in getattr(answer, "findings", ()):
             if found.message not in answer.message:
-                self._say(found.message, BAD)
+                self._say(self._words_of(found.code, found.values, found.message), BAD)
 
     def _changed_border(self, border: VirtualBorder, action: Action) -> UpdateBorderRequest:
         wanted = VirtualBorder(**{name: getattr(border, name) for name in VirtualBorder.__slots__})
@@ -284,6 +332,17 @@ class WizardConsole:
             # who turns it by hand does not want it to turn back by itself
             wanted.expires = rospy.Time(0)
         return UpdateBorderRequest(border=wanted, frame_id=names.MAP_FRAME, source=self._source)
+
+    def _words_of(self, code: str, values: List[Any], message: str) -> str:
+        """Somebody's answer in the operator's language; its own English sentence where that has none."""
+        return sentences.say(code, mapping_from_values(values), self._view.language, message)
+
+    def _tell(self, code: str, style: str, **values: Any) -> None:
+        self._say(self._view.words(code, **values), style)
+
+    def _tell_error(self, error: CodedError) -> None:
+        what = sentences.say(error.code, error.values, self._view.language, error.message)
+        self._tell("console_try_again", BAD, what=what)
 
     def _say(self, text: str, style: str) -> None:
         with self._lock:
@@ -309,7 +368,7 @@ class WizardConsole:
 
     def _show(self, console: Console, live: Live, keyboard: int) -> bool:
         reader, shown_size = KeyReader(), None
-        while not self.stale:
+        while not self.stale and not rospy.is_shutdown():
             self.connect()
             size = console.size
             if self._changed.is_set() or size != shown_size:
@@ -336,16 +395,17 @@ def run(arguments: Optional[List[str]] = None) -> int:
     parser.add_argument(
         "--robot-frame", default="base_link", help="the robot whose place is shown, empty for none (default: base_link)"
     )
+    parser.add_argument("--language", default=sentences.ENGLISH, choices=sentences.languages(), help="(default: en)")
     parser.add_argument("--note", default="", help=argparse.SUPPRESS)
     chosen = parser.parse_args(rospy.myargv(["wizard_console", *given])[1:])
     if not (sys.stdin.isatty() and sys.stdout.isatty()):
         print("wizard_console needs a terminal; for scripts there is 'rosrun vb_voice_wizard command'", file=sys.stderr)
         return 1
-    if WizardConsole(chosen.source, chosen.robot_frame, chosen.note).run():
+    if WizardConsole(chosen.source, chosen.robot_frame, chosen.note, chosen.language).run():
         # rospy cannot register twice in one process: this one starts afresh in the same terminal
         sys.stdout.flush()
-        again = ["--source", chosen.source, "--robot-frame", chosen.robot_frame]
-        again += ["--note", "the ROS master was restarted: connected again"]
+        again = ["--source", chosen.source, "--robot-frame", chosen.robot_frame, "--language", chosen.language]
+        again += ["--note", "console_master_restarted"]
         os.execv(sys.executable, [sys.executable, sys.argv[0], *again])
     return 0
 

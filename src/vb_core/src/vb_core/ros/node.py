@@ -1,10 +1,13 @@
 """Start-up, shutdown and threads of a node."""
 from __future__ import annotations
 
+import collections
 import ctypes
+import inspect
 import sys
 import threading
-from typing import Any, Callable, Generic, List, Optional, TypeVar
+from pathlib import Path
+from typing import Any, Callable, Deque, Generic, List, Optional, TypeVar
 
 import rospy
 
@@ -16,13 +19,16 @@ _failures: List[CodedError] = []
 
 
 def run(name: str, build: Callable[[], Any]) -> None:
-    """Runs a node until it is shut down.
+    """Runs a node until it is shut down; with --help prints its interface instead, without a ROS master.
 
     Args:
         name: the node's default name.
-        build: makes the node's object. A `CodedError` from it, for instance a bad parameter, is
+        build: makes the node's object, whose class's docstring is the interface. A `CodedError` from it, for instance a bad parameter, is
             logged as one line, and the process exits with status 1; so it does after `fail`.
     """
+    if {"-h", "--help"} & set(sys.argv[1:]):
+        print(_interface(name, build))
+        return
     rospy.init_node(name)
     try:
         node = build()
@@ -36,6 +42,16 @@ def run(name: str, build: Callable[[], Any]) -> None:
     rospy.spin()
     if _failures:
         sys.exit(1)
+
+
+def _interface(name: str, build: Callable[[], Any]) -> str:
+    """What a person may know of a node without starting it: its class's docstring, and where its parameters are."""
+    # with postponed evaluation an annotation is the class's name
+    returned = build.__annotations__.get("return", "")
+    class_ = build.__globals__.get(returned) if isinstance(returned, str) else returned
+    text = inspect.getdoc(class_) or inspect.getdoc(sys.modules[build.__module__]) or ""
+    values = Path(build.__code__.co_filename).resolve().parent.parent.parent / "config" / f"{name}.yaml"
+    return f"{name}\n\n{text}" + (f"\n\nParameters and their defaults: {values}" if values.is_file() else "")
 
 
 def fail(error: CodedError) -> None:
@@ -101,18 +117,81 @@ class Mailbox(Generic[T]):
             self._condition.notify_all()
 
 
+class Queue(Generic[T]):
+    """A queue for a worker: every item counts, they are taken in order, and only so many may wait."""
+
+    def __init__(self, size: int = 1000) -> None:
+        self._condition = threading.Condition()
+        self._items: Deque[T] = collections.deque()
+        self._size = size
+        self._closed = False
+
+    def put(self, item: T) -> bool:
+        """Adds an item; False if too many wait already, which the caller has to say."""
+        with self._condition:
+            if len(self._items) >= self._size:
+                return False
+            self._items.append(item)
+            self._condition.notify()
+            return True
+
+    def take(self) -> Optional[T]:
+        """Waits for the oldest item and takes it; None once the queue is closed and empty."""
+        with self._condition:
+            while not self._items and not self._closed:
+                self._condition.wait()
+            return self._items.popleft() if self._items else None
+
+    def close(self) -> None:
+        """Wakes up the worker; from now on `take` gives None."""
+        with self._condition:
+            self._closed = True
+            self._condition.notify_all()
+
+
+class Beat:
+    """A clock for a worker: `take` returns when something was announced, or after a period of wall time.
+
+    A rospy.Timer follows simulated time, which may pause; what must not pause uses this.
+    """
+
+    def __init__(self, period: float) -> None:
+        self._period = period
+        self._wake = threading.Event()
+        self._closed = False
+
+    def set(self) -> None:
+        """Announces something: the worker need not wait any longer."""
+        self._wake.set()
+
+    def take(self) -> Optional[bool]:
+        """Waits; gives whether something was announced, None once closed."""
+        woken = not self._closed and self._wake.wait(self._period)
+        self._wake.clear()
+        return None if self._closed else woken
+
+    def close(self) -> None:
+        """Wakes up the worker; from now on `take` gives None."""
+        self._closed = True
+        self._wake.set()
+
+
 class Worker:
-    """A thread that handles a mailbox's items one after the other, and survives a faulty item.
+    """A thread that handles the items of a Mailbox, Queue or Beat one after the other, and survives a faulty item.
 
     A `CodedError` is a faulty item. Anything else is a fault of the node: it ends with a traceback, and roslaunch
     brings it back; a node whose worker had died alone would go on deaf.
     """
 
-    def __init__(self, mailbox: Mailbox, handle: Callable[[Any], None]) -> None:
+    def __init__(self, mailbox: Any, handle: Callable[[Any], None]) -> None:
         self._mailbox = mailbox
         self._handle = handle
         self._thread = threading.Thread(target=self._run, daemon=True)
         self._thread.start()
+
+    def join(self, timeout: float) -> None:
+        """Waits until a closed mailbox's last item is handled, at most for a time [s]."""
+        self._thread.join(timeout)
 
     def _run(self) -> None:
         sound = False

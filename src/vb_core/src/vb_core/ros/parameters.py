@@ -28,7 +28,14 @@ def read(cls: Type[P], namespace: str = "~", ignore: Sequence[str] = ()) -> P:
     if not isinstance(found, dict):
         raise ParameterError(where, f"expected keys and values, got {found!r}")
     values: Dict[str, object] = {key: value for key, value in found.items() if key not in ignore}
-    params = cls.from_mapping(values, where)
+    try:
+        params = cls.from_mapping(values, where)
+    except ParameterError as error:
+        # one that was removed from the launch file stays on the server until somebody takes it off
+        set_on_server = error.key.startswith("/") and rospy.has_param(error.key)
+        raise error if not set_on_server else ParameterError(
+            error.key, f"{error.message.split(': ', 1)[1]} (if no launch file sets it any longer: "
+            f"rosparam delete {error.key})") from None
     rospy.loginfo("%s: %s", where, params.describe())
     return params
 

@@ -19,7 +19,7 @@ def call(name: str, service: Type, request: Any, who: str, wait_s: float = 1.0, 
     Args:
         name: the service's name.
         service: its class, for instance vb_msgs.srv.AddBorder.
-        who: for the sentence: "the map integrator".
+        who: for the sentence: "the map integrator", or "$map_integrator" for the word in the reader's language.
         wait_s: [s] how long to wait for the service to appear.
         answer_s: [s] how long to wait for its response after that.
 
@@ -45,5 +45,5 @@ def call(name: str, service: Type, request: Any, who: str, wait_s: float = 1.0, 
         response, error = None, TimeoutError(f"no response within {answer_s:g} s")
     if error is not None:
         code = "no_answer" if sent.is_set() else "no_service"
-        raise CodedError(code, f"{who} does not answer") from error
+        raise CodedError(code, who=who) from error
     return response

@@ -34,6 +34,13 @@ class TransformLookup:
             raise CodedError("no_transform", f"no transform from '{source}' to '{target}': {error}") from None
         return matrix_from_transform(found.transform)
 
+    def newest(self, target: str, source: str) -> rospy.Time:
+        """The time of the newest transform; zero for a fixed one, and if there is none."""
+        try:
+            return self._buffer.get_latest_common_time(target, source)
+        except (tf2_ros.TransformException, rospy.ROSException):
+            return rospy.Time(0)
+
     def rest_on_static(self, target: str, source: str) -> bool:
         """Stops listening to moving transforms if the way from source to target is a fixed one.
 

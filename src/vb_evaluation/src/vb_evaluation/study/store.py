@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any, Dict, List, Mapping, Sequence, Tuple
 
 from vb_core.errors import CodedError
-from vb_map_integration.map_files import write_atomically
+from vb_core.files import write_atomically
 
 META = "study.json"
 

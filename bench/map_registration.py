@@ -1,0 +1,148 @@
+#!/usr/bin/env python3
+"""How often a registered transform is right, and whether one that is acted on without a person is ever wrong.
+
+    . scripts/env.sh && python3 bench/map_registration.py --homes corridor --maps 1000 --first-seed 10000
+
+Homes "split" are those that the registration was developed on, "corridor" is the generator that judges. Each home gives an
+old map and a new one: turned by up to 180 degrees, shifted, of another resolution, with noise, other furniture and rooms
+that one of the maps lacks. As many pairs again show different places: another home, another floor with the same outer
+walls, the mirrored flat. Writes docs/results/map-registration-HOMES.csv (a row per kind) and prints it.
+"""
+from __future__ import annotations
+
+import argparse
+import csv
+import math
+import subprocess
+import sys
+import time
+from datetime import date
+from pathlib import Path
+from typing import Any, Dict, List
+
+import numpy as np
+
+sys.path.insert(0, str(Path(__file__).resolve().parent))
+from homes import corridor_home, draw_map, furnished, split_home  # noqa: E402
+
+from vb_map_integration.registration import IDENTITY, Transform, register  # noqa: E402
+
+TOP = Path(__file__).resolve().parent.parent
+HOMES = {"split": split_home, "corridor": corridor_home}
+SAME = ("again", "furniture", "missing_rooms", "grown", "resolution", "all")
+OTHER = ("other_home", "other_floor", "mirrored")
+RIGHT_M, RIGHT_DEG = 0.05, 1.0
+WRONG_M, WRONG_DEG = 0.15, 2.0
+
+
+def pair(make: Any, kind: str, seed: int) -> Any:
+    """(old map, new map, true transform or None) of a kind."""
+    random = np.random.default_rng(seed)
+    home = make(random)
+    truth = Transform(*random.uniform(-5.0, 5.0, 2), random.uniform(-math.pi, math.pi))
+    start = Transform(*random.uniform(-3.0, 3.0, 2), random.uniform(-math.pi, math.pi)) if random.random() < 0.5 else IDENTITY
+    everything = kind == "all"
+    old_missing = 2 if kind == "grown" else int(everything and random.random() < 0.5)
+    new_missing = 2 if kind == "missing_rooms" else int(everything and random.random() < 0.5)
+    resolution = float(random.choice([0.03, 0.04, 0.06])) if kind == "resolution" or everything else 0.05
+    old = draw_map(home, random, start, 0.05, old_missing)
+    other = home
+    if kind == "furniture" or everything:
+        other = furnished(home, random, kept=float(random.uniform(0.0, 0.6)))
+    elif kind == "other_home":
+        other = make(random)
+    elif kind == "other_floor":
+        other = make(random, tuple(home.outline.max(axis=0)))
+    elif kind == "mirrored":
+        other = home.mirrored()
+    new = draw_map(other, random, truth, resolution, new_missing)
+    return old, new, truth.after(start.inverse) if kind in SAME else None
+
+
+def judge(make: Any, kind: str, seed: int) -> Dict[str, Any]:
+    """What became of one pair."""
+    old, new, truth = pair(make, kind, seed)
+    started = time.process_time()
+    found = register(old, new)
+    row = {"kind": kind, "seed": seed, "s": time.process_time() - started, "sure": bool(found and found.sure), "m": math.inf, "deg": 180.0}
+    if found is not None:
+        row.update(agreement=found.agreement, overlap=found.overlap, walls_m=found.walls_m, margin=found.margin)
+        if truth is not None:
+            middle = np.mean(old.corners(), axis=0)
+            apart, turned = found.transform.distance(truth, middle)
+            row.update(m=apart, deg=math.degrees(turned))
+    row["right"] = row["m"] <= RIGHT_M and row["deg"] <= RIGHT_DEG
+    row["wrong"] = row["sure"] and (row["m"] > WRONG_M or row["deg"] > WRONG_DEG)
+    return row
+
+
+def wilson(hits: int, n: int) -> str:
+    """The 95 % interval of a share, in percent."""
+    z, p = 1.96, hits / max(1, n)
+    middle, half = p + z * z / (2 * n), z * math.sqrt(p * (1 - p) / n + z * z / (4 * n * n))
+    return f"{abs(100 * (middle - half) / (1 + z * z / n)):.1f} .. {100 * (middle + half) / (1 + z * z / n):.1f}"
+
+
+def summary(kind: str, rows: List[Dict[str, Any]]) -> Dict[str, Any]:
+    """One line of the table."""
+    n, same = len(rows), kind in SAME or kind == "all same"
+    errors = [row["m"] for row in rows]
+    right = sum(row["right"] for row in rows)
+    return {
+        "kind": kind, "pairs": n,
+        "right_percent": round(100 * right / n, 1) if same else "",
+        "right_95": wilson(right, n) if same else "",
+        "acts_alone_percent": round(100 * sum(row["sure"] for row in rows) / n, 1),
+        "wrongly_sure": sum(row["wrong"] for row in rows), "wrongly_sure_95": wilson(sum(row["wrong"] for row in rows), n),
+        "sure_but_over_5_cm_or_1_deg": sum(row["sure"] and not row["right"] for row in rows) if same else "",
+        "median_error_mm": round(1e3 * float(np.median(errors)), 1) if same else "",
+        "p95_error_mm": round(1e3 * float(np.quantile(errors, 0.95, method="nearest"))) if same and np.quantile(errors, 0.95, method="nearest") < 1e3 else "",
+        "cpu_s": round(float(np.mean([row["s"] for row in rows])), 2),
+    }
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--homes", choices=sorted(HOMES), default="corridor")
+    parser.add_argument("--maps", type=int, default=120, help="how many pairs of the same place")
+    parser.add_argument("--others", type=int, default=-1, help="how many pairs of different places; -1: as many")
+    parser.add_argument("--first-seed", type=int, default=10000)
+    parser.add_argument("--show", action="store_true", help="prints every pair")
+    options = parser.parse_args()
+    make = HOMES[options.homes]
+    others = options.maps if options.others < 0 else options.others
+    todo = [(SAME[k % len(SAME)], options.first_seed + k) for k in range(options.maps)]
+    todo += [(OTHER[k % len(OTHER)], options.first_seed + 500_000 + k) for k in range(others)]
+    rows: List[Dict[str, Any]] = []
+    # alternating, so that a run that is ended early has both
+    todo = sorted(todo, key=lambda one: one[1] % 500_000)
+    path = TOP / "docs" / "results" / f"map-registration-{options.homes}.csv"
+    revision = subprocess.run(["git", "rev-parse", "--short", "HEAD"], cwd=str(TOP), stdout=subprocess.PIPE, universal_newlines=True).stdout.strip()
+    for number, (kind, seed) in enumerate(todo, 1):
+        rows.append(judge(make, kind, seed))
+        if options.show or rows[-1]["wrong"]:
+            print({key: round(value, 3) if isinstance(value, float) else value for key, value in rows[-1].items()}, flush=True)
+        if number % 50 == 0 or number == len(todo):
+            write(path, rows, options.homes, revision)
+    print(path.read_text())
+    return 0
+
+
+def write(path: Path, rows: List[Dict[str, Any]], homes: str, revision: str) -> None:
+    """The table as far as it goes."""
+    kinds = [kind for kind in SAME + OTHER if any(row["kind"] == kind for row in rows)]
+    table = [summary(kind, [row for row in rows if row["kind"] == kind]) for kind in kinds]
+    for name, members in (("all same", SAME), ("all different", OTHER)):
+        chosen = [row for row in rows if row["kind"] in members]
+        if chosen:
+            table.append(summary(name, chosen))
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with open(str(path), "w", newline="") as stream:
+        stream.write(f"# python3 bench/map_registration.py --homes {homes}; {date.today()}, revision {revision}\n")
+        writer = csv.DictWriter(stream, list(table[0]))
+        writer.writeheader()
+        writer.writerows(table)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

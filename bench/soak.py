@@ -1,0 +1,605 @@
+#!/usr/bin/env python3
+"""Lives with the stack for simulated days: people draw, nodes die, cameras fail, clocks step, maps change.
+
+    make soak HOURS=24            # simulated hours, as fast as the machine goes
+    bench/soak.py --hours 2 --seed 7
+
+Real nodes (point set, interaction, map integrator, lab monitor) run over a roscore of their own; this program is the
+clock, the cameras, the people and the trouble. After each event it compares the stack with a ledger of what was
+acknowledged, and the map with an oracle of its own (shapely). It writes out/bench/soak.json.
+
+Exit status: 0 if every invariant held, 1 if one did not.
+"""
+from __future__ import annotations
+
+import argparse
+import collections
+import json
+import os
+import platform
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+import xmlrpc.client
+from pathlib import Path
+from typing import Any, Callable, Dict, List, Optional
+
+TOP = Path(__file__).resolve().parent.parent
+SPEED = 0.4  # [m/s] of the pointer, within what people do (0.2 to 0.7)
+RATE = 12.5  # [1/s] spots of each camera
+RESOLUTION = 0.05
+CAMERAS = ("red", "green")
+PATIENCE = 40.0  # [s] of wall time for an answer on a busy machine; a killed node needs some seconds to come back
+NOTICED_S = 5.0  # [s] of simulated time within which a fault must be told
+NODES = ("interaction_manager", "border_fusion", "map_integrator", "lab_monitor")
+
+LAUNCH = """<launch>
+  <param name="/use_sim_time" value="true"/>
+  <include file="{top}/launch/parts/borders.launch">
+    <arg name="state" value="{state}"/>
+    <arg name="robot_frame" value=""/>
+    <arg name="record" value="false"/>
+  </include>
+  <node pkg="vb_bringup" type="lab_monitor" name="lab_monitor" respawn="true" respawn_delay="1">
+    <param name="cameras" value="{cameras}"/>
+  </node>
+</launch>
+"""
+
+
+class Broken(Exception):
+    """An invariant that did not hold."""
+
+
+def rooms(seed: int) -> Dict[str, Any]:
+    """Two floors of a home, each an occupancy grid with walls and furniture, as map name to cells."""
+    import numpy as np
+
+    found = {}
+    for number, name in enumerate(("ground floor", "upper floor")):
+        rng = np.random.default_rng([seed, number])
+        data = np.zeros((100, 160), np.int8)
+        data[:2], data[-2:], data[:, :2], data[:, -2:] = 100, 100, 100, 100
+        column = int(rng.integers(50, 110))
+        data[:60, column : column + 2] = 100
+        for _ in range(5):
+            row, col = rng.integers(5, 90), rng.integers(5, 150)
+            data[row : row + rng.integers(4, 10), col : col + rng.integers(4, 12)] = 100
+        found[name] = data
+    return found
+
+
+class Soak:
+    """One life of a lab."""
+
+    def __init__(self, hours: float, seed: int, folder: Path, port: int) -> None:
+        import numpy as np
+
+        self.rng = np.random.default_rng(seed)
+        self.folder, self.port = folder, port
+        self.hours = hours
+        self.maps = rooms(seed)
+        self.floor = "ground floor"
+        self.ledger: Dict[str, Dict[str, Any]] = {name: {} for name in self.maps}
+        self.counts: collections.Counter = collections.Counter()
+        self.codes: collections.Counter = collections.Counter()
+        self.faults: List[str] = []
+        self.notice_delays: List[float] = []
+        self.samples: List[Dict[str, Any]] = []
+        self.received = {camera: 0 for camera in CAMERAS}
+        self.plugged = {camera: True for camera in CAMERAS}
+        self.launch: Optional[subprocess.Popen] = None
+        self.core: Optional[subprocess.Popen] = None
+        self.now = 1_000_000.0
+        self.lived = 0.0
+
+    # ------------------------------------------------------------ starting and ending
+    def start(self) -> None:
+        """Starts roscore and the stack, then this program's own node."""
+        os.environ["ROS_MASTER_URI"] = f"http://127.0.0.1:{self.port}"
+        os.environ["ROS_LOG_DIR"] = str(self.folder / "log")
+        self.core = subprocess.Popen(["roscore", "-p", str(self.port)], stdout=subprocess.DEVNULL,
+                                     stderr=subprocess.DEVNULL, start_new_session=True)
+        import rosgraph
+
+        self.wait(rosgraph.is_master_online, "the ROS master")
+        import rospy
+
+        rospy.set_param("/use_sim_time", True)
+        self.up()
+        rospy.init_node("soak", disable_signals=True)
+        self._connect()
+        self.tell_map()
+        self.settle()
+
+    def up(self) -> None:
+        """Starts the stack."""
+        path = self.folder / "soak.launch"
+        path.write_text(LAUNCH.format(top=TOP, state=self.folder / "state", cameras=" ".join(CAMERAS)))
+        with open(str(self.folder / "roslaunch.txt"), "a") as output:
+            self.launch = subprocess.Popen(["roslaunch", "-p", str(self.port), str(path)], stdout=output,
+                                           stderr=subprocess.STDOUT, start_new_session=True)
+
+    def down(self) -> None:
+        """Ends the stack, as an evening does."""
+        for process in (self.launch,):
+            if process is not None and process.poll() is None:
+                os.killpg(process.pid, signal.SIGINT)
+                process.wait(timeout=60)
+
+    def close(self) -> None:
+        """Ends everything that was started."""
+        self.down()
+        if self.core is not None:
+            os.killpg(self.core.pid, signal.SIGINT)
+            self.core.wait(timeout=30)
+
+    def _connect(self) -> None:
+        import rospy
+        from rosgraph_msgs.msg import Clock
+
+        from vb_core import names
+        from vb_core.ros.messages import OccupancyGridArray
+        from vb_msgs.msg import BorderProgress, DetectorStatus, InteractionState, LaserSpot, NoticeArray, VirtualBorderArray
+
+        self.newest: Dict[str, Any] = {}
+
+        def keep(key: str) -> Callable[[Any], None]:
+            return lambda message: self.newest.__setitem__(key, message)
+
+        self.clock = rospy.Publisher("/clock", Clock, queue_size=1, latch=True)
+        self.map = rospy.Publisher(names.PHYSICAL_MAP, OccupancyGridArray, queue_size=1, latch=True)
+        self.spots = rospy.Publisher(names.SPOTS, LaserSpot, queue_size=2000)
+        self.statuses = rospy.Publisher(names.DETECTORS, DetectorStatus, queue_size=10)
+        for key, topic, kind in (
+            ("state", names.STATE, InteractionState), ("progress", names.PROGRESS, BorderProgress),
+            ("borders", names.BORDERS, VirtualBorderArray), ("posterior", names.VIRTUAL_MAP, OccupancyGridArray),
+        ):
+            rospy.Subscriber(topic, kind, keep(key), queue_size=5)
+        rospy.Subscriber(names.NOTICES, NoticeArray, self._on_notices, queue_size=50)
+        self.notices: Dict[str, Any] = {}
+
+    def _on_notices(self, message: Any) -> None:
+        self.notices[message.source] = {(notice.code, notice.camera) for notice in message.notices}
+
+    # ------------------------------------------------------------ time
+    def tick(self, seconds: float) -> None:
+        """Simulated time goes on; detectors report once a second."""
+        import rospy
+
+        before = int(self.now)
+        self.now += seconds
+        self.lived += max(seconds, 0.0)
+        self.clock.publish(rospy.Time.from_sec(self.now))
+        if int(self.now) != before:
+            self.report()
+
+    def report(self) -> None:
+        """The detectors' reports."""
+        import rospy
+
+        from vb_msgs.msg import DetectorStatus
+
+        for camera in CAMERAS:
+            self.received[camera] += 25 if self.plugged[camera] else 0
+            status = DetectorStatus(camera=camera, received=self.received[camera], rate_hz=25.0 * self.plugged[camera])
+            status.header.stamp = rospy.Time.from_sec(self.now)
+            self.statuses.publish(status)
+
+    def idle(self, seconds: float) -> None:
+        """Nobody does anything for a while."""
+        end = self.now + seconds
+        while self.now < end:
+            self.tick(1.0)
+            time.sleep(0.004)
+
+    def wait(self, condition: Callable[[], Any], what: str, ticking: bool = False, limit: float = PATIENCE) -> Any:
+        """Waits, in wall time, for something that a node is to do."""
+        deadline = time.monotonic() + limit
+        while time.monotonic() < deadline:
+            value = condition()
+            if value:
+                return value
+            if ticking:
+                self.tick(0.1)
+            time.sleep(0.01)
+        raise Broken(f"waited {limit:g} s in vain for: {what}")
+
+    # ------------------------------------------------------------ what the stack says
+    def heard(self, key: str, test: Callable[[Any], Any]) -> Any:
+        """What a test gives for a topic's newest message; None while there is none."""
+        message = self.newest.get(key)
+        return None if message is None else test(message)
+
+    def settle(self) -> None:
+        """Waits until every node is there and knows the time and the map."""
+        import rospy
+
+        from vb_core import names
+
+        for name in (names.COMMAND, names.CANDIDATE, names.ADD_BORDER, names.LIST_BORDERS):
+            self.wait(lambda: self._answers(name), f"service {name}", ticking=True, limit=90.0)
+        self.wait(lambda: self.spots.get_num_connections() > 0 and self.statuses.get_num_connections() > 0,
+                  "listeners", ticking=True)
+        self.wait(self._posterior_is_of_this_floor, "the map with borders", ticking=True)
+        rospy.logdebug("settled")
+
+    @staticmethod
+    def _answers(service: str) -> bool:
+        import rosservice
+
+        try:
+            return rosservice.get_service_uri(service) is not None
+        except rosservice.ROSServiceIOException:
+            return False
+
+    def _posterior_is_of_this_floor(self) -> bool:
+        import numpy as np
+
+        message = self.newest.get("posterior")
+        if message is None:
+            return False
+        got, physical = np.asarray(message.data).reshape(100, 160), self.maps[self.floor]
+        return bool((got[physical == 100] == 100).all())
+
+    def call(self, name: str, kind: Any, **fields: Any) -> Any:
+        """Calls a service; while its node comes back from the dead, again."""
+        import rospy
+
+        deadline = time.monotonic() + PATIENCE
+        while True:
+            try:
+                return rospy.ServiceProxy(name, kind)(**fields)
+            except (rospy.ServiceException, rospy.ROSException, OSError) as error:
+                if time.monotonic() > deadline:
+                    raise Broken(f"{name} does not answer: {error}") from None
+                self.tick(0.1)
+                time.sleep(0.1)
+
+    def command(self, word: str) -> Any:
+        """One command of a person, answered."""
+        from vb_core import names
+        from vb_msgs.srv import Command
+
+        answer = self.call(names.COMMAND, Command, command=word, source="soak")
+        self.codes[f"{word}: {answer.code}"] += 1
+        if not answer.success and not answer.code:
+            raise Broken(f"{word} was refused without a code: {answer.message!r}")
+        return answer
+
+    # ------------------------------------------------------------ people
+    def draw(self, points: Any, state: str) -> int:
+        """Points the laser along (N, 2) [m]; gives the number of spots that both cameras sent."""
+        import numpy as np
+        import rospy
+
+        from vb_core import names
+        from vb_msgs.msg import LaserSpot
+
+        for point in points:
+            for camera in CAMERAS:
+                if not self.plugged[camera] or self.rng.random() < 0.2:
+                    continue
+                x, y = point + self.rng.normal(0.0, 0.01, 2)
+                spot = LaserSpot(camera=camera, confidence=1.0, projection=LaserSpot.GROUND_PLANE)
+                spot.header.frame_id = names.MAP_FRAME
+                spot.header.stamp = rospy.Time.from_sec(self.now)
+                spot.position.x, spot.position.y = float(x), float(y)
+                self.spots.publish(spot)
+            self.tick(1.0 / RATE)
+            time.sleep(0.002)
+        return int(np.asarray(points).size)
+
+    def shape(self) -> Any:
+        """(4, 2) [m] corners of a rectangle somewhere on the floor."""
+        import numpy as np
+
+        centre = self.rng.uniform([1.2, 1.0], [6.8, 4.0])
+        half = self.rng.uniform(0.35, 0.8, 2)
+        angle = self.rng.uniform(0, np.pi)
+        turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+        return centre + (np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * half) @ turn.T
+
+    def interaction(self) -> None:
+        """A person draws an area; now and then somebody kills a node meanwhile, or the person gives up."""
+        import numpy as np
+
+        from vb_core import geometry
+
+        corners = self.shape()
+        if not self.command("define_border").success:
+            raise Broken("define_border was refused")
+        identity = self.wait(lambda: self.heard("state", lambda state: state.interaction_id), "the interaction", ticking=True)
+        self.wait(lambda: self.heard("progress", lambda progress: progress.interaction_id == identity),
+                  "the point set in Border", ticking=True)
+        path = geometry.resample_chain(np.vstack([corners, corners[:1]]), SPEED / RATE)
+        trouble = self.rng.random() < 0.25
+        half = len(path) // 2
+        self.draw(path[:half], "border")
+        if trouble:
+            self.kill(str(self.rng.choice(NODES)))
+        self.draw(path[half:], "border")
+        if self.rng.random() < 0.1:
+            self.command("cancel")
+            self.counts["given up"] += 1
+            return
+        self.command("define_seed")
+        self.draw(np.tile(corners.mean(axis=0), (25, 1)), "seed")
+        self.wait(lambda: self.heard("progress", lambda progress: progress.has_seed or progress.code not in ("", "ok")),
+                  "the seed", ticking=True)
+        answer = self.command("save")
+        for _ in range(3):
+            # what the console tells a person to do then
+            if answer.code not in ("no_answer", "no_service"):
+                break
+            answer = self.command("save")
+        if not answer.success:
+            self.counts["refused"] += 1
+            self.command("cancel")
+            return
+        self.counts["saved"] += 1
+        identity = self.wait(
+            lambda: self.heard("state", lambda state: state.name == "default" and state.last_border_id), "the border's id",
+            ticking=True)
+        border = self.wait(
+            lambda: self.heard("borders", lambda array: next((b for b in array.borders if b.id == identity), None)),
+            f"border {identity} among the borders", ticking=True)
+        self.ledger[self.floor][identity] = _points(border)
+
+    def edit(self) -> None:
+        """Removes a border, or takes back the newest change and makes it again."""
+        from std_srvs.srv import Trigger
+
+        from vb_core import names
+        from vb_msgs.srv import RemoveBorder
+
+        known = self.ledger[self.floor]
+        if not known:
+            return
+        if self.rng.random() < 0.5 or len(known) > 6:
+            identity = str(self.rng.choice(sorted(known)))
+            answer = self.call(names.REMOVE_BORDER, RemoveBorder, id=identity)
+            if answer.success:
+                self.removed = (identity, known.pop(identity))
+                self.counts["removed"] += 1
+                if self.rng.random() < 0.5 and self.call(names.UNDO, Trigger).success:
+                    known[self.removed[0]] = self.removed[1]
+                    self.counts["undone"] += 1
+
+    # ------------------------------------------------------------ trouble
+    def kill(self, name: str) -> None:
+        """Kills a node as a crash does."""
+        import rosgraph
+
+        try:
+            uri = rosgraph.Master("/soak").lookupNode(f"/{name}")
+            pid = xmlrpc.client.ServerProxy(uri).getPid("/soak")[2]
+            os.kill(pid, signal.SIGKILL)
+        except (rosgraph.MasterException, OSError, xmlrpc.client.Error):
+            return  # it is just being restarted
+        self.counts[f"killed {name}"] += 1
+        self.wait(lambda: self._pid(name) not in (None, pid), f"{name} back from the dead", ticking=True)
+        self.settle()
+
+    @staticmethod
+    def _pid(name: str) -> Optional[int]:
+        import rosgraph
+
+        try:
+            uri = rosgraph.Master("/soak").lookupNode(f"/{name}")
+            return xmlrpc.client.ServerProxy(uri).getPid("/soak")[2]
+        except (rosgraph.MasterException, OSError, xmlrpc.client.Error):
+            return None
+
+    def unplug(self) -> None:
+        """Unplugs a camera for a while: people must be told, and told again when it is back."""
+        camera = str(self.rng.choice(CAMERAS))
+        wanted = ("camera_silent", camera)
+        self.plugged[camera] = False
+        began = self.now
+        while wanted not in self.notices.get("/lab_monitor", ()):
+            self.tick(0.1)
+            time.sleep(0.01)
+            if self.now - began > 3 * NOTICED_S:
+                raise Broken(f"nobody said that camera {camera} is unplugged")
+        self.notice_delays.append(self.now - began)
+        self.plugged[camera] = True
+        began = self.now
+        while wanted in self.notices.get("/lab_monitor", ()):
+            self.tick(0.1)
+            time.sleep(0.01)
+            if self.now - began > 3 * NOTICED_S:
+                raise Broken(f"camera {camera} is back and nobody says so")
+        self.counts["unplugged"] += 1
+
+    def step_clock(self) -> None:
+        """Somebody sets the clock, forwards or a little back."""
+        jump = float(self.rng.choice([-5.0, -1.0, 30.0, 3600.0]))
+        self.tick(jump)
+        self.counts[f"clock {jump:+g} s"] += 1
+        self.idle(3.0)
+
+    def change_floor(self) -> None:
+        """The robot goes to the other floor; the borders of this one must be there when it comes back."""
+        self.floor = next(name for name in self.maps if name != self.floor)
+        self.newest.pop("posterior", None)
+        self.tell_map()
+        self.wait(self._posterior_is_of_this_floor, f"the map of the {self.floor}", ticking=True)
+        self.counts["floor changed"] += 1
+
+    def tell_map(self) -> None:
+        """Publishes the floor's map, as map_server does."""
+        import rospy
+
+        from vb_core.grid_map import GridMap
+        from vb_core.ros.messages import message_from_grid
+
+        grid = GridMap(self.maps[self.floor], RESOLUTION, (0.0, 0.0, 0.0))
+        self.map.publish(message_from_grid(grid, rospy.Time.from_sec(self.now)))
+
+    def night(self) -> None:
+        """Everything is switched off and on again."""
+        self.down()
+        self.newest.clear()
+        self.up()
+        self.settle()
+        self.counts["restarted"] += 1
+
+    # ------------------------------------------------------------ invariants
+    def check(self) -> None:
+        """Nothing acknowledged is lost or moved, and the map is what the borders say."""
+        import numpy as np
+
+        wanted = self.ledger[self.floor]
+
+        def same() -> bool:
+            message = self.newest.get("borders")
+            if message is None:
+                return False
+            found = {border.id: _points(border) for border in message.borders}
+            return set(found) == set(wanted) and all(
+                found[key].shape == wanted[key].shape and np.allclose(found[key], wanted[key], atol=1e-9) for key in wanted)
+
+        try:
+            self.wait(same, "the borders that were acknowledged", ticking=True, limit=15.0)
+        except Broken:
+            message = self.newest.get("borders")
+            found = sorted(border.id for border in message.borders) if message is not None else None
+            raise Broken(f"borders are {found}, acknowledged were {sorted(wanted)}") from None
+        sure_inside, sure_outside = self._oracle(list(wanted.values()))
+        self.wait(lambda: self._map_agrees(sure_inside, sure_outside), "a map that agrees with the oracle", ticking=True,
+                  limit=15.0)
+        self.counts["checked"] += 1
+
+    def _oracle(self, polygons: List[Any]) -> Any:
+        """(rows, columns) cells that are surely inside some polygon, and surely outside all; the edge may go either way."""
+        import numpy as np
+        import shapely
+        from shapely.geometry import Polygon
+        from shapely.ops import unary_union
+
+        rows, columns = np.mgrid[:100, :160]
+        centres = shapely.points((columns.ravel() + 0.5) * RESOLUTION, (rows.ravel() + 0.5) * RESOLUTION)
+        area = unary_union([Polygon(points).buffer(0) for points in polygons])
+        inside = shapely.contains(area.buffer(-1.5 * RESOLUTION), centres).reshape(100, 160)
+        outside = ~shapely.intersects(area.buffer(1.5 * RESOLUTION), centres).reshape(100, 160)
+        return inside, outside
+
+    def _map_agrees(self, inside: Any, outside: Any) -> bool:
+        import numpy as np
+
+        message = self.newest.get("posterior")
+        if message is None:
+            return False
+        got, physical = np.asarray(message.data).reshape(100, 160), self.maps[self.floor]
+        # floor that lies inside of a border but cannot be reached from its seed may stay as it was
+        free = physical == 0
+        restricted_share = (got[inside & free] == 100).mean() if (inside & free).any() else 1.0
+        return bool((got[outside] == physical[outside]).all() and (got[~free] == physical[~free]).all()
+                    and restricted_share > 0.5)
+
+    def sample(self) -> None:
+        """Memory of each node and the size of the state folder."""
+        memory = {}
+        for name in NODES:
+            pid = self._pid(name)
+            try:
+                status = Path(f"/proc/{pid}/status").read_text()
+                memory[name] = int(status.split("VmRSS:")[1].split()[0]) / 1024
+            except (OSError, IndexError):
+                continue
+        size = sum(path.stat().st_size for path in (self.folder / "state").rglob("*") if path.is_file())
+        self.samples.append({"hour": self.lived / 3600, "memory_mib": memory, "state_kib": size / 1024,
+                             "restarts": self.counts["restarted"], "interactions": self.counts["saved"]})
+
+    # ------------------------------------------------------------ life
+    def live(self) -> None:
+        """Hours of events, each followed by a look at all invariants."""
+        events = [(self.interaction, 0.55), (self.edit, 0.12), (self.unplug, 0.08), (self.step_clock, 0.06),
+                  (self.change_floor, 0.08), (lambda: self.kill(str(self.rng.choice(NODES))), 0.11)]
+        weights = [weight for _, weight in events]
+        nights, sampled = 0, -1.0
+        while self.lived < 3600.0 * self.hours:
+            event = events[int(self.rng.choice(len(events), p=weights))][0]
+            try:
+                event()
+                self.check()
+            except Broken as error:
+                self.faults.append(f"hour {self.lived / 3600:.2f}, {getattr(event, '__name__', 'kill')}: {error}")
+                print(self.faults[-1], flush=True)
+                self.recover()
+            if self.lived / 3600 - sampled >= 0.5:
+                self.sample()
+                sampled = self.lived / 3600
+            if self.lived // 86400 > nights:
+                nights += 1
+                self.night()
+                self.check()
+            # a household of some dozen interactions a day
+            self.idle(float(self.rng.exponential(600.0)))
+
+    def recover(self) -> None:
+        """After a broken invariant: start from what the stack has now, so that one fault counts once."""
+        self.command("cancel")
+        message = self.newest.get("borders")
+        if message is not None:
+            self.ledger[self.floor] = {border.id: _points(border) for border in message.borders}
+
+    def result(self, seconds: float) -> Dict[str, Any]:
+        """What was measured."""
+        import numpy as np
+
+        slopes = {}
+        for name in NODES:
+            rows = [(s["hour"], s["memory_mib"][name]) for s in self.samples if name in s["memory_mib"]]
+            rows = rows[len(rows) // 3:]
+            if len(rows) > 3:
+                slopes[name] = round(float(np.polyfit(*zip(*rows), 1)[0]), 3)
+        return {
+            "hours": round(self.lived / 3600, 2), "wall_s": round(seconds), "machine": platform.processor() or platform.machine(),
+            "faults": self.faults, "events": dict(self.counts), "answers": dict(self.codes),
+            "camera_notice_s": {"n": len(self.notice_delays), "largest": round(max(self.notice_delays, default=0.0), 1)},
+            "memory_slope_mib_per_hour": slopes,
+            "state_kib": [round(sample["state_kib"]) for sample in self.samples[:: max(1, len(self.samples) // 12)]],
+            "last_sample": self.samples[-1] if self.samples else None,
+        }
+
+
+def _points(border: Any) -> Any:
+    import numpy as np
+
+    return np.array([(point.x, point.y) for point in border.points])
+
+
+def main() -> int:
+    """Runs the soak and writes its result."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--hours", type=float, default=24.0, help="simulated")
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--port", type=int, default=11399, help="of its own ROS master")
+    parser.add_argument("--out", type=Path, default=TOP / "out" / "bench" / "soak.json")
+    chosen = parser.parse_args()
+    folder = Path(tempfile.mkdtemp(prefix="soak_"))
+    soak = Soak(chosen.hours, chosen.seed, folder, chosen.port)
+    began = time.monotonic()
+    try:
+        soak.start()
+        soak.live()
+    finally:
+        soak.close()
+    result = {**soak.result(time.monotonic() - began), "command": f"bench/soak.py --hours {chosen.hours:g} --seed {chosen.seed}"}
+    chosen.out.parent.mkdir(parents=True, exist_ok=True)
+    chosen.out.write_text(json.dumps(result, indent=1))
+    print(json.dumps(result, indent=1))
+    if result["faults"]:
+        print(f"the logs are in {folder}")
+        return 1
+    shutil.rmtree(str(folder), ignore_errors=True)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

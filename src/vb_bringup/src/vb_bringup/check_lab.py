@@ -1,0 +1,70 @@
+"""Checks a running lab before people come: one line each, what is wrong and what cures it."""
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from typing import List, Optional
+
+import rosgraph
+import rospy
+from rich.console import Console
+from rich.table import Table
+
+from vb_bringup.lab import Line, State, worst
+from vb_bringup.lab_probe import probe
+from vb_core import sentences
+
+READY, FAULTS, NO_MASTER = 0, 1, 3
+_MARKS = {State.OK: "[green]ok[/]", State.UNKNOWN: "?", State.WARNING: "[yellow]warning[/]", State.ERROR: "[bold red]error[/]"}
+
+
+def show(lines: List[Line], language: str, console: Console) -> None:
+    """Prints a table, the faults last, where they are seen."""
+    table = Table(box=None, padding=(0, 2, 0, 0))
+    for heading in ("", "", ""):
+        table.add_column(heading, overflow="fold")
+    for line in sorted(lines, key=lambda line: line.state):
+        table.add_row(_MARKS[line.state], line.subject, line.sentence(language))
+    console.print(table)
+
+
+def as_json(lines: List[Line], language: str) -> str:
+    """The lines for programs: subject, state, code, values, and the sentence for people."""
+    return json.dumps([
+        {"subject": line.subject, "state": line.state.name.lower(), "code": line.code,
+         "values": {key: str(value) for key, value in line.values.items()}, "message": line.sentence(language)}
+        for line in lines
+    ], indent=1, ensure_ascii=False)
+
+
+def run(arguments: Optional[List[str]] = None) -> int:
+    """Checks the lab and prints the result.
+
+    Returns:
+        The exit status: 0 ready (warnings allowed), 1 faults, 3 no ROS master. (2 is argparse's, for a wrong call.)
+    """
+    parser = argparse.ArgumentParser(
+        prog="check_lab", description=__doc__,
+        epilog="Exit status: 0 ready, 1 something is wrong, 2 wrong call, 3 the ROS master does not answer.")
+    parser.add_argument("--json", action="store_true", help="for programs")
+    parser.add_argument("--seconds", type=float, default=4.0, help="how long to listen to cameras and scans (4)")
+    parser.add_argument("--state", default="~/.ros/virtual_borders", help="folder of borders and records")
+    parser.add_argument("--language", default=sentences.ENGLISH, choices=sentences.languages())
+    chosen = parser.parse_args(rospy.myargv(["check_lab", *(sys.argv[1:] if arguments is None else arguments)])[1:])
+    if not rosgraph.is_master_online():
+        print(f"The ROS master does not answer at {rosgraph.get_master_uri()}: start lab.launch first, and set "
+              "ROS_MASTER_URI if it runs on another computer.", file=sys.stderr)
+        return NO_MASTER
+    rospy.init_node("check_lab", anonymous=True, disable_signals=True, log_level=rospy.ERROR)
+    lines = probe(chosen.seconds, chosen.state)
+    if chosen.json:
+        print(as_json(lines, chosen.language))
+    else:
+        show(lines, chosen.language, Console())
+    return FAULTS if worst(lines) is State.ERROR else READY
+
+
+def main() -> None:
+    """Runs the program."""
+    sys.exit(run())

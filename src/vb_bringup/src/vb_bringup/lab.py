@@ -1,0 +1,307 @@
+"""Judges whether a lab is ready, from what was seen of it. No ROS.
+
+Every check is one line: a subject, a state, and a code whose sentence (vb_core/languages, lab.yaml) says what is
+wrong and what cures it. `lab_probe` looks at the running lab; this module only judges.
+"""
+from __future__ import annotations
+
+import enum
+import math
+from collections import defaultdict
+from dataclasses import dataclass, field
+from typing import Any, Dict, Iterable, List, Mapping, Optional, Sequence, Tuple
+
+from vb_core import names, sentences
+
+# a stroke at 0.5 m/s leaves one spot per 10 cm then; slower cameras work, but lines get coarse
+SLOW_CAMERA_HZ = 5.0
+# clocks: a pointer moved at 0.5 m/s is 5 cm further on after 0.1 s
+CLOCK_APART_S = 0.1
+# part of the image at its white level, in which no spot can be seen
+TOO_BRIGHT = 0.05
+# room for a day of logs and recordings
+LITTLE_DISK_MB = 500
+# a robot that drives by its scan should see at least what lies ahead
+AHEAD_DEG = 60.0
+
+
+class State(enum.IntEnum):
+    """How good a line is; the worst of all decides the exit status."""
+
+    OK = 0
+    UNKNOWN = 1
+    WARNING = 2
+    ERROR = 3
+
+
+@dataclass(frozen=True)
+class Line:
+    """The result of one check."""
+
+    subject: str
+    state: State
+    code: str
+    values: Mapping[str, Any] = field(default_factory=dict)
+
+    def sentence(self, language: str = sentences.ENGLISH) -> str:
+        """What a person reads."""
+        return sentences.say(self.code, self.values, language)
+
+
+@dataclass(frozen=True)
+class CameraInfoSeen:
+    """A camera_info message; `focal` [px] is 0 for a lens that was never calibrated."""
+
+    width: int
+    height: int
+    focal: float
+
+
+@dataclass(frozen=True)
+class CameraSeen:
+    """What was seen of one camera and its detector.
+
+    Attributes:
+        topic: of its images; publishers: nodes that publish it.
+        rate: [1/s]; age: [s] newest stamp to now; both 0 without images.
+        frame: that the images name; bright: share of the image at its white level.
+        mobile: whether it is a robot's.
+        detector: the detector's node; "" if none runs.
+        has_pose: whether tf knows the frame in the map.
+        file: the calibration file, "" if others publish the pose; file_error: why it cannot be read;
+        file_frame: the frame that it names.
+    """
+
+    name: str
+    topic: str
+    publishers: Sequence[str] = ()
+    rate: float = 0.0
+    age: float = 0.0
+    width: int = 0
+    height: int = 0
+    encoding: str = ""
+    frame: str = ""
+    bright: float = 0.0
+    info: Optional[CameraInfoSeen] = None
+    mobile: bool = False
+    detector: str = ""
+    has_pose: bool = False
+    file: str = ""
+    file_error: str = ""
+    file_frame: str = ""
+
+
+def check_cameras(cameras: Sequence[CameraSeen]) -> List[Line]:
+    """One line per camera that is fine, one per fault otherwise."""
+    if not cameras:
+        return [Line("cameras", State.WARNING, "lab_no_cameras")]
+    by_frame: Dict[str, List[str]] = defaultdict(list)
+    for camera in cameras:
+        if camera.frame:
+            by_frame[camera.frame].append(camera.name)
+    lines: List[Line] = []
+    for camera in cameras:
+        faults = list(_camera_faults(camera, by_frame))
+        values = {
+            "camera": camera.name, "rate": f"{camera.rate:.1f}", "size": f"{camera.width} x {camera.height}",
+            "encoding": camera.encoding,
+        }
+        lines += faults or [Line(f"camera {camera.name}", State.OK, "lab_camera_ok", values)]
+    return lines
+
+
+def _camera_faults(camera: CameraSeen, by_frame: Mapping[str, Sequence[str]]) -> Iterable[Line]:
+    subject = f"camera {camera.name}"
+
+    def fault(state: State, code: str, **values: Any) -> Line:
+        return Line(subject, state, code, {"camera": camera.name, "topic": camera.topic, **values})
+
+    if not camera.detector:
+        yield fault(State.ERROR, "lab_camera_no_detector")
+    if not camera.publishers:
+        yield fault(State.ERROR, "lab_camera_no_publisher")
+        return
+    if camera.rate == 0.0:
+        yield fault(State.ERROR, "lab_camera_silent", node=", ".join(camera.publishers))
+        return
+    if len(camera.publishers) > 1:
+        yield fault(State.ERROR, "lab_camera_many_publishers", nodes=", ".join(camera.publishers))
+    if camera.rate < SLOW_CAMERA_HZ:
+        yield fault(State.WARNING, "lab_camera_slow", rate=f"{camera.rate:.1f}")
+    if abs(camera.age) > CLOCK_APART_S + 2.0 / camera.rate:
+        yield fault(State.ERROR, "lab_camera_clock", age=f"{camera.age:.2f}")
+    if camera.bright > TOO_BRIGHT:
+        yield fault(State.WARNING, "lab_camera_too_bright", percent=f"{100 * camera.bright:.0f}")
+    yield from _lens_faults(camera, fault)
+    yield from _pose_faults(camera, by_frame, fault)
+
+
+def _lens_faults(camera: CameraSeen, fault: Any) -> Iterable[Line]:
+    info = camera.info
+    if info is None:
+        yield fault(State.ERROR, "lab_camera_no_info")
+    elif not info.focal > 0.0:
+        yield fault(State.ERROR, "lab_camera_not_calibrated")
+    elif (info.width, info.height) != (camera.width, camera.height):
+        yield fault(
+            State.ERROR, "lab_camera_info_size", size=f"{camera.width} x {camera.height}",
+            info_size=f"{info.width} x {info.height}")
+
+
+def _pose_faults(camera: CameraSeen, by_frame: Mapping[str, Sequence[str]], fault: Any) -> Iterable[Line]:
+    if not camera.frame:
+        yield fault(State.ERROR, "lab_camera_no_frame")
+        return
+    sharing = [name for name in by_frame[camera.frame] if name != camera.name]
+    if sharing:
+        yield fault(State.ERROR, "lab_camera_frame_shared", frame=camera.frame, others=", ".join(sharing))
+    if camera.file_error:
+        yield fault(State.ERROR, "lab_camera_no_calibration", file=camera.file, error=camera.file_error)
+    elif camera.file_frame and camera.file_frame != camera.frame:
+        yield fault(
+            State.ERROR, "lab_camera_frame_differs", frame=camera.frame, file=camera.file, file_frame=camera.file_frame)
+    elif not camera.has_pose:
+        yield fault(State.ERROR, "lab_camera_no_pose", frame=camera.frame)
+
+
+@dataclass(frozen=True)
+class RobotSeen:
+    """What was seen of one robot; `name` is "" for the only one.
+
+    Attributes:
+        pose_age: [s] of the newest map -> base_link; None: there is none.
+        scan_topic, scan_deg: [deg] what the scan covers; 0: no scan came.
+        depth_frame, color_frame: frames of its depth and colour images; "": no image came.
+    """
+
+    name: str
+    pose_age: Optional[float] = None
+    scan_topic: str = "scan"
+    scan_deg: float = 0.0
+    color_frame: str = ""
+    depth_frame: str = ""
+
+
+def check_robot(robot: RobotSeen) -> List[Line]:
+    """Whether a robot can be sent to the spot and be driven by it."""
+    subject = f"robot {robot.name}".strip()
+    lines = []
+    if robot.pose_age is None:
+        lines.append(Line(subject, State.ERROR, "lab_robot_no_pose", {"robot": robot.name or "the robot"}))
+    elif robot.pose_age > 1.0:
+        lines.append(Line(subject, State.ERROR, "lab_robot_old_pose", {"age": f"{robot.pose_age:.1f}"}))
+    if robot.scan_deg == 0.0:
+        lines.append(Line(subject, State.WARNING, "lab_robot_no_scan", {"topic": robot.scan_topic}))
+    elif robot.scan_deg < AHEAD_DEG:
+        lines.append(Line(subject, State.WARNING, "lab_robot_narrow_scan", {"degrees": f"{robot.scan_deg:.0f}"}))
+    if robot.depth_frame and robot.color_frame and robot.depth_frame != robot.color_frame:
+        values = {"depth": robot.depth_frame, "color": robot.color_frame}
+        lines.append(Line(subject, State.ERROR, "lab_robot_depth_not_registered", values))
+    return lines or [Line(subject, State.OK, "lab_robot_ok", {"degrees": f"{robot.scan_deg:.0f}"})]
+
+
+@dataclass(frozen=True)
+class MapSeen:
+    """What was seen of the map and its borders.
+
+    Attributes:
+        shape: (rows, columns) of /map; None: no map came.
+        publishers: nodes that publish /map; with_borders: whether /virtual_borders/map has the same geometry.
+        borders, acting: how many there are, and how many are in force.
+        code, message: of the borders as a whole.
+    """
+
+    shape: Optional[Tuple[int, int]] = None
+    resolution: float = 0.0
+    publishers: Sequence[str] = ()
+    with_borders: bool = False
+    borders: int = 0
+    acting: int = 0
+    needs_confirmation: bool = False
+    code: str = "ok"
+    message: str = ""
+
+
+def check_map(seen: MapSeen) -> List[Line]:
+    """Whether there is one physical map, and whose borders are in it."""
+    if seen.shape is None:
+        return [Line("map", State.ERROR, "lab_map_missing")]
+    lines = []
+    if len(seen.publishers) > 1:
+        lines.append(Line("map", State.ERROR, "lab_map_many_publishers", {"nodes": ", ".join(seen.publishers)}))
+    if not seen.with_borders:
+        lines.append(Line("map", State.ERROR, "lab_map_without_borders"))
+    if seen.needs_confirmation:
+        lines.append(Line("map", State.ERROR, "lab_borders_need_confirmation", {"message": seen.message}))
+    rows, columns = seen.shape
+    values = {
+        "width": f"{columns * seen.resolution:.1f}", "height": f"{rows * seen.resolution:.1f}",
+        "borders": seen.borders, "acting": seen.acting,
+    }
+    if seen.acting < seen.borders and not lines:
+        lines.append(Line("map", State.WARNING, "lab_borders_not_acting", values))
+    return lines or [Line("map", State.OK, "lab_map_ok", values)]
+
+
+def check_nodes(missing: Sequence[str]) -> List[Line]:
+    """Whether the nodes that every lab needs answer; `missing` names those that do not."""
+    if not missing:
+        return [Line("nodes", State.OK, "lab_nodes_ok")]
+    return [Line("nodes", State.ERROR, "lab_node_missing", {"node": node}) for node in missing]
+
+
+@dataclass(frozen=True)
+class NavigationSeen:
+    """What was seen of one move_base.
+
+    Attributes:
+        maps: the maps that it subscribes to.
+        clears_plans: whether make_plan clears the costmap round the robot first, and borders with it.
+    """
+
+    name: str
+    running: bool = False
+    maps: Sequence[str] = ()
+    clears_plans: bool = False
+
+
+def check_navigation(seen: NavigationSeen) -> List[Line]:
+    """Whether move_base plans on the map with borders, and on no other."""
+    values = {"node": seen.name, "maps": ", ".join(seen.maps) or "none"}
+    if not seen.running:
+        return [Line(seen.name, State.WARNING, "lab_navigation_missing", values)]
+    lines = []
+    if not any(topic.endswith(names.VIRTUAL_MAP) for topic in seen.maps):
+        lines.append(Line(seen.name, State.ERROR, "lab_navigation_without_borders", values))
+    elif names.PHYSICAL_MAP in seen.maps:
+        lines.append(Line(seen.name, State.ERROR, "lab_navigation_physical_map", values))
+    if seen.clears_plans:
+        lines.append(Line(seen.name, State.ERROR, "lab_navigation_clears_plans", values))
+    return lines or [Line(seen.name, State.OK, "lab_navigation_ok", values)]
+
+
+def check_disk(folder: str, free_mb: float) -> Line:
+    """Whether the folder of borders and records has room."""
+    state, code = (State.ERROR, "lab_disk_full") if free_mb < LITTLE_DISK_MB else (State.OK, "lab_disk_ok")
+    free = "unknown" if math.isnan(free_mb) else f"{free_mb:.0f}"
+    return Line("disk", state, code, {"folder": folder, "free": free})
+
+
+def check_launch_arguments(given: Sequence[str], declared: Sequence[str]) -> List[Line]:
+    """Arguments that roslaunch was given and the launch file does not have: roslaunch ignores them silently."""
+    return [
+        Line("launch", State.ERROR, "lab_unknown_argument",
+             {"argument": name, "nearest": _nearest(name, declared), "known": ", ".join(sorted(declared))})
+        for name in given if name not in declared
+    ]
+
+
+def _nearest(name: str, known: Sequence[str]) -> str:
+    import difflib
+
+    return (difflib.get_close_matches(name, known, 1, 0.0) or [""])[0]
+
+
+def worst(lines: Iterable[Line]) -> State:
+    """The worst state of all lines."""
+    return max((line.state for line in lines), default=State.UNKNOWN)

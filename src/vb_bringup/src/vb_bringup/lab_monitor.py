@@ -1,0 +1,74 @@
+"""Watches the cameras while people work, and says in a notice what is wrong with one. No ROS.
+
+Without it a camera that was unplugged looks to a person as if the laser were off.
+"""
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Dict, List, Mapping, Sequence
+
+from vb_core.notices import Notice, Severity
+
+# a detector reports each second; two reports may be late on a busy computer
+SILENT_S = 3.0
+# what a detector counts when it must drop a spot, to what people are told
+_REASONS = {"no_transform": "camera_no_pose", "no_camera_info": "camera_no_lens"}
+
+
+@dataclass
+class _Camera:
+    heard: float
+    images: int = 0
+    image_at: float = 0.0
+    dropped: Dict[str, int] = field(default_factory=dict)
+    dropped_at: Dict[str, float] = field(default_factory=dict)
+
+
+class LabMonitor:
+    """What is wrong with the cameras now, by what their detectors report. Not thread safe.
+
+    Args:
+        cameras: names of those that should be there; others are watched once they report.
+    """
+
+    def __init__(self, cameras: Sequence[str]) -> None:
+        self._expected = list(cameras)
+        self._cameras: Dict[str, _Camera] = {}
+
+    def begin(self, now: float) -> None:
+        """Starts the clock [s]: until something is overdue nothing is said."""
+        self._cameras = {name: _Camera(now, image_at=now) for name in self._expected}
+
+    def hear(self, camera: str, images: int, dropped: Mapping[str, int], now: float) -> None:
+        """A detector's report at a time [s].
+
+        Args:
+            images: received since it was started; dropped: how often a spot or image was, by reason.
+        """
+        known = self._cameras.setdefault(camera, _Camera(now, image_at=now))
+        known.heard = now
+        if images != known.images:
+            known.images, known.image_at = images, now
+        for reason in _REASONS:
+            count = dropped.get(reason, 0)
+            if count > known.dropped.get(reason, 0):
+                known.dropped_at[reason] = now
+            known.dropped[reason] = count
+
+    def notices(self, now: float) -> List[Notice]:
+        """What people should know at a time [s], one notice per camera at most."""
+        found = []
+        for name, camera in sorted(self._cameras.items()):
+            code = self._fault(camera, now)
+            if code:
+                found.append(Notice(code, Severity.ERROR, camera=name, values={"camera": name}))
+        return found
+
+    @staticmethod
+    def _fault(camera: _Camera, now: float) -> str:
+        if now - camera.heard > SILENT_S:
+            return "detector_missing"
+        if now - camera.image_at > SILENT_S:
+            return "camera_silent"
+        recent = [reason for reason, at in camera.dropped_at.items() if now - at <= SILENT_S]
+        return _REASONS[recent[0]] if recent else ""

@@ -1,0 +1,317 @@
+"""Looks at the running lab: what its cameras, robots, maps and nodes send within some seconds."""
+from __future__ import annotations
+
+import os
+import shutil
+import struct
+import threading
+import time
+from collections import defaultdict
+from pathlib import Path
+from typing import Any, Dict, List, Mapping, Optional, Sequence, Set, Tuple
+
+import numpy as np
+import rosgraph
+import rospy
+from nav_msgs.msg import OccupancyGrid
+from sensor_msgs.msg import CameraInfo, CompressedImage, Image, LaserScan
+
+from vb_bringup.lab import (
+    CameraInfoSeen, CameraSeen, Line, MapSeen, NavigationSeen, RobotSeen, State, check_cameras, check_disk, check_launch_arguments,
+    check_map, check_navigation, check_nodes, check_robot,
+)
+from vb_core import names
+from vb_core.errors import CodedError
+from vb_core.ros import messages
+from vb_core.ros.transforms import TransformLookup
+from vb_msgs.msg import VirtualBorderArray
+
+NEEDED_NODES = ("/interaction_manager", "/border_fusion", "/map_integrator")
+_DETECTOR = "spot_detector"
+_IMAGE_TYPES = {"sensor_msgs/Image": Image, "sensor_msgs/CompressedImage": CompressedImage}
+
+
+class Graph:
+    """Which nodes run, and who publishes and subscribes what, at one moment."""
+
+    def __init__(self) -> None:
+        master = rosgraph.Master(rospy.get_name())
+        published, subscribed, services = master.getSystemState()
+        self.publishers: Dict[str, List[str]] = dict(published)
+        self.types: Dict[str, str] = dict(master.getTopicTypes())
+        self._subscriptions: Dict[str, List[str]] = defaultdict(list)
+        for topic, nodes in subscribed:
+            for node in nodes:
+                self._subscriptions[node].append(topic)
+        self.nodes: Set[str] = {node for _, nodes in published + subscribed + services for node in nodes}
+
+    def subscriptions(self, node: str, kinds: Sequence[str]) -> List[str]:
+        """The topics of these types that a node subscribes to."""
+        return [topic for topic in self._subscriptions[node] if self.types.get(topic) in kinds]
+
+
+class Stream:
+    """A topic listened to for a while: how often it came, its newest stamp, and one whole message."""
+
+    def __init__(self, topic: str, kind: Any) -> None:
+        self._kind = kind
+        self._lock = threading.Lock()
+        self._began = time.monotonic()
+        self._times: List[float] = []
+        self._age = 0.0
+        self._raw: Optional[bytes] = None
+        # undecoded: images would keep this process busy for nothing
+        self._subscriber = rospy.Subscriber(topic, rospy.AnyMsg, self._on_message, queue_size=5, buff_size=2**24)
+
+    def _on_message(self, message: rospy.AnyMsg) -> None:
+        with self._lock:
+            self._times.append(time.monotonic())
+            if len(message._buff) >= 12:
+                _, seconds, nanoseconds = struct.unpack("<III", message._buff[:12])
+                self._age = rospy.get_time() - (seconds + 1e-9 * nanoseconds)
+            self._raw = message._buff
+
+    def rate(self) -> float:
+        """[1/s]; 0 if nothing came."""
+        with self._lock:
+            if len(self._times) < 2:
+                return len(self._times) / (time.monotonic() - self._began)
+            return (len(self._times) - 1) / max(self._times[-1] - self._times[0], 1e-6)
+
+    def age(self) -> float:
+        """[s] from the newest message's stamp to its arrival; negative: from the future."""
+        return self._age
+
+    def message(self) -> Optional[Any]:
+        """The newest message; None if none came or it is not what it should be."""
+        with self._lock:
+            raw = self._raw
+        if raw is None:
+            return None
+        try:
+            return self._kind().deserialize(raw)
+        except Exception:  # genpy raises what it likes at messages of another type
+            return None
+
+    def close(self) -> None:
+        """Stops listening."""
+        self._subscriber.unregister()
+
+
+def probe(seconds: float, folder: str) -> List[Line]:
+    """Looks at everything for some seconds and judges it.
+
+    Args:
+        seconds: how long to listen to cameras and scans.
+        folder: of borders and records, for the free space.
+    """
+    graph = Graph()
+    transforms = TransformLookup()
+    robots = _robots()
+    detectors = {node: _parameters(node) for node in sorted(graph.nodes) if node.split("/")[-1].startswith(_DETECTOR)}
+    images = {node: _image_topic(graph, node, found) for node, found in detectors.items()}
+    streams: Dict[str, Stream] = {}
+    for topic, kind in images.values():
+        streams[topic] = Stream(topic, kind)
+        streams[_beside(topic)] = Stream(_beside(topic), CameraInfo)
+    for robot in robots:
+        streams[_within(robot, "scan")] = Stream(_within(robot, "scan"), LaserScan)
+        for name in ("camera/rgb/image_raw", "camera/depth_registered/image_raw"):
+            streams.setdefault(_within(robot, name), Stream(_within(robot, name), Image))
+    for topic, kind in ((names.PHYSICAL_MAP, OccupancyGrid), (names.VIRTUAL_MAP, OccupancyGrid),
+                        (names.BORDERS, VirtualBorderArray)):
+        streams[topic] = Stream(topic, kind)
+    rospy.rostime.wallsleep(seconds)
+
+    poses = _CalibrationFiles(graph)
+    cameras = [_camera(graph, node, detectors[node], images[node][0], streams, transforms, poses) for node in detectors]
+    lines = check_launch_arguments(*launch_arguments())
+    lines += check_nodes([node for node in NEEDED_NODES if node not in graph.nodes])
+    lines += check_cameras(cameras)
+    lines += check_map(_map(graph, streams))
+    for robot in robots:
+        lines += check_robot(_robot(robot, streams, transforms))
+        move_base = _within(robot, "move_base")
+        lines += check_navigation(_navigation(graph, move_base))
+    voice = any(node.split("/")[-1] == "voice_commands" for node in graph.nodes)
+    lines.append(Line("voice", State.OK, "lab_voice_ok" if voice else "lab_voice_off"))
+    display = next((node for node in sorted(graph.nodes) if node.split("/")[-1] in ("smart_display", "rviz")), "")
+    lines.append(Line("display", State.OK, "lab_display_ok" if display else "lab_display_off", {"node": display}))
+    place = Path(os.path.expanduser(folder))
+    while not place.exists():
+        place = place.parent
+    lines.append(check_disk(str(place), shutil.disk_usage(str(place)).free / 2**20))
+    for stream in streams.values():
+        stream.close()
+    return lines
+
+
+def launch_arguments(processes: Path = Path("/proc")) -> Tuple[List[str], List[str]]:
+    """The arguments that roslaunch processes on this computer were given, and those that their files declare."""
+    import roslaunch.arg_dump
+    import roslaunch.rlutil
+
+    given: List[str] = []
+    declared: Set[str] = set()
+    for place in processes.glob("[0-9]*/cmdline"):
+        try:
+            words = [word.decode() for word in place.read_bytes().split(b"\0") if word]
+            folder = os.readlink(str(place.parent / "cwd"))
+        except (OSError, UnicodeDecodeError):
+            continue  # it has ended, or is somebody else's
+        start = next((k for k, word in enumerate(words[:3]) if os.path.basename(word) == "roslaunch"), None)
+        if start is None or rosgraph.rosenv.get_master_uri() != _master_of(place.parent):
+            continue
+        words = [word for word in words[start + 1:] if not word.startswith("-")]
+        plain = [word for word in words if ":=" not in word]
+        plain = [os.path.join(folder, word) if os.path.isfile(os.path.join(folder, word)) else word for word in plain]
+        try:
+            # what is no file is an option's value
+            files = [word for word in roslaunch.rlutil.resolve_launch_arguments(plain) if os.path.isfile(word)]
+            found = roslaunch.arg_dump.get_args(files)
+        except Exception:  # a launch file that cannot be read was reported by roslaunch itself
+            continue
+        declared |= set(found)
+        given += [word.split(":=")[0] for word in words if ":=" in word and not word.startswith("__")]
+    return given, sorted(declared)
+
+
+def _master_of(process: Path) -> str:
+    try:
+        variables = (process / "environ").read_bytes().split(b"\0")
+    except OSError:
+        return ""
+    found = dict(variable.split(b"=", 1) for variable in variables if b"=" in variable)
+    return found.get(b"ROS_MASTER_URI", b"").decode(errors="replace")
+
+
+def _robots() -> List[str]:
+    found = rospy.get_param("/map_integrator/robots", [])
+    return [str(name) for name in found] if isinstance(found, list) and found else [""]
+
+
+def _within(robot: str, name: str) -> str:
+    return f"/{robot}/{name}" if robot else f"/{name}"
+
+
+def _parameters(node: str) -> Mapping[str, Any]:
+    found = rospy.get_param(node, {})
+    return found if isinstance(found, dict) else {}
+
+
+def _beside(topic: str) -> str:
+    whole = topic[: -len("/compressed")] if topic.endswith("/compressed") else topic
+    return whole.rsplit("/", 1)[0] + "/camera_info"
+
+
+def _image_topic(graph: Graph, node: str, parameters: Mapping[str, Any]) -> Tuple[str, Any]:
+    """What the detector really listens to, remappings included; else what its parameters say."""
+    found = [topic for topic in graph.subscriptions(node, list(_IMAGE_TYPES)) if "depth" not in topic]
+    if found:
+        return found[0], _IMAGE_TYPES[graph.types[found[0]]]
+    name = str(parameters.get("image") or f"{parameters.get('camera', '')}/image_raw")
+    topic = rosgraph.names.resolve_name(name, node)
+    if parameters.get("image_transport") == "compressed":
+        return topic + "/compressed", CompressedImage
+    return topic, Image
+
+
+class _CalibrationFiles:
+    """The files whose poses camera_poses publishes."""
+
+    def __init__(self, graph: Graph) -> None:
+        from vb_laser_detect import calibration_file
+
+        self._files = calibration_file
+        node = next((node for node in graph.nodes if node.split("/")[-1] == "camera_poses"), "")
+        found = _parameters(node) if node else {}
+        self._folder = str(found.get("folder", ""))
+        self._cameras = str(found.get("cameras", "")).split()
+
+    def look(self, camera: str) -> Tuple[str, str, str]:
+        """(file, why it cannot be read, the frame that it names); all "" if others publish the pose."""
+        if not self._folder or camera not in self._cameras:
+            return "", "", ""
+        path = self._files.calibration_path(self._folder, camera)
+        try:
+            return str(path), "", self._files.load(path).frame
+        except CodedError as error:
+            return str(path), error.message, ""
+
+
+def _camera(
+    graph: Graph, node: str, parameters: Mapping[str, Any], topic: str, streams: Mapping[str, Stream],
+    transforms: TransformLookup, poses: _CalibrationFiles,
+) -> CameraSeen:
+    name = str(parameters.get("camera", node))
+    image, info = streams[topic].message(), streams[_beside(topic)].message()
+    pixels = _pixels(image)
+    frame = str(parameters.get("frame", "")) or (image.header.frame_id if image is not None else "")
+    file, error, file_frame = poses.look(name)
+    return CameraSeen(
+        name=name, topic=topic, publishers=graph.publishers.get(topic, []), rate=streams[topic].rate(),
+        age=streams[topic].age(), width=pixels.shape[1], height=pixels.shape[0],
+        encoding=getattr(image, "encoding", "") or getattr(image, "format", ""), frame=frame,
+        bright=float((pixels >= 250).mean()) if pixels.size else 0.0,
+        info=None if info is None else CameraInfoSeen(info.width, info.height, float(info.K[0])),
+        mobile=bool(dict(parameters.get("detector", {})).get("moving_camera", False)), detector=node,
+        has_pose=bool(frame) and _transform_age(transforms, frame) is not None, file=file, file_error=error,
+        file_frame=file_frame,
+    )
+
+
+def _pixels(image: Optional[Any]) -> np.ndarray:
+    if image is None:
+        return np.zeros((0, 0), np.uint8)
+    try:
+        return messages.compressed_image_array(image) if hasattr(image, "format") else messages.image_array(image)
+    except CodedError:
+        return np.zeros((0, 0), np.uint8)
+
+
+def _transform_age(transforms: TransformLookup, frame: str) -> Optional[float]:
+    """[s] how old the newest transform from a frame to the map is; 0 for a fixed one, None if there is none."""
+    try:
+        transforms.lookup(names.MAP_FRAME, frame, rospy.Time(0))
+    except CodedError:
+        return None
+    newest = transforms.newest(names.MAP_FRAME, frame)
+    return 0.0 if newest.is_zero() else (rospy.Time.now() - newest).to_sec()
+
+
+def _robot(robot: str, streams: Mapping[str, Stream], transforms: TransformLookup) -> RobotSeen:
+    scan = streams[_within(robot, "scan")].message()
+    color = streams[_within(robot, "camera/rgb/image_raw")].message()
+    depth = streams[_within(robot, "camera/depth_registered/image_raw")].message()
+    return RobotSeen(
+        name=robot, pose_age=_transform_age(transforms, f"{robot}/base_link" if robot else "base_link"),
+        scan_topic=_within(robot, "scan"),
+        scan_deg=0.0 if scan is None else float(np.degrees(scan.angle_max - scan.angle_min)),
+        color_frame="" if color is None else color.header.frame_id,
+        depth_frame="" if depth is None else depth.header.frame_id,
+    )
+
+
+def _navigation(graph: Graph, node: str) -> NavigationSeen:
+    maps = graph.subscriptions(node, ["nav_msgs/OccupancyGrid"])
+    found = _parameters(node)
+    clears = bool(found.get("make_plan_clear_costmap", True)) and "global_costmap" in found
+    return NavigationSeen(node.strip("/"), node in graph.nodes, maps, clears)
+
+
+def _map(graph: Graph, streams: Mapping[str, Stream]) -> MapSeen:
+    physical, virtual = streams[names.PHYSICAL_MAP].message(), streams[names.VIRTUAL_MAP].message()
+    borders = streams[names.BORDERS].message()
+    publishers = graph.publishers.get(names.PHYSICAL_MAP, [])
+    if physical is None:
+        return MapSeen(publishers=publishers)
+    found = [] if borders is None else borders.borders
+    return MapSeen(
+        shape=(physical.info.height, physical.info.width), resolution=physical.info.resolution, publishers=publishers,
+        with_borders=virtual is not None and (virtual.info.width, virtual.info.height)
+        == (physical.info.width, physical.info.height),
+        borders=len([border for border in found if border.enabled]),
+        acting=len([border for border in found if border.enabled and border.acting]),
+        needs_confirmation=borders is not None and borders.needs_confirmation,
+        code="ok" if borders is None else borders.code, message="" if borders is None else borders.message,
+    )

@@ -1,0 +1,186 @@
+"""Writes a folder for one's own lab: the only files that a lab edits, and keeps under version control.
+
+The stack itself stays as it is, so that a newer version never touches what a lab has set.
+"""
+from __future__ import annotations
+
+import argparse
+import re
+import shutil
+import sys
+from pathlib import Path
+from typing import Dict, List, Optional, Sequence
+
+from vb_core.errors import CodedError
+
+CREATED, REFUSED = 0, 1
+_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
+
+_LAUNCH = """\
+<launch>
+  <!-- This lab. Start it with:  roslaunch {folder}/lab.launch   and check it with:  rosrun vb_bringup check_lab
+       Every argument of the stack's lab.launch can be set here; that file lists and explains them. -->
+  <include file="$(dirname)/cameras.launch"/>
+  <include file="$(find vb_bringup)/launch/lab.launch">
+    <arg name="cameras" value="{cameras}"/>
+    <arg name="configs" value="{configs}"/>
+    <arg name="calibration" value="$(dirname)/calibration"/>
+    <arg name="state" value="$(dirname)/state"/>
+    <arg name="map" value="{map}"/>
+    <arg name="robot" value="{robot}"/>
+    <arg name="robot_types" value="$(dirname)/robot.yaml"/>
+    <arg name="navigation" value="none"/>
+    <arg name="voice" value="false"/>
+  </include>
+</launch>
+"""
+
+_CAMERAS = """\
+<launch>
+  <!-- The drivers of the ceiling cameras. Each camera needs a topic /NAME/image_raw, a camera_info beside it, and a frame of
+       its own, NAME_optical_frame: the driver's default frame is the same for all cameras and leads to wrong places. -->
+{drivers}
+  <!-- Is the driver not usb_cam? What matters is the same for every one:
+       - raw images, not rectified ones: give lab.launch the topic as the driver names it, for instance
+         /NAME/image_raw. If you have only image_rect_color, set `image` in detectors/NAME.yaml to it.
+       - a RealSense: roslaunch realsense2_camera rs_camera.launch camera:=NAME enable_depth:=false, and in
+         detectors/NAME.yaml  image: NAME/color/image_raw
+       - a camera that sends a Bayer mosaic: leave it undecoded (image_raw, bayer_rggb8): that is a third of the data. -->
+</launch>
+"""
+
+_DRIVER = """\
+  <node pkg="usb_cam" type="usb_cam_node" name="usb_cam" ns="{name}" respawn="true" output="screen">
+    <param name="video_device" value="/dev/video{number}"/>
+    <param name="camera_name" value="{name}"/>
+    <param name="camera_frame_id" value="{name}_optical_frame"/>
+    <param name="camera_info_url" value="file://$(dirname)/lenses/{name}.yaml"/>
+    <param name="image_width" value="1280"/>
+    <param name="image_height" value="720"/>
+    <param name="framerate" value="15"/>
+    <param name="pixel_format" value="mjpeg"/>
+    <param name="autoexposure" value="false"/>
+    <remap from="usb_cam/image_raw" to="image_raw"/>
+    <remap from="usb_cam/camera_info" to="camera_info"/>
+  </node>
+"""
+
+_DETECTOR = """\
+# What is different for camera '{name}'. It is read after the common file of the stack (vb_laser_detect/config/stationary.yaml,
+# which explains every value): write only what you change, for instance
+#
+# image: {name}/image_rect_color      # another topic
+# ignore_regions: [[[1.0, 1.0], [1.5, 1.0], [1.5, 1.4]]]   # [m] in the map: a television, a shiny table
+{{}}
+"""
+
+_NETWORK = """\
+# To be sourced before roslaunch, on each computer of this lab:  . network.sh
+# One computer: leave both lines out, ROS then stays on it. Several: see docs/network.md for who else can listen.
+# export ROS_MASTER_URI=http://ROBOT:11311
+# export ROS_IP=ADDRESS_OF_THIS_COMPUTER
+"""
+
+_README = """\
+# {title}
+
+| file | what it says |
+|---|---|
+| `lab.launch` | which cameras, map and robot; everything that the stack is told |
+| `cameras.launch` | the cameras' drivers |
+| `lenses/` | one file per camera, from camera_calibration |
+| `calibration/` | one file per camera: where it hangs, from calibrate_camera |
+| `detectors/` | one file per camera: what its spot detector does differently |
+| `robot.yaml` | the robot: its size, speeds, scanner |
+| `network.sh` | addresses, if there are several computers |
+| `state/` | borders, records, logs; not for version control, but for the backup |
+
+The way to the first border:
+
+1. Start the cameras: `roslaunch cameras.launch`. Look at each: `rqt_image_view` (on Debian: `rosrun image_view image_view
+   image:={first}/image_raw`).
+2. Calibrate each lens once: `rosrun camera_calibration cameracalibrator.py --size 8x6 --square 0.03 image:=/{first}/image_raw
+   camera:=/{first}`, then put the YAML file into `lenses/`.
+3. Start the lab: `roslaunch lab.launch`.
+4. Find where each camera hangs: `rosrun vb_laser_detect calibrate_camera spots {first} --folder {folder}/calibration`.
+5. `rosrun vb_bringup check_lab --state {folder}/state`. Each line that is not `ok` names what cures it.
+6. Say *define border*, or press `b` in `rosrun vb_voice_wizard wizard_console`, and draw.
+"""
+
+
+def write_lab(
+    folder: Path, cameras: Sequence[str], robot: str, map_file: str, profiles: Path
+) -> List[Path]:
+    """Writes the folder; gives the files.
+
+    Args:
+        folder: may exist, but must be empty.
+        cameras: names of the ceiling cameras; none for a lab with the robot only.
+        robot: a type of which the stack has a profile; "" without a robot.
+        map_file: an absolute path, or one relative to the folder; "" if /map is published by others.
+        profiles: folder of the robot types.
+
+    Raises:
+        CodedError: "folder_not_empty", "bad_name", "unknown_robot" or "cannot_write", nothing was written then.
+    """
+    known = sorted(path.stem for path in profiles.glob("*.yaml"))
+    if folder.exists() and any(folder.iterdir()):
+        raise CodedError("folder_not_empty", folder=folder)
+    wrong = [name for name in cameras if not _NAME.fullmatch(name)]
+    if wrong or len(set(cameras)) != len(cameras):
+        raise CodedError("bad_camera_name", name=", ".join(wrong or cameras))
+    if robot and robot not in known:
+        raise CodedError("unknown_robot_type", robot=robot, known=", ".join(known))
+    if map_file and not Path(map_file).is_absolute():
+        map_file = f"$(dirname)/{map_file}"
+    files: Dict[str, str] = {
+        "lab.launch": _LAUNCH.format(
+            folder=folder, cameras=" ".join(cameras) or "none", robot=str(bool(robot)).lower(), map=map_file,
+            configs=" ".join(f"{name}=$(dirname)/detectors/{name}.yaml" for name in cameras)),
+        "cameras.launch": _CAMERAS.format(
+            drivers="".join(_DRIVER.format(name=name, number=2 * number) for number, name in enumerate(cameras))),
+        "network.sh": _NETWORK,
+        "README.md": _README.format(title=folder.name, folder=folder, first=(list(cameras) or ["NAME"])[0]),
+        ".gitignore": "/state/\n",
+    }
+    files.update({f"detectors/{name}.yaml": _DETECTOR.format(name=name) for name in cameras})
+    written = []
+    try:
+        for name in ("calibration", "detectors", "lenses", "state"):
+            (folder / name).mkdir(parents=True, exist_ok=True)
+        for name, text in files.items():
+            (folder / name).write_text(text, encoding="utf-8")
+            written.append(folder / name)
+        shutil.copyfile(str(profiles / f"{robot or 'template'}.yaml"), str(folder / "robot.yaml"))
+        written.append(folder / "robot.yaml")
+    except OSError as error:
+        raise CodedError("cannot_write_lab", folder=folder, error=error.strerror) from None
+    return written
+
+
+def run(arguments: Optional[List[str]] = None) -> int:
+    """Writes the folder and says what comes next; exit status 0, or 1 if nothing was written."""
+    parser = argparse.ArgumentParser(prog="new_lab", description=__doc__.split("\n")[0])
+    parser.add_argument("folder", type=Path, help="a new one, for instance ~/my_lab")
+    parser.add_argument("--cameras", default="", help="names of the ceiling cameras, for instance \"north south\"")
+    parser.add_argument("--robot", default="", help="its type, for instance turtlebot2; left out: no robot")
+    parser.add_argument("--map", default="", help="YAML file of the map; left out: /map is published by others")
+    chosen = parser.parse_args(sys.argv[1:] if arguments is None else arguments)
+    import rospkg
+
+    profiles = Path(rospkg.RosPack().get_path("vb_bringup")) / "robots"
+    try:
+        folder = chosen.folder.expanduser().resolve()
+        map_file = str(Path(chosen.map).expanduser().resolve()) if chosen.map else ""
+        for path in write_lab(folder, chosen.cameras.split(), chosen.robot, map_file, profiles):
+            print(path)
+    except CodedError as error:
+        print(error, file=sys.stderr)
+        return REFUSED
+    print(f"Next: read {chosen.folder}/README.md")
+    return CREATED
+
+
+def main() -> None:
+    """Runs the program."""
+    sys.exit(run())

@@ -1,0 +1,90 @@
+"""Giving commands to the interaction, the one way that everybody uses.
+
+Each command has an id, so that sending it again does no harm, and a time after which it must not be carried out:
+a person who was told "does not answer" does not expect it a minute later.
+"""
+from __future__ import annotations
+
+import uuid
+from typing import Any, Callable, Optional
+
+import rospy
+
+from vb_core import names
+from vb_core.errors import CodedError
+from vb_core.ros import node, services
+from vb_msgs.srv import Command, CommandRequest, CommandResponse
+
+MANAGER = "$interaction_manager"
+
+
+def order(command: str, source: str, valid_s: float, unclear: bool = False) -> CommandRequest:
+    """A command with an id of its own that expires.
+
+    Args:
+        valid_s: [s] from now on, ROS time.
+        unclear: whether it may have been misunderstood.
+    """
+    request = CommandRequest(command=command, source=source, id=uuid.uuid4().hex, unclear=unclear)
+    now = rospy.get_rostime()
+    # before simulated time has begun nothing can be said about when
+    if not now.is_zero():
+        request.expires = now + rospy.Duration.from_sec(valid_s)
+    return request
+
+
+def send(request: CommandRequest, wait_s: float = 1.0, answer_s: float = 12.0) -> CommandResponse:
+    """Sends a command; if its answer is lost, for instance because the manager is restarted, once more.
+
+    Raises:
+        CodedError: "no_service" or "no_answer", as `services.call`.
+    """
+    try:
+        return services.call(names.COMMAND, Command, request, MANAGER, wait_s, answer_s)
+    except CodedError as error:
+        if error.code != "no_answer" or isinstance(error.__cause__, TimeoutError):
+            raise
+    return services.call(names.COMMAND, Command, request, MANAGER, wait_s, answer_s)
+
+
+class Orders:
+    """Gives commands one after the other from a thread of its own; `stop` waits for no other.
+
+    Args:
+        source: who gives them, for the record.
+        on_answer: called from that thread with what was put beside the command, and either the answer or the error.
+        wait_s, answer_s: [s] wall time, how long the manager and its answer are waited for.
+        size: how many may wait.
+    """
+
+    def __init__(
+        self, source: str, on_answer: Callable[[CommandRequest, Any, Optional[CommandResponse], Optional[CodedError]], None],
+        wait_s: float = 1.0, answer_s: float = 12.0, size: int = 10,
+    ) -> None:
+        self._source = source
+        self._on_answer = on_answer
+        self._wait_s, self._answer_s = wait_s, answer_s
+        self._waiting: node.Queue = node.Queue(size)
+        self._urgent: node.Queue = node.Queue(size)
+        for line in (self._waiting, self._urgent):
+            node.Worker(line, self._give)
+
+    def put(self, command: str, beside: Any = None, unclear: bool = False) -> bool:
+        """A command to be given now; False if too many wait already, and it is lost."""
+        request = order(command, self._source, self._wait_s + self._answer_s, unclear)
+        line = self._urgent if command == CommandRequest.STOP else self._waiting
+        return line.put((request, beside))
+
+    def close(self) -> None:
+        """Ends the threads."""
+        self._waiting.close()
+        self._urgent.close()
+
+    def _give(self, item: Any) -> None:
+        request, beside = item
+        try:
+            answer = send(request, self._wait_s, self._answer_s)
+        except CodedError as error:
+            self._on_answer(request, beside, None, error)
+            return
+        self._on_answer(request, beside, answer, None)

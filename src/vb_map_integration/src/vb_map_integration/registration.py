@@ -1,0 +1,362 @@
+"""Where an old map lies in a new one: the transform between two maps of the same place, and how sure it is.
+
+The idea: walls decide. Wherever both maps know the floor, a wall of the one has to be a wall of the other; what only
+one of them has seen says nothing. Long connected walls carry the evidence, since furniture is moved and walls are not.
+
+1. A coarse search over all rotations finds where the walls of both maps fit best: one correlation by FFT per angle.
+2. The best hypotheses are refined to a fraction of a cell: each wall cell is drawn to the nearest wall of the other
+   map (Gauss-Newton on the distance fields of both maps, far pairs left out).
+3. Each is scored by the share of long walls that are found again, in both directions, within `TOLERANCE_M`. The best one
+   is sure only if nearly all are found again, if it rests on enough walls, and if no other hypothesis comes near.
+
+Scale is fixed: both maps are in metres. Resolutions may differ.
+"""
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+from typing import List, NamedTuple, Optional, Sequence, Tuple
+
+import cv2
+import numpy as np
+
+from vb_core.grid_map import GridMap
+
+OCCUPIED_FROM = 65
+# [m] a wall is found again if one is so near: two cells of a usual map, and SLAM's bends of a few centimetres
+TOLERANCE_M = 0.12
+# [m] connected obstacles that extend farther are walls, smaller ones furniture: a double bed's diagonal is 2.7 m
+STRUCTURE_M = 3.0
+# [m] gaps in a wall that do not part it: cells that the laser missed
+_BRIDGED_M = 0.1
+_COARSE_M = 0.2
+_COARSE_CELLS = 160
+_ANGLES = 120
+_HYPOTHESES = 10
+_REFINED_POINTS = 1500
+# [m] pairs farther apart are left out of the refinement, round by round
+_REACH_M = (0.6, 0.6, 0.4, 0.4, 0.3, 0.3, 0.2, 0.2, 0.15, 0.15, 0.15)
+# two hypotheses are the same one below these
+_SAME_M, _SAME_RAD = 0.4, math.radians(6.0)
+
+# When a registration is sure enough to be acted on without a person; docs/results/map-registration.md has the evidence.
+SURE_AGREEMENT = 0.92  # of long walls found again, in both directions
+SURE_OVERLAP = 0.7  # of the smaller map's free floor that the other map knows
+SURE_WALLS_M = 15.0  # long walls that both maps know
+SURE_MARGIN = 0.3  # how much less the next hypothesis explains
+
+
+class Transform(NamedTuple):
+    """A rigid motion in the plane: q = R(yaw) p + (x, y).
+
+    Attributes:
+        x, y: [m].
+        yaw: [rad].
+    """
+
+    x: float = 0.0
+    y: float = 0.0
+    yaw: float = 0.0
+
+    def apply(self, points: np.ndarray) -> np.ndarray:
+        """(N, 2) [m] moved; the identity gives the very same numbers."""
+        points = np.asarray(points, dtype=float).reshape(-1, 2)
+        if not any(self):
+            return points
+        return points @ self.rotation.T + (self.x, self.y)
+
+    @property
+    def rotation(self) -> np.ndarray:
+        """(2, 2) rotation matrix."""
+        c, s = math.cos(self.yaw), math.sin(self.yaw)
+        return np.array([[c, -s], [s, c]])
+
+    @property
+    def inverse(self) -> "Transform":
+        """The motion back."""
+        if not any(self):
+            return self
+        x, y = -self.rotation.T @ (self.x, self.y)
+        return Transform(float(x), float(y), -self.yaw)
+
+    def after(self, first: "Transform") -> "Transform":
+        """This motion after another one."""
+        x, y = self.rotation @ (first.x, first.y) + (self.x, self.y)
+        yaw = math.remainder(self.yaw + first.yaw, 2.0 * math.pi)
+        return Transform(float(x), float(y), yaw)
+
+    def distance(self, other: "Transform", place: Sequence[float]) -> Tuple[float, float]:
+        """How far apart two motions put a place, [m] and [rad]."""
+        a, b = self.apply(np.array(place)), other.apply(np.array(place))
+        return float(np.linalg.norm(a - b)), abs(math.remainder(self.yaw - other.yaw, 2.0 * math.pi))
+
+
+IDENTITY = Transform()
+
+
+@dataclass(frozen=True)
+class Registration:
+    """What a registration found.
+
+    Attributes:
+        transform: from the old map's frame to the new one's.
+        score: 0 .. 1, `agreement` as far as the other measures allow.
+        agreement: share of the long walls that both maps should show and that are found again; the lower direction.
+        overlap: share of the smaller map's free floor that the other map knows.
+        walls_m: [m] length of long walls found again.
+        margin: 0 .. 1, how much less the next hypothesis explains.
+    """
+
+    transform: Transform
+    agreement: float
+    overlap: float
+    walls_m: float
+    margin: float
+
+    @property
+    def sure(self) -> bool:
+        """Whether it may be acted on without a person."""
+        return self.local and self.margin >= SURE_MARGIN
+
+    @property
+    def local(self) -> bool:
+        """Whether the maps agree at this transform, whatever another one would give."""
+        return (
+            self.agreement >= SURE_AGREEMENT and self.overlap >= SURE_OVERLAP and self.walls_m >= SURE_WALLS_M
+        )
+
+    @property
+    def score(self) -> float:
+        """0 .. 1: 1 only if every measure is far above what is needed."""
+        parts = (self.overlap / SURE_OVERLAP, self.walls_m / SURE_WALLS_M, self.margin / SURE_MARGIN)
+        return float(max(0.0, self.agreement) * min(1.0, *parts))
+
+
+class Shape:
+    """A map as registration sees it: its wall cells, which of them belong to long walls, and its distance field."""
+
+    def __init__(self, grid: GridMap) -> None:
+        self.grid = grid
+        cells = np.ascontiguousarray(grid.data)
+        occupied = (cells >= OCCUPIED_FROM).astype(np.uint8)
+        free = ((cells >= 0) & (cells < OCCUPIED_FROM)).astype(np.uint8)
+        self.free = free
+        near_free = cv2.dilate(free, np.ones((3, 3), np.uint8))
+        surface = occupied & near_free
+        rows, columns = np.nonzero(surface)
+        self.walls = grid.grid_to_world(np.column_stack([columns, rows]).astype(float))
+        bridge = 2 * max(1, int(round(_BRIDGED_M / grid.resolution))) - 1
+        joined = cv2.dilate(occupied, np.ones((bridge, bridge), np.uint8))
+        _, labels, stats, _ = cv2.connectedComponentsWithStats(joined, connectivity=8)
+        extent = np.hypot(stats[:, cv2.CC_STAT_WIDTH], stats[:, cv2.CC_STAT_HEIGHT]) * grid.resolution
+        extent[0] = 0.0
+        self.is_structure = extent[labels[rows, columns]] >= STRUCTURE_M
+        self._surface = surface
+        # what the map knows: free floor, and what lies beside it
+        self._known = cv2.dilate(free, np.ones((5, 5), np.uint8))
+
+    @cached_property
+    def fields(self) -> np.ndarray:
+        """(H, W, 3) float32: distance to the nearest wall [m] and its gradient along columns and rows."""
+        if not self._surface.any():
+            distance = np.full(self.grid.shape, 1e3, np.float32)
+        else:
+            distance = cv2.distanceTransform(1 - self._surface, cv2.DIST_L2, 5) * np.float32(self.grid.resolution)
+        rows, columns = np.gradient(distance, self.grid.resolution) if min(distance.shape) > 1 else (distance * 0,) * 2
+        return np.dstack([distance, columns, rows]).astype(np.float32)
+
+    def look_up(self, points: np.ndarray) -> Tuple[np.ndarray, np.ndarray]:
+        """Distances (N,) [m] to the nearest wall, and their gradients (N, 2) in the map frame."""
+        if not len(points):
+            return np.zeros(0), np.zeros((0, 2))
+        where = self.grid.world_to_grid(points).astype(np.float32)
+        found = cv2.remap(
+            self.fields, where[:, :1], where[:, 1:], cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT,
+            borderValue=(1e3, 0.0, 0.0),
+        )[:, 0]
+        c, s = math.cos(self.grid.origin[2]), math.sin(self.grid.origin[2])
+        return found[:, 0], found[:, 1:] @ np.array([[c, s], [-s, c]])
+
+    def knows(self, points: np.ndarray) -> np.ndarray:
+        """(N,) bool: where the map knows the floor, or the wall beside it."""
+        return self.grid.with_data(self._known.view(np.int8)).values_at(points, outside=0) != 0
+
+    @cached_property
+    def floor(self) -> np.ndarray:
+        """(N, 2) [m] up to 2000 free places, spread evenly."""
+        where = cv2.findNonZero(self.free)
+        if where is None:
+            return np.zeros((0, 2))
+        return self.grid.grid_to_world(where[:: max(1, len(where) // 2000), 0].astype(float))
+
+    def evidence(self, centre: np.ndarray, cell: float) -> np.ndarray:
+        """(n, n) float32 round a centre [m]: positive at walls, slightly negative on free floor, 0 where unknown."""
+        side = 2 * int(math.ceil(self.radius(centre) / cell)) + 5
+        middle = side // 2
+
+        def binned(points: np.ndarray) -> np.ndarray:
+            where = np.floor((points - centre) / cell + 0.5).astype(int) + middle
+            return np.bincount(where[:, 1] * side + where[:, 0], minlength=side * side).reshape(side, side)
+
+        per_cell = max(1.0, cell / self.grid.resolution)
+        wall = np.minimum(1.0, binned(self.walls[self.is_structure]) / per_cell)
+        wall += 0.3 * np.minimum(1.0, binned(self.walls[~self.is_structure]) / per_cell)
+        where = cv2.findNonZero(self.free)
+        floor = np.zeros_like(wall)
+        if where is not None:
+            step = max(1, len(where) // 400_000)
+            floor = binned(self.grid.grid_to_world(where[::step, 0].astype(float)))
+            floor = np.minimum(1.0, floor * step / per_cell**2)
+        wall = cv2.GaussianBlur(wall.astype(np.float32), (0, 0), 1.0)
+        return (wall - 0.08 * floor * (wall < 0.1)).astype(np.float32)
+
+    @cached_property
+    def centre(self) -> np.ndarray:
+        """(2,) [m] the middle of what is known."""
+        points = np.concatenate([self.walls, self.floor])
+        return (points.min(axis=0) + points.max(axis=0)) / 2.0 if len(points) else np.zeros(2)
+
+    def radius(self, centre: np.ndarray) -> float:
+        """[m] within which all of it lies."""
+        points = np.concatenate([self.walls, self.floor])
+        return float(np.linalg.norm(points - centre, axis=1).max()) if len(points) else 1.0
+
+
+def register(old: GridMap, new: GridMap, guesses: Sequence[Transform] = (IDENTITY,)) -> Optional[Registration]:
+    """Finds the old map in the new one.
+
+    Args:
+        guesses: transforms that are looked at in any case.
+
+    Returns:
+        The best hypothesis; None if one of the maps has no walls.
+    """
+    return register_shapes(Shape(old), Shape(new), guesses)
+
+
+def register_shapes(
+    old: Shape, new: Shape, guesses: Sequence[Transform] = (IDENTITY,), search: bool = True
+) -> Optional[Registration]:
+    """`register` for prepared maps; without `search` only the guesses are refined, and the margin is 0."""
+    if not len(old.walls) or not len(new.walls):
+        return None
+    coarse = _search(old, new) if search else []
+    refined = [_refine(old, new, start) for start in [*guesses, *coarse]]
+    scored = sorted(((_explained(old, new, one), one) for one in refined), key=lambda pair: -pair[0].balance)
+    best, transform = scored[0]
+    rest = [
+        measure.balance for measure, other in scored[1:]
+        if not _is_same(transform, other, old.centre)
+    ]
+    margin = 0.0
+    if search and best.balance > 0.0:
+        margin = 1.0 - max([0.0, *rest]) / best.balance
+    return Registration(transform, best.agreement, best.overlap, best.walls_m, margin)
+
+
+def measure_at(old: Shape, new: Shape, transform: Transform) -> Registration:
+    """How well the maps agree at one transform; the margin is 0, as nothing else was looked at."""
+    found = _explained(old, new, transform)
+    return Registration(transform, found.agreement, found.overlap, found.walls_m, 0.0)
+
+
+def _is_same(one: Transform, other: Transform, place: np.ndarray) -> bool:
+    apart, turned = one.distance(other, place)
+    return apart < _SAME_M and turned < _SAME_RAD
+
+
+def _search(old: Shape, new: Shape) -> List[Transform]:
+    """The most promising transforms, the best first."""
+    extent = max(old.radius(old.centre), new.radius(new.centre))
+    cell = max(_COARSE_M, 2.0 * extent / _COARSE_CELLS)
+    a, b = old.evidence(old.centre, cell), new.evidence(new.centre, cell)
+    size = cv2.getOptimalDFTSize(len(a) + len(b))
+
+    def spectrum(image: np.ndarray) -> np.ndarray:
+        padded = np.zeros((size, size), np.float32)
+        padded[: len(image), : len(image)] = image
+        return cv2.dft(padded)
+
+    of_new = spectrum(b)
+    middle = len(a) // 2
+    found: List[Tuple[float, float, int, int]] = []
+    for angle in np.arange(_ANGLES) * (360.0 / _ANGLES):
+        # OpenCV turns clockwise in an image whose rows go down; here they go up, as y does
+        turned = cv2.warpAffine(a, cv2.getRotationMatrix2D((middle, middle), -angle, 1.0), a.shape[::-1])
+        product = cv2.mulSpectrums(of_new, spectrum(turned), 0, conjB=True)
+        scores = cv2.dft(product, flags=cv2.DFT_INVERSE | cv2.DFT_SCALE | cv2.DFT_REAL_OUTPUT)
+        for _ in range(3):
+            _, best, _, (column, row) = cv2.minMaxLoc(scores)
+            found.append((best, math.radians(angle), column, row))
+            cv2.circle(scores, (column, row), max(2, int(0.6 / cell)), 0.0, -1)
+    found.sort(key=lambda one: -one[0])
+    chosen: List[Transform] = []
+    for _, yaw, column, row in found:
+        shift = np.array([column if column < size - len(a) else column - size, row if row < size - len(a) else row - size])
+        # the old map's centre comes to lie here in the new map
+        place = new.centre + (shift + middle - len(b) // 2) * cell
+        turned = Transform(0.0, 0.0, yaw).apply(old.centre)[0]
+        transform = Transform(*(place - turned).tolist(), math.remainder(yaw, 2.0 * math.pi))
+        if all(not _is_same(transform, other, old.centre) for other in chosen):
+            chosen.append(transform)
+            if len(chosen) == _HYPOTHESES:
+                break
+    return chosen
+
+
+def _sample(shape: Shape) -> np.ndarray:
+    """(N, 2) [m] wall cells for the refinement: of long walls if there are enough."""
+    points = shape.walls[shape.is_structure]
+    if len(points) < 100:
+        points = shape.walls
+    return points[:: max(1, len(points) // _REFINED_POINTS)]
+
+
+def _refine(old: Shape, new: Shape, start: Transform) -> Transform:
+    """The transform nearby at which the walls of both maps lie on each other."""
+    forward, backward = _sample(old), _sample(new)
+    centre = old.centre  # turning about the middle keeps turn and shift apart
+    place = start.apply(centre)[0]
+    yaw = start.yaw
+    for reach in _REACH_M:
+        c, s = math.cos(yaw), math.sin(yaw)
+        rotation = np.array([[c, -s], [s, c]])
+        arm = (forward - centre) @ rotation.T
+        d1, g1 = new.look_up(arm + place)
+        j1 = np.column_stack([g1, g1[:, 1] * arm[:, 0] - g1[:, 0] * arm[:, 1]])
+        arm = (backward - place) @ rotation
+        d2, g2 = old.look_up(arm + centre)
+        j2 = np.column_stack([-(g2 @ rotation.T), g2[:, 0] * arm[:, 1] - g2[:, 1] * arm[:, 0]])
+        distance, jacobian = np.concatenate([d1, d2]), np.concatenate([j1, j2])
+        weight = np.square(np.maximum(0.0, 1.0 - np.square(distance / reach)))
+        normal = (jacobian * weight[:, None]).T @ jacobian + 1e-6 * np.eye(3)
+        step = np.linalg.solve(normal, -(jacobian * weight[:, None]).T @ distance)
+        place = place + np.clip(step[:2], -0.3, 0.3)
+        yaw += float(np.clip(step[2], -0.05, 0.05))
+    shift = place - Transform(0.0, 0.0, yaw).apply(centre)[0]
+    return Transform(float(shift[0]), float(shift[1]), math.remainder(yaw, 2.0 * math.pi))
+
+
+class _Explained(NamedTuple):
+    """How far two maps agree at a transform; `balance` is long walls found again less those that are missing [m]."""
+
+    agreement: float
+    overlap: float
+    walls_m: float
+    balance: float
+
+
+def _explained(old: Shape, new: Shape, transform: Transform) -> _Explained:
+    shares, lengths, balances, overlaps = [], [], [], []
+    for one, other, motion in ((old, new, transform), (new, old, transform.inverse)):
+        points = motion.apply(one.walls[one.is_structure])
+        expected = points[other.knows(points)]
+        found = other.look_up(expected)[0] < TOLERANCE_M + other.grid.resolution / 2.0
+        hits = int(found.sum())
+        shares.append(hits / max(1, len(expected)))
+        lengths.append(hits * one.grid.resolution)
+        balances.append((2 * hits - len(expected)) * one.grid.resolution)
+        floor = one.floor
+        overlaps.append(float(other.knows(motion.apply(floor)).mean()) if len(floor) else 0.0)
+    return _Explained(min(shares), max(overlaps), min(lengths), float(np.mean(balances)))

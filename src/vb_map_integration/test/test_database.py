@@ -1,0 +1,326 @@
+"""What is kept on the disk: nothing that was acknowledged is lost or moved, and what was repaired is said."""
+import hashlib
+import json
+import os
+import shutil
+import signal
+import sqlite3
+import subprocess
+import sys
+import threading
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from vb_core.errors import CodedError
+from vb_map_integration import database as module
+from vb_map_integration.border_files import borders_to_yaml
+from vb_map_integration.database import FILE, Database, fingerprint
+from vb_map_integration.integrator import IntegratorParams, MapIntegrator
+
+sys.path.insert(0, str(Path(__file__).resolve().parent))
+from keepers import GRID, integrator, square  # noqa: E402
+
+
+def codes(keeper):
+    return [notice.code for notice in keeper.notices]
+
+
+def again(tmp_path):
+    """The borders and what is said after a restart."""
+    keeper = integrator(tmp_path)
+    found = keeper.borders, codes(keeper)
+    keeper.close()
+    return found
+
+
+def closed(tmp_path, count=3):
+    """The borders of a database that was used and closed."""
+    keeper = integrator(tmp_path)
+    for number in range(count):
+        keeper.add(square(10 + 25 * number, 10, name=f"number {number}"), 1.0 + number)
+    keeper.close()
+    return keeper.borders
+
+
+def test_borders_come_back_after_a_restart(tmp_path):
+    first = integrator(tmp_path)
+    first.add(square(10, 10, name="kitchen", robots=("ada",)), 1.0)
+    first.add(square(60, 10, occupancy=0.3), 2.0)
+    first.remove("b2")
+    first.close()
+    second = integrator(tmp_path)
+    assert second.borders == first.borders and second.revision == first.revision and codes(second) == []
+    assert np.array_equal(second.posterior.data, first.posterior.data)
+    assert second.add(square(30, 50), 4.0).ids == ("b3",)  # ids are never used twice
+    second.close()
+
+
+def test_undo_and_redo_survive_a_restart(tmp_path):
+    first = integrator(tmp_path)
+    first.add(square(10, 10, expires=5.0), 1.0)
+    first.add(square(60, 10), 2.0)
+    first.remove("b1")
+    first.undo()
+    first.expire(6.0)  # is no command: undo goes past it
+    first.close()
+    second = integrator(tmp_path)
+    assert second.redo().ids == ("b1",) and [border.id for border in second.borders] == ["b2"]
+    second.undo()
+    second.close()
+    third = integrator(tmp_path)
+    third.undo()
+    third.undo()
+    assert third.borders == ()
+    third.close()
+    fourth = integrator(tmp_path)
+    for expected in (["b1"], ["b1", "b2"], ["b2"]):
+        fourth.redo()
+        assert [border.id for border in fourth.borders] == expected
+    with pytest.raises(CodedError) as caught:
+        fourth.redo()
+    assert caught.value.code == "nothing_to_redo"
+    fourth.close()
+
+
+def test_the_history_is_bounded(tmp_path, monkeypatch):
+    monkeypatch.setattr(module, "MAX_CHANGES", 5)
+    keeper = integrator(check_ways=False)
+    for number in range(9):
+        keeper.add(square(10 + number, 10), 1.0 + number)
+    for _ in range(5):
+        keeper.undo()
+    with pytest.raises(CodedError) as caught:
+        keeper.undo()
+    assert caught.value.code == "nothing_to_undo" and len(keeper.borders) == 4
+
+
+def test_a_change_that_could_not_be_written_is_refused_and_nothing_is_kept(tmp_path, monkeypatch):
+    """Was answered as success, and the border vanished later."""
+    keeper = integrator(tmp_path)
+    keeper.add(square(10, 10), 1.0)
+    cells = keeper.posterior.data.copy()
+    size = sum(path.stat().st_size for path in tmp_path.glob(f"{FILE}*"))
+    # as on a full disk: no file may grow any more
+    code = f"""
+import resource, signal, sys
+sys.path.insert(0, {str(Path(__file__).parent)!r})
+from pathlib import Path
+from keepers import integrator, square
+from vb_core.errors import CodedError
+keeper = integrator(Path({str(tmp_path)!r}))
+signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+resource.setrlimit(resource.RLIMIT_FSIZE, (4096, resource.RLIM_INFINITY))
+for number in range(3):
+    try:
+        keeper.add(square(50, 50), 2.0)
+        print("taken")
+    except CodedError as error:
+        print(error.code, len(keeper.borders))
+"""
+    keeper.close()
+    done = subprocess.run([sys.executable, "-c", code], stdout=subprocess.PIPE, universal_newlines=True, check=True)
+    assert done.stdout.split() == ["cannot_write", "1"] * 3
+    second = integrator(tmp_path)
+    assert second.borders == keeper.borders and np.array_equal(second.posterior.data, cells)
+    assert size > 4096 and codes(second) == []
+    second.close()
+
+
+def test_a_folder_that_cannot_be_used_ends_the_start(tmp_path):
+    """Borders that cannot be kept are not taken."""
+    (tmp_path / "file").write_text("")
+    with pytest.raises(CodedError) as caught:
+        MapIntegrator(IntegratorParams(), tmp_path / "file" / "store")
+    assert caught.value.code == "cannot_write"
+
+
+def test_a_second_integrator_is_refused(tmp_path, monkeypatch):
+    """Both gave the id b1, and one border was gone after a restart."""
+    monkeypatch.setattr(module, "LOCK_PATIENCE_S", 0.1)
+    first = integrator(tmp_path)
+    with pytest.raises(CodedError) as caught:
+        MapIntegrator(IntegratorParams(), tmp_path)
+    assert caught.value.code == "database_in_use"
+    first.add(square(10, 10), 1.0)
+    first.close()
+    assert again(tmp_path) == (first.borders, [])
+
+
+def test_a_repeated_request_adds_one_border(tmp_path):
+    first = integrator(tmp_path)
+    assert first.add(square(10, 10), 1.0, request_id="r1").ids == ("b1",)
+    first.close()
+    second = integrator(tmp_path)
+    assert second.add(square(10, 10), 2.0, request_id="r1").ids == ("b1",)
+    assert second.add(square(10, 10), 2.0, request_id="r2").ids == ("b2",)
+    assert len(second.borders) == 2
+    second.close()
+
+
+def command(keeper, number):
+    """One of an endless row of changes, the same ones each time."""
+    if number % 5 == 3:
+        keeper.undo()
+    elif number % 7 == 4 and keeper.borders:
+        keeper.remove(keeper.borders[0].id)
+    else:
+        keeper.add(square(5 + number % 100, 5 + number % 60), float(number), request_id=f"n{number}")
+
+
+WRITER = """
+import sys
+sys.path.insert(0, {test!r})
+from pathlib import Path
+from test_database import command, integrator
+keeper = integrator(Path({root!r}), check_ways=False)
+while True:
+    number = int(keeper._database.fact("number") or 0)
+    command(keeper, number)
+    keeper._database.note("number", str(number + 1))
+    print(keeper.revision, flush=True)
+"""
+
+
+def test_a_kill_at_any_moment_loses_nothing_that_was_answered(tmp_path):
+    code = WRITER.format(test=str(Path(__file__).parent), root=str(tmp_path))
+    random = np.random.default_rng(1)
+    for _ in range(3):
+        process = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE)
+        for _ in range(random.integers(2, 20)):
+            said = int(process.stdout.readline())
+        threading.Event().wait(random.uniform(0.0, 0.01))  # anywhere within a change
+        process.send_signal(signal.SIGKILL)
+        rest = process.communicate()[0].split()
+        said = int(rest[-1]) if rest else said
+        keeper = integrator(tmp_path, check_ways=False)
+        assert said <= keeper.revision <= said + 2 and codes(keeper) == []
+        keeper.close()
+
+
+@pytest.mark.parametrize("name", [FILE, "borders.twin.db"])
+@pytest.mark.parametrize("damage", ["truncated", "empty", "binary", "gone", "edited"])
+def test_a_damaged_file_is_repaired_and_said(tmp_path, name, damage):
+    borders = closed(tmp_path)
+    path = tmp_path / name
+    content = path.read_bytes()
+    if damage == "gone":
+        path.unlink()
+    else:
+        path.write_bytes({
+            "truncated": content[: len(content) * 2 // 3], "empty": b"", "binary": bytes(range(256)) * 40,
+            "edited": content.replace(b'"occupancy":1.0', b'"occupancy":0.1'),
+        }[damage])
+    found, said = again(tmp_path)
+    assert found == borders
+    expected = "database_repaired" if name == FILE else "twin_repaired"
+    # a twin that is gone, or has not one table, is only written again
+    assert said == [expected] or (name != FILE and damage in ("gone", "empty"))
+    assert again(tmp_path) == (borders, [])
+
+
+def test_any_single_damaged_byte_costs_nothing(tmp_path):
+    """Of 110 single bytes in map.npz 32 ended every start, and others cost the borders without a word."""
+    borders = closed(tmp_path / "sound")
+    random = np.random.default_rng(3)
+    for number in range(12):
+        folder = tmp_path / str(number)
+        shutil.copytree(str(tmp_path / "sound"), str(folder))
+        path = sorted(path for path in folder.glob("*.db*") if path.stat().st_size)[number % 2]
+        content = bytearray(path.read_bytes())
+        place = random.integers(len(content))
+        content[place] ^= int(random.integers(1, 256))
+        path.write_bytes(bytes(content))
+        assert again(folder)[0] == borders, (path, place)
+
+
+def test_with_both_files_damaged_the_newest_copy_is_taken_and_the_loss_is_said(tmp_path):
+    borders = closed(tmp_path)
+    keeper = integrator(tmp_path)
+    keeper.add(square(10, 60), 9.0)  # later than the copy of the day
+    keeper.close()
+    for name in (FILE, "borders.twin.db"):
+        (tmp_path / name).write_bytes(b"?" * 9000)
+    found, said = again(tmp_path)
+    assert found == borders and said == ["borders_lost_since"]  # the copy is as of the last start
+    shutil.rmtree(str(tmp_path / "copies"))
+    for name in (FILE, "borders.twin.db"):
+        (tmp_path / name).write_bytes(b"?" * 9000)
+    assert again(tmp_path) == ((), ["borders_lost"])
+
+
+def test_rows_of_an_older_state_are_noticed(tmp_path):
+    borders = closed(tmp_path)
+    connection = sqlite3.connect(str(tmp_path / FILE))
+    connection.execute("DELETE FROM borders WHERE id = 'b2'")
+    connection.commit()
+    connection.close()
+    found, said = again(tmp_path)
+    assert found == borders and said == ["database_repaired"]
+
+
+def test_daily_copies_are_bounded(tmp_path, monkeypatch):
+    import datetime
+
+    monkeypatch.setattr(module, "MAX_COPIES", 3)
+    day = [datetime.date(2026, 1, 1)]
+    database = Database(tmp_path, today=lambda: day[0])
+    for number in range(6):
+        day[0] = datetime.date(2026, 1, 1 + number)
+        database.note("x", str(number))
+    assert [path.stem[-2:] for path in database.copies()] == ["06", "05", "04"]
+    database.close()
+
+
+# ----------------------------------------------------------------- borders of older versions
+def old_folder(root, grid, borders, journal=(), damaged=False):
+    folder = root / fingerprint(grid)[:12]
+    folder.mkdir(parents=True)
+    body = f"next_number: 9\nrevision: {len(borders)}\n" + borders_to_yaml(borders)
+    digest = hashlib.sha256(body.encode()).hexdigest()
+    text = f"format: 1\nsha256: '{digest}'\nmap: '{fingerprint(grid)}'\n# below: what the sum is of\n{body}"
+    (folder / "borders.yaml.bak").write_text(text)
+    (folder / "borders.yaml").write_text(text[: len(text) // 2] if damaged else text)
+    lines = [json.dumps({"revision": len(borders) + 1 + k, "kind": "new", "change": change}) for k, change in enumerate(journal)]
+    (folder / "journal.jsonl").write_text("".join(line + "\n" for line in lines))
+    np.savez_compressed(str(folder / "map.npz"), data=grid.data, resolution=grid.resolution, origin=grid.origin)
+    return folder
+
+
+@pytest.mark.parametrize("damaged", [False, True])
+def test_borders_of_older_versions_are_taken_over_once(tmp_path, damaged):
+    first, second = square(10, 10, id="b1", name="old"), square(60, 10, id="b2", name="newer")
+    old_folder(tmp_path, GRID, [first], [[["b2", None, json.loads(borders_to_yaml([second])[11:])]]], damaged)
+    other = GRID.with_data(np.where(GRID.data > 0, 100, 0).astype(np.int8))
+    other.data[:, 40] = 100
+    old_folder(tmp_path, other, [square(60, 60, id="b1", name="upstairs", grid=other)])
+    keeper = integrator(tmp_path)
+    assert [(border.id, border.name) for border in keeper.borders] == [("b1", "old"), ("b2", "newer")] or damaged
+    assert {border.name for border in keeper.borders} == {"old", "newer"}
+    assert np.array_equal(keeper.borders[0].points, first.points)
+    assert {"borders_taken_over", "borders_taken_over_damaged"} & set(codes(keeper))
+    keeper.set_map(other)
+    assert [border.name for border in keeper.borders] == ["upstairs"] and not keeper.needs_confirmation
+    keeper.remove(keeper.borders[0].id)
+    keeper.close()
+    keeper = integrator(tmp_path, other)
+    assert keeper.borders == () and codes(keeper) == []
+    keeper.close()
+
+
+def test_a_folder_whose_map_is_damaged_is_taken_over_too(tmp_path):
+    folder = old_folder(tmp_path, GRID, [square(10, 10, id="b1")])
+    content = bytearray((folder / "map.npz").read_bytes())
+    content[len(content) // 2] ^= 0xFF
+    (folder / "map.npz").write_bytes(bytes(content))
+    keeper = integrator(tmp_path)
+    assert len(keeper.borders) == 1 and not keeper.needs_confirmation  # its files name the map
+    keeper.close()
+
+
+def test_os_is_not_needed_for_memory_only():
+    keeper = integrator()
+    keeper.add(square(10, 10), 1.0)
+    keeper.undo()
+    assert keeper.borders == () and not os.path.exists(":memory:")

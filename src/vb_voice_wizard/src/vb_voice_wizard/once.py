@@ -1,0 +1,65 @@
+"""Commands that are sent again: each id is carried out once, and gets the same answer each time. No ROS."""
+from __future__ import annotations
+
+import collections
+import threading
+from concurrent.futures import Future
+from concurrent.futures import TimeoutError as FutureTimeout
+from typing import Any, Callable, Dict, List, Sequence
+
+from vb_voice_wizard.interaction import Answer
+
+_KEPT = 64  # answers; a sender repeats within seconds, and nobody gives so many commands in that time
+
+
+class Once:
+    """Remembers the answers to the newest commands. Thread safe.
+
+    Args:
+        patience_s: [s] how long a command that came again waits for the answer to the first one.
+        remembered: from `to_list`, of a node that was restarted.
+    """
+
+    def __init__(self, patience_s: float, remembered: Sequence[Sequence[Any]] = ()) -> None:
+        self._patience_s = patience_s
+        self._lock = threading.Lock()
+        self._answers: "collections.OrderedDict[str, Future]" = collections.OrderedDict()
+        for identity, success, code, values, said in remembered:
+            self._slot(str(identity)).set_result(Answer(bool(success), str(code), dict(values), str(said)))
+
+    def carry_out(self, identity: str, do: Callable[[], Answer]) -> Answer:
+        """The answer to a command with this id, which is carried out unless it was before; "" is no id."""
+        if not identity:
+            return do()
+        with self._lock:
+            slot = self._answers.get(identity)
+            first = slot is None
+            if slot is None:
+                slot = self._slot(identity)
+        if not first:
+            try:
+                return slot.result(timeout=self._patience_s)
+            except FutureTimeout:
+                return Answer(False, "busy")
+        try:
+            slot.set_result(do())
+        except BaseException as error:
+            slot.set_exception(error)
+            with self._lock:
+                self._answers.pop(identity, None)
+            raise
+        return slot.result()
+
+    def to_list(self) -> List[List[Any]]:
+        """The answers given so far, as plain values."""
+        with self._lock:
+            known: Dict[str, Future] = dict(self._answers)
+        given = [(identity, slot.result()) for identity, slot in known.items() if slot.done() and not slot.exception()]
+        return [[identity, one.success, one.code, dict(one.values), one.said] for identity, one in given]
+
+    def _slot(self, identity: str) -> "Future[Answer]":
+        slot: "Future[Answer]" = Future()
+        self._answers[identity] = slot
+        while len(self._answers) > _KEPT:
+            self._answers.popitem(last=False)
+        return slot

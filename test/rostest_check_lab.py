@@ -1,0 +1,104 @@
+#!/usr/bin/env python3
+"""check_lab and lab_monitor beside a newcomer's lab: real topics, and every mistake in it is named."""
+import json
+import os
+import subprocess
+import threading
+import unittest
+import xmlrpc.client
+from pathlib import Path
+
+import rosgraph
+import rosnode
+import rospy
+import rostest
+from sensor_msgs.msg import CameraInfo, Image
+
+from vb_core import names
+from vb_core.ros.notices import notice_from_message
+from vb_msgs.msg import NoticeArray
+
+
+def listening_beyond_loopback(pid):
+    """(address, port) of a process's listening IPv4 sockets that other computers reach."""
+    own = set()
+    for descriptor in Path(f"/proc/{pid}/fd").iterdir():
+        try:
+            own.add(os.readlink(str(descriptor)))
+        except OSError:
+            continue  # closed meanwhile
+    found = []
+    for line in Path(f"/proc/{pid}/net/tcp").read_text().splitlines()[1:]:
+        fields = line.split()
+        address, port = fields[1].split(":")
+        listens = fields[3] == "0A"
+        if listens and f"socket:[{fields[9]}]" in own and not address.endswith("7F"):
+            found.append((address, int(port, 16)))
+    return found
+
+
+class CheckLab(unittest.TestCase):
+    @classmethod
+    def setUpClass(cls):
+        rospy.init_node("check_lab")
+        cls.images = rospy.Publisher("/north/image_raw", Image, queue_size=1)
+        cls.infos = rospy.Publisher("/north/camera_info", CameraInfo, queue_size=1)
+        cls.heard = []
+        cls.changed = threading.Condition()
+        rospy.Subscriber(names.NOTICES, NoticeArray, cls.on_notices, queue_size=10)
+        cls.timer = rospy.Timer(rospy.Duration(0.1), cls.play)
+
+    @classmethod
+    def on_notices(cls, message):
+        if message.source != "/lab_monitor_of_two":
+            return
+        with cls.changed:
+            cls.heard = [notice_from_message(notice) for notice in message.notices]
+            cls.changed.notify_all()
+
+    @classmethod
+    def play(cls, _event):
+        """A camera of 10 images/s that nobody calibrated."""
+        image = Image(height=48, width=64, encoding="mono8", step=64, data=bytes(48 * 64))
+        image.header.stamp, image.header.frame_id = rospy.Time.now(), "head_camera"
+        cls.images.publish(image)
+        cls.infos.publish(CameraInfo(height=48, width=64))
+
+    def check(self, *arguments):
+        done = subprocess.run(["rosrun", "vb_bringup", "check_lab", "--seconds", "2", *arguments],
+                              stdout=subprocess.PIPE, universal_newlines=True, timeout=60)
+        return done.returncode, done.stdout
+
+    def test_each_fault_is_a_line_for_programs(self):
+        status, text = self.check("--json")
+        self.assertEqual(status, 1)
+        lines = {(line["subject"], line["code"]) for line in json.loads(text)}
+        self.assertLessEqual({
+            ("camera north", "lab_camera_not_calibrated"), ("camera north", "lab_camera_no_pose"),
+            ("nodes", "lab_node_missing"), ("map", "lab_map_without_borders"), ("robot", "lab_robot_no_pose"),
+            ("move_base", "lab_navigation_missing"),
+        }, lines)
+        self.assertNotIn(("camera north", "lab_camera_silent"), lines)
+
+    def test_people_read_what_cures_it(self):
+        status, text = self.check("--language", "de")
+        self.assertEqual(status, 1)
+        self.assertIn("calibrate_camera spots", " ".join(text.split()))
+
+    def test_nothing_listens_beyond_this_machine(self):
+        nodes = 0
+        for name in rosnode.get_node_names():
+            uri = rosgraph.Master("/check_lab").lookupNode(name)
+            nodes += 1
+            self.assertEqual(listening_beyond_loopback(xmlrpc.client.ServerProxy(uri).getPid("/check_lab")[2]), [], name)
+        self.assertGreaterEqual(nodes, 4)
+
+    def test_a_camera_that_should_be_there_is_told_to_people(self):
+        with self.changed:
+            told = self.changed.wait_for(
+                lambda: [(notice.code, notice.camera) for notice in self.heard] == [("detector_missing", "south")], 20.0)
+        self.assertTrue(told, self.heard)
+
+
+if __name__ == "__main__":
+    rostest.rosrun("vb_bringup", "check_lab", CheckLab)

@@ -1,0 +1,162 @@
+"""check_lab's judgement: each mistake that people made is named, with what cures it."""
+import dataclasses
+
+import pytest
+
+from vb_bringup.lab import (
+    CameraInfoSeen, CameraSeen, Line, MapSeen, NavigationSeen, RobotSeen, State, check_cameras, check_disk,
+    check_launch_arguments, check_map, check_navigation, check_robot, worst,
+)
+from vb_bringup.lab_monitor import LabMonitor
+from vb_core import sentences
+from vb_core.notices import Severity
+
+GOOD = CameraSeen(
+    name="north", topic="/north/image_raw", publishers=["/north/usb_cam"], rate=15.0, age=0.03, width=640, height=480,
+    encoding="rgb8", frame="north_optical_frame", info=CameraInfoSeen(640, 480, 500.0), detector="/spot_detector_north",
+    has_pose=True, file="/lab/north.yaml", file_frame="north_optical_frame",
+)
+
+
+def codes(lines):
+    return [line.code for line in lines if line.state is not State.OK]
+
+
+def test_a_good_camera_is_one_line():
+    lines = check_cameras([GOOD])
+    assert len(lines) == 1 and lines[0].state is State.OK
+
+
+@pytest.mark.parametrize("changes, code", [
+    (dict(detector=""), "lab_camera_no_detector"),
+    (dict(publishers=[]), "lab_camera_no_publisher"),
+    (dict(rate=0.0), "lab_camera_silent"),
+    (dict(publishers=["/a", "/b"]), "lab_camera_many_publishers"),
+    (dict(rate=2.0), "lab_camera_slow"),
+    (dict(age=3600.0), "lab_camera_clock"),
+    (dict(age=-4.0), "lab_camera_clock"),
+    (dict(bright=0.3), "lab_camera_too_bright"),
+    (dict(info=None), "lab_camera_no_info"),
+    (dict(info=CameraInfoSeen(640, 480, 0.0)), "lab_camera_not_calibrated"),
+    (dict(info=CameraInfoSeen(1280, 720, 500.0)), "lab_camera_info_size"),
+    (dict(frame=""), "lab_camera_no_frame"),
+    (dict(file_error="there is no '/lab/north.yaml'."), "lab_camera_no_calibration"),
+    (dict(file_frame="head_camera"), "lab_camera_frame_differs"),
+    (dict(file="", file_frame="", has_pose=False), "lab_camera_no_pose"),
+])
+def test_each_mistake_with_a_camera_is_named(changes, code):
+    assert codes(check_cameras([dataclasses.replace(GOOD, **changes)])) == [code]
+
+
+def test_two_cameras_with_the_drivers_default_frame_are_both_named():
+    both = [dataclasses.replace(GOOD, name=name, frame="head_camera", file_frame="head_camera") for name in "ab"]
+    lines = check_cameras(both)
+    assert codes(lines) == ["lab_camera_frame_shared"] * 2
+    assert "b" in lines[0].values["others"] and "camera_frame_id" in lines[0].sentence()
+
+
+def test_no_camera_at_all_is_a_warning():
+    assert check_cameras([])[0].state is State.WARNING
+
+
+@pytest.mark.parametrize("seen, code", [
+    (RobotSeen("", None, scan_deg=270.0), "lab_robot_no_pose"),
+    (RobotSeen("", 8.0, scan_deg=270.0), "lab_robot_old_pose"),
+    (RobotSeen("", 0.1), "lab_robot_no_scan"),
+    (RobotSeen("", 0.1, scan_deg=30.0), "lab_robot_narrow_scan"),
+    (RobotSeen("", 0.1, scan_deg=270.0, color_frame="rgb", depth_frame="ir"), "lab_robot_depth_not_registered"),
+])
+def test_each_mistake_with_a_robot_is_named(seen, code):
+    assert codes(check_robot(seen)) == [code]
+
+
+@pytest.mark.parametrize("changes, code", [
+    (dict(shape=None), "lab_map_missing"),
+    (dict(publishers=["/a", "/b"]), "lab_map_many_publishers"),
+    (dict(with_borders=False), "lab_map_without_borders"),
+    (dict(needs_confirmation=True), "lab_borders_need_confirmation"),
+    (dict(borders=3, acting=2), "lab_borders_not_acting"),
+])
+def test_each_mistake_with_the_map_is_named(changes, code):
+    good = MapSeen((100, 200), 0.05, ["/map_server"], True, 2, 2)
+    assert not codes(check_map(good))
+    assert codes(check_map(dataclasses.replace(good, **changes))) == [code]
+
+
+@pytest.mark.parametrize("seen, code", [
+    (NavigationSeen("move_base"), "lab_navigation_missing"),
+    (NavigationSeen("move_base", True, ["/map"]), "lab_navigation_without_borders"),
+    (NavigationSeen("move_base", True, ["/map", "/virtual_borders/map"]), "lab_navigation_physical_map"),
+    (NavigationSeen("move_base", True, ["/virtual_borders/map"], True), "lab_navigation_clears_plans"),
+])
+def test_navigation_that_ignores_borders_is_named(seen, code):
+    assert codes(check_navigation(seen)) == [code]
+    assert not codes(check_navigation(NavigationSeen("r1/move_base", True, ["/r1/virtual_borders/map"])))
+
+
+def test_a_mistyped_launch_argument_is_named_with_the_nearest():
+    lines = check_launch_arguments(["camera", "robot"], ["cameras", "robot", "voice"])
+    assert codes(lines) == ["lab_unknown_argument"] and lines[0].values["nearest"] == "cameras"
+
+
+def test_a_full_disk_is_an_error():
+    assert check_disk("/x", 10.0).state is State.ERROR and check_disk("/x", 9000.0).state is State.OK
+
+
+def test_the_worst_line_decides():
+    assert worst([Line("a", State.OK, "x"), Line("b", State.ERROR, "y"), Line("c", State.WARNING, "z")]) is State.ERROR
+
+
+def test_every_line_has_a_sentence_in_every_language():
+    import ast
+    from pathlib import Path
+
+    import vb_bringup.lab as lab
+
+    used = {node.value for node in ast.walk(ast.parse(Path(lab.__file__).read_text()))
+            if isinstance(node, ast.Constant) and isinstance(node.value, str) and node.value.startswith("lab_")}
+    assert len(used) > 30
+    for language in sentences.languages():
+        assert used <= set(sentences.catalogue(language)), language
+
+
+# ------------------------------------------------------------ while people work
+def monitor():
+    watch = LabMonitor(["north", "south"])
+    watch.begin(0.0)
+    return watch
+
+
+def test_a_healthy_camera_is_no_notice():
+    watch = monitor()
+    for now in range(1, 20):
+        for name in ("north", "south"):
+            watch.hear(name, now * 15, {}, float(now))
+        assert not watch.notices(float(now))
+
+
+def test_an_unplugged_camera_is_told_within_five_seconds_and_taken_back():
+    watch = monitor()
+    for now in range(1, 11):
+        watch.hear("north", now * 15, {}, float(now))
+        watch.hear("south", min(now, 5) * 15, {}, float(now))
+    assert [(notice.code, notice.camera) for notice in watch.notices(10.0)] == [("camera_silent", "south")]
+    watch.hear("south", 100, {}, 11.0)
+    watch.hear("north", 200, {}, 11.0)
+    assert not watch.notices(11.0)
+
+
+def test_a_detector_that_is_gone_is_told():
+    watch = monitor()
+    watch.hear("north", 15, {}, 1.0)
+    found = watch.notices(6.0)
+    assert {(notice.code, notice.camera) for notice in found} == {("detector_missing", "north"), ("detector_missing", "south")}
+    assert all(notice.severity is Severity.ERROR for notice in found)
+
+
+def test_spots_without_a_pose_are_told():
+    watch = monitor()
+    for now in range(1, 5):
+        watch.hear("north", now * 15, {"no_transform": now * 3}, float(now))
+        watch.hear("south", now * 15, {"no_camera_info": now * 3}, float(now))
+    assert {(n.code, n.camera) for n in watch.notices(4.0)} == {("camera_no_pose", "north"), ("camera_no_lens", "south")}

@@ -1,0 +1,57 @@
+"""A lab's own folder: launch files that roslaunch can read, nothing overwritten."""
+import xml.etree.ElementTree as ElementTree
+
+import pytest
+import yaml
+
+from vb_bringup.new_lab import write_lab
+from vb_core.errors import CodedError
+
+
+@pytest.fixture
+def profiles(tmp_path):
+    folder = tmp_path / "robots"
+    folder.mkdir()
+    for name in ("template", "turtlebot2"):
+        (folder / f"{name}.yaml").write_text("shape: {radius: 0.18}\n")
+    return folder
+
+
+def test_a_lab_of_two_cameras(tmp_path, profiles):
+    lab = tmp_path / "lab"
+    written = write_lab(lab, ["north", "south"], "turtlebot2", "/maps/room.yaml", profiles)
+    assert all(path.is_file() for path in written)
+    given = {arg.get("name"): arg.get("value") for arg in ElementTree.parse(str(lab / "lab.launch")).iter("arg")}
+    assert given["cameras"] == "north south" and given["map"] == "/maps/room.yaml" and given["robot"] == "true"
+    assert len(given["configs"].split()) == 2
+    drivers = list(ElementTree.parse(str(lab / "cameras.launch")).iter("node"))
+    frames = {param.get("value") for node in drivers for param in node.iter("param") if param.get("name") == "camera_frame_id"}
+    assert frames == {"north_optical_frame", "south_optical_frame"}
+    for name in ("north", "south"):
+        assert yaml.safe_load((lab / "detectors" / f"{name}.yaml").read_text()) == {}
+
+
+def test_every_argument_of_its_launch_file_exists(tmp_path, profiles):
+    from pathlib import Path
+
+    write_lab(tmp_path / "lab", ["north"], "", "", profiles)
+    given = {arg.get("name") for arg in ElementTree.parse(str(tmp_path / "lab" / "lab.launch")).iter("arg")}
+    stack = Path(__file__).resolve().parents[1] / "launch" / "lab.launch"
+    assert given <= {arg.get("name") for arg in ElementTree.parse(str(stack)).getroot().findall("arg")}
+
+
+@pytest.mark.parametrize("cameras, robot, code", [
+    (["1st"], "", "bad_camera_name"), (["a", "a"], "", "bad_camera_name"), (["a"], "r2d2", "unknown_robot_type")])
+def test_what_cannot_be_is_refused_before_anything_is_written(tmp_path, profiles, cameras, robot, code):
+    with pytest.raises(CodedError) as caught:
+        write_lab(tmp_path / "lab", cameras, robot, "", profiles)
+    assert caught.value.code == code and not (tmp_path / "lab").exists()
+
+
+def test_nothing_is_overwritten(tmp_path, profiles):
+    lab = tmp_path / "lab"
+    write_lab(lab, ["north"], "", "", profiles)
+    before = (lab / "lab.launch").read_text()
+    with pytest.raises(CodedError) as caught:
+        write_lab(lab, ["south"], "", "", profiles)
+    assert caught.value.code == "folder_not_empty" and (lab / "lab.launch").read_text() == before
