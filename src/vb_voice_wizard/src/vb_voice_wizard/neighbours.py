@@ -66,7 +66,7 @@ class Neighbours:
     def borders(self) -> Dict[str, str]:
         """The names of all borders, by their ids."""
         response = self._ask(names.LIST_BORDERS, ListBorders, ListBordersRequest(), _INTEGRATOR)
-        return {border.id: border.name or border.id for border in response.borders}
+        return {border.id: border.name or border.id for border in response.borders.borders}
 
     def preview(self, border: VirtualBorder) -> messages.PreviewBorderArrayResponse:
         """What adding the border would do; a refusal is in the response."""

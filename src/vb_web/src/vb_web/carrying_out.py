@@ -15,8 +15,8 @@ from vb_msgs.msg import StudyEvent, VirtualBorder
 from vb_msgs.srv import (
     AddBorder,
     AddBorderRequest,
-    Command,
-    CommandRequest,
+    ConfirmMap,
+    ConfirmMapRequest,
     PreviewBorderRequest,
     RemoveBorder,
     RemoveBorderRequest,
@@ -31,6 +31,7 @@ from vb_msgs.srv import (
 from vb_core import names
 from vb_core.errors import CodedError
 from vb_core.ros import services
+from vb_core.ros.commands import order, send
 from vb_core.ros.messages import PreviewBorderArray, mapping_from_values
 from vb_web.requests import Request
 from vb_web.ros_view import apply_draft, findings_section, region_uri
@@ -40,8 +41,7 @@ from vb_web.view import number
 COMMAND_EXPIRES_S = 5.0
 # [s] a preview of 16 million cells takes half a second on a busy computer
 _PATIENCE_S = 20.0
-_INTEGRATOR = "the map integrator"
-_MANAGER = "the interaction manager"
+_INTEGRATOR = "$map_integrator"
 _SENT = {"stop": "page_stop_sent", "resume": "page_resume_sent"}
 _UNREACHED = ("no_service", "no_answer")
 
@@ -84,10 +84,10 @@ class Carrier:
             self._stop.publish(Bool(command == "stop"))
         elif command in ("undo", "redo") and not self._manager_there():
             return self._trigger(names.UNDO if command == "undo" else names.REDO)
-        expires = rospy.Time.now() + rospy.Duration(COMMAND_EXPIRES_S)
-        wanted = CommandRequest(command=command, source=source, id=request.id, expires=expires)
+        wanted = order(command, source, COMMAND_EXPIRES_S)
+        wanted.id = request.id  # the browser's: what it sends again after the page was restarted is carried out once
         try:
-            return _answer(services.call(names.COMMAND, Command, wanted, _MANAGER))
+            return _answer(send(wanted))
         except CodedError as error:
             if command in ("stop", "resume") and error.code in _UNREACHED:
                 return {"ok": True, "code": _SENT[command], "values": {}, "message": ""}
@@ -144,6 +144,11 @@ class Carrier:
             wanted.id = stored.id
         wanted.source, wanted.expected_revision = source, request.values["revision"]
         return _answer(services.call(name, service, wanted, _INTEGRATOR, answer_s=_PATIENCE_S))
+
+    def _confirm_map(self, request: Request, source: str) -> Dict[str, Any]:
+        answer = ConfirmMapRequest.SAME_PLACE if request.values["same"] else ConfirmMapRequest.OTHER_PLACE
+        wanted = ConfirmMapRequest(answer=answer, source=source)
+        return _answer(services.call(names.CONFIRM_MAP, ConfirmMap, wanted, _INTEGRATOR, answer_s=_PATIENCE_S))
 
     # ------------------------------------------------------------- study
     def _study(self, request: Request, source: str) -> Dict[str, Any]:

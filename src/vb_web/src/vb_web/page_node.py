@@ -13,6 +13,7 @@ from typing import Any, Dict, List, Optional
 import numpy as np
 import rospy
 from diagnostic_msgs.msg import DiagnosticArray
+from std_msgs.msg import Float32
 from vb_msgs.msg import BorderPreview, BorderProgress, DetectorStatus, InteractionState, LaserSpot, NoticeArray
 from vb_msgs.msg import StudyEvent, VirtualBorder, VirtualBorderArray
 
@@ -35,6 +36,7 @@ from vb_web.view import Events, View, border_changes, number
 
 _POSES_S = 0.1  # between two looks at the robots' poses
 _HEALTH_S = 0.5
+_LEVEL_S = 0.25  # the microphone's level is shown no more often
 _SILENT_S = 4.0  # a detector says something every second
 _MAX_DIAGNOSTICS = 30
 
@@ -119,6 +121,7 @@ class PageNode(Backend):
         self._borders: Dict[str, VirtualBorder] = {}
         self._shown_borders: Optional[Dict[str, Dict[str, Any]]] = None
         self._answered: Any = None
+        self._level_at = -1e9
         self._spots: Dict[str, Any] = {}
         self._poses: Dict[str, List[Optional[float]]] = {}
         self._notices = NoticeBook()
@@ -169,6 +172,7 @@ class PageNode(Backend):
                 (names.SPOTS, LaserSpot, self._on_spot, {"queue_size": 20, **small}),
                 (names.NOTICES, NoticeArray, self._on_notices, {"queue_size": 20}),
                 (names.DETECTORS, DetectorStatus, self._on_detector, {"queue_size": 20}),
+                (names.VOICE_LEVEL, Float32, self._on_level, {"queue_size": 1}),
                 ("/diagnostics", DiagnosticArray, self._on_diagnostics, {"queue_size": 20}),
             )
         }
@@ -236,6 +240,12 @@ class PageNode(Backend):
                 self._spots.pop(next(iter(self._spots)))
             self._view.put("spots", dict(self._spots))
 
+    def _on_level(self, message: Float32) -> None:
+        now = time.monotonic()
+        if now - self._level_at > _LEVEL_S:
+            self._level_at = now
+            self._view.put("level", number(message.data, 1))
+
     def _on_notices(self, message: NoticeArray) -> None:
         with self._lock:
             self._notices.hear(message.source, map(notice_from_message, message.notices[:50]), time.monotonic())
@@ -290,6 +300,8 @@ class PageNode(Backend):
         worst = sorted((entry for entry in fresh if entry["level"] > 0), key=lambda entry: (-entry["level"], entry["name"]))
         self._view.put("diagnostics", worst[:_MAX_DIAGNOSTICS])
         self._view.put("health", {"manager": self._connected(names.STATE), "integrator": self._connected(names.BORDERS)})
+        if now - self._level_at > _SILENT_S:
+            self._view.put("level", None)
         self._show_notices()
         self._looker.tidy()
 

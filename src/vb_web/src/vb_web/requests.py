@@ -26,8 +26,9 @@ MARGIN_M = 1.0  # a line may leave the map by this much
 
 _ID = re.compile(r"[0-9A-Za-z_.:-]{1,64}")
 _DAYS = "mon|tue|wed|thu|fri|sat|sun"
-_TIME = r"([01][0-9]|2[0-3]):[0-5][0-9]"
-_SCHEDULE = re.compile(rf"(({_DAYS})([-,]({_DAYS}))* )?{_TIME}-({_TIME}|24:00)")
+_TIME = r"([01]?[0-9]|2[0-3]):[0-5][0-9]"
+_SPAN = rf"((({_DAYS})([-,]({_DAYS})){{0,12}}|daily) )?{_TIME}-({_TIME}|24:00)"
+_SCHEDULE = re.compile(rf"{_SPAN}(; ?{_SPAN}){{0,9}}")
 
 
 @dataclass(frozen=True)
@@ -160,6 +161,7 @@ ACTIONS: Dict[str, Dict[str, Optional[Callable[[Any, str], Any]]]] = {
     "rename": {"name": _text(60, empty=False), **_TARGET},
     "enable": {"enabled": _flag, **_TARGET},
     "remove": dict(_TARGET),
+    "confirm_map": {"same": _flag},
     "study": {"participant": _text(40), "condition": _text(40)},
     "mark": {"text": _text(300, empty=False)},
     "invite": {},

@@ -98,8 +98,11 @@ export class Words {
 
   say(code, values = {}, otherwise = "") {
     const sentence = this.table[code] || otherwise || String(code).replaceAll("_", " ");
-    return sentence.replace(/\{(\w+)\}/g, (_, name) => (name in values ? values[name] : `(${name})`));
+    return sentence.replace(/\{(\w+)\}/g, (_, name) => (name in values ? this.value(values[name]) : `(${name})`));
   }
+
+  // A value that begins with $ is itself a code.
+  value(text) { return /^\$./.test(text) ? this.say(text.slice(1)) : text; }
 
   // Of anything that has code, values and message.
   tell(said) { return this.say(said.code, said.values, said.message); }

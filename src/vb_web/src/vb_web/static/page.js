@@ -239,18 +239,18 @@ function drawBorders() {
 }
 
 function scheduleText(schedule) {
-  return schedule.replace(/\b(mon|tue|wed|thu|fri|sat|sun)\b/g, (day) => say(`page_day_${day}`));
+  return schedule.replace(/\b(mon|tue|wed|thu|fri|sat|sun|daily)\b/g, (day) => say(`page_day_${day}`));
 }
 
 function parseSchedule(text) {
-  const match = /^(?:([a-z,-]+) )?(\d\d:\d\d)-(\d\d:\d\d)$/.exec(text);
+  const match = /^(?:([a-z,-]+) )?(\d\d?:\d\d)-(\d\d?:\d\d)$/.exec(text);
   if (!match) return { days: new Set(DAYS), from: "22:00", to: "06:00" };
   const days = new Set();
-  for (const part of (match[1] || "mon-sun").split(",")) {
+  for (const part of (match[1] || "mon-sun").replace("daily", "mon-sun").split(",")) {
     const [a, b] = part.split("-"), first = DAYS.indexOf(a), last = DAYS.indexOf(b || a);
     for (let i = first; i !== (last + 1) % 7 || days.size === 0; i = (i + 1) % 7) { days.add(DAYS[i]); if (i === last) break; }
   }
-  return { days, from: match[2], to: match[3] };
+  return { days, from: match[2].padStart(5, "0"), to: match[3].padStart(5, "0") };
 }
 
 function formatSchedule({ days, from, to }) {
@@ -359,14 +359,15 @@ function drawBanners() {
   else {
     if (state && state.stopped) list.push(["page_stopped", { who: sourceName(state.stopped_by) }, true]);
     if (view.health && !view.health.integrator) list.push(["page_integrator_gone", {}, true]);
-    if (view.borders && view.borders.unconfirmed) list.push([view.borders.code, view.borders.values, false, view.borders.message]);
+    if (view.borders && view.borders.unconfirmed) list.push([view.borders.code, view.borders.values, "ask", view.borders.message]);
     if (state && state.ends && state.name !== "default") list.push(["page_ends", { time: clock(state.ends) }, false]);
   }
   const made = list.map(([code, values, bad, message]) => [words.say(code, values, message), bad]);
   const text = JSON.stringify(made);
   if ($("banners").dataset.text === text) return;  // what is read out already is not read out again
   $("banners").dataset.text = text;
-  $("banners").replaceChildren(...made.map(([sentence, bad]) => element("p", { class: bad ? "bad" : "" }, sentence)));
+  $("banners").replaceChildren(...made.map(([sentence, bad]) => element("p", { class: bad === true ? "bad" : "" }, sentence,
+    bad === "ask" && operator() ? element("span", { class: "row" }, button("page_same_place", () => ask("confirm_map", { same: true }, "page_noted")), button("page_other_place", () => ask("confirm_map", { same: false }, "page_noted"))) : null)));
 }
 
 // ----------------------------------------------------------------- the rest of the panel
@@ -431,6 +432,7 @@ const DRAW = {
   },
   borders() { drawBorders(); drawBanners(); }, state() { drawState(); drawBanners(); }, health() { drawState(); drawBanners(); },
   progress(section) { map.setProgress(section); }, preview: drawState, robots(section) { map.setRobots(section); }, spots(section) { map.setSpots(section); },
+  level(section) { $("level").hidden = section === null; $("level").querySelector("meter").value = section === null ? -60 : section; },
   notices: drawNotices, cameras: drawHealth, diagnostics: drawHealth, events: drawEvents, study: drawStudy,
 };
 
@@ -459,7 +461,7 @@ async function logIn(code) {
   else $("login-answer").textContent = say(answer.status === 429 ? "page_too_many_codes" : "page_wrong_code");
 }
 
-window.__map = map;
+window.virtualBorders = { map, draft: () => draft, view };  // for tests and the console
 await words.load(language());
 const link = new Link(
   (sections) => {
