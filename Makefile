@@ -5,6 +5,7 @@ SCENARIO ?= carpet
 METHOD   ?= nrs
 WORLD    ?=
 SEED     ?= 1
+NAVIGATION ?= standin
 QUICK    ?=
 FRESH    ?=
 CONFIG   ?=
@@ -13,7 +14,7 @@ HOURS    ?= 24
 PROCESSES ?=
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test unit rostest screenshots study agree soak clean
+.PHONY: help setup navigation demo test unit rostest screenshots study agree soak clean
 
 help: ## this list
 	@grep -E '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 13
@@ -21,8 +22,12 @@ help: ## this list
 setup: ## system packages, virtual environment, catkin build (each only where needed)
 	@scripts/setup
 
-demo: setup ## the simulated lab: SCENARIO=room|carpet|corner METHOD=nrs|robot_only WORLD=file SEED=number
-	@. scripts/env.sh && python3 scripts/demo --scenario "$(SCENARIO)" --method "$(METHOD)" --world "$(WORLD)" --seed "$(SEED)"
+navigation: setup ## builds the real navigation stack beside this workspace (Debian 12): NAVIGATION_SOURCE=git repository
+	@scripts/navigation
+
+demo: setup ## the simulated lab: SCENARIO=room|carpet|corner METHOD=nrs|robot_only NAVIGATION=standin|move_base WORLD=file SEED=number
+	@. scripts/env.sh && python3 scripts/demo --scenario "$(SCENARIO)" --method "$(METHOD)" --world "$(WORLD)" --seed "$(SEED)" \
+	    --navigation "$(NAVIGATION)"
 
 test: setup ## all tests
 	@. scripts/env.sh && python3 scripts/test
@@ -48,4 +53,4 @@ soak: setup ## simulated days with people, crashes and changing maps: HOURS=24 S
 	@. scripts/env.sh && python3 bench/soak.py --hours "$(HOURS)" --seed "$(SEED)"
 
 clean: ## removes what was built and written, keeps the system packages
-	rm -rf build devel install logs out .venv src/CMakeLists.txt .catkin_workspace
+	rm -rf build devel install logs out .venv navigation_ws src/CMakeLists.txt .catkin_workspace

@@ -39,7 +39,7 @@ from vb_evaluation.processes import Child, free_port
 from vb_evaluation.study import config
 from vb_evaluation.study.cameras import Room
 from vb_evaluation.study.runner import Simulation, Task
-from vb_evaluation.study.system import NAVIGATION_HZ, SCAN_HZ, Every
+from vb_evaluation.study.system import NAVIGATION_HZ, RATE, SCAN_HZ, Every
 from vb_msgs.msg import DetectorStatus, InteractionState, LabState, LaserSpot
 from vb_sim.world import load_world
 
@@ -50,8 +50,8 @@ SPEED_TOLERANCE = 0.005  # [m/s] over ROS speeds are differences of positions
 WAIT_GOAL_S = 10.0
 READY_S, RUN_S, AFTER_S = 90.0, 600.0, 6.0
 GOAL_S = 60.0  # [s] for navigation to reach a goal or to give it up
-BAG_TOPICS = [names.SPOTS, names.LAB_STATE, names.STATE, names.PROGRESS, names.DETECTORS, names.WORKSPACE, "/tf",
-              "/tf_static", "/robot_dispatcher/viewpoint", "/spot_detector_robot/debug_image"]
+BAG_TOPICS = [names.SPOTS, names.LAB_STATE, names.STATE, names.PROGRESS, names.DETECTORS, names.NOTICES, names.DRIVERS,
+              "/tf", "/tf_static", "/robot_dispatcher/viewpoint", "/spot_detector_robot/debug_image"]
 
 
 class Judge:
@@ -174,7 +174,7 @@ class JudgedSimulation(Simulation):
         """Sends the robot to a goal (x, y, yaw) [m, m, rad] with the border in force; gives what became of it."""
         robot = next(iter(self.system.robots.values()))
         body, step = self.lab.robots[0], 1.0 / self.study.timing.rate
-        scan, control = Every(SCAN_HZ), Every(NAVIGATION_HZ)
+        scan, control, drive = Every(SCAN_HZ), Every(NAVIGATION_HZ), Every(RATE)
         robot.send(goal)
         until = self.lab.now + GOAL_S
         while robot.driving and self.lab.now < until:
@@ -185,6 +185,8 @@ class JudgedSimulation(Simulation):
                 robot.scan(now)
             if control.due(now):
                 robot.navigate(now, control.period)
+            if drive.due(now):
+                robot.drive(now)
             self.judge.step(now, body.pose[:2], False, "")
         outcome = robot.status(self.lab.now).goal.value
         robot.cancel()

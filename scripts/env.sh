@@ -12,6 +12,8 @@ if [ ! -f /opt/ros/noetic/setup.bash ]; then
     for _vb_file in /etc/catkin/profile.d/*.sh; do . "$_vb_file"; done
 fi
 . "$_vb_top/devel/setup.bash"
+# the real navigation stack, if `make navigation` built it
+[ -f "$_vb_top/navigation_ws/devel/setup.bash" ] && . "$_vb_top/navigation_ws/devel/setup.bash" --extend
 [ -n "$_vb_nounset" ] && set -u
 if [ -z "${ROS_IP:-}${ROS_HOSTNAME:-}" ]; then
     export ROS_IP=127.0.0.1

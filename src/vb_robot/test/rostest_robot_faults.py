@@ -8,7 +8,6 @@ import unittest
 import numpy as np
 import rospy
 import rostest
-from std_msgs.msg import String
 
 sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
 from faulty_move_base import FaultyMoveBase  # noqa: E402
@@ -17,6 +16,7 @@ from stimulus import Body, Stimulus, room, wait_until  # noqa: E402
 from vb_core import names  # noqa: E402
 from vb_core.ros.messages import OccupancyGridArray, message_from_grid, pose_from_2d  # noqa: E402
 from move_base_msgs.msg import MoveBaseActionGoal  # noqa: E402
+from vb_msgs.msg import NoticeArray  # noqa: E402
 
 DEFAULT, BORDER, SEED, GUIDE = range(4)
 SPOT = (2.0, 2.5)
@@ -31,7 +31,7 @@ class FaultsTest(unittest.TestCase):
         cls.stimulus.set_state(DEFAULT)
         cls.bases = {body.name: FaultyMoveBase(body) for body in (cls.ada, cls.bob)}
         cls.words = []
-        rospy.Subscriber(names.WORKSPACE, String, lambda message: cls.words.append(message.data))
+        rospy.Subscriber(names.NOTICES, NoticeArray, lambda message: cls.words.extend(n.code for n in message.notices))
         cls.own_map = rospy.Publisher("/bob/virtual_borders/map", OccupancyGridArray, queue_size=1, latch=True)
         cls.own_map.publish(message_from_grid(room(), rospy.Time.now()))
         assert wait_until(lambda: cls.stimulus.spots.get_num_connections() > 0), "the dispatcher did not subscribe"
@@ -139,7 +139,7 @@ class FaultsTest(unittest.TestCase):
         self.assertTrue(wait_until(lambda: len(seen) >= 25))
         count.unregister()
         self.stimulus.spot = None
-        self.assertTrue(wait_until(lambda: any("no robot can come" in word for word in self.words)), str(self.words))
+        self.assertTrue(wait_until(lambda: "spot_unseen_no_robot" in self.words), str(self.words))
         self.stimulus.spot = (*SPOT, "red", False)
         self.bases["bob"].revive()
         self.is_sent("bob")

@@ -6,13 +6,14 @@ import numpy as np
 import rospy
 import tf2_ros
 from geometry_msgs.msg import Point
-from sensor_msgs.msg import LaserScan
+from sensor_msgs.msg import CameraInfo, LaserScan
 
 from vb_core import geometry, names
 from vb_core.errors import ParameterError
 from vb_core.grid_map import GridMap
-from vb_core.ros.messages import OccupancyGridArray, message_from_grid, transform_message
+from vb_core.ros.messages import OccupancyGridArray, info_from_camera, message_from_grid, transform_message
 from vb_msgs.msg import InteractionState, LaserSpot
+from vb_robot.view import FloorView, ViewParams
 
 NAMES = {0: "default", 1: "border", 2: "seed", 3: "guide"}
 
@@ -35,6 +36,8 @@ class Body:
         self.lock = threading.Lock()
         self.name, self.prefix = name, f"{name}/" if name else ""
         self.pose, self.velocity, self.offset = pose, (0.0, 0.0), (0.0, 0.0)
+        self.view = FloorView.at(ViewParams())
+        self.info = rospy.Publisher(f"{self.prefix}camera/rgb/camera_info", CameraInfo, queue_size=1)
         self._time = None
 
     def step(self, now):
@@ -53,6 +56,7 @@ class Body:
             transform_message(error, "map", self.prefix + "odom", now),
             transform_message(
                 geometry.pose2d_transform(x, y, yaw), self.prefix + "odom", self.prefix + "base_link", now),
+            transform_message(self.view.T_base_camera, self.prefix + "base_link", self.prefix + "optical", now),
         ]
 
 
@@ -71,6 +75,9 @@ class Stimulus(Body):
         self._state = rospy.Publisher(names.STATE, InteractionState, queue_size=1, latch=True)
         self.spots = rospy.Publisher(names.SPOTS, LaserSpot, queue_size=10)
         self._scans = rospy.Publisher("scan", LaserScan, queue_size=1)
+        self.confidence = 1.0
+        self.silent = False  # the interaction manager is
+        self._state_message, self._ticks = None, 0
         self._count = 0
         self._interaction = ""
         self.publish_map(room())
@@ -80,8 +87,8 @@ class Stimulus(Body):
         self._map.publish(message_from_grid(grid, rospy.Time.now()))
         self._physical.publish(message_from_grid(physical or grid, rospy.Time.now()))
 
-    def set_state(self, state):
-        message = InteractionState()
+    def set_state(self, state, stopped=False):
+        message = InteractionState(stopped=stopped)
         now = rospy.Time.now()
         message.header.stamp = now
         if state == 0:
@@ -91,10 +98,18 @@ class Stimulus(Body):
             self._interaction = f"interaction {self._count}"
         message.state, message.name = state, NAMES[state]
         message.interaction_id, message.entered = self._interaction, now
+        self._state_message = message
         self._state.publish(message)
 
     def _tick(self, _event):
         now = rospy.Time.now()
+        self._ticks += 1
+        if self._state_message is not None and not self.silent and self._ticks % 5 == 0:
+            self._state_message.header.stamp = now
+            self._state.publish(self._state_message)
+        if self._ticks % 5 == 1:
+            for body in (self, *self.others):
+                body.info.publish(info_from_camera(body.view.camera, now, body.prefix + "optical"))
         transforms = [transform for body in (self, *self.others) for transform in body.step(now)]
         with self.lock:
             spot, frame = self.spot, self.spot_frame
@@ -111,7 +126,7 @@ class Stimulus(Body):
         transforms.append(transform_message(np.eye(4), "base_link", "base_laser_link", now))
         self._broadcaster.sendTransform(transforms)
         if spot is not None:
-            message = LaserSpot(camera=spot[2], mobile=spot[3], confidence=1.0)
+            message = LaserSpot(camera=spot[2], mobile=spot[3], confidence=self.confidence)
             message.header.stamp, message.header.frame_id = now, frame
             message.position = Point(spot[0], spot[1], 0.0)
             self.spots.publish(message)

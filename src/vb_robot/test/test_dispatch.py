@@ -4,7 +4,7 @@ import pytest
 
 from vb_core.errors import ParameterError
 from vb_robot.dispatch import DispatchParams, DispatchPolicy, GoalStatus, Kind, Situation
-from vb_robot.sightings import BORDER, DEFAULT, SEED, Sighting, Sightings
+from vb_robot.spots import BORDER, DEFAULT, SEED, Sighting, Sightings
 from vb_robot.viewpoint import Viewpoint
 
 
@@ -321,18 +321,3 @@ def test_robot_that_was_carried_away_comes_back():
     bench.goal = GoalStatus.REACHED
     assert not sent(bench.run(10, robot=(1.0, 0.0, 0.0)))
     assert sent(bench.run(10, robot=(5.0, 0.0, 0.0))) == [place(1)]
-
-
-def test_of_several_robots_one_leads():
-    known = Sightings(mobile_cameras=["ada", "bob"])
-    known.set_state(BORDER, "1", 0.0)
-    assert known.leader(1.0) is None
-    known.add(seen(1.0, 0.0, camera="bob", mobile=True))
-    known.add(seen(1.1, 0.0, camera="ada", mobile=True))
-    known.add(seen(1.0, 0.0, camera="red"))
-    assert known.leader(1.2) == "bob"
-    for stamp in (2.0, 3.0, 4.0):
-        known.add(seen(stamp, 0.0, camera="ada", mobile=True))
-    assert known.leader(4.0) == "ada", "bob has lost it"
-    known.add(seen(4.5, 0.0, camera="bob", mobile=True))
-    assert known.leader(5.0) == "ada" and known.leader(6.2) == "bob" and known.leader(9.0) is None

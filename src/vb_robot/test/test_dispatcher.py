@@ -8,16 +8,16 @@ import yaml
 
 from vb_core.grid_map import GridMap
 from vb_robot.dispatch import DispatchParams, GoalStatus, Kind
-from vb_robot.dispatcher import Dispatcher, RobotStatus, WatchParams
+from vb_robot.dispatcher import Dispatcher, Grounds, Progress, RobotStatus, WatchParams
 from vb_robot.prospect import ProspectParams
-from vb_robot.sightings import BORDER, Sighting
+from vb_robot.spots import BORDER, Sighting
 from vb_robot.terrain import TerrainParams
 from vb_robot.view import FloorView, ViewParams, to_base
-from vb_robot.viewpoint import ViewpointParams
+from vb_robot.viewpoint import Drawing, ViewpointParams, rank_viewpoints
 
 CONFIG = Path(__file__).resolve().parents[1] / "config" / "robot_dispatcher.yaml"
 PERIOD = 0.25
-VIEW = FloorView(ViewParams())
+VIEW = FloorView.at(ViewParams())
 EDGE = 5.0  # [m] the ceiling camera sees x < EDGE
 
 
@@ -32,6 +32,7 @@ class Lab:
         coverage = np.where(data > 0, np.int8(-1), np.int8(1))
         coverage[1:-1, int(EDGE / 0.05):-1] = 0
         self.dispatcher = Dispatcher()
+        self.dispatcher.set_view("", VIEW)
         self.dispatcher.set_map(grid)
         self.dispatcher.set_physical_map(grid)
         self.dispatcher.set_coverage(grid.with_data(coverage))
@@ -120,9 +121,64 @@ def test_reflection_is_no_spot(confidence, moved):
 
 def test_the_file_of_parameters_has_the_defaults():
     settings = yaml.safe_load(CONFIG.read_text())
-    groups = {"dispatch": DispatchParams, "viewpoint": ViewpointParams, "prospect": ProspectParams, "view": ViewParams,
-              "terrain": TerrainParams}
+    groups = {"dispatch": DispatchParams, "viewpoint": ViewpointParams, "prospect": ProspectParams, "terrain": TerrainParams}
     for name, params in groups.items():
         assert params.from_mapping(settings[name]) == params()
-    own = {key: settings[key] for key in ("way_check", "min_confidence")}
-    assert WatchParams.from_mapping({**own, "mobile_cameras": tuple(settings["mobile_cameras"])}) == WatchParams()
+    assert WatchParams.from_mapping({"mobile_cameras": tuple(settings["mobile_cameras"])}) == WatchParams()
+
+
+def test_a_dispatcher_that_restarts_while_somebody_draws_in_a_blind_corner_comes():
+    lab = Lab()
+    # what it hears after its restart: the state, who contributed, and no spot at all but the robot's single one
+    lab.spot = np.array([EDGE + 0.5, 2.5])
+    assert not lab.dispatcher.wanted()
+    lab.dispatcher.set_progress(Progress("a", cameras=("red",), points=np.array([[EDGE - 0.1, 2.5], [EDGE + 0.2, 2.5]])))
+    assert lab.dispatcher.wanted()
+    for _ in range(8):
+        lab.step(robot_sees=False)
+    assert lab.sent and lab.robot_views((EDGE + 0.2, 2.5)), "it comes to where the line was seen last"
+
+
+def test_what_people_are_told():
+    lab = Lab()
+    lab.draw_until(EDGE - 0.4)
+    assert lab.dispatcher.notice.code == "spot_ahead_unseen"
+    lab.draw_until(EDGE + 0.2, robot_sees=False)
+    for _ in range(4):
+        lab.step(robot_sees=False)
+    assert lab.dispatcher.notice.code == "spot_unseen_robot_comes"
+    lab.goal = GoalStatus.NONE
+    for _ in range(40):
+        lab.see("red", lab.spot)
+        lab.step()
+    assert lab.dispatcher.notice is None or lab.dispatcher.notice.code == "spot_ahead_unseen", "seen again"
+    lab.dispatcher.set_state(0, "", lab.now)
+    lab.step()
+    assert lab.dispatcher.notice is None
+
+
+def test_choosing_a_place_costs_the_same_in_a_hotel():
+    """What is looked at does not grow with the map: the same place, from the same window."""
+    answers = []
+    for cells in (200, 2000):
+        data = np.zeros((cells, cells), dtype=np.int8)
+        grid = GridMap(data, 0.05, (-0.025 * cells, -0.025 * cells, 0.0))
+        grounds = Grounds(TerrainParams())
+        grounds.set_map(grid, False)
+        drawing = Drawing(np.array([0.5, 0.3]), np.array([[0.0, 0.3], [0.5, 0.3]]))
+        terrain = grounds.terrain(drawing, (-2.0, 0.0, 0.0))
+        assert max(terrain.grid.shape) * 0.05 <= 12.0
+        best = rank_viewpoints(terrain, VIEW, (-2.0, 0.0, 0.0), drawing, ViewpointParams())[0]
+        answers.append(best.pose)
+    assert answers[0] == pytest.approx(answers[1])
+
+
+def test_a_robot_from_far_away_comes_in_over_the_windows_edge():
+    data = np.zeros((1200, 1200), dtype=np.int8)
+    grounds = Grounds(TerrainParams())
+    grounds.set_map(GridMap(data, 0.05, (-30.0, -30.0, 0.0)), False)
+    drawing, robot = Drawing(np.array([0.5, 0.3]), np.zeros((0, 2))), (-25.0, 0.0, 0.0)
+    terrain = grounds.terrain(drawing, robot)
+    assert not terrain.grid.contains_cells(terrain.grid.world_to_cell(np.array([robot[:2]])))[0]
+    best = rank_viewpoints(terrain, VIEW, robot, drawing, ViewpointParams())[0]
+    assert best.x < 0.5 and best.way == pytest.approx(math.dist(robot[:2], (best.x, best.y)), rel=0.1)

@@ -12,7 +12,7 @@ from vb_robot.terrain import Terrain, TerrainParams
 from vb_robot.view import FloorView, ViewParams
 from vb_robot.viewpoint import Drawing, ViewpointParams, keeps_off, rank_viewpoints
 
-VIEW, PARAMS = FloorView(ViewParams()), ViewpointParams()
+VIEW, PARAMS = FloorView.at(ViewParams()), ViewpointParams()
 
 
 def open_room():

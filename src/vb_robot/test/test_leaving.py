@@ -6,14 +6,16 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from vb_core.errors import ParameterError
 from vb_core.grid_map import GridMap
-from vb_robot.drive import IN_THE_WAY
-from vb_robot.leaving import LeaveParams, Leaving, Progress, WayOut
-from vb_robot.safety import ForbiddenGround, SafetyParams
+from vb_core.robot_profile import RobotProfile
+from vb_robot.driver import RATE, Driver
+from vb_robot.following import Frames
+from vb_robot.leaving import MARGIN, WayOut
+from vb_robot.safety import ForbiddenGround, Scan
 from vb_robot.workspace import Workspace
 
-RADIUS, PARAMS, SAFETY, DT = 0.18, LeaveParams(), SafetyParams(), 1.0 / 12.0
+RADIUS, DT = 0.18, 1.0 / RATE
+OPEN = np.full(360, math.inf)
 
 
 def room():
@@ -37,32 +39,40 @@ def square(grid, x0, y0, x1, y1):
     return mask
 
 
-def drive(posterior, physical, pose, obstacle=None, seconds=90.0):
-    """(whether the robot became free, the poses, the last reason)."""
-    way_out = WayOut(posterior, physical, RADIUS, PARAMS)
+class Rig:
+    """A driver on a unicycle that a border has swallowed; its scanner sees `ranges`."""
+
+    def __init__(self, posterior, physical, pose, ranges=OPEN):
+        self.driver = Driver(RobotProfile(), leaves=True)
+        self.driver.set_maps(posterior, physical, Workspace(posterior, physical, [], RADIUS))
+        self.pose, self.ranges, self.now, self.poses, self.state, self.said = pose, ranges, 100.0, [pose], 0, set()
+
+    def step(self):
+        self.now += DT
+        self.driver.set_state(self.state, "a" if self.state else "", 0.0, self.now)
+        self.driver.set_pose(self.pose, self.now)
+        self.driver.set_scan(Scan(self.ranges, -math.pi, math.pi / 180, 0.1, 8.0, np.eye(4), RADIUS), self.now)
+        command = self.driver.step(self.now, Frames(lambda stamp: None, lambda: None))
+        assert abs(command.v) <= 0.2 + 1e-9 and abs(command.w) <= 0.8 + 1e-9
+        middle = self.pose[2] + 0.5 * command.w * DT
+        self.pose = (self.pose[0] + command.v * DT * math.cos(middle), self.pose[1] + command.v * DT * math.sin(middle),
+                     self.pose[2] + command.w * DT)
+        self.poses.append(self.pose)
+        self.said.add(command.code)
+        return command
+
+
+def drive(posterior, physical, pose, ranges=OPEN, seconds=90.0):
+    """(whether the robot became free, the poses, what held it or why it gave up)."""
+    rig = Rig(posterior, physical, pose, ranges)
     watch = Workspace(posterior, physical, [], RADIUS)
-    ground = ForbiddenGround(physical, SAFETY)
-    leaving = Leaving(PARAMS, SAFETY)
-    poses, now = [pose], 100.0
     for _ in range(int(seconds / DT)):
-        if watch.hard_gap(pose[:2]) >= RADIUS + PARAMS.margin:
-            return True, np.array(poses), ""
-        progress, motion = leaving.step(now, pose, lambda v, w: obstacle if obstacle is not None
-                                        else ground.free_way(pose, v, w))
-        if progress is Progress.GIVEN_UP:
-            return False, np.array(poses), motion.reason
-        if progress is Progress.LOST_WAY:
-            route = way_out.route(pose[:2])
-            if route is None:
-                return False, np.array(poses), "no way"
-            leaving.set_route(route)
-        assert abs(motion.v) <= 0.2 + 1e-9 and abs(motion.w) <= PARAMS.max_turn + 1e-9
-        middle = pose[2] + 0.5 * motion.w * DT
-        pose = (pose[0] + motion.v * DT * math.cos(middle), pose[1] + motion.v * DT * math.sin(middle),
-                pose[2] + motion.w * DT)
-        poses.append(pose)
-        now += DT
-    return False, np.array(poses), "too late"
+        rig.step()
+        if watch.hard_gap(rig.pose[:2]) >= RADIUS + MARGIN - 1e-6:
+            return True, np.array(rig.poses), ""
+        if rig.driver.gave_up_leaving:
+            return False, np.array(rig.poses), rig.driver.leave_failed
+    return False, np.array(rig.poses), f"too late {rig.said}"
 
 
 @settings(max_examples=20, deadline=None)
@@ -74,7 +84,7 @@ def test_leaves_a_carpet_by_about_the_shortest_way(x, y, yaw):
     driven = np.linalg.norm(np.diff(poses[:, :2], axis=0), axis=1).sum()
     # the strip to the right of it is wide enough as well
     edge = min(x - 4.0, 5.0 - x, y - 1.0, 2.0 - y)
-    assert driven <= max(edge, 0.0) + RADIUS + PARAMS.margin + 0.2
+    assert driven <= max(edge, 0.0) + RADIUS + MARGIN + 0.2
 
 
 def test_everything_but_a_corner_is_restricted():
@@ -84,7 +94,7 @@ def test_everything_but_a_corner_is_restricted():
     free, poses, why = drive(posterior, physical, (2.0, 1.0, 2.0))
     assert free, why
     assert poses[-1, 0] > 4.2 and poses[-1, 1] > 3.6
-    gap = ForbiddenGround(physical, SAFETY).clearance_at(poses[:, :2]).min()
+    gap = ForbiddenGround(physical, RADIUS).clearance_at(poses[:, :2]).min()
     assert gap >= RADIUS, "it does not touch the wall"
 
 
@@ -92,47 +102,48 @@ def test_gap_between_border_and_wall_is_no_place_to_end():
     physical = room()
     # 0.6 m are left to the right wall: the robot fits in, but out of there nothing leads
     posterior = restricted(physical, square(physical, 3.0, 0.0, 5.35, 5.0))
-    route = WayOut(posterior, physical, RADIUS, PARAMS).route((5.1, 2.5))
+    route = WayOut(posterior, physical, RADIUS, (5.1, 2.5)).route((5.1, 2.5))
     assert route is not None and route[-1, 0] < 3.0
 
 
 def test_no_allowed_floor_and_no_way():
     physical = room()
-    assert WayOut(restricted(physical, np.ones(physical.shape, bool)), physical, RADIUS, PARAMS).route((1, 1)) is None
+    assert WayOut(restricted(physical, np.ones(physical.shape, bool)), physical, RADIUS, (1, 1)).route((1, 1)) is None
     shut = physical.with_data(np.where(np.arange(120) == 60, 100, physical.data).astype(np.int8))
     posterior = restricted(shut, square(shut, 3.05, 0.0, 6.0, 5.0))
-    assert WayOut(posterior, shut, RADIUS, PARAMS).route((4.0, 2.0)) is None
+    assert WayOut(posterior, shut, RADIUS, (4.0, 2.0)).route((4.0, 2.0)) is None
 
 
-def test_gives_up_where_something_is_in_the_way():
+def swallowed(ranges=OPEN, pose=(4.5, 1.5, 0.0)):
     physical = room()
-    free, poses, why = drive(restricted(physical, square(physical, 4.0, 1.0, 5.0, 2.0)), physical, (4.5, 1.5, 0.0), 0.0)
-    assert not free and why == IN_THE_WAY
-    assert np.allclose(poses[:, :2], (4.5, 1.5)), "it only turns"
+    return Rig(restricted(physical, square(physical, 4.0, 1.0, 5.0, 2.0)), physical, pose, ranges)
 
 
-def test_without_localisation_it_stands_and_gives_up():
-    leaving = Leaving(PARAMS, SAFETY)
-    leaving.set_route(np.array([[0.0, 0.0], [1.0, 0.0]]))
-    outcomes = [leaving.step(0.1 * i, None, lambda v, w: math.inf) for i in range(200)]
-    assert all(motion.v == 0.0 and motion.w == 0.0 for _, motion in outcomes)
-    assert outcomes[-1][0] is Progress.GIVEN_UP and "localised" in outcomes[-1][1].reason
+def test_gives_up_where_something_is_in_the_way_and_tries_again():
+    rig = swallowed(np.full(360, 0.25))
+    while not rig.driver.gave_up_leaving:
+        rig.step()
+        assert rig.now < 130.0
+    assert rig.driver.leave_failed == "obstacle"
+    assert np.allclose(np.array(rig.poses)[:, :2], (4.5, 1.5)), "it only turns"
+    rig.ranges = OPEN
+    while math.dist(rig.pose[:2], (4.5, 1.5)) < 0.5:
+        rig.step()
+        assert rig.now < 170.0
 
 
-def test_pauses_do_not_count():
-    leaving = Leaving(PARAMS, SAFETY)
-    for i in range(30):
-        leaving.pause()
-        assert leaving.step(100.0 * i, None, lambda v, w: None)[0] is not Progress.GIVEN_UP
+def test_waits_while_somebody_draws_and_until_navigation_has_let_go():
+    rig = swallowed()
+    rig.state = 1
+    assert all(rig.step().driver == "nobody" for _ in range(40))
+    rig.state = 0
+    rig.driver.set_goal(True)
+    commands = [rig.step() for _ in range(40)]
+    assert all(command.v == command.w == 0.0 for command in commands) and sum(c.cancel for c in commands) == 2
+    rig.driver.set_goal(False)
+    assert any(rig.step().w != 0.0 for _ in range(40))
 
 
-def test_localisation_that_jumps_asks_for_a_new_way():
-    leaving = Leaving(PARAMS, SAFETY)
-    leaving.set_route(np.array([[0.0, 0.0], [1.0, 0.0]]))
-    assert leaving.step(0.0, (0.0, 0.0, 0.0), lambda v, w: math.inf)[0] is Progress.DRIVES
-    assert leaving.step(0.1, (0.0, 0.5, 0.0), lambda v, w: math.inf)[0] is Progress.LOST_WAY
-
-
-def test_faster_than_guided_is_refused():
-    with pytest.raises(ParameterError, match="max_speed"):
-        LeaveParams(max_speed=0.3)
+def test_without_a_new_map_nobody_is_driven_out_of_free_floor():
+    rig = swallowed(pose=(2.0, 4.0, 0.0))
+    assert all(rig.step().driver == "nobody" for _ in range(40))

@@ -4,7 +4,6 @@ import pytest
 
 from vb_core.errors import ParameterError
 from vb_core.grid_map import GridMap
-from vb_robot.notices import Notices
 from vb_robot.prospect import ProspectParams, UnseenFloor, with_focus
 from vb_robot.terrain import Terrain, TerrainParams
 from vb_robot.viewpoint import Drawing
@@ -75,24 +74,3 @@ def test_spot_that_only_the_robot_sees_or_nobody_stays_in_view_with_what_is_ahea
 def test_bad_parameters():
     with pytest.raises(ParameterError, match="horizon"):
         ProspectParams(horizon=-1.0)
-
-
-# ------------------------------------------------------------------ words
-def say(notices, now, silent=0.0, uncovered=False, ahead=False, comes=True, able=True, key=("a", 1)):
-    return notices.step(now, key, silent, uncovered, ahead, comes, able, "robot ada")
-
-
-def test_people_are_told_once_what_matters():
-    notices = Notices()
-    assert say(notices, 1.0) is None
-    assert "robot ada comes to look" in say(notices, 2.0, ahead=True)
-    assert say(notices, 2.1, ahead=True) is None
-    corner = "Nobody can see this corner: robot ada comes to look, hold still"
-    assert say(notices, 3.0, silent=1.0, uncovered=True) == corner
-    assert say(notices, 3.1, silent=1.1, uncovered=True) is None
-    assert "no robot can come" in say(notices, 4.0, silent=2.0, able=False)
-    assert say(notices, 5.0) is None
-    assert say(notices, 6.0, silent=1.0) is None, "said a moment ago"
-    assert say(notices, 40.0) is None
-    assert say(notices, 41.0, silent=1.0) == "Nobody sees the spot: robot ada comes to look, hold still"
-    assert say(notices, 42.0, silent=1.0, key=("b", 1)), "another interaction is another matter"

@@ -12,7 +12,7 @@ from vb_robot.terrain import Terrain, TerrainParams, clearance_grid
 from vb_robot.view import FloorView, ViewParams, to_base, to_map
 from vb_robot.viewpoint import Drawing, ViewpointParams, rank_viewpoints, shows_spot
 
-VIEW = FloorView(ViewParams())
+VIEW = FloorView.at(ViewParams())
 PARAMS = ViewpointParams()
 NO_CHAIN = np.zeros((0, 2))
 

@@ -46,7 +46,7 @@ def drawn(seed, overlap=True):
     tremor = np.cumsum(rng.normal(0.0, 1.0, line.shape), axis=0)
     line = line + TREMOR * (tremor - tremor.mean(axis=0)) / tremor.std(axis=0)
     by_blue = GRID.with_data(SEEN.astype(np.int8)).values_at(line) > 0
-    view = FloorView(ViewParams())
+    view = FloorView.at(ViewParams())
     by_robot = view.sees(to_base(line, ROBOT), 0.03)
     if not overlap:
         by_robot &= ~by_blue

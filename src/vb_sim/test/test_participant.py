@@ -249,7 +249,7 @@ def test_unknown_scenario_names_the_key():
 
 def test_who_is_told_that_the_robot_comes_does_not_step_aside():
     percept = Percept(now=5.0)
-    percept.read("'carpet' restricts 2.50 m2")
+    percept.read("robot_touches_border")
     assert percept.told_to_hold == float("-inf")
-    percept.read("Nobody can see this corner: the robot comes to look, hold still")
+    percept.read("spot_unseen_robot_comes")
     assert percept.told_to_hold == 5.0

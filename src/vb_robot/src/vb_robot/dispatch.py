@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Callable, Hashable, List, Optional, Sequence, Tuple
 
 from vb_core.parameters import Parameters, param
-from vb_robot.sightings import LOST_AFTER
+from vb_robot.spots import LOST_AFTER
 from vb_robot.viewpoint import Pose, Viewpoint
 
 

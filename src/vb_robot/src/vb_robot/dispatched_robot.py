@@ -1,15 +1,19 @@
 """One robot as the dispatcher deals with it: where it is, and its navigation."""
 from __future__ import annotations
 
-from typing import Optional
+from typing import Callable, Optional
 
 import rospy
+from sensor_msgs.msg import CameraInfo
 
 from vb_core import geometry, names
 from vb_core.errors import CodedError
+from vb_core.robot_profile import RobotProfile
+from vb_core.ros.messages import camera_from_info
 from vb_core.ros.transforms import TransformLookup
 from vb_robot.dispatcher import RobotStatus
 from vb_robot.navigation_client import NavigationClient
+from vb_robot.view import FloorView
 from vb_robot.viewpoint import Pose, Viewpoint
 
 
@@ -20,13 +24,31 @@ class DispatchedRobot:
         [<name>/]move_base (move_base_msgs/MoveBaseAction)
     """
 
-    def __init__(self, name: str, base_frame: str, action: str, silence_s: float, transforms: TransformLookup) -> None:
+    def __init__(
+        self, name: str, profile: RobotProfile, action: str, silence_s: float, transforms: TransformLookup,
+        set_view: Callable[[str, FloorView], None],
+    ) -> None:
         prefix = f"{name}/" if name else ""
         self.name = name
         self.who = f"robot {name}" if name else "the robot"
         self.navigation = NavigationClient(prefix + action, silence_s)
-        self._base_frame = prefix + base_frame
+        self._base_frame = prefix + profile.frames.base
         self._transforms = transforms
+        self._max_range, self._set_view = profile.camera.max_range, set_view
+        self._info: Optional[CameraInfo] = None
+        self._camera = rospy.Subscriber(prefix + profile.camera.info, CameraInfo, self._on_camera, queue_size=1)
+
+    def _on_camera(self, message: CameraInfo) -> None:
+        if self._info is not None and message.K == self._info.K:
+            return
+        try:
+            T = self._transforms.lookup(self._base_frame, message.header.frame_id, rospy.Time(0), timeout_s=0.0)
+            view = FloorView(camera_from_info(message), T, self._max_range)
+        except CodedError as error:
+            rospy.logwarn_throttle(5.0, f"{rospy.get_name()}: the camera of {self.who} is not usable yet: {error}")
+            return
+        self._info = message
+        self._set_view(self.name, view)
 
     def status(self, wanted: bool) -> RobotStatus:
         """How it is now; where it is only if a robot is wanted."""

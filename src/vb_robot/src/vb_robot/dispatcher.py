@@ -9,18 +9,18 @@ import numpy as np
 
 from vb_core.errors import ParameterError
 from vb_core.grid_map import GridMap
+from vb_core.notices import Notice, Severity
 from vb_core.parameters import Parameters, param
-from vb_robot import sightings
+from vb_robot import spots
 from vb_robot.dispatch import Decision, DispatchParams, GoalStatus, Situation
 from vb_robot.fleet import Fleet, Member
-from vb_robot.notices import Notices
 from vb_robot.prospect import ProspectParams, UnseenFloor, with_focus
-from vb_robot.sightings import Sighting, Sightings
-from vb_robot.terrain import Terrain, TerrainParams
-from vb_robot.view import FloorView, ViewParams
+from vb_robot.spots import LOST_AFTER, Sighting, Sightings
+from vb_robot.terrain import Terrain, TerrainParams, around, window_of
+from vb_robot.view import FloorView
 from vb_robot.viewpoint import Drawing, Pose, Viewpoint, ViewpointParams, keeps_off, rank_viewpoints, shows_spot
 
-WANTED = (sightings.BORDER, sightings.SEED)
+WAY_CHECK = 0.5  # [s] between two looks at the way to the present goal: the search costs up to 20 ms
 
 
 @dataclass(frozen=True)
@@ -28,8 +28,6 @@ class WatchParams(Parameters):
     """Which robots there are, and how the spot is watched between two decisions."""
 
     robots: list = param([], doc="names of the robots, which are their namespaces; empty: one without a namespace")
-    way_check: float = param(0.5, "s", low=0.0, doc="between two looks at the way to the present goal")
-    min_confidence: float = param(0.4, low=0.0, high=1.0, doc="a spot less certain than this sends no robot")
     mobile_cameras: tuple = param(("robot",), doc="names of cameras on robots, beside those of `robots`")
 
     def __post_init__(self) -> None:
@@ -79,14 +77,15 @@ class RobotStatus:
 
 
 class Grounds:
-    """The map that holds for one robot, and the ways on it."""
+    """The map that holds for one robot, the ways on it about the line, and what the robot's camera sees of the floor."""
 
     def __init__(self, params: TerrainParams) -> None:
-        self._params = params
+        self.params = params
+        self.view: Optional[FloorView] = None
         self._own = False
         self._map: Optional[GridMap] = None
         self._physical: Optional[GridMap] = None
-        self._terrain: Optional[Terrain] = None
+        self._terrain: Optional[Tuple[Tuple[float, ...], Terrain]] = None  # of which window
         self._judged: Optional[Viewpoint] = None  # whose way was looked at last, when, and what came out
         self._judged_at = 0.0
         self._safe = True
@@ -100,21 +99,23 @@ class Grounds:
         """Takes the map without borders."""
         self._physical, self._terrain = grid, None
 
-    def terrain(self) -> Optional[Terrain]:
-        """The map prepared for questions, which takes a moment after each new map; None before there is one."""
-        if self._terrain is None and self._map is not None:
-            self._terrain = Terrain(self._map, self._params, self._physical)
-        return self._terrain
+    def terrain(self, drawing: Drawing, pose: Optional[Pose]) -> Optional[Terrain]:
+        """The map about the line and the robot, prepared for questions; None before there is one."""
+        if self._map is None:
+            return None
+        window = window_of(drawing.spot, drawing.chain, [pose[:2]] if pose is not None else [])
+        if self._terrain is None or self._terrain[0] != window:
+            physical = around(self._physical, window) if self._physical is not None else None
+            self._terrain = (window, Terrain(around(self._map, window), self.params, physical, edge=False))
+        return self._terrain[1]
 
     def way_is_safe(
-        self, now: float, period: float, pose: Pose, goal: Viewpoint, drawing: Drawing, params: ViewpointParams
+        self, now: float, terrain: Terrain, pose: Pose, goal: Viewpoint, drawing: Drawing, params: ViewpointParams
     ) -> bool:
-        """Whether the way to a goal keeps off the line; looked at once in a period [s], since the search is dear."""
+        """Whether the way to a goal keeps off the line; looked at once in WAY_CHECK, since the search costs time."""
         if goal.risky and not drawing.seeding:
             return True
-        if goal is not self._judged or not 0.0 <= now - self._judged_at < period:
-            terrain = self.terrain()
-            assert terrain is not None
+        if goal is not self._judged or not 0.0 <= now - self._judged_at < WAY_CHECK:
             self._judged, self._judged_at = goal, now
             self._safe = keeps_off(terrain, pose, goal.pose, drawing, params)
         return self._safe
@@ -132,23 +133,23 @@ class Dispatcher:
         watch: WatchParams = WatchParams(),
         dispatch: DispatchParams = DispatchParams(),
         viewpoint: ViewpointParams = ViewpointParams(),
-        view: ViewParams = ViewParams(),
         terrain: TerrainParams = TerrainParams(),
         prospect: ProspectParams = ProspectParams(),
+        radii: Mapping[str, float] = {},
     ) -> None:
         self._watch = watch
         self._viewpoint = viewpoint
         self._prospect = prospect
         self._min_sightings = dispatch.min_sightings
-        self._view = FloorView(view)
         self._fleet = Fleet(dispatch, watch.robots or [""])
-        self._grounds = {name: Grounds(terrain) for name in self._fleet.policies}
-        self._notices = Notices()
+        self._grounds = {
+            name: Grounds(terrain.replace(robot_radius=radii.get(name, terrain.robot_radius)))
+            for name in self._fleet.policies}
         self._lock = threading.RLock()
         self._sightings = Sightings(mobile_cameras=(*watch.mobile_cameras, *watch.robots))
         self._progress: Optional[Progress] = None
         self._unseen: Optional[UnseenFloor] = None
-        self.notice: Optional[str] = None  # what people are to be told since the last decision
+        self.notice: Optional[Notice] = None  # what people are to be told now
 
     @property
     def robots(self) -> List[str]:
@@ -168,6 +169,10 @@ class Dispatcher:
             for grounds in self._grounds.values():
                 grounds.set_physical(grid)
 
+    def set_view(self, robot: str, view: FloorView) -> None:
+        """Takes what a robot's camera sees of the floor; without it that robot is not sent."""
+        self._grounds[robot].view = view
+
     def set_coverage(self, coverage: GridMap) -> None:
         """Takes how many stationary cameras see each cell; see camera_coverage_node."""
         unseen = UnseenFloor(coverage, self._prospect.least_gap)
@@ -180,9 +185,7 @@ class Dispatcher:
             return self._sightings.set_state(state, interaction_id, entered)
 
     def add(self, sighting: Sighting) -> None:
-        """Takes a spot of any camera, if it is certain enough."""
-        if sighting.confidence < self._watch.min_confidence:
-            return
+        """Takes a spot of any camera."""
         with self._lock:
             self._sightings.add(sighting)
 
@@ -190,6 +193,9 @@ class Dispatcher:
         """Takes what has been drawn so far."""
         with self._lock:
             self._progress = progress
+            # also before any robot is wanted: that cameras contributed may be why one is
+            if progress.interaction_id == self._sightings.key[0]:
+                self._sightings.contributed(progress.cameras)
 
     # ------------------------------------------------------------- decisions
     @property
@@ -201,7 +207,7 @@ class Dispatcher:
     def wanted(self) -> bool:
         """Whether a robot is wanted now."""
         with self._lock:
-            return self._sightings.state in WANTED and self._sightings.stationary_seen
+            return self._sightings.dispatches()
 
     def decide(self, now: float, robots: Mapping[str, RobotStatus]) -> Dict[str, Decision]:
         """What each robot is to do now [s]; takes up to some tenths of a second when a new place is due."""
@@ -211,6 +217,8 @@ class Dispatcher:
             wanted, key = self.wanted(), known.key
             drawing = self._drawing(now) if wanted else None
             silent = known.silent(now)
+            if known.newest() is None and drawing is not None and not drawing.seeding:
+                silent = 2.0 * LOST_AFTER
             unseen = self._unseen
         members = []
         for name, status in robots.items():
@@ -224,9 +232,10 @@ class Dispatcher:
         known, progress = self._sightings, self._progress
         if progress is not None and progress.interaction_id != known.key[0]:
             progress = None
-        if progress is not None:
-            known.contributed(progress.cameras)
         target = known.target(self._min_sightings)
+        if target is None and known.newest() is None and progress is not None and len(progress.points):
+            # started again in the middle of a drawing: the line ends where the spot was seen last
+            target = progress.points[-1]
         if target is None:
             return None
         chain, closed, ordered = np.zeros((0, 2)), False, True
@@ -234,7 +243,7 @@ class Dispatcher:
             chain, closed = progress.chain, progress.closed
             if len(chain) < 2:
                 chain, closed, ordered = progress.points, False, False
-        seeding = known.state == sightings.SEED
+        seeding = known.state == spots.SEED
         return Drawing(target, chain, known.direction(), closed, seeding, ordered, known.watched(now))
 
     def _member(
@@ -252,8 +261,9 @@ class Dispatcher:
         """What the fleet needs to know of a robot."""
         grounds = self._grounds[name]
         with self._lock:
-            terrain = grounds.terrain() if wanted else None
-        pose = status.pose if wanted else None
+            pose = status.pose if wanted and grounds.view is not None else None
+            terrain = grounds.terrain(drawing, pose) if wanted and drawing is not None else None
+        view = grounds.view
         spot: Optional[Tuple[float, float]] = None
         if drawing is not None and terrain is not None:
             drawing = with_focus(terrain, unseen, drawing, self._prospect)
@@ -261,18 +271,18 @@ class Dispatcher:
         goal = self._fleet.policies[name].goal
 
         def fit(place: Pose) -> bool:
-            assert terrain is not None and drawing is not None
+            assert terrain is not None and drawing is not None and view is not None
             if goal is not None and place == goal.pose and not terrain.stands_free(np.array([place[:2]]))[0]:
                 return False
-            return shows_spot(terrain, self._view, place, drawing, self._viewpoint)
+            return shows_spot(terrain, view, place, drawing, self._viewpoint)
 
         def rank() -> List[Viewpoint]:
-            assert terrain is not None and drawing is not None and pose is not None
-            return rank_viewpoints(terrain, self._view, pose, drawing, self._viewpoint, others)
+            assert terrain is not None and view is not None and drawing is not None and pose is not None
+            return rank_viewpoints(terrain, view, pose, drawing, self._viewpoint, others)
 
         def safe(viewpoint: Viewpoint) -> bool:
-            assert drawing is not None and pose is not None
-            return grounds.way_is_safe(now, self._watch.way_check, pose, viewpoint, drawing, self._viewpoint)
+            assert terrain is not None and drawing is not None and pose is not None
+            return grounds.way_is_safe(now, terrain, pose, viewpoint, drawing, self._viewpoint)
 
         situation = Situation(now, wanted, key, spot, pose, status.server, status.goal, silent)
         return Member(name, situation, status.busy, fit, rank, safe)
@@ -284,18 +294,21 @@ class Dispatcher:
         drawing: Optional[Drawing],
         unseen: Optional[UnseenFloor],
         members: Sequence[Member],
-    ) -> Optional[str]:
+    ) -> Optional[Notice]:
+        """What people should know: that no camera sees the spot, or will not see it soon, and what comes of it."""
         with self._lock:
             newest, key = self._sightings.newest(), self._sightings.key
-        if drawing is None or newest is None or key[1] != sightings.BORDER:
-            return self._notices.step(now, key, 0.0, False, False, False, False, "")
+        if drawing is None or key[1] != spots.BORDER:
+            return None
         serving = self._fleet.serving
         comes = serving is not None and self._fleet.policies[serving].goal is not None
         able = any(member.situation.server and member.situation.robot is not None for member in members)
-        # cameras lose a spot that leaves their image: the place where it was seen last is one that they see well
-        place = drawing.spot if drawing.direction is None else drawing.spot + self._prospect.ahead * drawing.direction
-        uncovered = unseen is not None and bool(unseen.at(place[None])[0])
+        values = {"who": f"robot {serving}" if serving else "the robot"}
+        if newest is None or now - newest.stamp > LOST_AFTER:
+            if comes and able:
+                return Notice("spot_unseen_robot_comes", Severity.INFO, robot=serving or "", values=values)
+            return Notice("spot_unseen_no_robot", Severity.WARNING)
         near = unseen.nearest(drawing.spot, self._prospect.beside) if unseen is not None else None
-        ahead = drawing.watched and near is not None
-        who = f"robot {serving}" if serving else "the robot"
-        return self._notices.step(now, key, now - newest.stamp, uncovered, ahead, comes, able, who)
+        if drawing.watched and near is not None and comes:
+            return Notice("spot_ahead_unseen", Severity.INFO, robot=serving or "", values=values)
+        return None

@@ -1,46 +1,35 @@
-"""The way out of a border that was put where the robot stands, and driving it.
+"""The way out of a border that was put where the robot is, and driving it.
 
 Navigation plans nothing from inside an occupied area, so the robot is driven along the shortest way over floor
 without physical obstacles to floor that is allowed.
 """
 from __future__ import annotations
 
-import enum
 import math
-from dataclasses import dataclass
-from typing import Optional, Tuple
+from typing import Optional
 
 import cv2
 import numpy as np
 
 from vb_core import geometry
 from vb_core.grid_map import GridMap
-from vb_core.parameters import Parameters, param
-from vb_robot.drive import FreeWay, Motion, SafeDrive
-from vb_robot.safety import SafetyParams
-from vb_robot.terrain import Terrain, TerrainParams, clearance_grid
+from vb_robot.safety import HARD
+from vb_robot.servoing import MAX_TURN, TURN_GAIN, Wish
+from vb_robot.terrain import Terrain, TerrainParams, around, clearance_grid
 from vb_robot.viewpoint import Pose
-from vb_robot.workspace import HARD
 
-
-@dataclass(frozen=True)
-class LeaveParams(Parameters):
-    """How the robot drives out."""
-
-    max_speed: float = param(0.2, "m/s", above=0.0, high=0.2)
-    max_turn: float = param(0.8, "rad/s", above=0.0, high=1.5)
-    acceleration: float = param(0.4, "m/s^2", above=0.0, high=2.0)
-    turn_acceleration: float = param(2.0, "rad/s^2", above=0.0, high=10.0)
-    turn_gain: float = param(1.8, "1/s", above=0.0)
-    drive_cone_deg: float = param(25.0, "deg", above=0.0, high=90.0, doc="off the way by this it only turns")
-    lookahead: float = param(0.2, "m", above=0.0, high=1.0)
-    off_way: float = param(0.15, "m", above=0.0, high=1.0, doc="farther off, the way is planned anew")
-    margin: float = param(0.08, "m", low=0.0, high=0.5, doc="free is who keeps this beyond the radius")
-    min_area: float = param(0.3, "m^2", low=0.0, doc="less room for the robot's middle is no allowed floor")
-    patience: float = param(15.0, "s", above=0.0, doc="without progress, then it gives up")
-    min_progress: float = param(0.05, "m", above=0.0, doc="less is no progress; a turn of 1 rad counts as 0.2 m")
-    timeout: float = param(90.0, "s", above=0.0, doc="for the whole way")
-    retry: float = param(20.0, "s", above=0.0, doc="after it gave up it tries again")
+MAX_SPEED = 0.2  # [m/s] nobody asked for this drive: as slow as while a person guides it
+DRIVE_CONE = math.radians(25.0)  # if the way is farther off the axis the robot only turns
+LOOKAHEAD = 0.2  # [m] to the point of the way that it steers for
+OFF_WAY = 0.15  # [m] farther off (the localisation jumped) a new way is planned
+MARGIN = 0.08  # [m] beyond the radius is free: cells and localisation are a few centimetres off
+MAP_MARGIN = 0.05  # [m] from mapped obstacles on the way
+MIN_AREA = 0.3  # [m^2] less room for the robot's middle is a gap between border and wall, no place to end
+PATIENCE = 15.0  # [s] without progress it gives up and says why
+TIMEOUT = 90.0  # [s] of driving: 18 m
+RETRY = 20.0  # [s] after it gave up: whoever stood in the way may have gone
+WINDOW = 10.0  # [m] about the robot: no way out is that long
+PROGRESS = 0.05  # [m] less is none; a turn of 1 rad counts as 0.2 m
 
 
 class WayOut:
@@ -48,26 +37,26 @@ class WayOut:
 
     Args:
         posterior, physical: maps of the same geometry.
-        robot_radius: [m]
-        map_margin: [m] beyond the radius, which the robot keeps from physical obstacles.
+        radius: [m] of the robot.
+        place: (2,) [m] where it is: only floor about it is looked at.
     """
 
-    def __init__(
-        self, posterior: GridMap, physical: GridMap, robot_radius: float, params: LeaveParams, map_margin: float = 0.05
-    ) -> None:
-        # whoever arrives within a few centimetres, or in the cell beside, is to be free
-        room = params.margin + 0.03 + posterior.resolution
+    def __init__(self, posterior: GridMap, physical: GridMap, radius: float, place) -> None:
+        window = (place[0] - WINDOW, place[1] - WINDOW, place[0] + WINDOW, place[1] + WINDOW)
+        posterior, physical = around(posterior, window), around(physical, window)
+        # who arrives within a few centimetres, or in the cell beside, is to be free
+        room = MARGIN + 0.03 + posterior.resolution
         # the robot cuts corners by some centimetres; only where there is no room for that it is to keep to the way
         self._terrains = [
-            Terrain(physical, TerrainParams(robot_radius=robot_radius, margin=room, travel_margin=map_margin + spare,
+            Terrain(physical, TerrainParams(robot_radius=radius, margin=room, travel_margin=MAP_MARGIN + spare,
                                             occupied_threshold=HARD))
             for spare in (0.08, 0.02)
         ]
         beyond = self._terrains[0].clearance
         clearance = clearance_grid((posterior.data >= HARD) | (posterior.data < 0), posterior.resolution)
-        fits = ((clearance >= robot_radius + room) & (beyond >= robot_radius + room)).astype(np.uint8)
+        fits = ((clearance >= radius + room) & (beyond >= radius + room)).astype(np.uint8)
         _, labels, stats, _ = cv2.connectedComponentsWithStats(fits, connectivity=8)
-        large = stats[:, cv2.CC_STAT_AREA] * posterior.resolution ** 2 >= params.min_area
+        large = stats[:, cv2.CC_STAT_AREA] * posterior.resolution ** 2 >= MIN_AREA
         large[0] = False
         self._allowed = posterior.cell_to_world(np.argwhere(large[labels]))
 
@@ -85,79 +74,59 @@ class WayOut:
         return None
 
 
-class Progress(enum.Enum):
-    """How the leaving goes."""
-
-    DRIVES = "drives"
-    LOST_WAY = "lost way"  # a new route is needed
-    GIVEN_UP = "given up"
-
-
 class Leaving:
-    """Drives one robot along ways out. It does not know when the robot is free: the caller ends it."""
+    """Drives a robot out of a border. Its caller ends it when the robot is free.
 
-    def __init__(self, params: LeaveParams, safety: SafetyParams) -> None:
-        self._params = params
-        self._drive = SafeDrive(params.acceleration, params.turn_acceleration, safety)
+    Attributes:
+        failed: why it gave up, as a code; empty while it has not.
+    """
+
+    def __init__(self, way_out: WayOut) -> None:
+        self._way_out = way_out
         self._route: Optional[np.ndarray] = None
         self._last: Optional[float] = None
-        self._driven = 0.0  # [s]
-        self._idle = 0.0  # [s] since the last progress
+        self._driven = self._idle = 0.0  # [s] in all, and since the last progress
         self._progress_at: Optional[Pose] = None
-        self.reason = ""
-
-    def set_route(self, route: np.ndarray) -> None:
-        """Takes a way (N, 2) [m], N >= 1, from about where the robot is."""
-        self._route = np.asarray(route, dtype=float)
-
-    def forget_route(self) -> None:
-        """The maps have changed: a new way is needed."""
-        self._route = None
+        self.failed = ""
 
     def pause(self) -> None:
         """Somebody else drives, or nobody may; this time does not count."""
-        self._drive.reset()
         self._last = None
         self._idle = 0.0
 
-    def step(self, now: float, pose: Optional[Pose], free_way: FreeWay) -> Tuple[Progress, Motion]:
-        """What is to be done at a time [s]; the robot is driven on only with a pose."""
+    def wish(self, now: float, pose: Pose, held_by: str) -> Wish:
+        """What the robot would do at a time [s].
+
+        Args:
+            held_by: what kept the last wish from being granted, as a code.
+        """
         dt = 0.0 if self._last is None else max(0.0, now - self._last)
         self._last = now
         # a gap of a whole second is a clock that jumped, or a process that slept
         self._driven += min(dt, 1.0)
         self._idle += min(dt, 1.0)
-        if pose is not None and (self._progress_at is None or self._moved(pose) >= self._params.min_progress):
+        if self._progress_at is None or self._moved(pose) >= PROGRESS:
             self._progress_at, self._idle = pose, 0.0
-        if self._driven > self._params.timeout or self._idle > self._params.patience:
-            return Progress.GIVEN_UP, Motion(0.0, 0.0, self.reason or "it takes too long")
-        if pose is None:
-            motion = self._drive.brake(dt, "the robot is not localised")
-        elif self._route is None:
-            return Progress.LOST_WAY, self._drive.brake(dt, "")
-        else:
-            gaps = np.linalg.norm(self._route - pose[:2], axis=1)
-            nearest = int(np.argmin(gaps))
-            if gaps[nearest] > self._params.off_way:
-                self._route = None
-                return Progress.LOST_WAY, self._drive.brake(dt, "")
-            motion = self._drive.step(dt, *self._wish(pose, nearest), free_way)
-        self.reason = motion.reason
-        return Progress.DRIVES, motion
+        if self._driven > TIMEOUT or self._idle > PATIENCE:
+            self.failed = held_by or "takes_too_long"
+            return Wish(0.0, 0.0, self.failed)
+        if self._route is None or float(np.linalg.norm(self._route - pose[:2], axis=1).min()) > OFF_WAY:
+            self._route = self._way_out.route(pose[:2])
+            if self._route is None:
+                self.failed = "no_way_out"
+                return Wish(0.0, 0.0, self.failed)
+        return self._steer(pose, self._route)
 
-    def _wish(self, pose: Pose, nearest: int) -> Tuple[float, float]:
-        params, route = self._params, self._route
-        assert route is not None
-        rest = route[nearest:]
+    def _steer(self, pose: Pose, route: np.ndarray) -> Wish:
+        rest = route[int(np.argmin(np.linalg.norm(route - pose[:2], axis=1))):]
         along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(rest, axis=0), axis=1))])
-        target = rest[min(int(np.searchsorted(along, params.lookahead)), len(rest) - 1)]
+        target = rest[min(int(np.searchsorted(along, LOOKAHEAD)), len(rest) - 1)]
         remaining = float(along[-1]) + math.dist(rest[0], pose[:2])
         if math.dist(target, pose[:2]) < 0.015:
-            return 0.0, 0.0
+            return Wish(0.0, 0.0)
         bearing = geometry.wrap_angle(math.atan2(target[1] - pose[1], target[0] - pose[0]) - pose[2])
-        share = max(0.0, 1.0 - abs(bearing) / math.radians(params.drive_cone_deg))
-        v = min(params.max_speed, 0.8 * remaining + 0.03) * share
-        return v, min(max(params.turn_gain * bearing, -params.max_turn), params.max_turn)
+        v = min(MAX_SPEED, 0.8 * remaining + 0.03) * max(0.0, 1.0 - abs(bearing) / DRIVE_CONE)
+        return Wish(v, min(max(TURN_GAIN * bearing, -MAX_TURN), MAX_TURN))
 
     def _moved(self, pose: Pose) -> float:
         before = self._progress_at

@@ -38,7 +38,6 @@ class UnseenFloor:
         # what was taken off the edges of the wide parts is given back
         near_core = distance_to(core) * coverage.resolution <= 0.5 * least_gap
         self.mask = (coverage.data == 0) & near_core
-        self._places = coverage.cell_to_world(np.argwhere(self.mask))
 
     def at(self, points: np.ndarray) -> np.ndarray:
         """(N,) bool: which points (N, 2) [m] nobody sees."""
@@ -46,11 +45,16 @@ class UnseenFloor:
 
     def nearest(self, point: np.ndarray, within: float) -> Optional[np.ndarray]:
         """(2,) [m] the nearest place that nobody sees, not farther than `within` [m]."""
-        if not len(self._places):
+        row, column = self._grid.world_to_cell(np.asarray(point))[0]
+        reach = int(np.ceil(within / self._grid.resolution))
+        top, left = max(row - reach, 0), max(column - reach, 0)
+        cells = np.argwhere(self.mask[top:max(row + reach + 1, 0), left:max(column + reach + 1, 0)])
+        if not len(cells):
             return None
-        gaps = np.linalg.norm(self._places - point, axis=1)
+        places = self._grid.cell_to_world(cells + (top, left))
+        gaps = np.linalg.norm(places - point, axis=1)
         best = int(np.argmin(gaps))
-        return self._places[best] if gaps[best] <= within else None
+        return places[best] if gaps[best] <= within else None
 
 
 def with_focus(terrain: Terrain, unseen: Optional[UnseenFloor], drawing: Drawing, params: ProspectParams) -> Drawing:

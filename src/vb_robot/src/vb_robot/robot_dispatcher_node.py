@@ -5,38 +5,38 @@ import functools
 import threading
 import traceback
 from dataclasses import dataclass
-from typing import Callable, Dict, Tuple
+from typing import Callable, Dict, Mapping, Tuple
 
 import numpy as np
 import rospy
 from geometry_msgs.msg import PoseStamped
-from std_msgs.msg import String
 
 from vb_core import names
 from vb_core.errors import CodedError
 from vb_core.grid_map import GridMap
 from vb_core.parameters import Parameters, param
-from vb_core.ros import parameters
+from vb_core.robot_profile import RobotProfile
+from vb_core.ros import parameters, robot_profile
 from vb_core.ros.messages import OccupancyGridArray, array_from_points, grid_from_message, pose_from_2d
+from vb_core.ros.notices import NoticePublisher
 from vb_core.ros.transforms import TransformLookup
 from vb_msgs.msg import BorderProgress, InteractionState, LaserSpot
 from vb_robot.dispatch import DispatchParams, Kind
 from vb_robot.dispatched_robot import DispatchedRobot
-from vb_robot.dispatcher import WANTED, Dispatcher, Progress, WatchParams
+from vb_robot.dispatcher import Dispatcher, Progress, WatchParams
 from vb_robot.prospect import ProspectParams
-from vb_robot.sightings import Sighting
+from vb_robot.spots import BORDER, SEED, Sighting
 from vb_robot.terrain import TerrainParams
-from vb_robot.view import ViewParams
+from vb_robot.view import FloorView
 from vb_robot.viewpoint import Viewpoint, ViewpointParams
 
-_GROUPS = ("dispatch", "viewpoint", "view", "terrain", "prospect")
+_GROUPS = ("dispatch", "viewpoint", "terrain", "prospect")
 
 
 @dataclass(frozen=True)
 class DispatcherParams(Parameters):
     """What only the node needs, beside `WatchParams`."""
 
-    base_frame: str = param("base_link", doc="of a robot, without its name")
     action: str = param("move_base", doc="of a robot, without its name; relative to the node's namespace")
     period: float = param(0.25, "s", low=0.05, high=5.0, doc="between two decisions")
     server_silence: float = param(2.0, "s", above=0.0, doc="without status the action server counts as gone")
@@ -50,27 +50,30 @@ class RobotDispatcherNode:
         /virtual_borders/progress (vb_msgs/BorderProgress)
         /virtual_borders/map, /map (nav_msgs/OccupancyGrid): where a robot may stand, what hides the spot
         <robot>/virtual_borders/map (nav_msgs/OccupancyGrid): what holds for a robot with a name, once it comes
+        [<robot>/]camera_info (sensor_msgs/CameraInfo), tf: what its camera sees of the floor
         /virtual_borders/coverage (nav_msgs/OccupancyGrid): optional; floor that no stationary camera sees
     Publishes:
         ~viewpoint (geometry_msgs/PoseStamped, latched): where a robot was sent last
-        /virtual_borders/workspace (std_msgs/String, latched): when nobody sees the spot, and what comes of it
+        /virtual_borders/notices (vb_msgs/NoticeArray): when no camera sees the spot, and what comes of it
     Action client:
         [<robot>/]move_base (move_base_msgs/MoveBaseAction)
     Parameters:
         ~* DispatcherParams and WatchParams, ~dispatch/* DispatchParams, ~viewpoint/* ViewpointParams,
-        ~view/* ViewParams, ~terrain/* TerrainParams, ~prospect/* ProspectParams
+        ~terrain/* TerrainParams, ~prospect/* ProspectParams; robot_profile in each robot's namespace
     """
 
-    def __init__(self, params: DispatcherParams, dispatcher: Dispatcher) -> None:
+    def __init__(
+        self, params: DispatcherParams, dispatcher: Dispatcher, profiles: Mapping[str, RobotProfile]
+    ) -> None:
         self._dispatcher = dispatcher
         self._goals = threading.Lock()  # held while goals are given or called off with the state
         self._refused_spots = 0
         self._reasons: Dict[str, str] = {}
         transforms = TransformLookup()
         self._viewpoint = rospy.Publisher("~viewpoint", PoseStamped, queue_size=1, latch=True)
-        self._notice = rospy.Publisher(names.WORKSPACE, String, queue_size=5, latch=True)
+        self._notices = NoticePublisher()
         self._robots = [
-            DispatchedRobot(name, params.base_frame, params.action, params.server_silence, transforms)
+            DispatchedRobot(name, profiles[name], params.action, params.server_silence, transforms, dispatcher.set_view)
             for name in dispatcher.robots
         ]
         grids = [
@@ -91,6 +94,7 @@ class RobotDispatcherNode:
     def close(self) -> None:
         """Calls off every goal: nobody would watch over it any more."""
         self._timer.shutdown()
+        self._notices.close()
         for robot in self._robots:
             robot.navigation.cancel()
 
@@ -106,7 +110,7 @@ class RobotDispatcherNode:
         if not changed:
             return
         rospy.loginfo("%s: state %s", rospy.get_name(), message.name)
-        if message.state not in WANTED:
+        if message.state not in (BORDER, SEED):
             # this cannot wait for the next decision: the robots are to stand
             with self._goals:
                 for robot in self._robots:
@@ -155,9 +159,7 @@ class RobotDispatcherNode:
             if decision.reason != self._reasons.get(robot.name):
                 self._reasons[robot.name] = decision.reason
                 rospy.loginfo("%s: %s: %s: %s", rospy.get_name(), robot.who, decision.kind.value, decision.reason)
-        if self._dispatcher.notice:
-            rospy.loginfo("%s: %s", rospy.get_name(), self._dispatcher.notice)
-            self._notice.publish(String(self._dispatcher.notice))
+        self._notices.set([self._dispatcher.notice] if self._dispatcher.notice else [])
 
     def _send(self, robot: DispatchedRobot, viewpoint: Viewpoint, key: Tuple[str, int]) -> None:
         pose = robot.pose_for(viewpoint)
@@ -177,11 +179,13 @@ def build() -> RobotDispatcherNode:
     """Reads the parameters and makes the node."""
     own, shared = (tuple(cls.__dataclass_fields__) for cls in (DispatcherParams, WatchParams))
     params = parameters.read(DispatcherParams, "~", ignore=(*_GROUPS, *shared))
+    watch = parameters.read(WatchParams, "~", ignore=(*_GROUPS, *own))
+    profiles = {name: robot_profile.read(name) for name in watch.robots or [""]}
     return RobotDispatcherNode(params, Dispatcher(
-        parameters.read(WatchParams, "~", ignore=(*_GROUPS, *own)),
+        watch,
         parameters.read(DispatchParams, "~dispatch"),
         parameters.read(ViewpointParams, "~viewpoint"),
-        parameters.read(ViewParams, "~view"),
         parameters.read(TerrainParams, "~terrain"),
         parameters.read(ProspectParams, "~prospect"),
-    ))
+        {name: profile.radius for name, profile in profiles.items()},
+    ), profiles)

@@ -1,106 +1,172 @@
-"""How far the robot may still drive: free way by laser scan and by the map with its borders."""
+"""How far a robot may drive: by what its scanner sees, by what it does not see, and by the map with borders.
+
+The idea: floor is free only if something said so. A direction that no beam looked into is not free, an echo nearer than
+the scanner can measure is an obstacle, and floor without a map is unknown.
+"""
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Optional
 
 import numpy as np
 
+from vb_core import geometry
 from vb_core.grid_map import GridMap
-from vb_core.parameters import Parameters, param
+from vb_core.robot_profile import Limits
 from vb_robot.terrain import clearance_grid, sample
 from vb_robot.view import to_map
 from vb_robot.viewpoint import Pose
 
+HORIZON = 0.8  # [m] how far along its arc a robot is looked after: 1 m/s stops within it at 1.5 m/s^2
+HARD = 99  # [%] from this occupancy on a cell is never entered
+TIGHT = 0.3  # [m] on arcs narrower than this a robot is taken to drive straight on
+GAP_DEG = 4.0  # [deg] holes in a scan up to this hide nothing wider than a hand at arm's length
+LEAP = 0.25  # [m] of the localisation: ten times what AMCL corrects; a turn of 1 rad counts as 0.5 m
+
 
 @dataclass(frozen=True)
-class SafetyParams(Parameters):
-    """Size of the robot and how soon it stands."""
+class Keep:
+    """What a driver keeps clear [m]: ahead and to the sides of what the scanner sees, and of the map's cells."""
 
-    robot_radius: float = param(0.18, "m", above=0.0, high=2.0)
-    scan_margin: float = param(0.12, "m", low=0.0, high=1.0, doc="kept from what the scanner sees ahead")
-    side_margin: float = param(0.04, "m", low=0.0, high=1.0, doc="beyond the radius to the sides")
-    map_margin: float = param(0.05, "m", low=0.0, high=1.0, doc="kept from cells of the map that are occupied")
-    map_threshold: int = param(99, "%", low=1, high=100, doc="cells of this occupancy and above are never entered")
-    brake: float = param(1.5, "m/s^2", above=0.0, high=10.0, doc="when it must stop")
-    reaction: float = param(0.15, "s", low=0.0, high=2.0, doc="until a command takes effect, with the scan's age")
-    horizon: float = param(0.8, "m", above=0.0, high=5.0, doc="how far the way is looked at")
-    pose_jump: float = param(0.25, "m", above=0.0, doc="a leap of the localisation; a turn of 1 rad counts as 0.5 m")
-    pose_doubt: float = param(1.0, "s", low=0.0, high=10.0, doc="after a leap the robot only turns for so long")
+    ahead: float
+    sides: float
+    cells: float
 
 
-def safe_speed(free: float, params: SafetyParams) -> float:
-    """The largest speed [m/s] from which the robot stands within a free way [m], reaction time included."""
+def safe_speed(free: float, limits: Limits) -> float:
+    """The largest speed [m/s] from which the robot stops within a free way [m], reaction time included."""
     if free <= 0.0:
         return 0.0
     # v * reaction + v^2 / (2 brake) = free
-    b = params.brake
-    return b * (math.sqrt(params.reaction ** 2 + 2.0 * free / b) - params.reaction)
+    b = limits.brake
+    return b * (math.sqrt(limits.reaction ** 2 + 2.0 * free / b) - limits.reaction)
 
 
-def free_by_scan(points: np.ndarray, forward: bool, params: SafetyParams) -> float:
-    """[m] the robot can drive straight on (or back) before it comes within the margin of a scanned point.
+def stop_distance(v: float, limits: Limits) -> float:
+    """[m] that a robot needs to stop from a speed [m/s]; inverse of `safe_speed`."""
+    return abs(v) * limits.reaction + v * v / (2.0 * limits.brake)
+
+
+class Scan:
+    """What one scan tells in the robot's base frame: where something is, and where a beam looked.
 
     Args:
-        points: (N, 2) [m] in the base frame.
+        ranges: (N,) [m] as in sensor_msgs/LaserScan; nan is a beam that tells nothing, inf one without an echo.
+        angle_min, angle_increment: [rad]; range_min, range_max: [m].
+        mount: T_base_scanner, 4x4.
+        radius: [m] of the robot. Echoes within half of it are the robot's own parts.
+        zero_is_nothing: a range of 0 means no echo; otherwise that something is too near to be measured.
     """
-    points = np.asarray(points, dtype=float).reshape(-1, 2)
-    along = points[:, 0] if forward else -points[:, 0]
-    half = params.robot_radius + params.side_margin
-    # what lies within the robot is a part of it that the scanner sees
-    outside = np.hypot(points[:, 0], points[:, 1]) > 0.5 * params.robot_radius
-    inside = (np.abs(points[:, 1]) < half) & (along > 0.0) & outside
-    if not inside.any():
-        return math.inf
-    # the front is round: at the side of the corridor an obstacle may be nearer
-    nose = np.sqrt(half ** 2 - points[inside, 1] ** 2)
-    return float(np.maximum(along[inside] - nose, 0.0).min() - params.scan_margin + params.side_margin)
 
+    def __init__(
+        self, ranges: np.ndarray, angle_min: float, angle_increment: float, range_min: float, range_max: float,
+        mount: np.ndarray, radius: float, zero_is_nothing: bool = False,
+    ) -> None:
+        ranges = np.asarray(ranges, dtype=float)
+        if zero_is_nothing:
+            ranges = np.where(ranges == 0.0, np.inf, ranges)
+        angles = angle_min + angle_increment * np.arange(len(ranges))
+        units = np.column_stack([np.cos(angles), np.sin(angles), np.zeros(len(angles))])
+        with np.errstate(invalid="ignore"):
+            near = ranges < range_min
+            hit = (ranges >= range_min) & (ranges <= range_max)
+        ends = geometry.apply(mount, ranges[hit, None] * units[hit])[:, :2]
+        ends = ends[np.hypot(ends[:, 0], ends[:, 1]) > 0.5 * radius]
+        # how near is not known: it may touch the robot
+        close = geometry.apply(mount, np.clip(ranges[near, None], 0.0, None) * units[near])[:, :2]
+        directions = units[near, :2] @ mount[:2, :2].T
+        close = np.where(np.hypot(*close.T)[:, None] > radius, close, radius * directions)
+        self.points = np.vstack([ends, close])
+        looked = units[~np.isnan(ranges), :2] @ mount[:2, :2].T
+        self._bearings = np.arctan2(looked[:, 1], looked[:, 0])
+        self._gap = max(math.radians(GAP_DEG), 3.0 * abs(angle_increment))
 
-def scan_points(
-    ranges: np.ndarray, angle_min: float, angle_increment: float, range_min: float, range_max: float
-) -> np.ndarray:
-    """(M, 2) [m] end points of a scan's valid beams in the scanner's frame."""
-    ranges = np.asarray(ranges, dtype=float)
-    with np.errstate(invalid="ignore"):
-        valid = np.isfinite(ranges) & (ranges >= range_min) & (ranges <= range_max)
-    angles = angle_min + angle_increment * np.flatnonzero(valid)
-    return ranges[valid][:, None] * np.column_stack([np.cos(angles), np.sin(angles)])
+    def covers(self, bearing: float, half: float) -> bool:
+        """Whether beams looked at all directions up to `half` [rad] beside a bearing [rad], without a wide hole."""
+        off = (self._bearings - bearing + math.pi) % (2.0 * math.pi) - math.pi
+        off = np.sort(off[np.abs(off) <= half + self._gap])
+        if not len(off) or off[0] > -half + self._gap or off[-1] < half - self._gap:
+            return False
+        return bool((np.diff(off) <= self._gap).all())
+
+    def free_way(self, v: float, w: float, radius: float, keep: Keep) -> float:
+        """[m] along the arc of (v, w) [m/s, rad/s] before the robot comes too near to a point; inf if it never does."""
+        x, y = math.copysign(1.0, v) * self.points[:, 0], self.points[:, 1]
+        bend = math.copysign(1.0, v) * w / abs(v)
+        width = radius + keep.sides
+        if abs(bend) < 1e-3 or abs(bend) > 1.0 / TIGHT:
+            along, across = x, y
+        else:
+            centre = 1.0 / bend
+            sign = math.copysign(1.0, centre)
+            across = (np.hypot(x, y - centre) - abs(centre)) * sign
+            along = np.arctan2(x, (centre - y) * sign) * abs(centre)
+        hit = (np.abs(across) < width) & (along > 0.0)
+        if not hit.any():
+            return math.inf
+        # the front is round: beside the middle an obstacle may be nearer
+        nose = np.sqrt(width ** 2 - across[hit] ** 2)
+        return float(np.maximum(along[hit] - nose, 0.0).min() - keep.ahead + keep.sides)
+
+    def sees_way(self, v: float, w: float, radius: float, needed: float) -> bool:
+        """Whether beams looked to where the arc of (v, w) leads, farther than what is needed to stop [m]."""
+        reach = max(TIGHT, radius + needed)
+        turn = math.copysign(1.0, v) * w / abs(v) * reach / 2.0
+        bearing = min(max(turn, -math.pi / 2), math.pi / 2)
+        if v < 0:
+            bearing = math.pi - bearing
+        return self.covers(bearing, math.atan2(radius, radius + HORIZON))
 
 
 class ForbiddenGround:
-    """The cells of the posterior map that the footprint never enters."""
+    """The cells of a map that the footprint never enters.
 
-    def __init__(self, grid: GridMap, params: SafetyParams) -> None:
-        self._grid = grid
-        self._params = params
+    Args:
+        grid: occupied cells are forbidden.
+        radius: [m] of the robot.
+    """
+
+    def __init__(self, grid: GridMap, radius: float) -> None:
+        self.grid = grid
+        self._radius = radius
         # the map's edge is nothing to fear: the map ends there, the floor may go on
-        self._clearance = clearance_grid(grid.data >= params.map_threshold, grid.resolution, edge=False)
+        self._clearance = clearance_grid(grid.data >= HARD, grid.resolution, edge=False)
 
     def clearance_at(self, points: np.ndarray) -> np.ndarray:
         """(N,) [m] from points (N, 2) to the next forbidden cell; 0 off the map."""
-        return sample(self._grid, self._clearance, points)
+        return sample(self.grid, self._clearance, points)
 
-    def free_way(self, pose: Pose, v: float, w: float) -> float:
-        """[m] the robot can drive along the arc of (v, w) [m/s, rad/s] before its footprint comes too near.
+    def free_way(self, pose: Pose, v: float, w: float, margin: float) -> float:
+        """[m] the robot can drive along the arc of (v, w) before its footprint comes nearer to a cell than `margin` [m].
 
         A robot that is too near already may move so that it does not come nearer; one that a new border has
         swallowed may move within it, so that a person can lead it out.
         """
-        params = self._params
-        steps = np.arange(0.0, params.horizon + 1e-9, 0.02)
-        places = arc(pose, steps * math.copysign(1.0, v), w / v if abs(v) > 1e-6 else 0.0)
-        clearance = self.clearance_at(places)
-        needed = min(params.robot_radius + params.map_margin, float(clearance[0]))
+        steps = np.arange(0.0, HORIZON + 1e-9, 0.02)
+        clearance = self.clearance_at(arc(pose, steps * math.copysign(1.0, v), w / v))
+        needed = min(self._radius + margin, float(clearance[0]))
         bad = np.flatnonzero(clearance < needed - 1e-6)
-        if not len(bad):
-            return math.inf
-        return float(max(0.0, steps[bad[0]] - 0.02))
+        return float(max(0.0, steps[bad[0]] - 0.02)) if len(bad) else math.inf
+
+
+class SpeedLimits:
+    """The highest speed by place, from the map that map_integrator publishes [cm/s]; 0 is no limit."""
+
+    def __init__(self, grid: GridMap) -> None:
+        self._grid = grid
+
+    def at(self, pose: Pose, v: float, w: float, ahead: float) -> float:
+        """[m/s] the lowest limit where the robot is and on the next `ahead` [m] of its arc; inf without one."""
+        lengths = math.copysign(1.0, v) * np.linspace(0.0, ahead, 8)
+        values = sample(self._grid, self._grid.data, arc(pose, lengths, w / v))
+        values = values[values > 0]
+        return float(values.min()) / 100.0 if len(values) else math.inf
 
 
 def leap(before: Pose, after: Pose, seconds: float) -> float:
     """[m] by which a pose changed beyond what a robot can drive (1 m/s, 3 rad/s); a turn of 1 rad counts as 0.5 m."""
-    moved = max(0.0, math.dist(before[:2], after[:2]) - 1.0 * seconds)
+    moved = max(0.0, math.dist(before[:2], after[:2]) - seconds)
     turned = max(0.0, abs(math.remainder(after[2] - before[2], 2.0 * math.pi)) - 3.0 * seconds)
     return moved + 0.5 * turned
 
@@ -114,4 +180,3 @@ def arc(pose: Pose, lengths: np.ndarray, curvature: float) -> np.ndarray:
         angle = lengths * curvature
         local = np.column_stack([np.sin(angle), 1.0 - np.cos(angle)]) / curvature
     return to_map(local, pose)
-

@@ -1,4 +1,8 @@
-"""The map as a round robot feels it: clearance, lines of sight, ways and their lengths."""
+"""The map as a round robot feels it: clearance, lines of sight, ways and their lengths.
+
+The idea: only the floor about the line and the robot matters. `around` cuts that window out of the map, so that what a
+choice costs does not depend on how large the map is; who comes from outside comes in over the window's edge.
+"""
 from __future__ import annotations
 
 from dataclasses import dataclass
@@ -24,6 +28,36 @@ class TerrainParams(Parameters):
     occupied_threshold: int = param(50, "%", low=1, high=100, doc="from this occupancy on a cell is blocked")
     way_cell: float = param(0.05, "m", above=0.0, high=0.5, doc="edge of a cell of the grid ways are searched on")
     start_tolerance: float = param(0.35, "m", low=0.0, high=2.0, doc="how far from free cells a way may start")
+
+
+PAD = 3.0  # [m] of floor about what matters: a robot looks at it from 1.5 m, and the line is thought on for 2 m
+MAX_WAY_CELLS = 20000  # ways are searched on a coarser grid where there would be more
+REACH = 8.0  # [m] robots and lines farther away do not make the window larger
+SNAP = 2.0  # [m] windows begin and end at multiples of this, so that one serves while the spot moves on
+
+
+def window_of(spot, *others) -> Tuple[float, float, float, float]:
+    """(x_min, y_min, x_max, y_max) [m] of the window about a spot (2,) [m], and about points (N, 2) near it."""
+    spot = np.asarray(spot, dtype=float)
+    points = np.vstack([spot[None], *(np.asarray(some, dtype=float).reshape(-1, 2) for some in others)])
+    points = points[np.abs(points - spot).max(axis=1) <= REACH]
+    low = np.floor((points.min(axis=0) - PAD) / SNAP) * SNAP
+    high = np.ceil((points.max(axis=0) + PAD) / SNAP) * SNAP
+    return float(low[0]), float(low[1]), float(high[0]), float(high[1])
+
+
+def around(grid: GridMap, window: Tuple[float, float, float, float]) -> GridMap:
+    """The part of a map in a window (x_min, y_min, x_max, y_max) [m]; what lies off the map is unknown."""
+    corners = np.array([[window[i], window[j]] for i in (0, 2) for j in (1, 3)])
+    cells = np.floor(grid.world_to_grid(corners) + 0.5).astype(int)[:, ::-1]
+    low, high = cells.min(axis=0), cells.max(axis=0)
+    data = np.full(high - low + 1, -1, dtype=np.int8)
+    begin, end = np.maximum(low, 0), np.minimum(high + 1, grid.shape)
+    if (begin < end).all():
+        data[begin[0] - low[0]:end[0] - low[0], begin[1] - low[1]:end[1] - low[1]] = (
+            grid.data[begin[0]:end[0], begin[1]:end[1]])
+    x, y = grid.grid_to_world(low[None, ::-1] - 0.5)[0]
+    return GridMap(data, grid.resolution, (x, y, grid.origin[2]))
 
 
 def clearance_grid(blocked: np.ndarray, resolution: float, edge: bool = True) -> np.ndarray:
@@ -53,13 +87,17 @@ class Terrain:
     Args:
         grid: the posterior map: physical obstacles and borders.
         physical: the map without borders, which decides what hides what; a border hides nothing. None: `grid`.
+        edge: whether the map's edge is blocked; that of a window is not.
     """
 
-    def __init__(self, grid: GridMap, params: TerrainParams, physical: Optional[GridMap] = None) -> None:
+    def __init__(
+        self, grid: GridMap, params: TerrainParams, physical: Optional[GridMap] = None, edge: bool = True
+    ) -> None:
         self.grid = grid
         self.params = params
+        self.edge = edge
         self.blocked = (grid.data >= params.occupied_threshold) | (grid.data < 0)
-        self.clearance = clearance_grid(self.blocked, grid.resolution)
+        self.clearance = clearance_grid(self.blocked, grid.resolution, edge)
         seen_through = physical if physical is not None and physical.same_geometry(grid) else grid
         self.opaque = seen_through.data >= params.occupied_threshold
         self._build_ways()
@@ -92,7 +130,9 @@ class Terrain:
 
     # ------------------------------------------------------------- ways
     def _build_ways(self) -> None:
-        step = max(1, int(round(self.params.way_cell / self.grid.resolution)))
+        # a search costs about 1 ms per 1,000 cells
+        cell = max(self.params.way_cell, self.grid.resolution * np.sqrt(self.grid.data.size / MAX_WAY_CELLS))
+        step = max(1, int(np.ceil(cell / self.grid.resolution - 0.01)))
         rows, columns = (size // step for size in self.grid.shape)
         self._step = step
         if rows == 0 or columns == 0:
@@ -176,6 +216,8 @@ class Ways:
         free = np.argwhere(way)
         if edges is None or not len(free):
             return nothing
+        if not terrain.edge and not terrain.grid.contains_cells(terrain.grid.world_to_cell(self._start))[0]:
+            return self._search_from_outside(edges, free)
         distances = np.linalg.norm(self._centres(free) - self._start, axis=1)
         nearest = int(np.argmin(distances))
         if distances[nearest] > terrain.params.start_tolerance:
@@ -183,6 +225,22 @@ class Ways:
         source = free[nearest, 0] * shape[1] + free[nearest, 1]
         lengths, before = dijkstra(edges, directed=False, indices=source, return_predecessors=True)
         return lengths.reshape(shape), before
+
+    def _search_from_outside(self, edges: csr_matrix, free: np.ndarray) -> Tuple[np.ndarray, Optional[np.ndarray]]:
+        """The ways of one who comes over the window's edge; outside the bee line stands for the way."""
+        shape = self._terrain._way.shape
+        gates = free[((free == 0) | (free == np.array(shape) - 1)).any(axis=1)]
+        size = shape[0] * shape[1]
+        entries = edges.tocoo()
+        lengths = np.linalg.norm(self._centres(gates) - self._start, axis=1)
+        graph = coo_matrix((np.concatenate([entries.data, lengths]),
+                            (np.concatenate([entries.row, np.full(len(gates), size)]),
+                             np.concatenate([entries.col, gates[:, 0] * shape[1] + gates[:, 1]]))),
+                           shape=(size + 1, size + 1)).tocsr()
+        found, before = dijkstra(graph, directed=False, indices=size, return_predecessors=True)
+        before = before[:size]
+        before[before == size] = -1  # the way begins at the edge
+        return found[:size].reshape(shape), before
 
     def _round_others(self) -> Tuple[np.ndarray, csr_matrix]:
         """Cells and edges of the ways without those at other robots."""

@@ -25,15 +25,27 @@ class ViewParams(Parameters):
 
 
 class FloorView:
-    """Projects floor points, given in the robot's base frame, into the robot's image."""
+    """Projects floor points, given in the robot's base frame, into the robot's image.
 
-    def __init__(self, params: ViewParams) -> None:
-        self.params = params
+    Args:
+        camera: the lens, as camera_info tells it.
+        T_base_camera: (4, 4) the mount, as tf tells it.
+        max_range: [m] farther away a spot is too small to be found.
+    """
+
+    def __init__(self, camera: CameraModel, T_base_camera: np.ndarray, max_range: float = 3.0) -> None:
+        self.camera = camera
+        self.T_base_camera = T_base_camera
+        self.max_range = max_range
+        self._T_camera_base = geometry.invert(T_base_camera)
+
+    @classmethod
+    def at(cls, params: ViewParams) -> "FloorView":
+        """The view of an ideal camera."""
         focal = (params.image_width / 2.0) / math.tan(math.radians(params.horizontal_fov_deg) / 2.0)
-        self.camera = CameraModel.ideal(params.image_width, params.image_height, focal)
         rotation = geometry.rotation_from_rpy(0.0, math.radians(params.pitch_deg), 0.0) @ geometry.optical_rotation()
-        self.T_base_camera = geometry.transform(rotation, (params.x, 0.0, params.height))
-        self._T_camera_base = geometry.invert(self.T_base_camera)
+        return cls(CameraModel.ideal(params.image_width, params.image_height, focal),
+                   geometry.transform(rotation, (params.x, 0.0, params.height)), params.max_range)
 
     def pixels(self, points: np.ndarray) -> np.ndarray:
         """(N, 2) [px] of floor points (N, 2) [m] in the base frame; NaN for what lies behind the camera."""
@@ -48,12 +60,12 @@ class FloorView:
             margin: how far from the image's edges, as a fraction of its width and height; 0.5 leaves the middle only.
         """
         points = np.asarray(points, dtype=float).reshape(-1, 2)
-        width, height = self.params.image_width, self.params.image_height
+        width, height = self.camera.width, self.camera.height
         pixels = self.pixels(points)
         edges = margin * np.array([width, height])
         with np.errstate(invalid="ignore"):
             inside = ((pixels >= edges - 0.5) & (pixels <= np.array([width, height]) - 0.5 - edges)).all(axis=1)
-        return inside & (np.hypot(points[:, 0], points[:, 1]) <= self.params.max_range)
+        return inside & (np.hypot(points[:, 0], points[:, 1]) <= self.max_range)
 
 
 def to_base(points: np.ndarray, pose) -> np.ndarray:

@@ -9,9 +9,9 @@ import cv2
 import numpy as np
 
 from vb_core.grid_map import GridMap
+from vb_robot.safety import HARD
 from vb_robot.terrain import clearance_grid, sample
 
-HARD = 99  # from this occupancy on navigation does not pass
 
 
 @dataclass(frozen=True)
@@ -57,6 +57,10 @@ class Workspace:
         self._gap = clearance_grid(self.restricted, posterior.resolution, edge=False)
         self._hard_gap = clearance_grid(self._hard, posterior.resolution, edge=False)
 
+    def name_borders(self, borders: Sequence[KnownBorder]) -> None:
+        """Takes the borders that lend their names."""
+        self._borders = list(borders)
+
     def standing(self, place) -> Standing:
         """How the round footprint at a place (2,) [m] lies to the restricted area."""
         point = np.asarray(place, dtype=float).reshape(1, 2)
@@ -99,13 +103,18 @@ class Workspace:
     def _nearest(self, place) -> Tuple:
         """((row, column), centre (2,)) of the restricted cell nearest to a place within twice the radius."""
         place = np.asarray(place, dtype=float)
-        cells = np.argwhere(self.restricted)
+        reach = 2.0 * self._radius + self._grid.resolution
+        row, column = self._grid.world_to_cell(place)[0]
+        half = int(np.ceil(reach / self._grid.resolution))
+        top, left = max(row - half, 0), max(column - half, 0)
+        cells = np.argwhere(self.restricted[top:max(row + half + 1, 0), left:max(column + half + 1, 0)])
         if not len(cells):
             return None, place
+        cells = cells + (top, left)
         centres = self._grid.cell_to_world(cells)
         gaps = np.linalg.norm(centres - place, axis=1)
         best = int(np.argmin(gaps))
-        if gaps[best] > 2.0 * self._radius + self._grid.resolution:
+        if gaps[best] > reach:
             return None, place
         return (int(cells[best, 0]), int(cells[best, 1])), centres[best]
 

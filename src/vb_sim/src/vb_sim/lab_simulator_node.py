@@ -271,7 +271,7 @@ class LabSimulatorNode:
             message.angle_min, message.angle_max = float(angles[0]), float(angles[-1])
             message.angle_increment = float(angles[1] - angles[0])
             message.scan_time = self._params.scan_divisor / self._params.rate
-            message.range_min, message.range_max = model.range_min, model.range_max
+            message.range_min, message.range_max = self._lab.range_min(index), model.range_max
             message.ranges = ranges.tolist()
             connection.scan.publish(message)
 

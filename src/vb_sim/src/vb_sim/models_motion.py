@@ -36,7 +36,7 @@ class LocalisationModel(Parameters):
 
 @dataclass(frozen=True)
 class ScanModel(Parameters):
-    """A laser scanner that sees all round, above the robot's middle."""
+    """A laser scanner above the robot's middle; how wide it looks is the robot's `scan_fov` in the world."""
 
     beams: int = param(360, "", low=4, high=1440)
     range_min: float = param(0.12, "m", low=0.0)

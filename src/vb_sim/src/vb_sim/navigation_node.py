@@ -21,11 +21,11 @@ from vb_core import geometry, names
 from vb_core.errors import CodedError
 from vb_core.grid_map import GridMap
 from vb_core.parameters import param
-from vb_core.ros import messages, node, parameters
+from vb_core.ros import messages, node, parameters, robot_profile
 from vb_core.ros.transforms import TransformLookup
 from vb_sim.costmap import CostmapParams
 from vb_sim.follower import FollowerParams
-from vb_sim.navigator import Navigator, NavigatorParams
+from vb_sim.navigator import Navigator, NavigatorParams, for_robot
 from vb_sim.planner import PlannerParams
 
 OccupancyGridUpdateArray = numpy_msg(OccupancyGridUpdate)
@@ -36,7 +36,7 @@ Pose = Tuple[float, float, float]
 class NavigationParams(NavigatorParams):
     """The node's own parameters; names as in move_base where it has them."""
 
-    base_frame: str = param("base_link")
+    prefix: str = param("", doc="before the names of the robot's frames")
     controller_frequency: float = param(10.0, "1/s", low=1.0, high=50.0)
     local_costmap_rate: float = param(1.0, "1/s", above=0.0, high=10.0)
     local_costmap_size: float = param(3.0, "m", above=0.1)
@@ -60,12 +60,14 @@ class NavigationNode:
         ~NavfnROS/plan (nav_msgs/Path)
         ~global_costmap/costmap (nav_msgs/OccupancyGrid, latched), ~global_costmap/costmap_updates (map_msgs/OccupancyGridUpdate)
         ~local_costmap/costmap (nav_msgs/OccupancyGrid): only while somebody listens
-    Parameters: see `NavigationParams`, and `CostmapParams`, `PlannerParams` and `FollowerParams` below ~costmap,
+    Parameters: robot_profile (in the robot's namespace), see `NavigationParams`, and `CostmapParams`, `PlannerParams` and `FollowerParams` below ~costmap,
         ~planner and ~follower.
     """
 
-    def __init__(self, params: NavigationParams, costmap: CostmapParams, planner: PlannerParams, follower: FollowerParams) -> None:
-        self._params = params
+    def __init__(
+        self, params: NavigationParams, costmap: CostmapParams, planner: PlannerParams, follower: FollowerParams, base_frame: str
+    ) -> None:
+        self._params, self._base_frame = params, base_frame
         self._navigator = Navigator(params, costmap, planner, follower)
         self._lock = threading.Lock()
         self._obstacles = np.zeros((0, 2))  # robot's frame, from the newest scan
@@ -115,7 +117,7 @@ class NavigationNode:
     def _on_scan(self, message: LaserScan) -> None:
         if self._mount is None:
             try:
-                self._mount = self._transforms.lookup(self._params.base_frame, message.header.frame_id, rospy.Time(0))
+                self._mount = self._transforms.lookup(self._base_frame, message.header.frame_id, rospy.Time(0))
             except CodedError as error:
                 rospy.logwarn_throttle(5.0, f"{rospy.get_name()}: scan ignored: {error}")
                 return
@@ -128,7 +130,7 @@ class NavigationNode:
             self._obstacles = geometry.apply(self._mount, points)[:, :2]
 
     def _pose(self) -> Pose:
-        return geometry.transform_pose2d(self._transforms.lookup(names.MAP_FRAME, self._params.base_frame, rospy.Time(0), 0.5))
+        return geometry.transform_pose2d(self._transforms.lookup(names.MAP_FRAME, self._base_frame, rospy.Time(0), 0.5))
 
     def _in_map(self, pose: PoseStamped) -> Pose:
         """A pose in the map frame.
@@ -276,13 +278,12 @@ def path_message(path: np.ndarray, goal_yaw: float) -> Path:
 
 def build() -> NavigationNode:
     """Makes the node of what the parameter server says."""
-    nested = ("costmap", "planner", "follower")
-    return NavigationNode(
-        parameters.read(NavigationParams, ignore=nested),
-        parameters.read(CostmapParams, "~costmap"),
-        parameters.read(PlannerParams, "~planner"),
-        parameters.read(FollowerParams, "~follower"),
-    )
+    params = parameters.read(NavigationParams, ignore=("costmap", "planner", "follower"))
+    profile = robot_profile.read()
+    costmap, follower = for_robot(
+        profile, parameters.read(CostmapParams, "~costmap"), parameters.read(FollowerParams, "~follower"))
+    base_frame = params.prefix + profile.frames.base
+    return NavigationNode(params, costmap, parameters.read(PlannerParams, "~planner"), follower, base_frame)
 
 
 def main() -> None:

@@ -10,6 +10,7 @@ import numpy as np
 from vb_core.errors import CodedError
 from vb_core.grid_map import GridMap
 from vb_core.parameters import Parameters, param
+from vb_core.robot_profile import RobotProfile
 from vb_sim.costmap import Costmap, CostmapParams
 from vb_sim.follower import Follower, FollowerParams
 from vb_sim.planner import Planner, PlannerParams
@@ -27,6 +28,18 @@ class NavigatorParams(Parameters):
     replan_distance: float = param(0.3, "m", above=0.0)
     obstacle_range: float = param(2.5, "m", low=0.0)
     map_tolerance: float = param(0.10, "m", low=0.0)
+
+
+def for_robot(
+    profile: RobotProfile, costmap: CostmapParams, follower: FollowerParams
+) -> Tuple[CostmapParams, FollowerParams]:
+    """The parameters of costmap and follower with what follows from the robot, as move_base gets it too."""
+    radius, limits = profile.radius, profile.limits
+    return (
+        costmap.replace(robot_radius=radius, inflation_radius=radius + 0.17),
+        follower.replace(robot_radius=radius, max_speed=limits.max_speed,
+                         max_turn_rate=min(limits.max_turn, follower.max_turn_rate)),
+    )
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,7 @@ import json
 import os
 import threading
 from dataclasses import asdict, dataclass, replace
-from typing import Any, Dict, Optional, Tuple
+from typing import Any, Dict, Optional, Set, Tuple
 
 import numpy as np
 import rospy
@@ -86,7 +86,8 @@ class ParticipantNode:
         rospy.Subscriber(names.SPOTS, LaserSpot, self._on_spot, queue_size=50)
         rospy.Subscriber(names.PROGRESS, BorderProgress, self._on_progress, queue_size=1)
         rospy.Subscriber(names.STATE, InteractionState, self._on_state, queue_size=5)
-        rospy.Subscriber(names.NOTICES, NoticeArray, self._on_notices, queue_size=20)
+        self._notices: Dict[str, Set[str]] = {}  # codes by the node that says them
+        rospy.Subscriber(names.NOTICES, NoticeArray, self._on_notices, queue_size=10)
         rospy.Subscriber(names.LAB_STATE, LabState, self._lab_states.put, queue_size=1, tcp_nodelay=True)
         rospy.Service("~start", Trigger, self._on_start)
 
@@ -122,7 +123,9 @@ class ParticipantNode:
 
     def _on_notices(self, message: NoticeArray) -> None:
         with self._lock:
-            self._percept.read([notice.code for notice in message.notices])
+            before, self._notices[message.source] = self._notices.get(message.source, set()), {n.code for n in message.notices}
+            for code in self._notices[message.source] - before:
+                self._percept.read(code)
 
     def _on_state(self, message: InteractionState) -> None:
         with self._lock:

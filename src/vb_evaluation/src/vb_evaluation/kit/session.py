@@ -26,7 +26,8 @@ TOPICS = (
     names.PROGRESS,
     names.BORDERS,
     names.DETECTORS,
-    names.WORKSPACE,
+    names.NOTICES,
+    names.DRIVERS,
     names.LED,
     names.SOUND,
     "/virtual_borders/voice/heard",
@@ -36,7 +37,7 @@ TOPICS = (
 )
 ROBOT_TOPICS = (
     "odom",
-    "cmd_vel",
+    "cmd_vel", "cmd_vel/navigation",
     "amcl_pose",
     "move_base/goal",
     "move_base/result",

@@ -1,24 +1,29 @@
 """What drives one robot in a run: navigation's goals, or the spot that it follows. The parts are the live nodes'."""
 from __future__ import annotations
 
+import math
 from collections import deque
-from typing import Any, Deque, Mapping, Optional, Tuple
+from typing import Deque, Optional, Set, Tuple
 
 import numpy as np
 
 from vb_core import geometry
 from vb_core.errors import CodedError
 from vb_core.grid_map import GridMap
+from vb_core.robot_profile import RobotProfile
 from vb_robot.dispatch import GoalStatus
 from vb_robot.dispatcher import RobotStatus
-from vb_robot.guiding import Frames, Guiding, GuidingParams
-from vb_robot.safety import ForbiddenGround, SafetyParams, free_by_scan
-from vb_robot.servoing import Servo, ServoParams
-from vb_robot.sightings import Sighting
-from vb_robot.view import FloorView, ViewParams
+from vb_robot.driver import NAVIGATION, Command, Driver
+from vb_robot.following import Frames
+from vb_robot.safety import Scan
+from vb_robot.spots import Sighting
+from vb_robot.view import FloorView
 from vb_sim.lab import Lab
 from vb_sim.navigator import Navigator
 from vb_sim.robot_body import Pose
+
+
+STATE_EACH = 0.5  # [s] the interaction manager repeats the state that often
 
 
 class PoseHistory:
@@ -60,13 +65,16 @@ def _between(a: Pose, b: Pose, share: float) -> Pose:
 
 
 class DrivenRobot:
-    """One robot of a run, as its navigation and its robot_guide drive it.
+    """One robot of a run, as its navigation and its driver drive it.
 
     Args:
         index: of the robot in the world.
         camera: name of its camera in the spots.
         follow: whether it follows the spot while a border is drawn: "auto", "true" or "false".
-        settings: robot_guide's parameters.
+
+    Attributes:
+        lost: what has broken: "state" (the interaction manager is silent), "scan", "pose", "spots" (the detector),
+            "driver" (its process), "network" (all that comes over it).
     """
 
     def __init__(
@@ -78,15 +86,19 @@ class DrivenRobot:
         camera: str,
         follow: str,
         grid: GridMap,
-        settings: Mapping[str, Any],
+        profile: RobotProfile,
+        leaves: bool = False,
     ) -> None:
         self._index, self._lab, self._body = index, lab, lab.robots[index]
-        self._poses, self._navigator = poses, navigator
-        self._safety = SafetyParams.from_mapping(settings.get("safety"), "safety")
-        view = FloorView(ViewParams.from_mapping(settings.get("view"), "view"))
-        servo = Servo(ServoParams.from_mapping(settings.get("servo"), "servo"), self._safety, view)
-        self._guiding = Guiding(GuidingParams(camera, (camera,), settings["auto_wait"]), follow, servo)
-        self._ground = ForbiddenGround(grid, self._safety)
+        self._poses, self._navigator, self._profile = poses, navigator, profile
+        self._state = (0, "", 0.0)
+        self._said_at = -math.inf
+        self.driver = Driver(profile, camera, (camera,), follow, leaves)
+        robot = lab.world.robots[index]
+        self.driver.set_view(FloorView(robot.color_model(), robot.camera_mount(), profile.camera.max_range))
+        self.driver.set_maps(grid, None, None)
+        self.lost: Set[str] = set()
+        self.command = Command()
         self._obstacles = np.zeros((0, 2))  # robot's frame, from the newest scan
         self._goal: Optional[Pose] = None
         self._goal_status = GoalStatus.NONE
@@ -95,22 +107,28 @@ class DrivenRobot:
     def set_map(self, grid: GridMap) -> None:
         """Takes the map with borders."""
         self._navigator.set_map(grid)
-        self._ground = ForbiddenGround(grid, self._safety)
+        self.driver.set_maps(grid, None, None)
 
     def set_state(self, state: int, interaction_id: str, entered: float) -> None:
         """Takes the interaction's state."""
-        self._guiding.set_state(state, interaction_id, entered)
+        self._state = (state, interaction_id, entered)
+        self._said_at = -math.inf  # a change is said at once
 
     def add(self, sighting: Sighting) -> None:
         """Takes a spot of any camera."""
-        self._guiding.add(sighting)
+        if not self.lost & {"spots", "network"}:
+            self.driver.add(sighting)
 
     def scan(self, now: float) -> None:
-        """Looks round, if somebody wants to know."""
-        if self.driving or self._guiding.wanted(now):
-            angles, ranges = self._lab.scan(self._index)
-            hit = np.isfinite(ranges)
-            self._obstacles = ranges[hit, None] * np.column_stack([np.cos(angles[hit]), np.sin(angles[hit])])
+        """Looks round."""
+        if "scan" in self.lost:
+            return
+        angles, ranges = self._lab.scan(self._index)
+        hit = np.isfinite(ranges)
+        self._obstacles = ranges[hit, None] * np.column_stack([np.cos(angles[hit]), np.sin(angles[hit])])
+        model = self._lab.scan_model
+        self.driver.set_scan(Scan(ranges, angles[0], angles[1] - angles[0], self._lab.range_min(self._index),
+                                  model.range_max, np.eye(4), self._profile.radius), now)
 
     # ------------------------------------------------------------- goals
     @property
@@ -130,7 +148,7 @@ class DrivenRobot:
         self.goals += 1
 
     def cancel(self) -> None:
-        """Calls the goal off."""
+        """Cancels the goal."""
         if self.driving:
             self._end(GoalStatus.NONE)
 
@@ -146,31 +164,31 @@ class DrivenRobot:
         if drive.arrived:
             self._end(GoalStatus.REACHED)
             return
-        self._body.command(drive.speed, drive.turn_rate, now)
+        self.driver.wish(NAVIGATION, drive.speed, drive.turn_rate, now)
 
     def _end(self, status: GoalStatus) -> None:
         self._goal_status = status
         self._navigator.halt()
-        self._body.command(0.0, 0.0, self._lab.now)
+        self.driver.wish(NAVIGATION, 0.0, 0.0, self._lab.now)
 
-    # ------------------------------------------------------------- following the spot
-    def follow(self, now: float, dt: float) -> None:
-        """One step of visual servoing, if it is to follow."""
-        was = self._guiding.active
-        motion = self._guiding.step(now, dt, self._frames(now), self._free_way)
-        if self._guiding.active and not was:
-            # two drivers at one wheel: the person leads now
-            self.cancel()
-        if motion is not None:
-            self._body.command(motion.v, motion.w, now)
-
-    def _frames(self, now: float) -> Frames:
+    # ------------------------------------------------------------- who drives
+    def drive(self, now: float) -> None:
+        """One step of the driver, which alone commands the base."""
+        if "driver" in self.lost:
+            return
+        state, interaction_id, entered = self._state
+        if not self.lost & {"state", "network"} and not 0.0 <= now - self._said_at < STATE_EACH - 1e-9:
+            self._said_at = now
+            self.driver.set_state(state, interaction_id, entered, now)
+        if "pose" not in self.lost:
+            self.driver.set_pose(self._poses.estimate(now), now)
+        self.driver.set_goal(self.driving)
         odometry = self._poses.at(now)[0]
-        return Frames(
+        self.command = command = self.driver.step(now, Frames(
             lambda stamp: geometry.invert(self._poses.map_to_odom(stamp)),
             lambda: geometry.invert(geometry.pose2d_transform(*odometry)),
-        )
-
-    def _free_way(self, v: float, w: float) -> float:
-        pose = self._poses.estimate(self._lab.now)
-        return min(self._ground.free_way(pose, v, w), free_by_scan(self._obstacles, v > 0, self._safety))
+        ))
+        if command.cancel:
+            self.cancel()
+        if command.speaks:
+            self._body.command(command.v, command.w, now)

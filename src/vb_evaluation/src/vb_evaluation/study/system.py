@@ -11,6 +11,7 @@ import yaml
 
 from vb_core.errors import CodedError
 from vb_core.grid_map import GridMap
+from vb_core.robot_profile import RobotProfile
 from vb_evaluation.study.cameras import Seen
 from vb_evaluation.study.config import Timing, top
 from vb_evaluation.study.driving import DrivenRobot, PoseHistory
@@ -23,17 +24,19 @@ from vb_map_integration.integrator import IntegratorParams, MapIntegrator
 from vb_robot import coverage
 from vb_robot.dispatch import Kind
 from vb_robot.dispatcher import Dispatcher, Progress, WatchParams
-from vb_robot.sightings import Sighting
+from vb_robot.driver import RATE
+from vb_robot.spots import Sighting
+from vb_robot.view import FloorView
 from vb_sim.costmap import CostmapParams
 from vb_sim.follower import FollowerParams
 from vb_sim.lab import Lab
-from vb_sim.navigator import Navigator, NavigatorParams
+from vb_sim.navigator import Navigator, NavigatorParams, for_robot
 from vb_sim.participant import Answer
 from vb_sim.planner import PlannerParams
 from vb_sim.world import World
 from vb_voice_wizard.interaction import Interaction, Record, State
 
-FUSION_HZ, DISPATCH_HZ, GUIDE_HZ, NAVIGATION_HZ, SCAN_HZ = 8.0, 4.0, 15.0, 10.0, 10.0
+FUSION_HZ, DISPATCH_HZ, NAVIGATION_HZ, SCAN_HZ = 8.0, 4.0, 10.0, 10.0
 
 
 @lru_cache(maxsize=None)
@@ -98,15 +101,15 @@ class System:
         self.integrator = MapIntegrator(IntegratorParams(), None)
         self.integrator.set_map(grid)
         names = [robot.namespace.strip("/") for robot in lab.world.robots]
+        profile = RobotProfile.load(top() / "robots" / "turtlebot2.yaml")
         self.robots = {
             name: DrivenRobot(
-                index, lab, history, _navigator(grid), name or "robot", method.follow, grid,
-                _config("vb_robot", "robot_guide"))
+                index, lab, history, _navigator(grid, profile), name or "robot", method.follow, grid, profile)
             for index, (name, history) in enumerate(zip(names, poses))
         }
         self._dispatcher = _dispatcher(lab.world, method, grid, names) if method.dispatch else None
         self._fusion_due, self._dispatch_due = Every(FUSION_HZ), Every(DISPATCH_HZ)
-        self._guide_due, self._navigation_due, self._scan_due = Every(GUIDE_HZ), Every(NAVIGATION_HZ), Every(SCAN_HZ)
+        self._drive_due, self._navigation_due, self._scan_due = Every(RATE), Every(NAVIGATION_HZ), Every(SCAN_HZ)
 
     def _new_id(self) -> str:
         self._ids += 1
@@ -210,14 +213,14 @@ class System:
     def _drive(self, now: float) -> None:
         if self._dispatcher is not None and self._dispatch_due.due(now):
             self._dispatch(now)
-        scan, guide, navigation = self._scan_due.due(now), self._guide_due.due(now), self._navigation_due.due(now)
+        scan, drive, navigation = self._scan_due.due(now), self._drive_due.due(now), self._navigation_due.due(now)
         for robot in self.robots.values():
             if scan:
                 robot.scan(now)
-            if guide:
-                robot.follow(now, self._guide_due.period)
             if navigation:
                 robot.navigate(now, self._navigation_due.period)
+            if drive:
+                robot.drive(now)
 
     def _dispatch(self, now: float) -> None:
         assert self._dispatcher is not None
@@ -231,14 +234,13 @@ class System:
                 self.robots[name].send(decision.viewpoint.pose)
 
 
-def _navigator(grid: GridMap) -> Navigator:
+def _navigator(grid: GridMap, profile: RobotProfile) -> Navigator:
     """What vb_sim's navigation node drives with."""
     settings = _config("vb_sim", "navigation")
-    navigator = Navigator(
-        NavigatorParams(), CostmapParams.from_mapping(settings.get("costmap"), "costmap"),
-        PlannerParams.from_mapping(settings.get("planner"), "planner"),
-        FollowerParams.from_mapping(settings.get("follower"), "follower"),
-    )
+    costmap, follower = for_robot(profile, CostmapParams.from_mapping(settings.get("costmap"), "costmap"),
+                                  FollowerParams.from_mapping(settings.get("follower"), "follower"))
+    planner = PlannerParams.from_mapping(settings.get("planner"), "planner")
+    navigator = Navigator(NavigatorParams(), costmap, planner, follower)
     navigator.set_map(grid)
     return navigator
 
@@ -248,6 +250,8 @@ def _dispatcher(world: World, method: Method, grid: GridMap, names: Sequence[str
     dispatcher = Dispatcher(WatchParams(robots=list(names) if names != [""] else []))
     dispatcher.set_map(grid)
     dispatcher.set_physical_map(grid)
+    for name, robot in zip(names, world.robots):
+        dispatcher.set_view(name, FloorView(robot.color_model(), robot.camera_mount()))
     params = coverage.CoverageParams()
     heights = coverage.obstacle_heights(grid, params)
     seen = {name: coverage.floor_seen(grid, heights, world.camera(name).model(), world.camera(name).pose(), params)

@@ -215,11 +215,10 @@ function choose(id) {
 }
 
 function why(border) {
-  if (!border.enabled) return say("page_off");
-  if (border.reason && !border.acting) return words.has(`page_reason_${border.reason}`) ? say(`page_reason_${border.reason}`) : say(border.reason);
+  const idle = !border.enabled ? "page_off" : border.reason && !border.acting ? `page_reason_${border.reason}` : "";
   const kind = border.zone === "slow" ? say("page_slow_at", { speed: words.number(border.max_speed, 2) }) : border.zone === "avoid" ? say("page_zone_avoid") : "";
-  const area = border.kind === "wall" ? say("page_wall") : `${words.number(border.area, 2)} m²`;
-  return [area, kind, border.schedule && scheduleText(border.schedule)].filter(Boolean).join(" · ");
+  const first = idle ? say(words.has(idle) ? idle : border.reason) : border.kind === "wall" ? say("page_wall") : `${words.number(border.area, 2)} m²`;
+  return [first, kind, border.schedule && scheduleText(border.schedule)].filter(Boolean).join(" · ");
 }
 
 function drawBorders() {

@@ -1,4 +1,8 @@
-"""What is known about the spot in the interaction that goes on: where it is, which way it moves, who saw it."""
+"""What is known about the spot in this interaction, and whose business it is: one policy for driver and dispatcher.
+
+The idea: whether a robot follows the spot or is sent to it is decided by the same class from the same sightings, so
+that the two never both act, and never both wait for the other.
+"""
 from __future__ import annotations
 
 from collections import Counter, deque
@@ -10,7 +14,10 @@ import numpy as np
 DEFAULT, BORDER, SEED, GUIDE = range(4)  # the values of vb_msgs/InteractionState
 LOST_AFTER = 0.7  # [s] a spot that nobody has seen for so long is lost: cameras miss some images
 STRAIGHT = 0.7  # cosine of the angle up to which a spot goes straight on
-RUN_GAP = 2.0  # [s] a robot that has not seen the spot for so long does not lead any more
+RUN_GAP = 2.0  # [s] after this long without the spot another robot's camera may take over
+MIN_CONFIDENCE = 0.4  # the laser has 0.6 and more, reflections have 0.3: what is less certain moves no robot
+AUTO_WAIT = 1.0  # [s] a stationary camera gets this long to see the spot too before the robot follows
+FOLLOW = ("auto", "true", "false")
 
 
 @dataclass(frozen=True)
@@ -25,7 +32,11 @@ class Sighting:
 
 
 class Sightings:
-    """Collects the sightings of one interaction.
+    """Collects the sightings of one interaction and tells who acts on them.
+
+    In Guide the robot follows whose camera has seen the spot longest; no other robot is concerned. In Border and Seed
+    a robot is sent once a stationary camera has seen the spot in this interaction; before, and without any such camera,
+    the robot follows.
 
     Args:
         window_s: [s] how long a sighting counts for the spot's present place.
@@ -43,6 +54,7 @@ class Sightings:
         self.state = DEFAULT
         self.stationary_seen = False
         self.first_mobile: Optional[float] = None
+        self._follower: Optional[str] = None  # the camera of the robot that followed last in this state
 
     @property
     def key(self) -> Tuple[str, int]:
@@ -58,14 +70,15 @@ class Sightings:
         if changed:
             self._recent.clear()
             self._runs.clear()
+            self._follower = None
         self.state, self._interaction, self._entered = state, interaction, entered
         return changed
 
     def add(self, sighting: Sighting) -> None:
-        """Takes a sighting; those from before the present state began, and those in Default, do not count."""
+        """Takes a sighting; uncertain ones, those from before the present state, and those in Default do not count."""
         if sighting.mobile:
             self._mobile_names.add(sighting.camera)
-        if self.state == DEFAULT or sighting.stamp < self._entered:
+        if self.state == DEFAULT or sighting.stamp < self._entered or sighting.confidence < MIN_CONFIDENCE:
             return
         self._recent.append(sighting)
         if not sighting.mobile:
@@ -77,14 +90,37 @@ class Sightings:
         if abs(sighting.stamp - until) > RUN_GAP:
             since = sighting.stamp
         self._runs[sighting.camera] = (since, max(until, sighting.stamp) if since < sighting.stamp else sighting.stamp)
+        self._leader(sighting.stamp)
 
-    def leader(self, now: float) -> Optional[str]:
-        """The camera on a robot that has seen the spot longest without a pause: two robots do not follow one spot."""
+    def dispatches(self) -> bool:
+        """Whether a robot is to be sent to where its camera sees the spot."""
+        return self.state in (BORDER, SEED) and self.stationary_seen
+
+    def follows(self, camera: str, now: float, in_border: str = "auto") -> bool:
+        """Whether the robot with this camera is to follow the spot.
+
+        Args:
+            in_border: one of FOLLOW; "true" and "false" overrule the policy in Border and Seed.
+        """
+        if self._leader(now) != camera:
+            return False
+        if self.state == GUIDE:
+            return True
+        if self.state == DEFAULT or in_border == "false":
+            return False
+        if in_border == "true":
+            return True
+        return not self.stationary_seen and self.first_mobile is not None and now - self.first_mobile >= AUTO_WAIT
+
+    def _leader(self, now: float) -> Optional[str]:
+        """The camera on a robot that has seen the spot longest without a pause; while none sees it, the last one."""
         seeing = {camera: run for camera, run in self._runs.items() if abs(now - run[1]) <= RUN_GAP}
-        return min(seeing, key=lambda camera: (seeing[camera][0], camera)) if seeing else None
+        if seeing:
+            self._follower = min(seeing, key=lambda camera: (seeing[camera][0], camera))
+        return self._follower
 
     def contributed(self, cameras: Iterable[str]) -> None:
-        """Learns of the cameras that contributed before this program was started."""
+        """Learns of the cameras that contributed, also before this program was started."""
         if self.state != DEFAULT and any(camera not in self._mobile_names for camera in cameras):
             self.stationary_seen = True
 

@@ -1,0 +1,116 @@
+"""What a robot type is, told once: shape, limits, sensors, topics and frames.
+
+The idea: every program that needs to know something about a robot reads the same file (robots/<type>.yaml), and what
+can be derived from it is derived, so that another robot is another file and nothing else.
+"""
+from __future__ import annotations
+
+from dataclasses import dataclass, field, fields
+from pathlib import Path
+from typing import Any, Mapping
+
+import yaml
+
+from vb_core.errors import ParameterError
+from vb_core.parameters import Parameters, param
+
+
+@dataclass(frozen=True)
+class Shape(Parameters):
+    """The footprint: a disc about base_link."""
+
+    radius: float = param(0.18, "m", above=0.0, high=2.0)
+
+
+@dataclass(frozen=True)
+class Limits(Parameters):
+    """What the base can do, and what it is allowed to do."""
+
+    max_speed: float = param(0.5, "m/s", above=0.0, high=3.0, doc="under navigation")
+    max_turn: float = param(1.0, "rad/s", above=0.0, high=6.0)
+    acceleration: float = param(1.0, "m/s^2", above=0.0, high=10.0)
+    turn_acceleration: float = param(3.2, "rad/s^2", above=0.0, high=20.0)
+    brake: float = param(1.5, "m/s^2", above=0.0, high=10.0, doc="when it must stop")
+    reaction: float = param(0.15, "s", low=0.0, high=2.0, doc="from a scan to the wheels")
+
+
+@dataclass(frozen=True)
+class Scanner(Parameters):
+    """The laser scanner, or a depth camera that passes for one. What it covers is in its messages."""
+
+    topic: str = param("scan")
+    present: bool = param(True, doc="false: the robot is driven by its map alone, and slowly")
+    zero_is_nothing: bool = param(False, doc="a range of 0 means that no echo came, not that something is very near")
+    obstacle_range: float = param(2.5, "m", above=0.0, doc="up to here navigation marks obstacles")
+
+
+@dataclass(frozen=True)
+class Camera(Parameters):
+    """The robot's camera. Lens and mount come from camera_info and tf."""
+
+    info: str = param("camera/rgb/camera_info")
+    max_range: float = param(3.0, "m", above=0.0, doc="farther away a spot is too small to be found")
+
+
+@dataclass(frozen=True)
+class Contact(Parameters):
+    """A bumper, a cliff sensor or a wheel that has dropped: a field of a message, and when it means danger."""
+
+    topic: str = param("")
+    type: str = param("", doc="for instance kobuki_msgs/BumperEvent")
+    field: str = param("state")
+    alarm: int = param(1, doc="the value that means contact")
+
+
+@dataclass(frozen=True)
+class Frames(Parameters):
+    """Names without the robot's prefix."""
+
+    base: str = param("base_link")
+    odom: str = param("odom")
+
+
+@dataclass(frozen=True)
+class RobotProfile:
+    """One robot type."""
+
+    model: str = ""
+    shape: Shape = field(default_factory=Shape)
+    limits: Limits = field(default_factory=Limits)
+    scanner: Scanner = field(default_factory=Scanner)
+    camera: Camera = field(default_factory=Camera)
+    frames: Frames = field(default_factory=Frames)
+    contacts: tuple = ()
+
+    @property
+    def radius(self) -> float:
+        """[m]"""
+        return self.shape.radius
+
+    @classmethod
+    def from_mapping(cls, mapping: Mapping[str, Any], where: str = "robot_profile") -> "RobotProfile":
+        """Reads a profile as YAML or the parameter server gives it; what it leaves out keeps its default.
+
+        Raises:
+            ParameterError: for an unknown key, a wrong type, a value out of range.
+        """
+        if not isinstance(mapping, Mapping):
+            raise ParameterError(where, f"expected keys and values, got {mapping!r}")
+        groups = {"shape": Shape, "limits": Limits, "scanner": Scanner, "camera": Camera, "frames": Frames}
+        known = {entry.name for entry in fields(cls)}
+        for key in mapping:
+            if key not in known:
+                raise ParameterError(f"{where}/{key}", f"unknown parameter; known are {', '.join(sorted(known))}")
+        contacts = mapping.get("contacts") or ()
+        if not isinstance(contacts, (list, tuple)):
+            raise ParameterError(f"{where}/contacts", f"expected a list, got {contacts!r}")
+        return cls(
+            model=str(mapping.get("model", "")),
+            contacts=tuple(Contact.from_mapping(entry, f"{where}/contacts") for entry in contacts),
+            **{name: group.from_mapping(mapping.get(name), f"{where}/{name}") for name, group in groups.items()},
+        )
+
+    @classmethod
+    def load(cls, path: Path) -> "RobotProfile":
+        """Reads a profile's file."""
+        return cls.from_mapping(yaml.safe_load(Path(path).read_text(encoding="utf-8")) or {}, Path(path).name)

@@ -1,0 +1,401 @@
+"""One driver per robot: who drives it now, and whether it may.
+
+The idea: several want to drive (a person with a joystick, the spot, the way out of a border, navigation), exactly one
+does, and whatever it wishes passes one gate. The gate lets through what it can show to be safe. In doubt the robot
+stops, and the driver says who drives and why as a code that people see.
+
+Who drives, the first that wants to: stop (latched), teleoperation, following the spot, leaving a border, navigation.
+"""
+from __future__ import annotations
+
+import math
+import statistics
+import threading
+from collections import deque
+from dataclasses import dataclass
+from typing import Deque, Dict, Iterable, Optional, Tuple
+
+from vb_core.grid_map import GridMap
+from vb_core.robot_profile import RobotProfile
+from vb_robot.following import Following, Frames
+from vb_robot.leaving import MAP_MARGIN, MARGIN, RETRY, Leaving, WayOut
+from vb_robot.safety import (LEAP, ForbiddenGround, Keep, Scan, SpeedLimits, leap, safe_speed, stop_distance)
+from vb_robot.servoing import MAX_SPEED, Wish
+from vb_robot.spots import DEFAULT, Sighting, Sightings
+from vb_robot.view import FloorView
+from vb_robot.viewpoint import Pose
+from vb_robot.workspace import Standing, Workspace
+
+RATE = 20.0  # [1/s] what is overdue is noticed that soon
+STATE_LIMIT = 1.2  # [s] the state is repeated twice a second: one may be lost
+POSE_LIMIT = 0.4  # [s] localisation is told ten times a second and more
+SCAN_LIMITS = (0.3, 0.6)  # [s] a scan is overdue after 2.5 of its periods, but within these limits
+COMMAND_LIMIT = 0.3  # [s] what navigation or a joystick said holds for so long
+POSE_DOUBT = 1.0  # [s] after a leap of the localisation nobody knows where the borders are
+OTHER_LIMIT = 1.0  # [s] after a command by somebody else nothing is let through: two drivers at one wheel
+CANCEL_EACH = 1.0  # [s] navigation's goals are cancelled again while somebody else drives
+BLIND_SPEED = 0.1  # [m/s] without a scanner, by the map alone, and for a joystick where no beam looks
+ACCELERATION, TURN_ACCELERATION = 0.4, 2.0  # [m/s^2, rad/s^2] of the driver's own behaviours: gentle beside people
+
+NOBODY, STOP, TELEOP, FOLLOW, LEAVE, NAVIGATION = "nobody", "stop", "teleop", "follow", "leave", "navigation"
+KEEPS = {
+    TELEOP: Keep(0.05, 0.02, 0.0),
+    FOLLOW: Keep(0.12, 0.04, 0.05),
+    LEAVE: Keep(0.12, 0.04, MAP_MARGIN),
+    NAVIGATION: Keep(0.04, 0.0, -0.04),  # it keeps its own distance; here is only what must never happen
+}
+
+
+@dataclass(frozen=True)
+class Command:
+    """What goes to the wheels now.
+
+    Attributes:
+        v, w: [m/s, rad/s]
+        driver: who drives: "nobody", "stop", "teleop", "follow", "leave" or "navigation".
+        code: "drives", or what holds the robot.
+        speaks: whether it is to be published: a robot that nobody drives is left alone.
+        cancel: whether navigation's goals are to be cancelled.
+    """
+
+    v: float = 0.0
+    w: float = 0.0
+    driver: str = NOBODY
+    code: str = "idle"
+    speaks: bool = False
+    cancel: bool = False
+
+
+class Pulse:
+    """When something that comes regularly is overdue."""
+
+    def __init__(self, shortest: float, longest: float) -> None:
+        self._limits = (shortest, longest)
+        self._stamps: Deque[float] = deque(maxlen=9)
+
+    def beat(self, stamp: float) -> None:
+        """It has come, with this stamp [s]."""
+        if self._stamps and stamp < self._stamps[-1]:
+            self._stamps.clear()  # time jumped back
+        self._stamps.append(stamp)
+
+    def overdue(self, now: float) -> bool:
+        """Whether it should have come again by a time [s]; also if it never came, or is dated ahead of time."""
+        if not self._stamps:
+            return True
+        stamps = list(self._stamps)
+        usual = statistics.median(b - a for a, b in zip(stamps, stamps[1:])) if len(stamps) > 1 else math.inf
+        limit = min(max(2.5 * usual, self._limits[0]), self._limits[1])
+        return not -0.5 <= now - stamps[-1] <= limit
+
+
+class Driver:
+    """What drives one robot. May be fed by several threads; `step` is called by one.
+
+    Args:
+        camera: name of the robot's camera in the spots; mobile_cameras: names of all cameras on robots.
+        in_border: whether it follows the spot while a border is drawn, see `Sightings.follows`.
+        leaves: whether it leaves a border that was put where it is.
+    """
+
+    def __init__(
+        self, profile: RobotProfile, camera: str = "robot", mobile_cameras: Iterable[str] = (), in_border: str = "auto",
+        leaves: bool = True,
+    ) -> None:
+        self.profile = profile
+        self._camera, self._in_border, self._leaves = camera, in_border, leaves
+        self._lock = threading.RLock()
+        self._spots = Sightings(mobile_cameras=(*mobile_cameras, camera))
+        self._following = Following()
+        self._leaving: Optional[Leaving] = None
+        self._grids: Optional[Tuple[GridMap, GridMap]] = None  # with and without borders
+        self._retry_at = -math.inf
+        self._heard_state = -math.inf
+        self._stopped = {"state": False, "topic": False}
+        self._scan: Optional[Scan] = None
+        self._scan_pulse = Pulse(*SCAN_LIMITS)
+        self._pose: Optional[Tuple[float, Pose]] = None
+        self._doubt_until = -math.inf
+        self._ground: Optional[ForbiddenGround] = None
+        self._physical: Optional[ForbiddenGround] = None
+        self._workspace: Optional[Workspace] = None
+        self._speed_limits: Optional[SpeedLimits] = None
+        self._contacts: Dict[str, bool] = {}
+        self._others: Dict[str, float] = {}  # who else commanded this robot, and when
+        self._commands: Dict[str, Tuple[float, Wish]] = {}
+        self._goal_runs = False
+        self._cancelled_at = -math.inf
+        self._last = Command()
+        self._stepped_at: Optional[float] = None
+
+    # ------------------------------------------------------------- what comes in
+    def set_state(self, state: int, interaction: str, entered: float, stamp: float, stopped: bool = False) -> None:
+        """Takes the interaction's state, said at a time [s]."""
+        with self._lock:
+            if self._spots.set_state(state, interaction, entered):
+                self._following.forget()
+            self._heard_state = stamp
+            if self._stopped["state"] and not stopped:
+                self._stopped["topic"] = False  # `resume` releases both
+            self._stopped["state"] = stopped
+
+    def set_stop(self, stopped: bool) -> None:
+        """Takes what was said on the topic of stop; it holds until it is released."""
+        with self._lock:
+            self._stopped["topic"] = stopped
+
+    def add(self, sighting: Sighting) -> None:
+        """Takes a spot of any camera."""
+        with self._lock:
+            self._spots.add(sighting)
+            if sighting.mobile and sighting.camera == self._camera and self._spots.newest() is sighting:
+                self._following.add(sighting)
+
+    def contributed(self, interaction: str, cameras: Iterable[str]) -> None:
+        """Learns which cameras have contributed to an interaction, for instance before this program was started."""
+        with self._lock:
+            if interaction == self._spots.key[0]:
+                self._spots.contributed(cameras)
+
+    def set_view(self, view: FloorView) -> None:
+        """Takes what the robot's camera sees of the floor."""
+        self._following.view = view
+
+    def set_scan(self, scan: Scan, stamp: float) -> None:
+        """Takes a scan of a time [s]."""
+        with self._lock:
+            self._scan = scan
+            self._scan_pulse.beat(stamp)
+
+    def set_pose(self, pose: Optional[Pose], now: float) -> None:
+        """Takes where the robot is (x, y, yaw), map frame, at a time [s]; None: it is not known."""
+        with self._lock:
+            before = self._pose
+            if pose is None:
+                return
+            self._pose = (now, pose)
+            since = now - before[0] if before is not None else math.inf
+            # after a pause a robot may be anywhere
+            if before is not None and 0.0 <= since < 1.0 and leap(before[1], pose, since) > LEAP:
+                self._doubt_until = now + POSE_DOUBT
+
+    def set_maps(self, borders: GridMap, physical: Optional[GridMap], workspace: Optional[Workspace]) -> None:
+        """Takes the map with borders, the one without, and what is known about the borders between them."""
+        radius = self.profile.radius
+        same = physical is not None and physical.same_geometry(borders)
+        ground = ForbiddenGround(borders, radius)
+        beneath = ForbiddenGround(physical, radius) if physical is not None else None
+        with self._lock:
+            self._ground, self._physical, self._workspace = ground, beneath, workspace
+            self._grids = (borders, physical) if same and physical is not None else None
+            self._leaving = None
+            self._retry_at = -math.inf
+
+    def set_speed_limits(self, grid: GridMap) -> None:
+        """Takes the highest speeds by place [cm/s]."""
+        with self._lock:
+            self._speed_limits = SpeedLimits(grid)
+
+    def set_contact(self, name: str, touched: bool) -> None:
+        """Takes what a bumper or cliff sensor says."""
+        with self._lock:
+            self._contacts[name] = touched
+
+    def wish(self, driver: str, v: float, w: float, now: float) -> None:
+        """Takes a command of navigation or teleoperation [m/s, rad/s]."""
+        with self._lock:
+            self._commands[driver] = (now, Wish(v, w))
+
+    def set_goal(self, runs: bool) -> None:
+        """Learns whether navigation has a goal."""
+        self._goal_runs = runs
+
+    def heard_other(self, name: str, now: float) -> None:
+        """Somebody else has commanded this robot's base."""
+        with self._lock:
+            self._others[name] = now
+
+    # ------------------------------------------------------------- what comes out
+    @property
+    def others(self) -> str:
+        """Who else commanded the robot lately."""
+        return ", ".join(sorted(self._others))
+
+    def pose(self, now: float) -> Optional[Pose]:
+        """Where the robot is (x, y, yaw), map frame; None if that is not known, or was doubtful a moment ago."""
+        if self._doubt_until > now + POSE_DOUBT:
+            self._doubt_until = -math.inf  # time has jumped back
+        if self._pose is None or not -0.5 <= now - self._pose[0] <= POSE_LIMIT or now < self._doubt_until:
+            return None
+        return self._pose[1]
+
+    def halt(self, code: str) -> Command:
+        """The robot is to stop, whatever anybody wishes: the clock stopped, or the program has a fault."""
+        with self._lock:
+            self._last = Command(0.0, 0.0, self._last.driver, code, True)
+            return self._last
+
+    def step(self, now: float, frames: Frames) -> Command:
+        """The command for a time [s]; once in 1 / RATE."""
+        with self._lock:
+            dt = 0.0 if self._stepped_at is None else min(max(now - self._stepped_at, 0.0), 0.2)
+            self._stepped_at = now
+            driver, wish = self._choose(now, dt, frames)
+            if driver not in (LEAVE, NOBODY) and self._leaving is not None:
+                self._leaving.pause()
+            if driver != FOLLOW:
+                self._following.rest()
+            v, w, code = self._gate(now, driver, wish)
+            cancel = self._goal_runs and driver in (FOLLOW, LEAVE) and not 0.0 <= now - self._cancelled_at < CANCEL_EACH
+            if cancel:
+                self._cancelled_at = now
+            # a robot that nobody drives any more is told once to stop, and one that stops on command all the time
+            speaks = driver != NOBODY or self._last.driver != NOBODY
+            self._last = Command(v, w, driver, code, speaks, cancel)
+            return self._last
+
+    def _choose(self, now: float, dt: float, frames: Frames) -> Tuple[str, Wish]:
+        """Who drives, and what that one wishes."""
+        if any(self._stopped.values()):
+            return STOP, Wish(0.0, 0.0, "stopped")
+        teleop = self._command(TELEOP, now)
+        if teleop is not None:
+            return TELEOP, teleop
+        # whom a person leads stays theirs when the state is lost: the gate then stops it
+        if self._spots.follows(self._camera, now, self._in_border):
+            return FOLLOW, self._ramped(dt, self._following.wish(now, dt, frames))
+        wish = self._leave(now)
+        if wish is not None:
+            return LEAVE, self._ramped(dt, wish)
+        navigation = self._command(NAVIGATION, now)
+        if navigation is not None:
+            return NAVIGATION, navigation
+        return NOBODY, Wish(0.0, 0.0, "idle")
+
+    def _command(self, driver: str, now: float) -> Optional[Wish]:
+        stamp, wish = self._commands.get(driver, (-math.inf, Wish(0.0, 0.0)))
+        return wish if -0.1 <= now - stamp <= COMMAND_LIMIT else None
+
+    def _leave(self, now: float) -> Optional[Wish]:
+        """The way out, if the robot touches a border and nobody draws or guides."""
+        pose = self.pose(now)
+        if not self._leaves or pose is None or self._workspace is None or self._grids is None:
+            return None
+        room = self._workspace.hard_gap(pose[:2])
+        if room >= self.profile.radius + (MARGIN if self._leaving is not None else 0.0):
+            self._leaving = None
+            return None
+        if self._spots.state != DEFAULT or (self._leaving is None and 0.0 <= self._retry_at - now <= RETRY):
+            return None
+        if self._leaving is None:
+            if not self._workspace.is_hard(pose[:2]):
+                return None
+            self._leaving = Leaving(WayOut(*self._grids, self.profile.radius, pose[:2]))
+        if self._goal_runs:
+            self._leaving.pause()
+            return Wish(0.0, 0.0, "goal_cancelled")
+        held = self._last.code if self._last.driver == LEAVE and self._last.code != "drives" else ""
+        wish = self._leaving.wish(now, pose, held)
+        if self._leaving.failed:
+            self.leave_failed = self._leaving.failed
+            self._leaving, self._retry_at = None, now + RETRY
+        return wish
+
+    leave_failed = ""  # why the last try to leave ended, as a code
+
+    @property
+    def gave_up_leaving(self) -> bool:
+        """Whether it waits to try again to leave a border."""
+        return self._retry_at > -math.inf and self._leaving is None
+
+    def _ramped(self, dt: float, wish: Wish) -> Wish:
+        """The wish with bounded accelerations; slowing down is bounded by the brake only."""
+        brake = self.profile.limits.brake
+        speed = ACCELERATION if abs(wish.v) > abs(self._last.v) and wish.v * self._last.v >= 0 else brake
+        v = _towards(self._last.v, wish.v, speed * dt)
+        turn = TURN_ACCELERATION if abs(wish.w) > abs(self._last.w) else 4.0 * TURN_ACCELERATION
+        return Wish(v, _towards(self._last.w, wish.w, turn * dt), wish.code)
+
+    # ------------------------------------------------------------- the gate
+    def _gate(self, now: float, driver: str, wish: Wish) -> Tuple[float, float, str]:
+        """What of a wish is safe: (v, w, code)."""
+        if driver in (NOBODY, STOP):
+            return 0.0, 0.0, wish.code
+        if not (math.isfinite(wish.v) and math.isfinite(wish.w)):
+            return 0.0, 0.0, "bad_command"
+        lacks = self._lacks(now, driver)
+        if lacks:
+            return 0.0, 0.0, lacks
+        limits = self.profile.limits
+        w = min(max(wish.w, -limits.max_turn), limits.max_turn)
+        if wish.v == 0.0:
+            return 0.0, w, wish.code
+        allowed, code = self._allowed(now, driver, wish.v, w)
+        if abs(wish.v) <= allowed:
+            return wish.v, w, wish.code
+        if allowed < 0.02:
+            # turning enters no new floor: the robot is round
+            return 0.0, w, code
+        # the same arc, more slowly: it is the one that was looked at
+        share = allowed / abs(wish.v)
+        return share * wish.v, share * w, code
+
+    def _lacks(self, now: float, driver: str) -> str:
+        """What must be known before anything moves and is not, as a code; empty if all is known."""
+        self._others = {name: at for name, at in self._others.items() if 0.0 <= now - at <= OTHER_LIMIT}
+        if self._others:
+            return "somebody_else_drives"
+        if self.profile.scanner.present and self._scan_pulse.overdue(now):
+            return "scan_lost"
+        if driver == TELEOP:
+            return ""  # a person beside the robot, who may have come because it is lost
+        if not -0.5 <= now - self._heard_state <= STATE_LIMIT:
+            return "state_lost"
+        if self._ground is None:
+            return "no_map"
+        if self.pose(now) is None:
+            return "pose_lost" if now >= self._doubt_until else "pose_leapt"
+        if driver == LEAVE and self._physical is None:
+            return "no_map"
+        return ""
+
+    def _allowed(self, now: float, driver: str, v: float, w: float) -> Tuple[float, str]:
+        """The highest speed [m/s] on the arc of (v, w), and what limits it."""
+        limits, keep, radius = self.profile.limits, KEEPS[driver], self.profile.radius
+        found = [(MAX_SPEED if driver in (FOLLOW, LEAVE) else limits.max_speed, "speed_limit")]
+        if v > 0 and any(self._contacts.values()):
+            found.append((0.0, "contact"))
+        blind = self._scan is None or not self.profile.scanner.present
+        if not blind:
+            assert self._scan is not None
+            found.append((safe_speed(self._scan.free_way(v, w, radius, keep), limits), "obstacle"))
+            blind = not self._scan.sees_way(v, w, radius, stop_distance(v, limits))
+            if blind and driver != TELEOP:
+                found.append((0.0, "unseen_floor"))
+        if blind:
+            found.append((BLIND_SPEED, "unseen_floor"))
+        pose = self.pose(now)
+        if pose is not None:
+            ground = self._physical if driver == LEAVE else self._ground
+            if driver == NAVIGATION and self._workspace is not None and self._workspace.hard_gap(pose[:2]) <= 0.0:
+                found.append((0.0, "inside_border"))
+            if ground is not None:
+                found.append((safe_speed(ground.free_way(pose, v, w, keep.cells), limits), "border"))
+            if self._speed_limits is not None:
+                found.append((self._speed_limits.at(pose, v, w, stop_distance(v, limits)), "speed_zone"))
+        return min(found, key=lambda entry: entry[0])
+
+    # ------------------------------------------------------------- for people
+    def standing(self, now: float) -> Tuple[Standing, list, bool]:
+        """How the robot lies to the borders, those borders' names, and whether one of them may not be entered."""
+        pose, workspace = self.pose(now), self._workspace
+        if pose is None or workspace is None:
+            return Standing.FREE, [], False
+        standing = workspace.standing(pose[:2])
+        if standing is Standing.FREE:
+            return standing, [], False
+        return standing, workspace.names_at(pose[:2]), workspace.is_hard(pose[:2])
+
+
+def _towards(value: float, target: float, step: float) -> float:
+    return min(max(target, value - step), value + step)

@@ -1,0 +1,43 @@
+"""move_base's parameters as far as they follow from the robot; the rest is in vb_bringup/config/navigation."""
+from __future__ import annotations
+
+from typing import Any, Dict
+
+from vb_core.robot_profile import RobotProfile
+
+CELLS_BESIDE = 0.17  # [m] of cost beyond the radius: the robot leaves that much if it can, and passes where it cannot
+SIM_TIME = 2.0  # [s] DWA looks ahead: with less it turns to and fro where a path bends round a border
+
+
+def navigation_parameters(profile: RobotProfile, prefix: str = "") -> Dict[str, Any]:
+    """Nested parameters of move_base for a robot.
+
+    Args:
+        prefix: before the names of its frames, for instance "robot1/".
+    """
+    limits, scanner = profile.limits, profile.scanner
+    base, odom = prefix + profile.frames.base, prefix + profile.frames.odom
+    source = {"topic": scanner.topic, "obstacle_range": scanner.obstacle_range,
+              "raytrace_range": scanner.obstacle_range + 0.5}
+    costmap = {
+        "robot_base_frame": base,
+        "robot_radius": profile.radius,
+        "inflation_layer": {"inflation_radius": round(profile.radius + CELLS_BESIDE, 3)},
+        "obstacle_layer": {"scan": source} if scanner.present else {"observation_sources": ""},
+    }
+    # DWA wants some forward speed between full and nothing, or its few samples leave only these two
+    samples = max(8, int(round(limits.max_speed / 0.025)))
+    return {
+        "global_costmap": costmap,
+        "local_costmap": {**costmap, "global_frame": odom},
+        "DWAPlannerROS": {
+            "max_vel_x": limits.max_speed, "max_vel_trans": limits.max_speed, "max_vel_theta": limits.max_turn,
+            "acc_lim_x": limits.acceleration, "acc_lim_trans": limits.acceleration,
+            "acc_lim_theta": limits.turn_acceleration, "vx_samples": samples, "sim_time": SIM_TIME,
+        },
+    }
+
+
+def amcl_parameters(profile: RobotProfile, prefix: str = "") -> Dict[str, Any]:
+    """Parameters of AMCL for a robot; `prefix` as above."""
+    return {"base_frame_id": prefix + profile.frames.base, "odom_frame_id": prefix + profile.frames.odom}

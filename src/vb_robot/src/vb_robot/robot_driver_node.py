@@ -1,0 +1,342 @@
+"""One robot's driver: the only source of its cmd_vel."""
+from __future__ import annotations
+
+import functools
+import threading
+import time
+import traceback
+from dataclasses import dataclass
+from typing import Any, Dict, List, Optional
+
+import numpy as np
+import rospy
+from actionlib_msgs.msg import GoalID, GoalStatus, GoalStatusArray
+from geometry_msgs.msg import Twist
+from move_base_msgs.msg import MoveBaseActionGoal
+from roslib.message import get_message_class
+from sensor_msgs.msg import CameraInfo, LaserScan
+from std_msgs.msg import Bool
+
+from vb_core import geometry, names, sentences
+from vb_core.errors import CodedError, ParameterError
+from vb_core.grid_map import GridMap
+from vb_core.notices import Notice, Severity
+from vb_core.parameters import Parameters, param
+from vb_core.robot_profile import Contact, RobotProfile
+from vb_core.ros import parameters, robot_profile
+from vb_core.ros.messages import (OccupancyGridArray, array_from_points, camera_from_info, grid_from_message,
+                                  pose_to_2d)
+from vb_core.ros.notices import NoticePublisher
+from vb_core.ros.transforms import TransformLookup
+from vb_msgs.msg import BorderProgress, DriverState, InteractionState, LaserSpot, VirtualBorder, VirtualBorderArray
+from vb_robot import driver as drivers
+from vb_robot.driver import Command, Driver
+from vb_robot.following import Frames
+from vb_robot.safety import Scan
+from vb_robot.spots import FOLLOW, Sighting
+from vb_robot.view import FloorView
+from vb_robot.workspace import KnownBorder, Standing, Workspace
+
+SLOW_LOCALISATION = 0.15  # [s] for an older spot localisation's newest answer is taken: that is near enough
+CLOCK_LIMIT = 0.4  # [s] of wall time in which simulated time does not go on: the robot is told to stop
+STATE_EACH = 0.5  # [s] who drives is said that often even if nothing changes
+HELD_FOR = 0.5  # [s] what holds a robot for less is not worth a notice
+GOAL_NOTICE = 5.0  # [s] for which a goal in a border is told
+RUNNING = (GoalStatus.PENDING, GoalStatus.ACTIVE, GoalStatus.PREEMPTING, GoalStatus.RECALLING)
+# what is told to people, beside what is usual: "drives", "idle", "spot_in_view", "speed_limit" and so on
+HOLDS = {"stopped", "state_lost", "scan_lost", "pose_lost", "pose_leapt", "no_map", "no_camera", "clock_stands", "fault",
+         "somebody_else_drives", "contact", "obstacle", "unseen_floor", "border", "inside_border", "bad_command"}
+
+
+@dataclass(frozen=True)
+class DriverParams(Parameters):
+    """The node's parameters; what the robot is comes from its profile."""
+
+    robot: str = param("", doc="the robot's name in the borders' lists and in notices; empty for the only one")
+    camera: str = param("robot", doc="name of its camera in the spots")
+    mobile_cameras: tuple = param(("robot",), doc="names of all cameras on robots; all others are stationary")
+    prefix: str = param("", doc="before the names of its frames, for instance robot1/")
+    follow_in_border: str = param("auto", choices=FOLLOW, doc="auto: if no stationary camera has seen the spot")
+    leave_borders: bool = param(True, doc="drive out of a border that was put where the robot is")
+
+
+class RobotDriverNode:
+    """Arbitrates who drives a robot, and gates every command. See `Driver`.
+
+    Subscribes:
+        cmd_vel/navigation, cmd_vel/teleop (geometry_msgs/Twist)
+        /virtual_borders/state (vb_msgs/InteractionState), /virtual_borders/stop (std_msgs/Bool)
+        /virtual_borders/spots (vb_msgs/LaserSpot), /virtual_borders/progress (vb_msgs/BorderProgress)
+        /virtual_borders/map, /map (nav_msgs/OccupancyGrid), /virtual_borders/borders (vb_msgs/VirtualBorderArray)
+        /virtual_borders/speed_limits (nav_msgs/OccupancyGrid): optional
+        scan (sensor_msgs/LaserScan), camera_info (sensor_msgs/CameraInfo), contacts: as the profile names them
+        move_base/status (actionlib_msgs/GoalStatusArray), move_base/goal (move_base_msgs/MoveBaseActionGoal)
+        cmd_vel (geometry_msgs/Twist): whether somebody else commands the base
+    Publishes:
+        cmd_vel (geometry_msgs/Twist): while somebody drives, one zero when that ends, zeros while stopped
+        move_base/cancel (actionlib_msgs/GoalID): while it follows the spot or leaves a border
+        /virtual_borders/drivers (vb_msgs/DriverState): who drives, and why
+        /virtual_borders/notices (vb_msgs/NoticeArray)
+    Parameters:
+        ~* DriverParams; robot_profile (in the robot's namespace)
+    """
+
+    def __init__(self, params: DriverParams, profile: RobotProfile) -> None:
+        self._params, self._profile = params, profile
+        self._base, self._odom = params.prefix + profile.frames.base, params.prefix + profile.frames.odom
+        self._who = f"robot {params.robot}" if params.robot else "the robot"
+        self._driver = Driver(profile, params.camera, params.mobile_cameras, params.follow_in_border,
+                              params.leave_borders)
+        self._lock = threading.Lock()
+        self._maps: Dict[str, GridMap] = {}
+        self._borders: List[KnownBorder] = []
+        self._workspace: Optional[Workspace] = None
+        self._mounts: Dict[str, np.ndarray] = {}
+        self._info: Optional[CameraInfo] = None
+        self._bad_goal: Optional[Notice] = None
+        self._bad_goal_until = -1.0
+        self._held_since: Dict[str, float] = {}
+        self._told = (Command(), -1.0)
+        self._closing = threading.Event()
+        self._transforms = TransformLookup()
+        self._notices = NoticePublisher()
+        self._cmd_vel = rospy.Publisher("cmd_vel", Twist, queue_size=1, tcp_nodelay=True)
+        self._cancel = rospy.Publisher("move_base/cancel", GoalID, queue_size=1)
+        self._states = rospy.Publisher(names.DRIVERS, DriverState, queue_size=5)
+        listen = rospy.Subscriber
+        self._subscribers = [
+            listen("cmd_vel/navigation", Twist, self._on_wish, drivers.NAVIGATION, queue_size=1, tcp_nodelay=True),
+            listen("cmd_vel/teleop", Twist, self._on_wish, drivers.TELEOP, queue_size=1, tcp_nodelay=True),
+            listen("cmd_vel", rospy.AnyMsg, self._on_command, queue_size=20),
+            listen(names.STATE, InteractionState, self._on_state, queue_size=10),
+            listen(names.STOP, Bool, lambda message: self._driver.set_stop(message.data), queue_size=10),
+            listen(names.SPOTS, LaserSpot, self._on_spot, queue_size=100),
+            listen(names.PROGRESS, BorderProgress,
+                   lambda message: self._driver.contributed(message.interaction_id, message.cameras), queue_size=1),
+            listen(names.VIRTUAL_MAP, OccupancyGridArray, self._on_map, "borders", queue_size=1),
+            listen(names.PHYSICAL_MAP, OccupancyGridArray, self._on_map, "physical", queue_size=1),
+            listen(names.SPEED_LIMITS, OccupancyGridArray, self._on_map, "speed", queue_size=1),
+            listen(names.BORDERS, VirtualBorderArray, self._on_borders, queue_size=1),
+            listen(profile.camera.info, CameraInfo, self._on_camera, queue_size=1),
+            listen("move_base/status", GoalStatusArray, self._on_status, queue_size=1),
+            listen("move_base/goal", MoveBaseActionGoal, self._on_goal, queue_size=5),
+        ]
+        if profile.scanner.present:
+            self._subscribers.append(listen(profile.scanner.topic, LaserScan, self._on_scan, queue_size=1))
+        for contact in profile.contacts:
+            kind = get_message_class(contact.type)
+            if kind is None:
+                # a robot whose bumper cannot be heard must not drive as if it had none
+                raise ParameterError("robot_profile/contacts", f"the message type {contact.type} is not installed")
+            self._subscribers.append(listen(contact.topic, kind, functools.partial(self._on_contact, contact)))
+        self._thread = threading.Thread(target=self._run, daemon=True)
+        self._thread.start()
+
+    def close(self) -> None:
+        """Leaves the robot standing."""
+        self._closing.set()
+        self._thread.join(1.0)
+        self._cmd_vel.publish(Twist())
+
+    # ------------------------------------------------------------- callbacks: only store
+    def _on_wish(self, message: Twist, who: str) -> None:
+        self._driver.wish(who, message.linear.x, message.angular.z, rospy.get_time())
+
+    def _on_command(self, message: Any) -> None:
+        name = message._connection_header.get("callerid", "somebody")
+        if name != rospy.get_name():
+            self._driver.heard_other(name, rospy.get_time())
+
+    def _on_state(self, message: InteractionState) -> None:
+        self._driver.set_state(message.state, message.interaction_id, message.entered.to_sec(),
+                               message.header.stamp.to_sec(), message.stopped)
+
+    def _on_spot(self, message: LaserSpot) -> None:
+        position = (message.position.x, message.position.y)
+        if message.header.frame_id != names.MAP_FRAME or not np.isfinite(position).all():
+            rospy.logwarn_throttle(
+                5.0, f"{rospy.get_name()}: spot rejected: frame '{message.header.frame_id}', position {position}; "
+                f"expected finite values in '{names.MAP_FRAME}'")
+            return
+        self._driver.add(Sighting(message.header.stamp.to_sec(), position, message.camera, message.mobile,
+                                  message.confidence))
+
+    def _on_scan(self, message: LaserScan) -> None:
+        frame = message.header.frame_id
+        if frame not in self._mounts:
+            T = self._lookup(self._base, frame, rospy.Time(0), warn=True)
+            if T is None:
+                return
+            self._mounts[frame] = T
+        scan = Scan(np.asarray(message.ranges), message.angle_min, message.angle_increment, message.range_min,
+                    message.range_max, self._mounts[frame], self._profile.radius, self._profile.scanner.zero_is_nothing)
+        self._driver.set_scan(scan, message.header.stamp.to_sec())
+
+    def _on_camera(self, message: CameraInfo) -> None:
+        if self._info is not None and message.K == self._info.K and message.header.frame_id == self._info.header.frame_id:
+            return
+        T = self._lookup(self._base, message.header.frame_id, rospy.Time(0), warn=True)
+        if T is None:
+            return
+        try:
+            view = FloorView(camera_from_info(message), T, self._profile.camera.max_range)
+        except CodedError as error:
+            rospy.logwarn_throttle(5.0, f"{rospy.get_name()}: {error}")
+            return
+        self._info = message
+        self._driver.set_view(view)
+
+    def _on_contact(self, contact: Contact, message: Any) -> None:
+        self._driver.set_contact(contact.topic, int(getattr(message, contact.field)) == contact.alarm)
+
+    def _on_status(self, message: GoalStatusArray) -> None:
+        self._driver.set_goal(any(entry.status in RUNNING for entry in message.status_list))
+
+    def _on_map(self, message: OccupancyGridArray, which: str) -> None:
+        try:
+            grid = grid_from_message(message)
+        except CodedError as error:
+            rospy.logwarn_throttle(5.0, f"{rospy.get_name()}: map refused: {error}")
+            return
+        if which == "speed":
+            self._driver.set_speed_limits(grid)
+            return
+        self._maps[which] = grid
+        self._renew()
+
+    def _on_borders(self, message: VirtualBorderArray) -> None:
+        self._borders = [
+            KnownBorder(
+                border.name or border.id, array_from_points(border.points),
+                np.array([border.seed.x, border.seed.y]), border.kind == VirtualBorder.POLYGON)
+            for border in message.borders
+            if border.enabled and len(border.points) and (not border.robots or self._params.robot in border.robots)
+        ]
+        if self._workspace is not None:
+            self._workspace.name_borders(self._borders)
+
+    def _renew(self) -> None:
+        with self._lock:
+            borders, physical = self._maps.get("borders"), self._maps.get("physical")
+            if borders is None:
+                return
+            workspace = None
+            if physical is not None and physical.same_geometry(borders):
+                workspace = Workspace(borders, physical, self._borders, self._profile.radius)
+            self._workspace = workspace
+            self._driver.set_maps(borders, physical, workspace)
+
+    def _on_goal(self, message: MoveBaseActionGoal) -> None:
+        target, workspace = message.goal.target_pose, self._workspace
+        if target.header.frame_id.lstrip("/") != names.MAP_FRAME or workspace is None:
+            return
+        x, y, _ = pose_to_2d(target.pose)
+        if workspace.standing((x, y)) is not Standing.FREE and workspace.is_hard((x, y)):
+            self._bad_goal = self._notice("goal_in_border", Severity.WARNING, border=_quoted(workspace.names_at((x, y))))
+            self._bad_goal_until = rospy.get_time() + GOAL_NOTICE
+
+    # ------------------------------------------------------------- driving
+    def _run(self) -> None:
+        # by the wall's clock: a robot must also stop when simulated time does
+        last, moved = rospy.Time(0), time.monotonic()
+        while not self._closing.wait(1.0 / drivers.RATE) and not rospy.is_shutdown():
+            now = rospy.Time.now()
+            try:
+                if now != last:
+                    last, moved = now, time.monotonic()
+                    self._obey(self._step(now), now)
+                elif time.monotonic() - moved > CLOCK_LIMIT:
+                    self._obey(self._driver.halt("clock_stands"), now)
+            except rospy.ROSException:
+                if not rospy.is_shutdown():
+                    raise
+            except Exception:
+                # whatever goes wrong here, the robot must not keep its last command, and the next time may go well
+                self._obey(self._driver.halt("fault"), now)
+                rospy.logerr_throttle(5.0, f"{rospy.get_name()}: {traceback.format_exc()}")
+
+    def _step(self, now: rospy.Time) -> Command:
+        # tf gives the newest transform however old: asking for one at this time tells whether it is recent
+        recent = now - rospy.Duration(min(drivers.POSE_LIMIT, now.to_sec()))
+        if self._lookup(names.MAP_FRAME, self._base, recent) is not None:
+            T = self._lookup(names.MAP_FRAME, self._base, rospy.Time(0))
+            self._driver.set_pose(geometry.transform_pose2d(T) if T is not None else None, now.to_sec())
+        frames = Frames(lambda stamp: self._odom_from_map(now, stamp),
+                        lambda: self._lookup(self._base, self._odom, rospy.Time(0), warn=True))
+        return self._driver.step(now.to_sec(), frames)
+
+    def _obey(self, command: Command, now: rospy.Time) -> None:
+        if command.speaks:
+            message = Twist()
+            message.linear.x, message.angular.z = command.v, command.w
+            self._cmd_vel.publish(message)
+        if command.cancel:
+            self._cancel.publish(GoalID())
+        self._tell(command, now.to_sec())
+
+    def _odom_from_map(self, now: rospy.Time, stamp: float) -> Optional[np.ndarray]:
+        T = self._lookup(self._odom, names.MAP_FRAME, rospy.Time.from_sec(stamp))
+        if T is None and now.to_sec() - stamp > SLOW_LOCALISATION:
+            T = self._lookup(self._odom, names.MAP_FRAME, rospy.Time(0), warn=True)
+        return T
+
+    def _lookup(self, target: str, source: str, stamp: rospy.Time, warn: bool = False) -> Optional[np.ndarray]:
+        try:
+            return self._transforms.lookup(target, source, stamp, timeout_s=0.0)
+        except CodedError as error:
+            if warn:
+                rospy.logwarn_throttle(5.0, f"{rospy.get_name()}: {error}")
+            return None
+
+    # ------------------------------------------------------------- words
+    def _tell(self, command: Command, now: float) -> None:
+        """Says who drives, at once when it changes, and what people should know."""
+        before, at = self._told
+        changed = (command.driver, command.code) != (before.driver, before.code)
+        if not changed and 0.0 <= now - at < STATE_EACH:
+            return
+        self._told = (command, now)
+        code = f"robot_{command.code}"
+        message = DriverState(robot=self._params.robot, driver=command.driver, code=command.code, speed=command.v,
+                              turn_rate=command.w, message=sentences.say(code, {"who": self._who}))
+        message.header.stamp = rospy.Time.from_sec(now)
+        self._states.publish(message)
+        if changed:
+            rospy.loginfo("%s: %s: %s", rospy.get_name(), command.driver, command.code)
+        self._notices.set(self._said(command, now))
+
+    def _said(self, command: Command, now: float) -> List[Notice]:
+        found = []
+        standing, borders, hard = self._driver.standing(now)
+        if standing is not Standing.FREE:
+            inside = standing is Standing.INSIDE
+            code = "robot_inside_border" if inside else "robot_touches_border"
+            severity = Severity.ERROR if inside and hard else Severity.WARNING
+            found.append(self._notice(code, severity, border=_quoted(borders)))
+            if command.driver == drivers.LEAVE:
+                found.append(self._notice("robot_leaves_border", Severity.INFO, border=_quoted(borders)))
+            elif self._driver.gave_up_leaving:
+                reason = sentences.say(f"robot_{self._driver.leave_failed}", {"who": self._who})
+                found.append(self._notice("robot_cannot_leave", Severity.WARNING, border=_quoted(borders), reason=reason))
+        if command.code == "goal_cancelled" or command.cancel:
+            found.append(self._notice("goal_cancelled", Severity.INFO))
+        self._held_since = {command.code: self._held_since.get(command.code, now)}
+        if command.code in HOLDS and (now - self._held_since[command.code] >= HELD_FOR or command.driver == drivers.STOP):
+            severity = Severity.INFO if command.code in ("obstacle", "border") else Severity.WARNING
+            code = "robot_inside_border_held" if command.code == "inside_border" else f"robot_{command.code}"
+            found.append(self._notice(code, severity, others=self._driver.others))
+        if self._bad_goal is not None and now < self._bad_goal_until:
+            found.append(self._bad_goal)
+        return found
+
+    def _notice(self, code: str, severity: Severity, **values: str) -> Notice:
+        return Notice(code, severity, robot=self._params.robot, values={"who": self._who, **values})
+
+
+def _quoted(border_names: List[str]) -> str:
+    return " and ".join(f"'{name}'" for name in border_names) if border_names else "a border without a name"
+
+
+def build() -> RobotDriverNode:
+    """Reads the parameters and makes the node."""
+    return RobotDriverNode(parameters.read(DriverParams, "~"), robot_profile.read())

@@ -1,0 +1,190 @@
+#!/usr/bin/env python3
+"""Two robots' drivers with spots, tf, scans, maps and commands; what they command moves the robots."""
+import os
+import sys
+import unittest
+
+import rospy
+import rostest
+from geometry_msgs.msg import Point, Twist
+from move_base_msgs.msg import MoveBaseActionGoal
+from std_msgs.msg import Bool
+
+sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
+from stimulus import Body, Stimulus, assert_bad_parameter_is_named, room, wait_until  # noqa: E402
+
+from vb_core import names  # noqa: E402
+from vb_core.ros.messages import pose_from_2d  # noqa: E402
+from vb_msgs.msg import DriverState, NoticeArray, VirtualBorder, VirtualBorderArray  # noqa: E402
+from vb_robot import robot_driver_node  # noqa: E402
+
+DEFAULT, BORDER, SEED, GUIDE = range(4)
+
+
+class DriverTest(unittest.TestCase):
+    @classmethod
+    def setUpClass(cls):
+        rospy.init_node("test_robot_driver")
+        cls.ada = Body((1.0, 4.0, 0.0), "ada")
+        cls.stimulus = Stimulus(pose=(1.5, 2.5, 0.0), others=(cls.ada,))
+        cls.drivers, cls.notices = {}, {}
+        for body in (cls.stimulus, cls.ada):
+            rospy.Subscriber(f"{body.prefix}cmd_vel", Twist, cls.on_command, body)
+        rospy.Subscriber(names.DRIVERS, DriverState, lambda m: cls.drivers.update({m.robot: (m.driver, m.code)}))
+        rospy.Subscriber(names.NOTICES, NoticeArray, cls.on_notices)
+        cls.navigation = rospy.Publisher("cmd_vel/navigation", Twist, queue_size=1)
+        cls.stop = rospy.Publisher(names.STOP, Bool, queue_size=1)
+        cls.goals = rospy.Publisher("move_base/goal", MoveBaseActionGoal, queue_size=1)
+        cls.borders = rospy.Publisher(names.BORDERS, VirtualBorderArray, queue_size=1, latch=True)
+        cls.wish = None
+        cls.timer = rospy.Timer(rospy.Duration(0.1), cls.on_timer)
+        border = VirtualBorder(id="1", name="carpet", kind=VirtualBorder.POLYGON, occupancy=1.0, enabled=True)
+        border.points = [Point(*p, 0.0) for p in ((4, 2), (5, 2), (5, 3), (4, 3))]
+        border.seed = Point(4.5, 2.5, 0.0)
+        cls.borders.publish(VirtualBorderArray(borders=[border]))
+        cls.stimulus.scan_range = 7.0
+        cls.stimulus.set_state(DEFAULT)
+        assert wait_until(lambda: cls.drivers.get("") and cls.drivers.get("ada")), "the drivers did not come up"
+
+    @classmethod
+    def on_command(cls, message, body):
+        with body.lock:
+            body.velocity = (message.linear.x, message.angular.z)
+
+    @classmethod
+    def on_notices(cls, message):
+        cls.notices[message.source] = {(notice.code, notice.robot) for notice in message.notices}
+
+    @classmethod
+    def on_timer(cls, _event):
+        if cls.wish is not None:
+            message = Twist()
+            message.linear.x, message.angular.z = cls.wish
+            cls.navigation.publish(message)
+
+    def setUp(self):
+        self.stimulus.spot, self.stimulus.silent, self.stimulus.confidence = None, False, 1.0
+        type(self).wish = None
+        self.stop.publish(Bool(False))
+        self.stimulus.set_state(DEFAULT)
+        self.assertTrue(wait_until(lambda: self.stimulus.velocity == (0.0, 0.0) == self.ada.velocity))
+        self.put(self.stimulus, (1.5, 2.5, 0.0))
+        self.put(self.ada, (1.0, 4.0, 0.0))
+        self.publish_border(False)
+        self.assertTrue(wait_until(lambda: self.drivers.get("") == ("nobody", "idle")), str(self.drivers))
+
+    def put(self, body, pose):
+        with body.lock:
+            body.pose = pose
+
+    def publish_border(self, there=True):
+        grid = room()
+        data = grid.data.copy()
+        data[40:60, 80:100] = 100  # x 4 to 5 m, y 2 to 3 m
+        self.stimulus.publish_map(grid.with_data(data) if there else grid, physical=grid)
+
+    def guided(self):
+        self.stimulus.set_state(GUIDE)
+        self.stimulus.spot = (self.stimulus.pose[0] + 2.2, self.stimulus.pose[1], "robot", True)
+        self.assertTrue(wait_until(lambda: self.stimulus.velocity[0] > 0.1), str(self.drivers))
+
+    def holds(self, code):
+        return wait_until(lambda: self.drivers.get("", ("", ""))[1] == code and self.stimulus.velocity == (0.0, 0.0))
+
+    def said(self, code, robot=""):
+        return any((code, robot) in codes for codes in self.notices.values())
+
+    def test_follows_the_spot_and_stops_when_the_manager_is_silent(self):
+        self.guided()
+        self.assertEqual(self.drivers[""][0], "follow")
+        self.stimulus.silent = True
+        self.assertTrue(self.holds("state_lost"), str(self.drivers))
+        self.assertTrue(wait_until(lambda: self.said("robot_state_lost")))
+        self.stimulus.silent = False
+        self.assertTrue(wait_until(lambda: self.stimulus.velocity[0] > 0.1))
+        self.assertTrue(wait_until(lambda: not self.said("robot_state_lost")))
+
+    def test_navigation_goes_through_it_and_stop_wins(self):
+        type(self).wish = (0.05, 0.2)
+        self.assertTrue(wait_until(lambda: self.stimulus.velocity == (0.05, 0.2)))
+        self.stop.publish(Bool(True))
+        self.assertTrue(self.holds("stopped"))
+        self.assertTrue(wait_until(lambda: self.said("robot_stopped")))
+        self.stop.publish(Bool(False))
+        self.assertTrue(wait_until(lambda: self.stimulus.velocity == (0.05, 0.2)))
+        self.stimulus.set_state(DEFAULT, stopped=True)
+        self.assertTrue(self.holds("stopped"))
+        self.stimulus.set_state(DEFAULT)
+        self.assertTrue(wait_until(lambda: self.stimulus.velocity == (0.05, 0.2)))
+        self.assertEqual(self.ada.velocity, (0.0, 0.0))
+
+    def test_without_a_scan_it_stops(self):
+        type(self).wish = (0.05, 0.2)
+        self.assertTrue(wait_until(lambda: self.stimulus.velocity == (0.05, 0.2)))
+        self.stimulus.scan_range = None
+        self.assertTrue(self.holds("scan_lost"))
+        self.stimulus.scan_range = 7.0
+        self.assertTrue(wait_until(lambda: self.stimulus.velocity == (0.05, 0.2)))
+
+    def test_commands_past_the_driver_stop_it(self):
+        other = rospy.Publisher("cmd_vel", Twist, queue_size=1)
+        type(self).wish = (0.05, 0.2)
+        self.assertTrue(wait_until(lambda: self.stimulus.velocity == (0.05, 0.2)))
+
+        def disturbed():
+            other.publish(Twist())
+            return self.drivers[""][1] == "somebody_else_drives"
+
+        self.assertTrue(wait_until(disturbed))
+        other.unregister()
+        self.assertTrue(wait_until(lambda: self.stimulus.velocity == (0.05, 0.2)))
+
+    def test_notices_are_cleared_by_code_and_robot(self):
+        self.stimulus.set_state(SEED)  # nobody leaves while somebody draws
+        self.publish_border()
+        self.put(self.stimulus, (4.5, 2.5, 0.0))
+        self.put(self.ada, (4.4, 2.4, 0.0))
+        for robot in ("", "ada"):
+            self.assertTrue(wait_until(lambda: self.said("robot_inside_border", robot)), robot)
+        self.put(self.ada, (1.0, 4.0, 0.0))
+        self.assertTrue(wait_until(lambda: not self.said("robot_inside_border", "ada")))
+        self.assertTrue(self.said("robot_inside_border", ""), "that the other has left clears nothing")
+
+    def test_leaves_by_itself_after_the_drawing(self):
+        self.stimulus.set_state(SEED)
+        self.put(self.ada, (4.15, 2.5, 3.1))
+        self.publish_border()
+        self.assertTrue(wait_until(lambda: self.said("robot_inside_border", "ada")))
+        self.assertEqual(self.ada.velocity, (0.0, 0.0))
+        self.stimulus.set_state(DEFAULT)
+        self.assertTrue(wait_until(lambda: self.said("robot_leaves_border", "ada")))
+        self.assertTrue(wait_until(lambda: self.ada.pose[0] < 4.0 - 0.18 and self.ada.velocity == (0.0, 0.0), 25.0))
+        self.assertTrue(wait_until(lambda: not self.said("robot_inside_border", "ada")))
+
+    def test_a_goal_inside_is_answered(self):
+        self.publish_border()
+        goal = MoveBaseActionGoal()
+        goal.goal.target_pose.header.frame_id = "map"
+        goal.goal.target_pose.pose = pose_from_2d(4.4, 2.6, 0.0)
+
+        def answered():
+            self.goals.publish(goal)
+            return self.said("goal_in_border")
+
+        self.assertTrue(wait_until(answered))
+
+    def test_a_contact_that_cannot_be_heard_is_refused(self):
+        contact = {"topic": "bumper", "type": "no_such_msgs/Bumper"}
+        rospy.set_param("robot_profile", {"contacts": [contact]})
+        try:
+            with self.assertRaisesRegex(Exception, "no_such_msgs/Bumper"):
+                robot_driver_node.build()
+        finally:
+            rospy.delete_param("robot_profile")
+
+    def test_bad_parameter_is_named(self):
+        assert_bad_parameter_is_named(self, robot_driver_node.build, "follow_in_border", "sometimes")
+
+
+if __name__ == "__main__":
+    rostest.rosrun("vb_robot", "robot_driver", DriverTest)

@@ -1,0 +1,369 @@
+"""Who drives, and whether it may; and the closed loop of following, on a unicycle without ROS."""
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from vb_core import geometry
+from vb_core.grid_map import GridMap
+from vb_core.robot_profile import RobotProfile
+from vb_robot.driver import NAVIGATION, STATE_LIMIT, TELEOP, Driver
+from vb_robot.following import Frames
+from vb_robot.safety import Scan
+from vb_robot.servoing import BACK_TO_DISTANCE, FAR_DISTANCE, MAX_SPEED, MAX_TURN, NEAR_DISTANCE
+from vb_robot.spots import BORDER, DEFAULT, GUIDE, SEED, Sighting, Sightings
+from vb_robot.view import FloorView, ViewParams, to_base
+from vb_robot.workspace import Workspace
+
+DT, PROFILE, VIEW = 0.05, RobotProfile(), FloorView.at(ViewParams())
+
+
+def empty(width=8.0, height=5.0, resolution=0.025):
+    return GridMap(np.zeros((int(height / resolution), int(width / resolution)), dtype=np.int8), resolution)
+
+
+def with_border(grid, x0, y0, x1, y1):
+    data = grid.data.copy()
+    low, high = grid.world_to_cell([[x0, y0], [x1, y1]])
+    data[low[0]:high[0], low[1]:high[1]] = 100
+    return grid.with_data(data)
+
+
+class Rig:
+    """A driver on a unicycle in an empty room; what is `silent` does not come any more."""
+
+    def __init__(self, pose=(2.0, 2.5, 0.0), fov=360, grid=None, camera="robot", cameras=("robot",), leaves=False):
+        self.now, self.pose, self.silent = 100.0, pose, set()
+        self.driver = Driver(PROFILE, camera, cameras, leaves=leaves)
+        self.driver.set_view(VIEW)
+        self.set_grid(grid or empty())
+        self.camera, self.fov, self.state, self.stopped = camera, fov, (DEFAULT, "", 0.0), False
+        self.spot, self.confidence, self.navigation, self.teleop = None, 0.9, None, None
+        self.ranges = np.full(fov, math.inf)
+        self.commands, self.cancelled = [], 0
+        self._said = -math.inf
+
+    def set_grid(self, grid):
+        self.driver.set_maps(grid, empty(), Workspace(grid, empty(), [], PROFILE.radius))
+
+    def set_state(self, state, interaction="a"):
+        self.state, self._said = (state, interaction if state else "", self.now), -math.inf
+
+    def see(self, place, camera, mobile, confidence=0.9):
+        self.driver.add(Sighting(self.now, tuple(place), camera, mobile, confidence))
+
+    def step(self, seconds=DT):
+        for _ in range(max(1, int(round(seconds / DT)))):
+            self._step()
+        return self.commands[-1]
+
+    def _step(self):
+        self.now += DT
+        if "state" not in self.silent and self.now - self._said >= 0.5:
+            self._said = self.now
+            self.driver.set_state(*self.state, self.now, self.stopped)
+        if "pose" not in self.silent:
+            self.driver.set_pose(self.pose, self.now)
+        if "scan" not in self.silent:
+            step = math.radians(1.0)
+            self.driver.set_scan(Scan(self.ranges, -0.5 * step * (self.fov - 1), step, 0.12, 8.0, np.eye(4), 0.18), self.now)
+        if self.spot is not None and VIEW.sees(to_base(np.array([self.spot]), self.pose))[0]:
+            self.see(self.spot, self.camera, True, self.confidence)
+        for who, wish in ((NAVIGATION, self.navigation), (TELEOP, self.teleop)):
+            if wish is not None:
+                self.driver.wish(who, *wish, self.now)
+        T = geometry.invert(geometry.pose2d_transform(*self.pose))
+        command = self.driver.step(self.now, Frames(lambda stamp: np.eye(4), lambda: T))
+        self.cancelled += command.cancel
+        self.commands.append(command)
+        middle = self.pose[2] + 0.5 * command.w * DT
+        self.pose = (self.pose[0] + command.v * DT * math.cos(middle), self.pose[1] + command.v * DT * math.sin(middle),
+                     self.pose[2] + command.w * DT)
+
+    def follows(self, distance=1.6):
+        """Guided, and on its way to a spot ahead."""
+        self.set_state(GUIDE)
+        self.spot = (self.pose[0] + distance, self.pose[1])
+        self.step(0.8)
+        assert self.commands[-1].driver == "follow" and self.commands[-1].v > 0.1
+        return self
+
+
+# ------------------------------------------------------------ who drives
+def test_the_first_that_wants_to_drives():
+    rig = Rig()
+    assert rig.step().driver == "nobody" and not rig.commands[-1].speaks
+    rig.navigation = (0.3, 0.1)
+    command = rig.step()
+    assert (command.driver, command.v, command.w) == ("navigation", 0.3, 0.1)
+    rig.follows()
+    rig.teleop = (-0.1, 0.0)
+    assert rig.step().driver == "teleop" and rig.commands[-1].v == -0.1
+    rig.stopped = True
+    command = rig.step(0.6)
+    assert (command.driver, command.v, command.speaks) == ("stop", 0.0, True)
+
+
+def test_navigation_that_falls_silent_is_told_to_stop_once():
+    rig = Rig()
+    rig.navigation = (0.3, 0.0)
+    rig.step(0.5)
+    rig.navigation = None
+    rig.step(0.6)
+    last = [command for command in rig.commands if command.driver == "nobody" and command.speaks]
+    assert len(last) == 1 and last[0].v == 0.0
+
+
+def test_two_never_drive_at_once_also_if_the_task_sends_its_goal_again():
+    rig = Rig().follows()
+    rig.navigation = (0.5, 1.0)
+    rig.driver.set_goal(True)
+    before = rig.cancelled
+    rig.spot = None
+    rig.step(3.0)
+    assert all(command.driver == "follow" for command in rig.commands[-60:])
+    assert rig.commands[-1].v == rig.commands[-1].w == 0.0, "it waits for the spot where it is"
+    assert rig.cancelled - before == 3, "and cancels the goal again each second"
+
+
+def test_somebody_who_commands_past_the_driver_stops_it_and_is_named():
+    rig = Rig()
+    rig.navigation = (0.3, 0.0)
+    rig.step(0.5)
+    rig.driver.heard_other("/move_base", rig.now)
+    assert rig.step().code == "somebody_else_drives" and rig.commands[-1].v == 0.0
+    assert rig.driver.others == "/move_base"
+    assert rig.step(1.2).v == 0.3
+
+
+@pytest.mark.parametrize("by", ["state", "topic"])
+def test_stop_is_latched_until_released(by):
+    rig = Rig()
+    rig.navigation = rig.teleop = (0.3, 0.0)
+    rig.step()
+    if by == "state":
+        rig.stopped = True
+    rig.driver.set_stop(True)
+    rig.step(5.0)
+    assert rig.commands[-1].driver == "stop"
+    if by == "state":
+        rig.stopped = False  # `resume`
+    else:
+        rig.driver.set_stop(False)
+    assert rig.step(0.6).v == 0.3
+
+
+# ------------------------------------------------------------ the gate
+@pytest.mark.parametrize("lost, code, limit", [("scan", "scan_lost", 0.35), ("pose", "pose_lost", 0.45),
+                                              ("state", "state_lost", STATE_LIMIT + 0.05)])
+@pytest.mark.parametrize("who", ["follow", "navigation"])
+def test_without_state_scan_or_pose_nobody_drives(who, lost, code, limit):
+    rig = Rig()
+    if who == "follow":
+        rig.follows(1.8)
+    else:
+        rig.navigation = (0.2, 0.0)
+        rig.step(1.0)
+    # a spot that is drawn away for ever: only the gate can stop the robot
+    rig.silent.add(lost)
+    began = rig.now
+    while rig.now - began < 3.0:
+        rig.spot = (rig.pose[0] + 1.6, rig.pose[1]) if who == "follow" else None
+        rig.step()
+    stopped = [command for command in rig.commands if command.code == code]
+    assert stopped and all(command.v == command.w == 0.0 for command in stopped)
+    assert len(stopped) >= (3.0 - limit) / DT - 2, "in time, and for good"
+    rig.silent.clear()
+    rig.step(1.0)
+    assert abs(rig.commands[-1].v) > 0.05, "it goes on when it is back"
+
+
+@pytest.mark.parametrize("fov, backs", [(58, False), (270, False), (360, True)])
+def test_it_backs_off_only_where_the_scanner_looks(fov, backs):
+    rig = Rig(fov=fov)
+    rig.set_state(GUIDE)
+    rig.spot = (2.6, 2.5)
+    rig.step(1.0)
+    assert (min(command.v for command in rig.commands) < -0.05) is backs
+    assert backs or rig.commands[-1].code == "unseen_floor"
+
+
+def test_an_obstacle_nearer_than_the_scanner_can_measure_is_not_driven_into():
+    rig = Rig()
+    rig.ranges[170:190] = -math.inf
+    rig.navigation = (0.3, 0.0)
+    assert rig.step(1.0).code == "obstacle"
+    assert all(command.v == 0.0 for command in rig.commands)
+
+
+def test_contact_lets_it_only_back_up():
+    rig = Rig()
+    rig.navigation = (0.3, 0.0)
+    rig.driver.set_contact("bumper", True)
+    assert rig.step(0.2).code == "contact" and rig.commands[-1].v == 0.0
+    rig.navigation = (-0.2, 0.0)
+    assert rig.step().v == -0.2
+
+
+def test_speed_limits_hold_for_navigation():
+    rig = Rig()
+    rig.navigation = (0.5, 0.5)
+    rig.driver.set_speed_limits(empty().with_data(np.full(empty().shape, 20, np.int8)))
+    command = rig.step(0.2)
+    assert command.code == "speed_zone" and command.v == pytest.approx(0.2) and command.w == pytest.approx(0.2)
+
+
+@pytest.mark.parametrize("who", ["follow", "navigation", "teleop"])
+def test_a_border_put_before_its_nose_is_not_crossed(who):
+    for gap in (0.05, 0.15, 0.3):
+        rig = Rig()
+        if who == "follow":
+            rig.follows(2.0)
+        elif who == "navigation":
+            rig.navigation = (0.5, 0.0)
+        else:
+            rig.teleop = (0.5, 0.0)
+        rig.step(0.5)
+        edge = rig.pose[0] + PROFILE.radius + gap
+        rig.set_grid(with_border(empty(), edge, 0.0, 8.0, 5.0))
+        nose = []
+        for _ in range(40):
+            if who == "follow":
+                rig.spot = (rig.pose[0] + 1.8, 2.5)
+            rig.step()
+            nose.append(rig.pose[0] + PROFILE.radius)
+        assert max(nose) <= edge + 0.04 and rig.commands[-1].code == "border"
+
+
+def test_a_leap_of_the_localisation_stops_it_for_a_moment():
+    rig = Rig()
+    rig.navigation = (0.3, 0.0)
+    rig.step(0.5)
+    rig.pose = (rig.pose[0], rig.pose[1] + 0.6, 0.0)
+    assert rig.step(0.2).code == "pose_leapt" and rig.commands[-1].v == 0.0
+    assert rig.step(1.2).v == 0.3
+
+
+def test_numbers_that_are_none_stop_it():
+    rig = Rig()
+    rig.navigation = (math.nan, 0.0)
+    assert rig.step().code == "bad_command" and rig.commands[-1].v == 0.0
+
+
+# ------------------------------------------------------------ one policy for spots
+@settings(max_examples=200, deadline=None)
+@given(st.sampled_from([BORDER, SEED]),
+       st.lists(st.tuples(st.sampled_from(["red", "robot"]), st.floats(0.0, 1.0)), min_size=1, max_size=30))
+def test_somebody_always_acts_and_never_two(state, seen):
+    """Driver and dispatcher each keep their own record; both hear the same spots."""
+    driver, dispatcher = Sightings(mobile_cameras=["robot"]), Sightings(mobile_cameras=["robot"])
+    for record in (driver, dispatcher):
+        record.set_state(state, "a", 0.0)
+        for i, (camera, confidence) in enumerate(seen):
+            record.add(Sighting(0.1 * i, (1.0, 1.0), camera, camera == "robot", confidence))
+    now = 0.1 * len(seen) + 1.5
+    certain = {camera for camera, confidence in seen if confidence >= 0.4}
+    acting = driver.follows("robot", now), dispatcher.dispatches()
+    assert sum(acting) == bool(certain)
+
+
+def test_a_reflection_leads_nobody():
+    rig = Rig()
+    rig.set_state(GUIDE)
+    rig.spot, rig.confidence = (3.6, 2.5), 0.3
+    rig.step(2.0)
+    assert all(command.driver == "nobody" for command in rig.commands)
+
+
+def test_one_weak_sighting_of_a_ceiling_camera_does_not_stop_it():
+    rig = Rig()
+    rig.set_state(BORDER)
+    rig.spot = (3.6, 2.5)
+    rig.step(2.0)
+    rig.see((3.6, 2.5), "red", False, confidence=0.2)
+    assert rig.step(0.3).driver == "follow"
+    rig.see((3.6, 2.5), "red", False, confidence=0.9)
+    assert rig.step(0.3).driver == "nobody", "from here on robots are sent"
+
+
+def test_guide_leaves_robots_alone_that_do_not_see_the_spot():
+    far = Rig(pose=(6.0, 2.5, 0.0), camera="robot2", cameras=("robot1", "robot2"))
+    far.navigation = (0.3, 0.0)
+    far.driver.set_goal(True)
+    far.set_state(GUIDE)
+    for _ in range(100):
+        far.see((2.0, 2.5), "robot1", True)
+        far.step()
+    far.step(3.0)  # the laser is off
+    assert far.cancelled == 0 and all(command.driver == "navigation" for command in far.commands)
+
+
+def test_the_robot_that_has_seen_the_spot_longest_follows_and_stays_so_while_nobody_sees_it():
+    rig = Rig(cameras=("robot", "other"))
+    rig.follows()
+    rig.see((3.0, 2.5), "other", True)
+    assert rig.step().driver == "follow"
+    rig.spot = None
+    assert rig.step(5.0).driver == "follow"
+    rig.see((3.0, 2.5), "other", True)
+    assert rig.step().driver == "nobody", "another robot sees it now"
+
+
+# ------------------------------------------------------------ following
+def drag(path, speed, pose, latency=0.12, noise=0.0, extra=4.0, grid=None):
+    """Drags a spot along a path; rows of (x, y, v, w, visible, spot distance)."""
+    path = np.asarray(path, dtype=float)
+    length = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1))])
+    rig, rng = Rig(pose, grid=grid), np.random.default_rng(7)
+    rig.set_state(GUIDE)
+    waiting, rows = [], []
+    for i in range(int((length[-1] / speed + extra) / DT)):
+        spot = np.array([np.interp(i * DT * speed, length, path[:, k]) for k in range(2)])
+        visible = bool(VIEW.sees(to_base(spot[None], rig.pose))[0])
+        if visible:
+            waiting.append((rig.now, spot + rng.normal(0.0, noise, 2) if noise else spot))
+        while waiting and waiting[0][0] <= rig.now - latency:
+            stamp, place = waiting.pop(0)
+            rig.driver.add(Sighting(stamp, tuple(place), "robot", True, 0.9))
+        command = rig.step()
+        rows.append((*rig.pose[:2], command.v, command.w, visible, math.dist(rig.pose[:2], spot)))
+    return np.array(rows)
+
+
+CIRCLE = np.column_stack([3 - np.cos(np.linspace(0, 2 * np.pi, 100)), 2.5 - np.sin(np.linspace(0, 2 * np.pi, 100))])
+RECTANGLE = np.array([[2, 2.0], [4, 2.0], [4, 3.25], [2, 3.25], [2, 2.0]])
+
+
+@pytest.mark.parametrize("speed", [0.1, 0.2])
+@pytest.mark.parametrize(
+    "path", [[[2, 2.5], [6, 2.5]], [[2, 2.5], [2, 4.5]], CIRCLE, RECTANGLE, RECTANGLE[::-1]],
+    ids=["line away", "line sideways", "circle", "rectangle", "rectangle clockwise"],
+)
+def test_spot_stays_in_view(path, speed):
+    start = np.asarray(path, dtype=float)[0]
+    run = drag(path, speed, (start[0] - 1.0, start[1] + 0.1, 0.0), noise=0.003)
+    assert np.abs(run[:, 2]).max() <= MAX_SPEED + 1e-9 and np.abs(run[:, 3]).max() <= MAX_TURN + 1e-9
+    assert run[:, 4].all()
+    assert run[:, 5].min() > 0.4
+    assert abs(run[-1, 2]) < 0.01 and abs(run[-1, 3]) < 0.05, "it comes to rest with the spot"
+    assert NEAR_DISTANCE <= run[-1, 5] <= FAR_DISTANCE
+
+
+def test_backs_off_from_a_spot_that_comes_near():
+    run = drag([[4.0, 2.5], [1.5, 2.5]], 0.2, (3.0, 2.4, 0.0))
+    assert run[:, 4].all(), "a stroke towards the robot at full speed does not slip out of the image below"
+    assert run[-1, 5] >= NEAR_DISTANCE and BACK_TO_DISTANCE > NEAR_DISTANCE
+    assert run[:, 2].min() < -0.02
+
+
+def test_small_strokes_leave_it_at_rest():
+    zigzag = [[2.0 + 0.05 * (i % 2), 2.5 + 0.1 * (i % 2)] for i in range(20)]
+    assert np.abs(drag(zigzag, 0.2, (1.0, 2.5, 0.0))[:, 2:4]).max() == 0.0
+
+
+def test_it_stops_when_the_spot_is_gone():
+    rig = Rig().follows()
+    rig.spot = None
+    assert rig.step(0.3).v == 0.0 and rig.commands[-1].code in ("spot_gone", "drives", "spot_in_view")

@@ -1,0 +1,101 @@
+"""What a scan, a map and a map of speeds let a robot do."""
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from vb_core.grid_map import GridMap
+from vb_core.robot_profile import Limits
+from vb_robot.safety import ForbiddenGround, Keep, Scan, SpeedLimits, arc, safe_speed, stop_distance
+
+LIMITS, RADIUS, KEEP = Limits(), 0.18, Keep(0.12, 0.04, 0.05)
+
+
+def scan(ranges, fov=360.0, range_min=0.12, **how):
+    """A scan with these ranges, spread over a field of view [deg] about straight ahead."""
+    ranges = np.asarray(ranges, dtype=float)
+    step = math.radians(fov) / len(ranges)
+    return Scan(ranges, -0.5 * step * (len(ranges) - 1), step, range_min, 8.0, np.eye(4), RADIUS, **how)
+
+
+def empty(width=8.0, height=5.0, resolution=0.025):
+    return GridMap(np.zeros((int(height / resolution), int(width / resolution)), dtype=np.int8), resolution)
+
+
+@given(st.floats(0.0, 2.0))
+def test_safe_speed_stops_in_time(free):
+    assert stop_distance(safe_speed(free, LIMITS), LIMITS) == pytest.approx(free, abs=1e-9)
+
+
+@pytest.mark.parametrize("fov, forward, back", [(58.0, True, False), (270.0, True, False), (360.0, True, True)])
+def test_what_no_beam_looks_at_is_not_free(fov, forward, back):
+    seen = scan(np.full(int(fov), math.inf), fov)
+    assert seen.sees_way(0.2, 0.0, RADIUS, 0.05) is forward
+    assert seen.sees_way(-0.2, 0.0, RADIUS, 0.05) is back
+
+
+def test_a_hole_in_the_scan_is_not_free():
+    ranges = np.full(360, math.inf)
+    assert scan(ranges).sees_way(0.2, 0.0, RADIUS, 0.05)
+    ranges[175:187] = math.nan  # 12 degrees ahead tell nothing
+    assert not scan(ranges).sees_way(0.2, 0.0, RADIUS, 0.05)
+    assert scan(ranges).sees_way(-0.2, 0.0, RADIUS, 0.05)
+
+
+@pytest.mark.parametrize("value", [0.05, -math.inf, 0.0])
+def test_nearer_than_the_scanner_can_measure_is_an_obstacle(value):
+    ranges = np.full(360, math.inf)
+    ranges[170:190] = value
+    assert scan(ranges).free_way(0.2, 0.0, RADIUS, KEEP) <= 0.0
+    assert scan(ranges).free_way(-0.2, 0.0, RADIUS, KEEP) == math.inf
+
+
+def test_a_scanner_that_says_0_for_no_echo():
+    ranges = np.zeros(360)
+    assert scan(ranges, zero_is_nothing=True).free_way(0.2, 0.0, RADIUS, KEEP) == math.inf
+    assert scan(ranges, zero_is_nothing=True).sees_way(0.2, 0.0, RADIUS, 0.05)
+
+
+def test_free_way_to_a_wall_and_round_a_post():
+    angles = np.radians(np.arange(360) - 179.5)
+    with np.errstate(divide="ignore"):
+        wall = np.where(np.cos(angles) > 0.2, 1.0 / np.cos(angles), math.inf)
+    assert scan(wall).free_way(0.2, 0.0, RADIUS, KEEP) == pytest.approx(1.0 - RADIUS - KEEP.ahead, abs=0.01)
+    assert scan(wall).free_way(-0.2, 0.0, RADIUS, KEEP) == math.inf
+    post = np.full(360, math.inf)
+    post[178:182] = 0.6  # straight ahead
+    assert scan(post).free_way(0.2, 0.0, RADIUS, KEEP) < 0.35
+    assert scan(post).free_way(0.2, 0.4, RADIUS, KEEP) == math.inf, "an arc of 0.5 m leads past it"
+
+
+def test_the_robots_own_parts_are_no_obstacle():
+    ranges = np.full(360, math.inf)
+    ranges[180] = 0.085
+    assert scan(ranges, range_min=0.05).free_way(0.2, 0.0, RADIUS, KEEP) == math.inf
+
+
+def test_ground_lets_a_robot_out_but_not_further_in():
+    data = empty().data.copy()
+    data[:, 160:] = 100  # x = 4 m and more
+    ground = ForbiddenGround(empty().with_data(data), RADIUS)
+    assert ground.free_way((3.0, 2.5, 0.0), 0.2, 0.0, 0.05) == pytest.approx(1.0 - RADIUS - 0.05, abs=0.04)
+    assert ground.free_way((3.9, 2.5, 0.0), 0.2, 0.0, 0.05) <= 0.04
+    assert ground.free_way((3.9, 2.5, 0.0), -0.2, 0.0, 0.05) == math.inf
+    assert ForbiddenGround(empty(), RADIUS).free_way((3.0, 2.5, 0.0), 0.2, 0.1, 0.05) == math.inf
+
+
+def test_speed_limits_count_where_the_robot_is_and_where_it_drives_to():
+    data = np.zeros(empty().shape, np.int8)
+    data[:, 160:] = 15
+    limits = SpeedLimits(empty().with_data(data))
+    assert limits.at((3.0, 2.5, 0.0), 0.5, 0.0, 0.2) == math.inf
+    assert limits.at((3.9, 2.5, 0.0), 0.5, 0.0, 0.2) == pytest.approx(0.15)
+    assert limits.at((3.9, 2.5, math.pi), 0.5, 0.0, 0.2) == math.inf
+    assert limits.at((6.0, 2.5, 0.0), 0.5, 0.0, 0.2) == pytest.approx(0.15)
+
+
+def test_arc_closes_a_circle():
+    assert np.allclose(arc((1.0, 2.0, 0.5), np.array([2 * math.pi * 0.7]), 1 / 0.7), [[1.0, 2.0]], atol=1e-9)
+    assert np.allclose(arc((1.0, 2.0, math.pi / 2), np.array([0.5, -0.5]), 0.0), [[1.0, 2.5], [1.0, 1.5]])
