@@ -187,7 +187,7 @@ def main() -> int:
         stack.callback(screen.stop)
         state = folder / f"state_{port}"
         more = [f"projector:={TOP}/src/vb_sim/config/lab_projector.yaml"] if given.projector else []
-        launch = Child(["roslaunch", "-p", str(port), str(TOP / "launch/simulation.launch"), f"state:={state}",
+        launch = Child(["roslaunch", "-p", str(port), str(TOP / "launch/simulation.launch"), f"state:={state}", "page:=false",
                         f"cameras:={given.cameras}", f"rviz:={'false' if given.no_rviz else 'true'}", *more],
                        folder / "roslaunch.txt")
         stack.callback(launch.stop)

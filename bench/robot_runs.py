@@ -245,7 +245,7 @@ def run_ros(world_path: Path, scenario: str, method: str, seed: int, log: Path, 
     launched = Child(
         ["roslaunch", "-p", str(port), str(TOP / "launch" / "simulation.launch"), f"world:={world_path}",
          f"seed:={seed}", f"cameras:={' '.join(cameras) or 'none'}", f"method:={method}", f"state:={state}",
-         "rviz:=false"],
+         "rviz:=false", "page:=false"],
         log / "roslaunch.txt", environment)
     person = bag = None
     try:

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 TOP = Path(__file__).resolve().parents[1]
-FEATURES = ("vb_laser_detect", "vb_fusion", "vb_map_integration", "vb_voice_wizard", "vb_robot", "vb_feedback")
+FEATURES = ("vb_laser_detect", "vb_fusion", "vb_map_integration", "vb_voice_wizard", "vb_robot", "vb_feedback", "vb_web")
 PACKAGES = sorted(path.parent.name for path in TOP.glob("src/*/package.xml"))
 
 
@@ -31,7 +31,7 @@ def imported(path):
 
 
 def test_all_packages_are_there():
-    assert len(PACKAGES) == 11 and set(FEATURES) < set(PACKAGES)
+    assert len(PACKAGES) == 12 and set(FEATURES) < set(PACKAGES)
     assert len(python_files()) > 100
 
 
@@ -62,7 +62,7 @@ def test_manifests_name_what_is_imported(package):
 # keys outside of Noetic's own packages, looked up in rosdistro's rosdep/python.yaml and base.yaml
 ROSDEP_KEYS = {"alsa-utils"} | {
     "python3-" + name
-    for name in ("hypothesis", "jinja2", "matplotlib", "numpy", "opencv", "pytest", "rospkg", "scipy", "setuptools", "shapely", "yaml")
+    for name in ("hypothesis", "jinja2", "matplotlib", "numpy", "opencv", "pytest", "rospkg", "scipy", "setuptools", "shapely", "tornado", "yaml")
 }
 
 

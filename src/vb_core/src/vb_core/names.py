@@ -22,6 +22,7 @@ SOUND = "/virtual_borders/sound"
 HEARD = "/virtual_borders/voice/heard"
 VOICE_LEVEL = "/virtual_borders/voice/level"
 PROJECTOR = "/virtual_borders/projector"
+STUDY_EVENTS = "/virtual_borders/study_events"
 
 COMMAND = "/virtual_borders/command"
 CANDIDATE = "/virtual_borders/get_candidate"

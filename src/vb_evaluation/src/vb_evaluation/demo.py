@@ -46,6 +46,8 @@ NAVIGATIONS = ("standin", "move_base")
 DRIVE_S = 120.0  # [s] for one goal; move_base gives up one that is out of reach after 40 s
 METHOD_TITLES = {"nrs": "network robot system", "robot_only": "robot only"}
 READY_TIMEOUT_S = 90.0
+# of the page, if nobody else has it
+PAGE_PORT = 8420
 INTERACTION_TIMEOUT_S = 900.0
 # software OpenGL pays for each pixel, and the cameras need the cores: the virtual screen is no larger than legible
 SCREEN = (1280, 720)
@@ -158,10 +160,11 @@ class Demo:
         state = options.out / "state"
         shutil.rmtree(str(state), ignore_errors=True)
         self._environment = environment
+        page = free_port(PAGE_PORT)
         self._launched = Child(
             ["roslaunch", "-p", str(port), self._launch_file("simulation.launch"), f"world:={options.world_path}",
-             f"seed:={options.seed}", f"cameras:={cameras or 'none'}", f"method:={options.method}", f"navigation:={options.navigation}",
-             f"state:={state}", f"maps:={options.out}",
+             f"seed:={options.seed}", f"cameras:={cameras or 'none'}", f"method:={options.method}",
+             f"navigation:={options.navigation}", f"state:={state}", f"maps:={options.out}", f"page_port:={page}",
              f"rviz:={'true' if options.rviz else 'false'}",
              f"rviz_config:={self._fit_display()}",
              *([self._launch_file("parts/models.launch"), f"models:={options.models}"] if options.models else [])],
@@ -169,6 +172,7 @@ class Demo:
         )
         self._stack.callback(self._launched.stop)
         self._port = port
+        self._say(f"watch it, and take part, at http://127.0.0.1:{page}/")
         self._say("starting the lab: "
                   + (f"cameras {cameras} and the robot's" if cameras else "the robot's camera alone, as in the paper's baseline"))
 

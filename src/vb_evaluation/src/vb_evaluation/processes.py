@@ -13,10 +13,14 @@ from typing import Dict, List, Optional
 from vb_core.errors import CodedError
 
 
-def free_port() -> int:
-    """A TCP port on loopback that nobody uses now."""
+def free_port(wanted: int = 0) -> int:
+    """A TCP port on loopback that nobody uses now: the wanted one if it is free."""
     with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
+        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)  # what a closed server leaves behind is no user
+        try:
+            probe.bind(("127.0.0.1", wanted))
+        except OSError:
+            return free_port()
         return int(probe.getsockname()[1])
 
 

@@ -85,7 +85,7 @@ class System:
     def __init__(self, lab: Lab, method: Method, grid: GridMap, poses: Sequence[PoseHistory], timing: Timing) -> None:
         self._lab, self._timing, self._poses = lab, timing, poses[0]
         self._ids = 0
-        self.interaction = Interaction(self._new_id)
+        self.interaction = Interaction(new_id=self._new_id)
         self._shown: Tuple[State, str] = (State.DEFAULT, "")
         self.answers: Dict[int, Answer] = {}
         self.has_seed = False

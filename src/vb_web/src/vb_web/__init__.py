@@ -1,0 +1,1 @@
+"""The page for phones, wall displays and the operator of a study."""

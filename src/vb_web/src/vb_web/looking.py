@@ -1,0 +1,159 @@
+"""Cameras' pictures for the page, fetched only while somebody looks. Needs a node."""
+from __future__ import annotations
+
+import threading
+import time
+from dataclasses import dataclass
+from typing import Callable, Dict, List, Optional
+
+import cv2
+import numpy as np
+import rospy
+from sensor_msgs.msg import CameraInfo, CompressedImage, Image
+
+from vb_core import names
+from vb_core.errors import CodedError
+from vb_core.grid_map import GridMap
+from vb_core.ros import messages, node
+from vb_core.ros.transforms import TransformLookup
+from vb_web import pictures
+
+_WAIT_S = 2.0  # for a camera's next image
+_KEPT_S = 5.0  # a subscription that nobody asks for any more
+_FLOOR_KEPT_S = 5.0  # the same picture for everybody who asks meanwhile
+# OpenCV names a Bayer pattern by its second row, ROS by its first
+_TO_BGR = {
+    "rgb8": cv2.COLOR_RGB2BGR, "rgba8": cv2.COLOR_RGBA2BGR, "bgra8": cv2.COLOR_BGRA2BGR, "mono8": cv2.COLOR_GRAY2BGR,
+    "bayer_rggb8": cv2.COLOR_BayerBG2BGR, "bayer_bggr8": cv2.COLOR_BayerRG2BGR,
+    "bayer_gbrg8": cv2.COLOR_BayerGR2BGR, "bayer_grbg8": cv2.COLOR_BayerGB2BGR,
+}
+
+
+def to_bgr(message: Image) -> np.ndarray:
+    """An image's pixels as (H, W, 3) bgr uint8.
+
+    Raises:
+        CodedError: "bad_image" for an encoding that is not handled.
+    """
+    pixels = messages.image_array(message)
+    if message.encoding in ("bgr8", "8UC3"):
+        return pixels
+    if message.encoding not in _TO_BGR:
+        raise CodedError("bad_image", f"the page cannot show images with encoding '{message.encoding}'")
+    return cv2.cvtColor(pixels, _TO_BGR[message.encoding])
+
+
+@dataclass
+class _Look:
+    """A subscription to one detector's debug image."""
+
+    subscriber: rospy.Subscriber
+    arrived: threading.Event
+    wanted: float
+    image: Optional[Image] = None
+
+
+class Looker:
+    """The detectors' debug images, and the floor as the ceiling cameras see it.
+
+    Args:
+        detectors: gives each camera's detector, a node's name, as its status messages tell it.
+        cameras: names of the ceiling cameras.
+        grid: gives the map.
+    """
+
+    def __init__(
+        self, detectors: Callable[[], Dict[str, str]], cameras: List[str], transport: str,
+        grid: Callable[[], Optional[GridMap]], transforms: TransformLookup,
+    ) -> None:
+        self._detectors, self._cameras, self._compressed = detectors, cameras, transport == "compressed"
+        self._grid, self._transforms = grid, transforms
+        self._looks: Dict[str, _Look] = {}
+        self._lock = threading.Lock()
+        self._floor_lock = threading.Lock()
+        self._floor: Optional[bytes] = None
+        self._floor_at = -1e9
+
+    def camera_jpeg(self, camera: str) -> Optional[bytes]:
+        """The newest debug image of a camera; None if the camera is not known or nothing comes."""
+        detector = self._detectors().get(camera)
+        if detector is None:
+            return None
+        with self._lock:
+            look = self._looks.get(camera)
+            if look is None:
+                look = _Look(None, threading.Event(), time.monotonic())  # type: ignore[arg-type]
+                look.subscriber = rospy.Subscriber(
+                    f"{detector}/debug_image", Image, self._keep, look, queue_size=1, buff_size=2**24
+                )
+                self._looks[camera] = look
+            look.wanted = time.monotonic()
+        if not look.arrived.wait(_WAIT_S) or look.image is None:
+            return None
+        return pictures.jpeg(to_bgr(look.image))
+
+    @staticmethod
+    def _keep(message: Image, look: _Look) -> None:
+        look.image = message
+        look.arrived.set()
+
+    def tidy(self) -> None:
+        """Ends the subscriptions that nobody has asked for in a while; to be called now and then."""
+        now = time.monotonic()
+        with self._lock:
+            for camera in [name for name, look in self._looks.items() if now - look.wanted > _KEPT_S]:
+                self._looks.pop(camera).subscriber.unregister()
+
+    def floor_webp(self) -> Optional[bytes]:
+        """The floor as all ceiling cameras see it now; None if none of them does."""
+        with self._floor_lock:
+            if self._floor is None or time.monotonic() - self._floor_at > _FLOOR_KEPT_S:
+                grid = self._grid()
+                views = [view for view in map(self._view, self._cameras) if view is not None]
+                self._floor = pictures.draw_floor(grid, views).data if grid is not None and views else None
+                self._floor_at = time.monotonic()
+            return self._floor
+
+    def _view(self, camera: str) -> Optional[pictures.FloorView]:
+        try:
+            info = rospy.wait_for_message(f"/{camera}/camera_info", CameraInfo, timeout=_WAIT_S)
+            if self._compressed:
+                found = rospy.wait_for_message(f"/{camera}/image_raw/compressed", CompressedImage, timeout=_WAIT_S)
+                image = messages.compressed_image_array(found)
+                image = image if image.ndim == 3 else cv2.cvtColor(image, cv2.COLOR_GRAY2BGR)
+            else:
+                image = to_bgr(rospy.wait_for_message(f"/{camera}/image_raw", Image, timeout=_WAIT_S))
+            model = messages.camera_from_info(info)
+            pose = self._transforms.lookup(f"{camera}_optical_frame", names.MAP_FRAME, rospy.Time(0))
+        except (rospy.ROSException, CodedError) as error:
+            rospy.logwarn_throttle(10.0, f"{rospy.get_name()}: the floor's picture is without camera {camera}: {error}")
+            return None
+        return pictures.FloorView(image[..., :3], model.scaled_to(image.shape[1], image.shape[0]), pose)
+
+
+class Every(threading.Thread):
+    """Does something again and again in wall time, which goes on where simulated time stands still.
+
+    A fault ends the node, and roslaunch brings it back.
+    """
+
+    def __init__(self, period_s: float, work: Callable[[], None]) -> None:
+        super().__init__(daemon=True)
+        self._period_s, self._work = period_s, work
+        self._closed = threading.Event()
+        self.start()
+
+    def run(self) -> None:
+        """Until `close`."""
+        sound = False
+        try:
+            while not self._closed.wait(self._period_s) and not rospy.is_shutdown():
+                self._work()
+            sound = True
+        finally:
+            if not sound:
+                node.fail(CodedError("internal_error"))
+
+    def close(self) -> None:
+        """Ends it."""
+        self._closed.set()

@@ -1,0 +1,370 @@
+"""Node: the page for phones, wall displays and the operator of a study."""
+from __future__ import annotations
+
+import json
+import socket
+import threading
+import time
+from collections import deque
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Dict, List, Optional
+
+import numpy as np
+import rospy
+from diagnostic_msgs.msg import DiagnosticArray
+from std_msgs.msg import Float32
+from vb_msgs.msg import BorderPreview, BorderProgress, DetectorStatus, InteractionState, LaserSpot, NoticeArray
+from vb_msgs.msg import StudyEvent, VirtualBorder, VirtualBorderArray
+
+from vb_core import names
+from vb_core.errors import CodedError, ParameterError
+from vb_core.geometry import transform_pose2d
+from vb_core.grid_map import GridMap
+from vb_core.notices import NoticeBook
+from vb_core.parameters import param
+from vb_core.ros import messages, node, parameters
+from vb_core.ros.messages import BorderPreviewArray, OccupancyGridArray
+from vb_core.ros.notices import notice_from_message
+from vb_core.ros.transforms import TransformLookup
+from vb_web import access, pictures, ros_view
+from vb_web.carrying_out import Carrier
+from vb_web.looking import Every, Looker
+from vb_web.requests import Bounds, Request
+from vb_web.server import Backend, PageServer, ServerParams, addresses
+from vb_web.view import Events, View, border_changes, number
+
+_POSES_S = 0.1  # between two looks at the robots' poses
+_HEALTH_S = 0.5
+_LEVEL_S = 0.25  # the microphone's level is shown no more often
+_SILENT_S = 4.0  # a detector says something every second
+_MAX_DIAGNOSTICS = 30
+
+
+@dataclass(frozen=True)
+class PageParams(ServerParams):
+    """Parameters of the page; config/page.yaml says why."""
+
+    events_file: str = param("~/.ros/virtual_borders/page_events.jsonl")
+    robots: list = param(["base_link"])
+    cameras: list = param([])
+    image_transport: str = param("raw", choices=("raw", "compressed"))
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        for key in ("robots", "cameras"):
+            if not all(isinstance(name, str) and name for name in getattr(self, key)):
+                raise ParameterError(key, f"expected names, got {getattr(self, key)!r}")
+
+
+class Journal:
+    """The history: the newest events in memory, all of them in a file, one JSON object a line."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._lock = threading.Lock()
+        self._events = Events()
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            with open(str(path), "a+", encoding="utf-8") as file:
+                file.seek(0)
+                lines = deque(file, maxlen=Events.KEPT)
+        except OSError as error:
+            raise ParameterError("events_file", f"{path} is not writable: {error}") from None
+        self.recalled: List[Dict[str, Any]] = []
+        for line in lines:
+            try:
+                event = json.loads(line)
+                self._events.add({key: event[key] for key in ("at", "code", "values", "source")})
+                self.recalled.append(event)
+            except (ValueError, TypeError, KeyError):
+                continue  # a line that was cut off by a power failure
+
+    def add(self, code: str, values: Dict[str, Any], source: str, **more: Any) -> List[Dict[str, Any]]:
+        """Writes an event and gives those that the page shows."""
+        event = {"at": round(time.time(), 1), "code": code, "values": values, "source": source}
+        with self._lock:
+            try:
+                with open(str(self._path), "a", encoding="utf-8") as file:
+                    file.write(json.dumps({**event, "ros_time": rospy.get_time(), **more}, ensure_ascii=False) + "\n")
+            except OSError as error:
+                rospy.logerr_throttle(10.0, f"{rospy.get_name()}: the history is not written: {error}")
+            return self._events.add(event)
+
+    def shown(self) -> List[Dict[str, Any]]:
+        """What the page shows at the start."""
+        return self._events.all()
+
+
+class PageNode(Backend):
+    """Shows the system to browsers and carries out what operators ask for.
+
+    Subscribes:
+        /map, /virtual_borders/map (nav_msgs/OccupancyGrid); /virtual_borders/ borders, state, progress, preview, spots,
+        notices, detectors (vb_msgs); /diagnostics (diagnostic_msgs/DiagnosticArray); tf for the robots' poses.
+        While somebody looks: <detector>/debug_image, /<camera>/image_raw, /<camera>/camera_info (sensor_msgs).
+    Publishes:
+        /virtual_borders/stop (std_msgs/Bool): true for stop, false for resume; robots hear it without any other node.
+        /virtual_borders/study_events (vb_msgs/StudyEvent): the operator's marks and notes.
+    Calls:
+        /virtual_borders/command; add, update, remove, preview, rename_border, set_border_enabled; undo, redo.
+    Parameters:
+        those of `PageParams`; see config/page.yaml.
+    """
+
+    def __init__(self, params: PageParams) -> None:
+        self._params = params
+        self._lock = threading.Lock()
+        self._view, self._album = View(), pictures.Album()
+        self._journal = Journal(Path(params.events_file).expanduser())
+        self._grid: Optional[GridMap] = None
+        self._borders: Dict[str, VirtualBorder] = {}
+        self._shown_borders: Optional[Dict[str, Dict[str, Any]]] = None
+        self._answered: Any = None
+        self._level_at = -1e9
+        self._spots: Dict[str, Any] = {}
+        self._poses: Dict[str, List[Optional[float]]] = {}
+        self._notices = NoticeBook()
+        self._detectors: Dict[str, Any] = {}  # camera: (heard [s], node's name, entry)
+        self._diagnostics: Dict[str, Any] = {}  # name: (heard [s], entry)
+        self._transforms = TransformLookup()
+        self._looker = Looker(self._detector_nodes, params.cameras, params.image_transport, lambda: self._grid, self._transforms)
+        self._carrier = Carrier(self._borders.get, lambda: self._connected(names.STATE), self._on_study, self._invitation)
+        self._view.put("events", self._journal.shown())
+        self._recall_study()
+        self._subscribe()
+
+        local = access.is_loopback(params.address)
+        codes = Path(params.codes_file).expanduser()
+        self._keys = None if local else access.load_keys(codes)
+        self._server = PageServer(
+            params, self._keys, self._view, self._album, self, lambda error: node.fail(CodedError("internal_error"))
+        )
+        self._server.start()
+        self._addresses = addresses(params, self._server.port, _own_addresses())
+        rospy.loginfo("%s: the page is at %s%s", rospy.get_name(), " or ".join(self._addresses),
+                      "" if local else f"; its codes are in {codes}")
+        self._timers = [Every(_POSES_S, self._look_at_robots), Every(_HEALTH_S, self._look_at_health)]
+
+    def close(self) -> None:
+        """Ends threads and server."""
+        for timer in self._timers:
+            timer.close()
+        self._maps.close()
+        self._server.close()
+
+    # ------------------------------------------------------------- what comes in
+    def _subscribe(self) -> None:
+        self._maps: node.Mailbox = node.Mailbox()
+        self._grids: Dict[str, Any] = {}  # the newest message by topic
+        node.Worker(self._maps, lambda _: self._draw_maps())
+        large = {"queue_size": 1, "buff_size": 2**24, "tcp_nodelay": True}
+        small = {"tcp_nodelay": True}
+        self._subscribers = {
+            topic: rospy.Subscriber(topic, kind, callback, **options)
+            for topic, kind, callback, options in (
+                (names.PHYSICAL_MAP, OccupancyGridArray, self._on_grid, large),
+                (names.VIRTUAL_MAP, OccupancyGridArray, self._on_grid, large),
+                (names.BORDERS, VirtualBorderArray, self._on_borders, {"queue_size": 2, **small}),
+                (names.STATE, InteractionState, self._on_state, {"queue_size": 10, **small}),
+                (names.PROGRESS, BorderProgress, self._on_progress, {"queue_size": 1, **small}),
+                (names.PREVIEW, BorderPreviewArray, self._on_preview, large),
+                (names.SPOTS, LaserSpot, self._on_spot, {"queue_size": 20, **small}),
+                (names.NOTICES, NoticeArray, self._on_notices, {"queue_size": 20}),
+                (names.DETECTORS, DetectorStatus, self._on_detector, {"queue_size": 20}),
+                (names.VOICE_LEVEL, Float32, self._on_level, {"queue_size": 1}),
+                ("/diagnostics", DiagnosticArray, self._on_diagnostics, {"queue_size": 20}),
+            )
+        }
+
+    def _on_grid(self, message: Any) -> None:
+        self._grids[message._connection_header["topic"]] = message
+        self._maps.put(True)
+
+    def _draw_maps(self) -> None:
+        found = {topic: messages.grid_from_message(message) for topic, message in list(self._grids.items())}
+        prior, posterior = (found.get(rospy.resolve_name(name)) for name in (names.PHYSICAL_MAP, names.VIRTUAL_MAP))
+        prior = prior or posterior
+        if prior is None:
+            return
+        self._grid = prior
+        base = pictures.draw_map(prior)
+        self._album.put("map", base)
+        restricted = ""
+        if posterior is not None and posterior.same_geometry(prior):
+            picture = pictures.draw_restricted(prior, posterior)
+            self._album.put("restricted", picture)
+            restricted = picture.name
+        rows, columns = prior.shape
+        origin = [number(value, 5) for value in prior.origin]
+        self._view.put("map", {"picture": base.name, "restricted": restricted, "rows": rows, "columns": columns,
+                               "resolution": number(prior.resolution, 6), "origin": origin, "cells": base.cells,
+                               "width": base.width, "height": base.height, "floor": pictures.floor_cells(prior) if self._params.cameras else 0})
+
+    def _on_borders(self, message: VirtualBorderArray) -> None:
+        section = ros_view.borders_section(message)
+        shown = {border["id"]: border for border in section["list"]}
+        with self._lock:
+            self._borders.clear()
+            self._borders.update({border.id: border for border in message.borders})
+            before, self._shown_borders = self._shown_borders, shown
+        self._view.put("borders", section)
+        for code, name in border_changes(before, shown) if before is not None else ():
+            self._tell(code, {"border": name})
+
+    def _on_state(self, message: InteractionState) -> None:
+        section = ros_view.state_section(message)
+        self._view.put("state", section)
+        last = section["last"]
+        answered = (last["command"], last["at"], last["code"])
+        if self._answered is not None and answered != self._answered and last["command"]:
+            self._tell("page_event_command" if last["ok"] else "page_event_refused",
+                       {"command": last["command"], "code": last["code"]}, last["source"])
+        self._answered = answered
+        if section["name"] == "default":
+            self._view.put("progress", None)
+
+    def _on_progress(self, message: BorderProgress) -> None:
+        idle = (self._view.get("state") or {}).get("name", "default") == "default"
+        self._view.put("progress", None if idle else ros_view.progress_section(message))
+
+    def _on_preview(self, message: BorderPreview) -> None:
+        self._view.put("preview", ros_view.preview_section(message))
+
+    def _on_spot(self, message: LaserSpot) -> None:
+        entry = ros_view.spot_entry(message)
+        if entry is not None and message.header.frame_id.lstrip("/") == names.MAP_FRAME:
+            # the stamp tells a spot that rests from a message that is repeated
+            self._spots[message.camera] = [*entry, number(message.header.stamp.to_sec(), 3)]
+            while len(self._spots) > 20:
+                self._spots.pop(next(iter(self._spots)))
+            self._view.put("spots", dict(self._spots))
+
+    def _on_level(self, message: Float32) -> None:
+        now = time.monotonic()
+        if now - self._level_at > _LEVEL_S:
+            self._level_at = now
+            self._view.put("level", number(message.data, 1))
+
+    def _on_notices(self, message: NoticeArray) -> None:
+        with self._lock:
+            self._notices.hear(message.source, map(notice_from_message, message.notices[:50]), time.monotonic())
+        self._show_notices()
+
+    def _show_notices(self) -> None:
+        with self._lock:
+            current = self._notices.current(time.monotonic())
+        self._view.put("notices", ros_view.notices_section(current[:30]))
+
+    def _on_detector(self, message: DetectorStatus) -> None:
+        publisher = message._connection_header.get("callerid", "")
+        with self._lock:
+            self._detectors[message.camera] = (time.monotonic(), publisher, ros_view.detector_entry(message))
+
+    def _detector_nodes(self) -> Dict[str, str]:
+        with self._lock:
+            return {camera: publisher for camera, (_, publisher, _) in self._detectors.items()}
+
+    def _on_diagnostics(self, message: DiagnosticArray) -> None:
+        with self._lock:
+            for status in message.status:
+                # rospy gives the level as a byte or as a number, by version
+                level = status.level if isinstance(status.level, int) else status.level[0]
+                entry = {"name": status.name[:80], "level": level, "message": status.message[:200]}
+                self._diagnostics[status.name] = (time.monotonic(), entry)
+
+    # ------------------------------------------------------------- what is looked at now and then
+    def _look_at_robots(self) -> None:
+        if not self._server.browsers:
+            return
+        for frame in self._params.robots:
+            try:
+                pose = self._transforms.lookup(names.MAP_FRAME, frame, rospy.Time(0), 0.0)
+            except CodedError:
+                continue
+            x, y, yaw = transform_pose2d(pose)
+            if not np.isfinite([x, y, yaw]).all():
+                continue
+            old = self._poses.get(frame)
+            if old is None or np.hypot(x - old[0], y - old[1]) > 0.005 or abs(np.sin((yaw - old[2]) / 2.0)) > 0.005:
+                self._poses[frame] = [number(x), number(y), number(yaw)]
+        self._view.put("robots", {frame.rpartition("/")[0]: pose for frame, pose in self._poses.items()})
+
+    def _look_at_health(self) -> None:
+        now = time.monotonic()
+        with self._lock:
+            cameras = [{**entry, "there": now - heard < _SILENT_S} for heard, _, entry in self._detectors.values()]
+            fresh = [entry for heard, entry in self._diagnostics.values() if now - heard < _SILENT_S]
+        self._view.put("cameras", sorted(cameras, key=lambda entry: entry["name"]))
+        # what is well needs no words
+        worst = sorted((entry for entry in fresh if entry["level"] > 0), key=lambda entry: (-entry["level"], entry["name"]))
+        self._view.put("diagnostics", worst[:_MAX_DIAGNOSTICS])
+        self._view.put("health", {"manager": self._connected(names.STATE), "integrator": self._connected(names.BORDERS)})
+        if now - self._level_at > _SILENT_S:
+            self._view.put("level", None)
+        self._show_notices()
+        self._looker.tidy()
+
+    def _connected(self, topic: str) -> bool:
+        return self._subscribers[topic].get_num_connections() > 0
+
+    # ------------------------------------------------------------- history and study
+    def _tell(self, code: str, values: Dict[str, Any], source: str = "", **more: Any) -> None:
+        self._view.put("events", self._journal.add(code, values, source, **more))
+
+    def _on_study(self, event: StudyEvent) -> None:
+        study = {"participant": event.participant, "condition": event.condition}
+        self._view.put("study", study)
+        if event.kind == "mark":
+            self._tell("page_event_mark", {"text": event.text}, event.source, **study)
+        else:
+            self._tell("page_event_study", study, event.source, **study)
+
+    def _recall_study(self) -> None:
+        for event in self._journal.recalled:
+            if "participant" in event:
+                self._carrier.participant, self._carrier.condition = str(event["participant"]), str(event["condition"])
+        self._view.put("study", {"participant": self._carrier.participant, "condition": self._carrier.condition})
+
+    # ------------------------------------------------------------- for the server
+    def act(self, request: Request, source: str) -> Dict[str, Any]:
+        """See `Backend`."""
+        return self._carrier.carry_out(request, source)
+
+    def bounds(self) -> Optional[Bounds]:
+        """See `Backend`."""
+        grid = self._grid
+        if grid is None:
+            return None
+        corners = grid.corners()
+        return Bounds(tuple(corners.min(axis=0)), tuple(corners.max(axis=0)))
+
+    def camera_jpeg(self, camera: str) -> Optional[bytes]:
+        """See `Backend`."""
+        return self._looker.camera_jpeg(camera)
+
+    def floor_webp(self) -> Optional[bytes]:
+        """See `Backend`."""
+        return self._looker.floor_webp()
+
+    def _invitation(self) -> Dict[str, Any]:
+        if self._keys is None:
+            return {"addresses": self._addresses}
+        return {"addresses": self._addresses, "viewer": self._keys.viewer, "operator": self._keys.operator}
+
+
+def _own_addresses() -> List[str]:
+    """This computer's address towards the network, and its name."""
+    found: List[str] = []
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        try:
+            probe.connect(("192.0.2.1", 9))  # an address for documentation: a datagram socket sends nothing here
+            found.append(probe.getsockname()[0])
+        except OSError:
+            pass
+    return [*found, socket.gethostname()]
+
+
+def main() -> None:
+    """Starts the node with the parameters that it finds."""
+    node.run("page", lambda: PageNode(parameters.read(PageParams)))

@@ -1,0 +1,175 @@
+"""The pictures below the page's lines: map, restricted floor, and the floor as the ceiling cameras see it.
+
+All are transparent where there is nothing to show, so that light and dark pages use the same ones. Row 0 of a picture
+is the map's highest y. A map with more than MAX_SIDE cells along a side is reduced: a wall never vanishes by that.
+"""
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass
+from typing import Dict, Optional, Sequence, Tuple
+
+import cv2
+import numpy as np
+
+from vb_core.camera_model import CameraModel
+from vb_core.geometry import apply
+from vb_core.grid_map import UNKNOWN, GridMap
+
+MAX_SIDE = 2048  # [px] of a picture; more is neither seen on a display nor fluid on a phone
+FLOOR_SIDE = 1400  # [px] of the floor's picture
+FLOOR_PIXEL_M = 0.01  # [m] a ceiling camera sees no more
+STRIPES_M = 0.2  # [m] period of the stripes
+_INK = (40, 34, 30, 255)  # bgra of walls; the dark page inverts them
+_UNKNOWN = (128, 128, 128, 70)
+FORBIDDEN = (0, 94, 213)  # bgr, vermilion, as on the smart display
+PLANNED = (0, 159, 230)  # bgr, orange: where saving now would restrict
+PREVIEW_SIDE = 700  # [px] of a preview, which travels inside a message
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A PNG or WebP.
+
+    Attributes:
+        name: changes with the content, so that browsers may keep it for ever.
+        width, height: [px].
+        cells: map cells per pixel along a side; less than 1 where a picture is finer than the map.
+    """
+
+    data: bytes
+    name: str
+    width: int
+    height: int
+    cells: float
+
+
+class Album:
+    """The newest two pictures of each kind: a browser may still be fetching the one before."""
+
+    def __init__(self) -> None:
+        self._pictures: Dict[str, Tuple[Picture, ...]] = {}
+
+    def put(self, kind: str, picture: Picture) -> None:
+        """Adds a picture as the newest one of its kind."""
+        kept = [old for old in self._pictures.get(kind, ()) if old.name != picture.name]
+        self._pictures[kind] = (picture, *kept[:1])
+
+    def get(self, kind: str, name: str) -> Optional[Picture]:
+        """A picture by its name; None if it is not there (any more)."""
+        return next((picture for picture in self._pictures.get(kind, ()) if picture.name == name), None)
+
+
+def reduction(shape: Tuple[int, int], side: int = MAX_SIDE) -> int:
+    """How many cells along a side make one pixel."""
+    return max(1, -(-max(shape) // side))
+
+
+def _reduce(data: np.ndarray, cells: int) -> np.ndarray:
+    """(H, W) to blocks' maxima; the last row and column are repeated to fill the last block."""
+    if cells == 1:
+        return data
+    padded = np.pad(data, [(0, -size % cells) for size in data.shape], mode="edge")
+    rows, columns = (size // cells for size in padded.shape)
+    return padded.reshape(rows, cells, columns, cells).max(axis=(1, 3))
+
+
+def _png(pixels: np.ndarray, cells: int) -> Picture:
+    # the map's last row is the picture's first
+    data = cv2.imencode(".png", np.ascontiguousarray(pixels[::-1]), [cv2.IMWRITE_PNG_COMPRESSION, 3])[1].tobytes()
+    height, width = pixels.shape[:2]
+    return Picture(data, hashlib.blake2b(data, digest_size=8).hexdigest(), width, height, cells)
+
+
+def draw_map(grid: GridMap) -> Picture:
+    """Walls as ink, by their occupancy, and unknown floor as grey."""
+    cells = reduction(grid.shape)
+    data = _reduce(grid.data, cells)
+    pixels = np.zeros((*data.shape, 4), np.uint8)
+    pixels[data > 0] = _INK
+    pixels[..., 3] = np.where(data > 0, np.maximum(data, 0).astype(np.uint16) * 255 // 100, 0).clip(0, 255)
+    pixels[data == UNKNOWN] = _UNKNOWN
+    return _png(pixels, cells)
+
+
+def draw_restricted(before: GridMap, after: GridMap) -> Picture:
+    """Stripes where `after` is more occupied than `before`; fainter where it is softer."""
+    return draw_region(np.where(after.data > before.data, after.data, np.int8(0)), after.resolution)
+
+
+def draw_region(region: np.ndarray, resolution: float, tint: Tuple[int, int, int] = FORBIDDEN, side: int = MAX_SIDE) -> Picture:
+    """Stripes over a region.
+
+    Args:
+        region: (H, W) int8, 0 outside to 100; row 0 is the lowest y.
+        resolution: [m] edge of a cell.
+        tint: bgr.
+        side: [px] the largest side of the picture.
+    """
+    cells = reduction(region.shape, side)
+    data = _reduce(region, cells).astype(np.float32)
+    rows, columns = np.indices(data.shape, dtype=np.float32)
+    period = max(4.0, STRIPES_M / (resolution * cells))
+    dark = ((rows + columns) % period) < period / 2.0
+    pixels = np.zeros((*data.shape, 4), np.uint8)
+    pixels[..., :3] = tint
+    pixels[..., 3] = np.where(dark, 1.45, 0.75) * np.maximum(data, 0.0)
+    return _png(pixels, cells)
+
+
+@dataclass(frozen=True)
+class FloorView:
+    """What one ceiling camera sees.
+
+    Attributes:
+        image: (H, W, 3) bgr uint8.
+        pose: (4, 4) T_camera_map, from the map frame to the camera's optical frame.
+    """
+
+    image: np.ndarray
+    camera: CameraModel
+    pose: np.ndarray
+
+
+def floor_cells(grid: GridMap) -> float:
+    """Map cells per pixel of the floor's picture, along a side."""
+    return max(max(grid.shape) / FLOOR_SIDE, FLOOR_PIXEL_M / grid.resolution)
+
+
+def draw_floor(grid: GridMap, views: Sequence[FloorView]) -> Picture:
+    """The floor in the map's geometry, as all cameras together see it; clear where none does.
+
+    Where several see the same floor, each counts by how near to its image's centre it is: no hard seams.
+    """
+    cells = floor_cells(grid)
+    rows, columns = (int(np.ceil(size / cells)) for size in grid.shape)
+    centres = np.stack(np.meshgrid(np.arange(columns) + 0.5, np.arange(rows) + 0.5), axis=-1).reshape(-1, 2) * cells - 0.5
+    places = np.column_stack([grid.grid_to_world(centres), np.zeros(len(centres))])
+    total = np.zeros((rows, columns, 3), np.float32)
+    weights = np.zeros((rows, columns), np.float32)
+    for view in views:
+        seen = apply(view.pose, places)
+        in_front = seen[:, 2] > 0.05
+        seen[~in_front] = (0.0, 0.0, 1.0)
+        pixels = view.camera.project(seen).astype(np.float32)
+        size = np.array([view.camera.width, view.camera.height], np.float32)
+        inside = np.minimum(pixels, size - 1.0 - pixels).min(axis=1) / size.min()
+        weight = np.where(in_front & (inside > 0.0), inside, 0.0).reshape(rows, columns).astype(np.float32)
+        at = pixels.reshape(rows, columns, 2)
+        colours = cv2.remap(view.image, at[..., 0], at[..., 1], cv2.INTER_AREA)
+        total += colours * weight[..., None]
+        weights += weight
+    pixels = np.zeros((rows, columns, 4), np.uint8)
+    seen = weights > 0
+    pixels[..., :3][seen] = (total[seen] / weights[seen][:, None]).clip(0, 255)
+    pixels[..., 3] = np.where(seen, 255, 0)
+    data = cv2.imencode(".webp", np.ascontiguousarray(pixels[::-1]), [cv2.IMWRITE_WEBP_QUALITY, 80])[1].tobytes()
+    return Picture(data, hashlib.blake2b(data, digest_size=8).hexdigest(), columns, rows, cells)
+
+
+def jpeg(image: np.ndarray, width: int = 960) -> bytes:
+    """A camera's picture (H, W, 3) bgr or (H, W), not wider than `width` [px]."""
+    scale = width / image.shape[1]
+    if scale < 1.0:
+        image = cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
+    return cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, 78])[1].tobytes()

@@ -1,0 +1,177 @@
+"""Messages as sections of the page's view, and the page's drafts as messages. Needs the messages, no node.
+
+Lengths are metres. Chains and points travel as whole centimetres, [x0, y0, x1, y1, ...]: small, and finer than a spot.
+"""
+from __future__ import annotations
+
+import base64
+from typing import Any, Dict, Iterable, List, Optional
+
+import numpy as np
+from geometry_msgs.msg import Point
+from vb_msgs.msg import BorderPreview, BorderProgress, DetectorStatus, Finding, InteractionState, LaserSpot
+from vb_msgs.msg import VirtualBorder, VirtualBorderArray
+
+from vb_core.notices import Notice
+from vb_core.ros.messages import mapping_from_values, points_from_array
+from vb_web import pictures
+from vb_web.requests import Draft
+from vb_web.view import number
+
+KINDS = {"polygon": VirtualBorder.POLYGON, "curve": VirtualBorder.SEPARATING_CURVE, "wall": VirtualBorder.VIRTUAL_WALL}
+ZONES = {"keep_out": VirtualBorder.KEEP_OUT, "avoid": VirtualBorder.AVOID, "slow": VirtualBorder.SLOW}
+_KIND_NAMES = {value: key for key, value in KINDS.items()}
+_ZONE_NAMES = {value: key for key, value in ZONES.items()}
+# delta of a zone that robots avoid: a detour is taken where it is cheap, the zone is crossed where it is the only path
+AVOID_OCCUPANCY = 0.75
+
+
+def centimetres(points: Iterable[Point]) -> List[int]:
+    """Points as whole centimetres in one list; those that are not finite are left out."""
+    found = np.array([(point.x, point.y) for point in points], dtype=float).reshape(-1, 2)
+    found = found[np.isfinite(found).all(axis=1)].clip(-1e6, 1e6)
+    return np.rint(found * 100.0).astype(int).ravel().tolist()
+
+
+def said(message: Any) -> Dict[str, Any]:
+    """Code, values and English sentence of any message that has these three."""
+    return {"code": message.code, "values": mapping_from_values(message.values), "message": message.message}
+
+
+def findings_section(findings: Iterable[Finding]) -> List[Dict[str, Any]]:
+    """What a check reported."""
+    return [{"severity": int(found.severity), **said(found)} for found in findings]
+
+
+def state_section(message: InteractionState) -> Dict[str, Any]:
+    """The interaction; times as seconds."""
+    elapsed = message.guide_s + message.border_s + message.seed_s
+    ends = (message.ends - message.header.stamp).to_sec() if not message.ends.is_zero() else 0.0
+    return {
+        "name": message.name,
+        "elapsed": 0 if message.name == "default" else int(number(elapsed) or 0),
+        "commands": list(message.commands),
+        "stopped": bool(message.stopped),
+        "stopped_by": message.stopped_by,
+        "ends": max(0, int(ends)),
+        "confirm": bool(message.confirm_save),
+        "outcome": message.last_outcome,
+        "last": {
+            "command": message.last_command, "source": message.last_source, "ok": bool(message.last_success),
+            "code": message.last_code, "values": mapping_from_values(message.last_values),
+            "message": message.last_message, "at": number(message.last_answered.to_sec(), 2),
+        },
+    }
+
+
+def progress_section(message: BorderProgress) -> Dict[str, Any]:
+    """What has been drawn so far."""
+    return {
+        "spots": message.border_spots,
+        "points": centimetres(message.points),
+        "chain": centimetres(message.chain),
+        "left_out": centimetres(message.left_out),
+        "closed": bool(message.closed),
+        "seed": centimetres([message.seed]) if message.has_seed else [],
+        "seeing": list(message.seeing),
+        **said(message),
+    }
+
+
+def region_uri(region: Any) -> str:
+    """A region (OccupancyGrid) as a picture inside a message."""
+    info = region.info
+    cells = np.asarray(region.data, np.int8)
+    if not cells.size or cells.size != info.width * info.height:
+        return ""
+    picture = pictures.draw_region(
+        cells.reshape(info.height, info.width), info.resolution, pictures.PLANNED, pictures.PREVIEW_SIDE
+    )
+    return "data:image/png;base64," + base64.b64encode(picture.data).decode("ascii")
+
+
+def preview_section(message: BorderPreview) -> Dict[str, Any]:
+    """What saving now would do."""
+    if not message.available:
+        return {"available": False}
+    return {
+        "available": True,
+        "ok": bool(message.success),
+        "area": number(message.area_m2, 2),
+        "parts": int(message.free_parts),
+        "findings": findings_section(message.findings),
+        "region": region_uri(message.region),
+        **said(message),
+    }
+
+
+def border_section(border: VirtualBorder) -> Dict[str, Any]:
+    """One border."""
+    return {
+        "id": border.id,
+        "name": border.name,
+        "points": centimetres(border.points),
+        "kind": _KIND_NAMES.get(border.kind, "curve"),
+        "seed": centimetres([border.seed]),
+        "enabled": bool(border.enabled),
+        "acting": bool(border.acting),
+        "reason": border.reason,
+        "schedule": border.schedule,
+        "zone": _ZONE_NAMES.get(border.zone, "keep_out"),
+        "max_speed": number(border.max_speed, 2),
+        "area": number(border.area_m2, 2),
+        "robots": list(border.robots),
+    }
+
+
+def borders_section(message: VirtualBorderArray) -> Dict[str, Any]:
+    """All borders."""
+    return {
+        "revision": int(message.revision),
+        "map_name": message.map_name,
+        "unconfirmed": bool(message.needs_confirmation),
+        "list": [border_section(border) for border in message.borders],
+        **said(message),
+    }
+
+
+def spot_entry(message: LaserSpot) -> Optional[List[Any]]:
+    """[x, y, number] of a spot: [cm], and its track; None if it is not finite."""
+    place = centimetres([message.position])
+    return [*place, int(message.track)] if place else None
+
+
+def detector_entry(message: DetectorStatus) -> Dict[str, Any]:
+    """How a camera gets on."""
+    return {
+        "name": message.camera,
+        "hz": number(message.rate_hz, 0),
+        "ms": number(message.latency_ms, 0),
+        "spots": int(message.spots),
+    }
+
+
+def notices_section(notices: Iterable[Notice]) -> List[Dict[str, Any]]:
+    """What people should know now."""
+    return [
+        {"severity": int(notice.severity), "code": notice.code, "values": dict(notice.values), "message": notice.message,
+         "robot": notice.robot, "border": notice.border_id, "camera": notice.camera}
+        for notice in notices
+    ]
+
+
+def apply_draft(draft: Draft, border: VirtualBorder) -> VirtualBorder:
+    """Puts a draft into a border's message; what a draft does not have stays as it is."""
+    border.name = draft.name
+    border.points = points_from_array(draft.points)
+    border.kind = KINDS[draft.kind]
+    border.seed = Point(float(draft.seed[0]), float(draft.seed[1]), 0.0)
+    zone = ZONES[draft.zone]
+    if zone != VirtualBorder.AVOID:
+        border.occupancy = 1.0
+    elif border.occupancy in (0.0, 1.0):
+        border.occupancy = AVOID_OCCUPANCY
+    border.zone = zone
+    border.max_speed = draft.max_speed if zone == VirtualBorder.SLOW else 0.0
+    border.schedule = draft.schedule
+    return border

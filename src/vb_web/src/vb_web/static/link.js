@@ -1,0 +1,111 @@
+// The link to the server: sections of the view come in, requests go out. A request keeps its id when it is sent again after
+// the link was lost, so that it is carried out once.
+"use strict";
+
+const RESEND_MS = 8000, ANSWER_MS = 30000;
+
+export class Link {
+  constructor(onView, onHello, onDown, onSession) {
+    Object.assign(this, { onView, onHello, onDown, onSession, waiting: new Map(), socket: null, pause: 300 });
+    this.connect();
+    window.addEventListener("online", () => this.connect());
+  }
+
+  async connect() {
+    if (this.socket || this.connecting) return;
+    this.connecting = true;
+    try {
+      const session = await (await fetch("session", { cache: "no-store" })).json();
+      this.onSession(session);
+      if (session.role !== "nobody") this.open();
+    } catch (_) {
+      this.down();
+    } finally {
+      this.connecting = false;
+    }
+  }
+
+  open() {
+    const url = new URL("link", location.href);
+    url.protocol = url.protocol.replace("http", "ws");
+    url.hash = "";
+    const socket = this.socket = new WebSocket(url);
+    socket.onopen = () => {
+      this.pause = 300;
+      const now = Date.now();
+      for (const [id, one] of this.waiting) {
+        if (now - one.asked < RESEND_MS) socket.send(one.text);
+        else this.settle(id, { ok: false, code: "page_not_known", values: {}, message: "" });
+      }
+    };
+    socket.onmessage = (event) => {
+      const message = JSON.parse(event.data);
+      if (message.hello) this.onHello(message.hello);
+      else if (message.view) this.onView(message.view);
+      else if ("re" in message) this.settle(message.re, message);
+    };
+    socket.onclose = () => { if (this.socket === socket) { this.socket = null; this.down(); } };
+  }
+
+  down() {
+    this.onDown();
+    clearTimeout(this.timer);
+    this.timer = setTimeout(() => this.connect(), this.pause);
+    this.pause = Math.min(3000, this.pause * 1.6);
+  }
+
+  settle(id, answer) {
+    const one = this.waiting.get(id);
+    if (!one) return;
+    this.waiting.delete(id);
+    clearTimeout(one.timer);
+    one.resolve(answer);
+  }
+
+  // Resolves with the answer, never rejects.
+  ask(action, fields = {}) {
+    const id = Array.from(crypto.getRandomValues(new Uint8Array(12)), (byte) => byte.toString(16).padStart(2, "0")).join("");
+    const text = JSON.stringify({ do: action, id, ...fields });
+    return new Promise((resolve) => {
+      const timer = setTimeout(() => this.settle(id, { ok: false, code: "page_not_known", values: {}, message: "" }), ANSWER_MS);
+      this.waiting.set(id, { text, resolve, timer, asked: Date.now() });
+      if (this.socket && this.socket.readyState === WebSocket.OPEN) this.socket.send(text);
+      // "stop" that lies in a queue would be a lie: what is not on its way after a moment failed
+      else setTimeout(() => { if (!this.socket || this.socket.readyState !== WebSocket.OPEN) this.settle(id, { ok: false, code: "page_offline", values: {}, message: "" }); }, 1500);
+    });
+  }
+}
+
+// Sentences by code, in the language of whoever reads them.
+export class Words {
+  constructor() { this.table = {}; this.language = "en"; }
+
+  async load(language) {
+    this.table = await (await fetch(`words/${language}.json`)).json();
+    this.language = language;
+    document.documentElement.lang = language;
+    for (const element of document.querySelectorAll("[data-word]")) element.textContent = this.say(element.dataset.word);
+    for (const element of document.querySelectorAll("[data-label]")) this.label(element, element.dataset.label);
+    document.title = this.say("page_title");
+  }
+
+  label(element, code, values) {
+    element.setAttribute("aria-label", this.say(code, values));
+    if (element.tagName === "BUTTON") element.title = this.say(code, values);
+  }
+
+  has(code) { return code in this.table; }
+
+  say(code, values = {}, otherwise = "") {
+    const sentence = this.table[code] || otherwise || String(code).replaceAll("_", " ");
+    return sentence.replace(/\{(\w+)\}/g, (_, name) => (name in values ? this.value(values[name]) : `(${name})`));
+  }
+
+  // A value that begins with $ is itself a code.
+  value(text) { return /^\$./.test(text) ? this.say(text.slice(1)) : text; }
+
+  // Of anything that has code, values and message.
+  tell(said) { return this.say(said.code, said.values, said.message); }
+
+  number(value, digits = 1) { return Number(value).toLocaleString(this.language, { maximumFractionDigits: digits, minimumFractionDigits: 0 }); }
+}

@@ -1,0 +1,353 @@
+// The map: pictures below, lines above, both moved by one view {x, y: metres in the middle, scale: pixels per metre}.
+// What is drawn in the world's metres (lines) scales with it; what is placed (robots, names, handles) keeps its size.
+"use strict";
+
+const SVG = "http://www.w3.org/2000/svg";
+const HANDLE_PX = 24;  // half of a finger
+const $ = (id) => document.getElementById(id);
+
+export function make(name, attributes = {}, parent = null) {
+  const element = document.createElementNS(SVG, name);
+  for (const [key, value] of Object.entries(attributes)) element.setAttribute(key, value);
+  if (parent) parent.append(element);
+  return element;
+}
+
+export const pairs = (flat) => Array.from({ length: flat.length / 2 }, (_, i) => [flat[2 * i] / 100, flat[2 * i + 1] / 100]);
+export const distance = (a, b) => Math.hypot(a[0] - b[0], a[1] - b[1]);
+const path = (points, closed) => points.length ? "M" + points.map((p) => `${p[0]} ${p[1]}`).join("L") + (closed ? "Z" : "") : "";
+const dots = (points) => points.map((p) => `M${p[0]} ${p[1]}h.001`).join("");
+
+function toSegment(p, a, b) {
+  const [dx, dy] = [b[0] - a[0], b[1] - a[1]], square = dx * dx + dy * dy;
+  const t = square ? Math.max(0, Math.min(1, ((p[0] - a[0]) * dx + (p[1] - a[1]) * dy) / square)) : 0;
+  return distance(p, [a[0] + t * dx, a[1] + t * dy]);
+}
+
+// Fewer points, none of the others further than `tolerance` [m] from the line.
+export function simplify(points, tolerance) {
+  if (points.length < 3) return points;
+  let worst = 0, at = 0;
+  for (let i = 1; i < points.length - 1; i++) {
+    const d = toSegment(points[i], points[0], points[points.length - 1]);
+    if (d > worst) [worst, at] = [d, i];
+  }
+  if (worst <= tolerance) return [points[0], points[points.length - 1]];
+  return [...simplify(points.slice(0, at + 1), tolerance).slice(0, -1), ...simplify(points.slice(at), tolerance)];
+}
+
+export function inside(p, polygon) {
+  let odd = false;
+  for (let i = 0, j = polygon.length - 1; i < polygon.length; j = i++) {
+    const [a, b] = [polygon[i], polygon[j]];
+    if ((a[1] > p[1]) !== (b[1] > p[1]) && p[0] < (b[0] - a[0]) * (p[1] - a[1]) / (b[1] - a[1]) + a[0]) odd = !odd;
+  }
+  return odd;
+}
+
+// The point inside that is furthest from the edges, of a grid of 24 x 24.
+export function middle(polygon) {
+  const xs = polygon.map((p) => p[0]), ys = polygon.map((p) => p[1]);
+  const [x0, x1, y0, y1] = [Math.min(...xs), Math.max(...xs), Math.min(...ys), Math.max(...ys)];
+  let best = [(x0 + x1) / 2, (y0 + y1) / 2], depth = -Infinity;
+  for (let i = 0; i < 24; i++) for (let j = 0; j < 24; j++) {
+    const p = [x0 + (i + .5) * (x1 - x0) / 24, y0 + (j + .5) * (y1 - y0) / 24];
+    if (!inside(p, polygon)) continue;
+    let d = Infinity;
+    for (let k = 0; k < polygon.length; k++) d = Math.min(d, toSegment(p, polygon[k], polygon[(k + 1) % polygon.length]));
+    d -= .02 * distance(p, [(x0 + x1) / 2, (y0 + y1) / 2]);  // where several are as deep: the one in the middle
+    if (d > depth) [best, depth] = [p, d];
+  }
+  return best;
+}
+
+export class MapView {
+  // `on` has tap(point, picked), stroke(points), drag(index, point, ended), between(index, point), choose(index)
+  constructor(words, on) {
+    Object.assign(this, { words, on, view: { x: 0, y: 0, scale: 50 }, info: null, placed: [], borders: [], fitted: false, pointers: new Map(), drawing: false, cursor: null, spotTimers: {} });
+    this.element = $("map");
+    this.world = $("world"); this.placedGroup = $("placed"); this.handleGroup = $("handles");
+    this.layers = {};
+    for (const name of ["borders", "progress", "draft"]) this.layers[name] = { lines: [], placed: [] };
+    this.listen();
+    new ResizeObserver(() => { if (!this.touched) this.fit(); else this.update(); }).observe(this.element);
+  }
+
+  // ------------------------------------------------------------- view
+  size() { const box = this.element.getBoundingClientRect(); return [box.width, box.height]; }
+  toScreen([x, y]) { const [w, h] = this.size(); return [w / 2 + (x - this.view.x) * this.view.scale, h / 2 - (y - this.view.y) * this.view.scale]; }
+  toWorld([u, v]) { const [w, h] = this.size(); return [this.view.x + (u - w / 2) / this.view.scale, this.view.y - (v - h / 2) / this.view.scale]; }
+
+  corners() {
+    const { origin: [x, y, yaw], rows, columns, resolution } = this.info, [c, s] = [Math.cos(yaw), Math.sin(yaw)];
+    return [[0, 0], [columns, 0], [columns, rows], [0, rows]].map(([i, j]) => [x + (c * i - s * j) * resolution, y + (s * i + c * j) * resolution]);
+  }
+
+  fit() {
+    if (!this.info) return;
+    const corners = this.corners(), xs = corners.map((p) => p[0]), ys = corners.map((p) => p[1]), [w, h] = this.size();
+    const [x0, x1, y0, y1] = [Math.min(...xs), Math.max(...xs), Math.min(...ys), Math.max(...ys)];
+    $("map-area").style.setProperty("--aspect", ((y1 - y0) / (x1 - x0)).toFixed(3));
+    this.view = { x: (x0 + x1) / 2, y: (y0 + y1) / 2, scale: Math.max(1, Math.min((w - 12) / (x1 - x0), (h - 12) / (y1 - y0))) };
+    this.limits = [this.view.scale * .5, Math.max(400, this.view.scale * 20)];
+    this.touched = false;
+    this.update();
+  }
+
+  zoom(factor, at = null) {
+    if (!this.info) return;
+    const [w, h] = this.size(), point = at || [w / 2, h / 2], before = this.toWorld(point);
+    this.view.scale = Math.max(this.limits[0], Math.min(this.limits[1], this.view.scale * factor));
+    const after = this.toWorld(point);
+    this.view.x += before[0] - after[0]; this.view.y += before[1] - after[1];
+    this.touched = true;
+    this.update();
+  }
+
+  update() {
+    if (this.planned) return;
+    this.planned = requestAnimationFrame(() => { this.planned = 0; this.lay(); });
+  }
+
+  lay() {
+    if (!this.info) return;
+    const { x, y, scale } = this.view, [w, h] = this.size();
+    this.world.setAttribute("transform", `matrix(${scale} 0 0 ${-scale} ${w / 2 - x * scale} ${h / 2 + y * scale})`);
+    const { origin, resolution, cells, rows, columns } = this.info, [c, s] = [Math.cos(origin[2]), Math.sin(origin[2])];
+    for (const image of $("pictures").children) {
+      if (!image.naturalWidth) continue;
+      // every picture begins at the map's lower left corner; they differ in how many cells a pixel has
+      const per = { floor: this.info.floor, region: Math.max(1, Math.ceil(Math.max(rows, columns) / 700)) }[image.id] || cells;
+      const k = per * resolution * scale, high = image.naturalHeight;
+      const [e, f] = [w / 2 + (origin[0] - x) * scale - s * k * high, h / 2 - (origin[1] - y) * scale - c * k * high];
+      image.style.transform = `matrix(${c * k},${-s * k},${s * k},${c * k},${e},${f})`;
+    }
+    for (const element of [...this.placedGroup.children, ...this.handleGroup.children]) {
+      if (!element.at) continue;
+      const [u, v] = this.toScreen(element.at);
+      element.setAttribute("transform", `translate(${u.toFixed(1)} ${v.toFixed(1)})` + (element.yaw === undefined ? "" : ` rotate(${(-element.yaw * 180 / Math.PI).toFixed(1)})`) + (element.metres ? ` scale(${Math.max(9, element.metres * scale).toFixed(2)})` : ""));
+    }
+  }
+
+  // ------------------------------------------------------------- what is shown
+  setMap(info) {
+    const other = !this.info || this.info.rows !== info.rows || this.info.columns !== info.columns || this.info.resolution !== info.resolution;
+    this.info = info;
+    $("no-map").classList.add("gone");
+    this.picture("base", `picture/map/${info.picture}.png`);
+    this.picture("restricted", info.restricted ? `picture/restricted/${info.restricted}.png` : "");
+    if (other) this.fit(); else this.update();
+  }
+
+  picture(id, url) {
+    const image = $(id);
+    if (image.dataset.url === url) return;
+    image.dataset.url = url;
+    if (!url) { image.classList.remove("there"); image.removeAttribute("src"); return; }
+    const next = new Image();  // the one before stays until the new one is there
+    next.onload = () => { if (image.dataset.url === url) { image.src = url; image.decode().catch(() => 0).then(() => { image.classList.add("there"); this.lay(); }); } };
+    next.src = url;
+  }
+
+  clear(layer) { for (const element of [...this.layers[layer].lines, ...this.layers[layer].placed]) element.remove(); this.layers[layer] = { lines: [], placed: [] }; }
+  line(layer, kind, d) { this.layers[layer].lines.push(make("path", { class: kind, d }, this.world)); }
+  place(layer, kind, at, parts) {
+    const group = make("g", { class: kind }, this.placedGroup);
+    group.at = at;
+    for (const [name, attributes, text] of parts) make(name, attributes, group).textContent = text || "";
+    if (layer) this.layers[layer].placed.push(group);
+    this.update();
+    return group;
+  }
+
+  setBorders(borders, chosen) {
+    this.borders = borders.map((border) => ({ ...border, line: pairs(border.points) }));
+    this.clear("borders");
+    for (const border of this.borders) {
+      if (chosen && chosen.hidden === border.id) continue;
+      const acting = border.enabled && !(border.reason && !border.acting);
+      this.line("borders", `border ${border.kind} ${acting ? "" : "off"} ${chosen && chosen.id === border.id ? "chosen" : ""}`, path(border.line, border.kind === "polygon"));
+      const at = border.kind === "polygon" ? middle(border.line) : border.line[Math.floor(border.line.length / 2)];
+      if (border.name) this.place("borders", "name", at, [["text", { y: ".3em" }, border.name.length > 22 ? border.name.slice(0, 21) + "…" : border.name]]);
+    }
+    this.update();
+  }
+
+  setProgress(progress) {
+    this.clear("progress");
+    if (!progress) return;
+    this.line("progress", "left-out", dots(pairs(progress.left_out)));
+    this.line("progress", "points", dots(pairs(progress.points)));
+    this.line("progress", "chain", path(pairs(progress.chain), progress.closed));
+    if (progress.seed.length) this.seed("progress", pairs(progress.seed)[0]);
+    this.update();
+  }
+
+  seed(layer, at) { this.place(layer, "seed", at, [["path", { d: "M-8-8 8 8M-8 8 8-8" }]]); }
+
+  setRobots(robots) {
+    this.robots = this.robots || {};
+    for (const [name, pose] of Object.entries(robots)) {
+      let group = this.robots[name];
+      if (!group) {
+        group = this.robots[name] = this.place(null, "robot", [0, 0], [["path", { d: "M1 0A1 1 0 1 1 1-.01ZM.95 0-.2.55V-.55Z", "fill-rule": "evenodd" }], ["title", {}, name || "robot"]]);
+        group.metres = .18;
+      }
+      group.at = [pose[0], pose[1]]; group.yaw = pose[2];
+    }
+    this.update();
+  }
+
+  setSpots(spots) {
+    this.spots = this.spots || {};
+    for (const [camera, spot] of Object.entries(spots)) {
+      const old = this.spots[camera];
+      if (old && old.stamp === spot[3]) continue;
+      const group = old || this.place(null, "spot", [0, 0], [["circle", { r: 6 }]]);
+      this.spots[camera] = group;
+      // what came before this page was opened, or before the link was lost, is not seen now
+      const first = group.stamp === undefined;
+      group.stamp = spot[3]; group.at = [spot[0] / 100, spot[1] / 100];
+      group.style.opacity = first && !this.live ? 0 : 1;
+      clearTimeout(group.timer);
+      group.timer = setTimeout(() => { group.style.opacity = 0; }, 500);
+    }
+    this.live = true;
+    this.lay();
+  }
+
+  // A draft's line, corners and seed; chosen is the corner that buttons and arrow keys are about.
+  setDraft(draft, chosen, rough) {
+    this.clear("draft");
+    const focused = document.activeElement && document.activeElement.dataset && document.activeElement.dataset.corner;
+    this.handleGroup.replaceChildren();
+    if (!draft) return this.update();
+    const closed = draft.kind === "polygon", points = draft.points;
+    this.line("draft", "draft", path(points, closed && !rough));
+    if (rough) { for (const p of points.slice(0, rough === "taps" ? 99 : 0)) this.place("draft", "knob", p, [["circle", { r: 6, fill: "currentColor" }]]); return this.update(); }
+    const count = points.length;
+    if (count <= 24) for (let i = 0; i < (closed ? count : count - 1); i++) {
+      const next = points[(i + 1) % count];
+      if (distance(points[i], next) * this.view.scale > 60) this.handle("between", [(points[i][0] + next[0]) / 2, (points[i][1] + next[1]) / 2], 5, { between: i, label: this.words.say("page_between", { number: i + 1 }) });
+    }
+    points.forEach((p, i) => this.handle(i === chosen ? "chosen" : "", p, 8, { corner: i, label: this.words.say("page_corner", { number: i + 1, x: this.words.number(p[0], 2), y: this.words.number(p[1], 2) }) }));
+    if (draft.kind !== "wall" && draft.seed) this.seed("draft", draft.seed);
+    this.lay();
+    if (focused !== undefined) { const again = this.handleGroup.querySelector(`[data-corner="${focused}"]`); if (again) again.focus({ preventScroll: true }); }
+  }
+
+  handle(kind, at, radius, { corner, between, label }) {
+    const group = make("g", { class: kind, tabindex: 0, role: "button", "aria-label": label }, this.handleGroup);
+    if (corner !== undefined) group.dataset.corner = corner; else group.dataset.between = between;
+    group.at = at;
+    make("circle", { class: "hit", r: corner === undefined ? 16 : HANDLE_PX }, group);
+    make("circle", { class: "knob", r: radius }, group);
+  }
+
+  setCursor(at) {
+    if (this.cursor) this.cursor.remove();
+    this.cursor = at && this.place(null, "crosshair", at, [["path", { d: "M-16 0H16M0-16V16" }]]);
+    if (this.cursor) this.lay();
+  }
+
+  // ------------------------------------------------------------- fingers, mouse, keys
+  at(event) { const box = this.element.getBoundingClientRect(); return [event.clientX - box.left, event.clientY - box.top]; }
+
+  listen() {
+    const element = this.element;
+    element.addEventListener("pointerdown", (event) => this.down(event));
+    element.addEventListener("pointermove", (event) => this.move(event));
+    for (const name of ["pointerup", "pointercancel"]) element.addEventListener(name, (event) => this.up(event, name === "pointerup"));
+    element.addEventListener("wheel", (event) => { event.preventDefault(); this.zoom(Math.exp(-event.deltaY * .0015), this.at(event)); }, { passive: false });
+    element.addEventListener("keydown", (event) => this.key(event));
+    element.addEventListener("blur", () => this.setCursor(null));
+  }
+
+  down(event) {
+    if (event.button > 0 || !this.info) return;
+    const here = this.at(event);
+    try { this.element.setPointerCapture(event.pointerId); } catch (_) { /* a pointer that is gone already */ }
+    this.pointers.set(event.pointerId, here);
+    if (this.pointers.size > 1) { this.gesture = "pinch"; this.on.stroke([], false); return; }
+    const handle = event.target.closest && event.target.closest("#handles g");
+    this.start = here; this.moved = false;
+    if (handle && handle.dataset.corner !== undefined) { this.gesture = "corner"; this.corner = Number(handle.dataset.corner); this.on.choose(this.corner); }
+    else if (handle) { this.gesture = "between"; this.corner = Number(handle.dataset.between); }
+    else if (this.drawing) { this.gesture = "stroke"; this.strokePoints = [this.toWorld(here)]; }
+    else this.gesture = "pan";
+  }
+
+  move(event) {
+    const before = this.pointers.get(event.pointerId);
+    if (!before) return;
+    const here = this.at(event);
+    if (this.gesture === "pinch") {
+      const other = [...this.pointers.entries()].find(([id]) => id !== event.pointerId);
+      if (other) {
+        const [a, b] = [distance(before, other[1]), distance(here, other[1])];
+        this.view.x -= (here[0] - before[0]) / 2 / this.view.scale; this.view.y += (here[1] - before[1]) / 2 / this.view.scale;
+        this.zoom(a > 10 ? b / a : 1, [(here[0] + other[1][0]) / 2, (here[1] + other[1][1]) / 2]);
+      }
+    } else if (!this.moved && distance(here, this.start) < 6) return;
+    else {
+      this.moved = true;
+      if (this.gesture === "pan") {
+        this.view.x -= (here[0] - before[0]) / this.view.scale; this.view.y += (here[1] - before[1]) / this.view.scale;
+        this.touched = true; this.update();
+      } else if (this.gesture === "stroke") {
+        const events = event.getCoalescedEvents ? event.getCoalescedEvents() : [event];
+        for (const one of events.length ? events : [event]) this.strokePoints.push(this.toWorld(this.at(one)));
+        this.on.stroke(this.strokePoints, false);
+      } else if (this.gesture === "between") { this.gesture = "corner"; this.corner = this.on.between(this.corner, this.toWorld(here)); }
+      else if (this.gesture === "corner") this.on.drag(this.corner, this.toWorld(here), false);
+    }
+    this.pointers.set(event.pointerId, here);
+  }
+
+  up(event, regular) {
+    if (!this.pointers.delete(event.pointerId)) return;
+    const here = this.at(event), gesture = this.gesture;
+    if (this.pointers.size) return;
+    this.gesture = null;
+    if (gesture === "pinch" || !regular) return;
+    if (gesture === "stroke" && this.moved) this.on.stroke(this.strokePoints, true);
+    else if (gesture === "corner" && this.moved) this.on.drag(this.corner, this.toWorld(here), true);
+    else if (gesture === "between") this.on.between(this.corner, this.toWorld(here));
+    else if (!this.moved && (gesture === "pan" || gesture === "stroke")) { const point = this.toWorld(here); this.on.tap(point, this.pick(point)); }
+  }
+
+  // The border at a point: the nearest line within a finger's reach, else the smallest polygon around it.
+  pick(point) {
+    let best = null, reach = HANDLE_PX / this.view.scale;
+    for (const border of this.borders) {
+      const line = border.kind === "polygon" ? [...border.line, border.line[0]] : border.line;
+      for (let i = 1; i < line.length; i++) { const d = toSegment(point, line[i - 1], line[i]); if (d < reach) [reach, best] = [d, border.id]; }
+    }
+    if (best) return best;
+    const around = this.borders.filter((border) => border.kind === "polygon" && inside(point, border.line)).sort((a, b) => a.area - b.area);
+    return around.length ? around[0].id : null;
+  }
+
+  key(event) {
+    const arrows = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, 1], ArrowDown: [0, -1] }, step = arrows[event.key];
+    const corner = event.target.dataset && event.target.dataset.corner;
+    const reach = event.shiftKey ? .25 : .05;
+    if (corner !== undefined) {
+      const at = event.target.at;
+      if (step) this.on.drag(Number(corner), [at[0] + step[0] * reach, at[1] + step[1] * reach], true);
+      else if (event.key === "Delete" || event.key === "Backspace") this.on.removeCorner(Number(corner));
+      else if (event.key === "Enter" || event.key === " ") this.on.choose(Number(corner));
+      else return;
+    } else if (event.target.dataset && event.target.dataset.between !== undefined && (event.key === "Enter" || event.key === " ")) {
+      this.on.between(Number(event.target.dataset.between), event.target.at);
+    } else if (step && (this.drawing || this.picking)) {
+      const at = this.cursor ? this.cursor.at : [this.view.x, this.view.y];
+      this.setCursor([at[0] + step[0] * reach, at[1] + step[1] * reach]);
+    } else if ((event.key === "Enter" || event.key === " ") && this.cursor) this.on.tap(this.cursor.at, null);
+    else if (step) { this.view.x += step[0] * 60 / this.view.scale; this.view.y += step[1] * 60 / this.view.scale; this.touched = true; this.update(); }
+    else if (event.key === "+" || event.key === "-") this.zoom(event.key === "+" ? 1.3 : 1 / 1.3);
+    else return;
+    event.preventDefault();
+    event.stopPropagation();
+  }
+}

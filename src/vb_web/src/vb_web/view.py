@@ -1,0 +1,100 @@
+"""What the page shows, as sections of JSON with a revision each.
+
+The idea: a section is written as text once, when it changes; a browser that knows revision N gets the sections that are
+newer, as many browsers as there are get the same text, and one that is slow skips what was replaced meanwhile.
+"""
+from __future__ import annotations
+
+import json
+import math
+import threading
+from typing import Any, Callable, Dict, List, Optional, Tuple
+
+
+def number(value: float, digits: int = 3) -> Optional[float]:
+    """A number for JSON, rounded; None for one that is not finite."""
+    return round(float(value), digits) if math.isfinite(value) else None
+
+
+class View:
+    """The sections. Thread safe.
+
+    Args:
+        on_change: called, from any thread, after a section has changed.
+    """
+
+    def __init__(self, on_change: Callable[[], None] = lambda: None) -> None:
+        self.on_change = on_change
+        self._lock = threading.Lock()
+        self._sections: Dict[str, Tuple[int, str]] = {}
+        self._revision = 0
+        self._last: Tuple[int, int, str] = (-1, -1, "")
+
+    @property
+    def revision(self) -> int:
+        """Of the newest change."""
+        return self._revision
+
+    def put(self, section: str, value: Any) -> bool:
+        """Replaces a section; False, and nobody is told, if it was the same already."""
+        text = json.dumps(value, ensure_ascii=False, allow_nan=False, separators=(",", ":"))
+        with self._lock:
+            if self._sections.get(section, (0, None))[1] == text:
+                return False
+            self._revision += 1
+            self._sections[section] = (self._revision, text)
+        self.on_change()
+        return True
+
+    def get(self, section: str) -> Any:
+        """A section's value; None if there is none."""
+        with self._lock:
+            found = self._sections.get(section)
+        return json.loads(found[1]) if found else None
+
+    def since(self, revision: int) -> Tuple[int, str]:
+        """(revision, message) with all sections newer than a revision; 0 gives all. "" if there are none."""
+        with self._lock:
+            if revision >= self._revision:
+                return self._revision, ""
+            if self._last[:2] != (revision, self._revision):
+                newer = [f'"{name}":{text}' for name, (at, text) in self._sections.items() if at > revision]
+                self._last = (revision, self._revision, '{"view":{' + ",".join(newer) + "}}")
+            return self._revision, self._last[2]
+
+
+class Events:
+    """The newest events for the page's history, oldest first. Not thread safe."""
+
+    KEPT = 100
+
+    def __init__(self) -> None:
+        self._events: List[Dict[str, Any]] = []
+
+    def add(self, event: Dict[str, Any]) -> List[Dict[str, Any]]:
+        """Appends an event and gives all that are kept."""
+        self._events = (self._events + [event])[-self.KEPT :]
+        return self.all()
+
+    def all(self) -> List[Dict[str, Any]]:
+        """All that are kept."""
+        return list(self._events)
+
+
+def border_changes(before: Dict[str, Dict[str, Any]], after: Dict[str, Dict[str, Any]]) -> List[Tuple[str, str]]:
+    """[(code, border's name)] of what happened to borders between two lists, each by id.
+
+    Codes: "page_event_added", "_removed", "_renamed", "_enabled", "_disabled", "_changed".
+    """
+    found = [("page_event_removed", before[key]["name"]) for key in before if key not in after]
+    for key, border in after.items():
+        old = before.get(key)
+        if old is None:
+            found.append(("page_event_added", border["name"]))
+        elif old["name"] != border["name"]:
+            found.append(("page_event_renamed", border["name"]))
+        elif old["enabled"] != border["enabled"]:
+            found.append((f"page_event_{'enabled' if border['enabled'] else 'disabled'}", border["name"]))
+        elif any(old[part] != border[part] for part in ("points", "seed", "schedule", "zone", "max_speed")):
+            found.append(("page_event_changed", border["name"]))
+    return found

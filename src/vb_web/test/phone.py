@@ -1,0 +1,103 @@
+"""Chromium as a phone or a wall display, for the tests of the page; Debian's packages chromium, chromium-driver and
+python3-selenium."""
+from __future__ import annotations
+
+import time
+
+from selenium import webdriver
+from selenium.webdriver.chrome.service import Service
+from selenium.webdriver.common.actions.action_builder import ActionBuilder
+from selenium.webdriver.common.actions.pointer_input import PointerInput
+
+PHONE, WALL = (360, 740), (1920, 1080)
+_SWITCHES = ("--no-sandbox", "--headless=new", "--disable-gpu", "--disable-background-networking", "--disable-dev-shm-usage",
+             "--hide-scrollbars", "--disable-extensions", "--no-first-run")
+PATIENCE_S = 40.0
+
+
+class Browser:
+    """One browser with the page open."""
+
+    def __init__(self, url, size=PHONE, language="en", dark=False):
+        options = webdriver.ChromeOptions()
+        options.binary_location = "/usr/bin/chromium"
+        for switch in (*_SWITCHES, f"--lang={language}"):
+            options.add_argument(switch)
+        options.add_experimental_option("prefs", {"intl.accept_languages": language})
+        options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
+        self.driver = webdriver.Chrome(service=Service("/usr/bin/chromedriver"), options=options)
+        self.driver.set_script_timeout(PATIENCE_S)
+        self.url = url
+        self.resize(size, dark)
+        self.driver.get(url)
+
+    def resize(self, size, dark=False):
+        phone = size[0] < 800
+        metrics = {"width": size[0], "height": size[1], "deviceScaleFactor": 2 if phone else 1, "mobile": False}
+        self.driver.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", metrics)
+        scheme = {"name": "prefers-color-scheme", "value": "dark" if dark else "light"}
+        self.driver.execute_cdp_cmd("Emulation.setEmulatedMedia", {"features": [scheme]})
+
+    def close(self):
+        self.driver.quit()
+
+    def run(self, script, *arguments):
+        return self.driver.execute_script(script, *arguments)
+
+    def wait(self, script, *arguments, what=None):
+        """Waits until a script gives something true, and gives that."""
+        end = time.monotonic() + PATIENCE_S
+        while True:
+            found = self.run(f"return ({script})", *arguments)
+            if found:
+                return found
+            if time.monotonic() > end:
+                raise AssertionError(f"waited for {what or script}; the page says:\n{self.run('return document.body.innerText')}")
+            time.sleep(0.05)
+
+    def wait_ready(self):
+        """The map is there and fitted, and the system's state is known."""
+        self.wait("window.virtualBorders && window.virtualBorders.map.info && document.body.dataset.state == 'default'"
+                  " && document.getElementById('base').classList.contains('there')", what="a page that is ready")
+
+    def click(self, selector, text=None):
+        """Clicks the first enabled element of a selector, with this text if one is given."""
+        script = """[...document.querySelectorAll(arguments[0])].find(
+            (e) => !e.disabled && e.getClientRects().length && (!arguments[1] || e.textContent.trim() === arguments[1]))"""
+        element = self.wait(script, selector, text, what=f"{selector} {text or ''}")
+        self.run("arguments[0].scrollIntoView({block: 'center'})", element)
+        element.click()
+
+    def text(self, selector):
+        return self.run("const e = document.querySelector(arguments[0]); return e ? e.innerText : ''", selector)
+
+    def wait_text(self, selector, part):
+        self.wait("(document.querySelector(arguments[0]) || {innerText: ''}).innerText.includes(arguments[1])", selector, part,
+                  what=f"'{part}' in {selector}")
+
+    def on_screen(self, point):
+        """A point of the floor [m] on the screen [px]."""
+        return self.run("""const b = document.getElementById('map').getBoundingClientRect();
+            const p = window.virtualBorders.map.toScreen(arguments[0]); return [Math.round(b.left + p[0]), Math.round(b.top + p[1])]""", point)
+
+    def stroke(self, points, kind="touch"):
+        """Moves a finger over points of the floor [m]."""
+        self.run("document.getElementById('map').scrollIntoView({block: 'center'})")
+        places = [self.on_screen(point) for point in points]
+        finger = PointerInput(kind, "finger")
+        actions = ActionBuilder(self.driver, mouse=finger, duration=10)
+        finger.create_pointer_move(duration=0, x=places[0][0], y=places[0][1])
+        finger.create_pointer_down(button=0)
+        for x, y in places[1:]:
+            finger.create_pointer_move(duration=20, x=x, y=y)
+        finger.create_pointer_up(button=0)
+        actions.perform()
+
+    def tap(self, point):
+        """Taps a point of the floor [m]."""
+        self.stroke([point])
+
+    def faults(self):
+        """What the browser's console has of faults in the page itself; a server that is away is none."""
+        return [entry["message"] for entry in self.driver.get_log("browser")
+                if entry["level"] == "SEVERE" and "ERR_CONNECTION" not in entry["message"] and "WebSocket" not in entry["message"]]

@@ -1,0 +1,262 @@
+#!/usr/bin/env python3
+"""The page in a real browser, with the real nodes behind it: what people do at home and in a study."""
+from __future__ import annotations
+
+import json
+import os
+import socket
+import subprocess
+import sys
+import unittest
+from pathlib import Path
+
+import numpy as np
+import rosnode
+import rospy
+import rostest
+from nav_msgs.msg import OccupancyGrid
+from std_msgs.msg import Bool
+
+sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
+from accessibility import faults_of  # noqa: E402
+from phone import PHONE, WALL, Browser  # noqa: E402
+from vb_core import names  # noqa: E402
+from vb_core.notices import Notice, Severity  # noqa: E402
+from vb_core.ros.messages import OccupancyGridArray, grid_from_message  # noqa: E402
+from vb_core.ros.notices import NoticePublisher  # noqa: E402
+from vb_msgs.msg import InteractionState, LaserSpot, StudyEvent, VirtualBorder, VirtualBorderArray  # noqa: E402
+
+CARPET = [[3.12, 0.8], [5.12, 0.8], [5.12, 2.05], [3.12, 2.05]]
+
+
+def round_the(corners, per_side=6):
+    """A finger's path round corners, back to near its start."""
+    path = []
+    for a, b in zip(corners, corners[1:] + corners[:1]):
+        path += [[a[0] + (b[0] - a[0]) * i / per_side, a[1] + (b[1] - a[1]) * i / per_side] for i in range(per_side)]
+    return path
+
+
+def until(condition, what, seconds=40.0):
+    for _ in range(int(seconds / 0.05)):
+        found = condition()
+        if found:
+            return found
+        rospy.rostime.wallsleep(0.05)
+    raise AssertionError(f"waited {seconds} s for {what}")
+
+
+class PageTest(unittest.TestCase):
+    @classmethod
+    def setUpClass(cls):
+        rospy.init_node("rostest_page")
+        cls.heard = {}
+        for topic, kind in ((names.BORDERS, VirtualBorderArray), (names.STATE, InteractionState), (names.VIRTUAL_MAP, OccupancyGridArray),
+                            (names.PHYSICAL_MAP, OccupancyGridArray), (names.STOP, Bool), (names.STUDY_EVENTS, StudyEvent)):
+            rospy.Subscriber(topic, kind, lambda message, topic=topic: cls.heard.__setitem__(topic, message))
+        cls.spots = rospy.Publisher(names.SPOTS, LaserSpot, queue_size=5)
+        with socket.socket() as probe:
+            probe.bind(("127.0.0.1", 0))
+            cls.port = probe.getsockname()[1]
+        cls.events = Path(rospy.get_param("~state")) / "page_events.jsonl"
+        cls.page = None
+        cls.start_page()
+        cls.browser = Browser(f"http://127.0.0.1:{cls.port}/")
+
+    @classmethod
+    def tearDownClass(cls):
+        cls.browser.close()
+        cls.stop_page()
+
+    @classmethod
+    def start_page(cls):
+        cls.page = subprocess.Popen(["rosrun", "vb_web", "page", "__name:=page", f"_port:={cls.port}", f"_events_file:={cls.events}"])
+        until(cls.listening, "the page to listen")
+
+    @classmethod
+    def listening(cls):
+        with socket.socket() as probe:
+            return probe.connect_ex(("127.0.0.1", cls.port)) == 0
+
+    @classmethod
+    def stop_page(cls, kill=False):
+        # rosrun became the node: exec
+        (cls.page.kill if kill else cls.page.terminate)()
+        cls.page.wait(20)
+
+    def setUp(self):
+        self.browser.wait_ready()
+
+    def borders(self):
+        message = self.heard.get(names.BORDERS)
+        return list(message.borders) if message else []
+
+    def wait_borders(self, count):
+        until(lambda: names.BORDERS in self.heard and len(self.borders()) == count, f"{count} borders")
+        return self.borders()
+
+    def draw_carpet(self, name=""):
+        before = len(self.borders())
+        self.browser.click("#draw")
+        self.browser.stroke(round_the(CARPET))
+        self.browser.wait_text("#review", "m²")
+        if name:
+            self.browser.driver.find_element("css selector", "#review input[data-key=name]").send_keys(name)
+        self.browser.click("#review button", "Save")
+        self.browser.wait("document.body.dataset.mode == 'look'", what="the border to be saved")
+        return self.wait_borders(before + 1)[-1]
+
+    def remove_all(self):
+        while self.borders():
+            self.browser.click("#borders .name")
+            self.browser.click("#dialog button", "Remove")
+            self.wait_borders(len(self.borders()) - 1)
+
+    # ------------------------------------------------------------- borders
+    def test_1_a_border_round_the_carpet_from_the_phone(self):
+        border = self.draw_carpet("Küche 厨房")
+        self.assertEqual((border.name, border.kind), ("Küche 厨房", VirtualBorder.POLYGON))
+        prior, posterior = (grid_from_message(self.heard[topic]) for topic in (names.PHYSICAL_MAP, names.VIRTUAL_MAP))
+        cells = np.argwhere(posterior.data > prior.data)
+        places = posterior.cell_to_world(cells)
+        self.assertLess(np.abs(places.min(axis=0) - CARPET[0]).max(), 0.1)
+        self.assertLess(np.abs(places.max(axis=0) - CARPET[2]).max(), 0.1)
+        self.browser.wait("document.getElementById('restricted').classList.contains('there')", what="the restricted floor")
+        self.browser.wait_text("#borders", "Küche 厨房")
+        # undo and redo
+        self.browser.click("#undo")
+        self.wait_borders(0)
+        self.browser.wait_text("#borders", "No borders yet")
+        self.browser.click("#redo")
+        self.wait_borders(1)
+        # rename, switch off
+        self.browser.click("#borders .name")
+        field = self.browser.driver.find_element("css selector", "#dialog input")
+        field.clear()
+        field.send_keys("Rug")
+        self.browser.click("#dialog button", "Rename")
+        until(lambda: self.borders()[0].name == "Rug", "the new name")
+        self.browser.click("#borders .switch")
+        until(lambda: not self.borders()[0].enabled, "the border to be off")
+        until(lambda: (self.heard[names.VIRTUAL_MAP].data == self.heard[names.PHYSICAL_MAP].data).all(), "the map without it")
+        self.browser.wait_text("#borders", "Switched off")
+        # the history says it all
+        for part in ("Küche 厨房 was added", "Rug has a new name", "Rug was switched off"):
+            self.assertIn(part, self.browser.run("return document.getElementById('events').textContent"))
+        self.remove_all()
+        self.assertEqual(self.browser.faults(), [])
+
+    def test_2_corners_times_and_a_wall(self):
+        self.draw_carpet("Rug")
+        self.browser.click("#borders .name")
+        self.browser.click("#dialog button", "Change shape")
+        self.browser.wait("document.querySelectorAll('#handles [data-corner]').length >= 4", what="corners")
+        corner = self.browser.run("return window.virtualBorders.draft().points.reduce((a, b) => b[0] + b[1] > a[0] + a[1] ? b : a)")
+        self.browser.stroke([corner, [corner[0] + 0.2, corner[1] + 0.1], [corner[0] + 0.5, corner[1] + 0.4]])
+        # the same by keys
+        index = self.browser.run("""const points = window.virtualBorders.draft().points;
+            const i = points.reduce((a, b, k) => b[0] + b[1] < points[a][0] + points[a][1] ? k : a, 0);
+            document.querySelector(`#handles [data-corner="${i}"]`).focus(); return i""")
+        low = self.browser.run("return window.virtualBorders.draft().points[arguments[0]]", index)
+        self.browser.driver.switch_to.active_element.send_keys("\ue012" * 2)  # the left arrow
+        self.browser.click("#review button", "Save")
+        points = until(lambda: len(self.borders()) == 1 and any(p.x > 5.4 for p in self.borders()[0].points) and self.borders()[0].points,
+                       "the moved corner")
+        self.assertAlmostEqual(min(abs(p.x - (low[0] - 0.1)) + abs(p.y - low[1]) for p in points), 0.0, delta=0.02)
+        # times
+        self.browser.click("#borders .name")
+        self.browser.click("#dialog button", "Times")
+        for day in ("Sat", "Sun"):
+            self.browser.click("#dialog .days button", day)
+        self.browser.run("""for (const [input, value] of [[0, "08:00"], [1, "12:30"]]) { const e = document.querySelectorAll('#dialog input[type=time]')[input];
+            e.value = value; e.dispatchEvent(new Event('change')) }""")
+        self.browser.click("#dialog button", "Save")
+        until(lambda: self.borders()[0].schedule == "mon-fri 08:00-12:30", "the schedule")
+        self.browser.wait_text("#borders", "Mon-Fri 08:00-12:30")
+        # a wall by two taps
+        self.browser.click("#wall")
+        for point in ([3.3, 4.0], [3.3, 3.1]):
+            self.browser.tap(point)
+        self.browser.click("#review button", "Save")
+        wall = self.wait_borders(2)[-1]
+        self.assertEqual(wall.kind, VirtualBorder.VIRTUAL_WALL)
+        self.remove_all()
+        self.assertEqual(self.browser.faults(), [])
+
+    # ------------------------------------------------------------- interaction
+    def test_3_commands_stop_and_go_on(self):
+        self.browser.click("#commands button", "Define border")
+        self.browser.wait("document.body.dataset.state == 'border'", what="the state border")
+        self.browser.click("#stop")
+        until(lambda: self.heard[names.STATE].stopped and self.heard[names.STOP].data, "stop")
+        self.browser.wait_text("#banners", "All robots are stopped")
+        self.browser.click("#stop")
+        until(lambda: not self.heard[names.STATE].stopped and not self.heard[names.STOP].data, "go on")
+        self.browser.click("#commands button", "Cancel")
+        self.browser.wait("document.body.dataset.state == 'default'", what="the state default")
+
+    def test_4_stop_reaches_robots_without_the_manager_and_it_comes_back_by_itself(self):
+        self.heard.pop(names.STOP, None)
+        rosnode.kill_nodes(["/interaction_manager"])
+        self.browser.wait("document.body.dataset.state == 'absent'", what="the manager to be missed")
+        self.browser.click("#stop")
+        until(lambda: names.STOP in self.heard and self.heard[names.STOP].data, "stop on its topic")
+        # roslaunch restarts the manager, which takes the stop up or not: then everybody may go on
+        self.browser.wait("document.body.dataset.state == 'default'", what="the manager to be back")
+        if self.browser.run("return document.getElementById('stop').dataset.command") == "resume":
+            self.browser.click("#stop")
+        until(lambda: not self.heard[names.STATE].stopped, "go on")
+
+    def test_5_the_page_comes_back_after_it_was_killed(self):
+        self.draw_carpet("Rug")
+        self.stop_page(kill=True)
+        self.browser.wait("document.body.dataset.state == 'offline'", what="the lost connection")
+        self.start_page()
+        self.browser.wait_ready()
+        self.browser.wait_text("#borders", "Rug")
+        self.assertIn("Rug was added", self.browser.run("return document.getElementById('events').textContent"))
+        self.remove_all()
+
+    # ------------------------------------------------------------- what is seen
+    def test_6_two_browsers_two_sizes_two_languages(self):
+        other = Browser(self.browser.url, WALL, "de", dark=True)
+        try:
+            other.wait_ready()
+            self.assertEqual(other.run("return document.documentElement.lang"), "de")
+            self.draw_carpet("Rug")
+            other.wait_text("#borders", "Rug")
+            other.click("#undo", "Rückgängig")
+            self.browser.wait_text("#borders", "No borders yet")
+            other.wait_text("#borders", "Noch keine Grenzen")
+            notices = NoticePublisher()
+            notices.set([Notice("interaction_ends_soon", Severity.WARNING)])
+            self.browser.wait_text("#notices", "dropped soon")
+            other.wait("document.querySelector('#notices li')", what="the notice")
+            self.assertNotIn("dropped soon", other.text("#notices"))
+            notices.close()
+            for browser, size in ((self.browser, PHONE), (other, WALL)):
+                self.assertLessEqual(browser.run("return document.documentElement.scrollWidth"), size[0])
+                self.assertEqual(faults_of(browser), [])
+            self.assertEqual(other.faults(), [])
+        finally:
+            other.close()
+
+    def test_7_a_spot_is_seen_and_text_stays_text(self):
+        spot = LaserSpot(camera="red")
+        spot.header.frame_id, spot.header.stamp = "map", rospy.Time.now()
+        spot.position.x, spot.position.y = 4.0, 2.5
+        until(lambda: self.spots.get_num_connections(), "the page to listen")
+        self.spots.publish(spot)
+        self.browser.wait("document.querySelector('.spot')", what="the spot")
+        evil = "<img src=x onerror=window.evil=1>"
+        self.browser.run("document.getElementById('study').open = true")
+        self.browser.driver.find_element("css selector", "#mark-form input").send_keys(evil)
+        self.browser.click("#mark-form button")
+        until(lambda: names.STUDY_EVENTS in self.heard and self.heard[names.STUDY_EVENTS].text == evil, "the note")
+        self.browser.wait("document.getElementById('events').textContent.includes(arguments[0])", evil, what="the note in the history")
+        self.assertFalse(self.browser.run("return document.querySelectorAll('#events img').length || window.evil || 0"))
+        self.assertIn(evil, [json.loads(line)["values"].get("text") for line in self.events.read_text().splitlines()])
+
+
+if __name__ == "__main__":
+    rostest.rosrun("vb_web", "rostest_page", PageTest)

@@ -1,0 +1,122 @@
+"""Only well-formed requests get through, whatever else a browser sends."""
+import json
+import math
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+sys.path.insert(0, str(Path(__file__).resolve().parent))
+from hostile import GOOD_DRAFT, hostile_messages  # noqa: E402
+from vb_core.errors import CodedError
+from vb_web import requests
+from vb_web.requests import ACTIONS, Bounds, Draft
+
+BOUNDS = Bounds((0.0, 0.0), (8.0, 5.0))
+TARGET = {"border": "b1", "revision": 3}
+GOOD = {
+    "command": {"command": "save"},
+    "preview": {"draft": GOOD_DRAFT, "border": ""},
+    "add": {"draft": GOOD_DRAFT},
+    "update": {"draft": GOOD_DRAFT, **TARGET},
+    "rename": {"name": "Küche 厨房", **TARGET},
+    "enable": {"enabled": False, **TARGET},
+    "remove": dict(TARGET),
+    "confirm_map": {"same": True},
+    "study": {"participant": "P07", "condition": "laser"},
+    "mark": {"text": "looked away"},
+    "invite": {},
+}
+
+
+def parse(**fields):
+    return requests.parse(json.dumps(fields), BOUNDS)
+
+
+def test_every_action_has_an_example_here():
+    assert set(GOOD) == set(ACTIONS)
+
+
+@pytest.mark.parametrize("action", sorted(GOOD))
+def test_good_requests_get_through(action):
+    request = parse(do=action, id="a1", **GOOD[action])
+    assert request.action == action and request.id == "a1"
+    assert set(request.values) == set(GOOD[action])
+
+
+@pytest.mark.parametrize("action", sorted(GOOD))
+def test_each_missing_or_additional_field_is_refused(action):
+    whole = {"do": action, "id": "a1", **GOOD[action]}
+    for key in whole:
+        with pytest.raises(CodedError):
+            parse(**{name: value for name, value in whole.items() if name != key})
+    with pytest.raises(CodedError):
+        parse(**whole, topic="/cmd_vel")
+
+
+@pytest.mark.parametrize("change", [
+    {"points": [[0, 0]]}, {"points": [[1, 1]] * 501}, {"points": [[1, 1], [99, 1]]}, {"points": [[1, 1], [1, "2"]]},
+    {"points": [[1, 1], [1, 2, 3]]}, {"points": [[1, 1], [True, 1]]}, {"points": {"0": [1, 1]}}, {"points": [[1, 1], [10**400, 1]]},
+    {"seed": [1, None]}, {"seed": [1, -1e308]}, {"seed": 5}, {"kind": "circle"}, {"kind": 1}, {"zone": "KEEP_OUT"},
+    {"max_speed": -0.1}, {"max_speed": "fast"}, {"zone": "slow", "max_speed": 0.0}, {"name": "x" * 61}, {"name": "a\u202eb"},
+    {"name": "a\x00b"}, {"name": None}, {"schedule": "always"}, {"schedule": "mon 25:00-26:00"}, {"schedule": "mon 08:00-12:00; rm"},
+    {"topic": "/x"},
+])
+def test_bad_drafts_are_refused(change):
+    with pytest.raises(CodedError) as found:
+        parse(do="add", id="a", draft={**GOOD_DRAFT, **change})
+    assert found.value.code == "page_bad_request"
+
+
+@pytest.mark.parametrize("text", ["NaN", "Infinity", "-Infinity", "1e999"])
+def test_numbers_that_are_none_are_refused(text):
+    message = json.dumps({"do": "add", "id": "a", "draft": {**GOOD_DRAFT, "seed": ["SEED", 1]}}).replace('"SEED"', text)
+    with pytest.raises(CodedError):
+        requests.parse(message, BOUNDS)
+
+
+@pytest.mark.parametrize("schedule", ["", "08:00-12:00", "mon-fri 08:00-12:00", "mon,wed,sat-sun 22:00-06:00", "tue 00:00-24:00", "daily 9:00-10:00; sat-mon 22:00-06:00"])
+def test_schedules_as_people_set_them(schedule):
+    assert parse(do="add", id="a", draft={**GOOD_DRAFT, "schedule": schedule}).values["draft"].schedule == schedule
+
+
+def test_without_a_map_nothing_can_be_drawn():
+    with pytest.raises(CodedError) as found:
+        requests.parse(json.dumps({"do": "add", "id": "a", "draft": GOOD_DRAFT}), None)
+    assert found.value.code == "page_no_map"
+    assert requests.parse(json.dumps({"do": "command", "id": "a", "command": "stop"}), None).values["command"] == "stop"
+
+
+def test_a_message_that_is_too_long_or_too_deep_is_refused():
+    for text in ("[" * 60000, json.dumps({"do": "mark", "id": "a", "text": "x" * 70000}), "1" * 60000, b"{}", None, 5):
+        with pytest.raises(CodedError):
+            requests.parse(text, BOUNDS)
+
+
+@settings(max_examples=50)
+@given(st.recursive(st.none() | st.booleans() | st.floats() | st.text(max_size=20), lambda inner: st.lists(inner, max_size=4)
+                    | st.dictionaries(st.sampled_from(["do", "id", "draft", "command", "border", "x"]), inner, max_size=6), max_leaves=12))
+def test_any_json_is_a_request_or_a_coded_refusal(value):
+    try:
+        requests.parse(json.dumps(value), BOUNDS)
+    except CodedError as error:
+        assert error.code in ("page_bad_request", "page_no_map")
+
+
+def test_what_gets_through_of_hostile_messages_is_harmless():
+    passed = 0
+    for text in hostile_messages(600, seed=1):
+        try:
+            request = requests.parse(text, BOUNDS)
+        except CodedError:
+            continue
+        passed += 1
+        draft = request.values.get("draft")
+        if isinstance(draft, Draft):
+            assert np.isfinite(draft.points).all() and (np.abs(draft.points) <= 9.0).all() and math.isfinite(draft.max_speed)
+        for value in request.values.values():
+            assert not isinstance(value, str) or (len(value) <= 300 and value.isprintable())
+    assert 0 < passed < 1000

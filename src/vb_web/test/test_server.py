@@ -1,0 +1,315 @@
+"""The server over real sockets: who gets in, what is answered, what hostile messages do."""
+import asyncio
+import json
+import socket
+import sys
+import threading
+from pathlib import Path
+
+import pytest
+from tornado.httpclient import AsyncHTTPClient, HTTPRequest
+from tornado.websocket import WebSocketClosedError, websocket_connect
+
+sys.path.insert(0, str(Path(__file__).resolve().parent))
+from hostile import GOOD_DRAFT, hostile_messages  # noqa: E402
+from vb_core.errors import CodedError  # noqa: E402
+from vb_web import access, requests  # noqa: E402
+from vb_web.access import Keys, Role  # noqa: E402
+from vb_web.pictures import Album, Picture  # noqa: E402
+from vb_web.server import Backend, PageServer, ServerParams  # noqa: E402
+from vb_web.view import View  # noqa: E402
+
+KEYS = Keys("view-er22", "oper-at33", "k" * 64)
+BOUNDS = requests.Bounds((0.0, 0.0), (8.0, 5.0))
+
+
+class FakeBackend(Backend):
+    """Notes what is asked of it."""
+
+    def __init__(self):
+        self.done = []
+        self.gate = threading.Event()
+        self.gate.set()
+
+    def act(self, request, source):
+        if request.action == "preview":
+            self.gate.wait(10.0)
+        if request.action == "remove":
+            raise CodedError("page_no_border")
+        self.done.append((request.action, dict(request.values)))
+        return {"ok": True, "code": "ok", "values": {}, "message": ""}
+
+    def bounds(self):
+        return BOUNDS
+
+    def camera_jpeg(self, camera):
+        return b"jpeg" if camera == "red" else None
+
+    def floor_webp(self):
+        return b"webp"
+
+
+class Running:
+    """A server that listens on loopback."""
+
+    def __init__(self, keys):
+        self.backend, self.view, self.album, self.faults = FakeBackend(), View(), Album(), []
+        self.album.put("map", Picture(b"png", "a" * 16, 1, 1, 1))
+        self.view.put("state", {"name": "default"})
+        self.server = PageServer(ServerParams(port=0), keys, self.view, self.album, self.backend, self.faults.append)
+        # one address asks for all: what limits it is tested on its own
+        self.server.requests = access.Limiter(rate=1e9, burst=1e9)
+        self.server.start()
+        self.host = f"127.0.0.1:{self.server.port}"
+
+    def ask(self, path, method="GET", body=None, **headers):
+        async def fetch():
+            request = HTTPRequest(f"http://{self.host}{path}", method=method, body=body, allow_nonstandard_methods=True,
+                                  follow_redirects=False, headers={key.replace("_", "-"): value for key, value in headers.items()})
+            return await AsyncHTTPClient(force_instance=True).fetch(request, raise_error=False)
+
+        return asyncio.run(fetch())
+
+    def link(self, work, **headers):
+        """Runs work(socket) over a WebSocket; gives its result."""
+        async def run():
+            given = {"Origin": f"http://{self.host}", **headers}
+            connection = await websocket_connect(HTTPRequest(f"ws://{self.host}/link", headers=given))
+            try:
+                return await work(connection)
+            finally:
+                connection.close()
+
+        return asyncio.run(run())
+
+
+@pytest.fixture
+def local():
+    running = Running(None)
+    yield running
+    running.server.close()
+    assert not running.faults
+
+
+@pytest.fixture
+def network():
+    running = Running(KEYS)
+    yield running
+    running.server.close()
+    assert not running.faults
+
+
+def cookie(role):
+    return f"{access.COOKIE}={KEYS.make_cookie(role)}"
+
+
+async def answer_to(connection, **request):
+    await connection.write_message(json.dumps({"id": "1", **request}))
+    return await reply(connection, request.get("id", "1"))
+
+
+async def reply(connection, request_id):
+    while True:
+        text = await asyncio.wait_for(connection.read_message(), 10.0)
+        if text is None:
+            raise WebSocketClosedError()
+        message = json.loads(text)
+        if message.get("re") == request_id:
+            return message
+
+
+PRIVATE = ["/picture/map/aaaaaaaaaaaaaaaa.png", "/floor.webp", "/camera/red.jpg"]
+
+
+def test_this_computer_needs_no_code(local):
+    assert json.loads(local.ask("/session").body) == {"role": "operator", "login": False}
+    assert [local.ask(path).code for path in PRIVATE] == [200, 200, 200]
+    assert local.ask("/").headers["Content-Security-Policy"]
+
+
+@pytest.mark.parametrize("headers", [
+    {"Host": "evil.example"}, {"Host": "localhost.evil.example:8420"}, {"X_Forwarded_For": "127.0.0.1"}, {"Forwarded": "for=1.2.3.4"},
+    {"Via": "1.1 proxy"},
+])
+def test_a_foreign_name_or_a_proxy_is_not_this_computer(local, headers):
+    assert json.loads(local.ask("/session", **headers).body)["role"] == "nobody"
+    assert [local.ask(path, **headers).code for path in PRIVATE] == [401, 401, 401]
+
+
+def test_in_a_network_nothing_is_shown_without_a_code(network):
+    assert [network.ask(path).code for path in PRIVATE] == [401, 401, 401]
+    with pytest.raises(Exception, match="401"):
+        network.link(lambda connection: answer_to(connection, do="command", command="stop"))
+    # the page itself and its words are no secret: the code is asked for there
+    assert network.ask("/").code == 200 and network.ask("/words/de.json").code == 200
+
+
+def test_viewers_look_and_operators_command(network):
+    assert [network.ask(path, Cookie=cookie(Role.VIEWER)).code for path in PRIVATE] == [200, 403, 403]
+    assert [network.ask(path, Cookie=cookie(Role.OPERATOR)).code for path in PRIVATE] == [200, 200, 200]
+
+    async def stop(connection):
+        return await answer_to(connection, do="command", command="stop")
+
+    assert network.link(stop, Cookie=cookie(Role.VIEWER))["code"] == "page_viewer_only"
+    assert network.backend.done == []
+    assert network.link(stop, Cookie=cookie(Role.OPERATOR))["ok"]
+    assert network.backend.done == [("command", {"command": "stop"})]
+
+
+def log_in(running, code, **headers):
+    given = {"Origin": f"http://{running.host}", **headers}
+    return running.ask("/login", "POST", json.dumps({"code": code}), **given)
+
+
+def test_a_code_gives_a_cookie_that_scripts_and_other_sites_do_not_get(network):
+    answer = log_in(network, "VIEW ER22")
+    given = answer.headers["Set-Cookie"]
+    assert answer.code == 200 and "HttpOnly" in given and "SameSite=Strict" in given
+    assert json.loads(network.ask("/session", Cookie=given.split(";")[0]).body)["role"] == "viewer"
+    assert log_in(network, "oper-at33", Origin="http://evil.example").code == 403
+    assert log_in(network, "wrong").code == 401
+
+
+def test_codes_cannot_be_tried_fast(network):
+    codes = [log_in(network, f"guess{number}").code for number in range(8)]
+    assert codes[0] == 401 and codes[-1] == 429
+    assert log_in(network, KEYS.operator).code == 429  # also the right one
+
+
+@pytest.mark.parametrize("headers", [{"Origin": "http://evil.example"}, {"Origin": "null"}, {"Origin": ""}])
+def test_a_page_from_elsewhere_gets_no_link(local, headers):
+    with pytest.raises(Exception, match="403"):
+        local.link(lambda connection: answer_to(connection, do="command", command="stop"), **headers)
+    assert local.backend.done == []
+
+
+@pytest.mark.parametrize("path, method, body, expected", [
+    ("/../../etc/passwd", "GET", None, 404), ("/static/../server.py", "GET", None, 404), ("/%2e%2e/server.py", "GET", None, 404),
+    ("/server.py", "GET", None, 404), ("/picture/map/../../x.png", "GET", None, 404), ("/camera/rosout.jpg", "GET", None, 404),
+    ("/camera/..%2f..%2fx.jpg", "GET", None, 404), ("/words/xx.json", "GET", None, 404), ("/", "DELETE", None, 403), ("/", "PUT", "x", 403),
+    ("/login", "POST", "{", 404), ("/" + "a" * 60, "GET", None, 404),
+])
+def test_only_what_is_listed_can_be_fetched(local, path, method, body, expected):
+    assert local.ask(path, method, body).code in (expected, 403 if method != "GET" else expected)
+
+
+def test_a_body_that_is_large_or_a_form_is_never_parsed(network):
+    big = network.ask("/login", "POST", "x" * 100000, Origin=f"http://{network.host}")
+    assert big.code in (400, 413, 599)
+    form = network.ask("/login", "POST", "--b\r\n\r\nx\r\n--b--", Origin=f"http://{network.host}",
+                       Content_Type="multipart/form-data; boundary=b")
+    assert form.code == 400
+
+
+def test_pictures_are_kept_by_browsers_and_pages_are_asked_for(local):
+    assert "immutable" in local.ask(PRIVATE[0]).headers["Cache-Control"]
+    first = local.ask("/page.js")
+    assert local.ask("/page.js", If_None_Match=first.headers["Etag"]).code == 304
+
+
+def test_a_browser_gets_the_whole_view_and_then_what_changes(local):
+    async def work(connection):
+        seen = {}
+        while "view" not in seen:
+            seen.update(json.loads(await asyncio.wait_for(connection.read_message(), 10.0)))
+        local.view.put("spots", {"red": [1, 2, 0, 3.0]})
+        return seen, json.loads(await asyncio.wait_for(connection.read_message(), 10.0))
+
+    seen, update = local.link(work)
+    assert seen["hello"]["role"] == "operator" and seen["view"] == {"state": {"name": "default"}}
+    assert update == {"view": {"spots": {"red": [1, 2, 0, 3.0]}}}
+
+
+def test_a_request_that_is_sent_again_is_carried_out_once(local):
+    async def work(connection):
+        return [await answer_to(connection, do="add", id="same", draft=GOOD_DRAFT) for _ in range(3)]
+
+    answers = local.link(work)
+    assert all(answer["ok"] for answer in answers) and len(local.backend.done) == 1
+
+
+def test_refusals_come_as_codes(local):
+    async def work(connection):
+        return [await answer_to(connection, do="remove", border="b", revision=1), await answer_to(connection, do="reboot")]
+
+    assert [answer["code"] for answer in local.link(work)] == ["page_no_border", "page_bad_request"]
+
+
+def test_stop_does_not_wait_for_what_takes_long(local):
+    local.backend.gate.clear()
+
+    async def work(connection):
+        for number in range(12):  # more than there are threads, and than one browser may have under way
+            await connection.write_message(json.dumps({"do": "preview", "id": f"p{number}", "draft": GOOD_DRAFT, "border": ""}))
+        answer = await answer_to(connection, do="command", id="stop", command="stop")
+        local.backend.gate.set()
+        return answer
+
+    assert local.link(work)["ok"]
+
+
+def test_one_browser_cannot_ask_without_end(local):
+    async def work(connection):
+        for number in range(200):
+            await connection.write_message(json.dumps({"do": "command", "id": f"c{number}", "command": "undo"}))
+        while await asyncio.wait_for(connection.read_message(), 10.0) is not None:
+            pass
+        return connection.close_code
+
+    assert local.link(work) == 1008
+    assert len(local.backend.done) <= 60
+
+
+def test_hostile_messages_leave_no_trace(local):
+    """As an operator, the most that somebody who got in could do; messages that are requests by accident are left out."""
+    async def work():
+        sent = 0
+        messages = [text for text in hostile_messages(400, seed=2) if not is_request(text)]
+        while messages:
+            connection = await websocket_connect(HTTPRequest(f"ws://{local.host}/link", headers={"Origin": f"http://{local.host}"}))
+            try:
+                while messages:
+                    await connection.write_message(messages.pop().encode("utf-8", "surrogatepass").decode("utf-8", "replace"))
+                    sent += 1
+            except WebSocketClosedError:
+                pass  # after so many faults the server hangs up
+            while await asyncio.wait_for(connection.read_message(), 10.0) is not None:
+                pass
+            connection.close()
+        return sent
+
+    def is_request(text):
+        try:
+            requests.parse(text, BOUNDS)
+        except CodedError:
+            return False
+        return True
+
+    assert asyncio.run(asyncio.wait_for(work(), 120.0)) > 250
+    assert local.backend.done == []
+    assert local.ask("/session").code == 200
+
+
+def test_garbage_on_the_socket_ends_only_itself(local):
+    garbage = [b"\x00" * 2000, b"GET / HTTP/9.9\r\n\r\n", b"GET " + b"a" * 40000 + b" HTTP/1.1\r\n\r\n", b"POST /login HTTP/1.1\r\nContent-Length: -5\r\n\r\n",
+               b"GET /link HTTP/1.1\r\nHost: localhost\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n\r\n",
+               b"POST /login HTTP/1.1\r\nHost: localhost\r\nTransfer-Encoding: chunked\r\n\r\nZZZ\r\n"]
+    for data in garbage:
+        with socket.create_connection(("127.0.0.1", local.server.port), timeout=10.0) as connection:
+            connection.sendall(data)
+            connection.shutdown(socket.SHUT_WR)
+            while connection.recv(4096):
+                pass
+    assert local.ask("/session").code == 200
+
+
+def test_an_address_that_asks_too_often_is_told_so(local):
+    local.server.requests = access.Limiter(rate=0.0, burst=3.0)
+    assert [local.ask("/session").code for _ in range(4)] == [200, 200, 200, 429]
+
+
+def test_a_port_that_is_taken_is_told(local):
+    with pytest.raises(CodedError) as found:
+        PageServer(ServerParams(port=local.server.port), None, View(), Album(), FakeBackend(), print).start()
+    assert found.value.code == "page_no_address"

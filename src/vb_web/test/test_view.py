@@ -1,0 +1,96 @@
+"""The view's revisions, the history's changes, and the words."""
+import json
+import re
+from pathlib import Path
+
+import pytest
+
+from vb_core import sentences
+from vb_web.view import Events, View, border_changes, number
+
+STATIC = Path(__file__).resolve().parents[1] / "src" / "vb_web" / "static"
+
+
+def test_a_browser_gets_what_is_newer_than_it_knows():
+    told = []
+    view = View(lambda: told.append(1))
+    assert view.since(0) == (0, "")
+    view.put("state", {"name": "border"})
+    view.put("robots", {"": [1, 2, 3]})
+    revision, text = view.since(0)
+    assert json.loads(text) == {"view": {"state": {"name": "border"}, "robots": {"": [1, 2, 3]}}}
+    assert view.since(revision) == (revision, "")
+    assert not view.put("state", {"name": "border"})
+    view.put("state", {"name": "seed"})
+    assert json.loads(view.since(revision)[1]) == {"view": {"state": {"name": "seed"}}}
+    assert json.loads(view.since(0)[1])["view"]["robots"] == {"": [1, 2, 3]}
+    assert len(told) == 3
+
+
+def test_one_that_is_slow_skips_what_was_replaced():
+    view = View()
+    for value in range(100):
+        view.put("spots", value)
+    assert view.since(0)[1] == '{"view":{"spots":99}}'
+
+
+def test_numbers_that_are_none_never_reach_json():
+    assert number(float("nan")) is None and number(float("inf")) is None and number(1.23456) == 1.235
+    with pytest.raises(ValueError):
+        View().put("robots", float("nan"))
+
+
+def test_the_history_has_an_end():
+    events = Events()
+    for at in range(1000):
+        shown = events.add({"at": at})
+    assert len(shown) == Events.KEPT and shown[-1] == {"at": 999}
+
+
+def border(**changes):
+    return {"name": "a", "enabled": True, "points": [], "seed": [], "schedule": "", "zone": "keep_out", "max_speed": 0, **changes}
+
+
+@pytest.mark.parametrize("after, expected", [
+    ({"1": border()}, []), ({}, [("page_event_removed", "a")]), ({"1": border(name="b")}, [("page_event_renamed", "b")]),
+    ({"1": border(enabled=False)}, [("page_event_disabled", "a")]), ({"1": border(points=[1])}, [("page_event_changed", "a")]),
+    ({"1": border(), "2": border(name="c")}, [("page_event_added", "c")]),
+])
+def test_what_happened_between_two_lists_of_borders(after, expected):
+    assert border_changes({"1": border()}, after) == expected
+
+
+def used_words():
+    """Codes that the page's own files name, also those with a variable end, as prefixes."""
+    text = "".join(path.read_text(encoding="utf-8") for path in STATIC.iterdir())
+    return set(re.findall(r"\bpage_[a-z_]+", text))
+
+
+@pytest.mark.parametrize("language", sentences.languages())
+def test_every_word_of_the_page_is_there_in_every_language(language):
+    words = sentences.catalogue(language)
+    missing = [code for code in used_words() if not any(code == word or (code.endswith("_") and word.startswith(code)) for word in words)]
+    # page_zone and page_title are words and beginnings of words at once
+    assert not missing
+
+
+def test_no_word_of_the_page_is_left_over():
+    sources = "".join(path.read_text(encoding="utf-8") for path in STATIC.parent.glob("*.py"))
+    used = used_words() | set(re.findall(r"\bpage_[a-z_]+", sources))
+    stems = [code for code in used if code.endswith("_")] + ["page_title_", "page_zone_"]
+    left = [word for word in sentences.catalogue() if word.startswith("page_") and word not in used and not word.startswith(tuple(stems))]
+    assert not left
+
+
+def test_languages_name_the_same_values():
+    english, german = sentences.catalogue("en"), sentences.catalogue("de")
+    page = [code for code in english if code.startswith("page_")]
+    assert page and all(sentences.placeholders(english[code]) == sentences.placeholders(german[code]) for code in page)
+    assert {code for code in german if code.startswith("page_")} == set(page)
+
+
+def test_the_page_loads_nothing_from_elsewhere():
+    for path in STATIC.iterdir():
+        text = path.read_text(encoding="utf-8").replace("http://www.w3.org/2000/svg", "")
+        assert not re.search(r"https?://|//cdn|@import|url\(", text), path.name
+        assert "innerHTML" not in text and "eval(" not in text and "style=" not in text, path.name
