@@ -34,6 +34,7 @@ from vb_sim.navigator import Navigator, NavigatorParams, for_robot
 from vb_sim.participant import Answer
 from vb_sim.planner import PlannerParams
 from vb_sim.world import World
+from vb_voice_wizard.interaction import Answer as SaidAnswer
 from vb_voice_wizard.interaction import Interaction, Record, State
 
 FUSION_HZ, DISPATCH_HZ, NAVIGATION_HZ, SCAN_HZ = 8.0, 4.0, 10.0, 10.0
@@ -155,7 +156,7 @@ class System:
             border = self._candidate()
             outcome = self.integrator.add(border, now, {"robot": self._poses.estimate(now)[:2]})
         except CodedError as error:
-            answer = self.interaction.refuse_save(error.code, error.message, now)
+            answer = self.interaction.refuse(SaidAnswer.refusal(error), now)
         else:
             self.border = border
             for robot in self.robots.values():
