@@ -283,7 +283,8 @@ def old_folder(root, grid, borders, journal=(), damaged=False):
     text = f"format: 1\nsha256: '{digest}'\nmap: '{fingerprint(grid)}'\n# below: what the sum is of\n{body}"
     (folder / "borders.yaml.bak").write_text(text)
     (folder / "borders.yaml").write_text(text[: len(text) // 2] if damaged else text)
-    lines = [json.dumps({"revision": len(borders) + 1 + k, "kind": "new", "change": change}) for k, change in enumerate(journal)]
+    changes = enumerate(journal, len(borders) + 1)
+    lines = [json.dumps({"revision": number, "kind": "new", "change": change}) for number, change in changes]
     (folder / "journal.jsonl").write_text("".join(line + "\n" for line in lines))
     np.savez_compressed(str(folder / "map.npz"), data=grid.data, resolution=grid.resolution, origin=grid.origin)
     return folder
