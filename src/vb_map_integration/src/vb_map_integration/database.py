@@ -23,6 +23,7 @@ import json
 import os
 import shutil
 import sqlite3
+import tempfile
 import time
 import zlib
 from dataclasses import dataclass
@@ -72,6 +73,9 @@ _OF_TWIN = "NORMAL"
 # of the files that belong to one database
 _ENDS = ("", "-wal", "-shm", "-journal")
 _EMPTY = "empty"
+# more than SQLite needs to open a file: its shared memory has 32 kB
+_PROBE_BYTES = 200_000
+_MEMORY = "/dev/shm"  # a file system that needs no disk
 Statement = Tuple[str, Sequence[Any]]
 
 
@@ -150,7 +154,7 @@ class Database:
         notices: what was not as it should be at start, for people.
 
     Raises:
-        CodedError: "database_in_use", "cannot_write".
+        CodedError: "database_in_use".
     """
 
     def __init__(self, folder: Optional[Path], today: Any = datetime.date.today) -> None:
@@ -160,6 +164,7 @@ class Database:
         self._lock: Optional[int] = None
         self._twin: Optional[sqlite3.Connection] = None
         self._twin_is_good = True
+        self._read_only = ""
         self._loaded: Dict[int, Dict[str, VirtualBorder]] = {}
         if folder is None:
             self._main = _connect(":memory:")
@@ -170,11 +175,10 @@ class Database:
         try:
             folder.mkdir(parents=True, exist_ok=True)
             self._take_lock()
+            _try_to_write(folder)
             self._main, self._state = self._open_soundest()
-        except OSError as error:
-            raise CodedError("cannot_write", what=str(folder), reason=error.strerror or str(error)) from None
-        except sqlite3.Error as error:
-            raise CodedError("cannot_write", what=str(self._path), reason=str(error)) from None
+        except (OSError, sqlite3.Error) as error:
+            self._main, self._state = self._open_for_reading(error)
 
     def close(self) -> None:
         """Ends the use of the files."""
@@ -251,6 +255,30 @@ class Database:
         return State(0, 1, 0)
 
 
+    def _open_for_reading(self, error: Exception) -> Tuple[sqlite3.Connection, State]:
+        """What can be read from a disk that is full or cannot be written: borders act, and no change is taken."""
+        self._read_only = str(error)
+        self._say("database_read_only", Severity.ERROR, what=str(self.folder), reason=self._read_only)
+        best, state = _connect(":memory:"), State(0, 1, 0)
+        _create(best)
+        for path in (self._path, self._twin_path):
+            with tempfile.TemporaryDirectory(dir=_MEMORY if os.path.isdir(_MEMORY) else None) as folder:
+                copy = Path(folder) / "copy.db"
+                try:
+                    for end in _ENDS:  # with its log, which may hold the latest changes
+                        if Path(f"{path}{end}").exists():
+                            shutil.copyfile(f"{path}{end}", f"{copy}{end}")
+                    found, _ = check_file(copy)
+                except OSError:
+                    copy = path
+                    found, _ = check_file(path, "?immutable=1")
+                if found is not None and found.revision > state.revision:
+                    source = sqlite3.connect(f"file:{copy}{'?immutable=1' if copy == path else ''}", uri=True)
+                    best, state = sqlite3.connect(":memory:", isolation_level=None, check_same_thread=False), found
+                    source.backup(best)
+                    source.close()
+        return best, state
+
     def copies(self) -> List[Path]:
         """The daily copies, the newest first."""
         assert self.folder is not None
@@ -278,6 +306,8 @@ class Database:
         Raises:
             CodedError: "cannot_write"; then nothing was changed.
         """
+        if self._read_only:
+            raise CodedError("cannot_write", what=FILE, reason=self._read_only)
         total = self._state.sum
         for digest in (*out, *into):
             total ^= int(digest, 16)
@@ -559,6 +589,14 @@ def restore(folder: Path, source: Path) -> None:
         database.close()
 
 
+def _try_to_write(folder: Path) -> None:
+    """Raises OSError on a disk that is full: on such a one a sound file looks damaged, and must not be set aside."""
+    with tempfile.NamedTemporaryFile(dir=str(folder)) as stream:
+        stream.write(bytes(_PROBE_BYTES))
+        stream.flush()
+        os.fsync(stream.fileno())
+
+
 def _connect(path: Any, synchronous: str = "FULL") -> sqlite3.Connection:
     connection = sqlite3.connect(str(path), isolation_level=None, check_same_thread=False, timeout=2.0)
     for pragma in ("journal_mode = WAL", f"synchronous = {synchronous}", "cell_size_check = ON"):
@@ -597,13 +635,13 @@ def _copy(connection: sqlite3.Connection, path: Path) -> None:
         os.fsync(stream.fileno())
 
 
-def check_file(path: Path) -> Tuple[Optional[State], str]:
+def check_file(path: Path, options: str = "") -> Tuple[Optional[State], str]:
     """What a database holds if it is sound; else None, and why ("" if there is no file)."""
     if not path.exists():
         return None, ""
     connection: Optional[sqlite3.Connection] = None
     try:
-        connection = _connect(path)
+        connection = sqlite3.connect(f"file:{path}{options}", uri=True) if options else _connect(path)
         if connection.execute("SELECT count(*) FROM sqlite_master").fetchone()[0] == 0:
             return None, _EMPTY
         found = connection.execute("PRAGMA integrity_check(1)").fetchone()[0]

@@ -108,7 +108,7 @@ class MapIntegrator:
         root: folder of the database; None keeps borders in memory only.
 
     Raises:
-        CodedError: "database_in_use", "cannot_write".
+        CodedError: "database_in_use".
     """
 
     def __init__(self, params: IntegratorParams, root: Optional[Path]) -> None:
@@ -116,7 +116,10 @@ class MapIntegrator:
         self._database = Database(root)
         self._taken_over: List[Notice] = []
         if root is not None:
-            self._take_over(root)
+            try:
+                self._take_over(root)
+            except CodedError as error:  # the database says so itself; the next start tries again
+                self._taken_over.append(Notice(error.code, Severity.ERROR, values=error.values))
         self._recognizer = Recognizer(self._database, params.map_name)
         self._composition: Optional[Composition] = None
         self._verdict = Verdict()
