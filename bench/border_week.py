@@ -5,21 +5,18 @@
 
 Each home has two floors with the same outer walls. In 15 starts of the integrator the map is static, made by SLAM from
 nothing (growing map by map, at any pose), recorded again, shifted, turned, with other furniture, or that of the other
-floor. Two rooms of the ground floor are closed at the first start, one upstairs when it is first seen. At each published
-map every border of the floor that is truly shown is looked up where it truly lies, wherever the map has free floor. When
-the state asks for confirmation, somebody answers truly every other time.
+floor. Two rooms of the ground floor are closed at the first start, one upstairs when it is first seen. At each
+published map every border of the floor that is truly shown is looked up where it truly lies, wherever the map has free
+floor. When the state asks for confirmation, somebody answers truly every other time.
 Writes docs/results/map-week.csv, a row per kind of map; --label names the program that ran.
 """
 from __future__ import annotations
 
 import argparse
-import csv
 import math
-import subprocess
 import sys
 import tempfile
 from collections import defaultdict
-from datetime import date
 from pathlib import Path
 from typing import Any, Dict, List, Tuple
 
@@ -27,22 +24,25 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parent))
 from homes import Home, corridor_home, draw_map, furnished  # noqa: E402
+from result_table import revision, write_table  # noqa: E402
 
 from vb_core.errors import CodedError  # noqa: E402
 from vb_map_integration.border import VirtualBorder  # noqa: E402
 from vb_map_integration.integrator import IntegratorParams, MapIntegrator  # noqa: E402
 from vb_map_integration.registration import IDENTITY, Transform  # noqa: E402
 
-TOP = Path(__file__).resolve().parent.parent
-WEEK = ("static", "slam", "static", "recorded again", "furniture", "upstairs", "static", "shifted 0.3 m", "recorded again",
-        "upstairs again", "slam", "turned 3 degrees", "upstairs", "furniture and recorded again", "static")
+WEEK = ("static", "slam", "static", "recorded again", "furniture", "upstairs", "static", "shifted 0.3 m",
+        "recorded again", "upstairs again", "slam", "turned 3 degrees", "upstairs",
+        "furniture and recorded again", "static")
 
 
 def pose(random: np.random.Generator) -> Transform:
     return Transform(*random.uniform(-5.0, 5.0, 2).tolist(), float(random.uniform(-math.pi, math.pi)))
 
 
-def maps_of(kind: str, ground: Home, upstairs: Home, random: np.random.Generator, seed: int) -> List[Tuple[str, Any, Transform]]:
+def maps_of(
+    kind: str, ground: Home, upstairs: Home, random: np.random.Generator, seed: int
+) -> List[Tuple[str, Any, Transform]]:
     """(floor, map, from the floor's frame to the map's) of one start, one after the other."""
     fixed = np.random.default_rng(seed)  # what was recorded once stays as it was
     if kind == "static":
@@ -59,8 +59,8 @@ def maps_of(kind: str, ground: Home, upstairs: Home, random: np.random.Generator
             grown.append(("ground", draw_map(ground, np.random.default_rng(state), truth, missing=missing), truth))
         return grown
     home = furnished(ground, random, kept=0.4) if "furniture" in kind else ground
-    truth = {"furniture": IDENTITY, "shifted 0.3 m": Transform(0.3, 0.0, 0.0), "turned 3 degrees": Transform(0.0, 0.0, math.radians(3))}.get(kind)
-    truth = pose(random) if truth is None else truth
+    known = {"furniture": IDENTITY, "shifted 0.3 m": Transform(0.3), "turned 3 degrees": Transform(yaw=math.radians(3))}
+    truth = known[kind] if kind in known else pose(random)
     return [("ground", draw_map(home, random, truth), truth)]
 
 
@@ -77,7 +77,8 @@ def looked_up(keeper: MapIntegrator, borders: List[VirtualBorder], truth: Transf
     shut = wide = 0
     for border in borders:
         low, high = border.points.min(axis=0) + 0.2, border.points.max(axis=0) - 0.2
-        places = truth.apply(np.stack(np.meshgrid(np.linspace(low[0], high[0], 5), np.linspace(low[1], high[1], 5)), -1).reshape(-1, 2))
+        lattice = np.meshgrid(np.linspace(low[0], high[0], 5), np.linspace(low[1], high[1], 5))
+        places = truth.apply(np.stack(lattice, -1).reshape(-1, 2))
         free = keeper.physical.values_at(places) == 0
         values = keeper.posterior.values_at(places)[free]
         if len(values) and (values == 100).mean() >= 0.5:
@@ -103,7 +104,8 @@ def week(seed: int, rows: Dict[str, Dict[str, int]]) -> None:
                 says = bool(getattr(keeper, "needs_confirmation", False))
                 shut, wide = looked_up(keeper, borders[floor], truth)
                 other = borders["upstairs" if floor == "ground" else "ground"]
-                foreign = bool(other) and not borders[floor] and bool((keeper.posterior.data != keeper.physical.data).any())
+                restricts = bool((keeper.posterior.data != keeper.physical.data).any())
+                foreign = bool(other) and not borders[floor] and restricts
                 row["in_doubt"] += says
                 row["rooms_closed"] += shut
                 row["rooms_open_and_said"] += wide if says else 0
@@ -149,18 +151,13 @@ def main() -> int:
     rows: Dict[str, Dict[str, int]] = {kind: defaultdict(int) for kind in WEEK}
     columns = ("maps", "in_doubt", "rooms_closed", "rooms_open_and_said", "rooms_open_without_a_word",
                "borders_of_the_other_floor_without_a_word")
-    label = f"-{options.label}" if options.label else ""
-    path = TOP / "docs" / "results" / f"map-week{label}.csv"
-    revision = subprocess.run(["git", "rev-parse", "--short", "HEAD"], cwd=str(TOP), stdout=subprocess.PIPE, universal_newlines=True).stdout.strip()
-    path.parent.mkdir(parents=True, exist_ok=True)
+    name = f"map-week-{options.label}" if options.label else "map-week"
+    made_by = revision()
     for number in range(options.homes):
         week(options.seed + number, rows)
-        with open(str(path), "w", newline="") as stream:
-            stream.write(f"# python3 bench/border_week.py --homes {number + 1}; {date.today()}, revision {revision} {options.label}\n")
-            writer = csv.writer(stream)
-            writer.writerow(("kind", *columns))
-            writer.writerows([kind, *(rows[kind][column] for column in columns)] for kind in dict.fromkeys(WEEK))
-            writer.writerow(["all", *(sum(rows[kind][column] for kind in rows) for column in columns)])
+        rows["all"] = {column: sum(rows[kind][column] for kind in dict.fromkeys(WEEK)) for column in columns}
+        table = [{"kind": kind, **{column: rows[kind][column] for column in columns}} for kind in rows]
+        path = write_table(name, f"border_week.py --homes {number + 1}", f"{made_by} {options.label}", table)
     print(path.read_text())
     return 0
 

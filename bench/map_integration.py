@@ -28,60 +28,21 @@ import numpy as np
 import rospy
 from vb_msgs.srv import AddBorder, AddBorderRequest
 
-from vb_core import names
-from vb_core.grid_map import GridMap
-from vb_core.ros import messages
-from vb_map_integration.border import VirtualBorder
-from vb_map_integration.border_messages import message_from_border
-from vb_map_integration.database import FILE, Database, fingerprint
-from vb_map_integration.integration import integrate
-from vb_map_integration.integrator import IntegratorParams, MapIntegrator
+sys.path.insert(0, str(Path(__file__).resolve().parent))
+from map_integration_scene import curve, house, polygon  # noqa: E402
+
+from vb_core import names  # noqa: E402
+from vb_core.grid_map import GridMap  # noqa: E402
+from vb_core.ros import messages  # noqa: E402
+from vb_map_integration.border_messages import message_from_border  # noqa: E402
+from vb_map_integration.database import FILE, Database, fingerprint  # noqa: E402
+from vb_map_integration.integration import integrate  # noqa: E402
+from vb_map_integration.integrator import IntegratorParams, MapIntegrator  # noqa: E402
 
 TOP = Path(__file__).resolve().parent.parent
 SIZES = [(320, 200), (1000, 1000), (2000, 2000), (4000, 4000), (8000, 8000)]
 COUNTS = [1, 10, 100, 500]
 REPEATS = 9
-
-
-def house(width: int, height: int) -> GridMap:
-    """Rooms of 160 x 100 cells, with doors and table legs."""
-    data = np.zeros((height, width), np.int8)
-    data[::100] = 100
-    data[:, ::160] = 100
-    data[[-1]] = 100
-    data[:, [-1]] = 100
-    for row in range(50, height - 1, 100):
-        data[row : row + 30, 160 : width - 1 : 160] = 0
-    for column in range(80, width - 1, 160):
-        data[100 : height - 1 : 100, column : column + 30] = 0
-    data[40::100, 40::160] = 100
-    return GridMap(data, 0.025, (-10.0, -5.0, 0.0))
-
-
-def polygon(grid: GridMap, random: np.random.Generator, share: float) -> VirtualBorder:
-    """A polygon with 100 points; its diameter is a share of the map's shorter side."""
-    height, width = grid.shape
-    radius = 0.5 * share * min(height, width)
-    centre = random.uniform((radius, radius), (width - radius, height - radius))
-    angles = np.linspace(0.0, 2.0 * np.pi, 100, endpoint=False)
-    radii = radius * (0.9 + 0.1 * np.cos(7 * angles))
-    points = centre + radii[:, None] * np.column_stack([np.cos(angles), np.sin(angles)])
-    seed = centre
-    while grid.data[int(round(seed[1])), int(round(seed[0]))] != 0:
-        seed = centre + random.uniform(-0.5, 0.5, 2) * radius
-    return VirtualBorder(grid.grid_to_world(points), grid.grid_to_world(seed)[0], closed=True)
-
-
-def curve(grid: GridMap, random: np.random.Generator) -> VirtualBorder:
-    """A drawn curve of 100 points across half of the map: its extensions go through rooms and doors."""
-    height, width = grid.shape
-    x = width * random.uniform(0.3, 0.7)
-    rows = np.linspace(0.25, 0.75, 100) * height
-    points = np.column_stack([x + 3.0 * np.sin(rows / 20.0), rows])
-    seed = np.array([x - 0.2 * width, 0.5 * height])
-    while grid.data[int(round(seed[1])), int(round(seed[0]))] != 0:
-        seed += 3.0
-    return VirtualBorder(grid.grid_to_world(points), grid.grid_to_world(seed)[0], closed=False)
 
 
 def timed(action) -> float:

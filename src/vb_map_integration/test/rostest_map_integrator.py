@@ -200,12 +200,13 @@ class MapIntegratorTest(unittest.TestCase):
         limits = Latest("/virtual_borders/speed_limits", OccupancyGridArray)
         slow = polygon(zone=VirtualBorder.SLOW, max_speed=0.25)
         self.assertEqual(self.call("add_border", slow, "", "test").code, "ok")
-        wait_until(lambda: limits.message is not None and (np.asarray(limits.message.data) == 25).sum() == 400, "limits")
+        wait_until(lambda: limits.message and (np.asarray(limits.message.data) == 25).sum() == 400, "limits")
         self.assertEqual(self.restricted(), 0)
-        wall = VirtualBorder(points=[Point(-1.0, -1.0, 0.0), Point(-1.0, 1.0, 0.0)], kind=VirtualBorder.VIRTUAL_WALL, occupancy=1.0)
+        ends = [Point(-1.0, -1.0, 0.0), Point(-1.0, 1.0, 0.0)]
+        wall = VirtualBorder(points=ends, kind=VirtualBorder.VIRTUAL_WALL, occupancy=1.0)
         self.assertEqual(self.call("add_border", wall, "", "test").code, "ok")
         wait_until(lambda: 40 <= self.restricted() <= 130, "a thin band")
-        wait_until(lambda: [b.kind for b in self.borders.message.borders][1:] == [VirtualBorder.VIRTUAL_WALL], "the wall")
+        wait_until(lambda: [b.kind for b in self.borders.message.borders][1:] == [wall.kind], "the wall")
         self.assertTrue(all(border.acting for border in self.borders.message.borders))
 
     def test_a_map_that_may_be_another_place(self):

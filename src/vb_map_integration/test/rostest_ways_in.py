@@ -201,7 +201,8 @@ class WaysInTest(unittest.TestCase):
         key = self.drawn_border()
         self.handles.menu(key, editor.EDIT)
         wait_until(lambda: f"{key}/1" in self.handles.places, "handles of its vertices")
-        self.assertTrue(rospy.ServiceProxy("/virtual_borders/rename_border", RenameBorder)(key, "theirs", "test", 0).success)
+        rename = rospy.ServiceProxy("/virtual_borders/rename_border", RenameBorder)
+        self.assertTrue(rename(key, "theirs", "test", 0).success)
         wait_until(lambda: self.borders.message.borders[0].name == "theirs", "their name")
         self.handles.drag(f"{key}/1", (0.5, 1.0))
         self.handles.menu(f"{key}/0", editor.SAVE)
@@ -251,11 +252,13 @@ class WaysInTest(unittest.TestCase):
             self.assertEqual(self.stored(1)[0].name, "rug")
             self.assertEqual(self.run_command("export_borders", copy)[0], 0)
             # what was exported and edited is updated, not doubled
-            copy.write_text(copy.read_text().replace('"rug"', '"carpet"').replace('"enabled": true', '"enabled": false'))
+            edited = copy.read_text().replace('"rug"', '"carpet"').replace('"enabled": true', '"enabled": false')
+            copy.write_text(edited)
             status, output = self.run_command("import_borders", copy)
             self.assertEqual(status, 0, output)
             wait_until(lambda: self.borders.message.borders[0].name == "carpet", "the edited border")
-            self.assertEqual([(one.name, one.acting, one.reason) for one in self.stored(1)], [("carpet", False, "disabled")])
+            border = self.stored(1)[0]
+            self.assertEqual((border.name, border.acting, border.reason), ("carpet", False, "disabled"))
             # one of another home is added, and stays switched off
             copy.write_text(copy.read_text().replace('"created": 1', '"created": '))
             count = self.maps.count

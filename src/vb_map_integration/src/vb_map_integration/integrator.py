@@ -108,7 +108,7 @@ class MapIntegrator:
         root: folder of the database; None keeps borders in memory only.
 
     Raises:
-        CodedError: "database_in_use", "cannot_write".
+        CodedError: "database_in_use".
     """
 
     def __init__(self, params: IntegratorParams, root: Optional[Path]) -> None:
@@ -116,7 +116,10 @@ class MapIntegrator:
         self._database = Database(root)
         self._taken_over: List[Notice] = []
         if root is not None:
-            self._take_over(root)
+            try:
+                self._take_over(root)
+            except CodedError as error:  # the database says so itself; the next start tries again
+                self._taken_over.append(Notice(error.code, Severity.ERROR, values=error.values))
         self._recognizer = Recognizer(self._database, params.map_name)
         self._composition: Optional[Composition] = None
         self._verdict = Verdict()
@@ -477,7 +480,11 @@ class MapIntegrator:
         return Outcome((new.id,), check.findings, f"'{new.name}' restricts {check.area.area_m2:.2f} m2")
 
     def update(
-        self, border: VirtualBorder, now: float, places: Optional[Mapping[str, Sequence[float]]] = None, expected: int = 0
+        self,
+        border: VirtualBorder,
+        now: float,
+        places: Optional[Mapping[str, Sequence[float]]] = None,
+        expected: int = 0,
     ) -> Outcome:
         """Replaces the border of the same id; raises CodedError if it is refused; then nothing changed.
 
@@ -541,7 +548,7 @@ class MapIntegrator:
         return self._plain(self._database.redoing(self._verdict.place), "redo", "changed again", now)
 
     def expire(self, now: float) -> Optional[Outcome]:
-        """Follows the time: toggles borders that expire, and begins and ends scheduled times; None if nothing changed."""
+        """Toggles borders that expire, begins and ends scheduled times; None if nothing changed."""
         stored = self._database.borders(self._verdict.place)
         change = tuple(
             Entry(border.id, border, border.replace(enabled=not border.enabled, expires=0.0, modified=now))
@@ -605,7 +612,7 @@ class MapIntegrator:
         stored = [entry.after for entry in change if entry.after is not None]
         gone = [entry.id for entry in change if entry.after is None]
         self._composition, self._parts = self._recompute(ready, stored, now, gone, check), None
-        if check is not None and check.ways is not None and len(change) == 1 and self.status(self._moved[change[0].id])[0]:
+        if check is not None and check.ways is not None and self.status(self._moved[change[0].id])[0]:
             self._parts = check.ways.free_parts
         found = [self._moved[border.id] for border in stored if border.id in self._reasons]
         values = [{"border": border.name, "why": self._reasons[border.id]} for border in found]

@@ -79,7 +79,8 @@ class MapIntegratorNode:
         /virtual_borders/notices (vb_msgs/NoticeArray): what is wrong with map, borders or files.
     Services, all below /virtual_borders/:
         add_border, update_border, remove_border, preview_border, list_borders, save_map (vb_msgs);
-        set_border_enabled, rename_border, confirm_map, adopt_borders (vb_msgs); undo, redo, clear (std_srvs/Trigger). Refusals come as code and message, and change nothing.
+        set_border_enabled, rename_border, confirm_map, adopt_borders (vb_msgs); undo, redo, clear (std_srvs/Trigger).
+        Refusals come as code and message, and change nothing.
     Parameters:
         those of `NodeParams`, `IntegratorParams` and `IntegrationParams`; see config/map_integrator.yaml.
     """

@@ -139,7 +139,9 @@ class Recognizer:
         if len(sure) == 1:
             return sure[0]
         # several floors may have the same walls: then nothing is sure either
-        plausible = [one for one in best.values() if one.registration and one.registration.agreement >= _PLAUSIBLE_AGREEMENT]
+        plausible = [
+            one for one in best.values() if one.registration and one.registration.agreement >= _PLAUSIBLE_AGREEMENT
+        ]
         if plausible:
             return replace(max(plausible, key=_score), sure=False)
         last = self._database.fact("last_place")
@@ -158,7 +160,7 @@ class Recognizer:
 
 
 def continues(before: GridMap, after: GridMap) -> bool:
-    """Whether a map is the one before it, grown: its cells lie on the same lattice, and its obstacles are still there."""
+    """Whether a map is the one before it, grown: the cells lie on the same lattice, and obstacles are still there."""
     if abs(before.resolution - after.resolution) > 1e-6 or abs(before.origin[2] - after.origin[2]) > 1e-9:
         return False
     offset = after.world_to_grid(before.cell_to_world([[0, 0]]))[0]

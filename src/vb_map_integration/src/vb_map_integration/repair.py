@@ -14,7 +14,7 @@ def repair_borders(arguments: Optional[List[str]] = None) -> int:
     """Prints what each file holds, repairs the database as map_integrator does at its start, and says what was lost."""
     parser = argparse.ArgumentParser(prog="repair_borders", description=repair_borders.__doc__)
     parser.add_argument("folder", type=Path, help=f"that of {FILE}, for instance ~/.ros/virtual_borders/borders")
-    parser.add_argument("--from", dest="source", type=Path, help="a copy to go back to; the present files are set aside")
+    parser.add_argument("--from", dest="source", type=Path, help="a copy to go back to; present files are set aside")
     options = parser.parse_args(arguments)
     folder = options.folder.expanduser()
     files = [folder / FILE, folder / FILE.replace(".db", ".twin.db"), *sorted((folder / "copies").glob("*.db"))]
@@ -23,8 +23,8 @@ def repair_borders(arguments: Optional[List[str]] = None) -> int:
         return 1
     for path in files:
         state, why = check_file(path)
-        what = f"revision {state.revision}, {state.borders} border(s)" if state else f"damaged: {why}" if why else "missing"
-        print(f"{path}: {what}")
+        bad = f"damaged: {why}" if why else "missing"
+        print(f"{path}: {f'revision {state.revision}, {state.borders} border(s)' if state else bad}")
     try:
         if options.source is not None:
             restore(folder, options.source)
