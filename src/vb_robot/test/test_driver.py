@@ -68,7 +68,8 @@ class Rig:
             self.driver.set_pose(self.pose, self.now)
         if "scan" not in self.silent:
             step = math.radians(1.0)
-            self.driver.set_scan(Scan(self.ranges, -0.5 * step * (self.fov - 1), step, 0.12, 8.0, np.eye(4), 0.18), self.now)
+            scan = Scan(self.ranges, -0.5 * step * (self.fov - 1), step, 0.12, 8.0, np.eye(4), 0.18)
+            self.driver.set_scan(scan, self.now)
         if self.spot is not None and VIEW.sees(to_base(np.array([self.spot]), self.pose))[0]:
             self.see(self.spot, self.camera, True, self.confidence)
         for who, wish in ((NAVIGATION, self.navigation), (TELEOP, self.teleop)):

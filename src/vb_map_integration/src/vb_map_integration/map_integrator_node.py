@@ -36,7 +36,7 @@ from vb_msgs.srv import (
 from vb_core import names, sentences
 from vb_core.errors import CodedError, ParameterError
 from vb_core.parameters import Parameters, param
-from vb_core.ros import messages, node, parameters
+from vb_core.ros import messages, node, parameters, robot_profile
 from vb_core.ros.notices import NoticePublisher
 from vb_core.ros.transforms import TransformLookup
 from vb_map_integration.border import VirtualBorder
@@ -424,8 +424,9 @@ def main() -> None:
 
     def build() -> MapIntegratorNode:
         own, shared = (tuple(cls.__dataclass_fields__) for cls in (NodeParams, IntegratorParams))
-        return MapIntegratorNode(
-            parameters.read(NodeParams, ignore=shared), parameters.read(IntegratorParams, ignore=own)
-        )
+        params = parameters.read(NodeParams, ignore=shared)
+        integrator = parameters.read(IntegratorParams, ignore=own)
+        radii = [robot_profile.radius(name, integrator.robot_radius_m) for name in params.robots or [""]]
+        return MapIntegratorNode(params, integrator.replace(robot_radius_m=max(radii)))
 
     node.run("map_integrator", build)

@@ -111,6 +111,7 @@ class Driver:
         self._leaving: Optional[Leaving] = None
         self._grids: Optional[Tuple[GridMap, GridMap]] = None  # with and without borders
         self._retry_at = -math.inf
+        self._swallowed: Optional[bool] = None  # whether the newest map put a border where the robot is; None: to be seen
         self._state_pulse = Pulse(*STATE_LIMITS)
         self._stopped = {"state": False, "topic": False}
         self._scan: Optional[Scan] = None
@@ -190,7 +191,7 @@ class Driver:
         with self._lock:
             self._ground, self._physical, self._workspace = ground, beneath, workspace
             self._grids = (borders, physical) if same and physical is not None else None
-            self._leaving = None
+            self._leaving, self._swallowed = None, None
             self._retry_at = -math.inf
 
     def set_speed_limits(self, grid: GridMap) -> None:
@@ -279,19 +280,24 @@ class Driver:
         return wish if -0.1 <= now - stamp <= COMMAND_LIMIT else None
 
     def _leave(self, now: float) -> Optional[Wish]:
-        """The way out, if the robot touches a border and nobody draws or guides."""
+        """The way out, if a border was put where the robot is, and nobody draws or guides.
+
+        A robot that navigation or a person brought near a border is none of this behaviour's business.
+        """
         pose = self.pose(now)
         if not self._leaves or pose is None or self._workspace is None or self._grids is None:
             return None
         room = self._workspace.hard_gap(pose[:2])
+        if self._swallowed is None:
+            self._swallowed = room < self.profile.radius and self._workspace.is_hard(pose[:2])
+        if not self._swallowed:
+            return None
         if room >= self.profile.radius + (MARGIN if self._leaving is not None else 0.0):
-            self._leaving = None
+            self._leaving, self._swallowed = None, False
             return None
         if self._spots.state != DEFAULT or (self._leaving is None and 0.0 <= self._retry_at - now <= RETRY):
             return None
         if self._leaving is None:
-            if not self._workspace.is_hard(pose[:2]):
-                return None
             self._leaving = Leaving(WayOut(*self._grids, self.profile.radius, pose[:2]))
         if self._goal_runs:
             self._leaving.pause()

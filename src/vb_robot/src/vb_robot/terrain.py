@@ -130,8 +130,9 @@ class Terrain:
 
     # ------------------------------------------------------------- ways
     def _build_ways(self) -> None:
-        # a search costs about 1 ms per 1,000 cells
-        cell = max(self.params.way_cell, self.grid.resolution * np.sqrt(self.grid.data.size / MAX_WAY_CELLS))
+        # a search costs about 1 ms per 1,000 cells: a choice is made four times a second, a whole map once
+        coarse = 0.0 if self.edge else self.grid.resolution * np.sqrt(self.grid.data.size / MAX_WAY_CELLS)
+        cell = max(self.params.way_cell, coarse)
         step = max(1, int(np.ceil(cell / self.grid.resolution - 0.01)))
         rows, columns = (size // step for size in self.grid.shape)
         self._step = step
