@@ -29,7 +29,7 @@ import voice_speech as speech
 from voice_speech import EVALUATION_MUSIC, EVALUATION_VOICES, NOISES, RATE, TOP
 
 from vb_voice_wizard.endpointing import Endpointer, EndpointParams
-from vb_voice_wizard.recognizer import CommandRecognizer, RecognizerParams
+from vb_voice_wizard.recognizer import CommandRecognizer, RecognizerParams, is_unclear
 
 THRESHOLDS = (0.05, 0.1, 0.2, 0.3, 0.5, 0.7, 0.8, 0.9, 0.95)
 # what the interaction manager asks about when it is unclear
@@ -101,7 +101,8 @@ def summarise(results: List[dict], params: RecognizerParams) -> Dict[str, Tuple[
 
     def acted_on(result: dict) -> bool:
         """Whether it changes something without a second word; `stop` is safe, and drawing can be cancelled."""
-        return understood(result, max(params.threshold, params.sure)) in ASKED_ABOUT
+        found = next((one for one in result["found"] if one[1] >= params.threshold), ("", 0.0))
+        return found[0] in ASKED_ABOUT and not is_unclear(*found, params.sure)
 
     return {
         "commands right": count("command", lambda result: taken(result) == result["command"]),
@@ -153,10 +154,13 @@ def main() -> int:
     jobs = [jobs[index] for index in rng.permutation(len(jobs))]
     with Pool(arguments.processes, _setup, (params, talkers)) as pool:
         results = []
-        for result in pool.imap(_judge, jobs, chunksize=4):
-            if result is not None:
-                results.append(result)
-                print(f"{len(results)} of {len(jobs)}", end="\r", flush=True)
+        try:
+            for result in pool.imap(_judge, jobs, chunksize=4):
+                if result is not None:
+                    results.append(result)
+                    print(f"{len(results)} of {len(jobs)}", end="\r", flush=True)
+        except KeyboardInterrupt:
+            print(f"stopped after {len(results)} of {len(jobs)}")
     if not results:
         print("no voice could be synthesised: install espeak-ng", file=sys.stderr)
         return 1
@@ -191,7 +195,7 @@ def main() -> int:
     (TOP / "docs" / "results" / "voice.md").write_text(f"""# Spoken commands: results
 
 `bench/voice.py {' '.join(sys.argv[1:])}`, {time.strftime('%Y-%m-%d')}, revision {revision}, threshold {params.threshold:g}, sure from
-{params.sure:g}; {arguments.snr:g} dB, streamed. In brackets 95 % intervals.
+{params.sure:g}; {arguments.snr:g} dB, streamed; {len(results)} of {len(jobs)} utterances. In brackets 95 % intervals.
 
 {table(figures)}
 
