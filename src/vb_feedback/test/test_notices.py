@@ -55,4 +55,4 @@ def test_a_spot_that_nobody_sees():
     for coverage in (None, partly):
         assert "robot" not in texts(of_spot("seed", (), (1.2, 0.5), coverage, False, (), "en"))[0][0]
     # a dispatcher that says so itself knows better
-    assert of_spot("border", (), (1.2, 0.5), partly, True, [Held("robot_coming")], "en") == []
+    assert of_spot("border", (), (1.2, 0.5), partly, True, [Held("spot_unseen_robot_comes")], "en") == []

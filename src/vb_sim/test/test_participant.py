@@ -263,7 +263,7 @@ def test_whoever_is_asked_looks_at_the_preview_and_says_save_once_more():
 
 def test_the_display_is_read_by_its_codes():
     percept = Percept(now=7.0)
-    percept.read(["no_camera_sees_spot", "hold still"])
+    percept.read(["spot_ahead_unseen", "hold still"])
     assert percept.told_to_hold < 0.0
-    percept.read(["robot_inside_border", "robot_coming"])
+    percept.read(["robot_inside_border", "spot_unseen_robot_comes"])
     assert percept.told_to_hold == 7.0

@@ -26,7 +26,7 @@ OWN_SPOT = 0.5  # [m] a dot on the display farther from the spot than this is no
 
 DEFAULT = "default"
 # codes of what the display says, and of what the interaction answers
-ROBOT_COMING = "robot_coming"
+HOLD_STILL = "spot_unseen_robot_comes"
 CONFIRM_SAVE = "confirm_save"
 
 
@@ -65,7 +65,7 @@ class Percept:
 
     def read(self, codes: Sequence[str]) -> None:
         """Takes note of what the display says, by the codes of its notices."""
-        if ROBOT_COMING in codes:
+        if HOLD_STILL in codes:
             self.told_to_hold = self.now
 
     def hear(self, spot: Optional[Tuple[float, float]], stamp: float, seen: Tuple[float, float], mobile: bool) -> None:
