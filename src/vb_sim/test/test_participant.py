@@ -249,9 +249,9 @@ def test_unknown_scenario_names_the_key():
 
 def test_who_is_told_that_the_robot_comes_does_not_step_aside():
     percept = Percept(now=5.0)
-    percept.read("robot_touches_border")
+    percept.read(["robot_touches_border"])
     assert percept.told_to_hold == float("-inf")
-    percept.read("spot_unseen_robot_comes")
+    percept.read(["spot_unseen_robot_comes"])
     assert percept.told_to_hold == 5.0
 
 
@@ -263,7 +263,7 @@ def test_whoever_is_asked_looks_at_the_preview_and_says_save_once_more():
 
 def test_the_display_is_read_by_its_codes():
     percept = Percept(now=7.0)
-    percept.read(["no_camera_sees_spot", "hold still"])
+    percept.read(["spot_ahead_unseen", "hold still"])
     assert percept.told_to_hold < 0.0
-    percept.read(["robot_inside_border", "robot_coming"])
+    percept.read(["robot_inside_border", "spot_unseen_robot_comes"])
     assert percept.told_to_hold == 7.0

@@ -125,6 +125,10 @@ _WIDTHS = (
     500, 500, 334, 260, 334, 584,
 )
 _SPACE = 310
+_MARKS = {
+    "\u00b2": 333, "\u00b3": 333, "\u00b7": 333, "\u00df": 611, "\u2013": 556, "\u2014": 1000, "\u2018": 222, "\u2019": 222,
+    "\u201a": 222, "\u201c": 333, "\u201d": 333, "\u201e": 333, "\u2026": 1000, "\u20ac": 556,
+}
 _WIDE, _NARROW = 1015, 660  # the widest Greek and Cyrillic capital; hardly a small letter is wider, few marks are
 # the font's size in heights of RViz's text markers: measured on words of 4 to 11 letters, 0.83 to 0.84
 _FONT = 0.84
@@ -146,6 +150,8 @@ def _transliterated(letter: str) -> str:
 
 def _width(letter: str) -> int:
     """Advance width in thousandths of the font's size; an accent does not change it."""
+    if letter in _MARKS:
+        return _MARKS[letter]
     base = unicodedata.normalize("NFKD", letter)[0]
     index = ord(base) - 33
     if letter == " ":

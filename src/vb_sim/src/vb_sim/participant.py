@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Generator, Optional, Sequence, Tuple
+from typing import Collection, Generator, Optional, Sequence, Tuple
 
 import numpy as np
 
@@ -26,7 +26,7 @@ OWN_SPOT = 0.5  # [m] a dot on the display farther from the spot than this is no
 
 DEFAULT = "default"
 # codes of what the display says, and of what the interaction answers
-ROBOT_COMES = "spot_unseen_robot_comes"
+HOLD_STILL = "spot_unseen_robot_comes"
 CONFIRM_SAVE = "confirm_save"
 
 
@@ -63,9 +63,9 @@ class Percept:
     answer: Optional[Answer] = None
     answered: int = 0
 
-    def read(self, code: str) -> None:
-        """Takes note of what the display says about the robots, by its code."""
-        if code == ROBOT_COMES:
+    def read(self, codes: Collection[str]) -> None:
+        """Takes note of what the display says, by the codes of its notices."""
+        if HOLD_STILL in codes:
             self.told_to_hold = self.now
 
     def hear(self, spot: Optional[Tuple[float, float]], stamp: float, seen: Tuple[float, float], mobile: bool) -> None:
