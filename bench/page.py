@@ -76,11 +76,11 @@ def wait(condition, what, seconds=60.0):
 
 
 def page_pid():
-    import rosnode
-    import rospy
     import xmlrpc.client
 
-    uri = rosnode.get_api_uri(rospy.get_master(), "/page")
+    import rospy
+
+    uri = rospy.get_master().lookupNode("/page")[2]
     return xmlrpc.client.ServerProxy(uri).getPid("/bench")[2]
 
 
@@ -137,6 +137,8 @@ async def listen(port, until, stamps, sizes):
             text = await asyncio.wait_for(link.read_message(), max(0.05, until - time.monotonic()))
         except asyncio.TimeoutError:
             break
+        if text is None:
+            raise SystemExit("the page hung up")
         now = time.time()
         sizes.append(len(text))
         for camera, spot in json.loads(text).get("view", {}).get("spots", {}).items():
@@ -172,7 +174,7 @@ def cost():
         port, _ = start(stack)
         drawing_state()
         pointer, pid, lines = Pointer(), page_pid(), []
-        for count in (0, 1, BROWSERS):
+        for count in (1, BROWSERS):
             script = LISTENER.format(path=[str(TOP / "bench")], port=port, count=count, seconds=SECONDS + 2)
             ears = subprocess.Popen([sys.executable, "-c", script], stdout=subprocess.PIPE, universal_newlines=True)
             time.sleep(2.0)
