@@ -187,9 +187,11 @@ class PageTest(unittest.TestCase):
     def test_3_commands_stop_and_go_on(self):
         self.browser.click("#commands button", "Define border")
         self.browser.wait("document.body.dataset.state == 'border'", what="the state border")
+        self.browser.click("#settings-button")  # stop is in reach also while a dialog is open
         self.browser.click("#stop")
         until(lambda: self.heard[names.STATE].stopped and self.heard[names.STOP].data, "stop")
         self.browser.wait_text("#banners", "All robots are stopped")
+        self.browser.click("#dialog button", "Close")
         self.browser.click("#stop")
         until(lambda: not self.heard[names.STATE].stopped and not self.heard[names.STOP].data, "go on")
         self.browser.click("#commands button", "Cancel")

@@ -165,7 +165,7 @@ class PageServer:
         ]
         return web.Application(
             routes, default_handler_class=_Nothing, default_handler_args=given, log_function=lambda _handler: None,
-            websocket_max_message_size=requests.MAX_BYTES, websocket_ping_interval=20, websocket_ping_timeout=20,
+            websocket_max_message_size=requests.MAX_BYTES, websocket_ping_interval=15, websocket_ping_timeout=45,
         )
 
     # ------------------------------------------------------------- thread

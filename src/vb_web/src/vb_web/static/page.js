@@ -268,7 +268,9 @@ function formatSchedule({ days, from, to }) {
 function show(title, ...children) {
   const dialog = $("dialog");
   dialog.replaceChildren(element("h2", { id: "dialog-title", tabindex: -1 }, title), ...children.filter(Boolean));
-  if (!dialog.open) dialog.showModal();
+  // not modal: stop has to be in reach all the time
+  if (!dialog.open) dialog.show();
+  document.querySelector("main").inert = true;
   // else a phone's keyboard comes up at once
   $("dialog-title").focus();
 }
@@ -400,7 +402,7 @@ function watch(camera) {
 }
 
 function drawEvents() {
-  const format = new Intl.DateTimeFormat(words.language, { hour: "2-digit", minute: "2-digit", second: "2-digit" });
+  const format = new Intl.DateTimeFormat(words.language, { hour: "2-digit", minute: "2-digit", second: "2-digit", hour12: false });
   $("events").replaceChildren(...(view.events || []).slice().reverse().map((event) => {
     const values = { ...event.values };
     if (values.command) values.command = commandName(values.command);
@@ -503,4 +505,9 @@ $("floor").addEventListener("error", () => setFloor(false));
 $("study-form").addEventListener("submit", (event) => { event.preventDefault(); const { participant, condition } = event.target.elements; ask("study", { participant: participant.value, condition: condition.value }, "page_noted"); });
 $("mark-form").addEventListener("submit", async (event) => { event.preventDefault(); const text = event.target.elements.text; if ((await ask("mark", { text: text.value || say("page_mark") }, "page_noted")).ok) text.value = ""; });
 $("health").addEventListener("toggle", () => { if (!$("health").open) watch(""); });
-document.addEventListener("keydown", (event) => { if (event.key === "Escape" && mode !== "look" && !$("dialog").open) setMode("look"); });
+document.addEventListener("keydown", (event) => {
+  if (event.key !== "Escape") return;
+  if ($("dialog").open) $("dialog").close();
+  else if (mode !== "look") setMode("look");
+});
+$("dialog").addEventListener("close", () => { document.querySelector("main").inert = false; });

@@ -1,0 +1,359 @@
+#!/usr/bin/env python3
+"""What the page costs and stands: 20 browsers while somebody draws, spot to page, large maps, hostile messages.
+
+    python3 bench/page.py cost          20 browsers' links: share of a core, time from a spot's stamp to the message
+    python3 bench/page.py browser       the same time up to the picture in a real browser
+    python3 bench/page.py large         a map of 4000 x 4000 cells: pictures, bytes, frames a second in a real browser
+    python3 bench/page.py hostile       10,000 malformed or hostile messages and requests against the real nodes
+    python3 bench/page.py axe FILE      axe-core (its axe.min.js) on the page in both sizes, light and dark
+
+Each starts a roscore and the nodes that it needs on free ports of loopback, stops by itself, and appends a line to
+docs/results/page.md.
+"""
+from __future__ import annotations
+
+import argparse
+import asyncio
+import json
+import os
+import random
+import subprocess
+import sys
+import tempfile
+import time
+from contextlib import ExitStack
+from pathlib import Path
+
+import numpy as np
+
+TOP = Path(__file__).resolve().parents[1]
+sys.path.insert(0, str(TOP / "src" / "vb_web" / "test"))
+RESULTS = TOP / "docs" / "results" / "page.md"
+BROWSERS, SECONDS, SPOTS_HZ = 20, 30.0, 75  # three cameras of 25 images a second
+LAUNCH = """<launch>
+  {map}
+  <node pkg="vb_map_integration" type="map_integrator" name="map_integrator" output="log">
+    <param name="store_dir" value="{state}/borders"/><param name="map_dir" value="{state}/maps"/></node>
+  <node pkg="vb_voice_wizard" type="interaction_manager" name="interaction_manager" output="log">
+    <param name="log_file" value="{state}/i.jsonl"/><param name="state_file" value="{state}/s.json"/></node>
+  <node pkg="vb_web" type="page" name="page" output="log">
+    <param name="port" value="{port}"/><param name="events_file" value="{state}/e.jsonl"/></node>
+</launch>"""
+LAB_MAP = f'<node pkg="vb_sim" type="map_server" name="map_server"><param name="world" value="{TOP}/src/vb_sim/worlds/lab.yaml"/></node>'
+
+
+def start(stack, lab=True):
+    """Roscore and nodes; returns (page's port, state folder)."""
+    from vb_evaluation.processes import free_port
+
+    folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="bench_page_")))
+    master, port = free_port(), free_port()
+    os.environ["ROS_MASTER_URI"] = f"http://127.0.0.1:{master}"
+    os.environ["ROS_LOG_DIR"] = str(folder / "log")
+    launch = folder / "bench.launch"
+    launch.write_text(LAUNCH.format(map=LAB_MAP if lab else "", state=folder, port=port))
+    with open(str(folder / "out.txt"), "w") as output:
+        nodes = subprocess.Popen(["roslaunch", "-p", str(master), str(launch)], stdout=output, stderr=output)
+    stack.callback(lambda: (nodes.terminate(), nodes.wait(30)))
+    import rosgraph
+    import rospy
+
+    wait(rosgraph.is_master_online, "the master")
+    rospy.init_node("bench_page", anonymous=True, disable_signals=True, log_level=rospy.ERROR)
+    import socket
+
+    wait(lambda: socket.socket().connect_ex(("127.0.0.1", port)) == 0, "the page")
+    rospy.wait_for_service("/virtual_borders/command", 60)
+    return port, folder
+
+
+def wait(condition, what, seconds=60.0):
+    end = time.monotonic() + seconds
+    while not condition():
+        if time.monotonic() > end:
+            raise SystemExit(f"waited {seconds:g} s for {what}")
+        time.sleep(0.05)
+
+
+def page_pid():
+    import xmlrpc.client
+
+    import rospy
+
+    uri = rospy.get_master().lookupNode("/page")[2]
+    return xmlrpc.client.ServerProxy(uri).getPid("/bench")[2]
+
+
+def cpu_seconds(pid):
+    fields = Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+
+
+class Pointer:
+    """A moving spot by three cameras and a line that grows, as while a border is drawn."""
+
+    def __init__(self):
+        import rospy
+        from vb_core import names
+        from vb_msgs.msg import BorderProgress, InteractionState, LaserSpot
+
+        self._types = (BorderProgress, InteractionState, LaserSpot)
+        self._spots = rospy.Publisher(names.SPOTS, LaserSpot, queue_size=10, tcp_nodelay=True)
+        self._progress = rospy.Publisher(names.PROGRESS, BorderProgress, queue_size=1)
+        wait(lambda: self._spots.get_num_connections() and self._progress.get_num_connections(), "the page to listen")
+
+    def run(self, seconds):
+        """Draws for a time; 75 spots and 5 progress messages a second."""
+        import rospy
+        from geometry_msgs.msg import Point
+
+        Progress, _, Spot = self._types
+        began, points = time.monotonic(), []
+        for number in range(int(seconds * SPOTS_HZ)):
+            pause = began + number / SPOTS_HZ - time.monotonic()
+            if pause > 0:
+                time.sleep(pause)
+            angle = number / 400.0
+            spot = Spot(camera=("red", "green", "blue")[number % 3])
+            spot.header.frame_id, spot.header.stamp = "map", rospy.Time.now()
+            spot.position.x, spot.position.y = 4.0 + 2.0 * np.cos(angle), 2.5 + 1.5 * np.sin(angle)
+            self._spots.publish(spot)
+            if number % 15 == 0:
+                points = (points + [Point(spot.position.x, spot.position.y, 0.0)])[-300:]
+                message = Progress(points=points, chain=points, cameras=["red"], border_spots=number)
+                message.header.frame_id = "map"
+                self._progress.publish(message)
+
+
+async def listen(port, until, stamps, sizes):
+    from tornado.httpclient import HTTPRequest
+    from tornado.websocket import websocket_connect
+
+    request = HTTPRequest(f"ws://127.0.0.1:{port}/link", headers={"Origin": f"http://127.0.0.1:{port}"})
+    link = await websocket_connect(request)
+    seen = {}
+    while time.monotonic() < until:
+        try:
+            text = await asyncio.wait_for(link.read_message(), max(0.05, until - time.monotonic()))
+        except asyncio.TimeoutError:
+            break
+        if text is None:
+            raise SystemExit("the page hung up")
+        now = time.time()
+        sizes.append(len(text))
+        for camera, spot in json.loads(text).get("view", {}).get("spots", {}).items():
+            if spot[3] > seen.get(camera, 0.0):
+                seen[camera] = spot[3]
+                stamps.append(now - spot[3])
+    link.close()
+
+
+LISTENER = "import sys; sys.path[:0] = {path!r}; import page; page.listen_many({port}, {count}, {seconds})"
+
+
+def listen_many(port, count, seconds):
+    """A process of its own: what these browsers cost is not the page's. Prints delays [s] and bytes as JSON."""
+    stamps, sizes, until = [], [], time.monotonic() + seconds
+
+    async def run():
+        await asyncio.gather(*(listen(port, until, stamps, sizes) for _ in range(count)))
+
+    asyncio.run(run())
+    print(json.dumps([stamps, sum(sizes), len(sizes)]))
+
+
+def drawing_state():
+    """The real manager goes to the state border: lines are shown in it."""
+    from vb_core.ros.commands import order, send
+
+    send(order("define_border", "bench", 10.0))
+
+
+def cost():
+    with ExitStack() as stack:
+        port, _ = start(stack)
+        drawing_state()
+        pointer, pid, lines = Pointer(), page_pid(), []
+        for count in (1, BROWSERS):
+            script = LISTENER.format(path=[str(TOP / "bench")], port=port, count=count, seconds=SECONDS + 2)
+            ears = subprocess.Popen([sys.executable, "-c", script], stdout=subprocess.PIPE, universal_newlines=True)
+            time.sleep(2.0)
+            before, began = cpu_seconds(pid), time.monotonic()
+            pointer.run(SECONDS)
+            share = (cpu_seconds(pid) - before) / (time.monotonic() - began)
+            delays, size, messages = json.loads(ears.communicate(timeout=60)[0])
+            told = ""
+            if delays:
+                median, late = np.percentile(np.array(delays) * 1000.0, [50, 95])
+                told = f"; spot's stamp to message {median:.0f} ms, 95 % {late:.0f} ms (n = {len(delays)})"
+                told += f"; {size / count / SECONDS / 1000:.1f} kB/s and {messages / count / SECONDS:.0f} messages/s for each"
+            lines.append(f"{count} browsers: {share:.3f} core{told}")
+        return lines
+
+
+def browser():
+    from phone import PHONE, Browser
+
+    with ExitStack() as stack:
+        port, _ = start(stack)
+        page = Browser(f"http://127.0.0.1:{port}/", PHONE)
+        stack.callback(page.close)
+        page.wait_ready()
+        page.run("""window.delays = []; const map = window.virtualBorders.map, set = map.setSpots.bind(map);
+            map.setSpots = (spots) => { set(spots); const newest = Math.max(...Object.values(spots).map((s) => s[3]));
+              requestAnimationFrame(() => requestAnimationFrame(() => window.delays.push(Date.now() / 1000 - newest))) }""")
+        Pointer().run(15.0)
+        delays = np.array(page.run("return window.delays")) * 1000.0
+        median, late = np.percentile(delays, [50, 95])
+        return [f"spot's stamp to the frame that shows it, headless Chromium on the same two cores: {median:.0f} ms, 95 % {late:.0f} ms (n = {len(delays)})"]
+
+
+def large():
+    import rospy
+    from phone import PHONE, Browser
+    from vb_core import names
+    from vb_core.grid_map import GridMap
+    from vb_core.ros.messages import OccupancyGridArray, message_from_grid
+
+    with ExitStack() as stack:
+        port, _ = start(stack, lab=False)
+        draw = np.random.default_rng(1)
+        data = np.zeros((4000, 4000), np.int8)
+        for _ in range(400):
+            row, column = draw.integers(0, 3900, 2)
+            data[row:row + draw.integers(2, 300), column:column + draw.integers(2, 6)] = 100
+        data[:, :4] = data[:, -4:] = data[:4] = data[-4:] = 100
+        publisher = rospy.Publisher(names.PHYSICAL_MAP, OccupancyGridArray, queue_size=1, latch=True)
+        publisher.publish(message_from_grid(GridMap(data, 0.025), rospy.Time.now()))
+        began = time.monotonic()
+        page = Browser(f"http://127.0.0.1:{port}/", PHONE)
+        stack.callback(page.close)
+        page.wait_ready()
+        shown = time.monotonic() - began
+        size = page.run("""return performance.getEntriesByType("resource").filter((e) => e.name.includes("picture/map")).map((e) => e.encodedBodySize)[0]""")
+        frames = page.driver.execute_async_script("""const done = arguments[0], map = window.virtualBorders.map; let n = 0; const began = performance.now();
+            map.zoom(4); const step = () => { n++; map.view.x += .2; map.touched = true; map.lay();
+              performance.now() - began < 5000 ? requestAnimationFrame(step) : done(n / 5) }; step()""")
+        rss = int(next(line for line in Path(f"/proc/{page_pid()}/status").read_text().splitlines() if "VmHWM" in line).split()[1]) / 1024
+        return [f"4000 x 4000 cells: browser started to map shown {shown:.1f} s, picture {size / 1000:.0f} kB, "
+                f"{frames:.0f} frames/s while it is moved (software rendering), page's highest memory {rss:.0f} MB"]
+
+
+def hostile():
+    import http.client
+
+    from hostile import hostile_messages
+    from tornado.httpclient import HTTPRequest
+    from tornado.websocket import WebSocketClosedError, websocket_connect
+    from vb_core import names
+    from vb_core.errors import CodedError
+    from vb_msgs.srv import ListBorders
+    from vb_web import requests
+
+    import rospy
+
+    bounds = requests.Bounds((-0.2, -0.2), (8.2, 5.2))
+
+    def is_request(text):
+        try:
+            requests.parse(text, bounds)
+        except CodedError:
+            return False
+        return True
+
+    async def messages(port, texts):
+        sent = 0
+        while texts:
+            link = await websocket_connect(HTTPRequest(f"ws://127.0.0.1:{port}/link", headers={"Origin": f"http://127.0.0.1:{port}"}))
+            try:
+                for _ in range(25):  # the server hangs up after 20 faults
+                    if texts:
+                        text = texts.pop()
+                        await link.write_message(text.encode("utf-8", "replace"), binary=random.random() < 0.1)
+                        sent += 1
+            except WebSocketClosedError:
+                pass
+            link.close()
+            await asyncio.sleep(0.5)  # else the limit of requests answers instead of what is tested
+        return sent
+
+    def plain(port, count):
+        draw, answers = random.Random(3), {}
+        paths = ["/", "/../../etc/passwd", "/picture/map/" + "a" * 16 + ".png", "/camera/x.jpg", "/words/%s.json", "/link", "/login", "/" + "A" * 3000, "/%00", "/floor.webp?" + "x" * 500]
+        for _ in range(count):
+            connection = http.client.HTTPConnection("127.0.0.1", port, timeout=10)
+            headers = {"Host": draw.choice(["evil.example", "127.0.0.1.evil", "", "localhost:1"]), "Origin": draw.choice(["null", "http://evil.example"]),
+                       "Cookie": "virtual_borders_page=" + "".join(chr(draw.randrange(33, 126)) for _ in range(draw.randrange(300))),
+                       "X-Forwarded-For": "127.0.0.1"}
+            try:
+                connection.request(draw.choice(["GET", "POST", "PUT", "DELETE", "OPTIONS", "TRACE"]), draw.choice(paths), body=draw.choice([None, "{}", "x" * 3000]), headers=headers)
+                status = connection.getresponse().status
+            except (OSError, http.client.HTTPException):
+                status = 0
+            connection.close()
+            answers[status] = answers.get(status, 0) + 1
+            time.sleep(0.004)
+        return answers
+
+    with ExitStack() as stack:
+        port, folder = start(stack)
+        pid = page_pid()
+        listing = rospy.ServiceProxy(names.LIST_BORDERS, ListBorders)
+        state = {}
+        from vb_msgs.msg import InteractionState
+
+        rospy.Subscriber(names.STATE, InteractionState, lambda message: state.__setitem__("now", message))
+        wait(lambda: "now" in state, "the state")
+        before = (listing().borders.revision, state["now"].last_command, (folder / "e.jsonl").read_text())
+        texts = [text for text in hostile_messages(7600, seed=11) if not is_request(text)][:7000]
+        total = len(texts)
+        sent = asyncio.run(messages(port, texts))
+        answers = plain(port, 3000)
+        after = (listing().borders.revision, state["now"].last_command, (folder / "e.jsonl").read_text())
+        alive = page_pid() == pid
+        return [f"{sent} of {total} hostile messages over WebSockets as an operator, {sum(answers.values())} requests from elsewhere "
+                f"(answers {dict(sorted(answers.items()))}): page alive with the same process: {alive}, borders, commands and history unchanged: {before == after}"]
+
+
+def axe(path):
+    from phone import PHONE, WALL, Browser
+
+    source, lines = Path(path).read_text(encoding="utf-8"), []
+    with ExitStack() as stack:
+        port, _ = start(stack)
+        for size in (PHONE, WALL):
+            for dark in (False, True):
+                page = Browser(f"http://127.0.0.1:{port}/", size, "de" if dark else "en", dark)
+                page.wait_ready()
+                page.run("document.querySelectorAll('details').forEach((e) => { e.open = true })")
+                found = []
+                for step in (None, "#draw", "#settings-button"):
+                    if step:
+                        page.click(step)
+                    page.driver.execute_script(source)
+                    found += page.driver.execute_async_script("axe.run(document).then((r) => arguments[0](r.violations.map((v) => `${v.impact}: ${v.id}`)))")
+                page.close()
+                lines.append(f"axe-core, {size[0]} x {size[1]}, {'dark' if dark else 'light'}, main view, drawing, dialog: {found or 'no violation'}")
+    return lines
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("what", choices=("cost", "browser", "large", "hostile", "axe"))
+    parser.add_argument("file", nargs="?")
+    given = parser.parse_args()
+    lines = axe(given.file) if given.what == "axe" else globals()[given.what]()
+    revision = subprocess.run(["git", "describe", "--always", "--dirty"], cwd=str(TOP), stdout=subprocess.PIPE, universal_newlines=True).stdout.strip()
+    load = os.getloadavg()[0]
+    RESULTS.parent.mkdir(parents=True, exist_ok=True)
+    if not RESULTS.exists():
+        RESULTS.write_text("# The page: measurements\n\nAppended by `bench/page.py`, newest last, bad rows included. Two cores; `load` is that of the whole machine.\n\n"
+                           "| command | date, revision, load | result |\n|---|---|---|\n")
+    with open(str(RESULTS), "a") as file:
+        for line in lines:
+            print(line)
+            file.write(f"| `bench/page.py {given.what}` | {time.strftime('%Y-%m-%d %H:%M')}, {revision}, {load:.1f} | {line} |\n")
+
+
+if __name__ == "__main__":
+    main()
