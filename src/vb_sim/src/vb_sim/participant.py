@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Collection, Generator, Optional, Sequence, Tuple
+from typing import Collection, Generator, Optional, Tuple
 
 import numpy as np
 
