@@ -32,7 +32,7 @@ RIGHT_M, RIGHT_DEG = 0.05, 1.0
 WRONG_M, WRONG_DEG = 0.15, 2.0
 
 
-def pair(make: Any, kind: str, seed: int) -> Any:
+def pair(make: Any, kind: str, seed: int, noise: float) -> Any:
     """(old map, new map, true transform or None) of a kind."""
     random = np.random.default_rng(seed)
     home = make(random)
@@ -43,7 +43,7 @@ def pair(make: Any, kind: str, seed: int) -> Any:
     old_missing = 2 if kind == "grown" else int(everything and random.random() < 0.5)
     new_missing = 2 if kind == "missing_rooms" else int(everything and random.random() < 0.5)
     resolution = float(random.choice([0.03, 0.04, 0.06])) if kind == "resolution" or everything else 0.05
-    old = draw_map(home, random, start, 0.05, old_missing)
+    old = draw_map(home, random, start, 0.05, old_missing, noise)
     other = home
     if kind == "furniture" or everything:
         other = furnished(home, random, kept=float(random.uniform(0.0, 0.6)))
@@ -53,13 +53,13 @@ def pair(make: Any, kind: str, seed: int) -> Any:
         other = make(random, tuple(home.outline.max(axis=0)))
     elif kind == "mirrored":
         other = home.mirrored()
-    new = draw_map(other, random, truth, resolution, new_missing)
+    new = draw_map(other, random, truth, resolution, new_missing, noise)
     return old, new, truth.after(start.inverse) if kind in SAME else None
 
 
-def judge(make: Any, kind: str, seed: int) -> Dict[str, Any]:
+def judge(make: Any, kind: str, seed: int, noise: float = 1.0) -> Dict[str, Any]:
     """What became of one pair."""
-    old, new, truth = pair(make, kind, seed)
+    old, new, truth = pair(make, kind, seed, noise)
     started = time.process_time()
     found = register(old, new)
     row: Dict[str, Any] = {"kind": kind, "seed": seed, "s": time.process_time() - started, "m": math.inf, "deg": 180.0}
@@ -107,6 +107,7 @@ def main() -> int:
     parser.add_argument("--maps", type=int, default=120, help="how many pairs of the same place")
     parser.add_argument("--others", type=int, default=-1, help="how many pairs of different places; -1: as many")
     parser.add_argument("--first-seed", type=int, default=10000)
+    parser.add_argument("--noise", type=float, default=1.0, help="times as much of it, for instance bends of 3 cm")
     parser.add_argument("--show", action="store_true", help="prints every pair")
     options = parser.parse_args()
     make = HOMES[options.homes]
@@ -118,17 +119,17 @@ def main() -> int:
     todo = sorted(todo, key=lambda one: one[1] % 500_000)
     made_by = revision()
     for number, (kind, seed) in enumerate(todo, 1):
-        rows.append(judge(make, kind, seed))
+        rows.append(judge(make, kind, seed, options.noise))
         if options.show or rows[-1]["wrong"]:
             row = rows[-1].items()
             print({key: round(value, 3) if isinstance(value, float) else value for key, value in row}, flush=True)
         if number % 50 == 0 or number == len(todo):
-            path = write(rows, options.homes, made_by)
+            path = write(rows, options.homes, options.noise, made_by)
     print(path.read_text())
     return 0
 
 
-def write(rows: List[Dict[str, Any]], homes: str, made_by: str) -> Path:
+def write(rows: List[Dict[str, Any]], homes: str, noise: float, made_by: str) -> Path:
     """The table as far as it goes."""
     kinds = [kind for kind in SAME + OTHER if any(row["kind"] == kind for row in rows)]
     table = [summary(kind, [row for row in rows if row["kind"] == kind]) for kind in kinds]
@@ -136,7 +137,8 @@ def write(rows: List[Dict[str, Any]], homes: str, made_by: str) -> Path:
         chosen = [row for row in rows if row["kind"] in members]
         if chosen:
             table.append(summary(name, chosen))
-    return write_table(f"map-registration-{homes}", f"map_registration.py --homes {homes}", made_by, table)
+    name = f"map-registration-{homes}" + ("" if noise == 1.0 else f"-noise-{noise:g}")
+    return write_table(name, f"map_registration.py --homes {homes} --noise {noise:g}", made_by, table)
 
 
 if __name__ == "__main__":

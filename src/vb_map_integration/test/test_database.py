@@ -151,6 +151,19 @@ except CodedError as error:
     assert again(tmp_path) == (borders, [])
 
 
+def test_a_pause_ends_on_a_full_disk_too(tmp_path, monkeypatch):
+    keeper = integrator(tmp_path)
+    keeper.add(square(10, 10), 1.0)
+    keeper.enable("b1", False, 2.0, expires=5.0)
+    monkeypatch.setattr(module, "_run", lambda *_: (_ for _ in ()).throw(sqlite3.OperationalError("disk is full")))
+    assert keeper.expire(4.0) is None and not keeper.status(keeper.borders[0])[0]
+    assert keeper.expire(6.0).ids == ("b1",) and keeper.status(keeper.borders[0]) == (True, "")
+    assert (keeper.posterior.data == 100).sum() > (GRID.data == 100).sum()
+    with pytest.raises(CodedError):
+        keeper.expire(7.0)
+    keeper.close()
+
+
 def test_with_a_folder_that_cannot_be_used_the_map_comes_and_no_border_is_taken(tmp_path):
     """Borders that could not be kept were taken, and vanished."""
     (tmp_path / "file").write_text("")

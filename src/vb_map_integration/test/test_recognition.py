@@ -82,6 +82,24 @@ def test_a_room_that_looks_the_same_when_turned_is_not_sure():
     assert not register(GRID, GRID.with_data(np.ascontiguousarray(GRID.data[::-1, ::-1]))).sure
 
 
+def test_a_large_map_or_a_tiny_one_does_no_harm():
+    large = flat()
+    cells = np.full((1400, 1500), -1, np.int8)
+    cells[300:300 + large.shape[0], 700:700 + large.shape[1]] = large.data
+    cells[900:1200, ::60] = 100  # many straight walls
+    cells[900:1200:3, 1::60] = 100
+    cells[900:1200, 2::60] = 0
+    cells[1200:1300, ::2] = 100  # and more cells than OpenCV looks up at once
+    cells[1200:1300, 1::2] = 0
+    moved = GridMap(cells, 0.05, (0.0, 0.0, 0.0))
+    found = register(large, moved)
+    truth = moved.grid_to_world([[699.5, 299.5]])[0] - large.origin[:2]
+    assert not found.sure or np.linalg.norm(found.transform.apply([(4.5, 3.0)])[0] - (4.5, 3.0) - truth) < 0.05
+    for tiny in (np.array([[100]]), np.array([[100, 0, 100]]), np.array([[0], [100]])):
+        found = register(large, GridMap(tiny.astype(np.int8), 0.05))
+        assert found is None or not found.sure
+
+
 def test_maps_without_walls_are_not_registered():
     assert register(flat(), GRID.with_data(np.full(GRID.shape, -1, np.int8))) is None
 

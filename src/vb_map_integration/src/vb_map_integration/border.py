@@ -11,7 +11,7 @@ import numpy as np
 from vb_core import geometry
 from vb_map_integration.findings import IntegrationError
 from vb_map_integration.registration import Transform
-from vb_map_integration.schedule import is_scheduled, parse_schedule
+from vb_map_integration.schedule import parse_schedule
 
 # more than a person can draw: at 25 spots a second this is over three minutes without a pause
 MAX_POINTS = 5000
@@ -131,10 +131,6 @@ class VirtualBorder:
     def value(self) -> int:
         """delta as an occupancy grid has it, 0 .. 100; a SLOW zone leaves the map as it is."""
         return 0 if self.zone == SLOW else int(round(100.0 * self.occupancy))
-
-    def is_due(self, now: float) -> bool:
-        """Whether it is enabled, and in its scheduled time at a moment [s]."""
-        return self.enabled and is_scheduled(self.schedule, now)
 
     def moved(self, transform: Transform) -> "VirtualBorder":
         """The same border in the frame of another map."""

@@ -254,7 +254,6 @@ class Database:
         self._say("borders_lost", Severity.ERROR, reason=why, what=str(self._path.parent / "damaged"))
         return State(0, 1, 0)
 
-
     def _open_for_reading(self, error: Exception) -> Tuple[sqlite3.Connection, State]:
         """What can be read from a disk that is full or cannot be written: borders act, and no change is taken."""
         self._read_only = str(error)

@@ -29,6 +29,7 @@ from vb_map_integration.map_picture import map_picture
 from vb_map_integration.preview import Ways, ways
 from vb_map_integration.recognition import Recognizer, Verdict
 from vb_map_integration.registration import Registration, Transform, register
+from vb_map_integration.schedule import is_scheduled
 
 
 @dataclass(frozen=True)
@@ -303,9 +304,7 @@ class MapIntegrator:
         regions.update((key, None) for key in gone)
         for border in (one.moved(self._verdict.transform) for one in stored):
             self._moved[border.id] = border
-            # whether it is on does not wait for the disk to take down that its time has come
-            toggled = 0.0 < border.expires <= now
-            self._due[border.id] = border.replace(enabled=border.enabled != toggled).is_due(now)
+            self._due[border.id] = _is_due(border, now)
             self._reasons.pop(border.id, None)
             self._slow.pop(border.id, None)
             regions[border.id] = None
@@ -554,15 +553,21 @@ class MapIntegrator:
             Entry(border.id, border, border.replace(enabled=not border.enabled, expires=0.0, modified=now))
             for border in stored if 0.0 < border.expires <= now
         )
+        refused: Optional[CodedError] = None
         if change:
-            # an expiry is no command: undo goes on to what a person did
-            return self._plain(change, "quiet", "expired and toggled", now)
-        turned = [border for border in stored if border.schedule and border.is_due(now) != self._due.get(border.id)]
-        if not turned:
-            return None
-        self._composition, self._parts = self._recompute(self._ready(), turned, now), None
-        names = ", ".join(f"'{border.name}'" for border in turned)
-        return Outcome(tuple(border.id for border in turned), (), f"on or off by schedule: {names}")
+            try:  # an expiry is no command: undo goes on to what a person did
+                return self._plain(change, "quiet", "expired and toggled", now)
+            except CodedError as error:
+                refused = error
+        # whether a border is due does not wait for the disk
+        turned = [border for border in stored if _is_due(border, now) != self._due.get(border.id)]
+        if turned:
+            self._composition, self._parts = self._recompute(self._ready(), turned, now), None
+            names = ", ".join(f"'{border.name}'" for border in turned)
+            return Outcome(tuple(border.id for border in turned), (), f"on or off by time: {names}")
+        if refused is not None:
+            raise refused
+        return None
 
     def _expect(self, expected: int) -> None:
         if expected and expected != self.revision:
@@ -630,3 +635,9 @@ class MapIntegrator:
         borders = Path(f"{stem}.borders.yaml")
         write_atomically(borders, borders_to_yaml(self.borders).encode())
         return files + [borders]
+
+
+def _is_due(border: VirtualBorder, now: float) -> bool:
+    """Whether a border is on at a time [s], also if it expired and that could not be written yet."""
+    expired = 0.0 < border.expires <= now
+    return border.enabled != expired and is_scheduled(border.schedule, now)

@@ -35,6 +35,7 @@ _COARSE_CELLS = 160
 _ANGLES = 120
 _HYPOTHESES = 10
 _REFINED_POINTS = 1500
+_REMAPPED = 30_000  # rows that OpenCV remaps at once
 # [m] pairs farther apart are left out of the refinement, round by round
 _REACH_M = (0.6, 0.6, 0.4, 0.4, 0.3, 0.3, 0.2, 0.2, 0.15, 0.15, 0.15)
 # two hypotheses are the same one below these
@@ -171,10 +172,13 @@ class Shape:
         if not len(points):
             return np.zeros(0), np.zeros((0, 2))
         where = self.grid.world_to_grid(points).astype(np.float32)
-        found = cv2.remap(
-            self.fields, where[:, :1], where[:, 1:], cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT,
-            borderValue=(1e3, 0.0, 0.0),
-        )[:, 0]
+        found = np.concatenate([
+            cv2.remap(
+                self.fields, part[:, :1], part[:, 1:], cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT,
+                borderValue=(1e3, 0.0, 0.0),
+            )[:, 0]
+            for part in np.array_split(where, 1 + len(where) // _REMAPPED)
+        ])
         c, s = math.cos(self.grid.origin[2]), math.sin(self.grid.origin[2])
         return found[:, 0], found[:, 1:] @ np.array([[c, s], [-s, c]])
 
