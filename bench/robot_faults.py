@@ -27,7 +27,6 @@ from vb_map_integration.border import VirtualBorder
 from vb_map_integration.integrator import IntegratorParams, MapIntegrator
 from vb_robot.driver import RATE
 from vb_robot.spots import DEFAULT, GUIDE, Sighting
-from vb_robot.view import to_base
 from vb_sim.floor_plan import physical_map
 from vb_sim.lab import Lab
 from vb_sim.world import load_world

@@ -184,3 +184,28 @@ def test_a_robot_from_far_away_comes_in_over_the_windows_edge():
     assert not terrain.grid.contains_cells(terrain.grid.world_to_cell(np.array([robot[:2]])))[0]
     best = rank_viewpoints(terrain, VIEW, robot, drawing, ViewpointParams())[0]
     assert best.x < 0.5 and best.way == pytest.approx(math.dist(robot[:2], (best.x, best.y)), rel=0.1)
+
+
+def test_in_a_mixed_fleet_the_small_robot_goes_where_the_large_one_does_not_fit():
+    data = np.zeros((100, 160), dtype=np.int8)
+    data[[0, -1]] = 100
+    data[:, [0, -1]] = 100
+    data[:, 80] = 100
+    data[45:53, 80] = 0  # a gap of 0.4 m
+    dispatcher = Dispatcher(WatchParams(robots=["large", "small"]), radii={"large": 0.18, "small": 0.10})
+    dispatcher.set_map(GridMap(data, 0.05))
+    for robot in dispatcher.robots:
+        dispatcher.set_view(robot, VIEW)
+    dispatcher.set_state(BORDER, "a", 100.0)
+    for i in range(10):
+        dispatcher.add(Sighting(100.0 + 0.1 * i, (2.0, 2.5), "red", False, 0.9))
+    robots = {"large": RobotStatus((5.0, 1.0, 1.5)), "small": RobotStatus((7.0, 1.0, 3.1))}
+    decisions = dispatcher.decide(101.0, robots)
+    assert decisions["small"].kind is Kind.SEND and decisions["large"].kind is not Kind.SEND
+
+
+def test_a_robot_whose_camera_is_not_known_is_not_sent():
+    lab = Lab()
+    lab.dispatcher._grounds[""].view = None
+    lab.draw_until(EDGE)
+    assert not lab.sent

@@ -19,6 +19,7 @@ from vb_core.grid_map import GridMap
 from vb_core.robot_profile import RobotProfile
 from vb_robot.following import Following, Frames
 from vb_robot.leaving import MAP_MARGIN, MARGIN, RETRY, Leaving, WayOut
+from vb_robot.navigation_parameters import PATH_MARGIN
 from vb_robot.safety import (LEAP, ForbiddenGround, Keep, Scan, SpeedLimits, leap, safe_speed, stop_distance)
 from vb_robot.servoing import MAX_SPEED, Wish
 from vb_robot.spots import DEFAULT, Sighting, Sightings
@@ -35,6 +36,7 @@ COMMAND_LIMIT = 0.3  # [s] what navigation or a joystick said holds for so long
 POSE_DOUBT = 1.0  # [s] after a leap of the localisation nobody knows where the borders are
 OTHER_LIMIT = 1.0  # [s] after a command by somebody else nothing is let through: two drivers at one wheel
 CANCEL_EACH = 1.0  # [s] navigation's goals are cancelled again while somebody else drives
+PINCHED_AFTER = 1.5  # [s] navigation has a goal and moves nothing: beside something it may have no way to plan from here
 BLIND_SPEED = 0.1  # [m/s] without a scanner, by the map alone, and for a joystick where no beam looks
 ACCELERATION, TURN_ACCELERATION = 0.4, 2.0  # [m/s^2, rad/s^2] of the driver's own behaviours: gentle beside people
 
@@ -111,6 +113,8 @@ class Driver:
         self._leaving: Optional[Leaving] = None
         self._grids: Optional[Tuple[GridMap, GridMap]] = None  # with and without borders
         self._retry_at = -math.inf
+        self._pinched: Optional[Leaving] = None
+        self._idle_since = -math.inf  # since when navigation has had a goal and moved nothing
         self._swallowed: Optional[bool] = None  # whether the newest map put a border where the robot is; None: to be seen
         self._state_pulse = Pulse(*STATE_LIMITS)
         self._stopped = {"state": False, "topic": False}
@@ -249,7 +253,8 @@ class Driver:
             if driver != FOLLOW:
                 self._following.rest()
             v, w, code = self._gate(now, driver, wish)
-            cancel = self._goal_runs and driver in (FOLLOW, LEAVE) and not 0.0 <= now - self._cancelled_at < CANCEL_EACH
+            displaced = driver == FOLLOW or (driver == LEAVE and self._pinched is None)
+            cancel = self._goal_runs and displaced and not 0.0 <= now - self._cancelled_at < CANCEL_EACH
             if cancel:
                 self._cancelled_at = now
             # a robot that nobody drives any more is told once to stop, and one that stops on command all the time
@@ -282,11 +287,15 @@ class Driver:
     def _leave(self, now: float) -> Optional[Wish]:
         """The way out, if a border was put where the robot is, and nobody draws or guides.
 
-        A robot that navigation or a person brought near a border is none of this behaviour's business.
+        A robot that navigation or a person brought near a border is none of this behaviour's business, unless it is
+        pinched: navigation's paths keep PATH_MARGIN more than its controller, which may end where no path begins.
         """
         pose = self.pose(now)
-        if not self._leaves or pose is None or self._workspace is None or self._grids is None:
+        if pose is None or self._workspace is None or self._grids is None:
             return None
+        pinched = self._pinch(now, pose)
+        if pinched is not None or not self._leaves:
+            return pinched
         room = self._workspace.hard_gap(pose[:2])
         if self._swallowed is None:
             self._swallowed = room < self.profile.radius and self._workspace.is_hard(pose[:2])
@@ -308,6 +317,25 @@ class Driver:
             self.leave_failed = self._leaving.failed
             self._leaving, self._retry_at = None, now + RETRY
         return wish
+
+    def _pinch(self, now: float, pose: Pose) -> Optional[Wish]:
+        """A few centimetres away from what is too near for navigation to plan; its goal goes on then."""
+        assert self._ground is not None and self._grids is not None
+        _, last = self._commands.get(NAVIGATION, (-math.inf, Wish(0.0, 0.0)))
+        moves = self._command(NAVIGATION, now) is not None and (last.v != 0.0 or last.w != 0.0)
+        if not self._goal_runs or (moves and self._pinched is None) or self._spots.state != DEFAULT:
+            self._idle_since, self._pinched = now, None
+            return None
+        room = float(self._ground.clearance_at([pose[:2]])[0]) - self.profile.radius
+        if self._pinched is None:
+            if not 0.0 < room < PATH_MARGIN + 0.02 or not 0.0 <= now - self._idle_since >= PINCHED_AFTER:
+                return None
+            self._pinched = Leaving(WayOut(*self._grids, self.profile.radius, pose[:2]))
+        if room >= MARGIN or self._pinched.failed:
+            self._idle_since, self._pinched = now, None
+            return None
+        wish = self._pinched.wish(now, pose, self._last.code if self._last.driver == LEAVE else "")
+        return None if self._pinched.failed else wish
 
     leave_failed = ""  # why the last try to leave ended, as a code
 

@@ -27,7 +27,6 @@ from vb_robot.dispatcher import Dispatcher, Progress, WatchParams
 from vb_robot.prospect import ProspectParams
 from vb_robot.spots import BORDER, SEED, Sighting
 from vb_robot.terrain import TerrainParams
-from vb_robot.view import FloorView
 from vb_robot.viewpoint import Viewpoint, ViewpointParams
 
 _GROUPS = ("dispatch", "viewpoint", "terrain", "prospect")
