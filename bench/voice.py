@@ -117,6 +117,11 @@ def summarise(results: List[dict], params: RecognizerParams) -> Dict[str, Tuple[
     }
 
 
+def counted(pairs: List[Tuple[str, int]]) -> str:
+    """What occurs how often, in words."""
+    return ", ".join(f"{name} {count}" for name, count in pairs) or "none"
+
+
 def table(columns: Dict[str, Dict[str, Tuple[int, int]]]) -> str:
     """The figures as Markdown."""
     lines = ["| | " + " | ".join(columns) + " |", "|---" * (len(columns) + 1) + "|"]
@@ -186,6 +191,7 @@ def main() -> int:
         "missed_by_command": Counter(r["command"] for r in missed).most_common(),
         "missed_by_noise": Counter(r["noise"] for r in missed).most_common(),
         "taken": taken,
+        "utterances": [{key: r[key] for key in ("kind", "command", "text", "voice", "noise", "found")} for r in results],
     }
     path = TOP / "out" / "bench" / "voice.json"
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -195,15 +201,17 @@ def main() -> int:
     (TOP / "docs" / "results" / "voice.md").write_text(f"""# Spoken commands: results
 
 `bench/voice.py {' '.join(sys.argv[1:])}`, {time.strftime('%Y-%m-%d')}, revision {revision}, threshold {params.threshold:g}, sure from
-{params.sure:g}; {arguments.snr:g} dB, streamed; {len(results)} of {len(jobs)} utterances. In brackets 95 % intervals.
+{params.sure:g}; {arguments.snr:g} dB, streamed; {len(results)} of {len(jobs)} utterances
+(voices that are not installed are left out). In brackets 95 % intervals.
 
 {table(figures)}
 
 Answer {report['answer_after_speech_median_s']:.2f} s (median), {report['answer_after_speech_p95_s']:.2f} s (95th percentile) after the end
 of speech, of which {EndpointParams().end_silence:g} s are silence, the rest CPU time. {report['cpu_share_of_a_core']:.3f} of a core.
 
-Missed in steady noise and music, by voice: {report['missed_by_voice'] or 'none'};
-by command: {report['missed_by_command'] or 'none'}; by noise: {report['missed_by_noise'] or 'none'}.
+Missed in steady noise and music, by voice: {counted(report['missed_by_voice'])};
+by command: {counted(report['missed_by_command'])};
+by noise: {counted(report['missed_by_noise'])}.
 
 Taken for a command in steady noise and music, before anything is asked:
 

@@ -133,7 +133,7 @@ def test_while_saving_everything_else_waits_and_a_refusal_keeps_everything():
     for command in (*COMMANDS, "nonsense"):
         if command not in (STOP, RESUME):
             assert interaction.command(command, "wizard", 6.0).code == "busy"
-    answer = interaction.refuse(Answer(False, "no_service", {"who": "$map_integrator"}), 7.0)
+    answer = interaction.finish(Answer(False, "no_service", {"who": "$map_integrator"}), 7.0)
     assert answer.message == "The map integrator is not running."
     assert interaction.last_answer == answer and interaction.last_source == "voice"
     assert (interaction.state, interaction.interaction_id) == (State.SEED, identity)
@@ -202,7 +202,7 @@ def test_any_sequence_keeps_its_invariants_and_survives_a_restart(sequence):
                 if outcome == "accept" and saving:
                     one.finish_save("b", now)
                 else:
-                    one.finish_change(Answer(False, "busy"), now)
+                    one.finish(Answer(False, "busy"), now)
         for one in (interaction, other):
             one.interaction_id = one.interaction_id and "same"
         assert interaction.to_mapping() == other.to_mapping()
@@ -262,7 +262,7 @@ def test_stop_holds_until_resume_whatever_else_is_said(way):
     for command in (c for c in COMMANDS if c != RESUME):
         interaction.command(command, "wizard", 11.0)
         if interaction.pending:
-            interaction.finish_change(Answer(True, "borders_changed"), 11.0)
+            interaction.finish(Answer(True, "borders_changed"), 11.0)
         assert interaction.stopped and interaction.stopped_by == "voice"
         assert interaction.sensible_commands()[0] == RESUME
     assert interaction.command(RESUME, "wizard", 12.0).success
@@ -320,7 +320,7 @@ def test_cancel_after_an_unanswered_save_does_not_promise_an_unchanged_map():
     interaction = drawn()
     interaction.command(SAVE, "a", 3.0)
     interaction.unanswered_save = True
-    interaction.refuse(Answer(False, "save_unanswered", {"who": "$map_integrator"}), 4.0)
+    interaction.finish(Answer(False, "save_unanswered", {"who": "$map_integrator"}), 4.0)
     again = Interaction.from_mapping(interaction.to_mapping())
     answer = again.command(CANCEL, "a", 5.0)
     assert answer.code == "cancelled_unanswered" and "stays" not in answer.message

@@ -70,7 +70,7 @@ def _panel(layout: Layout, talk: Talk) -> List[Shape]:
         shapes.extend(write(f"words/{name}", text, centre, panel.y1 - down * unit, size, tints))
 
     if talk.stopped:
-        # in place of the state: whoever looks for why nothing moves reads this first
+        # in place of the state: a person who wonders why nothing moves reads this first
         plate = (panel.width - 0.02 * unit, 1.2 * TITLE * unit)
         shapes.append(Shape("words/state/plate", 0, PLATE, ((centre, panel.y1 - 0.08 * unit),), Z_PLATE, plate, (colours.YELLOW,)))
         line("state", talk.words("display_stopped"), 0.08, TITLE, colours.BLACK)

@@ -123,7 +123,7 @@ class Interaction:
     """The state machine, its memory and its clock. Not thread safe.
 
     `save`, `undo` and `redo` take two steps, since others carry them out: `command(...)` checks and, if it
-    succeeds, leaves `pending` set; then `finish_save`, `finish_change` or `refuse` must be called.
+    succeeds, leaves `pending` set; then `finish_save` or `finish` must be called.
 
     Args:
         new_id: gives the id of the next interaction.
@@ -218,15 +218,11 @@ class Interaction:
         self._end(SAVED, border_id, now)
         return self._answered(SAVE, source, Answer(True, "saved"))
 
-    def finish_change(self, answer: Answer, now: float) -> Answer:
-        """Somebody else has carried out `undo` or `redo`."""
+    def finish(self, answer: Answer, now: float) -> Answer:
+        """`undo` or `redo` was carried out, or the pending command could not be: nothing is lost, the state stays."""
         self.advance(now)
         command, self.pending = self.pending, ""
         return self._answered(command, self._pending_source, answer)
-
-    def refuse(self, answer: Answer, now: float) -> Answer:
-        """The pending command could not be carried out: nothing is lost, the interaction goes on in its state."""
-        return self.finish_change(answer, now)
 
     def _stop(self, source: str, now: float) -> Answer:
         self._confirming, self._active = "", now

@@ -228,7 +228,7 @@ class InteractionManager:
         border = self._neighbours.candidate(interaction_id)
         try:
             with self._lock:
-                # whoever kills this node now leaves the next one unsure, as a lost answer does
+                # if this node is killed now, the next one does not know either whether the border has arrived
                 unanswered, self._interaction.unanswered_save = self._interaction.unanswered_save, True
                 self._remember()
             border_id = self._neighbours.add(border, source, interaction_id)
@@ -251,7 +251,7 @@ class InteractionManager:
         except CodedError:
             answer = Answer(True, "borders_changed")
         with self._lock:
-            answer = self._interaction.finish_change(answer, rospy.get_time())
+            answer = self._interaction.finish(answer, rospy.get_time())
             self._changed()
         return answer
 
@@ -262,7 +262,7 @@ class InteractionManager:
                 rospy.logwarn("interaction_manager: %s: %s", error, error.__cause__)
                 if self._interaction.saving and self._interaction.unanswered_save:
                     answer = Answer(False, "save_unanswered", answer.values)
-            answer = self._interaction.refuse(answer, rospy.get_time())
+            answer = self._interaction.finish(answer, rospy.get_time())
             self._changed()
         return answer
 

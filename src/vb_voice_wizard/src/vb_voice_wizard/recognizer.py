@@ -61,7 +61,7 @@ class RecognizerParams(Parameters):
     dictionary: str = param("")
     wake_word: str = param("")
     threshold: float = param(0.5, "", low=0.0, high=1.0)
-    sure: float = param(0.98, "", low=0.0, high=1.0)
+    sure: float = param(0.995, "", low=0.0, high=1.0)
     decision: str = param("")
     network: str = param("")
     second_look: float = param(0.0025, "", low=0.0, high=1.0)

@@ -16,6 +16,7 @@ from vb_core.ros import node, services
 from vb_msgs.srv import Command, CommandRequest, CommandResponse
 
 MANAGER = "$interaction_manager"
+_STOP = "stop"
 
 
 def order(command: str, source: str, valid_s: float, unclear: bool = False) -> CommandRequest:
@@ -72,7 +73,7 @@ class Orders:
     def put(self, command: str, beside: Any = None, unclear: bool = False) -> bool:
         """A command to be given now; False if too many wait already, and it is lost."""
         request = order(command, self._source, self._wait_s + self._answer_s, unclear)
-        line = self._urgent if command == CommandRequest.STOP else self._waiting
+        line = self._urgent if command == _STOP else self._waiting
         return line.put((request, beside))
 
     def close(self) -> None:

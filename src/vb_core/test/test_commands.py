@@ -1,0 +1,82 @@
+"""Giving commands: each has an id and an end, a lost answer is asked for once more, and stop waits for nothing."""
+import threading
+
+import pytest
+import rospy
+
+from vb_core.errors import CodedError
+from vb_core.ros import commands
+from vb_msgs.srv import CommandResponse
+
+
+@pytest.fixture
+def answers(monkeypatch):
+    """Puts answers (or errors) in the place of the manager; gives them and what was asked."""
+    asked, given = [], []
+
+    def call(_name, _service, request, *_limits):
+        asked.append(request)
+        answer = given.pop(0) if given else CommandResponse(success=True, code="stopped")
+        if isinstance(answer, Exception):
+            raise answer
+        return answer
+
+    monkeypatch.setattr(commands.services, "call", call)
+    monkeypatch.setattr(commands.rospy, "get_rostime", lambda: rospy.Time(100))
+    return asked, given
+
+
+def no_answer(cause):
+    error = CodedError("no_answer", who="$interaction_manager")
+    error.__cause__ = cause
+    return error
+
+
+def test_every_command_has_an_id_of_its_own_and_an_end(answers):
+    first, second = commands.order("save", "test", 5.0), commands.order("save", "test", 5.0, unclear=True)
+    assert first.id and second.id and first.id != second.id
+    assert first.expires == rospy.Time(105) and (first.unclear, second.unclear) == (False, True)
+
+
+def test_before_simulated_time_has_begun_nothing_expires(answers, monkeypatch):
+    monkeypatch.setattr(commands.rospy, "get_rostime", lambda: rospy.Time(0))
+    assert commands.order("save", "test", 5.0).expires.is_zero()
+
+
+def test_a_lost_answer_is_asked_for_once_more_under_the_same_id(answers):
+    asked, given = answers
+    given.append(no_answer(rospy.ServiceException("the connection was closed")))
+    assert commands.send(commands.order("undo", "test", 5.0)).success
+    assert len(asked) == 2 and asked[0].id == asked[1].id
+
+
+@pytest.mark.parametrize("error", [no_answer(TimeoutError("hangs")), CodedError("no_service", who="x")])
+def test_whoever_hangs_or_is_away_is_not_asked_again(answers, error):
+    asked, given = answers
+    given.append(error)
+    with pytest.raises(CodedError):
+        commands.send(commands.order("undo", "test", 5.0))
+    assert len(asked) == 1
+
+
+def test_stop_waits_for_no_other_command(monkeypatch):
+    hold, done = threading.Event(), []
+    finished = {name: threading.Event() for name in ("save", "stop")}
+
+    def call(_name, _service, request, *_limits):
+        if request.command == "save":
+            hold.wait(60)
+        return CommandResponse(success=True)
+
+    def on_answer(request, beside, answer, error):
+        done.append((request.command, beside, answer.success, error))
+        finished[request.command].set()
+
+    monkeypatch.setattr(commands.services, "call", call)
+    monkeypatch.setattr(commands.rospy, "get_rostime", lambda: rospy.Time(100))
+    orders = commands.Orders("test", on_answer)
+    assert orders.put("save", 1) and orders.put("stop", 2)
+    assert finished["stop"].wait(60) and done == [("stop", 2, True, None)]
+    hold.set()
+    assert finished["save"].wait(60) and done[1] == ("save", 1, True, None)
+    orders.close()
