@@ -12,6 +12,8 @@ CONFIG   ?=
 OUT      ?= out/study
 HOURS    ?= 24
 PROCESSES ?=
+SCHEDULER ?=
+WORLDS   ?=
 
 .DEFAULT_GOAL := help
 .PHONY: help setup navigation demo test unit rostest screenshots study agree soak clean
@@ -41,12 +43,13 @@ rostest: setup ## only the tests of nodes
 screenshots: setup ## pictures of the smart display in every state, into docs/images/display
 	@. scripts/env.sh && python3 scripts/screenshots
 
-study: setup ## the paper's experiment with simulated people, into out/study: QUICK=1 FRESH=1 CONFIG=file OUT=folder PROCESSES=number
+study: setup ## the paper's experiment with simulated people, into out/study: QUICK=1 FRESH=1 CONFIG=file OUT=folder PROCESSES=number WORLDS=number SCHEDULER=address
 	@. scripts/env.sh && python3 -m vb_evaluation.study all --out "$(OUT)" $(if $(QUICK),--quick) $(if $(FRESH),--fresh) \
-	    $(if $(CONFIG),--config "$(CONFIG)") $(if $(PROCESSES),--processes $(PROCESSES)) \
-	    $(if $(filter file,$(origin SEED)),,--seed $(SEED)) && python3 -m vb_evaluation.report "$(OUT)"
+	    $(if $(CONFIG),--config "$(CONFIG)") $(if $(PROCESSES),--processes $(PROCESSES)) $(if $(SCHEDULER),--scheduler "$(SCHEDULER)") \
+	    $(if $(filter-out file,$(origin SEED)),--seed $(SEED)) $(if $(and $(WORLDS),$(filter-out file,$(origin WORLDS))),--worlds $(WORLDS)) \
+	    && python3 -m vb_evaluation.report "$(OUT)"
 
-agree: setup ## some runs of the study through ROS, beside the same runs in one process
+agree: setup ## three runs of the study through ROS, beside the same runs in one process
 	@. scripts/env.sh && python3 -m vb_evaluation.study agree --out "$(OUT)" $(if $(CONFIG),--config "$(CONFIG)")
 
 soak: setup ## simulated days with people, crashes and changing maps: HOURS=24 SEED=1

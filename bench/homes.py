@@ -37,7 +37,8 @@ class Home:
     def mirrored(self) -> "Home":
         """The flat on the other side of the stairs."""
         flip = np.array([-1.0, 1.0])
-        return Home(self.outline * flip, *([part * flip for part in parts] for parts in (self.walls, self.rooms, self.furniture)))
+        parts = ([one * flip for one in some] for some in (self.walls, self.rooms, self.furniture))
+        return Home(self.outline * flip, *parts)
 
 
 def wall(a: np.ndarray, b: np.ndarray, thickness: float) -> np.ndarray:
@@ -99,9 +100,8 @@ def corridor_home(random: np.random.Generator, size: Tuple[float, float] = (0.0,
     low = random.uniform(0.36, 0.46) * height
     high = low + random.uniform(1.1, 1.6)
     alcove = random.uniform(0.15, 0.3) * width, random.uniform(0.15, 0.4) * low
-    outline = np.array([
-        [0, 0], [width - alcove[0], 0], [width - alcove[0], alcove[1]], [width, alcove[1]], [width, height], [0, height],
-    ])
+    inner = width - alcove[0]
+    outline = np.array([[0, 0], [inner, 0], [inner, alcove[1]], [width, alcove[1]], [width, height], [0, height]])
     walls = [wall(outline[k], outline[(k + 1) % len(outline)], thickness) for k in range(len(outline))]
     rooms = [np.array([[0, low], [width, low], [width, high], [0, high]])]
     for y0, y1, door_y in ((0.0, low, low), (high, height, high)):
@@ -113,7 +113,8 @@ def corridor_home(random: np.random.Generator, size: Tuple[float, float] = (0.0,
             del edges[-2]
         for x0, x1 in zip(edges[:-1], edges[1:]):
             rooms.append(np.array([[x0, y0], [x1, y0], [x1, y1], [x0, y1]]))
-            walls += with_door((x0, door_y), (x1, door_y), random.uniform(0.25, 0.75), random.uniform(0.8, 1.1), thickness)
+            at, door = random.uniform(0.25, 0.75), random.uniform(0.8, 1.1)
+            walls += with_door((x0, door_y), (x1, door_y), at, door, thickness)
             if x1 < width:
                 slant = random.uniform(-0.4, 0.4) if random.random() < 0.3 else 0.0
                 walls.append(wall((x1, y0), (x1 + slant, y1), thickness))
@@ -134,7 +135,8 @@ def furnished(home: Home, random: np.random.Generator, kept: float = 0.0) -> Hom
                 things.append(centre + random.uniform(0.3, 0.6) * np.column_stack([np.cos(angles), np.sin(angles)]))
             elif kind < 0.5:  # four legs
                 spread = random.uniform(0.4, 1.2, 2)
-                things += [_box(corner, np.array([0.06, 0.06]), 0.0) for corner in _box(centre, spread, random.uniform(0, 3))]
+                corners = _box(centre, spread, random.uniform(0, 3))
+                things += [_box(corner, np.array([0.06, 0.06]), 0.0) for corner in corners]
             else:
                 yaw = 0.0 if random.random() < 0.7 else random.uniform(0.0, math.pi)
                 things.append(_box(centre, random.uniform((0.5, 0.35), (2.0, 1.0)), yaw))

@@ -26,61 +26,23 @@ from typing import Any, Dict, List
 
 import numpy as np
 import rospy
-from vb_msgs.srv import AddBorder
+from vb_msgs.srv import AddBorder, AddBorderRequest
 
-from vb_core import names
-from vb_core.grid_map import GridMap
-from vb_core.ros import messages
-from vb_map_integration.border import VirtualBorder
-from vb_map_integration.border_messages import message_from_border
-from vb_map_integration.integration import integrate
-from vb_map_integration.integrator import IntegratorParams, MapIntegrator
+sys.path.insert(0, str(Path(__file__).resolve().parent))
+from map_integration_scene import curve, house, polygon  # noqa: E402
+
+from vb_core import names  # noqa: E402
+from vb_core.grid_map import GridMap  # noqa: E402
+from vb_core.ros import messages  # noqa: E402
+from vb_map_integration.border_messages import message_from_border  # noqa: E402
+from vb_map_integration.database import FILE, Database, fingerprint  # noqa: E402
+from vb_map_integration.integration import integrate  # noqa: E402
+from vb_map_integration.integrator import IntegratorParams, MapIntegrator  # noqa: E402
 
 TOP = Path(__file__).resolve().parent.parent
 SIZES = [(320, 200), (1000, 1000), (2000, 2000), (4000, 4000), (8000, 8000)]
 COUNTS = [1, 10, 100, 500]
 REPEATS = 9
-
-
-def house(width: int, height: int) -> GridMap:
-    """Rooms of 160 x 100 cells, with doors and table legs."""
-    data = np.zeros((height, width), np.int8)
-    data[::100] = 100
-    data[:, ::160] = 100
-    data[[-1]] = 100
-    data[:, [-1]] = 100
-    for row in range(50, height - 1, 100):
-        data[row : row + 30, 160 : width - 1 : 160] = 0
-    for column in range(80, width - 1, 160):
-        data[100 : height - 1 : 100, column : column + 30] = 0
-    data[40::100, 40::160] = 100
-    return GridMap(data, 0.025, (-10.0, -5.0, 0.0))
-
-
-def polygon(grid: GridMap, random: np.random.Generator, share: float) -> VirtualBorder:
-    """A polygon with 100 points; its diameter is a share of the map's shorter side."""
-    height, width = grid.shape
-    radius = 0.5 * share * min(height, width)
-    centre = random.uniform((radius, radius), (width - radius, height - radius))
-    angles = np.linspace(0.0, 2.0 * np.pi, 100, endpoint=False)
-    radii = radius * (0.9 + 0.1 * np.cos(7 * angles))
-    points = centre + radii[:, None] * np.column_stack([np.cos(angles), np.sin(angles)])
-    seed = centre
-    while grid.data[int(round(seed[1])), int(round(seed[0]))] != 0:
-        seed = centre + random.uniform(-0.5, 0.5, 2) * radius
-    return VirtualBorder(grid.grid_to_world(points), grid.grid_to_world(seed)[0], closed=True)
-
-
-def curve(grid: GridMap, random: np.random.Generator) -> VirtualBorder:
-    """A drawn curve of 100 points across half of the map: its extensions go through rooms and doors."""
-    height, width = grid.shape
-    x = width * random.uniform(0.3, 0.7)
-    rows = np.linspace(0.25, 0.75, 100) * height
-    points = np.column_stack([x + 3.0 * np.sin(rows / 20.0), rows])
-    seed = np.array([x - 0.2 * width, 0.5 * height])
-    while grid.data[int(round(seed[1])), int(round(seed[0]))] != 0:
-        seed += 3.0
-    return VirtualBorder(grid.grid_to_world(points), grid.grid_to_world(seed)[0], closed=False)
 
 
 def timed(action) -> float:
@@ -121,6 +83,7 @@ def keeper_times(grid: GridMap, random: np.random.Generator) -> Dict[str, Any]:
     with tempfile.TemporaryDirectory() as folder:
         keeper = MapIntegrator(IntegratorParams(), Path(folder))
         result["take_map_ms"] = round(timed(lambda: keeper.set_map(grid)), 3)
+        keeper.close()
         # the first borders are added one by one; the many are there to be in the way
         fast = MapIntegrator(IntegratorParams(check_ways=False), Path(folder))
         added = 0
@@ -129,6 +92,7 @@ def keeper_times(grid: GridMap, random: np.random.Generator) -> Dict[str, Any]:
             while added + REPEATS < count:
                 fast.add(small[added], 1.0 + added)
                 added += 1
+            fast.close()
             keeper = MapIntegrator(IntegratorParams(), Path(folder))
             again = timed(lambda: keeper.set_map(grid))
             times = []
@@ -136,30 +100,55 @@ def keeper_times(grid: GridMap, random: np.random.Generator) -> Dict[str, Any]:
                 border = small[added]
                 times.append(timed(lambda: keeper.add(border, 1.0 + added)))
                 added += 1
-            folder_of_map = next(Path(folder).iterdir())
             result["borders"].append({
                 "borders": added,
                 "add_ms": median(times),
                 "undo_ms": round(timed(keeper.undo), 3),
                 "redo_ms": round(timed(keeper.redo), 3),
                 "start_with_them_ms": round(again, 3),
-                "store_file_bytes": (folder_of_map / "borders.yaml").stat().st_size,
+                "store_file_bytes": (Path(folder) / FILE).stat().st_size,
                 "store_write_ms": median(store_times(keeper)),
             })
+            keeper.close()
             fast = MapIntegrator(IntegratorParams(check_ways=False), Path(folder))
+        fast.close()
     return result
 
 
 def store_times(keeper: MapIntegrator) -> List[float]:
     """[ms] of a change that touches no cell: what is left is the store's files."""
-    keeper.enable(keeper.borders[-1].id, False, 1e5)
-    times = []
-    for number in range(2 * REPEATS):
-        sleeping = keeper.borders[-1].replace(name=f"name {number}")
-        change = keeper._store.updating(sleeping, 1e5)  # noqa: SLF001
-        times.append(timed(lambda: keeper._commit(change, "new")))  # noqa: SLF001
-    keeper.enable(keeper.borders[-1].id, True, 1e5)
+    last = keeper.borders[-1].id
+    keeper.enable(last, False, 1e5)
+    times = [timed(lambda: keeper.rename(last, f"name {number}", 1e5)) for number in range(2 * REPEATS)]
+    keeper.enable(last, True, 1e5)
     return times
+
+
+def many_times(count: int = 10_000) -> Dict[str, Any]:
+    """A database of many borders on 20 maps: its size, how long it takes to start, and a change with them there."""
+    random = np.random.default_rng(2)
+    with tempfile.TemporaryDirectory() as folder:
+        database = Database(Path(folder))
+        for floor in range(20):
+            grid = house(320 + floor, 200)
+            place = database.add_map(grid, fingerprint(grid))
+            borders = [polygon(grid, random, 0.1).replace(id=f"b{floor * count + k + 1}") for k in range(count // 20)]
+            database.take_over(place, borders, f"floor {floor}")
+        database.close()
+        started = time.perf_counter()
+        keeper = MapIntegrator(IntegratorParams(check_ways=False), Path(folder))
+        opened = time.perf_counter()
+        keeper.set_map(grid)
+        shown = time.perf_counter()
+        adds = [timed(lambda: keeper.add(polygon(grid, random, 0.1), 1.0)) for _ in range(REPEATS)]
+        result = {
+            "borders": count, "maps": 20, "borders_on_the_map": count // 20,
+            "open_and_check_s": round(opened - started, 2), "map_and_regions_s": round(shown - opened, 2),
+            "add_ms": median(adds), "rename_ms": median(store_times(keeper)),
+            "database_mb": round((Path(folder) / FILE).stat().st_size / 1e6, 1),
+        }
+        keeper.close()
+    return result
 
 
 def node_times(grid: GridMap, random: np.random.Generator) -> Dict[str, float]:
@@ -185,7 +174,7 @@ def node_times(grid: GridMap, random: np.random.Generator) -> Dict[str, float]:
             for _ in range(REPEATS):
                 border = message_from_border(polygon(grid, random, 0.3))
                 called = time.perf_counter()
-                response = add(border, "", "bench")
+                response = add(AddBorderRequest(border=border, source="bench"))
                 answers.append(1e3 * (time.perf_counter() - called))
                 assert response.success, response.message
                 published.append(1e3 * (arrived.get(timeout=60.0) - called))
@@ -259,7 +248,9 @@ def main() -> int:
             master.terminate()
             master.wait(20.0)
     in_order = [sizes[key] for key in sorted(sizes)]
-    document = {"python": platform.python_version(), "cores": os.cpu_count(), "sizes": in_order}
+    many = many_times() if len(wanted) == len(SIZES) else {}
+    print(many)
+    document = {"python": platform.python_version(), "cores": os.cpu_count(), "sizes": in_order, "many": many}
     path.write_text(json.dumps(document, indent=2) + "\n")
     print(f"\n{table(in_order)}\n\nwrote {path}")
     return 0

@@ -3,20 +3,17 @@
 
     . scripts/env.sh && python3 bench/map_registration.py --homes corridor --maps 1000 --first-seed 10000
 
-Homes "split" are those that the registration was developed on, "corridor" is the generator that judges. Each home gives an
-old map and a new one: turned by up to 180 degrees, shifted, of another resolution, with noise, other furniture and rooms
-that one of the maps lacks. As many pairs again show different places: another home, another floor with the same outer
-walls, the mirrored flat. Writes docs/results/map-registration-HOMES.csv (a row per kind) and prints it.
+Homes "split" are those that the registration was developed on, "corridor" is the generator that judges. Each home
+gives an old map and a new one: turned by up to 180 degrees, shifted, of another resolution, with noise, other furniture
+and rooms that one of the maps lacks. As many pairs again show different places: another home, another floor with the
+same outer walls, the mirrored flat. Writes docs/results/map-registration-HOMES.csv (a row per kind) and prints it.
 """
 from __future__ import annotations
 
 import argparse
-import csv
 import math
-import subprocess
 import sys
 import time
-from datetime import date
 from pathlib import Path
 from typing import Any, Dict, List
 
@@ -24,10 +21,10 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parent))
 from homes import corridor_home, draw_map, furnished, split_home  # noqa: E402
+from result_table import revision, write_table  # noqa: E402
 
 from vb_map_integration.registration import IDENTITY, Transform, register  # noqa: E402
 
-TOP = Path(__file__).resolve().parent.parent
 HOMES = {"split": split_home, "corridor": corridor_home}
 SAME = ("again", "furniture", "missing_rooms", "grown", "resolution", "all")
 OTHER = ("other_home", "other_floor", "mirrored")
@@ -40,7 +37,8 @@ def pair(make: Any, kind: str, seed: int) -> Any:
     random = np.random.default_rng(seed)
     home = make(random)
     truth = Transform(*random.uniform(-5.0, 5.0, 2), random.uniform(-math.pi, math.pi))
-    start = Transform(*random.uniform(-3.0, 3.0, 2), random.uniform(-math.pi, math.pi)) if random.random() < 0.5 else IDENTITY
+    start = Transform(*random.uniform(-3.0, 3.0, 2), random.uniform(-math.pi, math.pi))
+    start = start if random.random() < 0.5 else IDENTITY
     everything = kind == "all"
     old_missing = 2 if kind == "grown" else int(everything and random.random() < 0.5)
     new_missing = 2 if kind == "missing_rooms" else int(everything and random.random() < 0.5)
@@ -64,7 +62,8 @@ def judge(make: Any, kind: str, seed: int) -> Dict[str, Any]:
     old, new, truth = pair(make, kind, seed)
     started = time.process_time()
     found = register(old, new)
-    row = {"kind": kind, "seed": seed, "s": time.process_time() - started, "sure": bool(found and found.sure), "m": math.inf, "deg": 180.0}
+    row: Dict[str, Any] = {"kind": kind, "seed": seed, "s": time.process_time() - started, "m": math.inf, "deg": 180.0}
+    row["sure"] = bool(found and found.sure)
     if found is not None:
         row.update(agreement=found.agreement, overlap=found.overlap, walls_m=found.walls_m, margin=found.margin)
         if truth is not None:
@@ -87,16 +86,17 @@ def summary(kind: str, rows: List[Dict[str, Any]]) -> Dict[str, Any]:
     """One line of the table."""
     n, same = len(rows), kind in SAME or kind == "all same"
     errors = [row["m"] for row in rows]
-    right = sum(row["right"] for row in rows)
+    right, wrong = (sum(row[key] for row in rows) for key in ("right", "wrong"))
+    late = float(np.quantile(errors, 0.95, method="nearest"))
     return {
         "kind": kind, "pairs": n,
         "right_percent": round(100 * right / n, 1) if same else "",
         "right_95": wilson(right, n) if same else "",
         "acts_alone_percent": round(100 * sum(row["sure"] for row in rows) / n, 1),
-        "wrongly_sure": sum(row["wrong"] for row in rows), "wrongly_sure_95": wilson(sum(row["wrong"] for row in rows), n),
+        "wrongly_sure": wrong, "wrongly_sure_95": wilson(wrong, n),
         "sure_but_over_5_cm_or_1_deg": sum(row["sure"] and not row["right"] for row in rows) if same else "",
         "median_error_mm": round(1e3 * float(np.median(errors)), 1) if same else "",
-        "p95_error_mm": round(1e3 * float(np.quantile(errors, 0.95, method="nearest"))) if same and np.quantile(errors, 0.95, method="nearest") < 1e3 else "",
+        "p95_error_mm": round(1e3 * late) if same and late < 1e3 else "",
         "cpu_s": round(float(np.mean([row["s"] for row in rows])), 2),
     }
 
@@ -116,19 +116,19 @@ def main() -> int:
     rows: List[Dict[str, Any]] = []
     # alternating, so that a run that is ended early has both
     todo = sorted(todo, key=lambda one: one[1] % 500_000)
-    path = TOP / "docs" / "results" / f"map-registration-{options.homes}.csv"
-    revision = subprocess.run(["git", "rev-parse", "--short", "HEAD"], cwd=str(TOP), stdout=subprocess.PIPE, universal_newlines=True).stdout.strip()
+    made_by = revision()
     for number, (kind, seed) in enumerate(todo, 1):
         rows.append(judge(make, kind, seed))
         if options.show or rows[-1]["wrong"]:
-            print({key: round(value, 3) if isinstance(value, float) else value for key, value in rows[-1].items()}, flush=True)
+            row = rows[-1].items()
+            print({key: round(value, 3) if isinstance(value, float) else value for key, value in row}, flush=True)
         if number % 50 == 0 or number == len(todo):
-            write(path, rows, options.homes, revision)
+            path = write(rows, options.homes, made_by)
     print(path.read_text())
     return 0
 
 
-def write(path: Path, rows: List[Dict[str, Any]], homes: str, revision: str) -> None:
+def write(rows: List[Dict[str, Any]], homes: str, made_by: str) -> Path:
     """The table as far as it goes."""
     kinds = [kind for kind in SAME + OTHER if any(row["kind"] == kind for row in rows)]
     table = [summary(kind, [row for row in rows if row["kind"] == kind]) for kind in kinds]
@@ -136,12 +136,7 @@ def write(path: Path, rows: List[Dict[str, Any]], homes: str, revision: str) -> 
         chosen = [row for row in rows if row["kind"] in members]
         if chosen:
             table.append(summary(name, chosen))
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with open(str(path), "w", newline="") as stream:
-        stream.write(f"# python3 bench/map_registration.py --homes {homes}; {date.today()}, revision {revision}\n")
-        writer = csv.DictWriter(stream, list(table[0]))
-        writer.writeheader()
-        writer.writerows(table)
+    return write_table(f"map-registration-{homes}", f"map_registration.py --homes {homes}", made_by, table)
 
 
 if __name__ == "__main__":

@@ -2,12 +2,10 @@
 """How fast and how right the spot detector is.
 
     bench/spot_detection.py                        time per frame, rendered 1080p, beside the authors' design
-    bench/spot_detection.py --clips DIR            also recall and false spots on labelled clips (labels.json and clips/)
-    bench/spot_detection.py --clips DIR --crops D  also a picture of every false spot and the frames before and after it
     bench/spot_detection.py --scenes [WORD ...]    also rendered scenes of every hard case (or those whose name has a WORD)
     bench/spot_detection.py --quiet MINUTES        also false spots without a laser, people walking under three cameras
 
-Writes out/bench/spot_detection.json. Both detectors see the same frames in turn, in one run on one thread, and the
+Labelled clips: spot_clips.py; another version's times: spot_time.py. Writes out/bench/spot_detection.json. Both detectors see the same frames in turn, in one run on one thread, and the
 time is that of the thread, so that other programs disturb both alike.
 """
 from __future__ import annotations
@@ -17,7 +15,7 @@ import json
 import sys
 import time
 from pathlib import Path
-from typing import Any, Dict, List, Optional, Tuple
+from typing import Any, Dict, List, Tuple
 
 import cv2
 import numpy as np
@@ -91,88 +89,6 @@ def measure_time(frames: int) -> Dict[str, Any]:
     return result
 
 
-def measure_clips(folder: Path, crops: Optional[Path] = None) -> Dict[str, Any]:
-    """Recall, false spots and errors on labelled clips, frame by frame without temporal confirmation.
-
-    Neither focal length nor pose of the clips' cameras is known: the detector gets the images and nothing else.
-
-    A spot is right within `reach` = 10 px of a label of its frame. False spots are counted twice: strictly, and without
-    those within 10 px of a label up to `fringe` = 2 frames before or after, where a pulse's first or last light is seen.
-    """
-    labels = json.loads((folder / "labels.json").read_text())
-    reach, fringe = 10.0, 2
-    clips, errors = [], []
-    for name, video in sorted(labels["videos"].items()):
-        by_frame: Dict[int, List[dict]] = {}
-        for label in video["labels"]:
-            by_frame.setdefault(label["frame"], []).append(label)
-        capture = cv2.VideoCapture(str(folder / "clips" / name))
-        rate = capture.get(cv2.CAP_PROP_FPS) or 25.0
-        detector = SpotDetector(DetectorParams.stationary(confirm_frames=1))
-        found, hit, false, false_off_fringe, index = 0, set(), [], 0, 0
-        while True:
-            got, image = capture.read()
-            if not got:
-                break
-            here = by_frame.get(index, [])
-            matched = set()
-            for spot in detector.detect(image, index / rate):
-                distances = [np.hypot(spot.u - label["x"], spot.v - label["y"]) for label in here]
-                if distances and min(distances) < reach:
-                    matched.add(int(np.argmin(distances)))
-                    errors.append(float(min(distances)))
-                    continue
-                false.append([index, round(spot.u, 1), round(spot.v, 1)])
-                near = [label for k in range(index - fringe, index + fringe + 1) for label in by_frame.get(k, [])]
-                false_off_fringe += not any(np.hypot(spot.u - b["x"], spot.v - b["y"]) < reach for b in near)
-            found += len(matched)
-            hit |= {here[k]["event"] for k in matched}
-            index += 1
-        events = {label["event"] for label in video["labels"]}
-        if index == 0:
-            print(f"cannot read {folder / 'clips' / name}", file=sys.stderr)
-        if crops is not None and false:
-            write_crops(folder / "clips" / name, false, crops)
-        clips.append({
-            "clip": name, "frames": index, "labels": len(video["labels"]), "found": found, "shots": len(events),
-            "shots_found": len(hit), "false": len(false), "false_off_fringe": false_off_fringe, "false_at_frame_u_v": false,
-        })
-    total = {key: sum(clip[key] for clip in clips)
-             for key in ("frames", "labels", "found", "shots", "shots_found", "false", "false_off_fringe")}
-    frames = max(1, total["frames"])
-    return {
-        **total,
-        "frame_recall": total["found"] / max(1, total["labels"]),
-        "shot_recall": total["shots_found"] / max(1, total["shots"]),
-        "false_per_1000_frames": 1e3 * total["false"] / frames,
-        "false_off_fringe_per_1000_frames": 1e3 * total["false_off_fringe"] / frames,
-        "median_error_px": float(np.median(errors)) if errors else None,
-        "p90_error_px": float(np.percentile(errors, 90)) if errors else None,
-        "clips": clips,
-    }
-
-
-def write_crops(clip: Path, places: List[List[float]], folder: Path, reach: int = 25, around: int = 3) -> None:
-    """One picture per clip: a row per place (frame, u, v), with the frames before and after it, for looking at."""
-    capture, images = cv2.VideoCapture(str(clip)), []
-    while True:
-        got, image = capture.read()
-        if not got:
-            break
-        images.append(image)
-    rows = []
-    for frame, u, v in places:
-        cells = []
-        for index in range(int(frame) - around, int(frame) + around + 1):
-            image = images[min(max(index, 0), len(images) - 1)]
-            cell = cv2.getRectSubPix(image, (2 * reach + 1, 2 * reach + 1), (float(u), float(v)))
-            cell = cv2.resize(cell, None, fx=4, fy=4, interpolation=cv2.INTER_NEAREST)
-            cells.append(cv2.putText(cell, str(index), (4, 16), cv2.FONT_HERSHEY_SIMPLEX, 0.5, (0, 255, 255)))
-        rows.append(np.hstack(cells))
-    folder.mkdir(parents=True, exist_ok=True)
-    cv2.imwrite(str(folder / f"{clip.stem}.png"), np.vstack(rows))
-
-
 def measure_scenes(words: List[str]) -> Dict[str, Any]:
     """Recall, false spots and errors on the floor in rendered scenes; prints each as it is done."""
     from spot_scenes import CameraModels, Rooms, ceiling_scenes, lab, mobile_scenes, play
@@ -207,8 +123,6 @@ def measure_quiet(minutes: float, seed: int) -> Dict[str, Any]:
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--frames", type=int, default=200, help="rendered frames to time")
-    parser.add_argument("--clips", type=Path, help="folder with labels.json and clips/")
-    parser.add_argument("--crops", type=Path, metavar="DIR", help="with --clips: pictures of all false spots")
     parser.add_argument("--scenes", nargs="*", metavar="WORD", help="rendered scenes; only those with a WORD in their name")
     parser.add_argument("--quiet", type=float, metavar="MINUTES", help="simulated time without a laser")
     parser.add_argument("--seed", type=int, default=1, help="of who walks where, with --quiet")
@@ -216,21 +130,12 @@ def main() -> int:
     arguments = parser.parse_args()
     if arguments.frames < 10:
         parser.error("--frames must be at least 10")
-    if arguments.clips and not (arguments.clips / "labels.json").is_file():
-        parser.error(f"--clips: there is no {arguments.clips / 'labels.json'}")
     cv2.setNumThreads(1)
     result: Dict[str, Any] = {"time_per_1080p_frame": measure_time(arguments.frames)}
     timing = result["time_per_1080p_frame"]
     for name in ("authors_bgr8", "bgr8", "bayer_rggb8"):
         print(f"{name:14s} {timing[name]['median_ms']:6.2f} ms per 1080p frame (95th percentile {timing[name]['p95_ms']:.2f})")
     print(f"faster than the authors' design: {timing['times_faster_bgr8']:.1f} times (bgr8), {timing['times_faster_bayer_rggb8']:.1f} times (Bayer)")
-    if arguments.clips:
-        result["clips"] = measure_clips(arguments.clips, arguments.crops)
-        for clip in result["clips"]["clips"]:
-            print(f"{clip['clip']:48s} shots {clip['shots_found']:3d} of {clip['shots']:3d}, frames {clip['found']:3d} of {clip['labels']:3d}, false {clip['false']:2d}")
-        c = result["clips"]
-        print(f"all clips: shot recall {c['shot_recall']:.3f}, frame recall {c['frame_recall']:.3f}, false spots {c['false_per_1000_frames']:.2f} "
-              f"per 1000 frames ({c['false_off_fringe_per_1000_frames']:.2f} away from labels in time), median error {c['median_error_px'] or 0:.2f} px")
     if arguments.scenes is not None:
         result["scenes"] = measure_scenes(arguments.scenes)
     if arguments.quiet:

@@ -151,7 +151,8 @@ class Camera:
         self._mobile = scene.mobile
         name = "mobile.yaml" if scene.mobile else "stationary.yaml"
         config = yaml.safe_load((TOP / "src/vb_laser_detect/config" / name).read_text())
-        self.detector = SpotDetector(DetectorParams.from_mapping(config["detector"]))
+        self.detector = SpotDetector(DetectorParams.from_mapping(config.get("detector") or {}))
+        self.detector.encoding = "bgr8" if scene.mobile else scene.worlds[0].camera(scene.camera).encoding
         floor = physical_map(scene.worlds[0])
         self._projector = FloorProjector(ProjectionParams.from_mapping(config["projection"]), floor)
         self._views = [rooms.view(world, "" if scene.mobile else scene.camera) for world in scene.worlds]
@@ -159,8 +160,8 @@ class Camera:
         self._model: Any = None
         self._missed: Dict[float, str] = {}  # why nothing was seen at a time [s], until a later frame recalls it
 
-    def look(self, t: float, index: int, snapshot: Snapshot, outcome: Outcome) -> None:
-        """Renders one frame, searches it, and counts."""
+    def picture(self, t: float, index: int, snapshot: Snapshot) -> Tuple[np.ndarray, SeenFrame, Any]:
+        """Renders one frame: the image, its geometry, and the view that drew it."""
         view = self._views[index]
         depth = None
         if self._mobile:
@@ -168,8 +169,17 @@ class Camera:
             depth = lambda: (view.depth(snapshot), view.depth_model)  # noqa: E731
         else:
             image, pose, model = view.frame(snapshot), view.pose, view.model
-        frame = SeenFrame(snapshot, model, lambda: pose, self._projector, depth)
         self._model = model
+        return image, SeenFrame(snapshot, model, lambda: pose, self._projector, depth), view
+
+    def pictures(self, scene: Scene, quiet_s: float, draw_s: float) -> Iterator[Tuple[float, np.ndarray, SeenFrame, Any, Snapshot]]:
+        """Renders a scene: the disturbance alone, then with the laser."""
+        for t, index, snapshot in course(scene, quiet_s, draw_s):
+            yield (t, *self.picture(t, index, snapshot), snapshot)
+
+    def look(self, t: float, index: int, snapshot: Snapshot, outcome: Outcome) -> None:
+        """Renders one frame, searches it, and counts."""
+        image, frame, view = self.picture(t, index, snapshot)
         spots = search(self.detector, image, t, frame)
         outcome.frames += 1
         for earlier in self.detector.recalled:
@@ -183,7 +193,7 @@ class Camera:
         if any(hits):
             outcome.found += 1
             return
-        why = self._missed[t] = self._why(view.spot(snapshot, pose) if self._mobile else view.spot(snapshot))
+        why = self._missed[t] = self._why(view.spot(snapshot, frame.pose) if self._mobile else view.spot(snapshot))
         outcome.missed[why] = outcome.missed.get(why, 0) + 1
 
     def _count(self, spot: Spot, t: float, frame: SeenFrame, outcome: Outcome) -> bool:
@@ -231,11 +241,10 @@ def _pose_errors(scene: Scene, models: CameraModels, seed: int) -> Callable[[np.
     return localised
 
 
-def play(scene: Scene, rooms: Rooms) -> Outcome:
-    """Plays one scene: the empty room, the disturbance alone, then with the laser."""
-    camera, outcome = Camera(scene, rooms), Outcome()
-    before = LEARN_S + QUIET_S
-    for k in range(int(RATE * (before + scene.draw_s))):
+def course(scene: Scene, quiet_s: float = QUIET_S, draw_s: float = 0.0) -> Iterator[Tuple[float, int, Snapshot]]:
+    """Times [s], worlds and snapshots of a scene: the empty room, the disturbance alone, then with the laser."""
+    before = LEARN_S + quiet_s
+    for k in range(int(RATE * (before + (draw_s or scene.draw_s)))):
         t = k / RATE
         laser, velocity, person = None, (0.0, 0.0), None
         if t >= before:
@@ -246,7 +255,14 @@ def play(scene: Scene, rooms: Rooms) -> Outcome:
             person = (4.6, 2.9, math.atan2(target[1] - 2.9, target[0] - 4.6))
         around = scene.around_at(t) if t >= LEARN_S else Surroundings()
         snapshot = Snapshot(t, {"robot": scene.robot_at(t)}, laser, scene.color, velocity, person, around)
-        camera.look(t, scene.world_at(t) if t >= LEARN_S else 0, snapshot, outcome)
+        yield t, scene.world_at(t) if t >= LEARN_S else 0, snapshot
+
+
+def play(scene: Scene, rooms: Rooms) -> Outcome:
+    """Plays one scene."""
+    camera, outcome = Camera(scene, rooms), Outcome()
+    for t, index, snapshot in course(scene):
+        camera.look(t, index, snapshot, outcome)
     return outcome
 
 

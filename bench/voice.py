@@ -1,11 +1,12 @@
 #!/usr/bin/env python3
-"""How well spoken commands are recognised: writes out/bench/voice.json and prints a table.
+"""How well spoken commands are recognised: writes out/bench/voice.json and docs/results/voice.md.
 
-    bench/voice.py             every voice and sentence; some minutes
-    bench/voice.py --takes 1   a quarter of it
+    bench/voice.py               every command by every voice, every sentence; an hour of CPU
+    bench/voice.py --share 0.3   a random part of it, the same each time
 
-Commands, other sentences and near misses ("save the date", "cancels") are said by synthetic voices in
-room noise at 10 dB, then once more while eight people talk. None of the voices, accents and sentences was used in training (bench/voice_training.py).
+Commands, other sentences and near misses ("council", "undone") are said by synthetic voices, streamed as from a microphone,
+at 10 dB: in steady noise, half of it with reverberation; over music; while eight people talk. None of the voices, accents,
+sentences and styles of music was used in training (bench/voice_training.py).
 Needs espeak-ng, flite and festival (see bench/voice_speech.py); voices that are not installed are left out.
 """
 from __future__ import annotations
@@ -13,25 +14,26 @@ from __future__ import annotations
 import argparse
 import json
 import os
+import subprocess
 import sys
 import time
 from collections import Counter, defaultdict
 from multiprocessing import Pool
-from typing import List, Optional
+from typing import Dict, List, Optional, Tuple
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
 
 import voice_speech as speech
-from voice_speech import EVALUATION_VOICES, NOISES, RATE, TOP
+from voice_speech import EVALUATION_MUSIC, EVALUATION_VOICES, NOISES, RATE, TOP
 
-from vb_voice_wizard.endpointing import Endpointer
-from vb_voice_wizard.recognizer import CommandRecognizer, RecognizerParams
+from vb_voice_wizard.endpointing import Endpointer, EndpointParams
+from vb_voice_wizard.recognizer import CommandRecognizer, RecognizerParams, is_unclear
 
 THRESHOLDS = (0.05, 0.1, 0.2, 0.3, 0.5, 0.7, 0.8, 0.9, 0.95)
-# distorted on purpose: cartoon voices with formants a third higher or lower than anybody's
-EXTREME = ("zac", "Alicia", "Lee")
+# what the interaction manager asks about when it is unclear
+ASKED_ABOUT = ("save", "cancel", "resume", "undo", "redo")
 
 _recognizer: Optional[CommandRecognizer] = None
 _talkers: List[np.ndarray] = []
@@ -44,19 +46,18 @@ def _setup(params: RecognizerParams, talkers: List[np.ndarray]) -> None:
 
 
 def _judge(plan: speech.Plan) -> Optional[dict]:
-    """Streams one utterance as a microphone does, and asks for it as a whole too."""
+    """Streams one utterance as a microphone does."""
     spoken = plan.speak(_talkers)
     if spoken is None:
         return None
-    findings = _recognizer.examine(spoken.pcm)
     started = time.process_time()
     endpointer = Endpointer(_recognizer.endpointing)
-    answers, deciding = [], 0.0
+    findings, deciding = [], 0.0
     for at in range(0, len(spoken.pcm), RATE // 20):
         for utterance in endpointer.push(spoken.pcm[at : at + RATE // 20]):
             # CPU time: how busy the machine is with other things is not the recogniser's merit or fault
             before = time.process_time()
-            answers.append(_recognizer.classify(utterance).command)
+            findings.append(_recognizer.classify(utterance))
             deciding = max(deciding, time.process_time() - before)
     return {
         "kind": plan.kind,
@@ -65,50 +66,75 @@ def _judge(plan: speech.Plan) -> Optional[dict]:
         "voice": plan.voice[1],
         "noise": plan.noise,
         "found": [(finding.best, finding.confidence) for finding in findings],
-        "streamed": next((answer for answer in answers if answer), None),
-        "answer_s": deciding + _recognizer.params.end_silence,
+        "answer_s": deciding + _recognizer.endpointing.end_silence,
         "cpu_s": time.process_time() - started,
         "audio_s": len(spoken.pcm) / RATE,
     }
 
 
 def understood(result: dict, threshold: float) -> str:
-    """The command that `recognize` gives with this threshold, or ""."""
+    """The command that is taken first with this threshold, or ""."""
     return next((best for best, confidence in result["found"] if confidence >= threshold), "")
 
 
-def share(results: List[dict], condition) -> float:
-    """Percentage of results that fulfil a condition."""
-    return 100.0 * sum(map(condition, results)) / max(1, len(results))
+def interval(count: int, total: int) -> Tuple[float, float]:
+    """95 % interval of a share [%] (Wilson)."""
+    if not total:
+        return 0.0, 100.0
+    z, share = 1.96, count / total
+    middle = (share + z * z / (2 * total)) / (1 + z * z / total)
+    half = z * np.sqrt(share * (1 - share) / total + z * z / (4 * total * total)) / (1 + z * z / total)
+    return 100.0 * max(0.0, middle - half), 100.0 * min(1.0, middle + half)
 
 
-def summarise(results: List[dict], threshold: float) -> dict:
-    """The figures of one set of results."""
+def summarise(results: List[dict], params: RecognizerParams) -> Dict[str, Tuple[int, int]]:
+    """(how many, of how many) for each figure of one set of results."""
     by_kind = defaultdict(list)
     for result in results:
         by_kind[result["kind"]].append(result)
-    commands = by_kind["command"]
 
-    def right(result: dict) -> bool:
-        return understood(result, threshold) == result["command"]
+    def count(kind: str, condition) -> Tuple[int, int]:
+        return sum(map(condition, by_kind[kind])), len(by_kind[kind])
+
+    def taken(result: dict) -> str:
+        return understood(result, params.threshold)
+
+    def acted_on(result: dict) -> bool:
+        """Whether it changes something without a second word; `stop` is safe, and drawing can be cancelled."""
+        found = next((one for one in result["found"] if one[1] >= params.threshold), ("", 0.0))
+        return found[0] in ASKED_ABOUT and not is_unclear(*found, params.sure)
 
     return {
-        "commands": len(commands),
-        "others": len(by_kind["other"]),
-        "near_misses": len(by_kind["near_miss"]),
-        "recall_percent": share(commands, right),
-        "recall_streamed_percent": share(commands, lambda result: result["streamed"] == result["command"]),
-        "wrong_command_percent": share(commands, lambda result: understood(result, threshold) not in ("", result["command"])),
-        "false_accept_percent": share(by_kind["other"], lambda result: bool(understood(result, threshold))),
-        "false_accept_streamed_percent": share(by_kind["other"], lambda result: bool(result["streamed"])),
-        "near_miss_accept_percent": share(by_kind["near_miss"], lambda result: bool(understood(result, threshold))),
+        "commands right": count("command", lambda result: taken(result) == result["command"]),
+        "of these asked about (save, cancel, resume, undo, redo)": count(
+            "command", lambda result: taken(result) == result["command"] in ASKED_ABOUT and not acted_on(result)
+        ),
+        "another command instead": count("command", lambda result: taken(result) not in ("", result["command"])),
+        "other sentences taken for a command": count("other", lambda result: bool(taken(result))),
+        "other sentences acted on unasked": count("other", acted_on),
+        "near misses taken for a command": count("near_miss", lambda result: bool(taken(result))),
+        "near misses acted on unasked": count("near_miss", acted_on),
     }
+
+
+def table(columns: Dict[str, Dict[str, Tuple[int, int]]]) -> str:
+    """The figures as Markdown."""
+    lines = ["| | " + " | ".join(columns) + " |", "|---" * (len(columns) + 1) + "|"]
+    for name in next(iter(columns.values())):
+        cells = []
+        for figures in columns.values():
+            count, total = figures[name]
+            low, high = interval(count, total)
+            cells.append(f"{count} of {total}: {100.0 * count / total:.1f} % ({low:.1f} to {high:.1f})" if total else "-")
+        lines.append(f"| {name} | " + " | ".join(cells) + " |")
+    return "\n".join(lines)
 
 
 def main() -> int:
     """See the module's text."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--takes", type=int, default=4, help="how often each command is said by each voice")
+    parser.add_argument("--takes", type=int, default=2, help="how often each command is said by each voice")
+    parser.add_argument("--share", type=float, default=1.0, help="of all that could be said")
     parser.add_argument("--snr", type=float, default=10.0, help="[dB]")
     parser.add_argument("--network", default="", help="another phones.npz")
     parser.add_argument("--decision", default="", help="another decision.yaml")
@@ -119,60 +145,72 @@ def main() -> int:
     talkers = [
         speech.synthesise(EVALUATION_VOICES[index % 20], f"{texts[index]}, {texts[-index - 1]}") for index in range(0, 40, 2)
     ]
-    jobs = speech.plans("evaluation", EVALUATION_VOICES, arguments.takes, NOISES, arguments.snr)
-    jobs += speech.plans("evaluation", EVALUATION_VOICES, 1, ("babble",), arguments.snr)
+    jobs, rng = [], np.random.default_rng(0)
+    for noises, share in ((NOISES, 1.0), (EVALUATION_MUSIC, 0.5), (("babble",), 0.25)):
+        planned = speech.plans("evaluation", EVALUATION_VOICES, arguments.takes, noises, arguments.snr)
+        keep = rng.random(len(planned)) < share * arguments.share
+        jobs += [plan for plan, wanted in zip(planned, keep) if wanted]
+    # whatever is stopped early has something of everything
+    jobs = [jobs[index] for index in rng.permutation(len(jobs))]
     with Pool(arguments.processes, _setup, (params, talkers)) as pool:
-        found = pool.imap(_judge, jobs, chunksize=10)
-        everything = [result for result in found if result is not None]
-    results = [result for result in everything if result["noise"] != "babble"]
-    babble = [result for result in everything if result["noise"] == "babble"]
+        results = []
+        try:
+            for result in pool.imap(_judge, jobs, chunksize=4):
+                if result is not None:
+                    results.append(result)
+                    print(f"{len(results)} of {len(jobs)}", end="\r", flush=True)
+        except KeyboardInterrupt:
+            print(f"stopped after {len(results)} of {len(jobs)}")
     if not results:
         print("no voice could be synthesised: install espeak-ng", file=sys.stderr)
         return 1
-    everyday = [result for result in results if not result["voice"].endswith(EXTREME)]
-    answer_s = [result["answer_s"] for result in results if result["kind"] == "command"]
-    missed = [r for r in results if r["kind"] == "command" and understood(r, params.threshold) != r["command"]]
+    music = [result for result in results if result["noise"] in EVALUATION_MUSIC]
+    babble = [result for result in results if result["noise"] == "babble"]
+    steady = [result for result in results if result["noise"] in NOISES]
+    columns = {"steady noise": steady, "music": music, "eight people talking": babble}
+    figures = {name: summarise(found, params) for name, found in columns.items()}
+    answer_s = [result["answer_s"] for result in steady if result["kind"] == "command"]
+    missed = [r for r in steady + music if r["kind"] == "command" and understood(r, params.threshold) != r["command"]]
+    taken = sorted(
+        f"{r['text']} ({r['voice']}, {r['noise']}): {understood(r, params.threshold)}"
+        for r in steady + music if r["kind"] != "command" and understood(r, params.threshold)
+    )
     report = {
         "snr_db": arguments.snr,
-        "noises": list(NOISES),
-        "all_voices": summarise(results, params.threshold),
-        "without_extreme_voices": summarise(everyday, params.threshold),
-        "eight_people_talking": summarise(babble, params.threshold),
+        "figures": figures,
         "answer_after_speech_median_s": float(np.median(answer_s)),
         "answer_after_speech_p95_s": float(np.percentile(answer_s, 95)),
         "cpu_share_of_a_core": sum(r["cpu_s"] for r in results) / sum(r["audio_s"] for r in results),
-        "curve": {
-            str(threshold): {
-                key: summarise(results, threshold)[key]
-                for key in ("recall_percent", "false_accept_percent", "near_miss_accept_percent")
-            }
-            for threshold in THRESHOLDS
-        },
+        "curve": {str(threshold): summarise(steady, params.replace(threshold=threshold)) for threshold in THRESHOLDS},
         "missed_by_voice": Counter(r["voice"] for r in missed).most_common(),
         "missed_by_command": Counter(r["command"] for r in missed).most_common(),
         "missed_by_noise": Counter(r["noise"] for r in missed).most_common(),
-        "accepted_others": sorted(
-            (r["text"], r["voice"], understood(r, params.threshold))
-            for r in results
-            if r["kind"] == "other" and understood(r, params.threshold)
-        ),
+        "taken": taken,
     }
     path = TOP / "out" / "bench" / "voice.json"
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text(json.dumps(report, indent=2) + "\n")
-    print(f"{'':30} {'all voices':>12} {'without ' + '/'.join(EXTREME):>24} {'while 8 talk':>14}")
-    for key, value in report["all_voices"].items():
-        others = report["without_extreme_voices"][key], report["eight_people_talking"][key]
-        print(f"{key:30} {value:12.5g} {others[0]:24.5g} {others[1]:14.5g}")
-    for key in ("answer_after_speech_median_s", "answer_after_speech_p95_s", "cpu_share_of_a_core"):
-        print(f"{key:28} {report[key]:12.3f}")
-    print("threshold: recall, false accepts, near misses accepted [%]")
-    for threshold, row in report["curve"].items():
-        print(f"{threshold:>9}: " + ", ".join(f"{value:.1f}" for value in row.values()))
-    print("missed by voice:", report["missed_by_voice"][:8])
-    print("missed by command:", report["missed_by_command"], "by noise:", report["missed_by_noise"])
-    print("accepted:", report["accepted_others"])
-    print(f"written to {path.relative_to(TOP)}")
+    revision = subprocess.run(["git", "rev-parse", "--short", "HEAD"], cwd=str(TOP), stdout=subprocess.PIPE).stdout.decode().strip()
+    listed = "\n".join(f"- {line}" for line in taken) or "- none"
+    (TOP / "docs" / "results" / "voice.md").write_text(f"""# Spoken commands: results
+
+`bench/voice.py {' '.join(sys.argv[1:])}`, {time.strftime('%Y-%m-%d')}, revision {revision}, threshold {params.threshold:g}, sure from
+{params.sure:g}; {arguments.snr:g} dB, streamed; {len(results)} of {len(jobs)} utterances. In brackets 95 % intervals.
+
+{table(figures)}
+
+Answer {report['answer_after_speech_median_s']:.2f} s (median), {report['answer_after_speech_p95_s']:.2f} s (95th percentile) after the end
+of speech, of which {EndpointParams().end_silence:g} s are silence, the rest CPU time. {report['cpu_share_of_a_core']:.3f} of a core.
+
+Missed in steady noise and music, by voice: {report['missed_by_voice'] or 'none'};
+by command: {report['missed_by_command'] or 'none'}; by noise: {report['missed_by_noise'] or 'none'}.
+
+Taken for a command in steady noise and music, before anything is asked:
+
+{listed}
+""")
+    print(table(figures))
+    print(f"written to {path.relative_to(TOP)} and docs/results/voice.md")
     return 0
 
 

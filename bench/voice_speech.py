@@ -29,6 +29,10 @@ COMMANDS = {
     "guide_robot": "guide robot",
     "save": "save",
     "cancel": "cancel",
+    "stop": "stop",
+    "resume": "resume",
+    "undo": "undo",
+    "redo": "redo",
 }
 
 Voice = Tuple[str, str]  # program, its name for the voice
@@ -61,6 +65,9 @@ TRAINING_ACCENTS = ("en-us", "en-gb", "en-gb-x-rp", "en-029")
 # whispers, monsters and an announcer's echo: nobody would give commands with them
 ODD_VARIANTS = {"whisper", "whisperf", "Demonic", "croak", "Mr serious", "fast", "UniRobot", "anikaRobot"}
 NOISES = ("white", "pink", "brown", "hoth", "fan", "office")
+# styles of music; those of the evaluation are never heard in training and calibration
+TRAINING_MUSIC = ("piano", "strings")
+EVALUATION_MUSIC = ("organ", "band")
 
 
 def training_voices() -> List[Voice]:
@@ -118,6 +125,8 @@ def room_noise(rng: np.random.Generator, count: int, kind: str, talkers: Sequenc
             talker = talkers[rng.integers(len(talkers))]
             noise += np.resize(np.roll(talker, -int(rng.integers(len(talker)))), count) / talker.std()
         return noise
+    if kind in TRAINING_MUSIC + EVALUATION_MUSIC:
+        return music(rng, count, kind)
     noise = _coloured(rng, count, {"white": 0.0, "pink": 1.0, "brown": 2.0, "hoth": 1.6, "fan": 1.3, "office": 1.2}[kind])
     if kind == "fan":
         time, base = np.arange(count) / RATE, rng.uniform(80, 140)
@@ -132,6 +141,47 @@ def room_noise(rng: np.random.Generator, count: int, kind: str, talkers: Sequenc
             click = rng.uniform(1, 3) * rng.normal(size=length) * np.exp(-np.arange(length) / 200)
             noise[at : at + length] += click
     return noise
+
+
+def music(rng: np.random.Generator, count: int, style: str) -> np.ndarray:
+    """(count,) samples of music made up on the spot: chords and a melody over them; "band" has bass and drums too."""
+    overtones, decay_s, attack_s, drums = {
+        "piano": ((1.0, 0.5, 0.3, 0.15, 0.08), 0.5, 0.005, False),
+        "strings": ((1.0, 0.7, 0.5, 0.4, 0.3, 0.2), 5.0, 0.12, False),
+        "organ": ((1.0, 0.8, 0.1, 0.6, 0.1, 0.1, 0.1, 0.4), 9.0, 0.02, False),
+        "band": ((1.0, 0.6, 0.45, 0.3, 0.25, 0.2, 0.1), 0.35, 0.003, True),
+    }[style]
+    sound = np.zeros(count)
+
+    def play(at: int, semitone: float, seconds: float, loudness: float) -> None:
+        length = min(int(seconds * RATE), count - at)
+        time = np.arange(length) / RATE
+        envelope = np.minimum(time / attack_s, 1.0) * np.exp(-time / decay_s) * np.minimum((length - np.arange(length)) / 200.0, 1.0)
+        phase = 2 * np.pi * 261.63 * 2 ** (semitone / 12) * (time + 0.0008 * np.sin(2 * np.pi * 5.5 * time) * (decay_s > 1))
+        sound[at : at + length] += loudness * envelope * sum(
+            share * np.sin((k + 1) * phase) for k, share in enumerate(overtones) if 261.63 * 2 ** (semitone / 12) * (k + 1) < RATE / 2
+        )
+
+    beat = int(60.0 / rng.uniform(80, 140) * RATE)
+    key, start = rng.integers(-6, 6), -int(rng.integers(4 * beat))
+    scale = np.array([0, 2, 4, 5, 7, 9, 11])
+    for number, at in enumerate(range(start, count, beat)):
+        if number % 4 == 0:
+            root = int(rng.choice([0, 3, 4, 5]))
+        if at < 0:
+            continue
+        chord = [key + scale[(root + step) % 7] + 12 * ((root + step) // 7) for step in (0, 2, 4)]
+        if number % 4 == 0 or drums:
+            for semitone in chord:
+                play(at, semitone, 4 * beat / RATE if not drums else beat / RATE, 0.5)
+        for half in range(int(rng.integers(1, 3))):
+            if at + half * beat // 2 < count:
+                play(at + half * beat // 2, key + 12 + int(rng.choice(scale)), beat / RATE, 0.8)
+        if drums:
+            play(at, chord[0] - 24, beat / RATE, 1.2)
+            length = min(int(0.12 * RATE), count - at)
+            sound[at : at + length] += (1.5 if number % 2 else 0.7) * rng.normal(size=length) * np.exp(-np.arange(length) / 500)
+    return sound / max(sound.std(), 1e-9)
 
 
 def in_a_room(

@@ -24,7 +24,7 @@ import numpy as np
 from scipy.signal import resample_poly
 
 import voice_speech as speech
-from voice_speech import CALIBRATION_VOICES, COMMANDS, NOISES, RATE, TOP
+from voice_speech import CALIBRATION_VOICES, COMMANDS, NOISES, RATE, TOP, TRAINING_MUSIC
 
 from vb_voice_wizard import recognizer as recognition
 from vb_voice_wizard.acoustic_model import SILENCE, AcousticModel, embedded_model
@@ -207,7 +207,7 @@ def _measure(plan: speech.Plan) -> List[Tuple[str, str, str, Tuple[float, ...]]]
     return [(plan.kind, plan.command, finding.best, tuple(finding.measures)) for finding in findings]
 
 
-def train_decision(processes: int, output: Path) -> None:
+def train_decision(processes: int, output: Path, takes: int) -> None:
     """Writes decision.yaml."""
     from sklearn.linear_model import LogisticRegression
     from sklearn.preprocessing import StandardScaler
@@ -217,9 +217,10 @@ def train_decision(processes: int, output: Path) -> None:
     if not path.exists():
         _write_decision(path, np.zeros(len(names)), 0.0, "")
     rng = np.random.default_rng(1)
-    jobs = speech.plans("calibration", CALIBRATION_VOICES, takes=4)
-    for take in range(RANDOM_OTHERS):
-        voice, noise = CALIBRATION_VOICES[rng.integers(len(CALIBRATION_VOICES))], NOISES[rng.integers(len(NOISES))]
+    noises = (*NOISES, *TRAINING_MUSIC)
+    jobs = speech.plans("calibration", CALIBRATION_VOICES, takes, noises)
+    for take in range(RANDOM_OTHERS * takes // 4):
+        voice, noise = CALIBRATION_VOICES[rng.integers(len(CALIBRATION_VOICES))], noises[rng.integers(len(noises))]
         text = random_words(rng, 4)
         if text not in COMMANDS.values():
             jobs.append(speech.Plan("", "other", text, voice, noise, take))
@@ -248,7 +249,7 @@ def train_decision(processes: int, output: Path) -> None:
 
 def _write_decision(path: Path, weights: np.ndarray, offset: float, note: str) -> None:
     lines = [
-        "# Made by bench/voice_training.py from synthetic voices in 10 dB of room noise; recognizer.MEASURES says what is weighed.",
+        "# Made by bench/voice_training.py from synthetic voices in 10 dB of room noise and music; recognizer.MEASURES says what is weighed.",
         "# confidence = 1 / (1 + exp(-(weights . measures + offset)))",
         f"# {note}",
         f"offset: {offset:.4f}",
@@ -263,12 +264,13 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("what", nargs="?", choices=("all", "decision"), default="all")
     parser.add_argument("--processes", type=int, default=os.cpu_count())
+    parser.add_argument("--takes", type=int, default=4, help="how often the decision hears each command from each voice")
     parser.add_argument("--output", type=Path, default=OUTPUT, help="folder to write to")
     arguments = parser.parse_args()
     arguments.output.mkdir(parents=True, exist_ok=True)
     if arguments.what == "all":
         train_network(arguments.processes, arguments.output)
-    train_decision(arguments.processes, arguments.output)
+    train_decision(arguments.processes, arguments.output, arguments.takes)
 
 
 if __name__ == "__main__":

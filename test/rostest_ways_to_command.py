@@ -93,9 +93,9 @@ class WaysToCommand(unittest.TestCase):
         self.wait_for_manager()
 
     def manager_has_the_time(self):
-        """In Default it publishes nothing by itself: a command that changes nothing makes it tell its time."""
+        """A command that changes nothing makes it tell its time at once."""
         del self.state.all[:]
-        rospy.ServiceProxy(names.COMMAND, Command)("cancel", "test")
+        rospy.ServiceProxy(names.COMMAND, Command)(command="cancel", source="test")
         stamp = self.state.wait(lambda message: True, "the state").header.stamp
         return abs(stamp.to_sec() - self.now) < 1e-6
 
@@ -146,11 +146,11 @@ class WaysToCommand(unittest.TestCase):
 
     # ------------------------------------------------------------------ the ways
     def test_all_ways_end_in_the_same_border(self):
-        self.interact("service", lambda command: rospy.ServiceProxy(names.COMMAND, Command)(command, "service"))
+        self.interact("service", lambda command: rospy.ServiceProxy(names.COMMAND, Command)(command=command, source="service"))
         self.interact("text", self.text.publish)
         self.interact("buttons", self.press)
         terminal = Terminal()
-        terminal.shows("DEFAULT")
+        terminal.shows("READY")
         self.interact("wizard", lambda command: terminal.press({"define_border": "b", "define_seed": "d", "save": "s"}[command]))
         self.assertEqual(terminal.leave(), (0, True), terminal.text[-2000:])
         if shutil.which("espeak-ng"):

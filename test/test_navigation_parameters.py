@@ -10,6 +10,9 @@ from pathlib import Path
 import pytest
 import yaml
 
+from vb_core.robot_profile import RobotProfile
+from vb_robot.navigation_parameters import amcl_parameters, navigation_parameters
+
 TOP = Path(__file__).resolve().parents[1]
 CONFIG = TOP / "src" / "vb_bringup" / "config" / "navigation"
 
@@ -52,7 +55,7 @@ NESTED = {
     # base_local_planner/src/local_planner_limits/__init__.py
     "DWAPlannerROS": set(
         "acc_lim_theta acc_lim_trans acc_lim_x acc_lim_y angular_sim_granularity cheat_factor controller_frequency "
-        "forward_point_distance global_frame_id goal_distance_bias max_scaling_factor max_vel_theta max_vel_trans "
+        "forward_point_distance global_frame_id goal_distance_bias latch_xy_goal_tolerance max_scaling_factor max_vel_theta max_vel_trans "
         "max_vel_x max_vel_y min_vel_theta min_vel_trans min_vel_x min_vel_y occdist_scale oscillation_reset_angle "
         "oscillation_reset_dist path_distance_bias prune_plan publish_cost_grid_pc publish_traj_pc scaling_speed "
         "sim_granularity sim_time stop_time_buffer sum_scores theta_stopped_vel trans_stopped_vel twirling_scale "
@@ -64,17 +67,55 @@ NESTED = {
 }
 # amcl/src/amcl_node.cpp, amcl/cfg/AMCL.cfg; those that the launch file sets
 AMCL = set(
-    "base_frame_id first_map_only global_frame_id initial_pose_a initial_pose_x initial_pose_y odom_frame_id "
+    "base_frame_id odom_model_type first_map_only global_frame_id initial_pose_a initial_pose_x initial_pose_y odom_frame_id "
     "use_map_topic".split()
 )
 
 
-def load(name):
-    return yaml.safe_load((CONFIG / name).read_text())
+PROFILES = {path.stem: RobotProfile.load(path) for path in sorted((TOP / "robots").glob("*.yaml"))}
 
 
-def costmap(name):
-    return {**load("costmap_common.yaml"), **load(f"{name}_costmap.yaml")}
+def merged(below, above):
+    """Nested parameters as the parameter server has them after both were set, the second one last."""
+    found = dict(below)
+    for key, value in above.items():
+        found[key] = merged(found.get(key, {}), value) if isinstance(value, dict) else value
+    return found
+
+
+def load(name, profile="turtlebot2"):
+    """A file's parameters, and for move_base's own what follows from the robot's profile."""
+    found = yaml.safe_load((CONFIG / name).read_text())
+    derived = navigation_parameters(PROFILES[profile])
+    if name == "move_base.yaml":
+        found = merged(found, {key: value for key, value in derived.items() if key == "DWAPlannerROS"})
+    return found
+
+
+def costmap(name, profile="turtlebot2"):
+    found = {**load("costmap_common.yaml"), **load(f"{name}_costmap.yaml")}
+    return merged(found, navigation_parameters(PROFILES[profile])[f"{name}_costmap"])
+
+
+@pytest.mark.parametrize("name", sorted(PROFILES))
+def test_what_follows_from_the_robot_is_known_and_is_the_robots(name):
+    profile = PROFILES[name]
+    found = merged(load("move_base.yaml", name), {})
+    assert set(found["DWAPlannerROS"]) <= NESTED["DWAPlannerROS"]
+    assert found["DWAPlannerROS"]["max_vel_x"] == found["DWAPlannerROS"]["max_vel_trans"] == profile.limits.max_speed
+    assert found["DWAPlannerROS"]["min_vel_x"] >= 0.0, "many scanners do not look back"
+    for which in ("global", "local"):
+        settings = costmap(which, name)
+        assert set(settings) - {plugin["name"] for plugin in settings["plugins"]} <= COSTMAP
+        # paths keep more than the controller needs
+        assert settings["robot_radius"] == pytest.approx(profile.radius + (0.04 if which == "global" else 0.0))
+        assert settings["inflation_layer"]["inflation_radius"] > profile.radius
+        assert settings["obstacle_layer"]["scan"]["topic"] == profile.scanner.topic
+        assert settings["robot_base_frame"] == profile.frames.base
+    prefixed = navigation_parameters(profile, "robot1/")
+    assert prefixed["local_costmap"]["global_frame"] == "robot1/odom"
+    assert prefixed["global_costmap"]["robot_base_frame"] == f"robot1/{profile.frames.base}"
+    assert set(amcl_parameters(profile)) <= AMCL
 
 
 @pytest.mark.parametrize("name", ["global", "local"])
@@ -124,7 +165,7 @@ def test_the_launch_file_gives_each_node_its_map():
     launch = ElementTree.parse(str(TOP / "launch" / "navigation.launch"))
     nodes = {node.get("name"): node for node in launch.iter("node")}
     amcl = {param.get("name"): param.get("value") for param in nodes["amcl"].iter("param")}
-    assert set(amcl) <= AMCL and amcl["use_map_topic"] == amcl["first_map_only"] == "true"
+    assert set(amcl) - {"prefix"} <= AMCL and amcl["use_map_topic"] == amcl["first_map_only"] == "true"
     assert ("map", "/map") in {(remap.get("from"), remap.get("to")) for remap in nodes["amcl"].iter("remap")}
     loaded = [(param.get("file").rsplit("/", 1)[1], param.get("ns")) for param in nodes["move_base"].iter("rosparam")]
     # what is common comes first: what is loaded later wins

@@ -3,7 +3,7 @@ import subprocess
 import sys
 import threading
 
-from vb_core.ros.node import Mailbox
+from vb_core.ros.node import Beat, Mailbox, Queue
 
 
 def test_the_newest_item_wins_and_the_others_are_counted():
@@ -22,6 +22,23 @@ def test_closing_wakes_the_one_who_waits():
     mailbox.close()
     thread.join(10)
     assert taken == [None] and not thread.is_alive()
+
+
+def test_a_queue_keeps_the_order_and_says_when_it_is_full():
+    queue = Queue(2)
+    assert [queue.put(number) for number in range(3)] == [True, True, False]
+    assert [queue.take(), queue.take()] == [0, 1] and queue.put(7)
+    queue.close()
+    assert queue.take() is None
+
+
+def test_a_beat_comes_by_itself_or_when_something_is_announced():
+    assert Beat(0.001).take() is False
+    beat = Beat(3600.0)
+    beat.set()
+    assert beat.take() is True
+    beat.close()
+    assert beat.take() is None
 
 
 FAULTY = """

@@ -13,47 +13,30 @@ from vb_sim import floor_plan
 from vb_sim.world import load_world
 
 WORLD = Path(__file__).resolve().parents[2] / "vb_sim" / "worlds" / "lab.yaml"
-RUN_COLUMNS = [
-    "participant",
-    "scenario",
-    "method",
-    "seed",
-    "completed",
-    "time_guide_s",
-    "time_border_s",
-    "time_seed_s",
-    "time_total_s",
-    "jaccard",
-    "map",
-]
+MEASURES = ["completed", "time_guide_s", "time_border_s", "time_seed_s", "time_total_s", "jaccard", "error_mean_cm",
+            "error_p95_cm", "error_max_cm", "order", "spots", "false_spots"]
+RUN_COLUMNS = ["participant", "scenario", "method", "seed", *MEASURES, "map"]
 _BORDER_M = {"room": 0.7, "carpet": 6.5, "corner": 3.6}
-_WAY_M = {"room": 5.4, "carpet": 2.5, "corner": 3.0}
+_PATH_M = {"room": 5.4, "carpet": 2.5, "corner": 3.0}
 
 
-def run(random, participant, scenario, method, speed=1.0, coverage=1.0, distance=None, length=None):
+def run(random, participant, scenario, method, order=1, speed=1.0, distance=None):
     """One row: longer borders take longer, the baseline first guides the robot."""
-    length = _BORDER_M[scenario] if length is None else length
-    distance = _WAY_M[scenario] if distance is None else distance
-    slow = method == "robot_only" or random.random() > coverage
-    guide = 3.0 + distance / (0.19 * speed) + random.gamma(2.0, 0.7) if method == "robot_only" else 0.0
-    border = 3.0 + length / ((0.19 if slow else 0.45) * speed) + random.gamma(2.0, 0.6)
-    seed_s = 3.0 + (4.0 if slow else 0.0) + random.gamma(2.0, 0.5)
-    completed = random.random() > 0.08
-    times = {
-        "time_guide_s": guide,
-        "time_border_s": border,
-        "time_seed_s": seed_s,
-        "time_total_s": guide + border + seed_s,
+    slow = method == "robot_only"
+    distance = _PATH_M[scenario] if distance is None else distance
+    states = {
+        "guide": 3.0 + distance / 0.19 + random.gamma(2.0, 0.7) if slow else 0.0,
+        "border": 3.0 + _BORDER_M[scenario] / (0.19 if slow else 0.45 * speed) + random.gamma(2.0, 0.6),
+        "seed": 3.0 + (4.0 if slow else 0.0) + random.gamma(2.0, 0.5),
     }
-    row = {
-        "participant": participant,
-        "scenario": scenario,
-        "method": method,
-        "seed": int(random.integers(1, 1_000_000)),
-        "completed": int(completed),
-        "jaccard": f"{random.normal(0.93, 0.02):.4f}" if completed else "",
-    }
-    row.update({key: f"{value:.2f}" for key, value in times.items()})
+    completed, error = random.random() > 0.08, random.gamma(4.0, 0.8)
+    row = {"participant": participant, "scenario": scenario, "method": method, "seed": 1, "completed": int(completed),
+           "order": order, "spots": int(random.integers(50, 900)), "false_spots": int(random.integers(0, 3)),
+           "jaccard": f"{random.normal(0.93, 0.02):.4f}" if completed else ""}
+    row.update({f"time_{state}_s": f"{value:.2f}" for state, value in states.items()})
+    row["time_total_s"] = f"{sum(float(row[f'time_{state}_s']) for state in states):.2f}"
+    if completed:
+        row.update(error_mean_cm=f"{error:.2f}", error_p95_cm=f"{2.5 * error:.2f}", error_max_cm=f"{4 * error:.2f}")
     return row
 
 
@@ -65,15 +48,16 @@ def write(path, columns, rows):
 
 
 def every(participants, methods=("nrs", "robot_only"), scenarios=("room", "carpet", "corner")):
-    return [
-        (f"p{number:02d}", scenario, method)
-        for number in range(1, participants + 1)
-        for scenario in scenarios
-        for method in methods
-    ]
+    """(participant, scenario, method, order), who begins with which method in turn."""
+    found = []
+    for number in range(1, participants + 1):
+        turned = methods if number % 2 else methods[::-1]
+        found += [(f"p{number:02d}", scenario, method, 1 + 3 * place + index)
+                  for place, method in enumerate(turned) for index, scenario in enumerate(scenarios)]
+    return found
 
 
-def make_study(folder, participants=15, sweeps=True, maps=True, seed=1):
+def make_study(folder, participants=15, sweeps=True, maps=True, seed=1, people=False):
     """Writes a whole study's folder."""
     random = np.random.default_rng(seed)
     folder.mkdir(parents=True, exist_ok=True)
@@ -85,9 +69,7 @@ def make_study(folder, participants=15, sweeps=True, maps=True, seed=1):
         write_map(folder / "maps" / "physical", prior)
         for key, scenario in world.scenarios.items():
             truth = floor_plan.ground_truth(world, scenario)
-            write_map(
-                folder / "maps" / f"truth_{key}", prior.with_data(np.where(truth, 100, prior.data).astype(np.int8))
-            )
+            write_map(folder / "maps" / f"truth_{key}", prior.with_data(np.where(truth, 100, prior.data).astype(np.int8)))
             for row in rows:
                 if row["scenario"] == key and row["completed"]:
                     drawn = np.roll(truth, tuple(random.integers(-2, 3, 2)), (0, 1)) & (prior.data == 0)
@@ -96,47 +78,29 @@ def make_study(folder, participants=15, sweeps=True, maps=True, seed=1):
                     row["map"] = f"maps/{name}.yaml"
                     row["jaccard"] = f"{metrics.jaccard(truth, drawn):.4f}"
     write(folder / "runs.csv", RUN_COLUMNS, rows)
-    (folder / "study.json").write_text(
-        json.dumps(
-            {
-                "world": "lab",
-                "seed": seed,
-                "quick": participants < 15,
-                "robot_start": [7.6, 0.4, 2.618],
-                "rerun": "make study ROW='{participant} {scenario} {method} {seed}'",
-            }
-        )
-    )
+    meta = {"world": "lab", "seed": seed, "quick": participants < 15, "people": people, "revision": "abc1234",
+            "assumptions": [{"key": "participant/tremor", "value": "0.01", "unit": "m", "range": "0.005 to 0.02",
+                             "source": "assumed", "why": "nobody measured it"}],
+            "caveats": ["People of a simulation know what they do."]}
+    (folder / "study.json").write_text(json.dumps(meta))
     if sweeps:
         few = every(min(participants, 5))
-        curves = [
-            dict(run(random, *who, **{argument: value}), sweep=sweep, value=value)
-            for sweep, argument, values in (
-                ("coverage", "coverage", (0.0, 0.5, 1.0)),
-                ("distance", "distance", (1.0, 4.0, 8.0)),
-                ("border_length", "length", (0.7, 4.0, 9.0)),
-            )
-            for value in values
-            for who in few
-        ]
+        curves = [dict(run(random, *who, distance=value), sweep="distance", value=value) for value in (1.0, 4.0, 8.0) for who in few]
         write(folder / "curves.csv", ["sweep", "value", *RUN_COLUMNS], curves)
-        parameters = [
-            "participant/speed",
-            *(f"participant/parameter_{number}" for number in range(3)),
-            "sensor/pixel_noise",
-        ]
-        settings = [
-            dict(
-                run(random, *who, speed=factor if name.endswith("/speed") else 1.0),
-                parameter=name,
-                factor=factor,
-                value=0.3 * factor,
-            )
-            for name in parameters
-            for factor in (0.5, 2)
-            for who in few
-        ]
-        write(folder / "sensitivity.csv", ["parameter", "factor", "value", *RUN_COLUMNS], settings)
-        through = [dict(run(random, *who), runner=runner) for who in every(1) for runner in ("fast", "ros")]
-        write(folder / "agreement.csv", ["runner", *RUN_COLUMNS], through)
+        write_worlds(folder, random)
+        write(folder / "ungated.csv", RUN_COLUMNS, [dict(row, spots=int(row["spots"]) + 3) for row in rows[::10]])
     return folder
+
+
+def write_worlds(folder, random, draws=60):
+    """Draws of three assumptions, of which only the hand's speed decides."""
+    inputs = [{"draw": draw, **{key: f"{random.random():.4f}" for key in ("hand/speed", "hand/tremor", "lens/blur")}}
+              for draw in range(1, draws + 1)]
+    write(folder / "draws.csv", list(inputs[0]), inputs)
+    rows = []
+    for entry in inputs:
+        scenario = ("room", "carpet", "corner")[entry["draw"] % 3]
+        for method in ("nrs", "robot_only"):
+            speed = 0.5 + float(entry["hand/speed"]) if method == "nrs" else 1.0
+            rows.append(dict(run(random, entry["draw"], scenario, method, speed=speed), draw=entry["draw"]))
+    write(folder / "worlds.csv", ["draw", *RUN_COLUMNS], rows)

@@ -8,10 +8,13 @@ import pytest
 from vb_core.errors import CodedError
 from vb_core.grid_map import GridMap
 from vb_evaluation import metrics
-from vb_evaluation.kit import measure, protocol
+from vb_evaluation.kit import conduct, forms, measure, protocol
 from vb_evaluation.kit.__main__ import main
 from vb_evaluation.kit.ground_truth import find_ground_truths, picture_of, read_ground_truth
 from vb_evaluation.kit.recording import Recording
+from vb_evaluation.kit import rehearsal
+from vb_evaluation.report.data import read_study
+from vb_evaluation.study import config
 from vb_map_integration.border import VirtualBorder
 from vb_map_integration.integration import integrate
 from vb_map_integration.map_files import write_map
@@ -127,7 +130,7 @@ def test_protocol_round_trip_and_spreadsheets(tmp_path):
         "p1;1;nrs;room;a;yes;fine\np2;1;nrs;room;;;ill\n;;;;;;\n",
         encoding="utf-8",
     )
-    assert protocol.read(path) == [protocol.Entry("p1", "nrs", "room", "a", True, "", "fine")]
+    assert protocol.read(path) == [protocol.Entry("p1", "nrs", "room", "a", True, "", "fine", 1)]
 
 
 @pytest.mark.parametrize(
@@ -159,7 +162,7 @@ class Lab:
 
     def interaction(self, key, low=(1.0, 0.4), high=(2.4, 1.2), seed=None, save=True, method="nrs"):
         """Draws a rectangle; Border takes 8 s, Seed 2 s."""
-        machine = Interaction(lambda: key)
+        machine = Interaction(new_id=lambda: key)
         machine.command("define_border", "wizard", self.time)
         machine.command("define_seed", "wizard", self.time + 8.0)
         self.time += 10.0
@@ -266,7 +269,7 @@ def test_the_command_measures_and_reports(study, capsys):
     ]
     assert main(arguments) == 0 and "report.html" in capsys.readouterr().out
     page = (study / "out" / "report.html").read_text()
-    assert "recordings of people" in page and "This is a simulation" not in page
+    assert "study with people" in page and "This is a simulation" not in page
     assert main(["measure", str(study / "none.csv"), "--ground-truth", "x"]) == 2
     error = capsys.readouterr().err
     assert error.count("\n") == 1 and "none.csv" in error
@@ -293,3 +296,120 @@ def test_seeds_beside_the_area():
     assert right(1.5, 0.75) and not right(3.2, 2.0)
     assert right(0.76, 0.26) and not right(0.70, 0.2)
     assert not right(-5.0, 0.5)
+
+
+def test_what_was_done_otherwise_than_planned_is_left_out(study):
+    """`cameras:=none` forgotten for the robot alone: today's analysis took the run as if nothing was."""
+    exact = ((0.751, 0.251), (2.249, 1.249))
+    for name, method, cameras in (("a", "nrs", "[green]"), ("b", "robot_only", "[green]"), ("c", "robot_only", "[]")):
+        Lab(study / name, room()).interaction("i", *exact, method=method)
+        (study / name / "session.yaml").write_text(f"method: {method}\ncameras: {cameras}\nrevision: abc\n")
+    (study / "protocol.csv").write_text(
+        "participant,order,method,scenario,recording\np1,1,nrs,carpet,a\np1,2,robot_only,carpet,b\np2,1,robot_only,carpet,c\n")
+    rows, notes = rows_of(study)
+    assert [row["as_planned"] for row in rows] == ["1", "0", "1"] and [row["order"] for row in rows] == ["1", "2", "1"]
+    assert len(notes) == 1 and "with the cameras green" in notes[0] and rows[0]["revision"] == "abc"
+    assert [row["recording"] for row in read_study(study / "out").runs.rows] == ["a", "c"]
+    assert float(rows[0]["error_mean_cm"]) == 0.0
+
+
+def test_nothing_is_deleted_unasked(study):
+    (study / "out" / "maps").mkdir(parents=True)
+    (study / "out" / "maps" / "mine.txt").write_text("keep me")
+    Lab(study / "a", room()).interaction("i")
+    (study / "protocol.csv").write_text("participant,method,scenario,recording\np1,nrs,carpet,a\n")
+    rows_of(study)
+    assert (study / "out" / "maps" / "mine.txt").read_text() == "keep me"
+    (study / "out" / "study.json").write_text("{}")
+    with pytest.raises(CodedError) as caught:
+        rows_of(study)
+    assert caught.value.code == "other_study"
+
+
+# ------------------------------------------------------------------ running
+@pytest.fixture
+def planned(tmp_path):
+    path = tmp_path / "protocol.csv"
+    assert main(["plan", "--participants", "2", "--out", str(path)]) == 0
+    return path
+
+
+def do(planned, keys, started=None):
+    def start(plan):
+        (started if started is not None else []).append(plan.command)
+        return lambda: None
+
+    return conduct.conduct(planned, start, iter(keys), lambda words: None)
+
+
+def test_runs_come_in_the_planned_order_in_their_condition(planned):
+    entries, started = protocol.read(planned)[:6], []
+    for entry in entries:
+        run = conduct.next_run(planned, "p01")
+        assert run.entry == entry
+        assert do(run, ["b", "h", "n", "slow today", "c"], started)["completed"] is True
+    for entry, command in zip(entries, started):
+        assert f"method:={entry.method}" in command and f"record:={planned.parent / entry.recording}" in command
+        assert ("cameras:=none" in command) == (entry.method == "robot_only")
+    notes = conduct.lines_of(planned.parent / entries[0].recording)
+    assert [note["key"] for note in notes] == ["b", "h", "n", "c"] and notes[2]["text"] == "slow today"
+    assert notes[0]["time"] <= notes[-1]["time"]
+    recorded = Recording(planned.parent / entries[0].recording).run
+    assert recorded["order"] == 1 and recorded["method"] == entries[0].method and recorded["revision"]
+    with pytest.raises(CodedError) as caught:
+        conduct.next_run(planned, "p01")
+    assert caught.value.code == "all_done"
+
+
+def test_another_condition_is_refused(planned):
+    entry = protocol.read(planned)[0]
+    other = "robot_only" if entry.method == "nrs" else "nrs"
+    for asked in ({"method": other}, {"scenario": "attic"}):
+        with pytest.raises(CodedError) as caught:
+            conduct.next_run(planned, "p01", **asked)
+        assert caught.value.code == "wrong_condition"
+    assert conduct.next_run(planned, "p01", method=entry.method, scenario=entry.scenario).entry == entry
+    with pytest.raises(CodedError) as caught:
+        conduct.next_run(planned, "p07")
+    assert caught.value.code == "no_participant"
+
+
+def test_a_run_that_broke_off_is_kept_and_done_again_beside_it(planned):
+    first = conduct.next_run(planned, "p02")
+    do(first, ["b", "p"])  # the terminal was closed
+    with pytest.raises(CodedError) as caught:
+        conduct.next_run(planned, "p02")
+    assert caught.value.code == "unfinished"
+    again = conduct.next_run(planned, "p02", again=True)
+    assert again.entry == first.entry and again.folder != first.folder
+    do(again, ["b", "f"])
+    assert conduct.lines_of(first.folder) and measure.last_attempt(first.folder) == again.folder
+    assert conduct.next_run(planned, "p02").entry.order == 2
+
+
+def test_forms_are_written_once(tmp_path):
+    names = {path.name for path in forms.write(tmp_path / "forms")}
+    assert {"information.md", "consent.md", "demographics.html", "questionnaire.html", "questionnaire.csv"} <= names
+    page = (tmp_path / "forms" / "questionnaire.html").read_text()
+    assert all(word in page for word in ("obstructive", "leading edge", "It was intuitive")) and "http://" not in page
+    with pytest.raises(CodedError):
+        forms.write(tmp_path / "forms")
+
+
+def test_a_dry_run_with_simulated_people(tmp_path, monkeypatch, capsys):
+    """Plan, all runs in their order, measures, report; for one scenario."""
+    study = config.load().changed({"design/scenarios": ["room"]})
+    monkeypatch.setattr(rehearsal, "default_study", lambda: study)
+    path = tmp_path / "protocol.csv"
+    assert main(["plan", "--participants", "1", "--scenarios", "room", "--out", str(path)]) == 0
+    for _ in range(2):
+        assert main(["run", "p01", "--protocol", str(path), "--rehearse"]) == 0
+    assert main(["run", "p01", "--protocol", str(path), "--rehearse"]) == 2
+    assert "has done all runs" in capsys.readouterr().err
+    truths, physical = rehearsal.write_ground_truths(study, tmp_path)
+    assert main(["measure", str(path), "--ground-truth", str(truths), "--map", str(physical), "--out", str(tmp_path / "out")]) == 0
+    rows = read_study(tmp_path / "out").runs.rows
+    assert {row["method"] for row in rows} == {"nrs", "robot_only"} and [row["order"] for row in rows] == ["1", "2"]
+    assert all(row["as_planned"] == "1" and row["completed"] == row["saved"] and row["revision"] for row in rows)
+    times = {row["method"]: float(row["time_total_s"]) for row in rows}
+    assert 0.0 < times["nrs"] < times["robot_only"]

@@ -1,3 +1,5 @@
+from pathlib import Path
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -8,6 +10,8 @@ from shapely.geometry import box
 from vb_core.errors import CodedError
 from vb_core.grid_map import GridMap
 from vb_evaluation import metrics
+from vb_sim import floor_plan
+from vb_sim.world import load_world
 
 masks = arrays(bool, (6, 7))
 
@@ -54,3 +58,36 @@ def test_a_path_crosses_what_lies_between_its_points():
     assert not metrics.crosses(np.zeros((0, 2)), grid, region)
     # a path that leaves the map is judged by what lies on it
     assert metrics.crosses(np.array([[-3.0, 0.55], [3.0, 0.55]]), grid, region)
+
+
+def test_boundary_error_of_a_line_that_is_moved_is_how_far():
+    grid = GridMap(np.zeros((40, 60), np.int8), 0.025)
+    truth, drawn = np.zeros(grid.shape, bool), np.zeros(grid.shape, bool)
+    truth[:, :30], drawn[:, :34] = True, True
+    error = metrics.boundary_error(grid, truth, drawn)
+    assert (error.mean, error.p95, error.largest) == pytest.approx((0.1, 0.1, 0.1))
+    assert metrics.boundary_error(grid, truth, truth).largest == 0.0
+    assert metrics.boundary_error(grid, truth, np.zeros_like(truth)) is None
+
+
+def test_boundary_error_counts_only_free_floor_and_both_directions():
+    data = np.zeros((40, 60), np.int8)
+    data[:20, 29:31] = 100  # a wall along half of the line
+    grid = GridMap(data, 0.025)
+    truth = np.zeros(grid.shape, bool)
+    truth[:, :30] = True
+    truth &= data == 0
+    spot = truth.copy()
+    spot[5, 50] = True  # one cell far away: nothing for what was asked, all for what was drawn
+    error = metrics.boundary_error(grid, truth, spot)
+    assert error.largest > 0.5 and error.mean == pytest.approx(4 * error.largest / 44, rel=0.1)
+
+
+def test_the_index_saturates_where_the_error_does_not():
+    """Room exclusion: 5 cm off cost the index less than .01, so 1.000 says nothing."""
+    world = load_world(str(Path(__file__).resolve().parents[2] / "vb_sim" / "worlds" / "lab.yaml"))
+    prior = floor_plan.physical_map(world)
+    truth = floor_plan.ground_truth(world, world.scenario("room"))
+    drawn = (np.roll(truth, 2, 1) | truth) & (prior.data == 0)
+    assert metrics.jaccard(truth, drawn) > 0.99
+    assert metrics.boundary_error(prior, truth, drawn).mean == pytest.approx(0.05, abs=0.01)

@@ -69,7 +69,7 @@ def drawn_events(rows):
 def make_recording(folder, rows, saved=True):
     """A recording whose border was the square itself, written by the system's own code."""
     grid = free_floor()
-    machine = Interaction(lambda: "one")
+    machine = Interaction(new_id=lambda: "one")
     machine.command("define_border", "wizard", START)
     machine.command("define_seed", "wizard", rows[-25, 0] - 0.01)
     maps = MapRecording(folder / "recordings")

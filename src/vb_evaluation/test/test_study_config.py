@@ -3,11 +3,12 @@ import re
 
 import numpy as np
 import pytest
-import yaml
+from scipy import stats
 
 from vb_core.errors import CodedError, ParameterError
-from vb_evaluation.study import campaign, config, measures, plan, sweeps
-from vb_evaluation.study.methods import Method, methods
+from vb_evaluation.design import order_of_runs
+from vb_evaluation.report.data import CURVES, RUNS, WORLDS
+from vb_evaluation.study import assumptions, campaign, config, plan
 from vb_evaluation.study.people import Distribution
 from vb_evaluation.study.runner import personal_scenario
 from vb_sim import floor_plan
@@ -44,11 +45,12 @@ def test_distributions_have_their_moments(spec, mean, spread):
     ({"participants/traits/tremour": 0.1}, "tremour"),
     ({"participants/traits/tremor": {"gauss": [0, 1]}}, "tremor"),
     ({"participants/traits/tremor": {"normal": [0]}}, "tremor"),
-    ({"participants/model": "clones"}, "clones"),
+    ({"participants/clones": 1.0}, "clones"),
+    ({"design/methods": ["telepathy"]}, "telepathy"),
+    ({"marks/turn": {"normal": [0]}}, "turn"),
     ({"design/participants": 0}, "participants"),
     ({"design/scenarios": ["attic"]}, "attic"),
     ({"models/optics/exposure_ms": -1.0}, "exposure_ms"),
-    ({"plugins": ["no_such_module_anywhere"]}, "no_such_module_anywhere"),
 ])
 def test_mistakes_are_named(changes, named):
     with pytest.raises(CodedError, match=named):
@@ -75,27 +77,44 @@ def test_hash_tells_configurations_apart():
     assert STUDY.changed({"world/robots/0/radius": 0.2}).hash != STUDY.hash
 
 
-def test_order_is_random_within_each_participant():
-    jobs = plan.main_jobs(STUDY, 8)
-    assert len(jobs) == len({job.task for job in jobs}) == 8 * 6
-    orders = []
-    for participant in range(1, 9):
-        own = [job for job in jobs if job.task.participant == participant]
-        assert [job.order for job in own] == list(range(1, 7))
+def test_orders_are_random_and_balanced():
+    scenarios, methods = ["room", "carpet", "corner"], ["nrs", "robot_only"]
+    orders = [order_of_runs(number, scenarios, methods, 1) for number in range(1, 16)]
+    for order in orders:
+        assert len(set(order)) == 6
         # one method after the other, as in the paper
-        assert len({job.task.method for job in own[:3]}) == len({job.task.method for job in own[3:]}) == 1
-        orders.append(tuple((job.task.scenario, job.task.method) for job in own))
-    assert len(set(orders)) > 4
-    # who takes part besides changes nothing
-    assert plan.main_jobs(STUDY, 2) == jobs[:12]
+        assert len({method for _, method in order[:3]}) == len({method for _, method in order[3:]}) == 1
+    first = [order[0][1] for order in orders]
+    # each method begins as often as the other, however many take part
+    assert all(abs(first[:count].count("nrs") - first[:count].count("robot_only")) <= 1 for count in range(1, 16))
+    assert len(set(map(tuple, orders))) > 8 and orders != [order_of_runs(number, scenarios, methods, 2) for number in range(1, 16)]
+
+
+def test_the_runs_of_a_study():
+    jobs = plan.main_jobs(STUDY, 8)
+    assert len(jobs) == len({job.task for job in jobs}) == 48 and plan.main_jobs(STUDY, 2) == jobs[:12]
+    everyone = plan.main_jobs(STUDY, 200)
+    ungated = plan.ungated_jobs(STUDY, everyone)
+    assert 0.07 < len(ungated) / len(everyone) < 0.13 and all(job.thorough for job in ungated)
+    assert len({(job.task.scenario, job.task.method) for job in ungated}) == 6
 
 
 def test_columns_begin_with_the_contracts():
     contract = ("participant,scenario,method,seed,completed,time_guide_s,time_border_s,time_seed_s,time_total_s,jaccard").split(",")
-    assert list(campaign.columns(STUDY, plan.RUNS)[:10]) == contract
-    for file, first in ((plan.CURVES, ["sweep", "value"]), (plan.SENSITIVITY, ["parameter", "factor", "value", "unit"])):
-        assert list(campaign.columns(STUDY, file)[: len(first) + 10]) == first + contract
-    assert set(measures.PAPER) <= set(contract)
+    assert list(campaign.columns(RUNS)[:10]) == contract
+    for file, first in ((CURVES, ["sweep", "value"]), (WORLDS, ["draw"])):
+        assert list(campaign.columns(file)[: len(first) + 10]) == first + contract
+    assert {"error_mean_cm", "error_p95_cm", "error_max_cm"} <= set(campaign.columns(RUNS))
+
+
+def test_the_marks_are_the_same_for_everybody_and_beside_the_map():
+    grid = floor_plan.physical_map(STUDY.world)
+    for key in STUDY.design.scenarios:
+        marks, asked = STUDY.marks(key), STUDY.world.scenario(key)
+        assert marks == STUDY.marks(key) and marks != STUDY.marks("elsewhere")
+        meant = [personal_scenario(STUDY.world, asked, STUDY.traits(number), grid, marks).border for number in (1, 2)]
+        assert 0.002 < np.linalg.norm(meant[0] - asked.border, axis=1).max() < 0.2
+        assert np.allclose(*meant) != asked.closed  # whoever draws round something keeps a margin of his own
 
 
 def test_people_stand_off_the_line_on_free_floor():
@@ -109,64 +128,73 @@ def test_people_stand_off_the_line_on_free_floor():
     assert len(places) > 12
 
 
-def test_every_assumed_figure_is_varied():
-    names = {assumption.name for assumption in sweeps.assumptions(STUDY)}
-    assert {"optics/halo_share", "localisation/yaw_sigma", "participant/tremor", "participant/notice_time", "body/height"} <= names
-    # what has a source, and mechanics, are left alone
-    assert not {"optics/laser_power_mw", "robot/max_speed", "camera_noise/frames"} & names
-    jobs = sweeps.sensitivity_jobs(STUDY, 1, ["optics/white_level", "participant/tremor"])
-    values = {(job.conditions["parameter"], job.conditions["factor"]): job.conditions["value"] for job in jobs}
-    # a limit of what is possible counts
-    assert values["optics/white_level", 2.0] == "255.0" and values["optics/white_level", 0.5] == "115.0"
-    varied = {job.conditions["factor"]: STUDY.changed(job.changes).traits(1).model.tremor for job in jobs if job.conditions["parameter"] == "participant/tremor"}
-    assert varied[2.0] == pytest.approx(4.0 * varied[0.5])
+def leaves(document, path=""):
+    """Keys of all figures; a distribution is one."""
+    for key, value in document.items():
+        inner = isinstance(value, dict) and not {"normal", "uniform", "lognormal", "mixture"} & set(value)
+        yield from leaves(value, f"{path}{key}/") if inner else [f"{path}{key}"]
+
+
+def test_every_figure_has_its_source():
+    """Of the models, of people, marks and delays: none without an entry, no entry without a figure."""
+    models = {key for key in leaves({"models": dict(STUDY.sources["models"])})}
+    drawn = set(STUDY.document["participants"]["traits"])
+    models -= {f"models/participant/{key}" for key in drawn} | {"models/body/height", "models/body/breadth"}
+    study = set(leaves({key: STUDY.document[key] for key in ("participants", "marks", "timing")}))
+    study -= {"timing/rate", "timing/idle_every", "timing/time_limit_s"}
+    assert models | study == set(assumptions.assumptions())
+    assert all(entry.why for entry in assumptions.assumptions().values())
+
+
+def test_worlds_are_a_latin_hypercube_of_everything():
+    drawn = assumptions.draw_worlds(STUDY, 40, 1)
+    assert set(drawn[0]) == set(assumptions.varied(STUDY)) and len(drawn[0]) > 60
+    for key, entry in assumptions.varied(STUDY).items():
+        low, high = entry.range
+        cells = np.floor(40 * np.log([factors[key] / low for factors in drawn]) / np.log(high / low) + 1e-3)
+        assert len(set(np.clip(cells, 0, 39))) >= 39, key  # one draw in each of 40 equal parts
+    assert drawn == assumptions.draw_worlds(STUDY, 40, 1) != assumptions.draw_worlds(STUDY, 40, 2)
+    # independent of each other as far as 40 draws can be
+    values = np.array([list(factors.values()) for factors in drawn])
+    assert np.abs(np.triu(stats.spearmanr(values).statistic, 1)).max() < 0.75
+
+
+def test_the_corners_of_every_range_are_possible():
+    for index in (0, 1):
+        factors = {key: entry.range[index] for key, entry in assumptions.varied(STUDY).items()}
+        traits = STUDY.changed(assumptions.changes(STUDY, factors)).traits(1)
+        assert traits != STUDY.traits(1)
+
+
+def test_worlds_cover_all_scenarios_and_both_methods():
+    jobs = plan.world_jobs(STUDY.changed({"design/worlds": 9}))
+    assert len(jobs) == 18 and {(job.task.scenario, job.task.method) for job in jobs} == {
+        (scenario, method) for scenario in STUDY.design.scenarios for method in STUDY.design.methods}
+    assert len({job.task.participant for job in jobs}) == 9
 
 
 def test_coverage_goes_from_none_to_all():
-    jobs = sweeps.curve_jobs(STUDY, 1, ["coverage"])
+    jobs = plan.curve_jobs(STUDY, ["coverage"])
     values = sorted({job.conditions["value"] for job in jobs})
     assert values[0] == 0.0 and values[-1] == 1.0 and len(values) == 5
     # the baseline does not notice the ceiling; the paper's cameras are the study itself
     assert all(not job.changes for job in jobs if job.task.method == "robot_only")
-    assert sum(not job.changes for job in jobs if job.task.method == "nrs") == len(STUDY.design.scenarios)
+    assert sum(not job.changes for job in jobs if job.task.method == "nrs") == 2 * len(STUDY.design.scenarios)
 
 
 def test_borders_grow_with_their_regions():
-    for job in sweeps.curve_jobs(STUDY, 1, ["border_length"]):
+    for job in plan.curve_jobs(STUDY, ["border_length"]):
         scenario = STUDY.changed(job.changes).world.scenario(job.task.scenario)
         edges = {tuple(corner) for corner in scenario.region}
         assert sum(tuple(corner) in edges for corner in scenario.border) >= 2
 
 
-def test_a_method_of_ones_own():
-    class Follow(methods.get("robot_only")):  # type: ignore[misc]
-        follow = "true"
-
-    methods.register("follow")(Follow)
-    study = STUDY.changed({"design/methods": ["nrs", "follow"]})
-    assert {job.task.method for job in plan.main_jobs(study, 1)} == {"nrs", "follow"} and issubclass(methods.get("follow"), Method)
-
-
-def test_the_documented_configuration_is_yaml_with_a_source_for_each_trait():
-    text = config.DEFAULT.read_text(encoding="utf-8")
-    part = text[text.index("participants:\n") : text.index("\ncurves:")]
-    for key in yaml.safe_load(text)["participants"]["traits"]:
-        line = next(line for line in part.splitlines() if line.strip().startswith(f"{key}:"))
-        assert "#" in line, f"{key} has neither a source nor the word assumed"
-
-
-def test_the_examples_of_the_documentation_work(tmp_path, monkeypatch):
+def test_the_examples_of_the_documentation_work(tmp_path):
     text = (config.top() / "docs" / "study-extending.md").read_text(encoding="utf-8")
-    monkeypatch.syspath_prepend(str(tmp_path))
-    for code in re.findall(r"```python\n(.*?)```", text, re.S):
-        (tmp_path / code.split("\n")[0].lstrip("# ")).write_text(code)
     studies = []
     for number, document in enumerate(re.findall(r"```yaml\n(.*?)```", text, re.S)):
         (tmp_path / f"{number}.yaml").write_text(document)
         studies.append(config.load(tmp_path / f"{number}.yaml"))
-    assert [study.world.name for study in studies].count("studio") == 1
-    assert any(study.traits(1) == study.traits(2) for study in studies)
-    assert any("ceiling_only" in study.design.methods for study in studies)
-    assert any("robot_turned_rad" in campaign.columns(study, plan.RUNS) for study in studies)
+    assert [study.world.name for study in studies].count("studio") == 1 and len(studies) > 1
     for study in studies:
-        assert sweeps.curve_jobs(study, 1, ["coverage", "robots"])
+        assert plan.curve_jobs(study, ["coverage", "robots"])

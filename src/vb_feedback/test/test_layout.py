@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 from vb_core.errors import CodedError
 from vb_feedback.layout import Box, fit, fit_text, fit_texts, place_labels, place_words, plain, text_width, wrap
+from vb_feedback.rviz_fonts import is_drawn, overlay
 
 sizes = st.floats(0.5, 200.0)
 places = st.floats(-1000.0, 1000.0)
@@ -86,8 +87,43 @@ def test_words_stand_beside_each_other_centred():
 
 
 def test_plain_letters():
-    assert plain("K\u00fcche \u2013 Caf\u00e9") == "Kuche ? Cafe"
-    assert plain("line\nbreak") == "line?break"
+    # what the font has stays as it is, also if it comes in two parts
+    for name in ("K\u00fcche \u2013 Caf\u00e9", "\u0141\u00f3d\u017a", "\u041a\u0443\u0445\u043d\u044f", "12 m\u00b2 \u201eab\u201c\u2026"):
+        assert plain(name) == name and all(map(is_drawn, name))
+    assert plain("Ku\u0308che") == "K\u00fcche"
+    # the rest in letters that people recognise, never in question marks
+    assert plain("\u53a8\u623f") == "ChuFang" and plain("\u0645\u0637\u0628\u062e") == "mtbkh"
+    assert plain("line\nbreak") == "line break"
+
+
+@settings(max_examples=200, deadline=None)
+@given(st.text(max_size=30))
+def test_any_name_is_shown_in_letters_that_can_be_drawn(name):
+    shown = plain(name)
+    assert all(map(is_drawn, shown))
+    assert plain(shown) == shown and text_width(shown, 1.0) >= 0.0
+
+
+def test_accents_take_no_room():
+    assert text_width("K\u00fcche", 1.0) == text_width("Kuche", 1.0)
+    assert text_width("\u041a\u0443\u0445\u043d\u044f", 1.0) > text_width("Kuche", 1.0)
+
+
+def test_rviz_is_asked_for_the_letters(tmp_path):
+    """A folder that stands for RViz's package: all its files, and a font that has what `plain` leaves."""
+    fonts = tmp_path / "rviz" / "ogre_media" / "fonts"
+    fonts.mkdir(parents=True)
+    (tmp_path / "rviz" / "package.xml").write_text("<package/>")
+    (tmp_path / "rviz" / "ogre_media" / "models").mkdir()
+    (fonts / "f.ttf").write_text("letters")
+    (fonts / "f.fontdef").write_text('font "F"\n{\n  type truetype\n  source f.ttf\n}\n')
+    for _ in range(2):
+        found = overlay(tmp_path / "rviz", tmp_path / "over") / "rviz"
+        assert (found / "package.xml").read_text() == "<package/>" and (found / "ogre_media" / "models").is_dir()
+        assert (found / "ogre_media" / "fonts" / "f.ttf").read_text() == "letters"
+        lines = (found / "ogre_media" / "fonts" / "f.fontdef").read_text().splitlines()
+        assert lines[-1] == "}" and lines[-2].startswith("  code_points 32-126 161-591")
+    assert "code_points" not in (fonts / "f.fontdef").read_text()
 
 
 boxes = st.builds(Box.centred, st.floats(-5, 15), st.floats(-5, 12), st.floats(0.5, 1.5), st.floats(0.2, 0.5))

@@ -163,6 +163,7 @@ class FaultsTest(unittest.TestCase):
         self.camera_info_is_late_wrong_and_then_right()
         self.tf_loop_ends()
         self.camera_info_changes()
+        self.another_camera_says_the_same_frame()
         self.bad_images("red", self.red)
         self.tuning()
         self.debug_image_only_while_somebody_looks()
@@ -215,6 +216,24 @@ class FaultsTest(unittest.TestCase):
         red.info = lambda stamp: messages.info_from_camera(red.camera, stamp, red.frame)
         self.wait(lambda: self.radius() > 0.48, "spots by the first camera_info again")
 
+    def another_camera_says_the_same_frame(self):
+        # a frame has one pose: neither camera's spots can be believed
+        o, name = self.observer, self.red.frame
+        other = rospy.Publisher(names.DETECTORS, DetectorStatus, queue_size=1)
+        timer = rospy.Timer(
+            rospy.Duration(0.5), lambda _event: other.publish(DetectorStatus(camera="green", frame_id=name)))
+        self.addCleanup(timer.shutdown)
+        self.check_fault("red", "shared_frame", "green, red", DiagnosticStatus.ERROR, count=3)
+        with o.changed:
+            count = len([spot for spot in o.spots if spot.camera == "red"])
+        before = o.refused("red", "shared_frame")
+        self.wait(lambda: o.refused("red", "shared_frame") >= before + 5, "images whose place is not known")
+        self.assertLessEqual(len([spot for spot in o.spots if spot.camera == "red"]), count)
+        timer.shutdown()
+        self.wait_for_spots("red")
+        # the robot's camera may have any frame; and each spot says which one it is
+        self.assertGreater(o.spots[-1].track, 0)
+
     def radius(self):
         """[m] of the newest spot from the middle of the circle that it draws; 0.5 in truth."""
         spot = next(spot for spot in reversed(self.observer.spots) if spot.camera == "red")
@@ -235,11 +254,12 @@ class FaultsTest(unittest.TestCase):
         for spoil, words in (
             (lambda: Image(encoding="bayer_rggb8"), "the image is empty"),
             (unknown, "purple8"),
-            (lambda: messages.image_message(good.astype(np.uint16), "mono16", rospy.Time(), ""), "uint16"),
+            (lambda: messages.image_message(good.astype(np.float32), "32FC1", rospy.Time(), ""), "32FC1"),
             (short, "cannot read an image"),
         ):
             type(self).spoil = (camera, spoil)
-            self.check_fault(name, "bad_image", words, DiagnosticStatus.WARN, count=3)
+            code = "unknown_encoding" if words == "32FC1" else "bad_image"
+            self.check_fault(name, code, words, DiagnosticStatus.WARN, count=3)
             self.wait_for_spots(name, 1)
         type(self).spoil = None
         self.wait(lambda: self.observer.diagnostics[name].level == DiagnosticStatus.OK, "all well again")
@@ -315,6 +335,10 @@ class FaultsTest(unittest.TestCase):
             )
 
         good = robot.depth_message
+        # depth of another camera's frame does not belong to the pixels of this one
+        robot.depth_message = lambda depth: messages.image_message(depth, "16UC1", rospy.Time(), "depth_optical_frame")
+        self.wait_for_spots("robot", 3, LaserSpot.GROUND_PLANE_FALLBACK)
+        self.check_fault("robot", "depth_not_registered", "depth_optical_frame", DiagnosticStatus.WARN, count=3)
         for spoilt, words in ((empty, "no reading at all"), (coloured, "expected depth images of 16UC1 or 32FC1")):
             robot.depth_message = spoilt
             # the floor's plane takes over, and the spots say so
@@ -345,7 +369,7 @@ class FaultsTest(unittest.TestCase):
         robot.pose_late_s = 0.0
         # without a pose at the image's time a spot is dropped and counted, never published where it was last
         robot.localised = False
-        self.check_fault("robot", "no_transform", "no transform", DiagnosticStatus.WARN, count=5)
+        self.check_fault("robot", "no_transform", "no transform", DiagnosticStatus.ERROR, count=5)
         with o.changed:
             count = len([spot for spot in o.spots if spot.camera == "robot"])
         before = o.refused("robot", "no_transform")

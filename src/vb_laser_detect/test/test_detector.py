@@ -5,7 +5,7 @@ import pytest
 
 from scenes import GREEN, RED, Scene, tinted
 from vb_core.errors import CodedError, ParameterError
-from vb_laser_detect import colour
+from vb_laser_detect.classifier import SpotClassifier, Verdict
 from vb_laser_detect.detector import DetectorParams, SpotDetector
 from vb_laser_detect.floor_scale import metres_per_pixel
 
@@ -147,7 +147,6 @@ def test_a_spot_hardly_larger_than_a_pixel_is_no_faint_one():
     feed(detector, [scene.render() for _ in range(8)])
     found = feed(detector, [scene.render([(100 + 15.0 * i, 150)], 0.75, 190.0, GREEN) for i in range(20)], 0.4)
     assert sum(len(spots) for spots in found) >= 18
-    assert max(candidate.level for candidate in detector.candidates) < 250
 
 
 @pytest.mark.parametrize("laser", [RED, GREEN])
@@ -156,7 +155,7 @@ def test_bayer_images_tell_white_light_from_a_laser(laser):
     feed(detector, [scene.render(bayer=True) for _ in range(8)])
     glint = feed(detector, [scene.render([(300, 150)], colour=(1.0, 1.0, 1.0), bayer=True) for _ in range(10)], 0.4)
     assert glint == [[]] * 10
-    assert "not_coloured" in [candidate.refusal for candidate in detector.candidates]
+    assert "chroma_mosaic" in [candidate.refusal for candidate in detector.candidates]
     both = tinted(Scene())
     found = [
         detector.detect(np.maximum(scene.render([(300, 150)], colour=(1.0, 1.0, 1.0), bayer=True),
@@ -171,18 +170,17 @@ def test_small_glints_that_move_are_no_spots_on_bayer_images():
     scene = tinted(Scene())
     detector = SpotDetector(DetectorParams.stationary())
     feed(detector, [scene.render(bayer=True) for _ in range(8)])
-    looks, found, time = [], 0, 0.4
+    looked_at, found, time = 0, 0, 0.4
     for sigma in (0.5, 0.6, 0.7):
         for u, v in ((7.3, 3.1), (9.4, 0.6), (5.7, 8.2), (8.3, 4.7)):
             for i in range(12):
                 place = (100.2 + u * i, 100.3 + v * i)
                 found += len(detector.detect(scene.render([place], sigma, 700.0, (1.0, 1.0, 1.0), bayer=True), time))
-                looks += [colour.chroma(c.tint) for c in detector.candidates if c.tint is not None]
+                looked_at += sum(c.refusal != "too_dark" for c in detector.candidates)
                 time += PERIOD
             feed(detector, [scene.render(bayer=True) for _ in range(8)], time)
             time += 8 * PERIOD
-    assert sum(look > 0.3 for look in looks) > 20
-    assert found == 0
+    assert looked_at > 100 and found == 0
 
 
 def test_while_a_spot_is_drawn_nothing_else_is_looked_at():
@@ -231,13 +229,6 @@ def test_what_comes_beside_a_followed_spot_is_no_reason_to_lose_it():
             scene.floor[100:330, int(truth[0]) + 5 : int(truth[0]) + 60] *= 0.2
         found.append(detector.detect(scene.render([truth], bayer=True), 0.4 + PERIOD * i))
     assert all(len(spots) == 1 for spots in found[3:])
-    # without having been followed it is refused, for what left may look the same
-    new = SpotDetector(DetectorParams.stationary(confirm_frames=1))
-    scene.floor = floor.copy()
-    feed(new, [scene.render(bayer=True) for _ in range(8)])
-    scene.floor[100:330, 154:210] *= 0.2
-    assert new.detect(scene.render([(150.0, 180.0)], bayer=True), 0.4) == []
-    assert "object_came" in [c.refusal for c in new.candidates]
 
 
 def test_a_camera_without_colour_is_not_asked_for_it():
@@ -245,9 +236,6 @@ def test_a_camera_without_colour_is_not_asked_for_it():
     grey = lambda *spots: scene.render(spots, colour=(1.0, 1.0, 1.0))[:, :, 1].copy()  # noqa: E731
     feed(detector, [grey() for _ in range(8)])
     assert len(detector.detect(grey((200, 150)), 0.4)) == 1
-    asked = at_once(ask_colour="always")
-    feed(asked, [grey() for _ in range(8)])
-    assert asked.detect(grey((200, 150)), 0.4) == []
 
 
 @pytest.mark.parametrize("gain, bayer", [(1.4, False), (0.4, False), (0.4, True)])
@@ -278,11 +266,14 @@ def test_people_beside_it_do_not_take_a_spots_turn():
 
 
 def test_a_doubtful_spot_that_stays_is_learnt():
-    scene, detector = Scene(), at_once()
+    class Doubtful(SpotClassifier):
+        def judge(self, blob, features, expected=False):
+            return Verdict(0.6, "peak")
+
+    scene = Scene()
+    detector = SpotDetector(DetectorParams.stationary(confirm_frames=1), Doubtful({}, 0.0))
     feed(detector, [scene.render() for _ in range(8)])
-    doubtful = scene.floor.copy()
-    detector._judge.refusal_of = lambda c, metre: setattr(c, "doubt", 0.9) or ""
-    found = feed(detector, [scene.render([(150, 90)], floor=doubtful) for _ in range(75)], 0.4)
+    found = feed(detector, [scene.render([(150, 90)]) for _ in range(75)], 0.4)
     assert all(found[:30]) and not any(found[45:])
 
 
@@ -401,6 +392,42 @@ def test_moving_camera_sees_the_spot_within_the_reflection_of_a_lamp(colour):
     offsets = [np.hypot(spot.u - u, spot.v - v) for spots, (u, v) in zip(found, truths) for spot in spots]
     # not at its rim, where lamp and floor meet under the spot; what is seen is the spot and not the lamp
     assert len(offsets) > 18 and max(offsets) < 8.0
+
+
+# ------------------------------------------------------------------ several lights
+@pytest.mark.parametrize("laser", [RED, GREEN])
+def test_a_weaker_light_beside_a_moving_laser_takes_nobodys_place(laser):
+    scene, detector = Scene(), SpotDetector(DetectorParams.stationary())
+    feed(detector, [scene.render() for _ in range(8)])
+    other, found = Scene(), []
+    for i in range(60):
+        u = 80.0 + 6.0 * i
+        image = scene.render([(u, 200)], colour=laser)
+        if i >= 15:
+            image = np.maximum(image, other.render([(u, 240)], power=260.0, colour=(1.0, 1.0, 1.0)))
+        found.append((u, detector.detect(image, 0.4 + PERIOD * i)))
+    assert all(len(spots) == 1 and abs(spots[0].v - 200) < 1.5 for _, spots in found[4:])
+    assert len({spots[0].track for _, spots in found[4:]}) == 1
+
+
+def test_an_equal_light_beside_a_laser_that_is_held_takes_nobodys_place():
+    scene, detector = tinted(Scene()), SpotDetector(DetectorParams.stationary())
+    detector.encoding = "bayer_rggb8"
+    feed(detector, [scene.render(bayer=True) for _ in range(8)])
+    found = [detector.detect(scene.render([(300, 150)] + [(360, 220)] * (i >= 15), bayer=True), 0.4 + PERIOD * i)
+             for i in range(70)]
+    assert all(len(spots) == 1 and abs(spots[0].v - 150) < 1.5 for spots in found[4:])
+
+
+@pytest.mark.parametrize("rate", [2.0, 3.0, 60.0])
+@pytest.mark.parametrize("preset", [DetectorParams.stationary, DetectorParams.mobile])
+def test_slow_and_fast_cameras_yield_spots(rate, preset):
+    scene, detector, found = Scene(320, 192), SpotDetector(preset()), 0
+    count = 12
+    for i in range(4 + count):
+        spots = detector.detect(scene.render([(60.0 + 12.0 * i, 100.0)] if i >= 4 else []), 10.0 + i / rate)
+        found += len(spots) + len(detector.recalled)
+    assert found == count
 
 
 # ------------------------------------------------------------------ bad input

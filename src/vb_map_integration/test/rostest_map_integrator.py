@@ -20,13 +20,17 @@ sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
 from ros_helpers import Latest, MapServer, lab, polygon, wait_until  # noqa: E402
 from vb_core.ros.messages import OccupancyGridArray  # noqa: E402
 from vb_map_integration.map_files import read_map  # noqa: E402
-from vb_msgs.msg import VirtualBorder, VirtualBorderArray  # noqa: E402
-from vb_msgs.srv import AddBorder, ListBorders, PreviewBorder, RemoveBorder, SaveMap, UpdateBorder  # noqa: E402
+from vb_msgs.msg import NoticeArray, VirtualBorder, VirtualBorderArray  # noqa: E402
+from vb_msgs.srv import (  # noqa: E402
+    AddBorder, AddBorderRequest, AdoptBorders, ConfirmMap, ConfirmMapRequest, ListBorders, PreviewBorder, RemoveBorder,
+    RenameBorder, SaveMap, SetBorderEnabled, UpdateBorder,
+)
 
 SERVICES = {
     "add_border": AddBorder, "update_border": UpdateBorder, "remove_border": RemoveBorder,
     "preview_border": PreviewBorder, "list_borders": ListBorders, "save_map": SaveMap,
-    "undo": Trigger, "redo": Trigger, "clear": Trigger,
+    "set_border_enabled": SetBorderEnabled, "rename_border": RenameBorder, "confirm_map": ConfirmMap,
+    "adopt_borders": AdoptBorders, "undo": Trigger, "redo": Trigger, "clear": Trigger,
 }
 
 
@@ -58,7 +62,10 @@ class MapIntegratorTest(unittest.TestCase):
 
     @classmethod
     def call(cls, name, *arguments):
-        return rospy.ServiceProxy(f"/virtual_borders/{name}", SERVICES[name])(*arguments)
+        request = SERVICES[name]._request_class()
+        for slot, value in zip(request.__slots__, arguments):
+            setattr(request, slot, value)
+        return rospy.ServiceProxy(f"/virtual_borders/{name}", SERVICES[name])(request)
 
     @classmethod
     def cells(cls):
@@ -173,6 +180,57 @@ class MapIntegratorTest(unittest.TestCase):
         self.assertTrue(self.call("add_border", polygon(expires=soon), "", "test").success)
         wait_until(lambda: self.borders.message.borders and not self.borders.message.borders[0].enabled, "the expiry")
         wait_until(lambda: self.restricted() == 0, "the map without the border")
+
+    def test_repeated_requests_and_changes_meanwhile(self):
+        add = rospy.ServiceProxy("/virtual_borders/add_border", AddBorder)
+        first = add(AddBorderRequest(border=polygon(), request_id="once"))
+        again = add(AddBorderRequest(border=polygon(), request_id="once"))
+        self.assertEqual((first.success, again.success, again.id), (True, True, first.id))
+        self.assertEqual(len(self.call("list_borders").borders.borders), 1)
+        self.assertEqual(self.call("rename_border", first.id, "rug", "test", first.revision).code, "ok")
+        late = self.call("set_border_enabled", first.id, False, "test", first.revision)
+        self.assertEqual((late.success, late.code), (False, "changed_meanwhile"))
+        self.assertEqual(self.call("set_border_enabled", first.id, False, "test", late.revision).code, "ok")
+        wait_until(lambda: self.borders.message.borders[0].reason == "disabled", "the border that sleeps")
+        self.assertEqual((self.borders.message.borders[0].name, self.borders.message.borders[0].acting), ("rug", False))
+        robots = self.call("add_border", polygon(robots=["nobody"]), "", "test")
+        self.assertEqual((robots.code, robots.values[0].value), ("unknown_robot", "nobody"))
+
+    def test_walls_and_slow_zones(self):
+        limits = Latest("/virtual_borders/speed_limits", OccupancyGridArray)
+        slow = polygon(zone=VirtualBorder.SLOW, max_speed=0.25)
+        self.assertEqual(self.call("add_border", slow, "", "test").code, "ok")
+        wait_until(lambda: limits.message and (np.asarray(limits.message.data) == 25).sum() == 400, "limits")
+        self.assertEqual(self.restricted(), 0)
+        ends = [Point(-1.0, -1.0, 0.0), Point(-1.0, 1.0, 0.0)]
+        wall = VirtualBorder(points=ends, kind=VirtualBorder.VIRTUAL_WALL, occupancy=1.0)
+        self.assertEqual(self.call("add_border", wall, "", "test").code, "ok")
+        wait_until(lambda: 40 <= self.restricted() <= 130, "a thin band")
+        wait_until(lambda: [b.kind for b in self.borders.message.borders][1:] == [wall.kind], "the wall")
+        self.assertTrue(all(border.acting for border in self.borders.message.borders))
+
+    def test_a_map_that_may_be_another_place(self):
+        notices = Latest("/virtual_borders/notices", NoticeArray)
+        self.call("add_border", polygon(name="carpet"), "", "test")
+        wait_until(lambda: self.restricted() == 400, "400 restricted cells")
+        ground, other = self.grid, self.grid.with_data(self.grid.data.copy())
+        other.data[30:32, 20:120] = 100
+        try:
+            self.server.publish(other)
+            wait_until(lambda: self.borders.message.needs_confirmation, "the doubt")
+            self.assertEqual(self.borders.message.code, "borders_unconfirmed")
+            self.assertEqual((self.cells()[45:55, 85:95] == 100).all(), True)  # still in force
+            wait_until(lambda: "borders_unconfirmed" in [n.code for n in notices.message.notices], "the notice")
+            self.assertEqual(self.call("add_border", polygon(x=2.0), "", "test").code, "confirm_map_first")
+            proposal = self.call("adopt_borders", "", True)
+            self.assertTrue(proposal.success and bytes(proposal.picture[:4]) == b"\x89PNG", proposal.message)
+            self.assertEqual(self.call("confirm_map", ConfirmMapRequest.OTHER_PLACE, "upstairs", "test").code, "ok")
+            wait_until(lambda: not self.borders.message.needs_confirmation, "no doubt")
+            self.assertEqual((self.borders.message.borders, self.borders.message.map_name), ([], "upstairs"))
+        finally:
+            self.server.publish(ground)
+        wait_until(lambda: [b.name for b in self.borders.message.borders] == ["carpet"], "the first place's border")
+        self.assertFalse(self.borders.message.needs_confirmation)
 
     def test_saved_maps(self):
         self.call("add_border", polygon(occupancy=0.75), "", "test")

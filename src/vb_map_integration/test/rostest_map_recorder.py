@@ -35,9 +35,9 @@ class MapRecorderTest(unittest.TestCase):
 
         wait_until(lambda: lines(1), "the first record")
         add = rospy.ServiceProxy("/virtual_borders/add_border", AddBorder)
-        self.assertTrue(add(polygon(), "", "test").success)
+        self.assertTrue(add(border=polygon()).success)
         wait_until(lambda: lines(2), "the second record")
-        self.assertTrue(add(polygon(x=2.0, occupancy=0.75), "", "test").success)
+        self.assertTrue(add(border=polygon(x=2.0, occupancy=0.75)).success)
         wait_until(lambda: lines(3), "the third record")
         self.assertTrue(rospy.ServiceProxy("/virtual_borders/clear", Trigger)().success)
         found = wait_until(lambda: lines(4), "the fourth record")

@@ -24,6 +24,7 @@ from ros_helpers import Latest, MapServer, lab, wait_until  # noqa: E402
 from vb_core.ros.messages import OccupancyGridArray  # noqa: E402
 from vb_map_integration import border_editor_node as editor  # noqa: E402
 from vb_msgs.msg import VirtualBorderArray  # noqa: E402
+from vb_msgs.srv import RenameBorder  # noqa: E402
 
 SCRIPTS = Path(__file__).resolve().parent.parent / "scripts"
 
@@ -196,6 +197,20 @@ class WaysInTest(unittest.TestCase):
         wait_until(lambda: self.borders.message.borders[0].seed.x == -2.0, "the new seed")
         self.assertEqual([(p.x, p.y) for p in self.borders.message.borders[0].points], [(0.3, 0.5), (0.0, 1.0)])
 
+    def test_what_somebody_else_changed_is_not_overwritten(self):
+        key = self.drawn_border()
+        self.handles.menu(key, editor.EDIT)
+        wait_until(lambda: f"{key}/1" in self.handles.places, "handles of its vertices")
+        rename = rospy.ServiceProxy("/virtual_borders/rename_border", RenameBorder)
+        self.assertTrue(rename(key, "theirs", "test", 0).success)
+        wait_until(lambda: self.borders.message.borders[0].name == "theirs", "their name")
+        self.handles.drag(f"{key}/1", (0.5, 1.0))
+        self.handles.menu(f"{key}/0", editor.SAVE)
+        wait_until(lambda: "Somebody else" in self.handles.texts.get(f"{key}/line", ""), "the refusal")
+        self.assertEqual(self.borders.message.borders[0].name, "theirs")
+        self.handles.menu(f"{key}/0", editor.CANCEL)
+        wait_until(lambda: f"{key}/0" not in self.handles.places, "no handles")
+
     def test_menus_of_a_stored_border_and_of_the_tool(self):
         key = self.drawn_border()
         self.handles.menu(key, editor.TOGGLE)
@@ -237,13 +252,15 @@ class WaysInTest(unittest.TestCase):
             self.assertEqual(self.stored(1)[0].name, "rug")
             self.assertEqual(self.run_command("export_borders", copy)[0], 0)
             # what was exported and edited is updated, not doubled
-            copy.write_text(copy.read_text().replace('"rug"', '"carpet"').replace('"enabled": true', '"enabled": false'))
+            edited = copy.read_text().replace('"rug"', '"carpet"').replace('"enabled": true', '"enabled": false')
+            copy.write_text(edited)
             status, output = self.run_command("import_borders", copy)
             self.assertEqual(status, 0, output)
             wait_until(lambda: self.borders.message.borders[0].name == "carpet", "the edited border")
-            self.assertEqual([(one.name, one.acting, one.reason) for one in self.stored(1)], [("carpet", False, "disabled")])
+            border = self.stored(1)[0]
+            self.assertEqual((border.name, border.acting, border.reason), ("carpet", False, "disabled"))
             # one of another home is added, and stays switched off
-            copy.write_text(copy.read_text().replace('"created": ', '"created": 1'))
+            copy.write_text(copy.read_text().replace('"created": 1', '"created": '))
             count = self.maps.count
             status, output = self.run_command("import_borders", copy)
             self.assertEqual(status, 0, output)

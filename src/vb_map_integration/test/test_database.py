@@ -18,6 +18,7 @@ from vb_map_integration import database as module
 from vb_map_integration.border_files import borders_to_yaml
 from vb_map_integration.database import FILE, Database, fingerprint
 from vb_map_integration.integrator import IntegratorParams, MapIntegrator
+from vb_map_integration.repair import repair_borders
 
 sys.path.insert(0, str(Path(__file__).resolve().parent))
 from keepers import GRID, integrator, square  # noqa: E402
@@ -128,12 +129,36 @@ for number in range(3):
     second.close()
 
 
-def test_a_folder_that_cannot_be_used_ends_the_start(tmp_path):
-    """Borders that cannot be kept are not taken."""
+def test_with_a_full_disk_at_start_borders_act_and_no_change_is_taken(tmp_path):
+    borders = closed(tmp_path, 2)
+    code = f"""
+import resource, signal, sys
+sys.path.insert(0, {str(Path(__file__).parent)!r})
+from pathlib import Path
+from keepers import integrator, square
+from vb_core.errors import CodedError
+signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+resource.setrlimit(resource.RLIMIT_FSIZE, (0, resource.RLIM_INFINITY))
+keeper = integrator(Path({str(tmp_path)!r}))
+try:
+    keeper.add(square(50, 50), 2.0)
+except CodedError as error:
+    acting = [border.id for border in keeper.borders if keeper.status(border)[0]]
+    print(error.code, *acting, *(notice.code for notice in keeper.notices))
+"""
+    done = subprocess.run([sys.executable, "-c", code], stdout=subprocess.PIPE, universal_newlines=True, check=True)
+    assert done.stdout.split() == ["cannot_write", "b1", "b2", "database_read_only"]
+    assert again(tmp_path) == (borders, [])
+
+
+def test_with_a_folder_that_cannot_be_used_the_map_comes_and_no_border_is_taken(tmp_path):
+    """Borders that could not be kept were taken, and vanished."""
     (tmp_path / "file").write_text("")
+    keeper = integrator(tmp_path / "file" / "store")
+    assert np.array_equal(keeper.posterior.data, GRID.data) and "database_read_only" in codes(keeper)
     with pytest.raises(CodedError) as caught:
-        MapIntegrator(IntegratorParams(), tmp_path / "file" / "store")
-    assert caught.value.code == "cannot_write"
+        keeper.add(square(10, 10), 1.0)
+    assert caught.value.code == "cannot_write" and keeper.borders == ()
 
 
 def test_a_second_integrator_is_refused(tmp_path, monkeypatch):
@@ -282,7 +307,8 @@ def old_folder(root, grid, borders, journal=(), damaged=False):
     text = f"format: 1\nsha256: '{digest}'\nmap: '{fingerprint(grid)}'\n# below: what the sum is of\n{body}"
     (folder / "borders.yaml.bak").write_text(text)
     (folder / "borders.yaml").write_text(text[: len(text) // 2] if damaged else text)
-    lines = [json.dumps({"revision": len(borders) + 1 + k, "kind": "new", "change": change}) for k, change in enumerate(journal)]
+    changes = enumerate(journal, len(borders) + 1)
+    lines = [json.dumps({"revision": number, "kind": "new", "change": change}) for number, change in changes]
     (folder / "journal.jsonl").write_text("".join(line + "\n" for line in lines))
     np.savez_compressed(str(folder / "map.npz"), data=grid.data, resolution=grid.resolution, origin=grid.origin)
     return folder
@@ -324,3 +350,22 @@ def test_os_is_not_needed_for_memory_only():
     keeper.add(square(10, 10), 1.0)
     keeper.undo()
     assert keeper.borders == () and not os.path.exists(":memory:")
+
+
+def test_the_command_repairs_and_goes_back_to_a_copy(tmp_path, capsys):
+    borders = closed(tmp_path, 2)
+    copy = next((tmp_path / "copies").glob("*.db"))
+    (tmp_path / FILE).write_bytes(b"?" * 9000)
+    assert repair_borders([str(tmp_path)]) == 0
+    said = capsys.readouterr().out
+    assert "damaged" in said and "No border was lost" in said and said.rstrip().endswith("2 border(s)")
+    assert again(tmp_path) == (borders, [])
+    keeper = integrator(tmp_path)
+    keeper.clear()
+    keeper.close()
+    shutil.copyfile(str(copy), str(tmp_path / "mine.db"))
+    assert repair_borders([str(tmp_path), "--from", str(tmp_path / "mine.db")]) == 0
+    assert again(tmp_path)[0] == borders
+    (tmp_path / "bad.db").write_bytes(b"?")
+    assert repair_borders([str(tmp_path), "--from", str(tmp_path / "bad.db")]) == 1
+    assert repair_borders([str(tmp_path / "none")]) == 1

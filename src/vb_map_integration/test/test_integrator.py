@@ -163,8 +163,9 @@ def test_the_hundredth_border_touches_no_other(monkeypatch):
 
 PURE = [
     "border", "border_files", "clicks", "composition", "costmap_settings", "curve", "database", "editing",
-    "findings", "geojson", "integration", "integrator", "legacy_folders", "map_files", "map_picture", "preview", "raster",
-    "recognition", "recording", "registration", "schedule",
+    "findings", "geojson", "integration", "integrator", "legacy_folders", "map_files", "map_picture", "preview",
+    "raster",
+    "recognition", "recording", "registration", "repair", "schedule",
 ]
 # beside the nodes, what these share
 OF_ROS = {"border_client", "border_messages", "draft_markers"}

@@ -22,7 +22,7 @@ EDGE = 5.0  # [m] the ceiling camera sees x < EDGE
 
 
 class Lab:
-    """8 m x 5 m, a ceiling camera that sees x < 5 m, a spot that moves along y = 2.5 m, a robot that arrives at once."""
+    """8 m x 5 m, a ceiling camera that sees x < 5 m, a spot that moves along y = 2.5 m, a robot that jumps."""
 
     def __init__(self, robot=(7.0, 1.0, 0.0)):
         data = np.zeros((100, 160), dtype=np.int8)
@@ -121,7 +121,8 @@ def test_reflection_is_no_spot(confidence, moved):
 
 def test_the_file_of_parameters_has_the_defaults():
     settings = yaml.safe_load(CONFIG.read_text())
-    groups = {"dispatch": DispatchParams, "viewpoint": ViewpointParams, "prospect": ProspectParams, "terrain": TerrainParams}
+    groups = {"dispatch": DispatchParams, "viewpoint": ViewpointParams, "prospect": ProspectParams,
+              "terrain": TerrainParams}
     for name, params in groups.items():
         assert params.from_mapping(settings[name]) == params()
     assert WatchParams.from_mapping({"mobile_cameras": tuple(settings["mobile_cameras"])}) == WatchParams()
@@ -132,7 +133,8 @@ def test_a_dispatcher_that_restarts_while_somebody_draws_in_a_blind_corner_comes
     # what it hears after its restart: the state, who contributed, and no spot at all but the robot's single one
     lab.spot = np.array([EDGE + 0.5, 2.5])
     assert not lab.dispatcher.wanted()
-    lab.dispatcher.set_progress(Progress("a", cameras=("red",), points=np.array([[EDGE - 0.1, 2.5], [EDGE + 0.2, 2.5]])))
+    points = np.array([[EDGE - 0.1, 2.5], [EDGE + 0.2, 2.5]])
+    lab.dispatcher.set_progress(Progress("a", cameras=("red",), points=points))
     assert lab.dispatcher.wanted()
     for _ in range(8):
         lab.step(robot_sees=False)

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from vb_core import geometry
 from vb_core.grid_map import GridMap
 from vb_core.robot_profile import RobotProfile
-from vb_robot.driver import NAVIGATION, STATE_LIMIT, TELEOP, Driver
+from vb_robot.driver import NAVIGATION, POSE_LIMIT, SCAN_LIMITS, STATE_LIMITS, TELEOP, Driver
 from vb_robot.following import Frames
 from vb_robot.safety import Scan
 from vb_robot.servoing import BACK_TO_DISTANCE, FAR_DISTANCE, MAX_SPEED, MAX_TURN, NEAR_DISTANCE
@@ -68,7 +68,8 @@ class Rig:
             self.driver.set_pose(self.pose, self.now)
         if "scan" not in self.silent:
             step = math.radians(1.0)
-            self.driver.set_scan(Scan(self.ranges, -0.5 * step * (self.fov - 1), step, 0.12, 8.0, np.eye(4), 0.18), self.now)
+            scan = Scan(self.ranges, -0.5 * step * (self.fov - 1), step, 0.12, 8.0, np.eye(4), 0.18)
+            self.driver.set_scan(scan, self.now)
         if self.spot is not None and VIEW.sees(to_base(np.array([self.spot]), self.pose))[0]:
             self.see(self.spot, self.camera, True, self.confidence)
         for who, wish in ((NAVIGATION, self.navigation), (TELEOP, self.teleop)):
@@ -156,8 +157,8 @@ def test_stop_is_latched_until_released(by):
 
 
 # ------------------------------------------------------------ the gate
-@pytest.mark.parametrize("lost, code, limit", [("scan", "scan_lost", 0.35), ("pose", "pose_lost", 0.45),
-                                              ("state", "state_lost", STATE_LIMIT + 0.05)])
+@pytest.mark.parametrize("lost, code, limit", [("scan", "scan_lost", SCAN_LIMITS[0]), ("pose", "pose_lost", POSE_LIMIT),
+                                               ("state", "state_lost", STATE_LIMITS[1])])
 @pytest.mark.parametrize("who", ["follow", "navigation"])
 def test_without_state_scan_or_pose_nobody_drives(who, lost, code, limit):
     rig = Rig()

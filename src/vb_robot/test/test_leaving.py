@@ -147,3 +147,13 @@ def test_waits_while_somebody_draws_and_until_navigation_has_let_go():
 def test_without_a_new_map_nobody_is_driven_out_of_free_floor():
     rig = swallowed(pose=(2.0, 4.0, 0.0))
     assert all(rig.step().driver == "nobody" for _ in range(40))
+
+
+def test_a_robot_that_was_brought_near_a_border_is_left_to_whoever_brought_it():
+    rig = swallowed(pose=(2.0, 4.0, 0.0))
+    rig.step()
+    rig.pose = (4.0 - RADIUS + 0.01, 1.5, 0.0)
+    rig.driver.set_goal(True)
+    for _ in range(40):
+        rig.driver.wish("navigation", -0.1, 0.0, rig.now + DT)
+        assert rig.step().driver == "navigation"

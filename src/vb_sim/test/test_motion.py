@@ -1,5 +1,6 @@
 """The robot's body, its odometry and localisation, the scanner, time and the state file."""
 import math
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -17,7 +18,9 @@ from vb_sim.pacing import Pacer, RealTimeFactor
 from vb_sim.raycast import DistanceField, cast_disc
 from vb_sim.robot_body import RobotBody, advance
 from vb_sim.state_file import StateFile
-from vb_sim.world import world_from_mapping
+from vb_sim.world import load_world, world_from_mapping
+
+WORLDS = Path(__file__).resolve().parents[1] / "worlds"
 
 DT = 0.02
 SURE = LocalisationModel(position_sigma=0.0, yaw_sigma=0.0)
@@ -295,3 +298,18 @@ def test_models_file_names_what_is_wrong(tmp_path):
         load_models(str(path))
     with pytest.raises(CodedError, match="cannot read"):
         load_models(str(tmp_path / "none.yaml"))
+
+
+@pytest.mark.parametrize("robot, fov, nearest", [(0, 58.0, 0.45), (1, 270.0, 0.12)])
+def test_scanners_that_do_not_look_all_round(robot, fov, nearest):
+    lab = Lab(load_world(str(WORLDS / "narrow_scan.yaml")), scan=ScanModel(range_sigma=0.0))
+    angles, ranges = lab.scan(robot)
+    assert len(angles) == len(ranges) == int(fov)
+    assert abs(math.degrees(angles[-1])) <= fov / 2.0 and angles[0] == pytest.approx(-angles[-1])
+    assert lab.range_min(robot) == nearest
+    x, y, yaw = lab.robots[robot].pose
+    # a person right before it is nearer than it can measure, and that is said
+    near = 0.1 + 0.5 * lab.scan_model.person_radius
+    lab.hear_participant(Participant(
+        present=True, pose=(x + near * math.cos(yaw), y + near * math.sin(yaw), 0.0), heard=0.0))
+    assert -math.inf in lab.scan(robot)[1]

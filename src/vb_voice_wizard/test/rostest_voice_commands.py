@@ -17,7 +17,8 @@ sys.path.insert(0, str(Path(__file__).resolve().parent))
 from ros_helpers import Newest, Process, wait_until  # noqa: E402
 from speech import RATE, say  # noqa: E402
 
-from vb_msgs.msg import Audio, Heard, Sound  # noqa: E402
+from std_msgs.msg import Float32  # noqa: E402
+from vb_msgs.msg import Audio, Heard, NoticeArray, Sound  # noqa: E402
 from vb_msgs.srv import Command, CommandResponse  # noqa: E402
 
 HEARD = "/virtual_borders/voice/heard"
@@ -78,6 +79,7 @@ class VoiceCommandsTest(unittest.TestCase):
         self.assertEqual((heard.command, heard.reason, heard.success, heard.code), ("define_border", "ok", True, "ok"))
         self.assertEqual(heard.message, "Draw the border.")
         self.assertGreater(heard.confidence, 0.5)
+        self.assertTrue(self.requests[0].id and self.requests[0].expires > rospy.Time.now())
         self.assertTrue(0.3 < heard.duration_s < 3.0)
 
     def test_anything_else_is_shown_and_not_acted_on(self):
@@ -115,6 +117,23 @@ class VoiceCommandsTest(unittest.TestCase):
         self.speak(text)
         rospy.rostime.wallsleep(1.0)
         return any(message.command == text and message.accepted for message in self.heard.all)
+
+    def test_silence_is_said_and_the_level_shown(self):
+        levels, notices = Newest("/virtual_borders/voice/level", Float32), Newest("/virtual_borders/notices", NoticeArray)
+        notices.wait(lambda message: [n.code for n in message.notices] == ["microphone_silent"], "silence that is noticed")
+        self.speak("define border")
+        notices.wait(lambda message: not message.notices, "the end of the silence")
+        wait_until(lambda: any(-60.0 < level.data < 0.0 for level in levels.all), "the level of a voice")
+
+    def test_a_missing_microphone_is_said(self):
+        notices = Newest("/virtual_borders/notices", NoticeArray)
+        node = Process("voice_commands", "__name:=deaf", "_source:=microphone", "_device:=none_such")
+        self.addCleanup(node.stop)
+
+        def codes():
+            return [n.code for message in notices.all if message.source == "/deaf" for n in message.notices]
+
+        wait_until(lambda: "microphone_missing" in codes(), "the missing microphone")
 
     def test_broken_sound_is_dropped(self):
         self.audio.publish(Audio(sample_rate=0, data=b"ab"))

@@ -75,7 +75,7 @@ class WizardConsoleTest(unittest.TestCase):
             interaction_id=drawing.interaction_id, border_spots=321, seeing=["red"], cameras=["red", "robot"], code="ok"
         )
         terminal.shows("321 border")
-        terminal.shows("red, robot")
+        terminal.shows("red (before: robot)")
         self.manager.kill()
         terminal.shows("The interaction manager is away")
         self.manager.start()

@@ -35,7 +35,7 @@ def drawing():
 @pytest.mark.parametrize("width, height", [(80, 24), (120, 40), (200, 60)])
 def test_everything_is_on_the_screen(width, height):
     text = screen(drawing(), width, height)
-    for word in ("BORDER", "1:13", "ab12", "120 border, 3 seed, 7 ignored", "9 points, polygon", "red (so far red, robot)", "Nursery",
+    for word in ("BORDER", "1:13", "ab12", "120 border, 3 seed, 7 ignored", "9 points, polygon", "red (before: robot)", "Nursery",
                  "50% off", "resume", "stop", "Draw the border", "borders (2)", "72.3", "quit", "undo", "redo", "remove", "define border",
                  "guide robot", "drives", "restrict 2.50 m2", "stands inside"):
         assert word in text, word
@@ -124,7 +124,7 @@ def test_stop_cameras_notices_and_the_microphone_are_shown():
     view.detectors, view.level_db = (("green", 24.6), ("red", 0.0)), -31.7
     view.notices = (Notice("robots_stopped", Severity.WARNING), Notice("of_a_newer_version", Severity.ERROR, message="Look!"))
     text = screen(view, 100)
-    for word in ("STOPPED", "by voice", "ends in 0:45", "save once more", "green 25/s, red silent", "-32 dB",
+    for word in ("STOPPED", "by voice", "ends in 0:45", "save once more", "red silent, green 25/s", "-32 dB",
                  "! Robots are stopped.", "! Look!"):
         assert word in text, word
     assert "STOPPED" in screen(view, 30)

@@ -1,4 +1,4 @@
-"""The pinhole camera with lens distortion, as sensor_msgs/CameraInfo describes it."""
+"""Cameras with lens distortion, fisheyes among them, as sensor_msgs/CameraInfo describes them."""
 from __future__ import annotations
 
 from dataclasses import dataclass
@@ -22,7 +22,9 @@ class CameraModel:
     Attributes:
         width, height: image size [px].
         matrix: (3, 3) intrinsic matrix K [px].
-        distortion: (4,), (5,) or (8,) coefficients of OpenCV's plumb_bob or rational_polynomial model.
+        distortion: (4,), (5,) or (8,) coefficients of OpenCV's plumb_bob or rational_polynomial model; (4,) of a fisheye's.
+        fisheye: the distortion is OpenCV's fisheye model, which ROS calls equidistant. Rays have z = 1, so nothing is
+            seen at 90 degrees from the axis or more.
 
     Raises:
         CodedError: "bad_camera_info" if the values cannot be a camera's.
@@ -32,6 +34,7 @@ class CameraModel:
     height: int
     matrix: np.ndarray
     distortion: np.ndarray
+    fisheye: bool = False
 
     def __post_init__(self) -> None:
         matrix = np.asarray(self.matrix, dtype=float).reshape(3, 3)
@@ -44,7 +47,10 @@ class CameraModel:
             raise CodedError(
                 "bad_camera_info", "the camera matrix K has no focal length: calibrate the camera (camera_calibration)"
             )
-        if self.distortion.size not in (4, 5, 8, 12, 14) or not np.isfinite(self.distortion).all():
+        if self.fisheye and self.distortion.size != 4:
+            if not distortion.size or not self.distortion[4:].any():
+                object.__setattr__(self, "distortion", np.concatenate([self.distortion, np.zeros(4)])[:4])
+        if self.distortion.size not in ((4,) if self.fisheye else (4, 5, 8, 12, 14)) or not np.isfinite(self.distortion).all():
             raise CodedError("bad_camera_info", f"the distortion D has {self.distortion.size} values; expected 4, 5 or 8")
 
     @staticmethod
@@ -68,6 +74,8 @@ class CameraModel:
             focal, middle = self._pinhole
             np.multiply(pixels - middle, 1.0 / focal, out=result[:, :2])
             return result
+        if self.fisheye:
+            return self._fisheye_rays(pixels)
         # more steps than OpenCV's default of 5, which leaves 0.1 px at the corners of wide lenses
         criteria = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 40, 1e-9)
         normalised = cv2.undistortPointsIter(pixels[:, None], self.matrix, self.distortion, None, None, criteria)
@@ -82,6 +90,10 @@ class CameraModel:
         points = np.asarray(points, dtype=float).reshape(-1, 3)
         if len(points) == 0:
             return np.zeros((0, 2))
+        if self.fisheye:
+            pixels = cv2.fisheye.projectPoints(points[:, None], _ORIGIN, _ORIGIN, self.matrix, self.distortion)[0][:, 0]
+            pixels[points[:, 2] <= 0] = np.nan
+            return pixels
         if self.distorted and (len(points) < _MANY or self.distortion.size > 8):
             pixels = cv2.projectPoints(points, _ORIGIN, _ORIGIN, self.matrix, self.distortion)[0][:, 0]
             pixels[points[:, 2] <= 0] = np.nan
@@ -96,13 +108,25 @@ class CameraModel:
 
     @cached_property
     def distorted(self) -> bool:
-        """Whether the lens bends anything."""
-        return bool(self.distortion.any())
+        """Whether the lens bends anything; a fisheye does with coefficients of 0 too."""
+        return self.fisheye or bool(self.distortion.any())
 
     @cached_property
     def _pinhole(self) -> Tuple[np.ndarray, np.ndarray]:
         """Focal lengths and principal point [px]."""
         return np.array([self.matrix[0, 0], self.matrix[1, 1]]), self.matrix[:2, 2].copy()
+
+    def _fisheye_rays(self, pixels: np.ndarray) -> np.ndarray:
+        """Rays (N, 3) with z = 1 of pixels (N, 2); NaN at 90 degrees from the axis or more."""
+        if len(pixels) == 0:
+            return np.ones((0, 3))
+        normalised = cv2.fisheye.undistortPoints(pixels[:, None], self.matrix, self.distortion)[:, 0]
+        result = np.column_stack([normalised, np.ones(len(pixels))])
+        # OpenCV marks what it cannot undo by a huge number, and folds what lies beyond 90 degrees back into the front
+        with np.errstate(invalid="ignore"):
+            again = cv2.fisheye.distortPoints(normalised[:, None], self.matrix, self.distortion)[:, 0]
+            result[~(np.abs(again - pixels).max(axis=1) < 0.5)] = np.nan
+        return result
 
     def _distort(self, normalised: np.ndarray) -> np.ndarray:
         """Normalised image coordinates (N, 2) as the lens bends them."""
@@ -140,4 +164,4 @@ class CameraModel:
         sx, sy = width / self.width, height / self.height
         # pixel centres are whole numbers: the image's edge lies at -0.5 in both sizes
         scale = np.array([[sx, 0, sx / 2 - 0.5], [0, sy, sy / 2 - 0.5], [0, 0, 1]])
-        return CameraModel(width, height, scale @ self.matrix, self.distortion)
+        return CameraModel(width, height, scale @ self.matrix, self.distortion, self.fisheye)

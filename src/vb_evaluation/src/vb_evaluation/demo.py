@@ -3,7 +3,7 @@
     demo --scenario carpet --method nrs
 
 Starts everything with roslaunch under a master of its own, lets the simulated participant draw a
-border, and asks move_base for the same way before and after. Leaves its results in out/demo.
+border, asks move_base for the same way before and after, and has it drive the robot there. Leaves its results in out/demo.
 """
 from __future__ import annotations
 
@@ -23,6 +23,7 @@ from typing import Dict, List, Optional, Tuple
 import numpy as np
 import rosgraph
 import rospy
+from roslib.packages import find_node
 from rich.console import Console
 
 from vb_core import names
@@ -30,6 +31,7 @@ from vb_core.errors import CodedError, ParameterError
 from vb_core.geometry import chain_length
 from vb_core.ros import messages
 from vb_evaluation import metrics, pictures
+from vb_evaluation.goal_runs import Driven, GoalRunner
 from vb_evaluation.narration import Narrator, live_line, result_table
 from vb_evaluation.observer import CameraAlbum, Observer, wait_until
 from vb_evaluation.processes import Child, find_window, free_port, screenshot, start_screen
@@ -40,6 +42,8 @@ from vb_sim import floor_plan
 from vb_sim.world import Proof, Scenario, World, load_world
 
 METHODS = ("nrs", "robot_only")
+NAVIGATIONS = ("standin", "move_base")
+DRIVE_S = 120.0  # [s] for one goal; move_base gives up one that is out of reach after 40 s
 METHOD_TITLES = {"nrs": "network robot system", "robot_only": "robot only"}
 READY_TIMEOUT_S = 90.0
 # of the page, if nobody else has it
@@ -63,6 +67,7 @@ class Options:
     out: Path
     rviz: bool
     models: Optional[Path] = None
+    navigation: str = "standin"
 
 
 def parse(arguments: Optional[List[str]], top: Path) -> Options:
@@ -78,10 +83,15 @@ def parse(arguments: Optional[List[str]], top: Path) -> Options:
     parser.add_argument("--seed", default="1", help="of every random draw")
     parser.add_argument("--out", default=str(top / "out" / "demo"))
     parser.add_argument("--no-rviz", action="store_true", help="leave the smart display out")
+    parser.add_argument("--navigation", default="standin", help="standin, or move_base: the real one (make navigation)")
     parser.add_argument("--models", default="", help="a file of models; empty: config/models.yaml of vb_sim")
     given = parser.parse_args(arguments)
     if given.method not in METHODS:
         raise ParameterError("METHOD", f"must be one of {', '.join(METHODS)}, got '{given.method}'")
+    if given.navigation not in NAVIGATIONS:
+        raise ParameterError("NAVIGATION", f"must be one of {', '.join(NAVIGATIONS)}, got '{given.navigation}'")
+    if given.navigation == "move_base" and not find_node("move_base", "move_base"):
+        raise ParameterError("NAVIGATION", "move_base is not installed: run 'make navigation' once")
     try:
         seed = int(given.seed)
     except ValueError:
@@ -92,7 +102,7 @@ def parse(arguments: Optional[List[str]], top: Path) -> Options:
         raise ParameterError("SCENARIO", f"'{given.scenario}' is not in {path.name}; known are {', '.join(world.scenarios)}")
     return Options(
         path, world, world.scenarios[given.scenario], given.method, seed, Path(given.out).resolve(), not given.no_rviz,
-        Path(given.models).expanduser().resolve() if given.models else None,
+        Path(given.models).expanduser().resolve() if given.models else None, given.navigation,
     )
 
 
@@ -153,8 +163,8 @@ class Demo:
         page = free_port(PAGE_PORT)
         self._launched = Child(
             ["roslaunch", "-p", str(port), self._launch_file("simulation.launch"), f"world:={options.world_path}",
-             f"seed:={options.seed}", f"cameras:={cameras or 'none'}", f"method:={options.method}", f"state:={state}", f"maps:={options.out}",
-             f"page_port:={page}",
+             f"seed:={options.seed}", f"cameras:={cameras or 'none'}", f"method:={options.method}",
+             f"navigation:={options.navigation}", f"state:={state}", f"maps:={options.out}", f"page_port:={page}",
              f"rviz:={'true' if options.rviz else 'false'}",
              f"rviz_config:={self._fit_display()}",
              *([self._launch_file("parts/models.launch"), f"models:={options.models}"] if options.models else [])],
@@ -207,14 +217,17 @@ class Demo:
         # the map that carries the border was published before the state said "saved"
         region = metrics.restricted_cells(observer.prior, observer.posterior)
         after = np.zeros((0, 2))
+        driven = Driven("not_sent")
         if saved:
             after = self._plan_after(observer, proof, region)
         album.close()
         if saved:
+            driven = self._drive(proof)
+        if saved:
             self._save_map()
         time.sleep(1.0)  # RViz draws a few frames a second: let it show the last state
         self._take_screenshot("smart_display.png")
-        return self._conclude(observer, album, before, after, region, saved, measured)
+        return self._conclude(observer, album, before, after, driven, region, saved, measured)
 
     def _wait_until_ready(self, observer: Observer) -> None:
         options = self.options
@@ -305,6 +318,18 @@ class Demo:
         wait_until(respected, 5.0, 0.25)
         return after
 
+    def _drive(self, proof: Proof) -> Driven:
+        """Sends the robot to where the proof begins, and from there to its goal; gives the second drive."""
+        runner = GoalRunner()
+        with self._narrator.status("the robot drives to the start of the proof"):
+            first = runner.drive(_pose(proof.start), DRIVE_S)
+        if first.outcome != "reached":
+            self._say(f"the robot did not get to the start of the proof ({first.outcome}): it drives from where it is")
+        with self._narrator.status("the robot drives to the goal"):
+            driven = runner.drive(_pose(proof.goal), DRIVE_S)
+        self._say(f"driven: {driven.outcome} after {driven.length:.2f} m and {driven.seconds:.0f} s {driven.text}".rstrip())
+        return driven
+
     def _save_map(self) -> None:
         try:
             rospy.wait_for_service(names.SAVE_MAP, timeout=10.0)
@@ -329,7 +354,7 @@ class Demo:
             self._say("no picture of the smart display could be taken")
 
     # ------------------------------------------------------------- the end
-    def _conclude(self, observer, album, before, after, region, saved, measured) -> int:
+    def _conclude(self, observer, album, before, after, driven, region, saved, measured) -> int:
         options = self.options
         truth = floor_plan.ground_truth(options.world, options.scenario)
         same_grid = truth.shape == region.shape
@@ -338,6 +363,7 @@ class Demo:
         times = {"guide": state.guide_s, "border": state.border_s, "seed": state.seed_s}
         times["total"] = sum(times.values())
         crossing = metrics.crosses(after, observer.prior, region)
+        entered = metrics.crosses(driven.path, observer.prior, region)
         summary = {
             "scenario": options.scenario.key,
             "method": options.method,
@@ -350,6 +376,11 @@ class Demo:
             "path_after_m": round(chain_length(after), 3) if len(after) else None,
             "path_before_crosses_border": metrics.crosses(before, observer.prior, region),
             "path_after_crosses_border": crossing,
+            "navigation": options.navigation,
+            "drive_outcome": driven.outcome,
+            "path_driven_m": round(driven.length, 3) if len(driven.path) else None,
+            "path_driven_crosses_border": entered,
+            "drive_s": round(driven.seconds, 1),
             "real_time_factor": round(measured["real_time_factor"], 4),
             "duration_s": round(measured["duration_s"], 2),
             "frames": measured["frames"],
@@ -358,6 +389,7 @@ class Demo:
         chain = _chain(observer, state.last_border_id)
         pictures.before_after(
             options.out / "before_after.png", observer.prior, region, truth if same_grid else None, before, after, chain,
+            driven.path,
             f"{options.scenario.title}, {METHOD_TITLES[options.method]}: Jaccard index {score:.3f}",
         )
         for camera, image in album.images.items():
@@ -378,8 +410,12 @@ class Demo:
         if crossing:
             self.console.print("the way still crosses the border", style="bold red")
             return 1
+        if entered or (len(after) and driven.outcome != "reached"):
+            told = "entered the border" if entered else f"did not get to the goal: {driven.outcome}"
+            self.console.print(f"the robot {told}", style="bold red")
+            return 1
         self.console.print(
-            "the robot now goes round the border" if len(after) else "no way crosses the border: the goal is out of reach now",
+            "the robot went round the border" if len(after) else "no way crosses the border: the goal is out of reach now",
             style="bold green",
         )
         return 0

@@ -1,7 +1,11 @@
 """The paper's measures (Sect. 5.5) and the proof that a border acts."""
 from __future__ import annotations
 
+from dataclasses import dataclass
+from typing import Optional
+
 import numpy as np
+from scipy.spatial import cKDTree
 
 from vb_core.errors import CodedError
 from vb_core.geometry import resample_chain
@@ -40,6 +44,46 @@ def restricted_cells(prior: GridMap, posterior: GridMap) -> np.ndarray:
     if not prior.same_geometry(posterior):
         raise CodedError("bad_map", "physical and posterior map differ in size, resolution or origin")
     return (prior.data >= 0) & (prior.data < RESTRICTED) & (posterior.data >= RESTRICTED)
+
+
+@dataclass(frozen=True)
+class BoundaryError:
+    """Distances [m] between the boundary that was asked for and the one that the robot respects, both ways pooled."""
+
+    mean: float
+    p95: float
+    largest: float
+
+
+def boundary_error(prior: GridMap, truth: np.ndarray, restricted: np.ndarray) -> Optional[BoundaryError]:
+    """Measures how far the restricted area's boundary lies from the one that was asked for.
+
+    A boundary consists of the edges between a cell inside and one outside, both of them free floor: where the area
+    ends at a wall nobody drew anything. From each edge's middle the distance to the nearest edge of the other
+    boundary is taken, in both directions, so that a part that is missing counts like one that is superfluous. The
+    grid rounds each distance to about half a cell.
+
+    Args:
+        prior: the physical map.
+        truth, restricted: (H, W) bool.
+
+    Returns:
+        None if one of the two areas has no boundary on free floor.
+    """
+    free = (prior.data >= 0) & (prior.data < RESTRICTED)
+    edges = [_edges(np.asarray(area, bool), free) * prior.resolution for area in (truth, restricted)]
+    if not len(edges[0]) or not len(edges[1]):
+        return None
+    there, back = (cKDTree(edges[to]).query(edges[of])[0] for of, to in ((0, 1), (1, 0)))
+    distances = np.concatenate([there, back])
+    return BoundaryError(float(distances.mean()), float(np.percentile(distances, 95)), float(distances.max()))
+
+
+def _edges(area: np.ndarray, free: np.ndarray) -> np.ndarray:
+    """(N, 2) [cells] middles of the edges between free cells of which one is inside."""
+    across = (area[:, 1:] != area[:, :-1]) & free[:, 1:] & free[:, :-1]
+    along = (area[1:] != area[:-1]) & free[1:] & free[:-1]
+    return np.vstack([np.argwhere(across) + (0.0, 0.5), np.argwhere(along) + (0.5, 0.0)])
 
 
 def crosses(path: np.ndarray, grid: GridMap, region: np.ndarray) -> bool:

@@ -96,6 +96,8 @@ def result_table(summary: dict) -> Table:
          + (", crosses the area" if summary["path_before_crosses_border"] else ", does not cross the area")),
         ("way after", _way(summary["path_after_m"])
          + (", CROSSES the border" if summary["path_after_crosses_border"] else ", respects the border")),
+        ("driven", f"{summary['drive_outcome']}, {_way(summary['path_driven_m'])} in {summary['drive_s']:.0f} s"
+         + (", ENTERED the border" if summary["path_driven_crosses_border"] else ", kept out of the border")),
         ("real-time factor", f"{summary['real_time_factor']:.3f}"),
     ]
     for camera, counts in sorted(summary["frames"].items()):

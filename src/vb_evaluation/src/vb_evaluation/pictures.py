@@ -25,6 +25,7 @@ def before_after(
     path_before: np.ndarray,
     path_after: np.ndarray,
     chain: np.ndarray,
+    driven: np.ndarray,
     title: str,
 ) -> None:
     """Draws the map with the planned way before and after the border.
@@ -35,6 +36,7 @@ def before_after(
         region: (H, W) bool, what the border restricts.
         truth: (H, W) bool, what was asked for; None if unknown.
         path_before, path_after: (N, 2) [m]; an empty one means that there is no way.
+        driven: (K, 2) [m] what the robot drove with the border in force; empty if it did not.
         chain: (M, 2) [m] the border's chain, with its first point repeated at the end if it is closed.
     """
     figure, axes = plt.subplots(1, 2, figsize=(15, 6.2), sharey=True)
@@ -48,6 +50,9 @@ def before_after(
         if truth is not None:
             axis.contour(*_centres(prior), truth.astype(float), levels=[0.5], colors=[GREEN], linewidths=1.5, linestyles="dashed")
             axis.plot([], [], color=GREEN, ls="--", lw=1.5, label="area that was asked for")
+        if after and len(driven):
+            axis.plot(driven[:, 0], driven[:, 1], color="black", lw=1.5, ls="--", zorder=7,
+                      label=f"driven, {_length(driven):.2f} m")
         if len(way):
             axis.plot(way[:, 0], way[:, 1], color=BLUE, lw=3, label=f"planned way, {_length(way):.2f} m", zorder=5)
             axis.plot(*way[0], marker="o", ms=11, color=BLUE, mec="white", ls="none", label="start", zorder=6)

@@ -1,7 +1,11 @@
-"""The paper's questionnaire (Sect. 5.5 and 5.8.2): five statements per method, one question, one CSV file.
+"""The paper's questionnaire (Sect. 5.5 and 5.8.2), and the UEQ-S beside it; one CSV file.
 
 One line per participant; the columns are `participant`, for each statement and method `s1_nrs` ... `s5_robot_only`
-with whole numbers from 1 to 5, and `helped` with yes or no. An empty cell is an answer not given.
+with whole numbers from 1 to 5, `helped` with yes or no, and, if the UEQ-S was asked, `u1_nrs` ... `u8_robot_only` with the
+box that was ticked, 1 to 7 from left to right. An empty cell is an answer not given.
+
+UEQ-S: Schrepp, Hinderks, Thomaschewski, "Design and Evaluation of a Short Version of the User Experience Questionnaire
+(UEQ-S)", IJIMAI 4(6), 2017: items 1 to 4 pragmatic, 5 to 8 hedonic quality, each the mean of items scaled to -3 .. 3.
 """
 from __future__ import annotations
 
@@ -23,6 +27,10 @@ STATEMENTS = (
     ("It was easy to learn the handling of the interaction method", "1 = hard, 5 = easy"),
     ("I liked the feedback of the system", "1 = bad/no feedback, 5 = good feedback"),
 )
+# (left, right) end, in the published order; 1 is the left box
+UEQ_S = (("obstructive", "supportive"), ("complicated", "easy"), ("inefficient", "efficient"), ("confusing", "clear"),
+         ("boring", "exciting"), ("not interesting", "interesting"), ("conventional", "inventive"), ("usual", "leading edge"))
+UEQ_SCALES = (("UEQ-S, pragmatic quality", range(1, 5)), ("UEQ-S, hedonic quality", range(5, 9)), ("UEQ-S, overall", range(1, 9)))
 QUESTION = "Did the smart environment support the interaction process?"
 METHODS = ("nrs", "robot_only")
 SCALE = (1, 5)
@@ -57,8 +65,13 @@ class Questionnaire:
     asked: int
 
 
+def ueq_columns() -> List[str]:
+    """The columns of the UEQ-S, which a file may leave out."""
+    return [f"u{number}_{method}" for number in range(1, len(UEQ_S) + 1) for method in METHODS]
+
+
 def columns() -> List[str]:
-    """The header of the CSV file."""
+    """The columns that the CSV file must have."""
     return [
         "participant",
         *(f"s{number}_{method}" for number in range(1, len(STATEMENTS) + 1) for method in METHODS),
@@ -96,6 +109,7 @@ def read(path: Path) -> Questionnaire:
             )
         seen.add(cells["participant"])
         rows.append({column: _answer(cells[column], f"{where}: {column}") for column in columns()[1:-1]})
+        rows[-1].update({column: _answer(cells.get(column, ""), f"{where}: {column}", (1, 7)) for column in ueq_columns()})
         rows[-1]["helped"] = _flag(cells["helped"], f"{where}: helped")
     if not rows:
         raise CodedError("bad_questionnaire", f"{path}: nobody has answered yet")
@@ -104,6 +118,11 @@ def read(path: Path) -> Questionnaire:
         pairs = np.array([[row[f"s{number}_{method}"] for method in METHODS] for row in rows])
         pairs = pairs[np.isfinite(pairs).all(axis=1)]
         answers.append(Answers(statement, scale, pairs[:, 0], pairs[:, 1]))
+    for name, items in UEQ_SCALES:
+        pairs = np.array([[np.mean([row[f"u{item}_{method}"] for item in items]) - 4.0 for method in METHODS] for row in rows])
+        pairs = pairs[np.isfinite(pairs).all(axis=1)]
+        if len(pairs):
+            answers.append(Answers(name, "-3 to 3", pairs[:, 0], pairs[:, 1]))
     said = np.array([row["helped"] for row in rows])
     return Questionnaire(tuple(answers), int(np.nansum(said)), int(np.isfinite(said).sum()))
 
@@ -130,6 +149,9 @@ def table(found: Questionnaire) -> List[Dict[str, Any]]:
                 "p_exact": result.test.p_exact,
                 "r": result.r,
                 "rank_biserial": result.rank_biserial,
+                "shift": result.shift.estimate,
+                "shift_low": result.shift.low,
+                "shift_high": result.shift.high,
             }
         )
     return rows
@@ -168,13 +190,11 @@ def _moment(values: np.ndarray, name: str) -> float:
     return float({"mean": np.mean, "median": np.median, "sd": lambda v: np.std(v, ddof=1)}[name](values))
 
 
-def _answer(text: str, where: str) -> float:
+def _answer(text: str, where: str, scale: Tuple[int, int] = SCALE) -> float:
     if text == "":
         return math.nan
-    if not text.isdigit() or not SCALE[0] <= int(text) <= SCALE[1]:
-        raise CodedError(
-            "bad_questionnaire", f"{where}: expected a whole number from {SCALE[0]} to {SCALE[1]}, got '{text}'"
-        )
+    if not text.isdigit() or not scale[0] <= int(text) <= scale[1]:
+        raise CodedError("bad_questionnaire", f"{where}: expected a whole number from {scale[0]} to {scale[1]}, got '{text}'")
     return float(text)
 
 

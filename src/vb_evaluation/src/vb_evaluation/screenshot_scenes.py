@@ -9,14 +9,11 @@ from shapely.geometry import Polygon
 
 from vb_core.geometry import resample_chain
 from vb_core.grid_map import GridMap
+from vb_core.notices import Notice, Severity
 from vb_map_integration.border import VirtualBorder
 from vb_map_integration.integration import integrate
 from vb_sim import floor_plan
 from vb_sim.world import Scenario, World
-
-# sentences as interaction_manager and map_integrator say them
-_DRAW = "Draw the border on the floor with the laser."
-_POINT = "Point at the side that the robot must not enter."
 
 
 @dataclass(frozen=True)
@@ -31,7 +28,8 @@ class Scene:
     elapsed_s: float = 0.0
     commands: Tuple[str, ...] = ("define_border", "guide_robot")
     success: bool = True
-    message: str = ""
+    code: str = ""  # of the last answer
+    stopped: bool = False
     cameras: Tuple[str, ...] = ()
     seeing: Tuple[str, ...] = ()
     points: np.ndarray = field(default_factory=lambda: np.zeros((0, 2)))
@@ -42,13 +40,13 @@ class Scene:
     spots: Tuple[Tuple[str, float, float], ...] = ()
     region: Optional[np.ndarray] = None
     area_m2: float = 0.0
-    findings: Tuple[str, ...] = ()
+    findings: Tuple[Notice, ...] = ()
     path: Tuple[Tuple[float, float], ...] = ()
-    workspace: Tuple[str, ...] = ()
+    notices: Tuple[Notice, ...] = ()
 
 
 def scenes(world: World) -> List[Scene]:
-    """Default with borders, Border, Seed with a preview, Guide, saved, refused, and a robot in a border."""
+    """Default with borders, Border, Seed with a preview, Guide, saved, refused, a robot in a border, and stopped."""
     grid = floor_plan.physical_map(world)
     drawn = min(world.scenarios.values(), key=lambda scenario: not scenario.closed)
     cameras = tuple(camera.name for camera in world.cameras)[-2:] + ("robot",)
@@ -61,16 +59,16 @@ def scenes(world: World) -> List[Scene]:
     line = resample_chain(chain, 0.04)
     part = line[: int(0.62 * len(line))]
     watching = (*_beside(part[-1], start), float(np.arctan2(*(part[-1] - _beside(part[-1], start))[::-1])))
-    default = Scene("default", before, kept, start, message="Ready when you are: say define border to begin.")
+    default = Scene("default", before, kept, start)
     border = replace(
-        default, name="border", state="border", elapsed_s=9.0, commands=("define_seed", "guide_robot", "cancel"), message=_DRAW,
+        default, name="border", state="border", elapsed_s=9.0, commands=("define_seed", "guide_robot", "cancel"), code="draw_border",
         cameras=cameras, seeing=cameras, points=_scattered(part), point_cameras=[number % 3 for number in range(len(part))],
         chain=part, robot=watching, spots=_spots(part[-14:], cameras), path=_way(start, watching),
     )
     seed_line = drawn.seed + np.column_stack([np.linspace(-0.04, 0.0, 8), np.linspace(0.02, 0.0, 8)])
     seed = replace(
         border, name="seed", state="seed", elapsed_s=27.0, commands=("save", "define_border", "guide_robot", "cancel"),
-        message=_POINT, points=_scattered(line), point_cameras=[number % 3 for number in range(len(line))], chain=chain,
+        code="point_seed", points=_scattered(line), point_cameras=[number % 3 for number in range(len(line))], chain=chain,
         closed=False, seed=tuple(drawn.seed), spots=_spots(seed_line, cameras[:2]), seeing=cameras[:2], region=added.region,
         area_m2=added.area_m2, path=(),
     )
@@ -78,22 +76,27 @@ def scenes(world: World) -> List[Scene]:
     along = np.linspace(start[:2], led, 40)
     guide = replace(
         default, name="guide", state="guide", elapsed_s=14.0, commands=("define_border", "define_seed", "cancel"),
-        message="The robot follows the spot.", cameras=("robot",), seeing=("robot",), spots=_spots(along[-14:], ("robot",)),
+        code="guide", cameras=("robot",), seeing=("robot",), spots=_spots(along[-14:], ("robot",)),
         robot=(*along[22], float(np.arctan2(*(along[-1] - along[0])[::-1]))),
     )
     return [
         default, border, seed,
-        replace(seed, name="seed_mind", findings=("the free space would fall into 2 parts, not 1",)),
+        replace(seed, name="seed_mind", findings=(Notice("preview_parts", values={"parts": "2"}),)),
         guide,
-        replace(default, name="saved", posterior=after, borders=all_kept, message="Saved: the robot keeps out of this area now."),
+        replace(default, name="saved", posterior=after, borders=all_kept, code="saved"),
         replace(
             seed, name="refusal", success=False, region=None, seed=None, spots=(), seeing=(), state="border",
             commands=("define_seed", "guide_robot", "cancel"),
-            message="Save needs a seed: say define seed, then point at the side that is off limits.",
+            code="missing_seed",
         ),
         replace(
             default, name="robot_in_border", posterior=after, borders=all_kept, robot=(*(0.25 * drawn.seed + 0.75 * drawn.border[0]), 0.6),
-            message="Saved: the robot keeps out of this area now.", workspace=(f"the robot is inside '{new.name}'",),
+            code="saved", notices=(Notice("robot_inside_border", Severity.WARNING, values={"robot": "the robot", "border": new.name},
+                                          message=f"The robot is inside '{new.name}'."),),
+        ),
+        replace(
+            guide, name="stopped", stopped=True, code="stopped", spots=(), seeing=(), commands=("resume", "define_border", "cancel"),
+            notices=(Notice("robots_stopped", Severity.WARNING),),
         ),
     ]
 

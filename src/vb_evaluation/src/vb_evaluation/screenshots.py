@@ -21,23 +21,25 @@ from typing import Any, Dict, List, Optional, Sequence, Tuple
 import cv2
 import numpy as np
 import rosgraph
+import rospkg
 import rospy
 import tf2_ros
 from geometry_msgs.msg import Point, PoseStamped
 from nav_msgs.msg import Path as PathMessage
-from std_msgs.msg import String
 
-from vb_core import geometry, names
+from vb_core import geometry, names, sentences
 from vb_core.errors import CodedError
 from vb_core.ros.messages import (
-    BorderPreviewArray, OccupancyGridArray, message_from_grid, points_from_array, transform_message,
+    BorderPreviewArray, OccupancyGridArray, message_from_grid, points_from_array, transform_message, values_from_mapping,
 )
+from vb_core.ros.notices import message_from_notice
 from vb_evaluation.observer import wait_until
 from vb_evaluation.processes import Child, free_port, screenshot, start_screen
 from vb_evaluation.screenshot_scenes import Scene, scenes
-from vb_feedback import fit_display
+from vb_feedback import fit_display, rviz_fonts
+from vb_feedback.layout import plain
 from vb_msgs.msg import (
-    BorderProgress, Finding, InteractionState, LaserSpot, VirtualBorder, VirtualBorderArray,
+    BorderProgress, Finding, InteractionState, LaserSpot, NoticeArray, VirtualBorder, VirtualBorderArray,
 )
 from vb_sim import floor_plan
 from vb_sim.world import load_world
@@ -58,6 +60,7 @@ def main(arguments: Optional[List[str]] = None, top: Optional[Path] = None) -> i
     parser = argparse.ArgumentParser(prog="screenshots", description=__doc__.split("\n")[0])
     parser.add_argument("--world", default=str(top / "src/vb_sim/worlds/lab.yaml"), help="a world file")
     parser.add_argument("--out", default=str(top / "docs/images/display"), help="folder for the pictures")
+    parser.add_argument("--language", default=sentences.ENGLISH, choices=sentences.languages(), help="of the display")
     parser.add_argument("--only", nargs="*", default=[], help="names of the states to be taken; default: all")
     given = parser.parse_args(arguments)
     try:
@@ -68,14 +71,16 @@ def main(arguments: Optional[List[str]] = None, top: Optional[Path] = None) -> i
         out = Path(given.out)
         out.mkdir(parents=True, exist_ok=True)
         with contextlib.ExitStack() as stack, tempfile.TemporaryDirectory() as folder:
-            _take(stack, Path(folder), top, world, wanted, out)
+            _take(stack, Path(folder), top, world, wanted, out, given.language)
     except CodedError as error:
         print(f"screenshots: {error}", file=sys.stderr)
         return 1
     return 0
 
 
-def _take(stack: contextlib.ExitStack, folder: Path, top: Path, world: Any, wanted: List[Scene], out: Path) -> None:
+def _take(
+    stack: contextlib.ExitStack, folder: Path, top: Path, world: Any, wanted: List[Scene], out: Path, language: str
+) -> None:
     port = free_port()
     os.environ.update({
         "ROS_MASTER_URI": f"http://127.0.0.1:{port}", "ROS_LOG_DIR": str(folder / "log"), "LIBGL_ALWAYS_SOFTWARE": "1",
@@ -86,9 +91,11 @@ def _take(stack: contextlib.ExitStack, folder: Path, top: Path, world: Any, want
         raise CodedError("not_ready", "the ROS master did not come up")
     rospy.init_node("screenshots", disable_signals=True, log_level=rospy.ERROR)
     stack.callback(rospy.signal_shutdown, "all pictures are taken")
-    stack.callback(_start(["rosrun", "vb_feedback", "display_markers"], folder / "display_markers.txt").stop)
+    stack.callback(_start(["rosrun", "vb_feedback", "display_markers", f"_language:={language}"], folder / "display_markers.txt").stop)
     grid = floor_plan.physical_map(world)
-    stage = Stage(grid)
+    stage = Stage(grid, language)
+    letters = rviz_fonts.overlay(Path(rospkg.RosPack().get_path("rviz")), folder / "letters")
+    path_with_letters = f"{letters}:{os.environ.get('ROS_PACKAGE_PATH', '')}"
     stack.callback(stage.close)
     corners = grid.corners()
     for width, height in SIZES:
@@ -100,7 +107,8 @@ def _take(stack: contextlib.ExitStack, folder: Path, top: Path, world: Any, want
                 str(top / "rviz/smart_display.rviz"), str(config), "--screen", str(width), str(height),
                 "--map", *map(str, corners[2] - corners[0]), "--origin", *map(str, corners[0]),
             ])
-            rviz = _start(["rviz", "--fullscreen", "-d", str(config)], folder / "rviz.txt", {"DISPLAY": display})
+            rviz = _start(["rviz", "--fullscreen", "-d", str(config)], folder / "rviz.txt",
+                          {"DISPLAY": display, "ROS_PACKAGE_PATH": path_with_letters})
             screen_stack.callback(rviz.stop)
             if not wait_until(stage.is_watched, _PATIENCE_S):
                 raise CodedError("not_ready", f"RViz did not come up: {rviz.tail()}")
@@ -152,8 +160,9 @@ def _shrink(path: Path) -> None:
 class Stage:
     """Publishes scenes the way the system would."""
 
-    def __init__(self, grid: Any) -> None:
+    def __init__(self, grid: Any, language: str) -> None:
         self._grid = grid
+        self._language = language
         self._scene: Optional[Scene] = None
         self._said: Dict[Tuple[str, int], str] = {}
         latched: Dict[str, Any] = {"queue_size": 1, "latch": True}
@@ -163,7 +172,7 @@ class Stage:
         self._progress = rospy.Publisher(names.PROGRESS, BorderProgress, **latched)
         self._preview = rospy.Publisher(names.PREVIEW, BorderPreviewArray, **latched)
         self._borders = rospy.Publisher(names.BORDERS, VirtualBorderArray, **latched)
-        self._workspace = rospy.Publisher(names.WORKSPACE, String, **latched)
+        self._notices = rospy.Publisher(names.NOTICES, NoticeArray, **latched)
         self._plan = rospy.Publisher(_PLAN, PathMessage, **latched)
         self._spots = rospy.Publisher(names.SPOTS, LaserSpot, queue_size=50)
         self._transforms = tf2_ros.TransformBroadcaster()
@@ -187,8 +196,6 @@ class Stage:
         now = rospy.Time.now()
         self._posterior.publish(message_from_grid(scene.posterior, now))
         self._borders.publish(borders=list(map(border_message, scene.borders)))
-        for sentence in scene.workspace or ("",):
-            self._workspace.publish(sentence)
         self._progress.publish(self._progress_message(scene))
         self._preview.publish(self._preview_message(scene))
         path = PathMessage(poses=[PoseStamped() for _ in scene.path])
@@ -199,10 +206,11 @@ class Stage:
         self._scene = scene
         self._state.publish(InteractionState(
             name=scene.state, interaction_id=scene.name if scene.state != "default" else "", border_s=scene.elapsed_s,
-            commands=list(scene.commands), last_success=scene.success, last_message=scene.message, last_answered=now,
+            commands=list(scene.commands), last_success=scene.success, last_code=scene.code, last_answered=now, stopped=scene.stopped,
         ))
-        if not wait_until(lambda: self._answer() == scene.message.split(), _PATIENCE_S, 0.05):
-            raise CodedError("not_shown", f"display_markers did not show: {scene.message}")
+        wanted = plain(sentences.say(scene.code or "display_start", {}, self._language))
+        if not wait_until(lambda: self._answer() == wanted.split(), _PATIENCE_S, 0.05):
+            raise CodedError("not_shown", f"display_markers did not show: {wanted}")
 
     def _answer(self) -> List[str]:
         said = sorted((key[1], text) for key, text in list(self._said.items()) if key[0] == "words/answer")
@@ -231,7 +239,10 @@ class Stage:
         region = self._grid.with_data(np.where(scene.region, 100, 0).astype(np.int8))
         return BorderPreviewArray(
             interaction_id=scene.name, available=True, success=True, area_m2=scene.area_m2,
-            findings=[Finding(severity=Finding.WARNING, code="warning", message=text) for text in scene.findings],
+            findings=[
+                Finding(severity=Finding.WARNING, code=found.code, message=found.sentence(), values=values_from_mapping(found.values))
+                for found in scene.findings
+            ],
             region=message_from_grid(region, rospy.Time.now()),
         )
 
@@ -240,6 +251,7 @@ class Stage:
         while self._running:
             scene, now = self._scene, rospy.Time.now()
             if scene is not None:
+                self._notices.publish(source="/screenshots", notices=list(map(message_from_notice, scene.notices)))
                 pose = geometry.pose2d_transform(*scene.robot)
                 self._transforms.sendTransform(transform_message(pose, names.MAP_FRAME, "base_link", now))
                 for number, (camera, x, y) in enumerate(scene.spots):

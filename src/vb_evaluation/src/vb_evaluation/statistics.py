@@ -183,6 +183,33 @@ def median(values: np.ndarray, confidence: float = CONFIDENCE) -> Interval:
     return bootstrap(lambda a, axis=-1: np.median(a, axis=axis), values, confidence=confidence, method="percentile")
 
 
+def mean(values: np.ndarray, confidence: float = CONFIDENCE) -> Interval:
+    """Mean of values (N,) with a bootstrap interval."""
+    return bootstrap(lambda a, axis=-1: np.mean(a, axis=axis), values, confidence=confidence)
+
+
+@dataclass(frozen=True)
+class UnpairedComparison:
+    """Two independent samples: Mann-Whitney p (exact without ties), and the shift first minus second."""
+
+    p: float
+    shift: Interval
+
+
+def unpaired(first: np.ndarray, second: np.ndarray, confidence: float = CONFIDENCE) -> UnpairedComparison:
+    """Compares two independent samples (N,), (M,); the interval is Moses' (Hollander, Wolfe & Chicken 2014, Sect. 4.3)."""
+    first, second = _sample(first), _sample(second)
+    if not len(first) or not len(second):
+        return UnpairedComparison(math.nan, Interval(math.nan, math.nan, math.nan, math.nan))
+    n, m = len(first), len(second)
+    differences = np.sort((first[:, None] - second[None, :]).ravel())
+    spread = math.sqrt(n * m * (n + m + 1) / 12.0)
+    cut = int(math.floor(n * m / 2.0 - stats.norm.ppf((1.0 + confidence) / 2.0) * spread))
+    p = float(stats.mannwhitneyu(first, second, alternative="two-sided").pvalue)
+    low, high = (differences[cut], differences[-1 - cut]) if cut >= 0 else (math.nan, math.nan)
+    return UnpairedComparison(p, Interval(float(np.median(differences)), float(low), float(high), confidence))
+
+
 def bootstrap(
     statistic: Callable[..., np.ndarray], *samples: np.ndarray, confidence: float = CONFIDENCE, method: str = "BCa"
 ) -> Interval:

@@ -16,7 +16,7 @@ from vb_core.grid_map import GridMap
 from vb_core.notices import Notice as Said
 from vb_core.notices import NoticeBook
 from vb_core.parameters import Parameters, param
-from vb_core.ros import node, parameters
+from vb_core.ros import node, parameters, robot_profile
 from vb_core.ros.messages import BorderPreviewArray, OccupancyGridArray, grid_from_message, message_from_grid
 from vb_core.ros.notices import notice_from_message
 from vb_msgs.msg import (
@@ -91,6 +91,9 @@ class DisplayMarkers:
 
     def __init__(self, params: DisplayParams) -> None:
         self._params = params
+        self._radii = {
+            frame: robot_profile.radius(str(frame).rpartition("/")[0], params.robot_radius) for frame in params.robots
+        }
         self._lock = threading.Lock()
         self._wake = node.Beat(_REFRESH_S)
         self._dirty = True  # something but a spot has changed
@@ -299,7 +302,7 @@ class DisplayMarkers:
         shapes += scene.trails(layout, known.spots, now, params.fade, 2.0 * params.fade)
         shapes += scene.live_spots(layout, known.spots, now, params.fade, 2.0 * params.fade)
         for number, frame in enumerate(params.robots):
-            shapes += scene.robot(str(frame), number, params.robot_radius)
+            shapes += scene.robot(str(frame), number, self._radii[frame])
         return shapes
 
     def _notices(self, known: _Known, seeing: Sequence[str], now: float) -> List[Notice]:

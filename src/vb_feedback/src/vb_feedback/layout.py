@@ -10,8 +10,10 @@ from dataclasses import dataclass
 from typing import List, Sequence, Tuple
 
 import numpy as np
+from anyascii import anyascii
 
 from vb_core.errors import CodedError
+from vb_feedback.rviz_fonts import is_drawn
 
 PANEL = 0.5  # shares of the view's height: width of the panel, ...
 STRIP = 0.23  # ... height of the strip, ...
@@ -123,28 +125,46 @@ _WIDTHS = (
     500, 500, 334, 260, 334, 584,
 )
 _SPACE = 310
+_MARKS = {
+    "\u00b2": 333, "\u00b3": 333, "\u00b7": 333, "\u00df": 611, "\u2013": 556, "\u2014": 1000, "\u2018": 222, "\u2019": 222,
+    "\u201a": 222, "\u201c": 333, "\u201d": 333, "\u201e": 333, "\u2026": 1000, "\u20ac": 556,
+}
+_WIDE, _NARROW = 1015, 660  # the widest Greek and Cyrillic capital; hardly a small letter is wider, few marks are
 # the font's size in heights of RViz's text markers: measured on words of 4 to 11 letters, 0.83 to 0.84
 _FONT = 0.84
 
 
 def plain(text: str) -> str:
-    """A text in the characters that RViz's text markers can show: accents are dropped, the rest becomes "?"."""
-    decomposed = unicodedata.normalize("NFKD", text)
-    letters = [letter for letter in decomposed if not unicodedata.combining(letter)]
-    return "".join(letter if " " <= letter <= "~" else "?" for letter in letters)
+    """A text in the characters that RViz can show: those of its font as they are, others transliterated (anyascii)."""
+    composed = unicodedata.normalize("NFC", text)
+    shown = "".join(letter if is_drawn(letter) else _transliterated(letter) for letter in composed)
+    return " ".join(shown.split())
+
+
+def _transliterated(letter: str) -> str:
+    kind = unicodedata.category(letter)
+    if kind.startswith("M"):
+        return ""
+    return " " if kind.startswith(("C", "Z")) else anyascii(letter) or "_"
+
+
+def _width(letter: str) -> int:
+    """Advance width in thousandths of the font's size; an accent does not change it."""
+    if letter in _MARKS:
+        return _MARKS[letter]
+    base = unicodedata.normalize("NFKD", letter)[0]
+    index = ord(base) - 33
+    if letter == " ":
+        return _SPACE
+    if 0 <= index < len(_WIDTHS):
+        return _WIDTHS[index]
+    return _WIDE if base.isupper() else _NARROW
 
 
 def text_width(text: str, size: float) -> float:
     """Width [m] of a line of text, letters of `size` [m]; of the longest of several lines."""
 
-    def one(line: str) -> float:
-        total = 0
-        for letter in line:
-            index = ord(letter) - 33
-            total += _SPACE if letter == " " else _WIDTHS[index] if 0 <= index < len(_WIDTHS) else 889
-        return total / 1000.0
-
-    return size * _FONT * max((one(line) for line in text.split("\n")), default=0.0)
+    return size * _FONT * max((sum(map(_width, line)) for line in text.split("\n")), default=0) / 1000.0
 
 
 def place_words(text: str, x: float, y: float, size: float) -> List[Tuple[str, float, float]]:

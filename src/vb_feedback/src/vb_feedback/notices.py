@@ -14,7 +14,7 @@ from vb_feedback.words import Notice
 # more sentences than this nobody reads from across the room, and letters would get too small
 _MOST = 3
 # codes of a dispatcher that says itself that no camera sees the spot, and what comes of it
-_ABOUT_THE_SPOT = ("spot_unseen_no_robot", "spot_unseen_robot_comes")
+_ABOUT_THE_SPOT = ("spot_unseen_robot_comes", "spot_unseen_no_robot", "spot_ahead_unseen")
 
 
 @dataclass(frozen=True)

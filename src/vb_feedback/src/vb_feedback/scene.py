@@ -138,7 +138,7 @@ def borders(layout: Layout, stored: Sequence[Border], off: str = "off") -> List[
         if not border.enabled:
             text += f"\n{off}"
         elif border.area_m2 > 0:
-            text += f"\n{border.area_m2:.2f} m2"
+            text += f"\n{border.area_m2:.2f} m\u00b2"
         box = text_box(text, *border.seed, size)
         texts.append(text)
         wanted.append(Box.centred(*box.centre, box.width + 0.5 * size, box.height + 0.3 * size))

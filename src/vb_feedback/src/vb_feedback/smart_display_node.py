@@ -5,6 +5,7 @@ import os
 import subprocess
 import sys
 from dataclasses import dataclass
+from pathlib import Path
 from typing import List, Tuple
 
 import rospkg
@@ -16,6 +17,7 @@ from vb_core.parameters import Parameters, param
 from vb_core.ros import parameters
 from vb_core.ros.messages import OccupancyGridArray, grid_from_message
 
+from vb_feedback import rviz_fonts
 from vb_feedback.layout import Box
 from vb_feedback.rviz_config import fit_config, screen_size
 
@@ -69,6 +71,17 @@ def _fitted(params: SmartDisplayParams) -> str:
     return path
 
 
+def _give_letters(name: str) -> None:
+    """Lets RViz draw more letters than its package asks for; without them it shows fewer, which is no reason to stay away."""
+    try:
+        rviz = Path(rospkg.RosPack().get_path("rviz"))
+        folder = rviz_fonts.overlay(rviz, Path(rospkg.get_ros_home()) / "virtual_borders" / f"{name}_letters")
+    except (OSError, ValueError, rospkg.ResourceNotFound) as error:
+        print(f"smart_display: RViz draws Latin letters without accents only: {error}", file=sys.stderr)
+        return
+    os.environ["ROS_PACKAGE_PATH"] = f"{folder}:{os.environ.get('ROS_PACKAGE_PATH', '')}"
+
+
 def main() -> None:
     """Runs the program; what roslaunch gave it for its name goes on to RViz."""
     rospy.init_node("smart_display")
@@ -80,5 +93,7 @@ def main() -> None:
         sys.exit(1)
     except rospy.ROSException:
         return
+    name = rospy.get_name().strip("/").replace("/", "_")
     rospy.signal_shutdown("RViz takes over")
+    _give_letters(name)
     os.execvp("rviz", ["rviz", "--fullscreen", "-d", path, *arguments])

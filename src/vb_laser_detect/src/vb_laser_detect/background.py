@@ -2,54 +2,85 @@
 from __future__ import annotations
 
 import math
+from typing import Optional
 
 import cv2
 import numpy as np
 
-from vb_laser_detect.blocks import BLOCK, block_maxima, mask_of_blocks, max_channel, sample_blocks
+from vb_laser_detect.blocks import BLOCK, block_maxima, blocks_around, mask_of_blocks, max_channel, sample_blocks
 
 _DARKER = 20  # [grey levels] a pixel that became darker by more than this has changed
-_MOSAIC = 2.0  # [grey levels] by which the means of places in a grey image's tiles may differ
 _NOISE_DEVIATIONS = 6.0  # how far a rise must stand out of a block's own noise
 _NOISE_TIME = 1.0  # [s] in which a block's noise is learnt
+_CYCLE_S = 1.0  # every pixel is blended in once in this time
+_ABSORB_S = 1.5  # a change that lasts so long belongs to the background
 _WEIGHT = 0.25  # of a frame whenever a strip is blended in
+_ABSORB_MOVING = 6  # [images] while the camera moves: what is left of an edge by a motion that was not exact goes on so long
+_SQUARE = np.ones((3, 3), np.uint8)
+_EVEN = np.zeros((5, 5), np.uint8)  # the same for the places of a Bayer pattern
+_EVEN[::2, ::2] = 1
 
 
 class Background:
     """The background of one camera at full resolution, and each block's noise.
 
     The image is blended in strip by strip, so that every frame costs the same. Blocks that changed are left out
-    until they stayed changed for `absorb_s`; then they are taken over in one step. Blocks that show a spot are
+    until they stayed changed for 1.5 s; then they are taken over in one step. Blocks that show a spot are
     left out for `hold_s`.
 
     Args:
         image: (H, W) or (H, W, C) uint8, the first image.
-        cycle_s: [s] time in which every pixel is blended in once.
-        absorb_s: [s] how long a change must last to belong to the background.
         hold_s: [s] how long a spot may shine on the same place before it is taken for a lamp.
+
+    Attributes:
+        image: the background itself.
+        reference: what the next image is compared with.
+        moved: whether the camera moved since the last image.
     """
 
-    def __init__(self, image: np.ndarray, cycle_s: float, absorb_s: float, hold_s: float) -> None:
+    def __init__(self, image: np.ndarray, hold_s: float) -> None:
         self.image = image.copy()
-        self._cycle_s, self._absorb_s, self._hold_s = cycle_s, absorb_s, hold_s
+        self.hold_s = hold_s
         self._sample = sample_blocks(image)
         blocks = (image.shape[0] // BLOCK, image.shape[1] // BLOCK)
         self._noise = np.zeros(blocks, np.float32)
         self._deviation = np.zeros(blocks, np.float32)
         self._changed_s = np.zeros(blocks, np.float32)
         self._held_s = np.zeros(blocks, np.float32)
+        self._guessed = np.zeros(blocks, np.uint8)
         self._holding = False
         self._row = 0
         self._owed_rows = 0.0
+        self.reference = self.image  # what the next image is compared with
+        self.moved = False
 
-    def retime(self, cycle_s: float, absorb_s: float, hold_s: float) -> None:
-        """Goes on with other times; see the class."""
-        self._cycle_s, self._absorb_s, self._hold_s = cycle_s, absorb_s, hold_s
+    def move(self, motion: Optional[np.ndarray], image: np.ndarray, mosaic: bool) -> None:
+        """Takes the background along with a camera that moved; what was out of sight is taken from the image.
+
+        Args:
+            motion: (3, 3) maps the background's pixels to the image's; None: the camera stands still.
+        """
+        self.moved = motion is not None
+        self.reference = self.image
+        if motion is None:
+            return
+        self.image = _warped(self.image, motion, image, mosaic)
+        size = self._noise.shape[::-1]
+        of_blocks = np.diag((1.0 / BLOCK, 1.0 / BLOCK, 1.0)) @ motion @ np.diag((float(BLOCK), float(BLOCK), 1.0))
+        for name in ("_noise", "_deviation", "_changed_s", "_held_s", "_guessed"):
+            values = getattr(self, name)
+            border = float(values.mean()) if name in ("_noise", "_deviation") else 0.0
+            setattr(self, name, cv2.warpPerspective(
+                values, of_blocks, size, flags=cv2.INTER_NEAREST, borderMode=cv2.BORDER_CONSTANT, borderValue=border))
+        # no motion is known to less than a part of a pixel: a pixel is compared with the brightest beside it
+        around = _EVEN if mosaic else _SQUARE
+        self.reference = cv2.dilate(self.image, around)
+        self._sample = sample_blocks(cv2.erode(self.image, around))
 
     def rise(self, image: np.ndarray) -> np.ndarray:
         """(H // 8, W // 8) uint8: by how much each block's brightest change is above the background."""
         # a colour image carries so much data that every second row has to do: spots cover several
-        return block_maxima(image, self.image, row_step=1 if image.ndim == 2 else 2, brightest=True)
+        return block_maxima(image, self.reference, row_step=1 if image.ndim == 2 else 2, brightest=True)
 
     def darker_blocks(self, image: np.ndarray) -> np.ndarray:
         """(H // 8, W // 8) bool: blocks that became darker, judged by one pixel of each."""
@@ -65,24 +96,19 @@ class Background:
         """(rows, columns) bool: blocks whose rise is at least `least` and stands out of the block's own noise."""
         return maxima >= np.maximum(np.float32(least), self._noise + np.float32(_NOISE_DEVIATIONS) * self._deviation)
 
-    def erase(self, u: float, v: float, diameter: float) -> None:
-        """Puts the median of its surroundings where a spot was shining when the background was taken."""
-        inner = 2 * int(math.ceil(0.5 * diameter) + 2)
-        outer = 2 * inner
-        height, width = self.image.shape[:2]
-        # even bounds keep each pixel's place in a Bayer image's pattern; there each place has a median of its own
-        u, v = 2 * int(u / 2), 2 * int(v / 2)
-        top, bottom, left, right = max(0, v - outer), min(height, v + outer), max(0, u - outer), min(width, u + outer)
-        window = self.image[top:bottom, left:right]
-        filled = window.copy()
-        steps = [(0, 0, 1)] if self.image.ndim == 3 else [(y, x, 2) for y in (0, 1) for x in (0, 1)]
-        for y, x, step in steps:
-            plane = np.ascontiguousarray(window[y::step, x::step])
-            filled[y::step, x::step] = cv2.medianBlur(plane, min(2 * outer // step - 1, 255))
-        rows = slice(max(0, v - inner) - top, v + inner - top)
-        columns = slice(max(0, u - inner) - left, u + inner - left)
-        window[rows, columns] = filled[rows, columns]
+    def guess(self, floor: np.ndarray, u: float, v: float, diameter: float) -> None:
+        """Puts a guess of the floor (H, W) or (H, W, C) where something shines that was there from the beginning."""
+        reach = int(0.75 * diameter) + 4
+        top, left = max(0, int(v) - reach), max(0, int(u) - reach)
+        part = (slice(top, int(v) + reach), slice(left, int(u) + reach))
+        self.image[part] = floor[part]
         self._sample = sample_blocks(self.image)
+        self._guessed[blocks_around(self._guessed.shape, u, v, reach)] = 1
+
+    def is_guessed(self, u: float, v: float) -> bool:
+        """Whether the floor about a pixel was never seen."""
+        row, column = min(int(v) // BLOCK, self._guessed.shape[0] - 1), min(int(u) // BLOCK, self._guessed.shape[1] - 1)
+        return bool(self._guessed[row, column])
 
     def learn(self, image: np.ndarray, rise: np.ndarray, changed: np.ndarray, spots: np.ndarray, dt: float) -> None:
         """Takes a frame in.
@@ -96,8 +122,9 @@ class Background:
         if spots.any() or self._holding:
             self._held_s = np.where(spots, self._held_s + dt32, np.maximum(self._held_s - dt32, 0.0))
             self._holding = bool(self._held_s.any())
-        held = spots & (self._held_s < self._hold_s)
+        held = spots & (self._held_s < self.hold_s)
         steady = ~(changed | held)
+        self._guessed[steady] = 0
         self._changed_s += dt32
         self._changed_s *= ~(steady | held)
         if dt > 0:
@@ -106,10 +133,16 @@ class Background:
             values = rise.astype(np.float32)
             cv2.accumulateWeighted(values, self._noise, weight, mask)
             cv2.accumulateWeighted(cv2.absdiff(values, self._noise), self._deviation, weight, mask)
-        absorbed = self._changed_s > self._absorb_s
+        absorbed = self._changed_s > (min(_ABSORB_S, _ABSORB_MOVING * dt) if self.moved else _ABSORB_S)
         if absorbed.any():
             self._absorb(image, absorbed)
-        self._blend(image, steady, dt)
+        if self.moved:
+            # nothing that is still there is warped twice: that would blur it more with each image
+            mask = mask_of_blocks(steady, image.shape[0], image.shape[1])
+            cv2.copyTo(image, mask, self.image)
+            self._sample = sample_blocks(self.image)
+        else:
+            self._blend(image, steady, dt)
 
     def _absorb(self, image: np.ndarray, blocks: np.ndarray) -> None:
         rows = np.flatnonzero(blocks.any(axis=1))
@@ -119,10 +152,11 @@ class Background:
         cv2.copyTo(image[top:bottom], mask, self.image[top:bottom])
         self._sample[first:last] = sample_blocks(self.image[top:bottom])
         self._changed_s[blocks] = 0.0
+        self._guessed[blocks] = 0
 
     def _blend(self, image: np.ndarray, steady: np.ndarray, dt: float) -> None:
         rows = image.shape[0] // BLOCK
-        self._owed_rows += rows * min(1.0, dt / self._cycle_s)
+        self._owed_rows += rows * min(1.0, dt / _CYCLE_S)
         while self._owed_rows >= 1.0:
             if self._row >= rows:
                 self._row = 0
@@ -137,19 +171,18 @@ class Background:
             self._row = last
 
 
-def is_mosaic(image: np.ndarray) -> bool:
-    """Whether an image (H, W) comes from a Bayer camera: neighbouring pixels show different colours.
-
-    A camera that is balanced to white over a floor without any colour is taken for a grey one.
-    """
-    if image.ndim != 2:
-        return False
-    # the means of tiles 32 pixels wide, of each place in the pattern
-    rows, columns = image.shape[0] // 32, image.shape[1] // 32
-    whole = image[: 32 * rows, : 32 * columns]
-    means = np.stack([
-        cv2.resize(np.ascontiguousarray(whole[y::2, x::2]), (columns, rows), interpolation=cv2.INTER_AREA)
-        for y in (0, 1) for x in (0, 1)
-    ]).astype(np.float32)
-    spread = means.max(axis=0) - means.min(axis=0)
-    return bool(np.median(spread) > _MOSAIC + 0.04 * np.median(means))
+def _warped(background: np.ndarray, motion: np.ndarray, image: np.ndarray, mosaic: bool) -> np.ndarray:
+    """A background as the camera sees it now, where it was not seen before the image itself."""
+    if mosaic:
+        height, width = image.shape[0] & ~1, image.shape[1] & ~1
+        planes = [np.dstack([picture[y:height:2, x:width:2] for y in (0, 1) for x in (0, 1)])
+                  for picture in (background, image)]
+        halved = np.diag((0.5, 0.5, 1.0)) @ motion @ np.diag((2.0, 2.0, 1.0))
+        warped, result = _warped(planes[0], halved, planes[1], False), image.copy()
+        for number in range(4):
+            result[number // 2 : height : 2, number % 2 : width : 2] = warped[:, :, number]
+        return result
+    result, size = image.copy(), (image.shape[1], image.shape[0])
+    if np.array_equal(motion[2], (0.0, 0.0, 1.0)):
+        return cv2.warpAffine(background, motion[:2], size, result, cv2.INTER_LINEAR, cv2.BORDER_TRANSPARENT)
+    return cv2.warpPerspective(background, motion, size, result, cv2.INTER_LINEAR, cv2.BORDER_TRANSPARENT)

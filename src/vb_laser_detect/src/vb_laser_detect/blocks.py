@@ -1,12 +1,14 @@
 """Whole-image work that must stay cheap: maxima over blocks of pixels, masks back to pixels."""
 from __future__ import annotations
 
-from typing import Optional, Tuple
+from typing import List, Optional, Tuple
 
 import cv2
 import numpy as np
 
 BLOCK = 8  # [px] edge of a block
+
+Region = Tuple[int, int, int, int]  # left, top, right, bottom [px]; right and bottom are excluded
 
 
 def block_maxima(
@@ -92,3 +94,39 @@ def mask_of_blocks(blocks: np.ndarray, height: int, width: int) -> np.ndarray:
     h, w = min(height, big.shape[0]), min(width, big.shape[1])
     mask[:h, :w] = big[:h, :w]
     return mask
+
+
+def regions(maxima: np.ndarray, hot: np.ndarray, most: int, large: float) -> List[Tuple[Region, float]]:
+    """Regions of connected hot blocks, the brightest first: pixels (left, top, right, bottom) and the peak.
+
+    A region larger than `large` [blocks] is cut down to the parts above 60 % of its peak: a spot beside a person
+    must not be lost in the person's region.
+    """
+    # few blocks are hot, and they lie together: all that follows is done where they are
+    x, y, wide, high = cv2.boundingRect(hot.view(np.uint8))
+    hot, maxima = (np.ascontiguousarray(blocks[y : y + high, x : x + wide]) for blocks in (hot, maxima))
+    if not hot.size:
+        return []
+    _, labels, stats, _ = cv2.connectedComponentsWithStats(hot.view(np.uint8), connectivity=8)
+    rows, columns = np.nonzero(hot)
+    peaks = np.zeros(len(stats), np.int64)
+    np.maximum.at(peaks, labels[rows, columns], maxima[rows, columns])
+    result: List[Tuple[Region, float]] = []
+    for label in np.argsort(-peaks[1:], kind="stable")[:most] + 1:
+        left, top, width, height, _ = (int(value) for value in stats[label])
+        if max(width, height) > large:
+            cut = (slice(top, top + height), slice(left, left + width))
+            part = (labels[cut] == label) & (maxima[cut] > 0.6 * peaks[label])
+            if not part.all():
+                parts = regions(maxima[cut], part, 6, np.inf)
+                result += [(_shifted(region, x + left, y + top), peak) for region, peak in parts]
+                continue
+        region = (left * BLOCK, top * BLOCK, (left + width) * BLOCK, (top + height) * BLOCK)
+        result.append((_shifted(region, x, y), float(peaks[label])))
+    return result[: 2 * most]
+
+
+def _shifted(region: Region, columns: int, rows: int) -> Region:
+    """A region moved by whole blocks."""
+    left, top, right, bottom = region
+    return left + columns * BLOCK, top + rows * BLOCK, right + columns * BLOCK, bottom + rows * BLOCK

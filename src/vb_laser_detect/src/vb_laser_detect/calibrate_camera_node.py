@@ -26,7 +26,9 @@ from vb_laser_detect.calibration_board import BoardParams, BoardView, find_board
 from vb_laser_detect.calibration_session import BoardSession, HeldSpot, SpotSession, describe, parse_numbers
 from vb_laser_detect.camera_agreement import Sighting, agreement
 from vb_laser_detect.detector import DetectorParams, SpotDetector
+from vb_laser_detect.image_format import PixelReader
 from vb_laser_detect.pixels import to_grey
+from vb_laser_detect.spot_detector_node import is_rectified
 from vb_msgs.msg import LaserSpot
 
 FOLDER = "~/.ros/virtual_borders/cameras"
@@ -38,6 +40,12 @@ _SPOT_PATIENCE_S = 4.0  # [s] for the spot to be seen and still
 def say(text: str) -> None:
     """A line for the person, at once, whatever the output is."""
     print(text, flush=True)
+
+
+def tuned_params(camera: str) -> DetectorParams:
+    """The parameters that a camera's running detector has, else those of any stationary camera."""
+    values = rospy.get_param(f"/spot_detector_{camera}/detector", {})
+    return DetectorParams.from_mapping(values, "detector") if values else DetectorParams.stationary()
 
 
 class CameraInput:
@@ -52,7 +60,7 @@ class CameraInput:
         self._info: Optional[CameraInfo] = None
         self.frame_id = ""
         self._size: Optional[Tuple[int, int]] = None
-        self._compressed, self._handle = compressed, handle
+        self._compressed, self._handle, self._rectified = compressed, handle, is_rectified(image)
         self._mailbox: Mailbox = Mailbox()
         self._worker = Worker(self._mailbox, self._take)
         rospy.Subscriber(info, CameraInfo, self._on_info, queue_size=1)
@@ -83,7 +91,7 @@ class CameraInput:
         with self._ready:
             if not self._ready.wait_for(lambda: self._info is not None and self._size is not None, patience_s):
                 raise CodedError("no_camera", f"nothing comes on {self._topics}: is the camera's driver running?")
-            camera = messages.camera_from_info(self._info)
+            camera = messages.camera_from_info(self._info, self._rectified)
             if (camera.width, camera.height) != self._size:
                 raise CodedError(
                     "bad_camera_info",
@@ -139,6 +147,9 @@ class Guide:
         info = arguments.camera_info or image.rsplit("/", 1)[0] + "/camera_info"
         self._input = CameraInput(image, info, arguments.compressed, self.on_image)
         self.camera = self._input.wait(arguments.patience)
+        self._frame = arguments.frame or self._input.frame_id or f"{arguments.camera}_optical_frame"
+        # before the person does any work
+        calibration_file.require_own_frame(arguments.folder, arguments.camera, self._frame)
         self.session: Any = None
 
     def on_image(self, image: np.ndarray, encoding: str, stamp: float) -> None:
@@ -191,8 +202,7 @@ class Guide:
         for line in describe(estimate, observed):
             say("  " + line)
         a = self._arguments
-        frame = a.frame or self._input.frame_id or f"{a.camera}_optical_frame"
-        pose = calibration_file.CameraPose(a.camera, names.MAP_FRAME, frame, estimate.T_map_camera)
+        pose = calibration_file.CameraPose(a.camera, names.MAP_FRAME, self._frame, estimate.T_map_camera)
         path = calibration_file.calibration_path(a.folder, a.camera)
         date = datetime.datetime.now().isoformat(" ", "minutes")
         calibration_file.save(path, calibration_file.document(pose, estimate, observed, self.session.method, date))
@@ -212,12 +222,14 @@ Four places are needed, six to eight are good: near the corners of what the came
     def __init__(self, arguments: argparse.Namespace) -> None:
         self._held, self._lock = HeldSpot(), threading.Lock()
         # a held spot must not become background while the person finds the place in RViz
-        self._detector = SpotDetector(DetectorParams.stationary(hold_s=3600.0))
+        self._detector = SpotDetector(tuned_params(arguments.camera).replace(hold_s=3600.0))
+        self._reader = PixelReader()
         super().__init__(arguments)
         self.session = SpotSession(self.camera, CalibrationParams(point_sigma=arguments.point_sigma))
 
     def on_image(self, image: np.ndarray, encoding: str, stamp: float) -> None:
-        spots = self._detector.detect(image, stamp)
+        self._detector.encoding = encoding
+        spots = self._detector.detect(self._reader.read(image, encoding), stamp)
         with self._lock:
             self._held.see(stamp, [(spot.u, spot.v) for spot in spots])
 

@@ -125,3 +125,18 @@ def load(path: Path) -> CameraPose:
     except (KeyError, TypeError, ValueError) as error:
         raise CodedError("bad_calibration", f"'{path}' is no calibration: {error}") from None
     return CameraPose(camera, parent, frame, geometry.transform(rotation, translation))
+
+
+def require_own_frame(folder: str, camera: str, frame: str) -> None:
+    """Refuses an optical frame that another camera's calibration in the folder has: a frame has one pose.
+
+    Raises:
+        CodedError: "shared_frame", naming the cameras.
+    """
+    for path in sorted(Path(folder).expanduser().glob("*.yaml")):
+        try:
+            other = load(path)
+        except CodedError:
+            continue
+        if other.frame == frame and other.camera != camera:
+            raise CodedError("shared_frame", cameras=f"{other.camera}, {camera}", frame=frame)

@@ -61,6 +61,12 @@ class CameraPosesNode:
                 pose = calibration_file.load(path)
                 if pose.camera != camera:
                     raise CodedError("bad_calibration", f"'{path}' is of camera '{pose.camera}'")
+                same = [name for name, other in self._transforms.items()
+                        if other.child_frame_id == pose.frame and name != camera]
+                if same:
+                    for name in same:  # neither can be right for both
+                        del self._transforms[name]
+                    raise CodedError("shared_frame", cameras=", ".join(sorted(same + [camera])), frame=pose.frame)
             except CodedError as error:
                 rospy.logwarn("%s: %s", rospy.get_name(), error)
                 continue

@@ -1,6 +1,7 @@
 """Watches whether the clocks of the computers that carry detectors agree with this one's."""
 from __future__ import annotations
 
+import math
 import threading
 import time
 from dataclasses import dataclass
@@ -15,6 +16,9 @@ from vb_core.parameters import Parameters, param
 from vb_core.ros import parameters
 from vb_laser_detect.clock_offset import ClockOffset, Exchange, clock_offset
 from vb_msgs.srv import GetTime
+
+
+_PATIENCE_S = 5.0  # beyond the next measurement; then a clock counts as not answering
 
 
 @dataclass(frozen=True)
@@ -48,6 +52,7 @@ class ClockCheckNode:
         self._params = params
         self._lock = threading.Lock()
         self._offsets: Dict[str, Optional[ClockOffset]] = {name: None for name in names}
+        self._measured: Dict[str, float] = {}  # [s] monotonic, when each was compared last
         self._wrong: Dict[str, bool] = {}  # what was said last of each clock
         self._closed = threading.Event()
         self._updater = diagnostic_updater.Updater()
@@ -73,7 +78,7 @@ class ClockCheckNode:
             except (rospy.ROSException, rospy.ServiceException, CodedError):
                 offset = None  # a detector that restarts, or is away: the diagnostics show it
             with self._lock:
-                self._offsets[name] = offset
+                self._offsets[name], self._measured[name] = offset, time.monotonic()
             if self._closed.wait(self._params.period_s if offset is not None else min(2.0, self._params.period_s)):
                 return
 
@@ -107,6 +112,10 @@ class ClockCheckNode:
     def _diagnose(self, status: Any, name: str) -> Any:
         with self._lock:
             offset = self._offsets[name]
+            age = time.monotonic() - self._measured.get(name, -math.inf)
+        if age > 2.0 * self._params.period_s + _PATIENCE_S:
+            # whoever asks a computer whose cable was pulled waits for ever, and its last answer says nothing any more
+            offset = None
         limit = self._params.limit_ms / 1e3
         if offset is None:
             status.summary(DiagnosticStatus.WARN, f"{name} does not answer")

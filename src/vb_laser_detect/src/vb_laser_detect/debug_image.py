@@ -6,7 +6,7 @@ from typing import Iterable
 import cv2
 import numpy as np
 
-from vb_laser_detect.appearance import Candidate
+from vb_laser_detect.detector import Candidate
 from vb_laser_detect.pixels import to_bgr
 
 _SPOT, _REFUSED = (0, 220, 0), (0, 140, 255)

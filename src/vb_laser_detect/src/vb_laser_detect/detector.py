@@ -1,27 +1,36 @@
 """Finds laser spots in a camera's images, one call per frame.
 
-`stationary_search` or `moving_search` proposes candidates, which `appearance` measures and `judgement` judges;
-`tracker` confirms them over frames.
+Five stages that share nothing but what they hand on: `image_format` says what the numbers mean, `proposals` where a
+closer look is worth it, `features` what is there, `classifier` whether that is a spot, and `tracking` which spot it is and
+whether it counts.
 """
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from typing import Any, Callable, List, Optional, Tuple
+from dataclasses import dataclass, replace
+from typing import Any, Callable, Dict, List, Optional, Tuple
 
 import numpy as np
 
 from vb_core.errors import CodedError, ParameterError
-
-from vb_laser_detect.appearance import Candidate
+from vb_laser_detect import classifier, features
 from vb_laser_detect.blocks import BLOCK
+from vb_laser_detect.colour import chroma
 from vb_laser_detect.detector_params import DetectorParams
-from vb_laser_detect.floor_scale import ToFloor
-from vb_laser_detect.followed import FollowedSpot
-from vb_laser_detect.judgement import Judge
-from vb_laser_detect.moving_search import search_moving
-from vb_laser_detect.stationary_search import StationarySearch
-from vb_laser_detect.tracker import SLACK_M, SLACK_PX, SpotTracker
+from vb_laser_detect.features import Blob, Camera
+from vb_laser_detect.floor_scale import ToFloor, metres_per_pixel
+from vb_laser_detect.image_format import ImageFormat, format_of
+from vb_laser_detect.proposals import Proposal, Proposer, View
+from vb_laser_detect.tracking import Sighting, SpotTracker
+
+_SMEAR_PX = 3.0  # optics and pixels smear every spot by so much, whatever its size
+_LONGEST = 2.0  # times its diameter: one that is drawn quickly is longer
+_WIDEST = 0.09  # of the image's diagonal, where no pose is known
+_LEAST_PX = 2.5  # smaller blobs are noise
+_LEAST_WHITE = 128.0  # [grey levels] no camera's white is darker
+_VIVID = 0.4  # chroma of a laser's light on a floor; webcams show less, but other bright things even less
+_CERTAIN = 0.8  # probability from which a spot that stays is kept out of the background: less, and it may be a ghost
+_EXPECTED = 0.3  # of the probability that is asked otherwise: where a spot is expected
 
 
 @dataclass(frozen=True)
@@ -32,12 +41,14 @@ class Spot:
         u, v: [px] column and row, sub-pixel; the centre of the first pixel is 0.
         diameter: [px]
         confidence: 0 ... 1
+        track: number of the spot in this camera's images; it stays while the spot is followed.
     """
 
     u: float
     v: float
     diameter: float
     confidence: float
+    track: int = 0
 
 
 @dataclass(frozen=True)
@@ -54,6 +65,28 @@ class Recalled:
     tag: Any
 
 
+@dataclass(frozen=True)
+class Candidate:
+    """What became of a place that was looked at: `refusal` says why it is no spot, or ""."""
+
+    u: float
+    v: float
+    diameter: float
+    confidence: float = 0.0
+    refusal: str = ""
+
+
+@dataclass(frozen=True)
+class _Finding:
+    """A proposal that was measured."""
+
+    blob: Blob
+    numbers: Dict[str, float]
+    confidence: float = 0.0
+    refusal: str = ""
+    certain: bool = True
+
+
 class SpotDetector:
     """Finds the spots of one camera; keeps what it knows of the scene between frames.
 
@@ -61,20 +94,19 @@ class SpotDetector:
         tag: whatever belongs to the next frame; it comes back with those of its spots that are recalled later.
         candidates: what the last frame held, spots and refused ones, for debug images.
         recalled: spots of earlier frames that the last one confirmed, the oldest first: what a stroke began with.
+        encoding: of the images, as in sensor_msgs/Image; empty: a Bayer mosaic is told by its pixels.
     """
 
-    def __init__(self, params: Optional[DetectorParams] = None) -> None:
-        p = params or DetectorParams.stationary()
+    def __init__(self, params: Optional[DetectorParams] = None, judge: Optional[classifier.SpotClassifier] = None) -> None:
+        self.params = params or DetectorParams.stationary()
         self.tag: Any = None
-        self._judge = Judge(p)
-        self._tracker = SpotTracker(p.confirm_frames, p.max_speed, p.max_gap_s, SLACK_M, p.min_chroma)
-        self._on_floor: Optional[bool] = None
+        self.encoding = ""
+        self._given = judge
+        self._classifier = judge or classifier.load(self.params.classifier)
+        self._to_floor: Optional[ToFloor] = None
+        self._place_check: Optional[Callable[[float, float], str]] = None
+        self._white = _LEAST_WHITE
         self.reset()
-
-    @property
-    def params(self) -> DetectorParams:
-        """What a spot looks like; see `retune`."""
-        return self._judge.params
 
     def look_from(
         self, to_floor: Optional[ToFloor], place_check: Optional[Callable[[float, float], str]] = None
@@ -85,30 +117,37 @@ class SpotDetector:
             to_floor: pixels (N, 2) to the floor [m], for sizes in millimetres and speeds in m/s. None: pixels it is.
             place_check: a pixel (u, v) to the reason why no spot can be there, or "".
         """
-        self._judge.to_floor, self._judge.place_check = to_floor, place_check
+        self._to_floor, self._place_check = to_floor, place_check
 
     def retune(self, params: DetectorParams) -> None:
         """Goes on with other parameters; what was learnt of the scene stays.
 
         Raises:
             ParameterError: for another `moving_camera`, which needs another detector.
+            CodedError: "bad_classifier"
         """
         if params.moving_camera != self.params.moving_camera:
             raise ParameterError("moving_camera", "cannot be changed while the detector runs")
-        self._judge.params, tracker = params, self._tracker
-        tracker.confirm_frames, tracker.min_chroma = params.confirm_frames, params.min_chroma
-        tracker.max_gap_s = self._followed.max_gap_s = params.max_gap_s
-        if self._stationary is not None:
-            self._stationary.retime()
+        self._classifier = self._given or classifier.load(params.classifier)
+        self.params = params
+        self._tracker.retune(params.confirm_frames, params.max_speed, params.max_gap_s, params.max_spots)
+        self._proposer.retune(params.hold_s)
 
     def reset(self) -> None:
         """Forgets the scene; the next frame is learnt as it is."""
+        p = self.params
         self.candidates: List[Candidate] = []
         self.recalled: List[Recalled] = []
         self._stamp: Optional[float] = None
-        self._tracker.reset()
-        self._followed = FollowedSpot(self.params.max_gap_s)
-        self._stationary = None if self.params.moving_camera else StationarySearch(self._judge, self._followed)
+        self._format: Optional[ImageFormat] = None
+        self._shape: Optional[Tuple[int, ...]] = None
+        self._proposer = Proposer(p.moving_camera, p.hold_s)
+        self._tracker = SpotTracker(p.confirm_frames, p.max_speed, p.max_gap_s, p.max_spots)
+
+    @property
+    def confirmation_s(self) -> float:
+        """[s] from a spot's first image to the one that confirms it, at the present rate."""
+        return (self.params.confirm_frames - 1) * self._tracker.period_s
 
     def detect(self, image: np.ndarray, stamp: float) -> List[Spot]:
         """Searches one frame.
@@ -124,52 +163,155 @@ class SpotDetector:
             CodedError: "bad_image" if it is no such image.
         """
         image = _checked(image)
-        if self._stamp is not None and stamp < self._stamp:
+        if self._stamp is not None and stamp < self._stamp or self._shape not in (None, image.shape):
             self.reset()
+        if self._format is None:
+            self._format, self._shape = format_of(image, self.encoding), image.shape
+            self._white = max(self._white, float(image.max()))
         elapsed = 0.0 if self._stamp is None else stamp - self._stamp
-        self._stamp = self._followed.now = stamp
-        self._judge.diagonal = self._followed.diagonal = math.hypot(*image.shape[:2])
-        if self._stationary is None:
-            self.candidates = search_moving(image, self._judge, self._followed)
-        else:
-            # a pause must not make one frame outweigh all that was learnt before
-            self.candidates = self._stationary.search(image, min(elapsed, 1.0))
-        found = sorted((c for c in self.candidates if not c.refusal), key=lambda c: (not c.certain, -c.confidence))
-        return self._confirm(found)
+        self._stamp = stamp
+        p, mosaic, diagonal = self.params, self._format.mosaic, math.hypot(*image.shape[:2])
+        motion = self._proposer.motion(image, mosaic)
+        expected = self._tracker.begin(stamp, diagonal, motion)
+        view = self._proposer.look(image, mosaic, p.min_rise, p.max_candidates, self._white, expected)
+        self._white = max(self._white, view.white)
+        camera = Camera(self._white, diagonal, mosaic, view.moved)
+        findings, left_out = self._look(view, camera)
+        found = sorted((f for f in findings if not f.refusal), key=lambda f: (not f.certain, -f.confidence))
+        spots, refusals = self._confirm(found, camera)
+        # a pause must not make one frame outweigh all that was learnt before
+        kept = [(f.blob.u, f.blob.v, f.blob.diameter) for f in found if f.certain and f.confidence >= _CERTAIN * p.min_probability / 0.5 or not view.known]
+        self._proposer.learn(view, kept, min(elapsed, 1.0))
+        self.candidates = [_candidate(f, refusals.get(id(f), f.refusal)) for f in findings] + left_out
+        return spots
 
-    def _confirm(self, found: List[Candidate]) -> List[Spot]:
-        """The most certain of the confirmed ones; a newcomer takes nobody's place before it is confirmed."""
-        spots = [Spot(c.u, c.v, c.diameter, c.confidence) for c in found]
-        passed, recalled = self._track(found, spots)
-        chosen = [number for number, confirmed in enumerate(passed) if confirmed][: self.params.max_spots]
-        for number, candidate in enumerate(found):
-            if number not in chosen:
-                candidate.refusal = "less_certain" if passed[number] else "unconfirmed"
-        self.recalled = [earlier for number in chosen for earlier in recalled[number]]
-        if chosen:
-            first = found[chosen[0]]
-            self._followed.see(first.u, first.v, first.certain)
-        return [spots[number] for number in chosen]
+    def _look(self, view: View, camera: Camera) -> Tuple[List[_Finding], List[Candidate]]:
+        """What is measured in a view's proposals, and those that were not looked at."""
+        findings: List[_Finding] = []
+        left_out = [_unmeasured(proposal, proposal.refusal) for proposal in view.proposals if proposal.refusal]
+        proposals = [proposal for proposal in view.proposals if not proposal.refusal]
+        for number, (proposal, metre) in enumerate(zip(proposals, self._metres_in(proposals))):
+            finding = self._examine(proposal, metre, view, camera)
+            if not _is_double(finding, findings):
+                findings.append(finding)
+            one = proposal.expected
+            if (self.params.max_spots == 1 and one is not None and one.published and one.moves and finding.certain
+                    and not finding.refusal and one.holds(finding.blob.u, finding.blob.v)):
+                # the one spot is drawn with, and found where it is expected: nothing else can take its place
+                left_out += [_unmeasured(other, "not_looked_at") for other in proposals[number + 1 :]]
+                break
+        return findings, left_out
 
-    def _track(self, found: List[Candidate], spots: List[Spot]) -> Tuple[List[bool], List[List[Recalled]]]:
-        """Whether each is confirmed by now, and what is recalled with it."""
-        tracker, to_floor, max_speed = self._tracker, self._judge.to_floor, self.params.max_speed
-        if self.params.confirm_frames <= 1:
-            tracker.reset()
-            return [True] * len(found), [[]] * len(found)
-        if (to_floor is not None) != self._on_floor:
-            tracker.reset()
-            self._on_floor = to_floor is not None
-        positions = np.array([(c.u, c.v) for c in found], dtype=float).reshape(-1, 2)
-        if to_floor is not None:
-            tracker.max_speed, tracker.slack = max_speed, SLACK_M
-            positions = to_floor(positions)[:, :2] if len(positions) else positions
-        else:
-            # without a pose the image's diagonal is taken for five metres
-            tracker.max_speed, tracker.slack = max_speed * self._judge.diagonal / 5.0, SLACK_PX
-        sightings = [Recalled(spot, self._stamp, self.tag) for spot in spots]
-        tints = [c.tint for c in found] if self._judge.least_chroma() is not None else None
-        return tracker.update(positions, self._stamp, sightings, tints), tracker.recalled
+    def _examine(self, proposal: Proposal, metre: Optional[float], view: View, camera: Camera) -> _Finding:
+        """Measures and judges one proposal."""
+        largest, one = self._largest(metre, camera), proposal.expected
+        blob = features.measure(view.image, view.reference, proposal.region, largest)
+        finding = self._judge(blob, metre, view, camera, False)
+        if one is None or not one.trusted or not finding.refusal:
+            return finding
+        if one.holds(blob.u, blob.v) and not blob.problem:
+            finding = self._judge(blob, metre, view, camera, True)
+        if finding.refusal:
+            # it has come to a bright line, or to the edge of more that became brighter: its core stands out of that
+            for edge in (features.CORE, features.CORE_OF_MORE):
+                core = features.measure(view.image, view.reference, proposal.part, largest, edge)
+                again = self._judge(core, metre, view, camera, True)
+                if not again.refusal and one.holds(core.u, core.v):
+                    return again
+        return finding
+
+    def _judge(self, blob: Blob, metre: Optional[float], view: View, camera: Camera, expected: bool) -> _Finding:
+        refusal = blob.problem or self._wrong_size(blob, metre)
+        if refusal:
+            return _Finding(blob, {}, refusal=refusal)
+        numbers = features.vector(blob, view.around(blob.u, blob.v, blob.diameter), camera)
+        verdict = self._classifier.judge(blob, numbers, expected)
+        least = self.params.min_probability * (_EXPECTED if expected else 1.0)
+        if verdict.probability < least:
+            refusal = verdict.against
+        elif self._place_check is not None:
+            refusal = self._place_check(blob.u, blob.v)
+        return _Finding(blob, numbers, verdict.probability, refusal, not expected)
+
+    def _confirm(self, found: List[_Finding], camera: Camera) -> Tuple[List[Spot], Dict[int, str]]:
+        """The spots that are told, the most certain first; and why others are not."""
+        sightings, spots = [], []
+        floor = None
+        if self._to_floor is not None and found:
+            floor = np.asarray(self._to_floor(np.array([(f.blob.u, f.blob.v) for f in found])), float)[:, :2].tolist()
+        for number, f in enumerate(found):
+            b = f.blob
+            spots.append(Spot(b.u, b.v, b.diameter, f.confidence))
+            sightings.append(Sighting(
+                (b.u, b.v), tuple(floor[number]) if floor is not None else None, f.confidence, f.certain,
+                self._proposer.proven(b.u, b.v) or _is_vivid(b, camera), b.tint, (spots[-1], self._stamp, self.tag, f.numbers)))
+        tracked = self._tracker.update(sightings, lambda sighting, tint: self._agrees(sighting, tint, camera))
+        told, refusals = [], {}
+        self.recalled = []
+        for f, spot, track in zip(found, spots, tracked):
+            if track.published:
+                told.append(replace(spot, track=track.track))
+                self.recalled += [Recalled(replace(content[0], track=track.track), *content[1:3])
+                                  for _, content in track.recalled]
+            else:
+                refusals[id(f)] = "less_certain" if track.confirmed else "unconfirmed"
+        return told, refusals
+
+    def _agrees(self, sighting: Sighting, tint: Optional[np.ndarray], camera: Camera) -> bool:
+        """Whether a track's last sighting is a spot with the mean colour of all of them."""
+        if tint is None or not camera.mosaic:
+            return True
+        numbers = {**sighting.content[3], "chroma_mosaic": chroma(tint)}
+        return self._classifier.judge(None, numbers).probability >= self.params.min_probability
+
+    # ------------------------------------------------------------- sizes
+    def _metres_in(self, proposals: List[Proposal]) -> List[Optional[float]]:
+        """[m/px] on the floor in the middle of regions; None where the floor, or the camera's pose, is not known."""
+        if self._to_floor is None:
+            return [None] * len(proposals)
+        middles = [((left + right) / 2.0, (top + bottom) / 2.0) for (left, top, right, bottom), *_ in proposals]
+        return metres_per_pixel(self._to_floor, middles)
+
+    def _largest(self, metre: Optional[float], camera: Camera) -> float:
+        """[px] the largest extent of a spot where a pixel is so long; what is larger, as clothes, is not measured."""
+        widest = _WIDEST * camera.diagonal
+        return _LONGEST * (self.params.max_diameter_mm / 1e3 / metre + _SMEAR_PX if metre else widest)
+
+    def _wrong_size(self, blob: Blob, metre: Optional[float]) -> str:
+        if blob.diameter < _LEAST_PX:
+            return "too_small"
+        if self._to_floor is None:
+            return "too_large" if blob.diameter > _WIDEST * math.hypot(*self._shape[:2]) else ""
+        # a person's region may have its middle above the horizon, and the spot on the floor
+        metre = metre or metres_per_pixel(self._to_floor, [(blob.u, blob.v)])[0]
+        if metre is None:
+            return "off_floor"
+        if (blob.diameter - _SMEAR_PX) * metre > self.params.max_diameter_mm / 1e3:
+            return "too_large"
+        return "too_small" if blob.diameter * metre < self.params.min_diameter_mm / 1e3 else ""
+
+
+def _is_vivid(blob: Blob, camera: Camera) -> bool:
+    """Whether a blob is so coloured that nothing else than a laser's light is likely."""
+    coloured = blob.tint is not None and (camera.mosaic or len(blob.tint) == 3)
+    return coloured and chroma(blob.tint) >= _VIVID
+
+
+def _candidate(finding: _Finding, refusal: str) -> Candidate:
+    blob = finding.blob
+    return Candidate(blob.u, blob.v, blob.diameter, finding.confidence, refusal)
+
+
+def _unmeasured(proposal: Proposal, refusal: str) -> Candidate:
+    left, top, right, bottom = proposal.region
+    return Candidate((left + right) / 2.0, (top + bottom) / 2.0, float(right - left), refusal=refusal)
+
+
+def _is_double(finding: _Finding, others: List[_Finding]) -> bool:
+    """Two regions can lead to the same blob; the first stays."""
+    b = finding.blob
+    return any(math.hypot(b.u - o.blob.u, b.v - o.blob.v) < 2.0 and bool(o.refusal) == bool(finding.refusal)
+               for o in others)
 
 
 def _checked(image: np.ndarray) -> np.ndarray:

@@ -18,6 +18,9 @@ DepthAt = Callable[[], Tuple[Optional[np.ndarray], Optional[CameraModel]]]
 class Frame:
     """Places the pixels of one image on the floor. Most images hold no candidate and cost nothing here.
 
+    Attributes:
+        unplaced: why the pose that was asked for is not known; None while all is well.
+
     Args:
         camera: of the image.
         pose: gives (4, 4) T_map_camera at the image's time; asked at most once. CodedError "no_transform" if unknown.
@@ -35,6 +38,7 @@ class Frame:
         stamp: Any = None,
     ) -> None:
         self.stamp = stamp
+        self.unplaced: Optional[CodedError] = None
         self._camera = camera
         self._ask_pose = pose
         self._pose: Optional[np.ndarray] = None
@@ -50,8 +54,15 @@ class Frame:
         return self._pose
 
     def to_floor(self, pixels: np.ndarray) -> np.ndarray:
-        """Pixels (N, 2) to the floor (N, 3) [m]."""
-        return projection.floor_points(self._camera, self.pose, pixels, self._projector.params.floor_height)
+        """Pixels (N, 2) to the floor (N, 3) [m]; NaN without a pose, see `unplaced`."""
+        if self.unplaced is None:
+            try:
+                return projection.floor_points(self._camera, self.pose, pixels, self._projector.params.floor_height)
+            except CodedError as error:
+                if error.code not in ("no_transform", "bad_transform"):
+                    raise
+                self.unplaced = error
+        return np.full((len(pixels), 3), np.nan)
 
     def point(self, u: float, v: float) -> FloorPoint:
         """The floor point of a pixel, worked out once; CodedError where there is none."""
@@ -75,7 +86,9 @@ class Frame:
         return ""
 
 
-def search(detector: SpotDetector, image: np.ndarray, stamp: float, frame: Optional[Frame]) -> List[Spot]:
+def search(
+    detector: SpotDetector, image: np.ndarray, stamp: float, frame: Optional[Frame], encoding: str = ""
+) -> List[Spot]:
     """Searches one image; each spot's place is `frame.point(spot.u, spot.v)`.
 
     The frames of earlier spots that this image confirmed are the tags in `detector.recalled`.
@@ -83,7 +96,9 @@ def search(detector: SpotDetector, image: np.ndarray, stamp: float, frame: Optio
     Args:
         stamp: [s] when the image was taken.
         frame: None while camera or pose are unknown: sizes and speeds are judged in pixels then.
+        encoding: of the image, as in sensor_msgs/Image; empty: as `detector.encoding` says.
     """
+    detector.encoding = encoding or detector.encoding
     if frame is None:
         detector.look_from(None)
     else:

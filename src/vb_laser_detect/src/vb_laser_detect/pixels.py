@@ -4,22 +4,25 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
+from vb_laser_detect.image_format import PixelReader
+
 _BAYER = {
-    "bayer_rggb8": cv2.COLOR_BayerRGGB2BGR,
-    "bayer_bggr8": cv2.COLOR_BayerBGGR2BGR,
-    "bayer_gbrg8": cv2.COLOR_BayerGBRG2BGR,
-    "bayer_grbg8": cv2.COLOR_BayerGRBG2BGR,
+    "bayer_rggb": cv2.COLOR_BayerRGGB2BGR,
+    "bayer_bggr": cv2.COLOR_BayerBGGR2BGR,
+    "bayer_gbrg": cv2.COLOR_BayerGBRG2BGR,
+    "bayer_grbg": cv2.COLOR_BayerGRBG2BGR,
 }
 
 
 def to_bgr(image: np.ndarray, encoding: str) -> np.ndarray:
-    """A bgr copy (H, W, 3) of an image (H, W) or (H, W, 3), uint8.
+    """A bgr copy (H, W, 3) of an image as it came.
 
     Args:
         encoding: as in sensor_msgs/Image.
     """
-    if encoding in _BAYER:
-        return cv2.cvtColor(image, _BAYER[encoding])
+    image = PixelReader().read(image, encoding)
+    if encoding[:10] in _BAYER:
+        return cv2.cvtColor(image, _BAYER[encoding[:10]])
     if image.ndim == 2:
         return cv2.cvtColor(image, cv2.COLOR_GRAY2BGR)
     if encoding.startswith("rgb"):
@@ -29,6 +32,6 @@ def to_bgr(image: np.ndarray, encoding: str) -> np.ndarray:
 
 def to_grey(image: np.ndarray, encoding: str) -> np.ndarray:
     """(H, W) uint8 of the same."""
-    if image.ndim == 2 and encoding not in _BAYER:
-        return image
+    if image.ndim == 2 and encoding[:10] not in _BAYER:
+        return PixelReader().read(image, encoding)
     return cv2.cvtColor(to_bgr(image, encoding), cv2.COLOR_BGR2GRAY)

@@ -23,11 +23,12 @@ from vb_laser_detect import projection
 from vb_laser_detect.debug_image import draw
 from vb_laser_detect.detector import DetectorParams, Spot, SpotDetector
 from vb_laser_detect.frame import Frame, placed, search
+from vb_laser_detect.image_format import PixelReader
 from vb_laser_detect.projection import FloorPoint, FloorProjector, ProjectionParams
 from vb_laser_detect.ros.placing import DepthTopic, InfoTopic, Placing
 from vb_laser_detect.ros.report import Report
 from vb_laser_detect.ros.time_server import TimeServer
-from vb_msgs.msg import LaserSpot
+from vb_msgs.msg import DetectorStatus, LaserSpot
 
 _SOURCES = {
     projection.GROUND_PLANE: LaserSpot.GROUND_PLANE,
@@ -87,15 +88,17 @@ class SpotDetectorNode:
         self._projector = FloorProjector(projection_params, None, params.ignore_regions)
         self._detector = SpotDetector(detector)
         self._tuned = threading.Lock()  # parameters change between images, never within one
+        self._reader = PixelReader()
         self._last_debug: Optional[rospy.Time] = None
         self._mailbox: Mailbox = Mailbox()
-        self._report = Report(params.camera, self._mailbox)
+        self._report = Report(params.camera, self._mailbox, self._mobile)
         self._spots = rospy.Publisher(names.SPOTS, LaserSpot, queue_size=20, tcp_nodelay=True)
         self._debug = rospy.Publisher("~debug_image", Image, queue_size=1)
         image = rospy.resolve_name(params.image or f"{params.camera}/image_raw")
         self._placing = self._make_placing(image)
         self._time_server = TimeServer()
         self._worker = Worker(self._mailbox, self._search)
+        rospy.Subscriber(names.DETECTORS, DetectorStatus, self._report.hear, queue_size=20)
         rospy.Subscriber(names.PHYSICAL_MAP, messages.OccupancyGridArray, self._on_map, queue_size=1)
         self._tunings = [
             Tuning(params, "~", self._retune),
@@ -110,7 +113,9 @@ class SpotDetectorNode:
 
     def _make_placing(self, image: str) -> Placing:
         p, depth = self._params, None
-        info = InfoTopic(rospy.resolve_name(p.camera_info or beside(image, "camera_info")), self._report)
+        # image_rect, image_rect_color: the lens' distortion was undone before
+        rectified = is_rectified(image)
+        info = InfoTopic(rospy.resolve_name(p.camera_info or beside(image, "camera_info")), self._report, rectified)
         if p.depth:
             topic = rospy.resolve_name(p.depth)
             depth = DepthTopic(topic, rospy.resolve_name(p.depth_info or beside(topic, "camera_info")), self._report)
@@ -160,11 +165,28 @@ class SpotDetectorNode:
         stamp = message.header.stamp
         if stamp.is_zero():
             raise CodedError("no_stamp", "the images carry no time: they cannot be matched with poses")
-        image = messages.compressed_image_array(message) if self._compressed else messages.image_array(message)
-        frame, unplaced = self._place(self._params.frame or message.header.frame_id, stamp, image)
+        if self._compressed:
+            raw = messages.compressed_image_array(message)
+            # "bayer_rggb8; jpeg compressed ..." where the driver says what was compressed
+            of_driver = message.format.split(";")[0].strip()
+            encoding = "bgr8" if raw.ndim == 3 else of_driver if of_driver.startswith("bayer") else "mono8"
+        else:
+            raw, encoding = messages.image_array(message), message.encoding
+        image = self._detector_input(raw, encoding)
+        frame_id = self._params.frame or message.header.frame_id
+        frame, unplaced = self._place(frame_id, stamp, image)
         began = time.perf_counter()
-        spots = search(self._detector, image, stamp.to_sec(), frame)
+        spots = search(self._detector, image, stamp.to_sec(), frame, encoding)
         took = time.perf_counter() - began
+        shared = self._report.shared_frame(frame_id)
+        if frame is not None and frame.unplaced is not None:
+            # the pose was asked for and is missing: what was found is counted and goes nowhere
+            unplaced = frame.unplaced
+            self._report.fault(unplaced)
+        elif shared is not None:
+            self._report.fault(shared)
+            unplaced, spots, frame, self._detector.recalled = shared, [], None, []
+        self._report.standing("" if unplaced is None else str(unplaced))
         for candidate in self._detector.candidates:
             # these are everyday events: counted, but not worth a warning
             if candidate.refusal:
@@ -177,20 +199,22 @@ class SpotDetectorNode:
         if frame is None and spots and unplaced is not None:
             self._report.fault(unplaced)
             spots = []
-        self._report.frame(stamp, took, len(spots), image)
+        self._report.frame(stamp, took, len(spots), image, frame_id, self._detector.confirmation_s)
         if self._debug.get_num_connections() > 0:
-            self._publish_debug(image, "bgr8" if self._compressed else message.encoding, message.header)
+            self._publish_debug(image, encoding, message.header)
+
+    def _detector_input(self, raw: np.ndarray, encoding: str) -> np.ndarray:
+        image = self._reader.read(raw, encoding)
+        self._report.colour = image.ndim == 3 or encoding.startswith("bayer")
+        return image
 
     def _place(
         self, frame_id: str, stamp: rospy.Time, image: np.ndarray
     ) -> Tuple[Optional[Frame], Optional[CodedError]]:
         """The image's geometry, or why there is none: then spots are looked for, to be counted as dropped."""
         try:
-            frame = self._placing.frame(frame_id, stamp, image.shape)
-            self._report.standing("")
-            return frame, None
+            return self._placing.frame(frame_id, stamp, image.shape), None
         except CodedError as error:
-            self._report.standing(str(error))
             if error.code != "no_camera_info":  # which may come late
                 self._report.fault(error)
             return None, error
@@ -205,6 +229,7 @@ class SpotDetectorNode:
         result.u, result.v, result.diameter = spot.u, spot.v, spot.diameter
         result.diameter_m = spot.diameter * point.metres_per_pixel
         result.confidence = spot.confidence
+        result.track = spot.track
         result.projection = _SOURCES[point.source]
         return result
 
@@ -221,6 +246,11 @@ class SpotDetectorNode:
 def beside(topic: str, name: str) -> str:
     """The topic of another name in the same namespace, as image_transport pairs image and camera_info."""
     return topic.rsplit("/", 1)[0] + "/" + name
+
+
+def is_rectified(topic: str) -> bool:
+    """Whether a topic's images have no distortion any more, as image_proc names them."""
+    return "rect" in topic.rsplit("/", 1)[-1].split("_")
 
 
 def build() -> SpotDetectorNode:

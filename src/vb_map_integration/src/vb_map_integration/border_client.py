@@ -62,7 +62,8 @@ class BorderClient:
     def preview(self, border: VirtualBorder) -> Answer:
         """What saving would do; changes nothing."""
         message = message_from_border(border)
-        return self._call(names.PREVIEW_BORDER, PreviewBorderArray, PreviewBorderRequest(border=message, frame_id=self._frame_id))
+        request = PreviewBorderRequest(border=message, frame_id=self._frame_id)
+        return self._call(names.PREVIEW_BORDER, PreviewBorderArray, request)
 
     def save(self, border: VirtualBorder, revision: int = 0) -> Answer:
         """Preview, and if that finds no error, adds the border or, if it has an id, replaces the stored one.

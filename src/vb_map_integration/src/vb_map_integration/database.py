@@ -4,7 +4,7 @@ The idea: a change is made once it is committed, and everything that is kept is 
 database and then into its twin beside it, row by row, so that a damaged file never costs what was acknowledged. Every
 row carries a checksum, and a checksum over all rows and the revision tells whether rows are missing, or are those of an
 older state (SQLite itself finds damaged pages, not changed values). At start both files are checked; the better one
-replaces the other, and what was done is said in `notices`. Should both be damaged, the newest sound daily copy is taken.
+replaces the other, and what was done is said in `notices`. If both are damaged, the newest sound daily copy is taken.
 
     borders.db          maps, borders, changes (history), requests, facts; write-ahead log, synchronous
     borders.twin.db     the same
@@ -23,9 +23,11 @@ import json
 import os
 import shutil
 import sqlite3
+import tempfile
 import time
 import zlib
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any, Dict, Iterable, List, NamedTuple, Optional, Sequence, Tuple
 
@@ -54,20 +56,26 @@ CREATE TABLE maps (
 CREATE TABLE borders (id TEXT PRIMARY KEY, place INTEGER NOT NULL, body TEXT NOT NULL, digest TEXT NOT NULL);
 CREATE INDEX borders_of_place ON borders (place);
 CREATE TABLE changes (
-    number INTEGER PRIMARY KEY, place INTEGER NOT NULL, undone INTEGER NOT NULL, body TEXT NOT NULL, digest TEXT NOT NULL);
+    number INTEGER PRIMARY KEY, place INTEGER NOT NULL, undone INTEGER NOT NULL, body TEXT NOT NULL,
+    digest TEXT NOT NULL);
 CREATE INDEX changes_of_place ON changes (place, undone, number);
 CREATE TABLE requests (number INTEGER PRIMARY KEY, id TEXT NOT NULL UNIQUE, border TEXT NOT NULL);
 CREATE TABLE facts (key TEXT PRIMARY KEY, value TEXT NOT NULL);
 """
-_MAP_COLUMNS = ("id", "place", "name", "fingerprint", "x", "y", "yaw", "resolution", "origin_x", "origin_y", "origin_yaw",
-                "rows", "columns", "cells")
+_MAP_COLUMNS = ("id", "place", "name", "fingerprint", "x", "y", "yaw", "resolution", "origin_x", "origin_y",
+                "origin_yaw", "rows", "columns", "cells")
 _PUT_MAP = f"INSERT OR REPLACE INTO maps VALUES ({', '.join('?' * (len(_MAP_COLUMNS) + 1))})"
 _PUT_BORDER = "INSERT OR REPLACE INTO borders VALUES (?, ?, ?, ?)"
 _PUT_FACT = "INSERT OR REPLACE INTO facts VALUES (?, ?)"
 
+# the twin need not be on the disk before the answer: after a power failure it is behind, and is written again
+_OF_TWIN = "NORMAL"
 # of the files that belong to one database
 _ENDS = ("", "-wal", "-shm", "-journal")
 _EMPTY = "empty"
+# more than SQLite needs to open a file: its shared memory has 32 kB
+_PROBE_BYTES = 200_000
+_MEMORY = "/dev/shm"  # a file system that needs no disk
 Statement = Tuple[str, Sequence[Any]]
 
 
@@ -93,7 +101,6 @@ class StoredMap:
         name: for people; only of that first map.
         fingerprint: see `fingerprint`.
         transform: from the place's frame to this map's.
-        grid: the map; None if its cells could not be taken over.
     """
 
     id: int
@@ -101,15 +108,27 @@ class StoredMap:
     name: str
     fingerprint: str
     transform: Transform
-    grid: Optional[GridMap]
+    _resolution: float
+    _origin: Tuple[float, float, float]
+    _shape: Tuple[int, int]
+    _cells: Optional[bytes]
+
+    @cached_property
+    def grid(self) -> Optional[GridMap]:
+        """The map; None if its cells could not be taken over."""
+        if self._cells is None:
+            return None
+        data = np.frombuffer(zlib.decompress(self._cells), np.int8).reshape(self._shape)
+        return GridMap(data, self._resolution, self._origin)
 
 
-class _State(NamedTuple):
+class State(NamedTuple):
     """What a sound file holds, beside its rows."""
 
     revision: int
     next_number: int
     sum: int
+    borders: int = 0
 
 
 def fingerprint(grid: GridMap) -> str:
@@ -135,7 +154,7 @@ class Database:
         notices: what was not as it should be at start, for people.
 
     Raises:
-        CodedError: "database_in_use", "cannot_write".
+        CodedError: "database_in_use".
     """
 
     def __init__(self, folder: Optional[Path], today: Any = datetime.date.today) -> None:
@@ -145,21 +164,21 @@ class Database:
         self._lock: Optional[int] = None
         self._twin: Optional[sqlite3.Connection] = None
         self._twin_is_good = True
+        self._read_only = ""
         self._loaded: Dict[int, Dict[str, VirtualBorder]] = {}
         if folder is None:
             self._main = _connect(":memory:")
             _create(self._main)
-            self._state = _State(0, 1, 0)
+            self._state = State(0, 1, 0)
             return
         self._path, self._twin_path = folder / FILE, folder / FILE.replace(".db", ".twin.db")
         try:
             folder.mkdir(parents=True, exist_ok=True)
             self._take_lock()
+            _try_to_write(folder)
             self._main, self._state = self._open_soundest()
-        except OSError as error:
-            raise CodedError("cannot_write", what=str(folder), reason=error.strerror or str(error)) from None
-        except sqlite3.Error as error:
-            raise CodedError("cannot_write", what=str(self._path), reason=str(error)) from None
+        except (OSError, sqlite3.Error) as error:
+            self._main, self._state = self._open_for_reading(error)
 
     def close(self) -> None:
         """Ends the use of the files."""
@@ -187,18 +206,19 @@ class Database:
                     raise CodedError("database_in_use", what=str(self._path)) from None
                 time.sleep(0.05)
 
-    def _open_soundest(self) -> Tuple[sqlite3.Connection, _State]:
-        main, why_main = _sound(self._path)
-        twin, why_twin = _sound(self._twin_path)
+    def _open_soundest(self) -> Tuple[sqlite3.Connection, State]:
+        main, why_main = check_file(self._path)
+        twin, why_twin = check_file(self._twin_path)
         if {why_main, why_twin} <= {"", _EMPTY} and main is None and twin is None and not self.copies():
             _delete(self._path)  # none yet, or the very first start was cut off
             connection = _connect(self._path)
             _create(connection)
-            main = _State(0, 1, 0)
+            main = State(0, 1, 0)
             connection.close()
         elif main is None or (twin is not None and twin.revision > main.revision):
-            why = why_main if main is None else f"revision {main.revision} instead of {twin.revision}"  # type: ignore[union-attr]
-            main = self._repair(why, twin)
+            if main is not None and twin is not None:
+                why_main = f"revision {main.revision} instead of {twin.revision}"
+            main = self._repair(why_main, twin)
         elif twin is None and why_twin:
             self._say("twin_repaired", Severity.INFO, reason=why_twin)
         connection = _connect(self._path)
@@ -206,18 +226,18 @@ class Database:
             if twin is None or twin != main:
                 _set_aside(self._twin_path) if twin is None else _delete(self._twin_path)
                 _copy(connection, self._twin_path)
-            self._twin = _connect(self._twin_path)
+            self._twin = _connect(self._twin_path, _OF_TWIN)
             if main.revision:
                 self._copy_of_the_day(connection, renew=True)
         except (sqlite3.Error, OSError) as error:
             self._without_twin(error)
         return connection, main
 
-    def _repair(self, why: str, twin: Optional[_State]) -> _State:
+    def _repair(self, why: str, twin: Optional[State]) -> State:
         """Replaces the database by its twin, by the newest sound copy, or by an empty one."""
         _set_aside(self._path)
         for source in [self._twin_path] if twin is not None else self.copies():
-            found, _ = _sound(source)
+            found, _ = check_file(source)
             if found is None:
                 continue
             connection = _connect(source)
@@ -226,21 +246,38 @@ class Database:
             if twin is not None:
                 self._say("database_repaired", Severity.WARNING, reason=why)
             else:
-                count = self._count(self._path)
-                self._say("borders_lost_since", Severity.ERROR, reason=why, date=source.stem[-10:], count=count)
+                self._say("borders_lost_since", Severity.ERROR, reason=why, date=source.stem[-10:], count=found.borders)
             return found
         connection = _connect(self._path)
         _create(connection)
         connection.close()
         self._say("borders_lost", Severity.ERROR, reason=why, what=str(self._path.parent / "damaged"))
-        return _State(0, 1, 0)
+        return State(0, 1, 0)
 
-    @staticmethod
-    def _count(path: Path) -> int:
-        connection = _connect(path)
-        count = connection.execute("SELECT count(*) FROM borders").fetchone()[0]
-        connection.close()
-        return int(count)
+
+    def _open_for_reading(self, error: Exception) -> Tuple[sqlite3.Connection, State]:
+        """What can be read from a disk that is full or cannot be written: borders act, and no change is taken."""
+        self._read_only = str(error)
+        self._say("database_read_only", Severity.ERROR, what=str(self.folder), reason=self._read_only)
+        best, state = _connect(":memory:"), State(0, 1, 0)
+        _create(best)
+        for path in (self._path, self._twin_path):
+            with tempfile.TemporaryDirectory(dir=_MEMORY if os.path.isdir(_MEMORY) else None) as folder:
+                copy = Path(folder) / "copy.db"
+                try:
+                    for end in _ENDS:  # with its log, which may hold the latest changes
+                        if Path(f"{path}{end}").exists():
+                            shutil.copyfile(f"{path}{end}", f"{copy}{end}")
+                    found, _ = check_file(copy)
+                except OSError:
+                    copy = path
+                    found, _ = check_file(path, "?immutable=1")
+                if found is not None and found.revision > state.revision:
+                    source = sqlite3.connect(f"file:{copy}{'?immutable=1' if copy == path else ''}", uri=True)
+                    best, state = sqlite3.connect(":memory:", isolation_level=None, check_same_thread=False), found
+                    source.backup(best)
+                    source.close()
+        return best, state
 
     def copies(self) -> List[Path]:
         """The daily copies, the newest first."""
@@ -261,16 +298,20 @@ class Database:
         """Grows with every change."""
         return self._state.revision
 
-    def _write(self, statements: List[Statement], out: Sequence[str] = (), into: Sequence[str] = (), ids: int = 0) -> None:
+    def _write(
+        self, statements: List[Statement], out: Sequence[str] = (), into: Sequence[str] = (), ids: int = 0
+    ) -> None:
         """A transaction in the database, and then in its twin; digests that leave and enter the sum come along.
 
         Raises:
             CodedError: "cannot_write"; then nothing was changed.
         """
+        if self._read_only:
+            raise CodedError("cannot_write", what=FILE, reason=self._read_only)
         total = self._state.sum
         for digest in (*out, *into):
             total ^= int(digest, 16)
-        state = _State(self._state.revision + 1, self._state.next_number + ids, total)
+        state = State(self._state.revision + 1, self._state.next_number + ids, total)
         statements = statements + [(_PUT_FACT, (key, value)) for key, value in _facts(state)]
         try:
             _run(self._main, statements)
@@ -286,7 +327,7 @@ class Database:
                     self._twin = None
                 _delete(self._twin_path)
                 _copy(self._main, self._twin_path)
-                self._twin = _connect(self._twin_path)
+                self._twin = _connect(self._twin_path, _OF_TWIN)
                 self._twin_is_good = True
                 self.notices = [notice for notice in self.notices if notice.code != "twin_behind"]
             else:
@@ -324,10 +365,18 @@ class Database:
         ).fetchone()
         return None if row is None else _map_from_row(row)
 
-    def add_map(self, grid: Optional[GridMap], map_id: str, place: int = 0, transform: Transform = IDENTITY, name: str = "") -> int:
+    def add_map(
+        self,
+        grid: Optional[GridMap],
+        map_id: str,
+        place: int = 0,
+        transform: Transform = IDENTITY,
+        name: str = "",
+    ) -> int:
         """Keeps a map, as a place of its own (place 0) or as another map of one; gives the place's number."""
         known = self.map_of(map_id)
-        number = known.id if known else 1 + int(self._main.execute("SELECT coalesce(max(id), 0) FROM maps").fetchone()[0])
+        last = self._main.execute("SELECT coalesce(max(id), 0) FROM maps").fetchone()[0]
+        number = known.id if known else int(last) + 1
         place = place or number
         geometry = (0.05, (0.0, 0.0, 0.0), (0, 0), None)
         if grid is not None:
@@ -337,19 +386,29 @@ class Database:
         digest = _digest(*row)
         out = self._digests("maps", "id = ?", (number,))
         statements: List[Statement] = [(_PUT_MAP, (*row, digest))]
-        extra = [one for one in self.maps() if one.place == place and one.id not in (place, number)][: -MAX_MAPS]
-        for old in extra:
-            out += self._digests("maps", "id = ?", (old.id,))
-            statements.append(("DELETE FROM maps WHERE id = ?", (old.id,)))
+        others = "SELECT id FROM maps WHERE place = ? AND id NOT IN (?, ?) ORDER BY id DESC LIMIT -1 OFFSET ?"
+        for (old,) in self._main.execute(others, (place, place, number, MAX_MAPS)).fetchall():
+            out += self._digests("maps", "id = ?", (old,))
+            statements.append(("DELETE FROM maps WHERE id = ?", (old,)))
         self._write(statements, out, [digest])
         return place
+
+    def name_of(self, place: int) -> str:
+        """A place's name; "" if it has none."""
+        row = self._main.execute("SELECT name FROM maps WHERE id = ?", (place,)).fetchone()
+        return "" if row is None else str(row[0])
+
+    def place_named(self, name: str) -> int:
+        """The place of a name; 0 if there is none."""
+        row = self._main.execute("SELECT id FROM maps WHERE name = ? AND name <> '' AND id = place", (name,)).fetchone()
+        return 0 if row is None else int(row[0])
 
     def rename_place(self, place: int, name: str) -> None:
         """Gives a place a name; raises CodedError "name_taken"."""
         row = self._main.execute(f"SELECT {', '.join(_MAP_COLUMNS)} FROM maps WHERE id = ?", (place,)).fetchone()
         if row is None or row[2] == name:
             return
-        if any(one.name == name and one.place != place for one in self.maps()):
+        if self.place_named(name) not in (0, place):
             raise CodedError("name_taken", name=name)
         new = (*row[:2], name, *row[3:])
         digest = _digest(*new)
@@ -434,7 +493,8 @@ class Database:
         statements += self._history(place, change, kind)
         if request_id:
             statements.append(("INSERT INTO requests (id, border) VALUES (?, ?)", (request_id, change[0].id)))
-            statements.append((f"DELETE FROM requests WHERE number <= (SELECT max(number) FROM requests) - {MAX_REQUESTS}", ()))
+            last = f"(SELECT max(number) FROM requests) - {MAX_REQUESTS}"
+            statements.append((f"DELETE FROM requests WHERE number <= {last}", ()))
         numbers = [_number_of(entry.id) + 1 - self._state.next_number for entry in change]
         self._write(statements, out, into, max(0, *numbers))
         known = self._of_place(place)
@@ -453,7 +513,8 @@ class Database:
         body = _text([[entry.id, _plain(entry.before), _plain(entry.after)] for entry in change])
         return [
             ("DELETE FROM changes WHERE place = ? AND undone = 1", (place,)),
-            ("INSERT INTO changes (place, undone, body, digest) VALUES (?, 0, ?, ?)", (place, body, _digest(place, body))),
+            ("INSERT INTO changes (place, undone, body, digest) VALUES (?, 0, ?, ?)",
+             (place, body, _digest(place, body))),
             ("DELETE FROM changes WHERE place = ? AND number <= (SELECT number FROM changes WHERE place = ? "
              f"ORDER BY number DESC LIMIT 1 OFFSET {MAX_CHANGES})", (place, place)),
         ]
@@ -462,7 +523,8 @@ class Database:
         """The change that undo takes back, or redo makes again: its number, and what it did."""
         undone, order = (0, "DESC") if kind == "undo" else (1, "ASC")
         row = self._main.execute(
-            f"SELECT number, body FROM changes WHERE place = ? AND undone = ? ORDER BY number {order} LIMIT 1", (place, undone)
+            f"SELECT number, body FROM changes WHERE place = ? AND undone = ? ORDER BY number {order} LIMIT 1",
+            (place, undone),
         ).fetchone()
         if row is None:
             raise CodedError(f"nothing_to_{kind}")
@@ -502,15 +564,48 @@ class Database:
 
 
 # ----------------------------------------------------------------- files
-def _connect(path: Any) -> sqlite3.Connection:
+def restore(folder: Path, source: Path) -> None:
+    """Goes back to a copy; the present files are set aside.
+
+    Raises:
+        CodedError: "database_in_use", "damaged_copy", "cannot_write".
+    """
+    if check_file(source)[0] is None:
+        raise CodedError("damaged_copy", what=str(source))
+    database = Database(folder)  # nobody else writes while it is open
+    copy = folder / "restore.new"
+    try:
+        _delete(copy)
+        _copy(_connect(source), copy)
+        for connection in (database._main, database._twin):
+            if connection is not None:
+                connection.close()
+        _set_aside(database._path)
+        _set_aside(database._twin_path)
+        os.replace(str(copy), str(database._path))
+    except (sqlite3.Error, OSError) as error:
+        raise CodedError("cannot_write", what=str(folder), reason=str(error)) from None
+    finally:
+        database.close()
+
+
+def _try_to_write(folder: Path) -> None:
+    """Raises OSError on a disk that is full: on such a one a sound file looks damaged, and must not be set aside."""
+    with tempfile.NamedTemporaryFile(dir=str(folder)) as stream:
+        stream.write(bytes(_PROBE_BYTES))
+        stream.flush()
+        os.fsync(stream.fileno())
+
+
+def _connect(path: Any, synchronous: str = "FULL") -> sqlite3.Connection:
     connection = sqlite3.connect(str(path), isolation_level=None, check_same_thread=False, timeout=2.0)
-    for pragma in ("journal_mode = WAL", "synchronous = FULL", "cell_size_check = ON"):
+    for pragma in ("journal_mode = WAL", f"synchronous = {synchronous}", "cell_size_check = ON"):
         connection.execute(f"PRAGMA {pragma}")
     return connection
 
 
 def _create(connection: sqlite3.Connection) -> None:
-    facts = [(_PUT_FACT, (key, value)) for key, value in _facts(_State(0, 1, 0))]
+    facts = [(_PUT_FACT, (key, value)) for key, value in _facts(State(0, 1, 0))]
     tables = [(statement, ()) for statement in _SCHEMA.split(";") if statement.strip()]
     _run(connection, [*tables, *facts, (f"PRAGMA user_version = {FORMAT}", ())])
 
@@ -540,13 +635,13 @@ def _copy(connection: sqlite3.Connection, path: Path) -> None:
         os.fsync(stream.fileno())
 
 
-def _sound(path: Path) -> Tuple[Optional[_State], str]:
+def check_file(path: Path, options: str = "") -> Tuple[Optional[State], str]:
     """What a database holds if it is sound; else None, and why ("" if there is no file)."""
     if not path.exists():
         return None, ""
     connection: Optional[sqlite3.Connection] = None
     try:
-        connection = _connect(path)
+        connection = sqlite3.connect(f"file:{path}{options}", uri=True) if options else _connect(path)
         if connection.execute("SELECT count(*) FROM sqlite_master").fetchone()[0] == 0:
             return None, _EMPTY
         found = connection.execute("PRAGMA integrity_check(1)").fetchone()[0]
@@ -567,7 +662,8 @@ def _sound(path: Path) -> Tuple[Optional[_State], str]:
             if _digest(place, body) != digest:
                 return None, f"change {number} is damaged"
         facts = dict(connection.execute("SELECT key, value FROM facts"))
-        state = _State(int(facts["revision"]), int(facts["next_number"]), total)
+        count = connection.execute("SELECT count(*) FROM borders").fetchone()[0]
+        state = State(int(facts["revision"]), int(facts["next_number"]), total, int(count))
         if dict(_facts(state))["content"] != facts["content"]:
             return None, "its rows are not those of its revision"
         return state, ""
@@ -600,8 +696,8 @@ def _delete(path: Path) -> None:
 
 
 # ----------------------------------------------------------------- rows
-def _facts(state: _State) -> List[Tuple[str, str]]:
-    content = _digest(*state)
+def _facts(state: State) -> List[Tuple[str, str]]:
+    content = _digest(state.revision, state.next_number, state.sum)
     return [("revision", str(state.revision)), ("next_number", str(state.next_number)), ("content", content)]
 
 
@@ -628,11 +724,8 @@ def _border(values: Any) -> Optional[VirtualBorder]:
 
 def _map_from_row(row: Sequence[Any]) -> StoredMap:
     number, place, name, map_id, x, y, yaw, resolution, origin_x, origin_y, origin_yaw, rows, columns, cells = row
-    grid = None
-    if cells is not None:
-        data = np.frombuffer(zlib.decompress(cells), np.int8).reshape(rows, columns)
-        grid = GridMap(data, resolution, (origin_x, origin_y, origin_yaw))
-    return StoredMap(number, place, name, map_id, Transform(x, y, yaw), grid)
+    origin = (origin_x, origin_y, origin_yaw)
+    return StoredMap(number, place, name, map_id, Transform(x, y, yaw), resolution, origin, (rows, columns), cells)
 
 
 def _number_of(border_id: str) -> int:

@@ -79,7 +79,8 @@ def _border(feature: Any) -> VirtualBorder:
     given = dict(properties) if isinstance(properties, dict) else {}
     wall = kind == "LineString" and given.get("kind") == "virtual_wall"
     values = {key: value for key, value in given.items() if key in (*_PROPERTIES, "seed")}
-    values.update(points=points, kind="virtual_wall" if wall else "polygon" if kind == "Polygon" else "separating_curve")
+    plain = "polygon" if kind == "Polygon" else "separating_curve"
+    values.update(points=points, kind="virtual_wall" if wall else plain)
     if "seed" not in values and not wall:
         if kind == "LineString":
             raise CodedError("bad_seed", "properties: a separating curve needs a seed, [x, y], on the restricted side")

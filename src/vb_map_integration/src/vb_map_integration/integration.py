@@ -140,8 +140,8 @@ def restricted_area(
 
     A polygon restricts its inside, unknown cells included, or all the free space outside that hangs together
     with the seed. A separating curve is extended to the physical borders and restricts what can be reached from
-    the seed without crossing it. A virtual wall restricts a thin band along its chain. Unknown cells are raised only by a value that counts as an obstacle: a soft
-    one would make them look freer than they were.
+    the seed without crossing it. A virtual wall restricts a thin band along its chain. Unknown cells are raised only
+    by a value that counts as an obstacle: a soft one would make them look freer than they were.
 
     Args:
         prior, border, places: as for `integrate`.

@@ -108,7 +108,7 @@ class MapIntegrator:
         root: folder of the database; None keeps borders in memory only.
 
     Raises:
-        CodedError: "database_in_use", "cannot_write".
+        CodedError: "database_in_use".
     """
 
     def __init__(self, params: IntegratorParams, root: Optional[Path]) -> None:
@@ -116,7 +116,10 @@ class MapIntegrator:
         self._database = Database(root)
         self._taken_over: List[Notice] = []
         if root is not None:
-            self._take_over(root)
+            try:
+                self._take_over(root)
+            except CodedError as error:  # the database says so itself; the next start tries again
+                self._taken_over.append(Notice(error.code, Severity.ERROR, values=error.values))
         self._recognizer = Recognizer(self._database, params.map_name)
         self._composition: Optional[Composition] = None
         self._verdict = Verdict()
@@ -203,8 +206,7 @@ class MapIntegrator:
     @property
     def map_name(self) -> str:
         """The name of the place that the present map shows; "" if nobody gave it one."""
-        found = [one.name for one in self._database.maps() if one.id == self._verdict.place]
-        return found[0] if found else self.params.map_name
+        return self._database.name_of(self._verdict.place) if self._verdict.place else self.params.map_name
 
     @property
     def needs_confirmation(self) -> bool:
@@ -346,7 +348,7 @@ class MapIntegrator:
         else:
             if known is not None and known.id == known.place and self._database.count(known.place):
                 raise CodedError("drawn_on_this_map")
-            if name and any(one.name == name for one in self._database.maps()):
+            if self._database.place_named(name):
                 raise CodedError("name_taken", name=name)
             place, transform = self._database.add_map(grid, self._map_id), Transform()
         if name:
@@ -478,7 +480,11 @@ class MapIntegrator:
         return Outcome((new.id,), check.findings, f"'{new.name}' restricts {check.area.area_m2:.2f} m2")
 
     def update(
-        self, border: VirtualBorder, now: float, places: Optional[Mapping[str, Sequence[float]]] = None, expected: int = 0
+        self,
+        border: VirtualBorder,
+        now: float,
+        places: Optional[Mapping[str, Sequence[float]]] = None,
+        expected: int = 0,
     ) -> Outcome:
         """Replaces the border of the same id; raises CodedError if it is refused; then nothing changed.
 
@@ -542,7 +548,7 @@ class MapIntegrator:
         return self._plain(self._database.redoing(self._verdict.place), "redo", "changed again", now)
 
     def expire(self, now: float) -> Optional[Outcome]:
-        """Follows the time: toggles borders that expire, and begins and ends scheduled times; None if nothing changed."""
+        """Toggles borders that expire, begins and ends scheduled times; None if nothing changed."""
         stored = self._database.borders(self._verdict.place)
         change = tuple(
             Entry(border.id, border, border.replace(enabled=not border.enabled, expires=0.0, modified=now))
@@ -588,8 +594,7 @@ class MapIntegrator:
             self._verdict = Verdict(place, self._verdict.transform)
 
     def _free_name(self) -> str:
-        taken = any(one.name == self.params.map_name for one in self._database.maps())
-        return "" if taken else self.params.map_name
+        return "" if self._database.place_named(self.params.map_name) else self.params.map_name
 
     def _plain(self, change: Change, kind: str, what: str, now: float, place: int = 0) -> Outcome:
         findings = self._commit(place or self._verdict.place, change, kind, now)
@@ -607,7 +612,7 @@ class MapIntegrator:
         stored = [entry.after for entry in change if entry.after is not None]
         gone = [entry.id for entry in change if entry.after is None]
         self._composition, self._parts = self._recompute(ready, stored, now, gone, check), None
-        if check is not None and check.ways is not None and len(change) == 1 and self.status(self._moved[change[0].id])[0]:
+        if check is not None and check.ways is not None and self.status(self._moved[change[0].id])[0]:
             self._parts = check.ways.free_parts
         found = [self._moved[border.id] for border in stored if border.id in self._reasons]
         values = [{"border": border.name, "why": self._reasons[border.id]} for border in found]

@@ -3,7 +3,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import zipfile
 from pathlib import Path
 from typing import Any, Dict, List, NamedTuple, Optional, Tuple
 
@@ -16,7 +15,7 @@ from vb_map_integration.border_files import border_from_mapping, borders_from_ya
 from vb_map_integration.database import fingerprint
 
 # whatever a damaged file raises
-_DAMAGE = (CodedError, OSError, ValueError, TypeError, KeyError, EOFError, zipfile.BadZipFile, NotImplementedError, SyntaxError)
+_DAMAGE = (CodedError, OSError, ValueError, TypeError, KeyError)
 
 
 class Folder(NamedTuple):

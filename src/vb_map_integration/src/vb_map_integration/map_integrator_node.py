@@ -36,7 +36,7 @@ from vb_msgs.srv import (
 from vb_core import names, sentences
 from vb_core.errors import CodedError, ParameterError
 from vb_core.parameters import Parameters, param
-from vb_core.ros import messages, node, parameters
+from vb_core.ros import messages, node, parameters, robot_profile
 from vb_core.ros.notices import NoticePublisher
 from vb_core.ros.transforms import TransformLookup
 from vb_map_integration.border import VirtualBorder
@@ -79,7 +79,8 @@ class MapIntegratorNode:
         /virtual_borders/notices (vb_msgs/NoticeArray): what is wrong with map, borders or files.
     Services, all below /virtual_borders/:
         add_border, update_border, remove_border, preview_border, list_borders, save_map (vb_msgs);
-        set_border_enabled, rename_border, confirm_map, adopt_borders (vb_msgs); undo, redo, clear (std_srvs/Trigger). Refusals come as code and message, and change nothing.
+        set_border_enabled, rename_border, confirm_map, adopt_borders (vb_msgs); undo, redo, clear (std_srvs/Trigger).
+        Refusals come as code and message, and change nothing.
     Parameters:
         those of `NodeParams`, `IntegratorParams` and `IntegrationParams`; see config/map_integrator.yaml.
     """
@@ -423,8 +424,9 @@ def main() -> None:
 
     def build() -> MapIntegratorNode:
         own, shared = (tuple(cls.__dataclass_fields__) for cls in (NodeParams, IntegratorParams))
-        return MapIntegratorNode(
-            parameters.read(NodeParams, ignore=shared), parameters.read(IntegratorParams, ignore=own)
-        )
+        params = parameters.read(NodeParams, ignore=shared)
+        integrator = parameters.read(IntegratorParams, ignore=own)
+        radii = [robot_profile.radius(name, integrator.robot_radius_m) for name in params.robots or [""]]
+        return MapIntegratorNode(params, integrator.replace(robot_radius_m=max(radii)))
 
     node.run("map_integrator", build)

@@ -11,7 +11,6 @@ import rospy
 from vb_msgs.msg import VirtualBorderArray
 
 from vb_core import names
-from vb_core.errors import CodedError
 from vb_core.parameters import Parameters, param
 from vb_core.ros import messages, node, parameters
 from vb_map_integration.border_messages import border_from_message

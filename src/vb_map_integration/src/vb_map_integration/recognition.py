@@ -20,7 +20,9 @@ from vb_map_integration.registration import (
 # of a place's maps so many are compared: the first one and the newest ones
 _COMPARED = 3
 # below it a registration is no hint at where the borders lie
-_PLAUSIBLE_AGREEMENT = 0.6
+_PLAUSIBLE_AGREEMENT = 0.8
+# shares of agreement that mean nothing between hypotheses none of which is sure
+_DOUBT = 0.15
 # a map continues the one before if so many of its obstacles are in the very same cells
 _CONTINUED = 0.95
 # a map of which nothing is sure is registered again once so much more floor is known
@@ -127,6 +129,8 @@ class Recognizer:
                 found = register_shapes(reference, shape, guesses) if reference else None
                 if found is None:
                     continue
+                if not found.sure:
+                    found = self._unmoved(reference, shape, found, guesses)
                 transform = _settled(found.transform.after(one.transform), verdict.transform, shape.grid)
                 new = Verdict(place, transform, found.sure, found)
                 if place not in best or (new.sure, found.score) > (best[place].sure, _score(best[place])):
@@ -135,16 +139,28 @@ class Recognizer:
         if len(sure) == 1:
             return sure[0]
         # several floors may have the same walls: then nothing is sure either
-        plausible = [one for one in best.values() if one.registration and one.registration.agreement >= _PLAUSIBLE_AGREEMENT]
+        plausible = [
+            one for one in best.values() if one.registration and one.registration.agreement >= _PLAUSIBLE_AGREEMENT
+        ]
         if plausible:
             return replace(max(plausible, key=_score), sure=False)
         last = self._database.fact("last_place")
         place = int(last) if last.isdigit() and int(last) in candidates else max(candidates)
-        return Verdict(place, IDENTITY, False, best[place].registration if place in best else None)
+        return replace(best[place], sure=False) if place in best else Verdict(place, IDENTITY, False)
+
+    @staticmethod
+    def _unmoved(
+        reference: Optional[Shape], shape: Shape, found: Registration, guesses: List[Transform]
+    ) -> Registration:
+        """In doubt nothing is moved, unless another transform is plausible and fits clearly better."""
+        assert reference is not None
+        still = max((measure_at(reference, shape, guess) for guess in guesses), key=lambda one: one.agreement)
+        moves = found.agreement >= max(_PLAUSIBLE_AGREEMENT, still.agreement + _DOUBT)
+        return found if moves else still
 
 
 def continues(before: GridMap, after: GridMap) -> bool:
-    """Whether a map is the one before it, grown: its cells lie on the same lattice, and its obstacles are still there."""
+    """Whether a map is the one before it, grown: the cells lie on the same lattice, and obstacles are still there."""
     if abs(before.resolution - after.resolution) > 1e-6 or abs(before.origin[2] - after.origin[2]) > 1e-9:
         return False
     offset = after.world_to_grid(before.cell_to_world([[0, 0]]))[0]

@@ -6,8 +6,8 @@ one of them has seen says nothing. Long connected walls carry the evidence, sinc
 1. A coarse search over all rotations finds where the walls of both maps fit best: one correlation by FFT per angle.
 2. The best hypotheses are refined to a fraction of a cell: each wall cell is drawn to the nearest wall of the other
    map (Gauss-Newton on the distance fields of both maps, far pairs left out).
-3. Each is scored by the share of long walls that are found again, in both directions, within `TOLERANCE_M`. The best one
-   is sure only if nearly all are found again, if it rests on enough walls, and if no other hypothesis comes near.
+3. Each is scored by the share of long walls that are found again, in both directions, within `TOLERANCE_M`. The best
+   one is sure only if nearly all are found again, if it rests on enough walls, and if no other one comes near.
 
 Scale is fixed: both maps are in metres. Resolutions may differ.
 """
@@ -293,7 +293,7 @@ def _search(old: Shape, new: Shape) -> List[Transform]:
     found.sort(key=lambda one: -one[0])
     chosen: List[Transform] = []
     for _, yaw, column, row in found:
-        shift = np.array([column if column < size - len(a) else column - size, row if row < size - len(a) else row - size])
+        shift = np.array([value if value < size - len(a) else value - size for value in (column, row)])
         # the old map's centre comes to lie here in the new map
         place = new.centre + (shift + middle - len(b) // 2) * cell
         turned = Transform(0.0, 0.0, yaw).apply(old.centre)[0]

@@ -24,8 +24,8 @@ class Span(NamedTuple):
 def parse_schedule(text: str) -> Tuple[Span, ...]:
     """The spans of a schedule; none for an empty one.
 
-    Days are mon .. sun, lists ("mon,wed") and ranges ("sat-mon"), or "daily", which may be left out. An end at or before
-    the start lies on the next day: "daily 22:00-06:00".
+    Days are mon .. sun, lists ("mon,wed") and ranges ("sat-mon"), or "daily", which may be left out. An end at or
+    before the start lies on the next day: "daily 22:00-06:00".
 
     Raises:
         IntegrationError: "bad_schedule".

@@ -77,7 +77,7 @@ class RobotStatus:
 
 
 class Grounds:
-    """The map that holds for one robot, the ways on it about the line, and what the robot's camera sees of the floor."""
+    """The map that holds for one robot, and what its camera sees of the floor."""
 
     def __init__(self, params: TerrainParams) -> None:
         self.params = params

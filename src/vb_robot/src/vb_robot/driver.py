@@ -27,9 +27,10 @@ from vb_robot.viewpoint import Pose
 from vb_robot.workspace import Standing, Workspace
 
 RATE = 20.0  # [1/s] what is overdue is noticed that soon
-STATE_LIMIT = 1.2  # [s] the state is repeated twice a second: one may be lost
-POSE_LIMIT = 0.4  # [s] localisation is told ten times a second and more
-SCAN_LIMITS = (0.3, 0.6)  # [s] a scan is overdue after 2.5 of its periods, but within these limits
+# [s] what comes regularly is overdue after 2.5 of its usual periods, but within these limits
+STATE_LIMITS = (0.6, 1.2)  # it is repeated twice a second or more often; changes come between
+SCAN_LIMITS = (0.3, 0.6)
+POSE_LIMIT = 0.3  # [s] localisation is told with each scan, dated 0.1 s ahead
 COMMAND_LIMIT = 0.3  # [s] what navigation or a joystick said holds for so long
 POSE_DOUBT = 1.0  # [s] after a leap of the localisation nobody knows where the borders are
 OTHER_LIMIT = 1.0  # [s] after a command by somebody else nothing is let through: two drivers at one wheel
@@ -40,7 +41,7 @@ ACCELERATION, TURN_ACCELERATION = 0.4, 2.0  # [m/s^2, rad/s^2] of the driver's o
 NOBODY, STOP, TELEOP, FOLLOW, LEAVE, NAVIGATION = "nobody", "stop", "teleop", "follow", "leave", "navigation"
 KEEPS = {
     TELEOP: Keep(0.05, 0.02, 0.0),
-    FOLLOW: Keep(0.12, 0.04, 0.05),
+    FOLLOW: Keep(0.12, 0.04, 0.06),  # from where a person leaves it navigation must still find a way
     LEAVE: Keep(0.12, 0.04, MAP_MARGIN),
     NAVIGATION: Keep(0.04, 0.0, -0.04),  # it keeps its own distance; here is only what must never happen
 }
@@ -110,7 +111,8 @@ class Driver:
         self._leaving: Optional[Leaving] = None
         self._grids: Optional[Tuple[GridMap, GridMap]] = None  # with and without borders
         self._retry_at = -math.inf
-        self._heard_state = -math.inf
+        self._swallowed: Optional[bool] = None  # whether the newest map put a border where the robot is; None: to be seen
+        self._state_pulse = Pulse(*STATE_LIMITS)
         self._stopped = {"state": False, "topic": False}
         self._scan: Optional[Scan] = None
         self._scan_pulse = Pulse(*SCAN_LIMITS)
@@ -134,7 +136,7 @@ class Driver:
         with self._lock:
             if self._spots.set_state(state, interaction, entered):
                 self._following.forget()
-            self._heard_state = stamp
+            self._state_pulse.beat(stamp)
             if self._stopped["state"] and not stopped:
                 self._stopped["topic"] = False  # `resume` releases both
             self._stopped["state"] = stopped
@@ -172,6 +174,7 @@ class Driver:
         with self._lock:
             before = self._pose
             if pose is None:
+                self._pose = None
                 return
             self._pose = (now, pose)
             since = now - before[0] if before is not None else math.inf
@@ -188,7 +191,7 @@ class Driver:
         with self._lock:
             self._ground, self._physical, self._workspace = ground, beneath, workspace
             self._grids = (borders, physical) if same and physical is not None else None
-            self._leaving = None
+            self._leaving, self._swallowed = None, None
             self._retry_at = -math.inf
 
     def set_speed_limits(self, grid: GridMap) -> None:
@@ -277,19 +280,24 @@ class Driver:
         return wish if -0.1 <= now - stamp <= COMMAND_LIMIT else None
 
     def _leave(self, now: float) -> Optional[Wish]:
-        """The way out, if the robot touches a border and nobody draws or guides."""
+        """The way out, if a border was put where the robot is, and nobody draws or guides.
+
+        A robot that navigation or a person brought near a border is none of this behaviour's business.
+        """
         pose = self.pose(now)
         if not self._leaves or pose is None or self._workspace is None or self._grids is None:
             return None
         room = self._workspace.hard_gap(pose[:2])
+        if self._swallowed is None:
+            self._swallowed = room < self.profile.radius and self._workspace.is_hard(pose[:2])
+        if not self._swallowed:
+            return None
         if room >= self.profile.radius + (MARGIN if self._leaving is not None else 0.0):
-            self._leaving = None
+            self._leaving, self._swallowed = None, False
             return None
         if self._spots.state != DEFAULT or (self._leaving is None and 0.0 <= self._retry_at - now <= RETRY):
             return None
         if self._leaving is None:
-            if not self._workspace.is_hard(pose[:2]):
-                return None
             self._leaving = Leaving(WayOut(*self._grids, self.profile.radius, pose[:2]))
         if self._goal_runs:
             self._leaving.pause()
@@ -349,7 +357,7 @@ class Driver:
             return "scan_lost"
         if driver == TELEOP:
             return ""  # a person beside the robot, who may have come because it is lost
-        if not -0.5 <= now - self._heard_state <= STATE_LIMIT:
+        if self._state_pulse.overdue(now):
             return "state_lost"
         if self._ground is None:
             return "no_map"

@@ -6,6 +6,10 @@ from typing import Any, Dict
 from vb_core.robot_profile import RobotProfile
 
 CELLS_BESIDE = 0.17  # [m] of cost beyond the radius: the robot leaves that much if it can, and passes where it cannot
+# [m] beyond the radius that a path keeps from borders and walls. Without it paths lead through gaps in which the
+# controller's footprint touches something as soon as it or the localisation is off by 3 cm; from there DWA finds no
+# way out any more, and no recovery frees it.
+PATH_MARGIN = 0.04
 SIM_TIME = 2.0  # [s] DWA looks ahead: with less it turns to and fro where a path bends round a border
 
 
@@ -28,7 +32,7 @@ def navigation_parameters(profile: RobotProfile, prefix: str = "") -> Dict[str, 
     # DWA wants some forward speed between full and nothing, or its few samples leave only these two
     samples = max(8, int(round(limits.max_speed / 0.025)))
     return {
-        "global_costmap": costmap,
+        "global_costmap": {**costmap, "robot_radius": round(profile.radius + PATH_MARGIN, 3)},
         "local_costmap": {**costmap, "global_frame": odom},
         "DWAPlannerROS": {
             "max_vel_x": limits.max_speed, "max_vel_trans": limits.max_speed, "max_vel_theta": limits.max_turn,

@@ -38,14 +38,14 @@ from vb_robot.view import FloorView
 from vb_robot.workspace import KnownBorder, Standing, Workspace
 
 SLOW_LOCALISATION = 0.15  # [s] for an older spot localisation's newest answer is taken: that is near enough
-CLOCK_LIMIT = 0.4  # [s] of wall time in which simulated time does not go on: the robot is told to stop
+CLOCK_LIMIT = 0.3  # [s] of wall time in which simulated time does not go on: the robot is told to stop
 STATE_EACH = 0.5  # [s] who drives is said that often even if nothing changes
 HELD_FOR = 0.5  # [s] what holds a robot for less is not worth a notice
 GOAL_NOTICE = 5.0  # [s] for which a goal in a border is told
 RUNNING = (GoalStatus.PENDING, GoalStatus.ACTIVE, GoalStatus.PREEMPTING, GoalStatus.RECALLING)
 # what is told to people, beside what is usual: "drives", "idle", "spot_in_view", "speed_limit" and so on
-HOLDS = {"stopped", "state_lost", "scan_lost", "pose_lost", "pose_leapt", "no_map", "no_camera", "clock_stands", "fault",
-         "somebody_else_drives", "contact", "obstacle", "unseen_floor", "border", "inside_border", "bad_command"}
+HOLDS = {"stopped", "state_lost", "scan_lost", "pose_lost", "pose_leapt", "no_map", "no_camera", "clock_stands",
+         "fault", "somebody_else_drives", "contact", "obstacle", "unseen_floor", "border", "inside_border", "bad_command"}
 
 
 @dataclass(frozen=True)
@@ -173,7 +173,8 @@ class RobotDriverNode:
         self._driver.set_scan(scan, message.header.stamp.to_sec())
 
     def _on_camera(self, message: CameraInfo) -> None:
-        if self._info is not None and message.K == self._info.K and message.header.frame_id == self._info.header.frame_id:
+        known = self._info
+        if known is not None and (message.K, message.header.frame_id) == (known.K, known.header.frame_id):
             return
         T = self._lookup(self._base, message.header.frame_id, rospy.Time(0), warn=True)
         if T is None:
@@ -232,7 +233,8 @@ class RobotDriverNode:
             return
         x, y, _ = pose_to_2d(target.pose)
         if workspace.standing((x, y)) is not Standing.FREE and workspace.is_hard((x, y)):
-            self._bad_goal = self._notice("goal_in_border", Severity.WARNING, border=_quoted(workspace.names_at((x, y))))
+            borders = _quoted(workspace.names_at((x, y)))
+            self._bad_goal = self._notice("goal_in_border", Severity.WARNING, border=borders)
             self._bad_goal_until = rospy.get_time() + GOAL_NOTICE
 
     # ------------------------------------------------------------- driving
@@ -258,9 +260,9 @@ class RobotDriverNode:
     def _step(self, now: rospy.Time) -> Command:
         # tf gives the newest transform however old: asking for one at this time tells whether it is recent
         recent = now - rospy.Duration(min(drivers.POSE_LIMIT, now.to_sec()))
-        if self._lookup(names.MAP_FRAME, self._base, recent) is not None:
-            T = self._lookup(names.MAP_FRAME, self._base, rospy.Time(0))
-            self._driver.set_pose(geometry.transform_pose2d(T) if T is not None else None, now.to_sec())
+        known = self._lookup(names.MAP_FRAME, self._base, recent) is not None
+        T = self._lookup(names.MAP_FRAME, self._base, rospy.Time(0)) if known else None
+        self._driver.set_pose(geometry.transform_pose2d(T) if T is not None else None, now.to_sec())
         frames = Frames(lambda stamp: self._odom_from_map(now, stamp),
                         lambda: self._lookup(self._base, self._odom, rospy.Time(0), warn=True))
         return self._driver.step(now.to_sec(), frames)
@@ -317,11 +319,13 @@ class RobotDriverNode:
                 found.append(self._notice("robot_leaves_border", Severity.INFO, border=_quoted(borders)))
             elif self._driver.gave_up_leaving:
                 reason = sentences.say(f"robot_{self._driver.leave_failed}", {"who": self._who})
-                found.append(self._notice("robot_cannot_leave", Severity.WARNING, border=_quoted(borders), reason=reason))
+                found.append(self._notice(
+                    "robot_cannot_leave", Severity.WARNING, border=_quoted(borders), reason=reason))
         if command.code == "goal_cancelled" or command.cancel:
             found.append(self._notice("goal_cancelled", Severity.INFO))
         self._held_since = {command.code: self._held_since.get(command.code, now)}
-        if command.code in HOLDS and (now - self._held_since[command.code] >= HELD_FOR or command.driver == drivers.STOP):
+        held = now - self._held_since[command.code] >= HELD_FOR or command.driver == drivers.STOP
+        if command.code in HOLDS and held:
             severity = Severity.INFO if command.code in ("obstacle", "border") else Severity.WARNING
             code = "robot_inside_border_held" if command.code == "inside_border" else f"robot_{command.code}"
             found.append(self._notice(code, severity, others=self._driver.others))

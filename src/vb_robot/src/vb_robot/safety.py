@@ -138,7 +138,7 @@ class ForbiddenGround:
         return sample(self.grid, self._clearance, points)
 
     def free_way(self, pose: Pose, v: float, w: float, margin: float) -> float:
-        """[m] the robot can drive along the arc of (v, w) before its footprint comes nearer to a cell than `margin` [m].
+        """[m] the robot can drive along the arc of (v, w) before it comes nearer to a cell than `margin` [m].
 
         A robot that is too near already may move so that it does not come nearer; one that a new border has
         swallowed may move within it, so that a person can lead it out.

@@ -16,8 +16,8 @@ from vb_robot.view import FloorView
 
 MAX_SPEED = 0.2  # [m/s] the paper's limit while a person guides the robot; also backwards, as fast as a spot is drawn
 MAX_TURN = 0.8  # [rad/s] a spot 1 m away that moves 0.5 m/s sideways needs 0.5
-# [m] from the base to the spot. The image of a usual mount ends at 0.45 m: nearer than NEAR_DISTANCE a spot that is drawn
-# towards the robot slips under it.
+# [m] from the base to the spot. The image of a usual mount ends at 0.45 m: nearer than NEAR_DISTANCE a spot that is
+# drawn towards the robot slips under it.
 GOOD_DISTANCE, FAR_DISTANCE = 1.0, 1.3  # beyond FAR it drives nearer, to GOOD
 NEAR_DISTANCE, BACK_TO_DISTANCE = 0.75, 0.9  # below NEAR it backs off, to BACK_TO
 INNER_ZONE, SETTLED_ZONE = 0.45, 0.12  # part of the image's width: outside of INNER it turns, until within SETTLED

@@ -31,7 +31,7 @@ class TerrainParams(Parameters):
 
 
 PAD = 3.0  # [m] of floor about what matters: a robot looks at it from 1.5 m, and the line is thought on for 2 m
-MAX_WAY_CELLS = 20000  # ways are searched on a coarser grid where there would be more
+MAX_WAY_CELLS = 10000  # ways are searched on a coarser grid where there would be more
 REACH = 8.0  # [m] robots and lines farther away do not make the window larger
 SNAP = 2.0  # [m] windows begin and end at multiples of this, so that one serves while the spot moves on
 
@@ -130,8 +130,9 @@ class Terrain:
 
     # ------------------------------------------------------------- ways
     def _build_ways(self) -> None:
-        # a search costs about 1 ms per 1,000 cells
-        cell = max(self.params.way_cell, self.grid.resolution * np.sqrt(self.grid.data.size / MAX_WAY_CELLS))
+        # a search costs about 1 ms per 1,000 cells: a choice is made four times a second, a whole map once
+        coarse = 0.0 if self.edge else self.grid.resolution * np.sqrt(self.grid.data.size / MAX_WAY_CELLS)
+        cell = max(self.params.way_cell, coarse)
         step = max(1, int(np.ceil(cell / self.grid.resolution - 0.01)))
         rows, columns = (size // step for size in self.grid.shape)
         self._step = step

@@ -41,7 +41,7 @@ _SPOT_MARGIN = 0.06  # fraction of the image that must lie beyond a spot which i
 
 NO_STRETCH = np.zeros((0, 2))
 
-MAX_SAFE = 12  # as many poses as anybody will try one after the other
+MAX_SAFE = 6  # one more than are tried in a row before a pause
 
 
 @dataclass(frozen=True)
@@ -151,8 +151,8 @@ def rank_viewpoints(
         apart = 2.0 * terrain.params.robot_radius + terrain.params.margin
         keep &= np.linalg.norm(places[:, None] - others[None], axis=2).min(axis=1) >= apart
     if drawing.focus is not None:
-        poses = ((*place, angle) for place, angle in zip(places, yaw))
-        keep &= np.array([bool(view.sees(to_base(drawing.must_see, pose), _SPOT_MARGIN).all()) for pose in poses])
+        from_each = np.vstack([to_base(drawing.must_see, (*place, angle)) for place, angle in zip(places, yaw)])
+        keep &= view.sees(from_each, _SPOT_MARGIN).reshape(len(places), -1).all(axis=1)
     side = terrain.side_of(spot, drawing.chain, drawing.closed) if drawing.seeding else None
     off_side = _clear_of(terrain, side)
     if off_side is not None:
@@ -175,8 +175,9 @@ def rank_viewpoints(
     cost = cost + params.enclosed_cost * _enclosed(places, drawing)
     ahead = np.vstack([drawing.line_ahead(params.ahead), drawing.stretch])
     if len(ahead) > 1:
-        unseen = [1.0 - float(np.mean(view.sees(to_base(ahead, (*place, angle))))) for place, angle in zip(places, yaw)]
-        cost = cost + params.unseen_ahead_cost * np.array(unseen)
+        # one call for all places: each costs as much as its overhead
+        from_each = np.vstack([to_base(ahead, (*place, angle)) for place, angle in zip(places, yaw)])
+        cost = cost + params.unseen_ahead_cost * (1.0 - view.sees(from_each).reshape(len(places), -1).mean(axis=1))
     order = np.argsort(cost, kind="stable")
     found = [
         Viewpoint(float(places[i, 0]), float(places[i, 1]), geometry.wrap_angle(float(yaw[i])), float(way[i]),

@@ -45,6 +45,7 @@ class LabSimulatorParams(Parameters):
     amcl_divisor: int = param(25, "steps", low=1)
     checkpoint_divisor: int = param(10, "steps", low=1)
     transform_tolerance: float = param(0.1, "s", low=0.0, high=1.0)
+    localises: bool = param(True, doc="false: AMCL does")
 
 
 class RobotConnection:
@@ -187,7 +188,7 @@ class LabSimulatorNode:
             self._publish_poses(now)
         if self._count % self._params.scan_divisor == 1 % self._params.scan_divisor:
             self._publish_scans(now)
-        if self._count % self._params.amcl_divisor == 0:
+        if self._params.localises and self._count % self._params.amcl_divisor == 0:
             self._publish_amcl(now)
             self._real_time_factor = self._factor.update(time.monotonic(), self._now_ns * 1e-9)
         if self._count % self._params.checkpoint_divisor == 0:
@@ -235,7 +236,8 @@ class LabSimulatorNode:
             with self._lock:
                 odometry, velocity, correction = body.odometry, body.velocity, body.map_to_odom()
             base = geometry.pose2d_transform(*odometry)
-            transforms.append(messages.transform_message(correction, names.MAP_FRAME, connection.odom_frame, ahead))
+            if self._params.localises:
+                transforms.append(messages.transform_message(correction, names.MAP_FRAME, connection.odom_frame, ahead))
             transforms.append(messages.transform_message(base, connection.odom_frame, connection.base_frame, now))
             if connection.odom.get_num_connections():
                 message = Odometry()

@@ -8,14 +8,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Generator, Optional, Sequence, Tuple
+from typing import Collection, Generator, Optional, Tuple
 
 import numpy as np
 
 from vb_core import geometry
 from vb_core.grid_map import FREE, GridMap
 from vb_sim.floor_plan import physical_map
-from vb_sim.hand import Stroke, Tremor
+from vb_sim.hand import Stroke, Tremor, styles
 from vb_sim.legs import Legs
 from vb_sim.models_participant import ParticipantModel
 from vb_sim.world import Scenario, World
@@ -26,8 +26,9 @@ OWN_SPOT = 0.5  # [m] a dot on the display farther from the spot than this is no
 
 DEFAULT = "default"
 # codes of what the display says, and of what the interaction answers
-ROBOT_COMES = "spot_unseen_robot_comes"
+HOLD_STILL = "spot_unseen_robot_comes"
 CONFIRM_SAVE = "confirm_save"
+WORDS = ("define_border", "define_seed", "guide_robot", "save", "cancel")
 
 
 @dataclass(frozen=True)
@@ -63,9 +64,9 @@ class Percept:
     answer: Optional[Answer] = None
     answered: int = 0
 
-    def read(self, code: str) -> None:
-        """Takes note of what the display says about the robots, by its code."""
-        if code == ROBOT_COMES:
+    def read(self, codes: Collection[str]) -> None:
+        """Takes note of what the display says, by the codes of its notices."""
+        if HOLD_STILL in codes:
             self.told_to_hold = self.now
 
     def hear(self, spot: Optional[Tuple[float, float]], stamp: float, seen: Tuple[float, float], mobile: bool) -> None:
@@ -138,6 +139,9 @@ class Person:
         self._tremor = Tremor(model.tremor, (model.tremor_band[0], model.tremor_band[1]), self.rng)
         self.percept = Percept()
         self.spot: Optional[np.ndarray] = None  # where the laser is meant to point
+        # whose movement it is: the same person in all scenarios, with all methods
+        chosen = np.random.default_rng([seed, 2]).integers(len(styles()))
+        self.style = styles()[int(chosen)]
         self.doing = "comes in"
         self.dt = 0.0
         self.tries = 0
@@ -147,6 +151,7 @@ class Person:
 
     def _err(self) -> None:
         """Decides what this person will do wrong; apart from all other chance, so that who errs is otherwise the same."""
+        self._slips_of_the_tongue = np.random.default_rng([self._seed, *self.scenario.key.encode(), 3])
         rng = np.random.default_rng([self._seed, *self.scenario.key.encode(), 1])
         slips, wrong_side = rng.random(2) < (self.model.slip, self.model.wrong_side)
         # where along the border it goes wrong [share], and to which side
@@ -252,13 +257,36 @@ class Person:
 
         Raises:
             GivesUp: if it stays without a good answer.
+            Slips: if another command came out and changed something.
         """
+        yield from self._maybe_wrong_word(command, source)
         for _ in range(times):
             yield from self.say(command, source)
             if self.last_answer.success:
                 return
             yield from self.wait(1.0)
         raise GivesUp(f"{command} was not taken: {self.last_answer.message} [{self.last_answer.code}]")
+
+    def _maybe_wrong_word(self, command: str, source: str) -> Step:
+        """Now and then another command is said, understood or pressed; the person sees on the display what it did.
+
+        Raises:
+            Slips: if the state is another one now, so that the person starts over.
+        """
+        others = [word for word in WORDS if word != command]
+        wrong, other = self._slips_of_the_tongue.random() < self.model.wrong_word, self._slips_of_the_tongue.integers(len(others))
+        if not wrong or command == "cancel":
+            return
+        before = self.percept.state
+        yield from self.say(others[int(other)], source)
+        yield from self.look()
+        yield from self.react()
+        if self.percept.state != before:
+            raise Slips()
+
+    def look(self) -> Step:
+        """Looks at the display before going on."""
+        yield from self.wait(self.model.look_time * float(self.rng.uniform(0.5, 1.5)))
 
     def move_spot(self, target: np.ndarray, speed: float) -> Step:
         """Moves the spot straight to a place [m] at a speed [m/s]."""
@@ -274,7 +302,7 @@ class Person:
     def new_stroke(self, border: Optional[np.ndarray] = None) -> Stroke:
         """The border, or the same in another order (N, 2) [m], as this person is going to draw it this time."""
         border = self.scenario.border if border is None else border
-        return Stroke(border, self.scenario.closed, self.model, self.rng, self.is_floor)
+        return Stroke(border, self.scenario.closed, self.model, self.rng, self.is_floor, self.style)
 
     def may_slip(self, stroke: Stroke, arc: float, speed: float) -> Step:
         """Once in a lifetime, at some place of the stroke, the hand goes wrong.
@@ -372,29 +400,36 @@ class ParticipantScript:
             yield from person.insist("cancel", self.source)
         refusal = person.last_answer
         for person.tries in range(1, person.model.tries + 1):
-            yield from self.prepare()
             try:
-                yield from self.draw()
+                if (yield from self._attempt()):
+                    return
+                refusal = person.last_answer
             except Slips:
-                refusal = Answer(False, "slipped", "the drawing went wrong")
-                person.doing = "starts over"
+                refusal = Answer(False, "slipped", "it went wrong")
+            if person.percept.state != DEFAULT:
+                person.doing, person.spot = "starts over", None
                 yield from person.insist("cancel", self.source)
-                continue
-            saved = False
-            for _ in range(person.model.tries):
-                yield from self.show_seed()
-                person.spot = None
-                yield from person.react()
-                yield from self._save()
-                saved = person.last_answer.success
-                if saved or "seed" not in person.last_answer.code:
-                    break
-            if saved:
-                return
-            refusal = person.last_answer
-            person.doing = "starts over"
-            yield from person.insist("cancel", self.source)
         raise GivesUp(f"not saved: {refusal.message} [{refusal.code}]")
+
+    def _attempt(self) -> Generator[None, None, bool]:
+        """Draws, shows the seed and saves once; whether a border was saved.
+
+        Raises:
+            Slips: the person has noticed that something went wrong.
+        """
+        person = self.person
+        yield from self.prepare()
+        yield from self.draw()
+        yield from person.look()
+        for _ in range(person.model.tries):
+            yield from self.show_seed()
+            person.spot = None
+            yield from person.look()
+            yield from person.react()
+            yield from self._save()
+            if person.last_answer.success or "seed" not in person.last_answer.code:
+                break
+        return person.last_answer.success
 
     def _save(self) -> Step:
         for _ in range(4):

@@ -124,8 +124,8 @@ class ParticipantNode:
     def _on_notices(self, message: NoticeArray) -> None:
         with self._lock:
             before, self._notices[message.source] = self._notices.get(message.source, set()), {n.code for n in message.notices}
-            for code in self._notices[message.source] - before:
-                self._percept.read(code)
+            # a notice is repeated each second; a person takes note of it when it appears
+            self._percept.read(self._notices[message.source] - before)
 
     def _on_state(self, message: InteractionState) -> None:
         with self._lock:

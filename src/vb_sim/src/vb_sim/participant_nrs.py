@@ -53,7 +53,8 @@ class NetworkRobotSystemScript(ParticipantScript):
         first_seen: Optional[float] = None
         missed = 0
         person.spot = stroke.at(arc)
-        while (end - arc) * sign > 0.0:
+        # the end counts only once it was seen, as any other place
+        while (end - arc) * sign > 0.0 or (missed <= person.model.retries and person.unseen_for() >= FEEDBACK_GAP):
             if person.unseen_for() < FEEDBACK_GAP:
                 seen_at = arc
                 first_seen = arc if first_seen is None else first_seen

@@ -56,7 +56,7 @@ class RobotOnlyScript(ParticipantScript):
             yield from person.may_slip(stroke, arc, person.model.robot_drawing_speed)
             if unseen < FEEDBACK_GAP:
                 seen_at = arc
-                arc = min(arc + self._pace() * person.model.robot_drawing_speed * stroke.pace(arc) * person.dt, stroke.length)
+                arc = min(arc + self._pace() * person.model.robot_drawing_speed * min(stroke.pace(arc), 1.0) * person.dt, stroke.length)
                 person.spot = stroke.at(arc)
             elif unseen > person.model.patience / 2.0 and missed < person.model.retries + 2:
                 missed += 1

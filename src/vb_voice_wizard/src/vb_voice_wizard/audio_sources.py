@@ -1,15 +1,15 @@
 """Where sound comes from: a microphone by way of ALSA's arecord, or a WAV file. 16 kHz mono, int16."""
 from __future__ import annotations
 
-import math
+import collections
 import subprocess
 import threading
 import wave
 from pathlib import Path
-from typing import Callable, Optional
+from typing import Callable, Deque, Optional
 
 import numpy as np
-from scipy.signal import resample_poly
+import soxr
 
 from vb_core.errors import CodedError
 
@@ -20,9 +20,30 @@ def to_model_rate(pcm: np.ndarray, rate: int) -> np.ndarray:
     """(N,) int16 at any rate to (M,) int16 at 16 kHz."""
     if rate == SAMPLE_RATE:
         return np.asarray(pcm, dtype=np.int16)
-    common = math.gcd(int(rate), SAMPLE_RATE)
-    resampled = resample_poly(np.asarray(pcm, dtype=np.float64), SAMPLE_RATE // common, int(rate) // common)
-    return np.clip(np.rint(resampled), -32768, 32767).astype(np.int16)
+    return soxr.resample(np.asarray(pcm, dtype=np.int16), int(rate), SAMPLE_RATE)
+
+
+class Resampler:
+    """Brings a stream of pieces to 16 kHz as if it were one: each piece alone would click at its ends."""
+
+    def __init__(self) -> None:
+        self._rate = 0
+        self._stream: Optional[soxr.ResampleStream] = None
+
+    def push(self, pcm: np.ndarray, rate: int) -> np.ndarray:
+        """The stream's next samples, (N,) int16 at a rate [1/s], to (M,) int16 at 16 kHz; another rate is another stream."""
+        if rate == SAMPLE_RATE:
+            self._stream = None
+            return np.asarray(pcm, dtype=np.int16)
+        if self._stream is None or rate != self._rate:
+            self._rate, self._stream = rate, soxr.ResampleStream(rate, SAMPLE_RATE, 1, dtype="int16")
+        return self._stream.resample_chunk(np.asarray(pcm, dtype=np.int16)).reshape(-1)
+
+
+def level_db(pcm: np.ndarray) -> float:
+    """Effective value of (N,) int16 [dB], full scale is 0; digital silence is -100."""
+    power = float(np.mean(np.square(pcm, dtype=np.float64))) / 32768.0**2 if len(pcm) else 0.0
+    return max(-100.0, 10.0 * float(np.log10(max(power, 1e-12))))
 
 
 def read_wav(path: Path) -> np.ndarray:
@@ -94,6 +115,10 @@ class Microphone:
         try:
             with self._lock:
                 self._process = subprocess.Popen(self._command, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+                said: Deque[bytes] = collections.deque(maxlen=20)
+                # a program whose messages nobody reads blocks once the pipe is full, and the system is deaf
+                drain = threading.Thread(target=said.extend, args=(iter(self._process.stderr.readline, b""),), daemon=True)
+                drain.start()
         except OSError as error:
             return f"cannot start {self._command[0]}: {error.strerror}; is alsa-utils installed?"
         process = self._process
@@ -102,11 +127,12 @@ class Microphone:
             if len(data) < 2 * self._chunk:
                 break
             self._on_samples(np.frombuffer(data, dtype="<i2").astype(np.int16))
-        said = process.stderr.read().decode(errors="replace").strip().splitlines()
         process.wait()
+        drain.join(timeout=5.0)
         process.stdout.close()
         process.stderr.close()
-        return f"{self._command[0]} ended with status {process.returncode}: {said[-1] if said else 'it said nothing'}"
+        last = said[-1].decode(errors="replace").strip() if said else "it said nothing"
+        return f"{self._command[0]} ended with status {process.returncode}: {last}"
 
 
 def arecord(device: str) -> list:

@@ -128,11 +128,12 @@ def _interaction(view: View) -> Panel:
     if view.chain_points:
         chain = say("console_polygon" if view.closed else "console_curve", points=view.chain_points)
     seeing = ", ".join(view.seeing) or say("console_nobody")
-    if view.cameras:
-        seeing = say("console_seen_of", now=seeing, all=", ".join(view.cameras))
+    before = [camera for camera in view.cameras if camera not in view.seeing]
+    if before:
+        seeing = say("console_seen_of", now=seeing, before=", ".join(before))
     detectors = ", ".join(
         say("console_camera" if rate else "console_camera_away", name=name, rate=f"{rate:.0f}")
-        for name, rate in view.detectors
+        for name, rate in sorted(view.detectors, key=lambda detector: detector[1] > 0.0)  # the end may be cut
     )
     silent = any(not rate for _, rate in view.detectors)
     rows: Dict[str, Text] = {

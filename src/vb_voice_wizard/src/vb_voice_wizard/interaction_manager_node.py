@@ -3,6 +3,7 @@ from __future__ import annotations
 
 import threading
 import time
+import traceback
 from dataclasses import dataclass
 from typing import Any, Dict, List, Optional, Tuple
 
@@ -217,6 +218,10 @@ class InteractionManager:
             return self._save(interaction_id, order.source) if pending == SAVE else self._change(pending)
         except CodedError as error:
             return self._refuse(error)
+        except Exception:
+            # a fault of the program must not leave it answering "busy" for ever
+            rospy.logerr("interaction_manager: %s failed:\n%s", pending, traceback.format_exc())
+            return self._refuse(CodedError("internal_error"))
 
     def _save(self, interaction_id: str, source: str) -> Answer:
         """Asks the neighbours, without the lock, then ends the interaction."""

@@ -1,4 +1,4 @@
-"""Recognises the five spoken commands, and says no to everything else.
+"""Recognises the spoken commands, and says no to everything else.
 
 1. endpointing finds where somebody speaks.
 2. Every phrase of the grammar is aligned with it (phone_scoring.PhraseScorer); the best one is the candidate.
@@ -22,6 +22,7 @@ from vb_core.parameters import Parameters, param
 from vb_voice_wizard import wording
 from vb_voice_wizard.acoustic_model import SILENCE, AcousticModel, embedded_model
 from vb_voice_wizard.endpointing import EndpointParams, Utterance, utterances
+from vb_voice_wizard.interaction import RESUME
 from vb_voice_wizard.phone_network import PhoneNetwork
 from vb_voice_wizard.phone_scoring import Alignment, Likelihoods, PhoneSet, PhraseScorer, phone_loop
 from vb_voice_wizard.speech_features import FRAMES_PER_SECOND, cepstra, clean_spectrum, dynamic
@@ -41,6 +42,15 @@ MEASURES = (
     "left_over",  # [s] speech, after the network, outside the command
 )
 _FEWEST_FRAMES = 12
+
+
+# what lets robots drive again is never done at one spoken word: "resumed" sounds too much like it
+ALWAYS_UNCLEAR = (RESUME,)
+
+
+def is_unclear(command: str, confidence: float, sure: float) -> bool:
+    """Whether a command that was understood has to be confirmed before it does what cannot be taken back."""
+    return confidence < sure or command in ALWAYS_UNCLEAR
 
 
 @dataclass(frozen=True)
@@ -163,7 +173,7 @@ class CommandRecognizer:
         confidence = float(1.0 / (1.0 + np.exp(-np.clip(values @ self._weights + self._offset, -50.0, 50.0))))
         if confidence < self.params.threshold:
             return replace(finding, confidence=confidence, reason="unlike_a_command")
-        return replace(finding, command=finding.best, confidence=confidence, unclear=confidence < self.params.sure)
+        return replace(finding, command=finding.best, confidence=confidence, unclear=is_unclear(finding.best, confidence, self.params.sure))
 
     # ------------------------------------------------------------------ measures
     def _measure(self, spectrum: np.ndarray) -> Finding:

@@ -5,24 +5,31 @@ import threading
 import time
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Dict, Optional, Tuple
+from typing import Any, Dict, List, Optional, Tuple
 
 import numpy as np
 import rospy
+from std_msgs.msg import Float32
 from vb_core import names
 from vb_core.errors import CodedError, ParameterError
+from vb_core.notices import Notice, Severity
 from vb_core.parameters import Parameters, param
 from vb_core.ros import commands, node, parameters
 from vb_core.ros.messages import values_from_mapping
+from vb_core.ros.notices import NoticePublisher
 from vb_msgs.msg import Audio, Heard, Sound
 from vb_msgs.srv import CommandRequest, CommandResponse
 
-from vb_voice_wizard.audio_sources import Microphone, arecord, read_wav, to_model_rate
+from vb_voice_wizard.audio_sources import Microphone, Resampler, arecord, level_db, read_wav
 from vb_voice_wizard.endpointing import Endpointer, EndpointParams, Utterance
 from vb_voice_wizard.recognizer import CommandRecognizer, Finding, RecognizerParams
 from vb_voice_wizard.speech_features import SAMPLE_RATE
 
 AUDIO = "/virtual_borders/voice/audio"
+
+_LEVEL_S = 0.25  # [s] wall time between two levels
+_DEAF_S = 5.0  # [s] without any sound after which people are told
+_DIGITAL_SILENCE_DB = -90.0  # the quietest microphone has noise of its own; this is its least bit
 
 
 @dataclass(frozen=True)
@@ -60,6 +67,8 @@ class VoiceCommands:
 
     Publishes:
         ~heard_topic (vb_msgs/Heard): every utterance, accepted or not, and how its command was answered.
+        /virtual_borders/voice/level (std_msgs/Float32): of the microphone [dB], full scale is 0, four times a second.
+        /virtual_borders/notices (vb_msgs/NoticeArray): microphone_missing, microphone_silent.
         /virtual_borders/sound (vb_msgs/Sound): ~understood_sound as soon as a command is understood; ~refusal_sound
             for what was nearly one, and for a command that nobody answers. How the interaction answers the command,
             the feedback node tells.
@@ -88,11 +97,20 @@ class VoiceCommands:
         # 20 s of sound: whoever falls behind further should not act on what was said long ago
         self._sound: node.Queue = node.Queue(400)
         self._microphone: Optional[Microphone] = None
+        self._resampler = Resampler()
+        self._trouble = ""
+        self._level_lock = threading.Lock()
+        self._pieces: List[np.ndarray] = []
+        self._heard_at = time.monotonic()
+        self._level = rospy.Publisher(names.VOICE_LEVEL, Float32, queue_size=2)
+        self._notices = NoticePublisher()
+        self._watch = node.Beat(_LEVEL_S)
         self._heard = rospy.Publisher(params.heard_topic, Heard, queue_size=10)
         self._beeper = rospy.Publisher(names.SOUND, Sound, queue_size=10)
         # a command's answer may take seconds; listening goes on meanwhile
         self._orders = commands.Orders("voice", self._on_answer, params.service_wait, params.service_answer, size=4)
         node.Worker(self._sound, self._listen)
+        node.Worker(self._watch, lambda _woken: self._on_watch())
         rospy.Subscriber(names.SOUND, Sound, self._on_sound, queue_size=10)
         if params.source == "topic":
             rospy.Subscriber(params.audio_topic, Audio, self._on_audio, queue_size=100)
@@ -105,11 +123,14 @@ class VoiceCommands:
         """Lets go of the microphone, and ends the threads."""
         if self._microphone is not None:
             self._microphone.close()
+        self._watch.close()
         self._sound.close()
         self._orders.close()
 
     # ------------------------------------------------------------------ sound in
     def _put(self, pcm: np.ndarray) -> None:
+        with self._level_lock:
+            self._pieces.append(pcm)
         if not self._sound.put((pcm, time.monotonic())):
             rospy.logwarn_throttle(5.0, "voice_commands: too slow for the sound that comes in, some is lost")
 
@@ -119,10 +140,31 @@ class VoiceCommands:
                 5.0, f"voice_commands: sound dropped: {message.sample_rate} samples/s in {len(message.data)} bytes"
             )
             return
-        self._put(to_model_rate(np.frombuffer(message.data, dtype="<i2"), message.sample_rate))
+        # one thread calls this
+        self._put(self._resampler.push(np.frombuffer(message.data, dtype="<i2"), message.sample_rate))
 
     def _on_trouble(self, sentence: str) -> None:
+        self._trouble = sentence
         rospy.logwarn_throttle(30.0, f"voice_commands: no sound: {sentence}")
+
+    def _on_watch(self) -> None:
+        """Tells the level, and says when there is no sound: a microphone that is muted or gone looks like silence."""
+        with self._level_lock:
+            pieces, self._pieces = self._pieces, []
+        now = time.monotonic()
+        if pieces:
+            level = level_db(np.concatenate(pieces))
+            self._level.publish(level)
+            if level > _DIGITAL_SILENCE_DB:
+                self._heard_at, self._trouble = now, ""
+        if self._params.source == "wav":
+            return  # a recording ends
+        missing = []
+        if self._trouble:
+            missing = [Notice("microphone_missing", Severity.WARNING, values={"why": self._trouble})]
+        elif now - self._heard_at > _DEAF_S:
+            missing = [Notice("microphone_silent", Severity.WARNING)]
+        self._notices.set(missing)
 
     def _play(self, pcm: np.ndarray) -> None:
         """Hands over a recording at the pace at which it was spoken, then a second of silence to end it."""

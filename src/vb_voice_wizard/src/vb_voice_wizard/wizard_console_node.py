@@ -232,7 +232,7 @@ class WizardConsole:
                 if message.free_parts > 1:
                     view.preview += " " + view.words("preview_parts", parts=message.free_parts)
             else:
-                view.preview = self._words_of(message.code, message.values, message.message) if message.code else ""
+                view.preview = self._words_of(message.code, message.values, message.message)
             view.findings = tuple(
                 (self._words_of(found.code, found.values, found.message), found.severity == Finding.ERROR)
                 for found in message.findings
@@ -335,7 +335,7 @@ class WizardConsole:
 
     def _words_of(self, code: str, values: List[Any], message: str) -> str:
         """Somebody's answer in the operator's language; its own English sentence where that has none."""
-        return sentences.say(code, mapping_from_values(values), self._view.language, message)
+        return sentences.say(code, mapping_from_values(values), self._view.language, message) if code else message
 
     def _tell(self, code: str, style: str, **values: Any) -> None:
         self._say(self._view.words(code, **values), style)

@@ -8,6 +8,16 @@ from vb_core.robot_profile import RobotProfile
 PARAMETER = "robot_profile"
 
 
+def radius(robot: str, otherwise: float) -> float:
+    """[m] a robot's radius by its profile, or `otherwise` where no profile is set: for nodes that need nothing else.
+
+    Args:
+        robot: its name; empty for the only one.
+    """
+    found = rospy.get_param(f"/{robot}/{PARAMETER}" if robot else f"/{PARAMETER}", {})
+    return RobotProfile.from_mapping(found, PARAMETER).radius if found else otherwise
+
+
 def read(robot: str = "") -> RobotProfile:
     """The profile of a robot; that of the node's own namespace without a name. TurtleBot 2's if none is set.
 

@@ -1,6 +1,8 @@
 """The kit's commands; docs/study.md walks through them.
 
 rosrun vb_evaluation study_kit plan --participants 15 --out ~/study/protocol.csv
+rosrun vb_evaluation study_kit forms ~/study/forms
+rosrun vb_evaluation study_kit run p01 --protocol ~/study/protocol.csv
 rosrun vb_evaluation study_kit measure ~/study/protocol.csv --ground-truth ~/study/ground_truth --out ~/study/results
 rosrun vb_evaluation study_kit replay ~/study/p01_1_nrs_carpet
 rosrun vb_evaluation study_kit questionnaire ~/study/questionnaire.csv
@@ -20,7 +22,7 @@ from rich.console import Console
 
 from vb_core.errors import CodedError
 from vb_evaluation import questionnaire
-from vb_evaluation.kit import measure, protocol
+from vb_evaluation.kit import conduct, forms, measure, protocol
 from vb_evaluation.kit.ground_truth import read_ground_truth
 from vb_evaluation.kit.recording import Recording
 from vb_evaluation.report import write_report
@@ -36,6 +38,8 @@ def main(arguments: Optional[List[str]] = None) -> int:
     )
     commands = parser.add_subparsers(dest="command", required=True)
     _add_plan(commands)
+    _add_forms(commands)
+    _add_run(commands)
     _add_measure(commands)
     _add_replay(commands)
     _add_questionnaire(commands)
@@ -68,7 +72,44 @@ def _add_plan(commands) -> None:
 
 def _plan(given: argparse.Namespace) -> None:
     protocol.write(given.out, protocol.plan(given.participants, given.scenarios, given.methods, given.seed))
+    conduct.write_template(given.out.parent)
     print(given.out)
+
+
+# ------------------------------------------------------------------ forms
+def _add_forms(commands) -> None:
+    command = commands.add_parser("forms", help="write information, consent, demographics and questionnaire to be printed")
+    command.add_argument("folder", type=_path)
+    command.set_defaults(run=lambda given: [print(path) for path in forms.write(given.folder)])
+
+
+# ------------------------------------------------------------------ run
+def _add_run(commands) -> None:
+    command = commands.add_parser("run", help="do a participant's next run: starts the system in the planned condition")
+    command.add_argument("participant")
+    command.add_argument("--protocol", type=_path, default=Path("protocol.csv"))
+    command.add_argument("--scenario", help="refuses unless it is the planned one")
+    command.add_argument("--method", help="refuses unless it is the planned one")
+    command.add_argument("--again", action="store_true", help="do the last run again, in another folder")
+    command.add_argument("--rehearse", action="store_true", help="a simulated person in one process, without ROS and people")
+    command.set_defaults(run=_run)
+
+
+def _run(given: argparse.Namespace) -> None:
+    planned = conduct.next_run(given.protocol, given.participant, given.again, scenario=given.scenario, method=given.method)
+    say = lambda words: _console.print(words, markup=False)  # noqa: E731
+    if given.rehearse:
+        # only here: the rest of the kit knows no simulator
+        from vb_evaluation.kit import rehearsal
+
+        outcomes: List[bool] = []
+        start, keys = rehearsal.person(rehearsal.default_study(), outcomes), ("b" if key else ("c" if outcomes[-1] else "f") for key in (1, 0))
+    else:
+        start, keys = conduct.roslaunch, conduct.read_keys()
+    run = conduct.conduct(planned, start, keys, say)
+    if "ended" not in run:
+        raise CodedError("unfinished", f"the run was not ended: {planned.folder} is kept, --again does the run again")
+    print(planned.folder)
 
 
 # ------------------------------------------------------------------ measure
@@ -95,7 +136,7 @@ def _measure(given: argparse.Namespace) -> None:
 def _add_replay(commands) -> None:
     command = commands.add_parser("replay", help="put a recording through today's code and compare")
     command.add_argument("recordings", type=_path, nargs="+")
-    command.add_argument("--images", action="store_true", help="find the spots anew in the recorded images")
+    command.add_argument("--images", action="store_true", help="find the spots again in the recorded images")
     command.add_argument(
         "--ground-truth", type=_path, help="the picture of what was asked for: says which of both is better"
     )
@@ -170,7 +211,7 @@ def _questionnaire(given: argparse.Namespace) -> None:
     if given.empty:
         try:
             with open(str(given.answers), "x", encoding="utf-8") as stream:
-                stream.write(",".join(questionnaire.columns()) + "\n")
+                stream.write(",".join(questionnaire.columns() + questionnaire.ueq_columns()) + "\n")
         except OSError as error:
             raise CodedError("cannot_write", f"cannot write {given.answers}: {error.strerror}") from None
         print(given.answers)

@@ -3,7 +3,6 @@ from __future__ import annotations
 
 import json
 import math
-import shutil
 from pathlib import Path
 from typing import Any, Dict, List, Mapping, Optional, Sequence, Tuple
 
@@ -15,11 +14,11 @@ from vb_evaluation import metrics
 from vb_evaluation.kit import protocol
 from vb_evaluation.kit.ground_truth import find_ground_truths
 from vb_evaluation.kit.recording import Interaction, Recording
-from vb_evaluation.report.data import META, REQUIRED, RUNS, write_table
-from vb_map_integration.map_files import write_map
+from vb_evaluation.report.data import ERRORS, META, REQUIRED, RUNS, write_table
+from vb_map_integration.map_files import write_atomically, write_map
 
 _TIMES = ("guide", "border", "seed", "total")
-COLUMNS = (*REQUIRED, "map", "saved", "seed_correct", "recording", "interaction", "note")
+COLUMNS = (*REQUIRED, *ERRORS, "order", "as_planned", "revision", "map", "saved", "seed_correct", "recording", "interaction", "note")
 
 
 def measure(protocol_file: Path, ground_truths: Path, out: Path, physical: Optional[GridMap] = None) -> List[str]:
@@ -39,16 +38,16 @@ def measure(protocol_file: Path, ground_truths: Path, out: Path, physical: Optio
     entries = protocol.read(protocol_file)
     if not entries:
         raise CodedError("bad_protocol", f"{protocol_file}: no run has a recording yet")
+    _refuse_foreign(out)
     recordings = {
-        entry.recording: Recording(protocol_file.parent / Path(entry.recording).expanduser()) for entry in entries
+        entry.recording: Recording(last_attempt(protocol_file.parent / Path(entry.recording).expanduser())) for entry in entries
     }
     if physical is None:
         physical = recordings[entries[0].recording].physical()
     scenarios = list(dict.fromkeys(entry.scenario for entry in entries))
     truths = find_ground_truths(ground_truths, scenarios, physical)
     maps = out / "maps"
-    shutil.rmtree(str(maps), ignore_errors=True)
-    maps.mkdir(parents=True)
+    maps.mkdir(parents=True, exist_ok=True)
     write_map(maps / "physical", physical)
     for scenario, truth in truths.items():
         write_map(maps / f"truth_{scenario}", physical.with_data(np.where(truth, 100, physical.data).astype(np.int8)))
@@ -58,10 +57,52 @@ def measure(protocol_file: Path, ground_truths: Path, out: Path, physical: Optio
         rows.append(row)
         notes += words
     write_table(out / RUNS, COLUMNS, rows)
+    for name in ("questionnaire.csv", "demographics.csv"):
+        if (protocol_file.parent / name).is_file():
+            write_atomically(out / name, (protocol_file.parent / name).read_bytes())
     (out / META).write_text(
         json.dumps({"people": True, "protocol": protocol_file.name}, indent=2) + "\n", encoding="utf-8"
     )
     return notes
+
+
+def last_attempt(folder: Path) -> Path:
+    """A run's newest recording: <folder>, or the highest <folder>_2, _3, ... of a run that was done again."""
+    again = [path for path in folder.parent.glob(f"{folder.name}_*") if path.name[len(folder.name) + 1 :].isdigit()]
+    return max(again, key=lambda path: int(path.name[len(folder.name) + 1 :]), default=folder)
+
+
+def deviations(entry: protocol.Entry, recording: Recording) -> List[str]:
+    """How the condition in which a recording was made differs from the planned one; empty if it does not."""
+    found = []
+    session, run = recording.session, recording.run
+    for name, planned in (("participant", entry.participant), ("scenario", entry.scenario), ("method", entry.method)):
+        if run and str(run.get(name, planned)) != planned:
+            found.append(f"{name} {run[name]} instead of {planned}")
+    methods = {str(session["method"])} if session.get("method") else set()
+    methods |= {interaction.method for interaction in recording.interactions if interaction.method}
+    found += [f"the system was started with method:={method}" for method in sorted(methods - {entry.method})]
+    if run and "cameras" in session and sorted(run.get("cameras", ())) != sorted(session["cameras"]):
+        found.append(f"cameras {' '.join(session['cameras']) or 'none'} instead of {' '.join(run.get('cameras', ())) or 'none'}")
+    elif entry.method == "robot_only" and session.get("cameras"):
+        found.append(f"robot only, but with the cameras {' '.join(session['cameras'])}")
+    return found
+
+
+def _refuse_foreign(out: Path) -> None:
+    """Makes sure that nothing else than an earlier result of this command is written over.
+
+    Raises:
+        CodedError: "other_study".
+    """
+    if not (out / RUNS).exists():
+        return
+    try:
+        people = json.loads((out / META).read_text(encoding="utf-8")).get("people")
+    except (OSError, ValueError, AttributeError):
+        people = False
+    if not people:
+        raise CodedError("other_study", f"{out} holds another study: choose another --out, or move it away")
 
 
 def assign(
@@ -70,7 +111,7 @@ def assign(
     """Which interactions are which run: by id where the protocol gives one, else in the order of time.
 
     All interactions of a recording for one run are attempts at it: none if it did not get so far, several if it was
-    cancelled and begun anew.
+    cancelled and begun again.
 
     Raises:
         CodedError: "bad_protocol" where runs and interactions of a recording cannot be told apart by their number.
@@ -110,6 +151,9 @@ def _row(
         "method": entry.method,
         "recording": entry.recording,
         "note": entry.note,
+        "order": entry.order or "",
+        "revision": recording.session.get("revision", ""),
+        "as_planned": 1,
         "completed": 0,
         "saved": 0,
         "seed_correct": 0,
@@ -117,11 +161,11 @@ def _row(
     where = f"{entry.participant}, {entry.scenario}, {entry.method}"
     if not attempts:
         return row, [f"{where}: nothing was begun in this recording"]
-    notes = []
+    wrong = deviations(entry, recording)
+    notes = [f"{where}: not as planned, left out of the analysis: {words}" for words in wrong]
     last = attempts[-1]
-    if last.method and last.method != entry.method:
-        notes.append(f"{where}: the system was started with method:={last.method}")
     row.update(
+        as_planned=int(not wrong),
         interaction=last.id,
         # an attempt that was cancelled took its time too, as in the simulated study
         **{f"time_{name}_s": round(sum(getattr(one, f"{name}_s") for one in attempts), 3) for name in _TIMES},
@@ -142,12 +186,16 @@ def _row(
             jaccard=round(metrics.jaccard(truth, drawn), 4),
             seed_correct=int(seed_is_right(border.seed, physical, truth)),
         )
-    row["completed"] = int(entry.completed if entry.completed is not None else row["saved"] and row["seed_correct"])
-    if entry.completed and made is None:
+        error = metrics.boundary_error(physical, truth, drawn)
+        if error is not None:
+            row.update(zip(ERRORS, (round(100.0 * value, 2) for value in (error.mean, error.p95, error.largest))))
+    noted = entry.completed if entry.completed is not None else recording.run.get("completed")
+    row["completed"] = int(noted if noted is not None else row["saved"] and row["seed_correct"])
+    if noted and made is None:
         notes.append(f"{where}: noted as completed, but nothing was saved")
-    elif entry.completed is not None and bool(row["seed_correct"]) != entry.completed:
+    elif noted is not None and bool(row["seed_correct"]) != noted:
         notes.append(
-            f"{where}: noted as {'completed' if entry.completed else 'not completed'}, but the seed point lies "
+            f"{where}: noted as {'completed' if noted else 'not completed'}, but the seed point lies "
             f"{'within' if row['seed_correct'] else 'outside'} the ground truth"
         )
     return row, notes

@@ -21,6 +21,7 @@ from vb_fusion.collector import Spot
 from vb_laser_detect.detector import DetectorParams, SpotDetector
 from vb_laser_detect.detector import Spot as DetectedSpot
 from vb_laser_detect.frame import Frame, placed, search
+from vb_laser_detect.image_format import PixelReader
 from vb_laser_detect.projection import FloorProjector, ProjectionParams
 
 _KEPT_DEPTHS = 4
@@ -50,16 +51,17 @@ class RecordedCamera:
         self._mobile = mobile
         self._depth_age_s = float(values.get("depth_age_s", 0.08))
         self._transforms = transforms
-        self._detector = SpotDetector(DetectorParams.from_mapping(values.get("detector")))
+        self._detector = SpotDetector(DetectorParams.from_mapping(values.get("detector") or {}))
         self.projector = FloorProjector(
             ProjectionParams.from_mapping(values.get("projection")), None, values.get("ignore_regions") or ()
         )
+        self._reader = PixelReader()
         self.model: Optional[CameraModel] = None
         self.depth_model: Optional[CameraModel] = None
         self.depths: Deque[Tuple[float, np.ndarray]] = deque(maxlen=_KEPT_DEPTHS)
 
-    def search(self, image: np.ndarray, stamp: rospy.Time, frame: str) -> List[Spot]:
-        """The spots of one image on the floor.
+    def search(self, image: np.ndarray, stamp: rospy.Time, frame: str, encoding: str = "") -> List[Spot]:
+        """The spots of one image, in an encoding of sensor_msgs/Image, on the floor.
 
         Raises:
             CodedError: if the image cannot be searched or the camera's place is unknown.
@@ -74,7 +76,8 @@ class RecordedCamera:
             (lambda: self._depth_at(stamp.to_sec())) if self._mobile else None,
             stamp.to_sec(),
         )
-        spots = search(self._detector, image, stamp.to_sec(), geometry)
+        image = self._reader.read(image, encoding)
+        spots = search(self._detector, image, stamp.to_sec(), geometry, encoding)
         return [self._on_floor(*found) for found in placed(self._detector, spots, geometry)]
 
     def _on_floor(self, frame: Frame, spot: DetectedSpot) -> Spot:
@@ -157,7 +160,8 @@ def _search(
             count.images += 1
             image = messages.image_array(message) if topic in images else messages.compressed_image_array(message)
             try:
-                spots = camera.search(image, message.header.stamp, message.header.frame_id)
+                encoding = message.encoding if topic in images else "bgr8" if image.ndim == 3 else ""
+                spots = camera.search(image, message.header.stamp, message.header.frame_id, encoding)
             except CodedError as error:
                 if error.code in ("no_transform", "no_camera_info"):
                     continue  # the first images of a recording come before what they need

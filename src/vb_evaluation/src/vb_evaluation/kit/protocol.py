@@ -6,9 +6,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Dict, List, Optional, Sequence
 
-import numpy as np
-
 from vb_core.errors import CodedError
+from vb_evaluation.design import order_of_runs
 
 COLUMNS = ("participant", "order", "method", "scenario", "recording", "completed", "interaction", "note")
 _YES, _NO = ("1", "yes", "y", "true", "ja"), ("0", "no", "n", "false", "nein")
@@ -22,6 +21,7 @@ class Entry:
         participant: a number or a pseudonym.
         recording: folder of the recording, as the file has it.
         completed: what the experimenter noted; None leaves it to the seed point.
+        order: the run's place among its participant's, from 1; 0 if the file does not say.
         interaction: id of the interaction; "" takes the recording's interactions in their order.
     """
 
@@ -32,34 +32,17 @@ class Entry:
     completed: Optional[bool] = None
     interaction: str = ""
     note: str = ""
+    order: int = 0
 
 
 def plan(participants: int, scenarios: Sequence[str], methods: Sequence[str], seed: int) -> List[Dict[str, str]]:
-    """Rows of a protocol to be filled in: a within-subjects design in random order (paper, Sect. 5.4).
-
-    Each participant does all scenarios with one method, then with the next. The order of the methods is drawn so that
-    each order occurs as often as the others, that of the scenarios afresh for each method.
-    """
-    random = np.random.default_rng(seed)
-    shifts = [number % len(methods) for number in range(participants)]
-    random.shuffle(shifts)
-    rows = []
-    for number, shift in enumerate(shifts, 1):
-        order = 0
-        for method in [*methods[shift:], *methods[:shift]]:
-            for scenario in random.permutation(list(scenarios)):
-                order += 1
-                name = f"p{number:02d}"
-                rows.append(
-                    {
-                        "participant": name,
-                        "order": str(order),
-                        "method": method,
-                        "scenario": str(scenario),
-                        "recording": f"{name}_{order}_{method}_{scenario}",
-                    }
-                )
-    return rows
+    """Rows of a protocol to be filled in: see `order_of_runs`."""
+    return [
+        {"participant": f"p{number:02d}", "order": str(order), "method": method, "scenario": scenario,
+         "recording": f"p{number:02d}_{order}_{method}_{scenario}"}
+        for number in range(1, participants + 1)
+        for order, (scenario, method) in enumerate(order_of_runs(number, scenarios, methods, seed), 1)
+    ]
 
 
 def write(path: Path, rows: Sequence[Dict[str, str]]) -> None:
@@ -119,6 +102,7 @@ def read(path: Path) -> List[Entry]:
                 _flag(cells.get("completed", ""), f"{path}, line {line}"),
                 cells.get("interaction", ""),
                 cells.get("note", ""),
+                int(cells["order"]) if cells.get("order", "").isdigit() else 0,
             )
         )
     return entries

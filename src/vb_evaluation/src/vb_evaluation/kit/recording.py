@@ -1,6 +1,8 @@
 """What a recording's folder holds, and what each interaction in it left behind.
 
-<recording>/session.yaml            how the system was started
+<recording>/run.yaml                what was planned, and what the experimenter noted (study_kit run)
+            events.jsonl            what the experimenter noted by key press, with the time
+            session.yaml            how the system was started
             interactions.jsonl      one line per interaction, from the interaction manager
             recordings/             numbered maps with their borders, from the map recorder
             bags/NN.bag             the topics that matter
@@ -23,6 +25,7 @@ from vb_map_integration.integration import IntegrationParams, integrate
 from vb_map_integration.map_files import read_map
 
 LOG, MAPS, INDEX, BAGS, SESSION = "interactions.jsonl", "recordings", "index.jsonl", "bags", "session.yaml"
+RUN, EVENTS = "run.yaml", "events.jsonl"
 
 
 @dataclass(frozen=True)
@@ -81,12 +84,20 @@ class Recording:
     @property
     def session(self) -> Mapping[str, Any]:
         """How the system was started; empty if that was not recorded."""
+        return self._yaml(SESSION)
+
+    @property
+    def run(self) -> Mapping[str, Any]:
+        """What was planned and noted; empty if the recording was not made by study_kit run."""
+        return self._yaml(RUN)
+
+    def _yaml(self, name: str) -> Mapping[str, Any]:
         try:
-            found = yaml.safe_load((self.folder / SESSION).read_text(encoding="utf-8"))
+            found = yaml.safe_load((self.folder / name).read_text(encoding="utf-8"))
         except FileNotFoundError:
             return {}
         except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
-            raise CodedError("bad_recording", f"cannot read {self.folder / SESSION}: {error}") from None
+            raise CodedError("bad_recording", f"cannot read {self.folder / name}: {error}") from None
         return found if isinstance(found, dict) else {}
 
     def interaction(self, wanted: str) -> Interaction:

@@ -15,7 +15,8 @@ import yaml
 
 from vb_core import names
 from vb_core.errors import CodedError
-from vb_evaluation.kit.recording import BAGS, SESSION
+from vb_evaluation.kit.recording import BAGS, RUN, SESSION
+from vb_evaluation.provenance import revision
 
 # everything that tells what happened; images are asked for by themselves, they are a thousand times as large
 TOPICS = (
@@ -115,7 +116,13 @@ def _describe(folder: Path, given: argparse.Namespace) -> None:
         parameters: Dict[str, Any] = rospy.get_param("/")
     except Exception as error:  # the master's answer is not worth a lost recording
         parameters = {"unknown": str(error)}
+    try:
+        planned = yaml.safe_load((folder / RUN).read_text(encoding="utf-8")) or {}
+    except FileNotFoundError:
+        planned = {}  # not started by study_kit run
     content = {
+        "run": planned,
+        "revision": revision(),
         "method": given.method,
         "cameras": given.cameras.split(),
         "robots": given.robots.split() or [""],

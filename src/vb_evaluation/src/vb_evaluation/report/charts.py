@@ -45,7 +45,7 @@ def color_of(method: str, index: int) -> str:
 
 
 def time_bars(
-    bars: Sequence[Tuple[str, str, Dict[str, float], np.ndarray]], limit_s: float, others: Sequence[str] = ()
+    bars: Sequence[Tuple[str, str, Dict[str, float], np.ndarray]], limit_s: float
 ) -> str:
     """The paper's bars of interaction time, one per method, stacked by state.
 
@@ -204,38 +204,24 @@ def lines(
         return _svg(figure)
 
 
-def tornado(rows: Sequence[Tuple[str, Sequence[Tuple[str, float]]]], nominal: float, label: str) -> str:
-    """Bars from the nominal result to that at half and at double of each parameter.
+def rank_bars(rows: Sequence[Tuple[str, float, float, float]], label: str, noise: float) -> str:
+    """Correlations with their intervals, drawn from top to bottom.
 
     Args:
-        rows: (parameter, (factor, result) ...), drawn from top to bottom.
+        rows: (name, correlation, low, high).
+        noise: band about 0 that the largest of as many correlations of pure chance stays in.
     """
     with plt.rc_context(_STYLE):
-        figure, axis = plt.subplots(figsize=(WIDTH_IN, 1.1 + 0.27 * len(rows)))
-        named = set()
-        for place, (_, results) in enumerate(rows):
-            for factor, result in results:
-                if not math.isfinite(result):
-                    continue
-                below = float(factor) < 1.0
-                words = {0.5: "half", 2.0: "double"}.get(float(factor), f"× {factor}")
-                axis.barh(
-                    place - 0.19 if below else place + 0.19,
-                    result - nominal,
-                    left=nominal,
-                    height=0.36,
-                    color=SKY if below else ORANGE,
-                    label=words if words not in named else None,
-                )
-                named.add(words)
-        axis.axvline(nominal, color="#222222", lw=1)
+        figure, axis = plt.subplots(figsize=(WIDTH_IN, 1.0 + 0.3 * len(rows)))
+        axis.axvspan(-noise, noise, color="#dddddd", alpha=0.6, lw=0)
+        for place, (_, value, low, high) in enumerate(rows):
+            axis.barh(place, value, height=0.55, color=ORANGE if value > 0 else SKY)
+            axis.plot([low, high], [place, place], color="#222222", lw=1.2)
+        axis.axvline(0.0, color="#222222", lw=1)
         axis.set_yticks(range(len(rows)))
-        axis.set_yticklabels([name for name, _ in rows], fontsize=8.5)
+        axis.set_yticklabels([name for name, *_ in rows], fontsize=8.5)
         axis.set_ylim(len(rows) - 0.5, -0.5)
-        axis.grid(axis="y", visible=False)
         axis.set_xlabel(label)
-        if named:
-            figure.legend(loc="outside upper center", ncol=len(named), fontsize=9)
         return _svg(figure)
 
 

@@ -1,36 +1,37 @@
-"""Reads what a study has left in its folder. Only runs.csv must be there."""
+"""Reads what a study has left in its folder. Only runs.csv must be there; nothing here knows a simulator."""
 from __future__ import annotations
 
 import csv
-import itertools
 import json
 import math
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Dict, List, Mapping, Optional, Sequence, Tuple
+from typing import Any, Dict, List, Mapping, Sequence, Tuple
+
+import numpy as np
 
 from vb_core.errors import CodedError
 from vb_evaluation.report import paper
 
-RUNS, CURVES, SENSITIVITY, AGREEMENT, META = "runs.csv", "curves.csv", "sensitivity.csv", "agreement.csv", "study.json"
+RUNS, CURVES, WORLDS, UNGATED, META = "runs.csv", "curves.csv", "worlds.csv", "ungated.csv", "study.json"
 STATES = ("guide", "border", "seed")
 TIMES = tuple(f"time_{state}_s" for state in STATES) + ("time_total_s",)
-REQUIRED = ("participant", "scenario", "method", "seed", "completed", *TIMES, "jaccard")
-# what says under which conditions a row was made, beside the required columns
-CONDITIONS = ("participant", "scenario", "method", "seed", "sweep", "parameter", "factor", "value", "unit", "runner")
+ERRORS = ("error_mean_cm", "error_p95_cm", "error_max_cm")
+KEY = ("participant", "scenario", "method", "seed")
+# the paper's measures come first and in this order: other programs read them
+REQUIRED = (*KEY, "completed", *TIMES, "jaccard")
+MEASURES = ("completed", *TIMES, "jaccard", *ERRORS)
 BASELINE = "robot_only"
+_NUMBERS = {"value", "draw"}
 
 Row = Mapping[str, str]
 
 
 @dataclass(frozen=True)
 class Table:
-    """A CSV file as text; numbers are read where they are needed.
+    """Rows of a CSV file as text; numbers are read where they are needed.
 
     Attributes:
-        name: the file's name, as it is named in the report.
-        columns: in the file's order.
-        rows: one mapping per line.
         lines: the rows' line numbers in the file; the header is line 1.
     """
 
@@ -39,19 +40,41 @@ class Table:
     rows: Tuple[Row, ...]
     lines: Tuple[int, ...]
 
-    def select(self, **where: str) -> "Table":
-        """The rows whose columns have these values; "a|b" stands for either."""
-        wanted = {column: value.split("|") for column, value in where.items()}
-        return self.keep([all(row.get(column, "") in values for column, values in wanted.items()) for row in self.rows])
+    def select(self, **where: object) -> "Table":
+        """The rows whose columns have these values."""
+        wanted = {column: str(value) for column, value in where.items()}
+        return self.keep([all(row.get(key, "") == wanted[key] for key in wanted) for row in self.rows])
 
     def keep(self, flags: Sequence[bool]) -> "Table":
         """The rows whose flag is set."""
-        kept = [index for index, flag in enumerate(flags) if flag]
+        kept = [i for i, flag in enumerate(flags) if flag]
         return Table(self.name, self.columns, tuple(self.rows[i] for i in kept), tuple(self.lines[i] for i in kept))
 
     def distinct(self, column: str) -> List[str]:
         """The values of a column in the order in which they appear, without empty ones."""
         return [value for value in dict.fromkeys(row.get(column, "") for row in self.rows) if value != ""]
+
+    def numbers(self, column: str) -> np.ndarray:
+        """(N,) the known numbers of a column."""
+        found = np.array([number(row, column) for row in self.rows], dtype=float)
+        return found[np.isfinite(found)]
+
+    def pairs(
+        self, column: str, methods: Tuple[str, str], completed: bool = False, key: Sequence[str] = ("participant",)
+    ) -> Tuple[np.ndarray, np.ndarray]:
+        """Two (N,) samples of a column, one for each method, paired by participant.
+
+        Args:
+            completed: takes only those who completed both.
+            key: the columns by which rows are paired.
+        """
+        by_key: Dict[Tuple[str, ...], Dict[str, float]] = {}
+        for row in self.rows:
+            value = number(row, column)
+            if math.isfinite(value) and (not completed or row.get("completed") == "1"):
+                by_key.setdefault(tuple(row[name] for name in key), {})[row["method"]] = value
+        both = [found for found in by_key.values() if set(methods) <= set(found)]
+        return tuple(np.array([found[method] for found in both], dtype=float) for method in methods)  # type: ignore
 
 
 @dataclass(frozen=True)
@@ -61,8 +84,6 @@ class Study:
     Attributes:
         tables: by file name; runs.csv is always among them.
         meta: study.json, empty if there is none.
-        scenarios: those of runs.csv; the paper's in its order, then others in that of study.json.
-        methods: those of runs.csv; the baseline comes last.
     """
 
     folder: Path
@@ -73,17 +94,18 @@ class Study:
     def runs(self) -> Table:
         return self.tables[RUNS]
 
+    @property
+    def people(self) -> bool:
+        """Whether people took part."""
+        return bool(self.meta.get("people", False))
+
     def scenario_title(self, key: str) -> str:
         """A scenario's name for people, as study.json or else the paper has it."""
         return str((self.meta.get("scenarios") or {}).get(key) or paper.scenario_title(key))
 
-    def method_title(self, key: str) -> str:
-        """A method's name for people."""
-        title = str((self.meta.get("methods") or {}).get(key) or paper.method_title(key))
-        return title[:1].upper() + title[1:]
-
     @property
     def scenarios(self) -> List[str]:
+        """Those of runs.csv; the paper's in its order, then others in that of study.json."""
         # each participant has another order, so that of the rows means nothing
         known = [*paper.PAPER, *(self.meta.get("scenarios") or {})]
         place = {key: known.index(key) for key in reversed(known)}
@@ -91,36 +113,22 @@ class Study:
 
     @property
     def methods(self) -> List[str]:
-        found = sorted(self.runs.distinct("method"), key=lambda name: (name == BASELINE, name != "nrs", name))
-        return found
+        """Those of runs.csv; the baseline comes last."""
+        return sorted(self.runs.distinct("method"), key=lambda name: (name == BASELINE, name != "nrs", name))
 
     @property
-    def baseline(self) -> str:
-        """What the others are compared with."""
-        return self.methods[-1] if self.methods else BASELINE
+    def comparison(self) -> Tuple[str, str]:
+        """(method, baseline) that are compared; the same one twice if there is no other."""
+        return self.methods[0], self.methods[-1]
 
     @property
-    def participants(self) -> List[str]:
-        return self.runs.distinct("participant")
-
-    @property
-    def missing(self) -> List[Tuple[str, str, str]]:
-        """(participant, scenario, method) of which other participants have a run, or this one has others."""
+    def missing(self) -> List[str]:
+        """Runs that others have and this participant has not, in words."""
         there = {(row["participant"], row["scenario"], row["method"]) for row in self.runs.rows}
-        every = itertools.product(self.participants, self.scenarios, self.methods)
-        return [one for one in every if one not in there]
-
-    @property
-    def further_measures(self) -> List[str]:
-        """Columns of numbers in runs.csv beyond the paper's measures: metrics of the user's own."""
-        known = {"order", *REQUIRED, *CONDITIONS}
         return [
-            column
-            for column in self.runs.columns
-            if column not in known
-            and self.runs.rows
-            and all(_is_number(row[column]) for row in self.runs.rows if row[column] != "")
-            and any(row[column] != "" for row in self.runs.rows)
+            f"{person}, {self.scenario_title(scenario)}, {paper.method_title(method)}"
+            for person in self.runs.distinct("participant") for scenario in self.scenarios for method in self.methods
+            if (person, scenario, method) not in there
         ]
 
 
@@ -134,19 +142,17 @@ def read_study(folder: Path) -> Study:
     if not (folder / RUNS).is_file():
         raise CodedError("bad_study", f"{folder / RUNS} is missing: run 'make study' first, or name the study's folder")
     tables = {}
-    for name, conditions in (
-        (RUNS, ()),
-        (CURVES, ("sweep", "value")),
-        (SENSITIVITY, ("parameter", "factor")),
-        (AGREEMENT, ("runner",)),
-    ):
+    for name, conditions in ((RUNS, ()), (CURVES, ("sweep", "value")), (WORLDS, ("draw",)), (UNGATED, ())):
         if (folder / name).is_file():
             table = read_table(folder / name, (*REQUIRED, *conditions))
             if table.rows or name == RUNS:
                 tables[name] = table
+    planned = [row.get("as_planned", "1") != "0" for row in tables[RUNS].rows]
+    deviating = planned.count(False)
+    tables[RUNS] = tables[RUNS].keep(planned)
     if not tables[RUNS].rows:
         raise CodedError("bad_study", f"{folder / RUNS} has no rows: no run has ended yet")
-    return Study(folder, tables, _read_meta(folder / META))
+    return Study(folder, tables, {**_read_meta(folder / META), "deviating": deviating})
 
 
 def read_table(path: Path, required: Sequence[str]) -> Table:
@@ -166,12 +172,10 @@ def read_table(path: Path, required: Sequence[str]) -> Table:
     if missing:
         raise CodedError("bad_study", f"{path}: the column {missing[0]} is missing; there are {', '.join(columns)}")
     for line, row in enumerate(rows, 2):
-        for column in ("completed", *TIMES, "jaccard"):
-            if column in columns and not _is_number(row[column]) and row[column] != "":
-                raise CodedError("bad_study", f"{path}, line {line}: {column}: expected a number, got {row[column]!r}")
-        for column in ("value",) if "sweep" in columns else ("factor",) if "factor" in columns else ():
-            if not _is_number(row[column]):
-                raise CodedError("bad_study", f"{path}, line {line}: {column}: expected a number, got {row[column]!r}")
+        for column in (*MEASURES, *(_NUMBERS & set(required))):
+            text = row.get(column, "")
+            if (text != "" or column in _NUMBERS) and column in columns and not math.isfinite(_number(text)):
+                raise CodedError("bad_study", f"{path}, line {line}: {column}: expected a number, got {text!r}")
         if row.get("completed"):
             # one spelling of yes and no, so that they can be selected
             row["completed"] = str(int(number(row, "completed") != 0.0))
@@ -187,20 +191,17 @@ def write_table(path: Path, columns: Sequence[str], rows: Sequence[Mapping[str, 
 
 
 def number(row: Row, column: str) -> float:
-    """A row's number; nan where it is empty. True and False count as 1 and 0."""
-    text = row.get(column, "")
+    """A row's number; nan where it is empty or none. True and False count as 1 and 0."""
+    return _number(row.get(column, ""))
+
+
+def _number(text: str) -> float:
     if text.lower() in ("true", "false"):
         return float(text.lower() == "true")
-    return float(text) if text != "" else math.nan
-
-
-def _is_number(text: Optional[str]) -> bool:
-    if (text or "").lower() in ("true", "false"):
-        return True
     try:
-        return math.isfinite(float(text or ""))
+        return float(text)
     except ValueError:
-        return False
+        return math.nan
 
 
 def _read_meta(path: Path) -> Dict[str, Any]:

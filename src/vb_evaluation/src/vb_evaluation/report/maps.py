@@ -131,7 +131,7 @@ def representatives(study: Study) -> Tuple[List[MapPicture], List[str]]:
 
 def nearest_to_median(study: Study, scenario: str, method: str) -> Optional[Tuple[int, Row]]:
     """(line, row) of the completed run with a map whose Jaccard index is nearest to the median, or None."""
-    table = study.runs.select(scenario=scenario, method=method, completed="1")
+    table = study.runs.select(scenario=scenario, method=method, completed=1)
     values = [number(row, "jaccard") for row in table.rows]
     known = [value for value in values if np.isfinite(value)]
     candidates = [

@@ -9,8 +9,6 @@ CITATION = (
     "Environment. Journal of Ambient Intelligence and Smart Environments, 2019, doi:10.3233/AIS-190539"
 )
 PARTICIPANTS = 15
-FRAMES_PER_SECOND = 25
-ROBOT_SPEED_M_PER_S = 0.2
 
 
 @dataclass(frozen=True)
@@ -101,37 +99,3 @@ def method_title(key: str) -> str:
 def published(scenario: str, methods: Tuple[str, ...]) -> bool:
     """Whether the paper has figures of a scenario with these methods."""
     return scenario in PAPER and all(method in PAPER[scenario].jaccard for method in methods)
-
-
-def test_text(scenario: str, methods: Tuple[str, ...], measure: str) -> str:
-    """The paper's Wilcoxon test of "time" or "accuracy" as it prints it."""
-    if not published(scenario, methods):
-        return "–"
-    found = PAPER[scenario]
-    z, p = (found.time_z, found.time_p) if measure == "time" else (found.accuracy_z, found.accuracy_p)
-    return f"Z = {z_text(z)}, p {p_text(p)}"
-
-
-def index_text(value: float) -> str:
-    """A Jaccard index as the paper prints it: ".971"."""
-    return f"{value:.3f}".lstrip("0")
-
-
-def z_text(value: float) -> str:
-    """Z with a real minus sign."""
-    return f"{value:.3f}".replace("-", "\N{MINUS SIGN}")
-
-
-def difference_text(value: float) -> str:
-    """A difference of indices with its sign."""
-    return ("+" if value > 0 else "\N{MINUS SIGN}") + index_text(abs(value))
-
-
-def p_text(p: str) -> str:
-    """What follows the letter p: "= .588", "< .001"."""
-    return p if p.startswith("<") else f"= {p}"
-
-
-def percent_text(share: float) -> str:
-    """A share as percents."""
-    return f"{100 * share:.1f} %"

@@ -1,13 +1,14 @@
 """The simulated study: python3 -m vb_evaluation.study COMMAND
 
-    all     every run that has not been done yet, on all cores; make study does this
-    run     one run alone: the row that it has in runs.csv
-    agree   the same runs through ROS and in one process, beside each other
+    all     every run that has not been done yet; make study does this
+    run     one run alone: the row that it has in its file
+    agree   some runs through ROS, beside the same runs in one process
 """
 from __future__ import annotations
 
 import argparse
 import csv
+import datetime
 import os
 import sys
 from pathlib import Path
@@ -16,13 +17,13 @@ from typing import List, Optional
 from rich.console import Console
 
 from vb_core.errors import CodedError
-from vb_evaluation.study import agree, alone, campaign, config, plan, sweeps
+from vb_evaluation.report.data import CURVES, RUNS, UNGATED, WORLDS
+from vb_evaluation.study import agree, campaign, config, plan
 from vb_evaluation.study.cameras import Room
 from vb_evaluation.study.config import Study
-from vb_evaluation.study.runner import Task
 
-# names in study.json
-RERUNS = {"rerun": plan.RUNS, "rerun_curves": plan.CURVES, "rerun_sensitivity": plan.SENSITIVITY}
+RERUN = ("python3 -m vb_evaluation.study run --participant {participant} --scenario {scenario} --method {method} --seed {seed}; "
+         "for curves.csv with --sweep {sweep} --value {value}, for worlds.csv with --draw {draw}")
 
 
 def main(arguments: Optional[List[str]] = None) -> int:
@@ -41,8 +42,7 @@ def main(arguments: Optional[List[str]] = None) -> int:
 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
-        prog="vb_evaluation.study", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+        prog="vb_evaluation.study", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     commands = parser.add_subparsers(dest="name", required=True)
 
     def command(name: str, function, words: str) -> argparse.ArgumentParser:
@@ -50,87 +50,75 @@ def _parser() -> argparse.ArgumentParser:
         sub.set_defaults(command=function)
         sub.add_argument("--config", type=Path, default=None, help="a configuration of your own (YAML)")
         sub.add_argument("--seed", type=int, default=None, help="instead of the configuration's")
+        sub.add_argument("--worlds", type=int, default=None, help="draws of all assumptions, instead of the configuration's")
         return sub
 
-    out = str(config.top() / "out" / "study")
+    out = config.top() / "out" / "study"
     every = command("all", _all, "every run that has not been done yet")
-    every.add_argument("--out", type=Path, default=Path(out))
-    every.add_argument("--quick", action="store_true", help="fewer participants, little or no curves and sensitivity")
-    every.add_argument("--only", choices=("runs", "curves", "sensitivity"), help="one part alone")
+    every.add_argument("--out", type=Path, default=out)
+    every.add_argument("--quick", action="store_true", help="fewer participants, no curves and worlds")
+    every.add_argument("--only", choices=[Path(file).stem for file in (RUNS, CURVES, WORLDS, UNGATED)], help="one part alone")
     every.add_argument("--participants", type=int, default=None, help="instead of the configuration's number")
     every.add_argument("--processes", type=int, default=os.cpu_count() or 1)
+    every.add_argument("--scheduler", default="", help="address of a Dask scheduler, for instance tcp://10.0.0.1:8786")
     every.add_argument("--fresh", action="store_true", help="throws away what is in the folder")
     one = command("run", _run, "one run alone")
     one.add_argument("--participant", type=int, required=True)
     one.add_argument("--scenario", required=True)
     one.add_argument("--method", required=True)
-    varied = one.add_mutually_exclusive_group()
-    varied.add_argument("--sweep", help="with --value: a row of curves.csv")
-    varied.add_argument("--parameter", help="with --factor: a row of sensitivity.csv")
-    one.add_argument("--value", "--factor", dest="amount", type=float, help="that row's column of this name")
+    one.add_argument("--sweep", help="with --value: a row of curves.csv")
+    one.add_argument("--value", type=float)
+    one.add_argument("--draw", type=int, help="a row of worlds.csv")
     one.add_argument("--compare", type=Path, help="the study's CSV file: says whether its row is the same")
     both = command("agree", _agree, "some runs through ROS, beside the same runs in one process")
-    both.add_argument("--out", type=Path, default=Path(out))
-    both.add_argument("--count", type=int, default=None, help="only the first so many of the configuration's")
+    both.add_argument("--out", type=Path, default=out)
     return parser
 
 
-def _agree(given: argparse.Namespace, console: Console) -> int:
+def _load(given: argparse.Namespace) -> Study:
     study = config.load(given.config, given.seed)
+    return study if given.worlds is None else study.changed({"design/worlds": given.worlds})
+
+
+def _agree(given: argparse.Namespace, console: Console) -> int:
     given.out.mkdir(parents=True, exist_ok=True)
-    return agree.agree(study, given.out, given.count, console)
+    return agree.agree(_load(given), given.out, console)
 
 
 def _all(given: argparse.Namespace, console: Console) -> int:
-    study = config.load(given.config, given.seed)
-    design = study.design
-    participants = given.participants or (design.quick_participants if given.quick else design.participants)
-    jobs = plan.main_jobs(study, participants)
-    jobs += sweep_jobs(study, given.quick)
-    if given.only:
-        jobs = [job for job in jobs if job.file == f"{given.only}.csv"]
-    counts = {name: sum(job.file == name for job in jobs) for name in (plan.RUNS, plan.CURVES, plan.SENSITIVITY)}
-    console.print(
-        f"{participants} participants, {len(design.scenarios)} scenarios, {len(design.methods)} methods: "
-        f"{counts[plan.RUNS]} runs; {counts[plan.CURVES]} for curves, {counts[plan.SENSITIVITY]} for sensitivity; "
-        f"{given.processes} processes"
-    )
-    if given.quick:
-        some = counts[plan.CURVES] + counts[plan.SENSITIVITY] > 0
-        console.print(f"QUICK: {'only a small part of' if some else 'without'} curves and sensitivity")
-    own = f" --config {given.config}" if given.config else ""
-    again = {key: alone.COMMANDS[file] + own for key, file in RERUNS.items()}
-    facts = {"quick": given.quick, **again}
-    failed = campaign.conduct(study, jobs, given.out, max(1, given.processes), given.fresh, facts, console)
+    study = _load(given)
+    participants = given.participants or (study.design.quick_participants if given.quick else study.design.participants)
+    jobs = plan.jobs(study, participants, given.quick, f"{given.only}.csv" if given.only else None)
+    counts = {file: sum(job.file == file for job in jobs) for file in (RUNS, UNGATED, WORLDS, CURVES)}
+    console.print(f"{participants} participants: " + ", ".join(f"{count} runs for {file}" for file, count in counts.items()))
+    facts = {**campaign.made_by(), "date": datetime.date.today().isoformat(), "quick": given.quick,
+             "rerun": RERUN + (f" --config {given.config}" if given.config else "")}
+    failed = campaign.conduct(study, jobs, given.out, max(1, given.processes), given.fresh, facts, console, given.scheduler)
     console.print(f"written to {given.out}")
     return 1 if failed else 0
 
 
-def sweep_jobs(study: Study, quick: bool) -> List[plan.Job]:
-    """The runs of curves and sensitivity; a quick study has those that the configuration names, or none."""
-    found: List[plan.Job] = []
-    for section, make in (("curves", sweeps.curve_jobs), ("sensitivity", sweeps.sensitivity_jobs)):
-        settings = study.document.get(section) or {}
-        if not quick:
-            found += make(study, int(settings.get("participants", 1)))
-        elif settings.get("quick"):
-            found += make(study, 1, settings["quick"])
-    return found
-
-
 def _run(given: argparse.Namespace, console: Console) -> int:
-    study = config.load(given.config, given.seed)
-    task = Task(given.participant, given.scenario, given.method)
-    job = alone.find(study, task, given.sweep, given.parameter, given.amount)
-    row = campaign.row_of(study, job, Room(), None)
-    writer = csv.DictWriter(sys.stdout, campaign.columns(study, job.file), lineterminator="\n", extrasaction="ignore")
+    study = _load(given)
+    among = plan.main_jobs(study, given.participant)
+    if given.draw is not None:
+        among = plan.world_jobs(study)
+    elif given.sweep:
+        among = plan.curve_jobs(study, [given.sweep])
+    job = plan.find(among, participant=given.participant, scenario=given.scenario, method=given.method, sweep=given.sweep,
+                    value=given.value, draw=given.draw)
+    row, _ = campaign.row_of(study, job, Room())
+    writer = csv.DictWriter(sys.stdout, campaign.columns(job.file), lineterminator="\n")
     writer.writeheader()
     writer.writerow(row)
     if given.compare is None:
         return 0
-    same, differing = alone.compare(given.compare, job, row, study.design.seed)
-    console.print("the row is the same" if same else f"the row in {given.compare} differs: {differing}")
-    return 0 if same else 1
+    key = job.columns(study.design.seed)
+    with open(str(given.compare), newline="", encoding="utf-8") as stream:
+        found = [line for line in csv.DictReader(stream) if all(line[name] == str(value) for name, value in key.items())]
+    differing = [name for name, value in row.items() if not found or found[0][name] != str(value)]
+    console.print(f"the row in {given.compare} differs: {', '.join(differing)}" if differing else "the row is the same")
+    return 1 if differing else 0
 
 
 if __name__ == "__main__":

@@ -6,81 +6,44 @@ import json
 import os
 import subprocess
 import sys
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Dict, List, Mapping, Optional
+from typing import Any, Dict, List, Mapping
 
 import yaml
 from rich.console import Console
 from rich.table import Table
 
 from vb_core.errors import CodedError
-from vb_core.parameters import Parameters, param
+from vb_evaluation.report.data import KEY, write_table
 from vb_evaluation.study import measures, plan
 from vb_evaluation.study.cameras import Room
 from vb_evaluation.study.config import Study, top
 from vb_evaluation.study.runner import Simulation, Task
-from vb_evaluation.study.store import RowFile
 
 AGREEMENT = "agreement.csv"
 ROS, IN_PROCESS = "ros", "in_process"
 
 
-@dataclass(frozen=True)
-class AgreementParams(Parameters):
-    """Which runs, and what agreement is; the limits allow for the live system's computer being busy."""
-
-    runs: list = param(
-        [[1, "room", "nrs"], [1, "carpet", "robot_only"], [2, "corner", "nrs"]], doc="[participant, scenario, method]"
-    )
-    time_share: float = param(0.2, low=0.0, high=1.0, doc="of the whole time by which the two may differ ...")
-    time_s: float = param(3.0, "s", low=0.0, doc="... or this, whatever is more")
-    jaccard: float = param(0.05, low=0.0, high=1.0)
-    timeout_s: float = param(600.0, "s", above=0.0, doc="wall time of one run through ROS")
+RUNS = (Task(1, "room", "nrs"), Task(1, "carpet", "robot_only"), Task(2, "corner", "nrs"))
+TIMEOUT_S = 600.0  # wall time of one run through ROS
+SHOWN = ("time_guide_s", "time_border_s", "time_seed_s", "time_total_s", "jaccard")
 
 
-def agree(study: Study, folder: Path, count: Optional[int], console: Console) -> int:
-    """Runs each pair, writes agreement.csv, prints both beside each other; 0 if they agree."""
-    params = AgreementParams.from_mapping(study.document.get("agreement"), "agreement")
-    tasks = [Task(int(number), str(scenario), str(method)) for number, scenario, method in params.runs][:count]
-    columns = ("runner", *plan.TASK, *measures.PAPER, "outcome", "real_time_factor")
-    path = folder / AGREEMENT
-    if path.exists():
-        path.unlink()
-    rows = RowFile(path, columns, ("runner", *plan.TASK))
-    shown = ("time_guide_s", "time_border_s", "time_seed_s", "time_total_s", "jaccard")
-    table = Table("participant", "scenario", "method", "", "guide [s]", "border [s]", "seed [s]", "total [s]", "Jaccard",
-                  "agree")
-    room, disagreeing = Room(), 0
-    for task in tasks:
-        console.print(f"participant {task.participant}, {task.scenario}, {task.method}: in one process, then through ROS")
+def agree(study: Study, folder: Path, console: Console) -> int:
+    """Runs each pair, writes agreement.csv and prints both beside each other; how near is near is for the reader to say."""
+    table = Table("participant", "scenario", "method", "runner", *SHOWN)
+    rows, room = [], Room()
+    for task in RUNS:
         simulation = Simulation(study, task, room)
-        here = _row(study, task, IN_PROCESS, measures.measure(simulation.run(), None))
-        live = _row(study, task, ROS, through_ros(study, simulation, folder, params.timeout_s))
-        same = alike(here, live, params)
-        disagreeing += not same
-        for row, verdict in ((here, ""), (live, "yes" if same else "NO")):
+        for runner, found in ((IN_PROCESS, measures.measure(simulation.run())),
+                              (ROS, through_ros(study, simulation, folder, TIMEOUT_S))):
+            row = {"runner": runner, **plan.Job(task).columns(study.design.seed), **found}
             rows.append(row)
-            numbers = [str(row[key]) for key in shown]
-            table.add_row(str(task.participant), task.scenario, task.method, str(row["runner"]), *numbers, verdict)
+            table.add_row(str(task.participant), task.scenario, task.method, runner, *(str(row[key]) for key in SHOWN))
+    write_table(folder / AGREEMENT, ("runner", *KEY, "completed", *SHOWN, "outcome", "real_time_factor"), rows)
     console.print(table)
-    console.print(
-        f"they agree if both were completed or neither, the times differ by no more than {params.time_share:.0%} or "
-        f"{params.time_s:g} s, and the Jaccard indices by no more than {params.jaccard:g}; written to {path}"
-    )
-    return 1 if disagreeing else 0
-
-
-def _row(study: Study, task: Task, runner: str, columns: Mapping[str, Any]) -> Dict[str, Any]:
-    return {"runner": runner, **plan.Job(task).columns(study.design.seed), **columns}
-
-
-def alike(a: Mapping[str, Any], b: Mapping[str, Any], params: AgreementParams) -> bool:
-    """Whether two rows of the same run agree."""
-    allowed = max(params.time_s, params.time_share * float(a["time_total_s"]))
-    near = abs(float(a["time_total_s"]) - float(b["time_total_s"])) <= allowed
-    as_accurate = abs(float(a["jaccard"]) - float(b["jaccard"])) <= params.jaccard
-    return bool(a["completed"] == b["completed"] and near and as_accurate)
+    console.print(f"written to {folder / AGREEMENT}")
+    return 0
 
 
 def through_ros(study: Study, simulation: Simulation, folder: Path, timeout_s: float) -> Dict[str, Any]:

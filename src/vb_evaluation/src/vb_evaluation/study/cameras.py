@@ -30,8 +30,7 @@ from vb_sim.world import CeilingCamera, Robot, World
 
 FLOOR_SEED = 1  # everybody draws on the same floor
 _SPOT_MARGIN_PX = 40.0  # a spot whose middle is outside the picture by less may still shine into it
-_WINDOW_PX = 96  # half the edge of the part of a robot's picture that is drawn round the spot
-_BLOCK_PX = 8  # the detector's; the part begins at a whole block, so that it is searched as in the whole picture
+_IDLE_EVERY = 5  # of a robot's pictures that cannot show the spot: so far it turns that the next one can be matched
 
 
 @dataclass(frozen=True)
@@ -129,6 +128,7 @@ class StationaryCamera:
         self.rendered = self.skipped = 0
         self._view = view
         self._seed = seed
+        self._encoding = camera.encoding
         detecting, projecting = detector_params("stationary")
         self._detector = SpotDetector(detecting)
         self._projector = FloorProjector(projecting, grid)
@@ -145,7 +145,7 @@ class StationaryCamera:
         self.rendered += 1
         image = self._view.frame(snapshot, frame_generator(self._seed, self.name, stamp))
         frame = Frame(self._view.model, lambda: self._pose, self._projector, stamp=stamp)
-        spots = search(self._detector, image, stamp, frame)
+        spots = search(self._detector, image, stamp, frame, self._encoding)
         return [_seen(*found, self.name, False) for found in placed(self._detector, spots, frame)]
 
     def _worth_a_look(self, snapshot: Snapshot) -> bool:
@@ -178,8 +178,8 @@ def _hull(pose: Tuple[float, float, float], radius: float, height: float) -> np.
 class RobotCamera:
     """A robot's colour and depth camera and its detector.
 
-    It learns nothing of what it saw before, so pictures without spot are skipped, and of the others only the part
-    round the spot is drawn and searched: nothing else of them can hold it. `whole` draws and searches all of it.
+    While the spot cannot be in the picture only every n-th picture is drawn and searched, as many as the detector needs to
+    know the floor and how the camera moved; `whole` draws and searches all of them.
     """
 
     def __init__(
@@ -189,7 +189,6 @@ class RobotCamera:
         self.name = robot.namespace.strip("/") or "robot"
         self.rate = robot.camera_rate
         self.rendered = self.skipped = 0
-        self._robot = robot
         self._view = view
         self._seed = seed
         self._pose_at = pose_at
@@ -199,70 +198,41 @@ class RobotCamera:
         self._projector = FloorProjector(projecting, grid)
         self._mount = robot.camera_mount()
         self._every = models.robot_camera.depth_every
-        self._frames = 0
-        self._part: Optional[Tuple[Tuple[int, int, int, int], RobotView]] = None
-        self._depth: Tuple[float, object, Optional[np.ndarray]] = (-math.inf, None, None)  # stamp, area, picture
+        self._frames = self._idle = 0
+        self._depth: Tuple[float, Optional[np.ndarray]] = (-math.inf, None)  # stamp, picture
 
     def look(self, stamp: float, snapshot: Snapshot) -> List[Seen]:
         """Takes the picture of a moment and searches it."""
         self._frames += 1
-        area = self._area(snapshot)
-        if area is None:
+        if not self._worth_a_look(snapshot):
             self.skipped += 1
             self._view.camera_pose(snapshot)
             return []
         self.rendered += 1
-        view = self._view_of(area)
-        view.draw_from(frame_generator(self._seed, self.name, stamp))
-        # a depth picture comes with every n-th colour picture; another part needs its own
-        due = self._frames % self._every == 0 or stamp - self._depth[0] > (self._every - 0.5) / self.rate
-        if due or self._depth[1] != area:
-            self._depth = (stamp, area, view.depth(snapshot))
-        depth = (self._depth[2], view.depth_model)
-        image = view.color(snapshot)
-        frame = Frame(view.color_model, lambda: self._estimated(stamp), self._projector, lambda: depth, stamp)
-        spots = search(self._detector, image, stamp, frame)
+        self._view.draw_from(frame_generator(self._seed, self.name, stamp))
+        # a depth picture comes with every n-th colour picture
+        if self._frames % self._every == 0 or stamp - self._depth[0] > (self._every - 0.5) / self.rate:
+            self._depth = (stamp, self._view.depth(snapshot))
+        depth = (self._depth[1], self._view.depth_model)
+        image = self._view.color(snapshot)
+        frame = Frame(self._view.color_model, lambda: self._estimated(stamp), self._projector, lambda: depth, stamp)
+        spots = search(self._detector, image, stamp, frame, "bgr8")
         return [_seen(*found, self.name, True) for found in placed(self._detector, spots, frame)]
 
     def _estimated(self, stamp: float) -> np.ndarray:
         return geometry.pose2d_transform(*self._pose_at(stamp)) @ self._mount
 
-    def _area(self, snapshot: Snapshot) -> Optional[Tuple[int, int, int, int]]:
-        """(column, row, width, height) [px] of the part that can hold the spot; None if none can."""
-        model = self._view.color_model
-        if self._whole:
-            return 0, 0, model.width, model.height
+    def _worth_a_look(self, snapshot: Snapshot) -> bool:
+        self._idle = (self._idle + 1) % _IDLE_EVERY
+        if self._whole or self._idle == 0:
+            return True
         if snapshot.laser is None:
-            return None
-        pose = self._view.camera_pose(snapshot)
-        spot = geometry.apply(geometry.invert(pose), np.array([[*snapshot.laser, 0.0]]))
+            return False
+        spot = geometry.apply(geometry.invert(self._view.camera_pose(snapshot)), np.array([[*snapshot.laser, 0.0]]))
         if spot[0, 2] < 0.05:
-            return None
-        u, v = model.project(spot)[0]
-        beyond = max(-u, u - model.width, -v, v - model.height)
-        if beyond > _SPOT_MARGIN_PX:
-            return None
-        if self._part is not None and _well_inside(self._part[0], u, v, model):
-            return self._part[0]
-        left, top_ = (_BLOCK_PX * int(round((value - _WINDOW_PX) / _BLOCK_PX)) for value in (u, v))
-        right, bottom = min(left + 2 * _WINDOW_PX, model.width), min(top_ + 2 * _WINDOW_PX, model.height)
-        left, top_ = max(left, 0), max(top_, 0)
-        return left, top_, right - left, bottom - top_
-
-    def _view_of(self, area: Tuple[int, int, int, int]) -> RobotView:
-        if self._part is None or self._part[0] != area:
-            self._part = (area, self._view.part(*area))
-        return self._part[1]
-
-
-def _well_inside(area: Tuple[int, int, int, int], u: float, v: float, model: CameraModel) -> bool:
-    """Whether a pixel lies far enough from those edges of a part that are not the picture's own."""
-    column, row, width, height = area
-    inner = _WINDOW_PX - 24
-    return all(
-        (low == 0 or value - low >= inner) and (low + size == whole or low + size - value >= inner)
-        for value, low, size, whole in ((u, column, width, model.width), (v, row, height, model.height))
-    )
+            return False
+        (u, v), model = self._view.color_model.project(spot)[0], self._view.color_model
+        return max(-u, u - model.width, -v, v - model.height) <= _SPOT_MARGIN_PX
 
 
 def _seen(frame: Frame, spot: Spot, camera: str, mobile: bool) -> Seen:

@@ -1,102 +1,133 @@
-"""Carries out all runs of a study on all cores, and can be interrupted at any time."""
+"""Carries out the runs of a study, on this computer or on a cluster, and can be interrupted at any time.
+
+Every run is a function of its job alone: it is computed by one worker, which gets the configuration with it and gives the
+row and the map back. So neither the number of workers nor their order nor an interruption changes a row, and workers need
+no common disk. joblib hands the jobs out, to processes or to the workers of a Dask scheduler.
+"""
 from __future__ import annotations
 
+import contextlib
 import hashlib
-import multiprocessing
 import os
-import signal
+import platform
+import sys
 import traceback
+from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import Any, Dict, List, Mapping, Optional, Sequence, Tuple
+from typing import Any, Dict, Iterator, List, Mapping, Optional, Sequence, Tuple
 
+import joblib
 import numpy as np
 from rich.console import Console
-from rich.progress import (
-    BarColumn,
-    MofNCompleteColumn,
-    Progress,
-    SpinnerColumn,
-    TextColumn,
-    TimeElapsedColumn,
-    TimeRemainingColumn,
-)
+from rich.progress import (BarColumn, MofNCompleteColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn,
+                           TimeRemainingColumn)
 
 from vb_core.errors import CodedError
-from vb_core.grid_map import OCCUPIED
-from vb_evaluation.study import measures, plan
+from vb_core.grid_map import OCCUPIED, GridMap
+from vb_evaluation.provenance import revision
+from vb_evaluation.report.data import KEY, REQUIRED, RUNS, WORLDS, write_table
+from vb_evaluation.report.worlds import DRAWS
+from vb_evaluation.study import assumptions, measures, plan
 from vb_evaluation.study.cameras import Room
-from vb_evaluation.study.config import Study, top
-from vb_evaluation.study.plan import TASK, Job
+from vb_evaluation.study.config import Study, study_of, top
+from vb_evaluation.study.plan import CONDITIONS, Job
 from vb_evaluation.study.runner import run
 from vb_evaluation.study.store import RowFile, claim
 from vb_map_integration.map_files import write_map
 from vb_sim import floor_plan
 
-CONDITIONS = {
-    plan.RUNS: (),
-    plan.CURVES: ("sweep", "value"),
-    plan.SENSITIVITY: ("parameter", "factor", "value", "unit"),
-}
-
-# what a run's result hangs on
+# what a run's result depends on
 PACKAGES = ("vb_core", "vb_laser_detect", "vb_fusion", "vb_map_integration", "vb_robot", "vb_voice_wizard", "vb_sim",
             "vb_evaluation/study")
-
-_study: Optional[Study] = None
-_room = Room()
-_folder: Optional[Path] = None
-
-
-def columns(study: Study, file: str) -> Tuple[str, ...]:
-    """The columns of one of a study's CSV files."""
-    order = ("order",) if file == plan.RUNS else ()
-    conditions = CONDITIONS[file]
-    if file != plan.RUNS:
-        # what was varied comes first, as everybody looks for it
-        return (*conditions, *TASK, *measures.PAPER, *measures.FURTHER, *study.extra_measures)
-    return (*TASK, *measures.PAPER, *order, *measures.FURTHER, *study.extra_measures)
+CAVEATS = (
+    "People of the simulation know the system and its commands from the first run; they neither learn nor tire.",
+    "How unevenly people draw is taken from strokes on screens, drawn freely. Nobody has measured it with a laser pointer on a "
+    "floor; along a visible edge people may be more exact, or less because of the distance.",
+    "Marks on the floor, the map, cameras' calibration and localisation are wrong by assumed amounts.",
+    "Ceiling cameras and robot take and search only pictures in which the true spot can be seen (the section on every picture "
+    "searched says what that changes), and the dispatcher knows the floor that cameras cover from their true poses.",
+    "The study steps the pure code of the live nodes in one process, with a wiring of its own: delays of the live system are "
+    "fixed figures here, and some rates are set in the code (the robot follows the spot at 15 Hz here, 20 Hz live).",
+    "The lab is one room, rebuilt from the paper's description; what the description leaves open is assumed and not varied.",
+)
 
 
-def row_of(study: Study, job: Job, room: Room, folder: Optional[Path]) -> Dict[str, Any]:
-    """Carries out one run; its row.
+@dataclass(frozen=True)
+class Outcome:
+    """What a worker gives back: a row, and the map of a main run; or the fault of the program."""
 
-    Args:
-        folder: of the study, for maps of the main runs; None stores none.
-    """
+    job: Job
+    row: Optional[Dict[str, Any]] = None
+    grid: Optional[GridMap] = None
+    fault: str = ""
+
+
+def columns(file: str) -> Tuple[str, ...]:
+    """The columns of one of a study's CSV files; what was varied comes first, as everybody looks for it."""
+    order = ("order", "map") if file == RUNS else ()
+    return (*CONDITIONS[file], *REQUIRED, *(name for name in measures.COLUMNS if name not in REQUIRED), *order)
+
+
+def row_of(study: Study, job: Job, room: Room) -> Tuple[Dict[str, Any], GridMap]:
+    """Carries out one run: its row and the map that came out."""
     varied = study.changed(job.changes) if job.changes else study
-    result = run(varied, job.task, room)
-    maps = folder / "maps" if folder is not None and job.file == plan.RUNS else None
-    row = {**job.columns(study.design.seed), **measures.measure(result, maps, study.extra_measures)}
-    return {**row, "order": job.order} if job.file == plan.RUNS else row
+    result = run(varied, job.task, room, job.thorough)
+    row = {**job.columns(study.design.seed), **measures.measure(result)}
+    if job.file == RUNS:
+        name = f"maps/p{job.task.participant:02d}_{job.task.scenario}_{job.task.method}.yaml"
+        row.update(order=job.order, map=name if result.saved else "")
+    return row, result.posterior
 
 
-def conduct(study: Study, jobs: Sequence[Job], folder: Path, processes: int, fresh: bool, facts: Mapping[str, Any],
-            console: Optional[Console] = None) -> int:
+def conduct(study: Study, jobs: Sequence[Job], folder: Path, processes: int = 1, fresh: bool = False, facts: Optional[
+        Mapping[str, Any]] = None, console: Optional[Console] = None, scheduler: str = "") -> int:
     """Carries out what has not been done yet; gives the number of runs that failed for a fault of the program.
 
+    Args:
+        processes: of this computer; with a scheduler how many runs are handed out ahead.
+        fresh: throws away what is in the folder.
+        facts: for study.json.
+        scheduler: address of a Dask scheduler; its workers must have this project.
+
     Raises:
-        CodedError: "other_study", "other_columns".
+        CodedError: "other_study", "other_columns", "no_scheduler".
     """
     console = console or Console(highlight=False, soft_wrap=True)
-    claim(folder, configuration(study), fresh, {**facts, **about(study)})
+    claim(folder, configuration(study), fresh, {**(facts or {}), **about(study)})
     write_truth(study, folder)
-    names = list(dict.fromkeys(job.file for job in jobs))
-    files = {name: RowFile(folder / name, columns(study, name), (*CONDITIONS[name], *TASK)) for name in names}
-    done = {name: set(file.done) for name, file in files.items()}
-    order: Dict[str, Dict[Tuple[str, ...], int]] = {name: {} for name in files}
-    waiting = []
+    if any(job.file == WORLDS for job in jobs):
+        drawn = assumptions.draw_worlds(study, study.design.worlds, study.design.seed)
+        write_table(folder / DRAWS, ["draw", *drawn[0]], [{"draw": draw, **factors} for draw, factors in enumerate(drawn, 1)])
+    files: Dict[str, RowFile] = {}
+    order: Dict[str, Dict[Tuple[str, ...], int]] = {}
+    waiting: List[Job] = []
     for job in jobs:
-        name = files[job.file].name_of(job.columns(study.design.seed))
+        file = files.get(job.file) or RowFile(folder / job.file, columns(job.file), (*CONDITIONS[job.file], *KEY))
+        files[job.file] = file
+        name = file.name_of(job.columns(study.design.seed))
+        if not order.setdefault(job.file, {}):
+            done = set(file.done)
         order[job.file].setdefault(name, len(order[job.file]))
-        if name not in done[job.file]:
+        if name not in done:
             waiting.append(job)
     if len(waiting) < len(jobs):
         console.print(f"{len(jobs) - len(waiting)} of {len(jobs)} runs are there already")
-    # where a curve or a sensitivity changes nothing, the run is one of the study itself
-    main = {_task(job): job for job in jobs if job.file == plan.RUNS}
-    repeated = [job for job in waiting if job.file != plan.RUNS and not job.changes and _task(job) in main]
-    failed = _carry_out(study, [job for job in waiting if job not in repeated], folder, processes, files, console)
+    # where a curve changes nothing, the run is one of the study itself
+    main = {job.task for job in jobs if job.file == RUNS}
+    repeated = [job for job in waiting if job.file == plan.CURVES and not job.changes and job.task in main]
+    failed = 0
+    with _progress(console) as bar:
+        ticker = bar.add_task("study", total=len(waiting) - len(repeated))
+        for outcome in _carry_out(study, [job for job in waiting if job not in repeated], processes, scheduler):
+            if outcome.row is None:
+                failed += 1
+                console.print(f"failed: {outcome.job.words}: {outcome.fault}", markup=False)
+            else:
+                if outcome.grid is not None and outcome.row.get("map"):
+                    write_map(folder / outcome.row["map"][: -len(".yaml")], outcome.grid)
+                files[outcome.job.file].append(outcome.row)
+            bar.update(ticker, advance=1, description=outcome.job.words)
     for job in repeated:
         _repeat(study, job, files)
     for name, file in files.items():
@@ -104,71 +135,79 @@ def conduct(study: Study, jobs: Sequence[Job], folder: Path, processes: int, fre
     return failed
 
 
-def _task(job: Job) -> Tuple[int, str, str]:
-    return job.task.participant, job.task.scenario, job.task.method
-
-
 def _repeat(study: Study, job: Job, files: Mapping[str, RowFile]) -> None:
     """Takes a row over from runs.csv."""
-    wanted = tuple(str(value) for value in (*_task(job), study.design.seed))
-    for row in files[plan.RUNS].rows:
-        if files[plan.RUNS].name_of(row) == wanted:
+    wanted = files[RUNS].name_of(Job(job.task).columns(study.design.seed))
+    for row in files[RUNS].rows:
+        if files[RUNS].name_of(row) == wanted:
             files[job.file].append({**row, **job.columns(study.design.seed)})
             return
 
 
-def _carry_out(
-    study: Study, jobs: Sequence[Job], folder: Path, processes: int, files: Mapping[str, RowFile], console: Console
-) -> int:
+# ---------------------------------------------------------------- workers
+def _carry_out(study: Study, jobs: Sequence[Job], processes: int, scheduler: str) -> Iterator[Outcome]:
+    """The outcomes, as they come."""
     if not jobs:
-        return 0
-    failures: List[str] = []
-    bar = Progress(
-        SpinnerColumn(), TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TextColumn("runs, for"),
-        TimeElapsedColumn(), TextColumn("left"), TimeRemainingColumn(elapsed_when_finished=False), console=console,
-    )
-    # forked before any thread is there; each run is computed by one process alone, so their number changes nothing
-    context = multiprocessing.get_context("fork")
-    global _study, _folder
-    _study, _folder = study, folder
-    _room.prepare(study.world, study.models.cameras)
-    with context.Pool(min(processes, len(jobs)), _begin) as pool, bar:
-        ticker = bar.add_task("study", total=len(jobs))
-        for job, row, fault in pool.imap_unordered(_work, _ordered(jobs)):
-            if row is None:
-                failures.append(f"{_words(job)}: {fault}")
-                console.print(f"failed: {_words(job)}: {fault}", markup=False)
-            else:
-                files[job.file].append(row)
-            bar.update(ticker, advance=1, description=_words(job))
-    return len(failures)
+        return
+    key, document, sources = study.hash, dict(study.document), dict(study.sources)
+    with _cluster(scheduler):
+        parallel = joblib.Parallel(n_jobs=processes, return_as="generator_unordered", batch_size=1)
+        yield from parallel(joblib.delayed(_work)(key, document, sources, job) for job in _ordered(jobs))
+
+
+@contextlib.contextmanager
+def _cluster(scheduler: str) -> Iterator[None]:
+    """Makes joblib use a Dask cluster; does nothing without an address."""
+    if not scheduler:
+        yield
+        return
+    try:
+        from distributed import Client
+    except ImportError:
+        raise CodedError("no_scheduler", "dask.distributed is not installed: pip install -r requirements.txt") from None
+    try:
+        client = Client(scheduler, timeout="20s")
+    except (OSError, ValueError) as error:
+        raise CodedError("no_scheduler", f"there is no Dask scheduler at {scheduler}: {error}") from None
+    try:
+        with joblib.parallel_config(backend="dask"):
+            yield
+    finally:
+        client.close()
 
 
 def _ordered(jobs: Sequence[Job]) -> List[Job]:
-    """The study itself first; the longest runs of each part early, so that no core waits for a last long one."""
-    return sorted(jobs, key=lambda job: (job.file != plan.RUNS, job.file == plan.RUNS and job.task.method != "robot_only"))
+    """The study itself first; the longest runs of each part early, so that no worker waits for a last long one."""
+    return sorted(jobs, key=lambda job: (job.file != RUNS, not job.thorough, job.file == RUNS and job.task.method != "robot_only"))
 
 
-def _begin() -> None:
-    # the parent alone reacts to an interruption, and ends the workers
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    os.environ["OMP_NUM_THREADS"] = "1"
+@lru_cache(maxsize=1)
+def _kept_room() -> Room:
+    """What a process keeps from one run to the next."""
+    return Room()
 
 
-def _work(job: Job) -> Tuple[Job, Optional[Dict[str, Any]], str]:
-    assert _study is not None
+_studies: Dict[str, Study] = {}
+
+
+def _work(key: str, document: Mapping[str, Any], sources: Mapping[str, Any], job: Job) -> Outcome:
+    os.environ.setdefault("OMP_NUM_THREADS", "1")
     try:
-        return job, row_of(_study, job, _room, _folder), ""
+        if key not in _studies:
+            _studies.clear()
+            _studies[key] = study_of(document, sources)
+        row, grid = row_of(_studies[key], job, _kept_room())
+        return Outcome(job, row, grid if job.file == RUNS else None)
     except CodedError as error:
-        return job, None, str(error)
+        return Outcome(job, fault=str(error))
     except Exception:
-        return job, None, traceback.format_exc()
+        return Outcome(job, fault=traceback.format_exc())
 
 
-def _words(job: Job) -> str:
-    task = job.task
-    changed = [str(value) for value in job.conditions.values()]
-    return ", ".join([f"participant {task.participant}", task.scenario, task.method, *changed[:2]])
+def _progress(console: Console) -> Progress:
+    return Progress(
+        SpinnerColumn(), TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TextColumn("runs, for"),
+        TimeElapsedColumn(), TextColumn("left"), TimeRemainingColumn(elapsed_when_finished=False), console=console)
 
 
 # ---------------------------------------------------------------- what belongs to the runs
@@ -183,11 +222,11 @@ def configuration(study: Study) -> str:
 
 @lru_cache(maxsize=None)
 def _fingerprint(package: str) -> str:
-    """Of the pure modules of a package: nodes, and whoever only looks on, do not take part."""
+    """Of the pure modules of a package: nodes do not take part."""
     name, _, below = package.partition("/")
     folder = top() / "src" / name / "src" / name / below
     digest = hashlib.sha256()
-    for path in sorted(folder.glob("*.py")):
+    for path in sorted(folder.glob("**/*.py")):
         if not path.name.endswith("_node.py"):
             digest.update(path.read_bytes())
     return digest.hexdigest()
@@ -200,9 +239,15 @@ def about(study: Study) -> Dict[str, Any]:
         "world": study.world.name,
         "robot_start": study.world.robots[0].start_pose(),
         "scenarios": {key: study.world.scenario(key).title for key in study.design.scenarios},
-        "participants": study.document["participants"],
-        "timing": study.document["timing"],
+        "assumptions": assumptions.table(study),
+        "caveats": list(CAVEATS),
     }
+
+
+def made_by() -> Dict[str, str]:
+    """Revision, command and machine, for study.json."""
+    return {"revision": revision(), "command": " ".join(["python3 -m vb_evaluation.study", *sys.argv[1:]]),
+            "machine": f"{os.cpu_count()} processors, {platform.machine()}, Python {platform.python_version()}"}
 
 
 def write_truth(study: Study, folder: Path) -> None:

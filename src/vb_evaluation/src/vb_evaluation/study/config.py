@@ -3,8 +3,8 @@ from __future__ import annotations
 
 import copy
 import hashlib
-import importlib
 import json
+import math
 import zlib
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -15,7 +15,8 @@ import yaml
 
 from vb_core.errors import CodedError, ParameterError
 from vb_core.parameters import Parameters, param
-from vb_evaluation.study.people import Streams, Traits, populations
+from vb_evaluation.study.methods import METHODS
+from vb_evaluation.study.people import Distribution, Population, Streams, Traits
 from vb_sim.models import section
 from vb_sim.models_cameras import CameraModels, CameraNoise, Optics, RobotCamera
 from vb_sim.models_motion import LocalisationModel, RobotModel, ScanModel
@@ -41,6 +42,8 @@ class Design(Parameters):
     quick_participants: int = param(5, low=1, high=1000)
     scenarios: list = param(["room", "carpet", "corner"], doc="keys of the world's scenarios")
     methods: list = param(["nrs", "robot_only"])
+    ungated_share: float = param(0.1, low=0.0, high=1.0, doc="of the runs, done again with every picture searched")
+    worlds: int = param(200, low=0, high=100000, doc="draws of all assumptions together")
 
 
 @dataclass(frozen=True)
@@ -94,15 +97,19 @@ class Study:
     timing: Timing
     world: World
     models: Models
-    extra_measures: Tuple[str, ...] = ()
     cache: Dict[str, Any] = field(default_factory=dict, compare=False, repr=False)
 
     def traits(self, participant: int) -> Traits:
         """A participant, numbered from 1."""
-        settings = dict(self.document["participants"])
         model = section(self.sources["models"], "participant", ParticipantModel)
-        population = populations.get(settings.pop("model", "drawn"))(settings, model)
-        return population.draw(participant, self.streams(participant))
+        return Population(self.document["participants"], model).draw(self.streams(participant))
+
+    def marks(self, scenario: str) -> Tuple[float, float, float]:
+        """(dx, dy) [m] and turn [rad] by which the marks on the floor lie beside the map: the same for everybody."""
+        settings = self.document.get("marks") or {}
+        rng = np.random.default_rng([self.design.seed, zlib.crc32(scenario.encode()), zlib.crc32(b"marks")])
+        offset, turn = (Distribution(f"marks/{key}", settings.get(key, 0.0)) for key in ("offset", "turn"))
+        return offset.draw(rng), offset.draw(rng), math.radians(turn.draw(rng))
 
     def streams(self, participant: int) -> Streams:
         """Sources of random numbers of one participant."""
@@ -132,7 +139,7 @@ class Study:
         for key, value in changes.items():
             head, _, rest = key.partition("/")
             _set(files[head] if head in files else document, rest if head in files else key, value)
-        return _study(document, files)
+        return study_of(document, files)
 
 
 def _set(document: Any, path: str, value: Any) -> None:
@@ -164,33 +171,29 @@ def load(path: Optional[Path] = None, seed: Optional[int] = None) -> Study:
         document = _merged(document, _read(path))
     if seed is not None:
         document.setdefault("design", {})["seed"] = seed
-    return _study(document, {name: _read(_found(str(document.pop(name)), folder)) for name in ("world", "models")})
+    return study_of(document, {name: _read(_found(str(document.pop(name)), folder)) for name in ("world", "models")})
 
 
-def _study(document: Mapping[str, Any], sources: Mapping[str, Any]) -> Study:
-    known = ("design", "timing", "participants", "plugins", "measures", "curves", "sensitivity", "agreement")
+def study_of(document: Mapping[str, Any], sources: Mapping[str, Any]) -> Study:
+    """The study of a document and of the files that it names, checked; see `Study`."""
+    known = ("design", "timing", "participants", "marks", "curves")
     for key in document:
         if key not in known:
             raise ParameterError(str(key), f"unknown key of a study; known are world, models, {', '.join(known)}")
-    for plugin in document.get("plugins") or ():
-        _import(str(plugin))
     design = Design.from_mapping(document.get("design"), "design")
     world = world_from_mapping(sources["world"])
     for key in design.scenarios:
         world.scenario(key)
+    for key in design.methods:
+        if key not in METHODS:
+            raise ParameterError("design/methods", f"'{key}' is unknown; known are {', '.join(METHODS)}")
     study = Study(
         document, sources, design, Timing.from_mapping(document.get("timing"), "timing"), world,
-        Models.of(sources["models"]), tuple(document.get("measures") or ()),
+        Models.of(sources["models"]),
     )
     study.traits(1)  # a mistake in a distribution is found now, not in the tenth run
+    study.marks("")
     return study
-
-
-def _import(name: str) -> None:
-    try:
-        importlib.import_module(name)
-    except ImportError as error:
-        raise ParameterError("plugins", f"cannot import '{name}': {error}; is its folder in PYTHONPATH?") from None
 
 
 def _read(path: Path) -> Dict[str, Any]:
@@ -214,7 +217,7 @@ def _merged(base: Mapping[str, Any], over: Mapping[str, Any], path: Iterable[str
     result = dict(base)
     for key, value in over.items():
         # what is below these is a distribution
-        whole = tuple(path)[:1] == ("participants",) and (len(tuple(path)) >= 2 or key == "stand_offset")
+        whole = tuple(path)[:1] == ("marks",) or tuple(path)[:1] == ("participants",) and (len(tuple(path)) >= 2 or key in ("stand_offset", "margin"))
         if isinstance(value, Mapping) and isinstance(base.get(key), Mapping) and not whole:
             result[key] = _merged(base[key], value, (*path, key))
         else:

@@ -1,52 +1,35 @@
-"""What is measured of a run: the paper's measures, and columns of one's own (paper, Sect. 5.5)."""
+"""What is measured of a run: the paper's measures (Sect. 5.5), the boundary error, and what explains them."""
 from __future__ import annotations
 
-from pathlib import Path
-from typing import Callable, Dict, Optional, Sequence
+from typing import Dict, Optional
 
 import numpy as np
 
 from vb_core.geometry import chain_length
 from vb_evaluation import metrics
+from vb_evaluation.report.data import ERRORS, MEASURES
 from vb_evaluation.study.cameras import spot_counts
-from vb_evaluation.study.registry import Registry
 from vb_evaluation.study.runner import Result
-from vb_map_integration import map_files
 
-Measure = Callable[[Result], object]
-
-# of one's own: @measures.register("name"), and the name in the configuration's list `measures`
-measures: Registry[Measure] = Registry("measures")
-
-PAPER = ("completed", "time_guide_s", "time_border_s", "time_seed_s", "time_total_s", "jaccard")
 FURTHER = ("outcome", "reason", "seed_is_right", "tries", "elapsed_s", "border_m", "chain_m", "vertices", "spots",
-           "spots_robot", "robot_goals", "robot_way_m", "robot_collisions", "map")
+           "spots_robot", "false_spots", "robot_goals", "robot_way_m", "robot_collisions")
+COLUMNS = (*MEASURES, *FURTHER)
 
 
-def measure(result: Result, maps: Optional[Path], names: Sequence[str] = ()) -> Dict[str, object]:
-    """All columns of a run but those that say which run it was.
-
-    Args:
-        maps: folder for the map that came out; None stores none. Its parent is what the column `map` is relative to.
-        names: of further measures.
-    """
-    posterior, file = result.posterior, ""
-    if maps is not None and result.saved:
-        task = result.task
-        path = map_files.write_map(maps / f"p{task.participant:02d}_{task.scenario}_{task.method}", posterior)[1]
-        posterior, file = map_files.read_map(path), str(path.relative_to(maps.parent))
-    columns: Dict[str, object] = {
+def measure(result: Result) -> Dict[str, object]:
+    """All columns of a run but those that say which run it was."""
+    restricted = metrics.restricted_cells(result.prior, result.posterior)
+    return {
         # border points and a seed on the right side, whatever the accuracy (paper, Sect. 5.5)
         "completed": int(result.saved and result.seed_is_right),
         **times(result),
-        "jaccard": _rounded(metrics.jaccard(result.truth, metrics.restricted_cells(result.prior, posterior)), 4),
-        **_further(result, file),
+        "jaccard": _rounded(metrics.jaccard(result.truth, restricted), 4),
+        **errors_cm(metrics.boundary_error(result.prior, result.truth, restricted)),
+        **_further(result),
     }
-    columns.update({name: _rounded(measures.get(name)(result), 4) for name in names})
-    return columns
 
 
-def times(result: Result) -> Dict[str, float]:
+def times(result: Result) -> Dict[str, object]:
     """[s] in each state and in all, over every interaction of the run: what was cancelled was spent all the same."""
     states = ("guide", "border", "seed")
     sums = {state: sum(getattr(record, f"{state}_s") for record in result.records) for state in states}
@@ -54,7 +37,14 @@ def times(result: Result) -> Dict[str, float]:
     return {**columns, "time_total_s": _rounded(sum(sums.values()), 2)}
 
 
-def _further(result: Result, file: str) -> Dict[str, object]:
+def errors_cm(error: Optional[metrics.BoundaryError]) -> Dict[str, object]:
+    """The boundary error's columns [cm]; empty where there is no boundary."""
+    if error is None:
+        return dict.fromkeys(ERRORS, "")
+    return dict(zip(ERRORS, (_rounded(100.0 * value, 2) for value in (error.mean, error.p95, error.largest))))
+
+
+def _further(result: Result) -> Dict[str, object]:
     person, records, border = result.script.person, result.records, result.border
     counts = spot_counts(result.spots)
     mobile = {spot.camera for spot in result.spots if spot.mobile}
@@ -70,10 +60,10 @@ def _further(result: Result, file: str) -> Dict[str, object]:
         "vertices": len(border.points) if border is not None else "",
         "spots": sum(counts.values()),
         "spots_robot": sum(counts[name] for name in mobile),
+        "false_spots": result.false_spots,
         "robot_goals": result.goals,
         "robot_way_m": _rounded(float(steps.sum()), 2),
         "robot_collisions": result.collisions,
-        "map": file,
     }
 
 

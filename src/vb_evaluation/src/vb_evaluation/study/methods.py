@@ -1,21 +1,18 @@
 """Interaction methods: which cameras look, who drives the robot, and what the person does."""
 from __future__ import annotations
 
-from typing import Tuple, Type
+from typing import Dict, Tuple, Type
 
 import numpy as np
 
-from vb_evaluation.study.registry import Registry
 from vb_sim.participant import ParticipantScript
 from vb_sim.participant_nrs import NetworkRobotSystemScript
 from vb_sim.participant_robot_only import RobotOnlyScript
 from vb_sim.world import Scenario, World
 
-methods: Registry[Type["Method"]] = Registry("method")
-
 
 class Method:
-    """One way of interacting. Subclass and register it for one of your own.
+    """One way of interacting. For one of your own: a subclass, and its name in METHODS.
 
     Attributes:
         title: for people.
@@ -40,7 +37,6 @@ class Method:
         return scenario.stand
 
 
-@methods.register("nrs")
 class NetworkRobotSystem(Method):
     """The paper's: ceiling cameras, and a robot that comes by itself."""
 
@@ -49,7 +45,6 @@ class NetworkRobotSystem(Method):
     dispatch = True
 
 
-@methods.register("robot_only")
 class RobotOnly(Method):
     """The paper's baseline: nothing but the robot."""
 
@@ -63,3 +58,6 @@ class RobotOnly(Method):
     @staticmethod
     def start_near(world: World, scenario: Scenario) -> np.ndarray:
         return np.array(world.robots[0].start[:2])
+
+
+METHODS: Dict[str, Type[Method]] = {"nrs": NetworkRobotSystem, "robot_only": RobotOnly}

@@ -9,14 +9,11 @@ import numpy as np
 
 from vb_core.errors import ParameterError
 from vb_core.parameters import Parameters
-from vb_evaluation.study.registry import Registry
 from vb_sim.bodies import Build
 from vb_sim.models_participant import ParticipantModel
 
 # a generator of random numbers for each name: what is drawn from one leaves all others as they are
 Streams = Callable[[str], np.random.Generator]
-
-populations: Registry[Type["Population"]] = Registry("participants/model")
 
 
 @dataclass(frozen=True)
@@ -27,27 +24,13 @@ class Traits:
         model: how the person walks, points, speaks and errs.
         body: how tall and broad the person is.
         stand_offset: (x, y) [m] from the scenario's place to where this person prefers to stand.
+        margin: [m] how far outside of a closed border's marks this person means to draw.
     """
 
     model: ParticipantModel
     body: Build = Build()
     stand_offset: Tuple[float, float] = (0.0, 0.0)
-
-
-class Population:
-    """Where participants come from. Subclass and register it for one of your own.
-
-    Args:
-        settings: the section `participants` of the configuration, without `model`.
-        model: what everybody has in common, for instance config/models.yaml of vb_sim.
-    """
-
-    def __init__(self, settings: Mapping[str, Any], model: ParticipantModel) -> None:
-        raise NotImplementedError
-
-    def draw(self, number: int, streams: Streams) -> Traits:
-        """The participant with a number, from 1; the same for the same number and streams."""
-        raise NotImplementedError
+    margin: float = 0.0
 
 
 class Distribution:
@@ -106,26 +89,30 @@ class Distribution:
         return min(max(value, self._limits[0]), self._limits[1])
 
 
-@populations.register("drawn")
-class DrawnPopulation(Population):
-    """Each trait from a distribution of its own.
+class Population:
+    """Where participants come from: each trait from a distribution of its own.
 
-    Settings:
-        traits: a key of the section `participant` of vb_sim's models.yaml to its distribution.
-        body: the same for the section `body`.
-        stand_offset: distribution of each coordinate [m] of where people stand beside the scenario's place.
+    Args:
+        settings: the section `participants` of the configuration. `traits` and `body`: a key of that section of vb_sim's
+            models.yaml to its distribution; `stand_offset`, `margin`: distributions [m].
+        model: what everybody has in common.
+
+    Raises:
+        ParameterError: names the key.
     """
 
     def __init__(self, settings: Mapping[str, Any], model: ParticipantModel) -> None:
         for key in settings:
-            if key not in ("traits", "body", "stand_offset"):
-                raise ParameterError(f"participants/{key}", "unknown key; known are traits, body, stand_offset")
+            if key not in ("traits", "body", "stand_offset", "margin"):
+                raise ParameterError(f"participants/{key}", "unknown key; known are traits, body, stand_offset, margin")
         self._model = model
         self._traits = _distributions("participants/traits", settings.get("traits"), ParticipantModel)
         self._body = _distributions("participants/body", settings.get("body"), Build)
         self._offset = Distribution("participants/stand_offset", settings.get("stand_offset", 0.0))
+        self._margin = Distribution("participants/margin", settings.get("margin", 0.0))
 
-    def draw(self, number: int, streams: Streams) -> Traits:
+    def draw(self, streams: Streams) -> Traits:
+        """A participant; the same for the same streams."""
         values: Dict[str, Any] = {key: trait.draw(streams(key)) for key, trait in self._traits.items()}
         for key in ("drawing_speed", "tremor_band"):
             # models.yaml gives these as ranges; a person has one speed
@@ -135,7 +122,8 @@ class DrawnPopulation(Population):
         body = Build(**_possible(Build, {key: trait.draw(streams(f"body {key}")) for key, trait in self._body.items()}))
         stand = streams("stand")
         person = ParticipantModel(**_possible(ParticipantModel, mapping))
-        return Traits(person, body, (self._offset.draw(stand), self._offset.draw(stand)))
+        offset = (self._offset.draw(stand), self._offset.draw(stand))
+        return Traits(person, body, offset, self._margin.draw(streams("margin")))
 
 
 def _possible(cls: Type[Parameters], values: Mapping[str, Any]) -> Dict[str, Any]:

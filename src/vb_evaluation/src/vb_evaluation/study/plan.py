@@ -1,14 +1,18 @@
-"""Which runs a study has, and in which order each participant does them."""
+"""Which runs a study has: its own, the curves, plausible worlds, and some with every picture searched."""
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-from typing import Any, Dict, List, Mapping, Tuple
+from dataclasses import dataclass, field, replace
+from typing import Any, Dict, List, Mapping, Optional
 
+from vb_core.errors import CodedError
+from vb_evaluation.design import order_of_runs
+from vb_evaluation.report.data import CURVES, KEY, RUNS, UNGATED, WORLDS
+from vb_evaluation.study import assumptions, sweeps
 from vb_evaluation.study.config import Study
 from vb_evaluation.study.runner import Task
 
-RUNS, CURVES, SENSITIVITY = "runs.csv", "curves.csv", "sensitivity.csv"
-TASK = ("participant", "scenario", "method", "seed")
+# the columns that name a row beside KEY, by file
+CONDITIONS = {RUNS: (), UNGATED: (), CURVES: ("sweep", "value"), WORLDS: ("draw",)}
 
 
 @dataclass(frozen=True)
@@ -17,9 +21,10 @@ class Job:
 
     Attributes:
         file: which CSV file its row goes to.
-        changes: of the configuration, for curves and sensitivity; see `Study.changed`.
+        changes: of the configuration, for curves and worlds; see `Study.changed`.
         conditions: columns that say what was changed.
         order: the run's place among its participant's runs, from 1; 0 if there is no such order.
+        thorough: whether every picture is searched.
     """
 
     task: Task
@@ -27,26 +32,89 @@ class Job:
     changes: Mapping[str, Any] = field(default_factory=dict)
     conditions: Mapping[str, Any] = field(default_factory=dict)
     order: int = 0
+    thorough: bool = False
 
     def columns(self, seed: int) -> Dict[str, Any]:
         """The columns that say which run it is."""
         task = self.task
-        named = {"participant": task.participant, "scenario": task.scenario, "method": task.method, "seed": seed}
-        return {**named, **self.conditions}
+        return {**dict(zip(KEY, (task.participant, task.scenario, task.method, seed))), **self.conditions}
+
+    @property
+    def words(self) -> str:
+        """Which run it is, for people."""
+        changed = [str(value) for value in self.conditions.values()]
+        return ", ".join([f"participant {self.task.participant}", self.task.scenario, self.task.method, *changed])
+
+
+def jobs(study: Study, participants: int, quick: bool = False, only: Optional[str] = None) -> List[Job]:
+    """All runs of a study, the longest of each part early, so that no core waits for a last long one.
+
+    Args:
+        quick: leaves out curves and worlds.
+        only: the name of one file.
+    """
+    main = main_jobs(study, participants)
+    found = main + ungated_jobs(study, main)
+    if not quick:
+        found += world_jobs(study) + curve_jobs(study)
+    return [job for job in found if only in (None, job.file)]
 
 
 def main_jobs(study: Study, participants: int) -> List[Job]:
-    """Every participant with every method in every scenario.
+    """Every participant with every method in every scenario, in each one's order."""
+    design = study.design
+    return [
+        Job(Task(participant, scenario, method), order=place)
+        for participant in range(1, participants + 1)
+        for place, (scenario, method) in enumerate(
+            order_of_runs(participant, design.scenarios, design.methods, design.seed), 1)
+    ]
 
-    Within subjects: a participant does all scenarios with one method, then with the next. The order of methods, and
-    of scenarios within each, is random for each participant (paper, Sect. 5.4).
+
+def ungated_jobs(study: Study, main: List[Job]) -> List[Job]:
+    """A random part of the main runs again, with every picture searched; more participants leave the others' as they are."""
+    return [
+        replace(job, file=UNGATED, thorough=True) for job in main
+        if study.streams(job.task.participant)(f"ungated {job.task.scenario} {job.task.method}").random()
+        < study.design.ungated_share
+    ]
+
+
+def world_jobs(study: Study) -> List[Job]:
+    """Both methods in each world, each world with another person and one scenario in turn."""
+    scenarios = study.design.scenarios
+    return [
+        Job(Task(draw, scenarios[draw % len(scenarios)], method), WORLDS, assumptions.changes(study, factors), {"draw": draw})
+        for draw, factors in enumerate(assumptions.draw_worlds(study, study.design.worlds, study.design.seed), 1)
+        for method in study.design.methods
+    ]
+
+
+def curve_jobs(study: Study, only: Optional[List[str]] = None) -> List[Job]:
+    """The same runs in other surroundings, by the first participants of the study."""
+    document = study.document.get("curves") or {}
+    found = []
+    for name, settings in document.items():
+        if not isinstance(settings, Mapping) or (only and name not in only):
+            continue
+        for scenario in settings.get("scenarios", study.design.scenarios):
+            for point in sweeps.points(study, name, settings, scenario):
+                found += [
+                    Job(Task(participant, scenario, method), CURVES, {} if method in point.untouched else point.changes,
+                        {"sweep": name, "value": round(point.value, 3)})
+                    for participant in range(1, int(document.get("participants", 1)) + 1) for method in study.design.methods
+                ]
+    return found
+
+
+def find(among: List[Job], **wanted: Any) -> Job:
+    """The one job with these columns.
+
+    Raises:
+        CodedError: "no_such_run".
     """
-    return [job for participant in range(1, participants + 1) for job in _in_order(study, participant)]
-
-
-def _in_order(study: Study, participant: int) -> List[Job]:
-    rng = study.streams(participant)("order")
-    tasks: List[Tuple[str, str]] = []
-    for method in rng.permutation(study.design.methods):
-        tasks += [(str(scenario), str(method)) for scenario in rng.permutation(study.design.scenarios)]
-    return [Job(Task(participant, *names), order=number) for number, names in enumerate(tasks, 1)]
+    found = [job for job in among if all(
+        str(job.columns(0).get(name)) == str(value) for name, value in wanted.items() if value is not None)]
+    if not found:
+        raise CodedError("no_such_run", f"the study has no run with {wanted}")
+    return found[0]

@@ -12,12 +12,13 @@ from vb_core.grid_map import GridMap
 from vb_evaluation.study.cameras import RobotCamera, Room, Seen, StationaryCamera
 from vb_evaluation.study.config import Study
 from vb_evaluation.study.driving import PoseHistory
-from vb_evaluation.study.methods import Method, methods
+from vb_evaluation.study.methods import METHODS, Method
 from vb_evaluation.study.people import Traits
 from vb_evaluation.study.system import System
 from vb_map_integration.border import VirtualBorder
 from vb_sim import floor_plan
 from vb_sim.costmap import Costmap, CostmapParams
+from vb_sim.hand import meant_border
 from vb_sim.frame_clock import FrameSchedule
 from vb_sim.lab import Lab, Participant
 from vb_sim.lab_history import History, Snapshot
@@ -29,6 +30,7 @@ from vb_sim.world import Scenario, World
 from vb_voice_wizard.interaction import Record
 
 OFF_THE_LINE = 0.4  # [m] nobody stands on what he is to draw
+FALSE_M = 0.3  # [m] from the true spot beyond which a reported one is something else
 START = 100.0  # [s] no stamp is near zero, which would mean that there is none
 
 
@@ -53,7 +55,7 @@ class Result:
         records: of all interactions of the run, those that were cancelled too.
         border: what was saved; None if nothing was.
         script: the person, with what happened to him.
-        spots: every spot that a camera reported.
+        spots: every spot that a camera reported; false_spots: how many of them were farther than FALSE_M from the true one.
         cameras: (rendered, skipped) frames by camera.
         way: (N, 2) [m] where the robot was.
         collisions, goals: of the robot.
@@ -71,6 +73,7 @@ class Result:
     border: Optional[VirtualBorder]
     script: ParticipantScript
     spots: Tuple[Seen, ...]
+    false_spots: int
     cameras: Dict[str, Tuple[int, int]]
     way: np.ndarray
     collisions: int
@@ -93,18 +96,19 @@ class Simulation:
     """A lab with one participant, and the system in it.
 
     Args:
-        room: keeps what is dear to make from one run to the next.
+        room: keeps what is expensive to make from one run to the next.
         thorough: every camera renders and searches every whole picture; for the proof that this changes nothing.
     """
 
     def __init__(self, study: Study, task: Task, room: Optional[Room] = None, thorough: bool = False) -> None:
         self.study, self.task = study, task
         self.traits = study.traits(task.participant)
-        self.method: Method = methods.get(task.method)()
+        self.method: Method = METHODS[task.method]()
         self.world = study.world
         seed = study.run_seed(task.participant)
         self.prior = floor_plan.physical_map(self.world)
-        self.scenario = personal_scenario(self.world, self.world.scenario(task.scenario), self.traits, self.prior)
+        self.scenario = personal_scenario(self.world, self.world.scenario(task.scenario), self.traits, self.prior,
+                                          study.marks(task.scenario))
         models: CameraModels = replace(study.models.cameras, body=self.traits.body)
         room = room or Room()
         room.enter(self.world, models)
@@ -133,6 +137,7 @@ class Simulation:
         self._history = History()
         self._arriving: Deque[Tuple[float, Seen]] = deque()
         self._way: List[Tuple[float, float]] = []
+        self._false_spots = 0
 
     def run(self) -> Result:
         """Goes on until the border is saved, the person gives up, or time is up."""
@@ -187,7 +192,10 @@ class Simulation:
         """Takes and searches the pictures that are delivered now."""
         for schedule, rig in self._rigs:
             for index, stamp in schedule.due(now):
-                for seen in rig[index].look(stamp, self._history.at(stamp)):
+                snapshot = self._history.at(stamp)
+                for seen in rig[index].look(stamp, snapshot):
+                    away = snapshot.laser is None or np.hypot(*np.subtract(seen.position, snapshot.laser)) > FALSE_M
+                    self._false_spots += int(away)
                     self._arriving.append((now + self.study.timing.spot_s, seen))
 
     def _result(self, now: float) -> Result:
@@ -195,7 +203,8 @@ class Simulation:
         return Result(
             self.task, self.traits, self.world, self.scenario, self.prior, integrator.posterior,
             floor_plan.ground_truth(self.world, self.scenario), tuple(self._records(now)), self.system.border,
-            self.script, tuple(self.system.spots), {camera.name: (camera.rendered, camera.skipped) for camera in self.cameras},
+            self.script, tuple(self.system.spots), self._false_spots,
+            {camera.name: (camera.rendered, camera.skipped) for camera in self.cameras},
             np.array(self._way), sum(robot.collisions for robot in self.lab.robots),
             sum(robot.goals for robot in self.system.robots.values()), START, now,
         )
@@ -211,8 +220,18 @@ class Simulation:
         return records
 
 
-def personal_scenario(world: World, scenario: Scenario, traits: Traits, grid: GridMap) -> Scenario:
-    """The scenario with the place where this person stands: near the common one, on free floor, off the border."""
+def personal_scenario(
+    world: World, scenario: Scenario, traits: Traits, grid: GridMap, marks: Tuple[float, float, float] = (0.0, 0.0, 0.0)
+) -> Scenario:
+    """The scenario as this person sees it: the border by the marks on the floor, and where the person stands.
+
+    The place is near the common one, on free floor, off the border. The ground truth stays the map's.
+
+    Args:
+        marks: (dx, dy) [m], turn [rad] by which the marks lie beside the map.
+    """
+    meant = meant_border(scenario.border, scenario.closed, marks[:2], marks[2], traits.margin)
+    scenario = replace(scenario, border=meant)
     planner = Planner(Costmap(grid, CostmapParams(robot_radius=traits.model.body_radius)))
     line = np.vstack([scenario.border, scenario.border[:1]]) if scenario.closed else scenario.border
     for share in (1.0, 0.75, 0.5, 0.25):
@@ -222,6 +241,6 @@ def personal_scenario(world: World, scenario: Scenario, traits: Traits, grid: Gr
     return scenario
 
 
-def run(study: Study, task: Task, room: Optional[Room] = None) -> Result:
+def run(study: Study, task: Task, room: Optional[Room] = None, thorough: bool = False) -> Result:
     """Carries out one run; the same result for the same arguments, whatever was run before."""
-    return Simulation(study, task, room).run()
+    return Simulation(study, task, room, thorough).run()

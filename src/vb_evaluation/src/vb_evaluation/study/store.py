@@ -46,7 +46,7 @@ class RowFile:
         reader = csv.DictReader(io.StringIO(whole.decode("utf-8")))
         if tuple(reader.fieldnames or ()) != self.columns:
             raise CodedError(
-                "other_columns", f"{self.path} was written with other columns: move it away, or start anew with FRESH=1"
+                "other_columns", f"{self.path} was written with other columns: move it away, or start again with FRESH=1"
             )
         self.rows = [dict(row) for row in reader]
 
@@ -117,5 +117,5 @@ def read_meta(folder: Path) -> Dict[str, Any]:
     except FileNotFoundError:
         return {}
     except (OSError, ValueError) as error:
-        raise CodedError("bad_study", f"cannot read {folder / META}: {error}: start anew with FRESH=1") from None
+        raise CodedError("bad_study", f"cannot read {folder / META}: {error}: start again with FRESH=1") from None
     return found if isinstance(found, dict) else {}

@@ -34,6 +34,7 @@ from vb_sim.navigator import Navigator, NavigatorParams, for_robot
 from vb_sim.participant import Answer
 from vb_sim.planner import PlannerParams
 from vb_sim.world import World
+from vb_voice_wizard.interaction import Answer as SaidAnswer
 from vb_voice_wizard.interaction import Interaction, Record, State
 
 FUSION_HZ, DISPATCH_HZ, NAVIGATION_HZ, SCAN_HZ = 8.0, 4.0, 10.0, 10.0
@@ -85,7 +86,7 @@ class System:
     def __init__(self, lab: Lab, method: Method, grid: GridMap, poses: Sequence[PoseHistory], timing: Timing) -> None:
         self._lab, self._timing, self._poses = lab, timing, poses[0]
         self._ids = 0
-        self.interaction = Interaction(self._new_id)
+        self.interaction = Interaction(new_id=self._new_id)
         self._shown: Tuple[State, str] = (State.DEFAULT, "")
         self.answers: Dict[int, Answer] = {}
         self.has_seed = False
@@ -155,7 +156,7 @@ class System:
             border = self._candidate()
             outcome = self.integrator.add(border, now, {"robot": self._poses.estimate(now)[:2]})
         except CodedError as error:
-            answer = self.interaction.refuse_save(error.code, error.message, now)
+            answer = self.interaction.refuse(SaidAnswer.refusal(error), now)
         else:
             self.border = border
             for robot in self.robots.values():

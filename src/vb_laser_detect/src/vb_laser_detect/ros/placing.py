@@ -20,6 +20,9 @@ from vb_laser_detect.projection import FloorProjector
 from vb_laser_detect.ros.report import Report
 
 
+_TF_LATE = rospy.Duration(0.5)  # a pose of so long ago has come by now, if any comes
+
+
 class InfoTopic:
     """The newest camera_info; it may come late, and change.
 
@@ -29,10 +32,11 @@ class InfoTopic:
     Args:
         topic: its name.
         report: is told of one that describes no camera.
+        rectified: the images' distortion was undone before.
     """
 
-    def __init__(self, topic: str, report: Report) -> None:
-        self._report = report
+    def __init__(self, topic: str, report: Report, rectified: bool = False) -> None:
+        self._report, self._rectified = report, rectified
         self._lock = threading.Lock()
         self._key: Any = None
         self._camera: Optional[CameraModel] = None
@@ -62,17 +66,20 @@ class InfoTopic:
             message.distortion_model,
             tuple(message.K),
             tuple(message.D),
+            tuple(message.P),
             message.binning_x,
             message.binning_y,
             roi.width,
             roi.height,
+            roi.x_offset,
+            roi.y_offset,
         )
         if key == self._key:
             return
         self._key = key
         camera, reason = None, ""
         try:
-            camera = messages.camera_from_info(message)
+            camera = messages.camera_from_info(message, self._rectified)
         except CodedError as error:
             self._report.fault(error)
             reason = error.message
@@ -98,12 +105,19 @@ class DepthTopic:
         with self._lock:
             self._images.append(message)
 
-    def near(self, stamp: rospy.Time, age_s: float) -> Tuple[Optional[np.ndarray], Optional[CameraModel]]:
-        """The depth image (h, w) nearest to a time, and its camera's model; None for what there is not."""
+    def near(self, stamp: rospy.Time, age_s: float, colour_frame: str) -> Tuple[Optional[np.ndarray], Optional[CameraModel]]:
+        """The depth image (h, w) nearest to a time, and its camera's model; None for what there is not.
+
+        Args:
+            colour_frame: of the colour image; depth of another frame is not registered to it.
+        """
         with self._lock:
             images = list(self._images)
         best = min(images, key=lambda message: abs((message.header.stamp - stamp).to_sec()), default=None)
         if best is None or abs((best.header.stamp - stamp).to_sec()) > age_s:
+            return None, None
+        if best.header.frame_id.lstrip("/") != colour_frame.lstrip("/"):
+            self._report.fault(CodedError("depth_not_registered", depth=best.header.frame_id, colour=colour_frame))
             return None, None
         try:
             depth = depth_array(best)
@@ -152,21 +166,34 @@ class Placing:
         self._pose: Optional[np.ndarray] = None
         self._pose_frame = ""
         self._pose_at: Optional[rospy.Time] = None
+        self._unreachable = False
         self.tf_wait_s, self.pose_refresh_s, self.depth_age_s = 0.1, 2.0, 0.08
 
     def frame(self, frame_id: str, stamp: rospy.Time, shape: Tuple[int, ...]) -> Frame:
         """An image's geometry. A moving camera's pose is looked up only when it is asked for.
 
         Raises:
-            CodedError: "no_camera_info"; for a stationary camera also "no_transform", "bad_transform".
+            CodedError: "no_camera_info"; "no_transform", "bad_transform" if there is no way from the map to the camera at all.
         """
         camera = self._info.fitting(shape)
         if self._mobile:
+            self._check_reachable(frame_id, stamp)
             pose = partial(self._transforms.lookup, names.MAP_FRAME, frame_id, stamp, self.tf_wait_s)
         else:
             pose = partial(np.copy, self._stationary_pose(frame_id))
-        depth = partial(self._depth.near, stamp, self.depth_age_s) if self._depth is not None else None
+        depth = partial(self._depth.near, stamp, self.depth_age_s, frame_id) if self._depth is not None else None
         return Frame(camera, pose, self._projector, depth, stamp)
+
+    def _check_reachable(self, frame_id: str, stamp: rospy.Time) -> None:
+        """Once in a while, whether there are poses at all: an image without candidates does not ask for one."""
+        now = rospy.Time.now()
+        if self._pose_at is None or abs((now - self._pose_at).to_sec()) >= self.pose_refresh_s or self._unreachable:
+            self._pose_at, self._unreachable = now, True
+            try:
+                self._transforms.lookup(names.MAP_FRAME, frame_id, stamp - _TF_LATE, 0.0)
+            except CodedError:  # just started, or gone
+                self._transforms.lookup(names.MAP_FRAME, frame_id, stamp, self.tf_wait_s)
+            self._unreachable = False
 
     def _stationary_pose(self, frame_id: str) -> np.ndarray:
         now = rospy.Time.now()

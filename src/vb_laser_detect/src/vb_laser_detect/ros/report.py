@@ -2,6 +2,7 @@
 from __future__ import annotations
 
 import threading
+import time
 from typing import Any, Dict, List, Optional, Tuple
 
 import diagnostic_updater
@@ -20,6 +21,8 @@ _SILENCE_S = 2.0  # without an image for so long, diagnostics call the camera si
 _RECENT_S = 5.0  # a fault of its input stays in the diagnostics for so long
 _WARN_EVERY_S = 10.0  # and is logged so often, each kind for itself
 _SATURATED = 250  # [grey levels]
+_SLOW_S = 1.0  # a spot that is confirmed later than this is worth a warning
+_HEARD_S = 5.0  # a detector that said nothing for so long is gone
 _TOO_BRIGHT = 0.05  # part of the image that is saturated: no spot can be seen there
 
 
@@ -33,13 +36,18 @@ class Report:
     Args:
         camera: its name.
         mailbox: of its images.
+        mobile: whether it is on a robot.
 
     Attributes:
         debug_images: how many were drawn; none while nobody looks.
+        colour: whether the images show colours.
     """
 
-    def __init__(self, camera: str, mailbox: Mailbox) -> None:
-        self._camera = camera
+    def __init__(self, camera: str, mailbox: Mailbox, mobile: bool = False) -> None:
+        self._camera, self._mobile = camera, mobile
+        self._frame_id, self._confirmation_s = "", 0.0
+        self._others: Dict[str, Tuple[str, float]] = {}  # frame of each other stationary camera, and when it was told
+        self.colour = True
         self._mailbox = mailbox
         self._statistics = Statistics()
         self._lock = threading.Lock()
@@ -78,8 +86,28 @@ class Report:
         with self._lock:
             self._standing = reason
 
-    def frame(self, stamp: rospy.Time, search_s: float, spots: int, image: np.ndarray) -> None:
-        """An image was searched."""
+    def hear(self, message: DetectorStatus) -> None:
+        """What other detectors say of themselves."""
+        if message.camera != self._camera and not message.mobile and message.frame_id:
+            with self._lock:
+                self._others[message.camera] = (message.frame_id, time.monotonic())
+
+    def shared_frame(self, frame_id: str) -> Optional[CodedError]:
+        """Why a stationary camera cannot have this frame: another one has it, and a frame has one pose."""
+        if self._mobile:
+            return None
+        with self._lock:
+            same = [name for name, (frame, at) in self._others.items()
+                    if frame == frame_id and time.monotonic() - at < _HEARD_S]
+        if not same:
+            return None
+        return CodedError("shared_frame", cameras=", ".join(sorted(same + [self._camera])), frame=frame_id)
+
+    def frame(
+        self, stamp: rospy.Time, search_s: float, spots: int, image: np.ndarray, frame_id: str, confirmation_s: float
+    ) -> None:
+        """An image of a frame was searched; at the rate of the images a spot is confirmed after so long [s]."""
+        self._frame_id, self._confirmation_s = frame_id, confirmation_s
         self._statistics.frame(rospy.Time.now().to_sec(), stamp.to_sec(), search_s, spots)
         self._image = image
 
@@ -93,7 +121,7 @@ class Report:
         summary = self._statistics.summary(now.to_sec())
         status = DetectorStatus()
         status.header.stamp = now
-        status.camera = self._camera
+        status.camera, status.mobile, status.frame_id = self._camera, self._mobile, self._frame_id
         status.received, status.dropped = self._mailbox.received, self._mailbox.dropped
         status.processed, status.detected, status.spots = summary.processed, summary.detected, summary.spots
         status.refusals, status.refusal_counts = list(summary.refusals), list(summary.refusals.values())
@@ -118,6 +146,11 @@ class Report:
             level, lines = DiagnosticStatus.ERROR, missing + recent
         elif recent:
             level, lines = DiagnosticStatus.WARN, recent
+        elif self._confirmation_s > _SLOW_S:
+            level, lines = DiagnosticStatus.WARN, [str(CodedError(
+                "slow_camera", rate=f"{summary.rate_hz:.1f}", seconds=f"{self._confirmation_s:.1f}"))]
+        elif self._mobile and not self.colour:
+            level, lines = DiagnosticStatus.WARN, [str(CodedError("no_colour", camera=self._camera))]
         elif saturated > _TOO_BRIGHT:
             level = DiagnosticStatus.WARN
             lines = [f"{100 * saturated:.0f} % of the image is saturated: reduce the exposure"]
@@ -130,6 +163,8 @@ class Report:
         status.add("images dropped", str(self._mailbox.dropped))
         status.add("spots published", str(summary.spots))
         status.add("saturated part of the image", f"{saturated:.3f}")
+        status.add("colour", "yes" if self.colour else "no")
+        status.add("optical frame", self._frame_id)
         status.add("debug images drawn", str(self.debug_images))
         for code, count in summary.refusals.items():
             status.add(f"refused: {code}", str(count))

@@ -1,0 +1,174 @@
+#!/usr/bin/env python3
+"""What a robot does when something is lost while it drives: time until it stops, and whether it ran into anything.
+
+    python3 bench/robot_faults.py               20 times each, about 5 minutes of one core; goes on where it was ended
+    python3 bench/robot_faults.py --fresh
+
+The driver, the guide's servoing, the stand-in for navigation and the simulated base with its own brakes and timeout, in
+one process and in simulated time, as the study drives them. Each fault is put in while the robot follows a spot that is
+drawn away from it for ever, and while it drives under navigation round the carpet; a moment later it is mended. The network is
+the link between the robot's computer and the others: state, spots and maps do not come any more.
+Writes each run to out/bench/robot_faults.json, and docs/results/robots_faults.md.
+"""
+import argparse
+import json
+import math
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+
+from vb_core.robot_profile import RobotProfile
+from vb_evaluation.study.driving import DrivenRobot, PoseHistory
+from vb_evaluation.study.system import NAVIGATION_HZ, SCAN_HZ, Every, _navigator
+from vb_map_integration.border import VirtualBorder
+from vb_map_integration.integrator import IntegratorParams, MapIntegrator
+from vb_robot.driver import RATE
+from vb_robot.spots import DEFAULT, GUIDE, Sighting
+from vb_robot.view import to_base
+from vb_sim.floor_plan import physical_map
+from vb_sim.lab import Lab
+from vb_sim.world import load_world
+
+TOP = Path(__file__).resolve().parent.parent
+OUT = TOP / "out" / "bench" / "robot_faults.json"
+TABLE = TOP / "docs" / "results" / "robots_faults.md"
+STEP = 0.02
+FAULTS = ("state", "spots", "dispatcher", "driver", "network", "pose", "scan", "clock")
+TITLES = {"state": "interaction manager", "spots": "detector", "dispatcher": "dispatcher", "driver": "driver",
+          "network": "network", "pose": "localisation", "scan": "scan", "clock": "clock"}
+CLOCK_LIMIT = 0.3  # [s] robot_driver_node's
+HELD = 2.5  # [s] for which it is lost
+
+
+class Run:
+    """One drive with one fault."""
+
+    def __init__(self, world, grid, posterior, profile, guided, seed):
+        self.lab = Lab(world, seed=seed)
+        self.rng = np.random.default_rng(seed)
+        self.body, self.guided, self.poses = self.lab.robots[0], guided, PoseHistory()
+        self.robot = DrivenRobot(0, self.lab, self.poses, _navigator(grid, profile), "robot", "auto", grid, profile)
+        self.robot.set_map(posterior)
+        self.scan, self.drive, self.control, self.image = Every(SCAN_HZ), Every(RATE), Every(NAVIGATION_HZ), Every(25.0)
+        self.now, self.frozen = 100.0, False
+        self.waiting = []
+        self.robot.set_state(GUIDE if guided else DEFAULT, "a" if guided else "", 100.0)
+
+    def step(self):
+        self.now += STEP
+        now = self.now
+        self.lab.step(STEP, now)
+        self.poses.add(now, self.body.odometry, self.body.estimate())
+        if self.scan.due(now):
+            self.robot.scan(now)
+        if self.guided and self.image.due(now):
+            x, y, yaw = self.body.pose
+            # always a little too far ahead: only a fault or something in the way ends the drive
+            place = np.array([x + 1.6 * math.cos(yaw + 0.1), y + 1.6 * math.sin(yaw + 0.1)])
+            self.waiting.append((now, place))
+        while self.waiting and self.waiting[0][0] <= now - 0.1:
+            stamp, place = self.waiting.pop(0)
+            self.robot.add(Sighting(stamp, tuple(place), "robot", True, 0.9))
+        if self.control.due(now) and not self.guided:
+            self.robot.navigate(now, self.control.period)
+        if self.drive.due(now) and not self.frozen:
+            self.robot.drive(now)
+
+
+def run(world, grid, posterior, profile, guided, fault, seed):
+    """(seconds until it stopped or None, collisions, m into the border, whether it went on, code while held)."""
+    run = Run(world, grid, posterior, profile, guided, seed)
+    if not guided:
+        run.robot.send((1.6, 1.6, math.pi))
+    begin = run.now + run.rng.uniform(2.0, 4.0) if guided else run.now + run.rng.uniform(3.0, 9.0)
+    while run.now < begin or abs(run.body.velocity[0]) < 0.08:
+        run.step()
+        if run.now > begin + 20.0:
+            return None
+    hit = run.body.collisions
+    at = run.now
+    stopped, depth, codes = None, -math.inf, set()
+    restricted = posterior.data > np.maximum(grid.data, 0)
+    cells = grid.cell_to_world(np.argwhere(restricted))
+    run.robot.lost.add(fault)
+    while run.now < at + HELD:
+        if fault == "clock":
+            # time stands still for the driver: after CLOCK_LIMIT of wall time it commands a stop
+            run.frozen = True
+            if run.now - at >= CLOCK_LIMIT:
+                run.body.command(0.0, 0.0, run.now)
+            else:
+                run.body.command(run.robot.command.v, run.robot.command.w, run.now)
+        run.step()
+        codes.add(run.robot.command.code)
+        if stopped is None and run.body.velocity[0] == 0.0 and abs(run.body.velocity[1]) < 1e-6:
+            stopped = run.now - at
+        depth = max(depth, profile.radius - float(np.linalg.norm(cells - run.body.pose[:2], axis=1).min()))
+    run.robot.lost.clear()
+    run.frozen = False
+    end = run.now + 4.0
+    going = 0.0
+    while run.now < end:
+        run.step()
+        going = max(going, abs(run.body.velocity[0]))
+        depth = max(depth, profile.radius - float(np.linalg.norm(cells - run.body.pose[:2], axis=1).min()))
+    on = going > 0.05 or run.robot.status(run.now).goal.value == "reached"
+    return stopped, run.body.collisions - hit, depth, on or run.robot.command.code, sorted(codes)
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--times", type=int, default=20)
+    parser.add_argument("--fresh", action="store_true", help="forget what the file has")
+    arguments = parser.parse_args()
+    world = load_world(str(TOP / "src" / "vb_sim" / "worlds" / "lab.yaml"))
+    grid, profile = physical_map(world), RobotProfile.load(TOP / "robots" / "turtlebot2.yaml")
+    carpet = world.scenarios["carpet"]
+    integrator = MapIntegrator(IntegratorParams(), None)
+    integrator.set_map(grid)
+    integrator.add(VirtualBorder(carpet.border, carpet.seed, 1.0, True), 0.0, {})
+    posterior = integrator.posterior
+    OUT.parent.mkdir(parents=True, exist_ok=True)
+    done = json.loads(OUT.read_text()) if OUT.exists() and not arguments.fresh else {}
+    for seed in range(arguments.times):
+        for fault in FAULTS:
+            for guided in (True, False):
+                key = f"{fault} {guided} {seed}"
+                if key not in done:
+                    done[key] = run(world, grid, posterior, profile, guided, fault, seed)
+                    OUT.write_text(json.dumps(done) + "\n")
+        print(f"{seed + 1} of {arguments.times}", flush=True)
+        write(done, arguments.times, grid.resolution)
+    return 0
+
+
+def write(done, times, cell) -> None:
+    """The table of what has been run so far."""
+    revision = subprocess.run(["git", "describe", "--always", "--dirty"], cwd=str(TOP), stdout=subprocess.PIPE,
+                              universal_newlines=True).stdout.strip()
+    lines = ["# What is lost while a robot drives", "", f"`python3 bench/robot_faults.py --times {times}`, "
+             f"{time.strftime('%Y-%m-%d', time.gmtime())}, revision {revision}. In one process with the simulated base; "
+             "*stopped*: from the loss until both wheels rest. *Keeps driving* is right where what was lost is not needed.", "",
+             "| lost | driven by | runs | stopped | median | longest | keeps driving | ran into anything | entered a border | goes on after | what it says |",
+             "|---|---|---|---|---|---|---|---|---|---|---|"]
+    for fault in FAULTS:
+        for guided in (True, False):
+            found = [done.get(f"{fault} {guided} {seed}") for seed in range(times)]
+            found = [entry for entry in found if entry is not None]
+            seconds = [entry[0] for entry in found if entry[0] is not None]
+            said = sorted({code for entry in found for code in entry[4]} - {"drives", "idle"})
+            lines.append(
+                f"| {TITLES[fault]} | {'spot' if guided else 'navigation'} | {len(found)} | {len(seconds)} | "
+                + (f"{np.median(seconds):.2f} s | {max(seconds):.2f} s" if seconds else "- | -")
+                + f" | {len(found) - len(seconds)} | {sum(entry[1] > 0 for entry in found)} | "
+                f"{sum(entry[2] > 2 * cell for entry in found)} | {sum(entry[3] is True for entry in found)} | "
+                f"{', '.join(said)} |")
+    TABLE.parent.mkdir(parents=True, exist_ok=True)
+    TABLE.write_text("\n".join(lines) + "\n")
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,219 @@
+"""Conducts one run of a study with people: the right condition, in the planned order, with what happens noted.
+
+The experimenter says who is there; which run comes next and how the system is started for it follow from the protocol and
+from kit.yaml beside it. Nothing is typed twice, and nothing that exists is written over: a run that is done again gets a
+folder of its own.
+"""
+from __future__ import annotations
+
+import datetime
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Callable, Dict, Iterator, List, Mapping, Optional, Tuple
+
+import yaml
+
+from vb_core.errors import CodedError
+from vb_evaluation.kit import protocol
+from vb_evaluation.kit.measure import last_attempt
+from vb_evaluation.kit.recording import EVENTS, RUN
+from vb_evaluation.provenance import revision
+from vb_map_integration.map_files import write_atomically
+
+SETTINGS = "kit.yaml"
+TEMPLATE = """# How study_kit run starts the system. Arguments are those of the launch file; record:= comes from the protocol.
+launch: [vb_bringup, lab.launch]
+arguments: {}                       # for all runs, for instance {map: ~/study/map.yaml, voice: true}
+methods:                            # for each method of the protocol
+  nrs: {cameras: red green blue, method: nrs}
+  robot_only: {cameras: none, method: robot_only, buttons: true}
+"""
+KEYS = {
+    "b": "begins", "h": "help was given", "p": "a problem of the system", "d": "distracted", "n": "note",
+    "c": "completed", "f": "not completed",
+}
+ENDS = {"c": True, "f": False}
+
+
+@dataclass(frozen=True)
+class Planned:
+    """A run that is to be done now.
+
+    Attributes:
+        folder: for its recording; does not exist yet.
+        command: starts the system.
+        cameras: ceiling cameras of this condition.
+    """
+
+    entry: protocol.Entry
+    folder: Path
+    command: Tuple[str, ...]
+    cameras: Tuple[str, ...]
+
+    def describe(self) -> Dict[str, Any]:
+        """What run.yaml says of it."""
+        return {"participant": self.entry.participant, "order": self.entry.order, "method": self.entry.method,
+                "scenario": self.entry.scenario, "cameras": list(self.cameras), "revision": revision(),
+                "command": list(self.command)}
+
+
+def write_template(folder: Path) -> None:
+    """Puts kit.yaml beside a protocol, unless there is one."""
+    try:
+        with open(str(folder / SETTINGS), "x", encoding="utf-8") as stream:
+            stream.write(TEMPLATE)
+    except FileExistsError:
+        return
+    except OSError as error:
+        raise CodedError("cannot_write", f"cannot write {folder / SETTINGS}: {error.strerror}") from None
+
+
+def next_run(path: Path, participant: str, again: bool = False, **asked: Optional[str]) -> Planned:
+    """The participant's next run: the first one in the planned order that has no finished recording.
+
+    Args:
+        again: the last run that was begun is done again, in a folder of its own.
+        asked: scenario or method that the experimenter expects.
+
+    Raises:
+        CodedError: "no_participant", "all_done", "wrong_condition", "unfinished", "bad_protocol".
+    """
+    entries = protocol.read(path)
+    mine = sorted((entry for entry in entries if entry.participant == participant), key=lambda entry: entry.order)
+    if not mine:
+        known = ", ".join(dict.fromkeys(entry.participant for entry in entries))
+        raise CodedError("no_participant", f"{path} has no participant '{participant}'; there are {known}", participant=participant)
+    begun = [entry for entry in mine if _folder(path, entry).exists()]
+    open_ = [entry for entry in begun if "ended" not in _run_of(last_attempt(_folder(path, entry)))]
+    if again and begun:
+        entry = (open_ or begun)[-1]
+    elif open_:
+        raise CodedError("unfinished", f"{open_[0].recording} was begun and not finished: --again does it again in another folder, "
+                         "and keeps what is there", recording=open_[0].recording)
+    else:
+        waiting = [entry for entry in mine if entry not in begun]
+        if not waiting:
+            raise CodedError("all_done", f"{participant} has done all runs", participant=participant)
+        entry = waiting[0]
+    for name, value in asked.items():
+        if value and value != getattr(entry, name):
+            raise CodedError("wrong_condition", f"the plan says {entry.scenario} with {entry.method} now, run {entry.order}, "
+                             f"not {value}", planned=getattr(entry, name), asked=value)
+    return _planned(path, entry)
+
+
+def _planned(path: Path, entry: protocol.Entry) -> Planned:
+    try:
+        settings = yaml.safe_load((path.parent / SETTINGS).read_text(encoding="utf-8"))
+        chosen = {**(settings.get("arguments") or {}), **settings["methods"][entry.method]}
+        launch = [str(part) for part in settings["launch"]]
+    except (OSError, yaml.YAMLError) as error:
+        raise CodedError("bad_protocol", f"cannot read {path.parent / SETTINGS}: {error}") from None
+    except (KeyError, TypeError, AttributeError):
+        raise CodedError("bad_protocol", f"{path.parent / SETTINGS} does not say how to start the method '{entry.method}'") from None
+    folder, number = _folder(path, entry), 2
+    while folder.exists():
+        folder = _folder(path, entry).with_name(f"{_folder(path, entry).name}_{number}")
+        number += 1
+    words = {key: str(value).lower() if isinstance(value, bool) else str(Path(value).expanduser() if str(value).startswith("~") else value)
+             for key, value in chosen.items()}
+    cameras = tuple(name for name in words.get("cameras", "").split() if name != "none")
+    command = ("roslaunch", *launch, f"record:={folder}", *(f"{key}:={value}" for key, value in sorted(words.items())))
+    return Planned(entry, folder, command, cameras)
+
+
+def conduct(planned: Planned, start: Callable[[Planned], Callable[[], None]], keys: Iterator[str],
+            say: Callable[[str], None], clock: Callable[[], datetime.datetime] = lambda: datetime.datetime.now().astimezone()
+            ) -> Mapping[str, Any]:
+    """Starts the system, notes events by key press, and ends with "completed" or "not completed".
+
+    Args:
+        start: starts the system for the run and gives what stops it.
+        keys: what the experimenter types; a note is a line of its own after "n". If they end, the run stays unfinished.
+
+    Returns:
+        What run.yaml says.
+    """
+    planned.folder.mkdir(parents=True)
+    run: Dict[str, Any] = {**planned.describe(), "started": clock().isoformat(timespec="seconds")}
+    _write(planned.folder, run)
+    stop = start(planned)
+    say(f"{planned.entry.participant}, run {planned.entry.order}: {planned.entry.scenario} with {planned.entry.method}, cameras "
+        f"{' '.join(planned.cameras) or 'none'}")
+    say("keys: " + ", ".join(f"{key} {words}" for key, words in KEYS.items()))
+    try:
+        for key in keys:
+            if key not in KEYS:
+                say(f"'{key}' means nothing")
+                continue
+            event = {"time": clock().timestamp(), "key": key, "event": KEYS[key], "text": next(keys, "") if key == "n" else ""}
+            with open(str(planned.folder / EVENTS), "a", encoding="utf-8") as stream:
+                stream.write(json.dumps(event) + "\n")
+            say(f"noted: {KEYS[key]}")
+            if key in ENDS:
+                run.update(completed=ENDS[key], ended=clock().isoformat(timespec="seconds"))
+                break
+    finally:
+        stop()
+        _write(planned.folder, run)
+    return run
+
+
+def _folder(path: Path, entry: protocol.Entry) -> Path:
+    return path.parent / Path(entry.recording).expanduser()
+
+
+def _run_of(folder: Path) -> Mapping[str, Any]:
+    try:
+        return yaml.safe_load((folder / RUN).read_text(encoding="utf-8")) or {}
+    except (OSError, yaml.YAMLError):
+        return {}
+
+
+def _write(folder: Path, run: Mapping[str, Any]) -> None:
+    write_atomically(folder / RUN, yaml.safe_dump(dict(run), sort_keys=False).encode("utf-8"))
+
+
+def read_keys() -> Iterator[str]:
+    """Key presses of a terminal, without Return; a line after "n". Of anything else than a terminal, lines."""
+    import sys
+    import termios
+    import tty
+
+    if not sys.stdin.isatty():
+        yield from (line.strip() for line in sys.stdin)
+        return
+    before = termios.tcgetattr(sys.stdin)
+    try:
+        while True:
+            tty.setcbreak(sys.stdin)
+            key = sys.stdin.read(1)
+            yield key
+            if key == "n":
+                termios.tcsetattr(sys.stdin, termios.TCSADRAIN, before)
+                yield sys.stdin.readline().strip()
+    finally:
+        termios.tcsetattr(sys.stdin, termios.TCSADRAIN, before)
+
+
+def roslaunch(planned: Planned) -> Callable[[], None]:
+    """Starts the system as planned.
+
+    Raises:
+        CodedError: "no_launch" if it ends at once.
+    """
+    from vb_evaluation.processes import Child
+
+    child = Child(list(planned.command), planned.folder / "launch.log")
+    if not child.running:
+        raise CodedError("no_launch", f"{' '.join(planned.command)} ended at once: {child.tail(3)}")
+    return child.stop
+
+
+def lines_of(folder: Path) -> List[Dict[str, Any]]:
+    """The events of a recording."""
+    try:
+        return [json.loads(line) for line in (folder / EVENTS).read_text(encoding="utf-8").splitlines()]
+    except FileNotFoundError:
+        return []

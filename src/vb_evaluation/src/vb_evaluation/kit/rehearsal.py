@@ -1,0 +1,74 @@
+"""A dry run: a simulated person does the planned run in one process and leaves the recording that a real one would.
+
+It needs neither ROS nor people, and shows that plan, condition, recording and analysis fit before the first person comes.
+"""
+from __future__ import annotations
+
+import dataclasses
+import re
+from functools import lru_cache
+from pathlib import Path
+from typing import Callable, List, Tuple
+
+import numpy as np
+import yaml
+
+from vb_evaluation.kit.conduct import Planned
+from vb_evaluation.kit.recording import LOG, MAPS, SESSION
+from vb_evaluation.provenance import revision
+from vb_evaluation.study import config
+from vb_evaluation.study.cameras import Room
+from vb_evaluation.study.config import Study
+from vb_evaluation.study.runner import Result, Task, run
+from vb_map_integration.map_files import write_map
+from vb_map_integration.recording import Recording as MapRecording
+from vb_sim import floor_plan
+from vb_voice_wizard.memory import append_line, record_line
+
+
+@lru_cache(maxsize=1)
+def _room() -> Room:
+    return Room()
+
+
+def person(study: Study, outcomes: List[bool]) -> Callable[[Planned], Callable[[], None]]:
+    """What `conduct` starts instead of the system; appends to `outcomes` whether the person completed the run."""
+
+    def start(planned: Planned) -> Callable[[], None]:
+        number = int(re.sub(r"\D", "", planned.entry.participant) or 1)
+        result = run(study, Task(number, planned.entry.scenario, planned.entry.method), _room())
+        write_recording(result, planned.folder)
+        outcomes.append(result.saved and result.seed_is_right)
+        return lambda: None
+
+    return start
+
+
+def write_recording(result: Result, folder: Path) -> None:
+    """Writes what the nodes leave: interactions, maps with their borders, and how the system was started."""
+    maps = MapRecording(folder / MAPS)
+    maps.record(result.prior, [], result.began - 1.0, {})
+    cameras = sorted(name for name in result.cameras if name not in {"robot"})
+    for record in result.records:
+        if record.border_id and result.border is not None:
+            border = dataclasses.replace(result.border, id=record.border_id)
+            maps.record(result.posterior, [border], record.ended - 0.05, {})
+        append_line(str(folder / LOG), record_line(record, result.task.method, cameras))
+    session = {"method": result.task.method, "cameras": cameras, "revision": revision(), "rehearsal": True}
+    (folder / SESSION).write_text(yaml.safe_dump(session), encoding="utf-8")
+
+
+def write_ground_truths(study: Study, folder: Path) -> Tuple[Path, Path]:
+    """Ground truths and physical map of the simulated lab, for the analysis of a rehearsal; gives folder and map."""
+    prior = floor_plan.physical_map(study.world)
+    truths = folder / "ground_truth"
+    truths.mkdir(parents=True, exist_ok=True)
+    for key in study.design.scenarios:
+        truth = floor_plan.ground_truth(study.world, study.world.scenario(key))
+        write_map(truths / key, prior.with_data(np.where(truth, np.int8(100), prior.data)))
+    return truths, write_map(folder / "map", prior)[1]
+
+
+def default_study() -> Study:
+    """The simulated study whose people rehearse."""
+    return config.load()

@@ -1,0 +1,100 @@
+"""What the simulation assumes, read as data (config/assumptions.yaml), and worlds in which all of it differs at once."""
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any, Dict, List, Mapping, Tuple
+
+import yaml
+from scipy.stats import qmc
+
+from vb_core.errors import ParameterError
+from vb_core.parameters import Parameters, param
+from vb_evaluation.study.config import PACKAGE, Study
+
+SOURCES = ("paper", "data", "literature", "assumed", "mechanics")
+USUAL = (0.5, 2.0)
+
+
+@dataclass(frozen=True)
+class Assumption(Parameters):
+    """Where one figure comes from.
+
+    Attributes:
+        times: plausible range in multiples of the value; empty: USUAL if it is assumed, else it is not varied.
+    """
+
+    source: str = param("assumed", choices=SOURCES)
+    unit: str = param("")
+    why: str = param("")
+    times: list = param([])
+
+    @property
+    def range(self) -> Tuple[float, ...]:
+        """(low, high) in multiples of the value; empty for what is not varied."""
+        return tuple(self.times) or (USUAL if self.source == "assumed" else ())
+
+
+@lru_cache(maxsize=1)
+def assumptions() -> Mapping[str, Assumption]:
+    """All figures by their key, as `Study.changed` calls them."""
+    document = yaml.safe_load((PACKAGE / "config" / "assumptions.yaml").read_text(encoding="utf-8"))
+    return {key: Assumption.from_mapping(entry, key) for key, entry in document.items()}
+
+
+def varied(study: Study) -> Dict[str, Assumption]:
+    """Those that have a plausible range, and a value in this study."""
+    return {key: entry for key, entry in assumptions().items() if entry.range and _get(study, key) is not None}
+
+
+def table(study: Study) -> List[Dict[str, str]]:
+    """Key, value, unit, range, source and reason of each, for the report."""
+    rows = []
+    for key, entry in assumptions().items():
+        value = _get(study, key)
+        if value is not None:
+            words = f"× {entry.range[0]:g} to {entry.range[1]:g}" if entry.range else ""
+            rows.append({"key": key, "value": str(value), "unit": entry.unit, "range": words, "source": entry.source, "why": entry.why})
+    return rows
+
+
+def draw_worlds(study: Study, count: int, seed: int) -> List[Dict[str, float]]:
+    """A Latin hypercube: for each of `count` worlds a factor for each assumption, even on a logarithmic scale.
+
+    Worlds that were drawn for another count are other worlds.
+    """
+    found = varied(study)
+    unit = qmc.LatinHypercube(len(found), seed=seed).random(count)
+    return [{key: round(math.exp(math.log(entry.range[0]) + share * math.log(entry.range[1] / entry.range[0])), 6)
+             for share, (key, entry) in zip(row, found.items())} for row in unit]
+
+
+def changes(study: Study, factors: Mapping[str, float]) -> Dict[str, Any]:
+    """What `Study.changed` needs for a world."""
+    return {key: scaled(_get(study, key), factor) for key, factor in factors.items()}
+
+
+def scaled(value: Any, factor: float) -> Any:
+    """A number, a list of numbers or a distribution, times a factor; whole numbers stay whole and at least 1."""
+    if isinstance(value, bool):
+        return value
+    if isinstance(value, int):
+        return max(1, int(round(value * factor)))
+    if isinstance(value, float):
+        return round(value * factor, 9)
+    if isinstance(value, list):
+        return [scaled(entry, factor) for entry in value]
+    return {"scaled": [value, factor]}
+
+
+def _get(study: Study, key: str) -> Any:
+    head, _, rest = key.partition("/")
+    found: Any = study.sources[head] if head in study.sources else study.document.get(head)
+    for name in rest.split("/"):
+        if not isinstance(found, Mapping):
+            raise ParameterError(key, "there is no such value")
+        found = found.get(name)
+        if found is None:
+            return None
+    return found

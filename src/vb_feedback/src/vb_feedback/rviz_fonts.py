@@ -1,0 +1,50 @@
+"""Letters that RViz can draw. No ROS.
+
+RViz draws texts with Liberation Sans, but asks its font for the characters up to 166 alone (OGRE's default), and a text
+with another one is not drawn at all. The font itself has Latin, Greek and Cyrillic. So RViz is started with a folder of
+its own data before its package's: links to everything, and one font definition that asks for all of them.
+What the font has not, for instance Chinese or Arabic, is transliterated (`layout.plain`).
+"""
+from __future__ import annotations
+
+import os
+import shutil
+from pathlib import Path
+from typing import List, Tuple
+
+# Latin with all accents, Greek and Cyrillic, dashes, quotation marks and the ellipsis, the euro sign
+RANGES: Tuple[Tuple[int, int], ...] = ((32, 126), (161, 591), (880, 1279), (8208, 8230), (8364, 8364))
+
+
+def is_drawn(character: str) -> bool:
+    """Whether RViz started by `overlay` can draw a character."""
+    return any(first <= ord(character) <= last for first, last in RANGES)
+
+
+def overlay(rviz: Path, folder: Path) -> Path:
+    """Makes a folder that stands for RViz's package, to be put before it in ROS_PACKAGE_PATH; gives what to put there.
+
+    Args:
+        rviz: the package's own folder.
+        folder: is replaced.
+    """
+    shutil.rmtree(str(folder), ignore_errors=True)
+    fonts = rviz / "ogre_media" / "fonts"
+    _link_all(rviz, folder / "rviz", ["ogre_media"])
+    _link_all(rviz / "ogre_media", folder / "rviz" / "ogre_media", ["fonts"])
+    _link_all(fonts, folder / "rviz" / "ogre_media" / "fonts", [path.name for path in fonts.glob("*.fontdef")])
+    wanted = " ".join(f"{first}-{last}" for first, last in RANGES)
+    for path in fonts.glob("*.fontdef"):
+        lines = path.read_text(encoding="utf-8").splitlines()
+        kept = [line for line in lines if "code_points" not in line]
+        end = max(number for number, line in enumerate(kept) if line.strip() == "}")
+        kept.insert(end, f"  code_points {wanted}")
+        (folder / "rviz" / "ogre_media" / "fonts" / path.name).write_text("\n".join(kept) + "\n", encoding="utf-8")
+    return folder
+
+
+def _link_all(source: Path, target: Path, but: List[str]) -> None:
+    target.mkdir(parents=True)
+    for path in source.iterdir():
+        if path.name not in but:
+            os.symlink(str(path.resolve()), str(target / path.name))

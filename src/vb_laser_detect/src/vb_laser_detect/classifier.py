@@ -1,0 +1,82 @@
+"""Whether a blob is a laser spot: a sum of what each feature says for or against it.
+
+An additive logistic model. Each feature has a curve, linear between knots, whose value is what it adds to the logarithm of
+the odds; it is 0 for a usual spot, so the feature that takes most away is the reason of a refusal. The curves are learnt
+by scripts/train_spot_classifier and stored as numbers.
+"""
+from __future__ import annotations
+
+import json
+import math
+from functools import lru_cache
+from pathlib import Path
+from typing import Dict, NamedTuple, Tuple
+
+import numpy as np
+
+from vb_core.errors import CodedError
+from vb_laser_detect.features import Blob
+
+VERSION = 1
+BUILT_IN = Path(__file__).resolve().parent / "spot_classifier.json"
+# what speaks of the surroundings says nothing against a spot that was seen until now and must be there
+_OF_SURROUNDINGS = ("surround", "contrast", "contrast_moved", "darker", "fall", "busy", "neighbours")
+
+
+class Verdict(NamedTuple):
+    """How likely a blob is a spot, 0 ... 1, and the feature that takes most from it."""
+
+    probability: float
+    against: str
+
+
+class SpotClassifier:
+    """The curves of all features.
+
+    Args:
+        curves: feature to (knots, values), both (K,); values in logits.
+        intercept: [logits] of a usual spot.
+    """
+
+    def __init__(self, curves: Dict[str, Tuple[np.ndarray, np.ndarray]], intercept: float) -> None:
+        self._curves = curves
+        self._intercept = intercept
+
+    def contributions(self, features: Dict[str, float]) -> Dict[str, float]:
+        """What each feature adds [logits]; a feature that says nothing (NaN) adds nothing."""
+        return {name: 0.0 if math.isnan(value) or name not in self._curves else float(np.interp(value, *self._curves[name]))
+                for name, value in features.items()}
+
+    def judge(self, blob: Blob, features: Dict[str, float], expected: bool = False) -> Verdict:
+        """How likely a blob with these features (`features.vector`) is a spot.
+
+        Args:
+            blob: itself; the curves do not ask for it.
+            expected: a spot was seen until now and must be there.
+        """
+        parts = self.contributions(features)
+        if expected:
+            parts = {name: part for name, part in parts.items() if name not in _OF_SURROUNDINGS}
+        logit = self._intercept + sum(parts.values())
+        return Verdict(1.0 / (1.0 + math.exp(-max(-50.0, min(50.0, logit)))), min(parts, key=lambda name: parts[name]))
+
+
+@lru_cache(maxsize=None)
+def load(path: str = "") -> SpotClassifier:
+    """Reads a stored classifier; an empty path means the one that comes with the package.
+
+    Raises:
+        CodedError: "bad_classifier" if there is none, or one of another version.
+    """
+    where = Path(path).expanduser() if path else BUILT_IN
+    try:
+        document = json.loads(where.read_text(encoding="utf-8"))
+        if document["version"] != VERSION:
+            raise ValueError(f"version {document['version']}, expected {VERSION}")
+        curves = {name: (np.array(curve["knots"], float), np.array(curve["values"], float))
+                  for name, curve in document["curves"].items()}
+        if any(len(x) != len(y) or len(x) < 2 or not (np.diff(x) > 0).all() for x, y in curves.values()):
+            raise ValueError("a curve's knots do not rise")
+        return SpotClassifier(curves, float(document["intercept"]))
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise CodedError("bad_classifier", path=str(where), why=str(error)) from None

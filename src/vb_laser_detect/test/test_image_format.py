@@ -1,0 +1,112 @@
+"""What the numbers of an image mean comes from its message, for every encoding."""
+import cv2
+import numpy as np
+import pytest
+
+from scenes import GREEN, Scene, tinted
+from vb_core.camera_model import CameraModel
+from vb_core.errors import CodedError
+from vb_laser_detect.detector import DetectorParams, SpotDetector
+from vb_laser_detect.image_format import PixelReader, format_of, is_mosaic
+
+PERIOD = 0.04
+
+
+def run(images, encoding, params=None):
+    """The spots of images that come in an encoding."""
+    detector, reader = SpotDetector(params or DetectorParams.stationary(confirm_frames=1)), PixelReader()
+    detector.encoding = encoding
+    return [detector.detect(reader.read(image, encoding), PERIOD * i) for i, image in enumerate(images)]
+
+
+def strokes(encode, bayer=False, grey=False):
+    """Eight images without and twelve with a spot, and the spot's places."""
+    scene, places = Scene(320, 240, noise=1.5), [(60.0 + 12.0 * i, 100.0) for i in range(12)]
+    images = [scene.render([place] if place else [], colour=GREEN, bayer=bayer) for place in [None] * 8 + places]
+    return [encode(image[:, :, 1].copy() if grey else image) for image in images], [None] * 8 + places
+
+
+def yuv(order):
+    """bgr to 4:2:2, the luminance first or second."""
+    def encode(image):
+        y, u, v = (plane.astype(int) for plane in cv2.split(cv2.cvtColor(image, cv2.COLOR_BGR2YUV)))
+        # OpenCV reads video levels
+        y = np.clip(16 + y * 219 / 255, 0, 255).astype(np.uint8)
+        chroma = np.empty_like(y)
+        chroma[:, ::2], chroma[:, 1::2] = u[:, ::2], v[:, ::2]
+        return np.dstack([chroma, y] if order == "uyvy" else [y, chroma])
+    return encode
+
+
+CASES = {
+    "bgr8": (lambda image: image, {}),
+    "rgb8": (lambda image: image[:, :, ::-1].copy(), {}),
+    "bgra8": (lambda image: cv2.cvtColor(image, cv2.COLOR_BGR2BGRA), {}),
+    "mono8": (lambda image: image, {"grey": True}),
+    "mono16": (lambda image: image.astype(np.uint16) * 257, {"grey": True}),
+    "mono16 of 12 bits": (lambda image: image.astype(np.uint16) * 16, {"grey": True}),
+    "bayer_rggb8": (lambda image: image, {"bayer": True}),
+    "bayer_rggb16": (lambda image: image.astype(np.uint16) * 257, {"bayer": True}),
+    "bayer_rggb16 of 10 bits": (lambda image: image.astype(np.uint16) * 4, {"bayer": True}),
+    "bgr16": (lambda image: image.astype(np.uint16) * 257, {}),
+    "yuv422": (yuv("uyvy"), {}),
+    "yuv422_yuy2": (yuv("yuyv"), {}),
+}
+
+
+@pytest.mark.parametrize("case", list(CASES))
+@pytest.mark.parametrize("mobile", [False, True])
+def test_the_spot_is_found_in_every_encoding(case, mobile):
+    encode, kind = CASES[case]
+    images, truths = strokes(encode, **kind)
+    preset = DetectorParams.mobile if mobile else DetectorParams.stationary
+    found = run(images, case.split()[0], preset(confirm_frames=1))
+    assert not any(found[:8])
+    hits = [spots and np.hypot(spots[0].u - truth[0], spots[0].v - truth[1]) < 1.0
+            for spots, truth in zip(found[8:], truths[8:])]
+    assert sum(map(bool, hits)) >= 11
+
+
+def test_what_is_no_picture_is_refused():
+    with pytest.raises(CodedError) as raised:
+        PixelReader().read(np.zeros((64, 64), np.float32), "32FC1")
+    assert raised.value.code == "unknown_encoding"
+
+
+def test_the_message_says_whether_it_is_a_mosaic():
+    # a camera that is balanced to white over a floor without colours: its pixels do not tell
+    grey = np.full((240, 320), 100, np.uint8)
+    assert not is_mosaic(grey)
+    assert format_of(grey, "bayer_gbrg8").mosaic and format_of(grey, "bayer_gbrg16").mosaic
+    # and a grey camera that looks at a fine pattern is none
+    checks = np.tile(np.array([[60, 160], [160, 60]], np.uint8), (120, 160))
+    assert is_mosaic(checks)
+    assert format_of(checks, "mono8") == (False, False)
+    scene = Scene()
+    assert format_of(tinted(scene).render(bayer=True), "").mosaic
+    assert not format_of(scene.render()[:, :, 1].copy(), "").mosaic
+
+
+@pytest.mark.parametrize("white", [200, 220, 235, 255])
+@pytest.mark.parametrize("mobile", [False, True])
+def test_white_is_what_the_camera_shows_at_most(white, mobile):
+    images, truths = strokes(lambda image: cv2.convertScaleAbs(image, alpha=white / 255.0))
+    preset = DetectorParams.mobile if mobile else DetectorParams.stationary
+    found = run(images, "bgr8", preset(confirm_frames=1))
+    assert sum(len(spots) for spots in found[8:]) >= 11 and not any(found[:8])
+
+
+# ------------------------------------------------------------------ cameras
+def test_a_fisheye_s_rays_and_pixels_belong_together():
+    # OpenCV's own function is the oracle for the way there; the way back has to meet it
+    matrix = np.array([[300.0, 0, 479.5], [0, 301.0, 359.5], [0, 0, 1]])
+    camera = CameraModel(960, 720, matrix, np.array([-0.02, 0.004, -0.001, 0.0002]), fisheye=True)
+    angles = np.radians(np.arange(0, 76, 5))
+    points = np.array([(np.sin(a) * np.cos(b), np.sin(a) * np.sin(b), np.cos(a)) for a in angles for b in (0.3, 2.0, 4.4)])
+    pixels = camera.project(2.5 * points)
+    truth = cv2.fisheye.projectPoints(points[:, None], np.zeros(3), np.zeros(3), matrix, camera.distortion)[0][:, 0]
+    assert np.allclose(pixels, truth, atol=1e-6)
+    rays = camera.rays(pixels)
+    assert np.abs(rays - points / points[:, 2:]).max() < 1e-4
+    assert np.isnan(camera.project(np.array([[0.0, 0.0, -1.0]]))).all()
+    assert camera.distorted and CameraModel(960, 720, matrix, np.zeros(4), fisheye=True).distorted

@@ -1,0 +1,101 @@
+"""A robot's camera: pictures as full of edges as photographs are, and spots without much colour in them.
+
+The motion is smooth, as a pan-tilt head's or a robot's; the pictures are compressed. A webcam shows a green laser's spot
+nearly white, so colour alone tells nothing.
+"""
+import cv2
+import numpy as np
+import pytest
+
+from vb_laser_detect.detector import DetectorParams, SpotDetector
+from vb_laser_detect.registration import Registration
+
+PALE = np.array([0.86, 1.0, 0.84], np.float32)
+WIDE, HIGH = 400, 300
+
+
+def photograph(seed):
+    """(450, 600, 3) float: noise of all sizes, things with sharp edges, some of them white, a window's glare."""
+    random = np.random.default_rng(seed)
+    picture = np.full((450, 600, 3), 70.0, np.float32)
+    for size, strength in ((64, 25), (16, 14), (4, 8)):
+        coarse = random.normal(0, strength, (450 // size + 2, 600 // size + 2, 3)).astype(np.float32)
+        picture += cv2.resize(coarse, (600, 450), interpolation=cv2.INTER_CUBIC)
+    for _ in range(45):
+        x, y = (int(value) for value in random.uniform((0, 0), (580, 430)))
+        wide, high = (int(value) for value in random.uniform(4, 90, 2))
+        value = 245.0 if random.random() < 0.25 else random.uniform(10, 190)
+        picture[y : y + high, x : x + wide] = np.clip(value * random.uniform(0.85, 1.0, 3), 0, 245)
+    for _ in range(12):
+        middle = tuple(int(value) for value in random.uniform((20, 20), (580, 430)))
+        cv2.circle(picture, middle, int(random.uniform(2, 6)), (250, 250, 250), -1, cv2.LINE_AA)
+    return cv2.GaussianBlur(np.clip(picture, 0, 250), (3, 3), 0)
+
+
+class View:
+    """A window that pans, tilts and rolls over a photograph, with a sensor's noise and JPEG compression."""
+
+    def __init__(self, seed, still=False):
+        self._picture, self._random, self._still = photograph(seed), np.random.default_rng(seed + 100), still
+
+    def at(self, index, spot=None):
+        """The image of a number, (H, W, 3); a spot at (u, v) [px]."""
+        t = 0.0 if self._still else float(index)
+        angle = np.radians(3.0 * np.sin(0.05 * t))
+        turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+        middle = np.array([300.0 + 60.0 * np.sin(0.045 * t), 225.0 + 45.0 * np.cos(0.06 * t)])
+        motion = np.column_stack([turn, np.array([WIDE / 2, HIGH / 2]) - turn @ middle])
+        image = cv2.warpAffine(self._picture, motion, (WIDE, HIGH), flags=cv2.INTER_CUBIC)
+        if spot is not None:
+            v, u = np.mgrid[:HIGH, :WIDE]
+            light = 330.0 * np.exp(-0.5 * ((u - spot[0]) ** 2 + (v - spot[1]) ** 2) / 2.2**2)
+            image = image + light[:, :, None].astype(np.float32) * PALE
+        image = np.clip(image + self._random.normal(0, 1.5, image.shape), 0, 255).astype(np.uint8)
+        return cv2.imdecode(cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, 85])[1], cv2.IMREAD_COLOR)
+
+
+@pytest.mark.parametrize("still", [True, False])
+def test_spots_on_photographs(still):
+    found = asked = false = images = 0
+    for seed in (1, 2, 3):
+        view, detector = View(seed, still), SpotDetector(DetectorParams.mobile(confirm_frames=1))
+        random = np.random.default_rng(seed)
+        for i in range(60):
+            # a pulse of three images each second, drawn a little; not where the picture is white already
+            if i % 20 == 12:
+                start = random.uniform((60, 60), (WIDE - 60, HIGH - 60))
+                while view.at(i)[int(start[1]) - 8 : int(start[1]) + 9, int(start[0]) - 8 : int(start[0]) + 9].max() > 200:
+                    start = random.uniform((60, 60), (WIDE - 60, HIGH - 60))
+            spot = start + (i % 20 - 12) * np.array([1.5, 0.5]) if 12 <= i % 20 < 15 else None
+            spots = detector.detect(view.at(i, spot), 0.04 * i)
+            hits = [one for one in spots if spot is not None and np.hypot(one.u - spot[0], one.v - spot[1]) < 3.0]
+            asked, found = asked + (spot is not None), found + bool(hits)
+            false, images = false + len(spots) - len(hits), images + 1
+    assert found >= 0.85 * asked and false <= 0.01 * images, (found, asked, false)
+
+
+def test_the_motion_is_the_camera_s_and_not_a_thing_s():
+    picture = np.clip(photograph(5), 0, 255).astype(np.uint8)
+    registration = Registration()
+    registration.motion_to(picture[50:350, 60:460])
+    truth = np.array([[1.0, 0, -7.0], [0, 1, 4.0], [0, 0, 1]])
+    moved = picture[46:346, 67:467].copy()
+    moved[100:200, 150:280] = 30  # somebody walks by
+    motion = registration.motion_to(moved)
+    assert np.abs(motion - truth)[:2, :2].max() < 0.004 and np.abs(motion - truth)[:2, 2].max() < 0.6
+    assert not registration.stands(motion, moved.shape)
+    assert registration.stands(np.eye(3), moved.shape)
+    # a wall without anything on it tells nothing
+    blank = Registration()
+    blank.motion_to(np.full((240, 320), 90, np.uint8))
+    assert blank.motion_to(np.full((240, 320), 91, np.uint8)) is None
+
+
+def test_a_lamp_that_was_there_from_the_beginning_is_no_spot_and_what_moves_is():
+    view, detector = View(7, still=True), SpotDetector(DetectorParams.mobile())
+    lamp = [detector.detect(view.at(i, (200.0, 150.0)), 0.04 * i) for i in range(40)]
+    assert not any(lamp)
+    told = 0
+    for i in range(40, 70):
+        told += len(detector.detect(view.at(i, (200.0 + 1.5 * (i - 40), 150.0)), 0.04 * i)) + len(detector.recalled)
+    assert told >= 20

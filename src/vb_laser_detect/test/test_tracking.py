@@ -1,0 +1,130 @@
+"""Which sighting belongs to which spot, when it counts, and which one is told, at every rate."""
+import numpy as np
+import pytest
+
+from vb_laser_detect.tracking import Sighting, SpotTracker
+
+DIAGONAL = 800.0
+
+
+def sighting(x, y=0.0, floor=True, confidence=0.9, certain=True, proven=True, tint=None, content=None):
+    """A spot at (x, y) [m] under a camera of 2 mm per pixel."""
+    return Sighting((500 * x, 500 * y), (x, y) if floor else None, confidence, certain, proven, tint, content)
+
+
+class Film:
+    """Feeds a tracker images at a rate [1/s]."""
+
+    def __init__(self, rate=25.0, **changes):
+        self.tracker = SpotTracker(**{**dict(confirm_frames=3, max_speed=8.0, max_gap_s=0.25, max_spots=1), **changes})
+        self.period, self.now = 1.0 / rate, 0.0
+
+    def see(self, *sightings, agrees=lambda *_: True):
+        self.now += self.period
+        self.expected = self.tracker.begin(self.now, DIAGONAL, None)
+        return self.tracker.update(sightings, agrees)
+
+
+@pytest.mark.parametrize("rate", [2.0, 4.0, 8.0, 25.0, 60.0])
+def test_a_stroke_is_confirmed_and_keeps_its_number_at_every_rate(rate):
+    film, told = Film(rate), []
+    for i in range(20):
+        told += film.see(sighting(0.4 * i / rate, content=i))
+    assert [one.published for one in told] == [False, False] + [True] * 18
+    assert [content for _, content in told[2].recalled] == [0, 1]
+    assert len({one.track for one in told}) == 1
+
+
+@pytest.mark.parametrize("rate", [2.0, 25.0])
+def test_it_may_be_missing_in_two_images_and_then_is_another_one(rate):
+    film = Film(rate)
+    for _ in range(5):
+        first = film.see(sighting(0.0))[0]
+    film.see(), film.see()
+    assert film.see(sighting(0.01))[0] == first._replace(recalled=())
+    for _ in range(30):
+        film.see()
+    assert not film.see(sighting(0.01))[0].published
+
+
+def test_a_newcomer_takes_nobodys_place():
+    film = Film()
+    laser = [film.see(sighting(0.01 * i, confidence=0.5))[0] for i in range(5)][-1]
+    for i in range(5, 60):
+        both = film.see(sighting(0.01 * i, 0.5, confidence=0.99), sighting(0.01 * i, confidence=0.5))
+        assert [one.published for one in both] == [False, True] and both[1].track == laser.track
+    # not even while the laser is hidden; when it is lost the other one is told, with nothing of what came before
+    assert not film.see(sighting(0.6, 0.5))[0].published
+    told = [film.see(sighting(0.6, 0.5))[0] for _ in range(20)]
+    assert told[-1].published and not any(one.recalled for one in told)
+
+
+def test_jumps_that_no_hand_makes_are_other_spots():
+    film = Film()
+    for _ in range(4):
+        first = film.see(sighting(0.0))[0]
+    assert film.see(sighting(3.0))[0].track != first.track  # 75 m/s
+    assert film.see(sighting(0.1))[0].track == first.track
+
+
+def test_two_that_cross_keep_their_numbers():
+    film = Film(max_spots=2)
+    numbers = []
+    for i in range(41):
+        t = i / 40.0
+        one, other = film.see(sighting(t, t), sighting(t, 1.0 - t + 0.013))
+        numbers.append((one.track, other.track))
+    assert len(set(numbers)) == 1
+
+
+def test_what_is_never_confirmed_waits_for_a_second_only():
+    film = Film(confirm_frames=50)
+    for i in range(2000):
+        film.see(sighting(0.0, proven=False, content=i))
+    assert all(len(track.waiting) <= 60 for track in film.tracker._tracks)
+
+
+def test_what_was_there_from_the_beginning_has_to_move_first():
+    film = Film()
+    for i in range(20):
+        assert not film.see(sighting(0.0, proven=False, content=i))[0].published
+    told = [film.see(sighting(0.004 * i, proven=False, content=20 + i))[0] for i in range(6)]
+    assert told[-1].published and sum(len(one.recalled) for one in told) >= 20
+
+
+def test_the_mean_colour_is_asked():
+    left, right = np.array([1.0, 0.5, 1.0, 0.5]), np.array([0.5, 1.0, 0.5, 1.0])
+    film, asked = Film(), []
+
+    def agrees(_sighting, tint):
+        asked.append(tint)
+        return tint.min() < 0.5
+
+    for i in range(20):
+        assert not film.see(sighting(0.0, tint=(left, right)[i % 2]), agrees=agrees)[0].confirmed
+    assert len(asked) == 18 and np.allclose(asked[1], 1.0)
+
+
+def test_where_it_is_expected():
+    film = Film()
+    for i in range(30):
+        film.see(sighting(0.008 * i))
+    film.now += film.period
+    (ahead,) = film.tracker.begin(film.now, DIAGONAL, None)
+    assert ahead.u == pytest.approx(500 * 0.008 * 30) and ahead.moves and ahead.trusted and ahead.published
+    assert ahead.holds(ahead.u + 13.0, 0.0) and not ahead.holds(ahead.u - 30.0, 0.0)
+    # the camera turns by 40 px
+    film.tracker.update([sighting(0.008 * 30)])
+    shifted = film.tracker.begin(film.now + film.period, DIAGONAL, np.array([[1.0, 0, 40], [0, 1, 0], [0, 0, 1]]))
+    assert shifted[0].u == pytest.approx(500 * 0.008 * 31 + 40.0)
+
+
+def test_uncertain_sightings_are_trusted_for_half_a_second_only():
+    film = Film()
+    for _ in range(5):
+        film.see(sighting(0.0))
+    trusted = []
+    for _ in range(25):
+        film.see(sighting(0.0, certain=False))
+        trusted.append(film.expected[0].trusted)
+    assert trusted[:10] == [True] * 10 and not any(trusted[15:])

@@ -1,0 +1,319 @@
+"""Maps that change: which place they show, where its borders lie, and that nothing is opened without a word."""
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from vb_core.errors import CodedError
+from vb_core.grid_map import GridMap
+from vb_map_integration.integrator import IntegratorParams, MapIntegrator
+from vb_map_integration.registration import IDENTITY, Transform, register
+
+sys.path.insert(0, str(Path(__file__).resolve().parent))
+from keepers import GRID, integrator, square  # noqa: E402
+
+
+def flat(transform=IDENTITY, resolution=0.05, seed=0, plan=0, known=(0.0, 9.0)):
+    """A flat of 9 m x 6 m with four rooms, no two alike, drawn as SLAM would: ragged, at any pose.
+
+    Args:
+        plan: 1: another floor with the same outer walls.
+        known: [m] what part of its width somebody drove through.
+    """
+    walls = [((0, 0), (9, 0)), ((9, 0), (9, 6)), ((9, 6), (0, 6)), ((0, 6), (0, 0))]
+    walls += [
+        [((3.1, 0), (3.1, 1.2)), ((3.1, 2.1), (3.1, 6)), ((3.1, 3.7), (4.4, 3.7)), ((5.3, 3.7), (9, 3.7)),
+         ((7, 3.7), (7, 6))],
+        [((5.6, 0), (5.6, 3.0)), ((5.6, 4.0), (5.6, 6)), ((0, 2.2), (1.5, 2.2)), ((2.4, 2.2), (5.6, 2.2)),
+         ((2, 2.2), (2, 6))],
+    ][plan]
+    random = np.random.default_rng(seed)
+    corners = transform.apply([(0, 0), (9, 0), (9, 6), (0, 6)])
+    origin = corners.min(axis=0) - 0.37
+    columns, rows = np.ceil((corners.max(axis=0) + 0.4 - origin) / resolution).astype(int)
+    grid = GridMap(np.full((rows, columns), -1, np.int8), resolution, (float(origin[0]), float(origin[1]), 0.0))
+    cells = np.argwhere(np.ones(grid.shape, bool))
+    place = transform.inverse.apply(grid.cell_to_world(cells))
+    inside = (place > 0).all(axis=1) & (place < (9, 6)).all(axis=1)
+    distance = np.full(len(place), np.inf)
+    for a, b in walls:
+        a, b = np.array(a, float), np.array(b, float)
+        share = np.clip((place - a) @ (b - a) / ((b - a) @ (b - a)), 0.0, 1.0)
+        distance = np.minimum(distance, np.linalg.norm(place - a - share[:, None] * (b - a), axis=1))
+    values = np.where(distance < 0.06 + 0.02 * random.random(len(place)), 100, np.where(inside, 0, -1))
+    values[(place[:, 0] < known[0]) | (place[:, 0] > known[1])] = -1
+    return grid.with_data(values.astype(np.int8).reshape(grid.shape))
+
+
+ROOM = Transform(1.0, 4.0, 0.0)  # a square in the room at the upper left
+
+
+def keep_out(transform=IDENTITY, **options):
+    from vb_map_integration.border import VirtualBorder
+
+    corners = ROOM.apply([(0, 0), (1, 0), (1, 1), (0, 1)])
+    seed = ROOM.apply([(0.5, 0.5)])
+    return VirtualBorder(transform.apply(corners), transform.apply(seed)[0], closed=True, **options)
+
+
+def closed_off(keeper, transform=IDENTITY):
+    """Whether the middle of the border is closed in the map that navigation gets."""
+    return int(keeper.posterior.values_at(transform.apply(ROOM.apply([(0.5, 0.5)])))[0]) == 100
+
+
+# ----------------------------------------------------------------- registration
+@pytest.mark.parametrize("truth, resolution", [
+    (Transform(0.25, 0.0, 0.0), 0.05), (Transform(0.0, 0.0, np.radians(3.0)), 0.05),
+    (Transform(-4.0, 2.0, np.pi), 0.05),
+    (Transform(3.3, 1.1, -2.0), 0.03),
+])
+def test_a_moved_map_is_found(truth, resolution):
+    found = register(flat(), flat(truth, resolution, seed=1))
+    apart, turned = found.transform.distance(truth, (4.5, 3.0))
+    assert found.sure and apart < 0.05 and np.degrees(turned) < 1.0
+
+
+def test_another_floor_with_the_same_outer_walls_is_not_taken_for_the_first():
+    assert not register(flat(), flat(plan=1, seed=1)).sure
+
+
+def test_a_room_that_looks_the_same_when_turned_is_not_sure():
+    assert not register(GRID, GRID.with_data(np.ascontiguousarray(GRID.data[::-1, ::-1]))).sure
+
+
+def test_maps_without_walls_are_not_registered():
+    assert register(flat(), GRID.with_data(np.full(GRID.shape, -1, np.int8))) is None
+
+
+# ----------------------------------------------------------------- recognition
+def test_ten_seconds_of_slam_do_not_lose_the_border(tmp_path):
+    """Day 1: a static map. Day 2: SLAM from nothing. Day 3: the static map had no border, "it is the same place"."""
+    keeper = integrator(tmp_path, flat())
+    keeper.add(keep_out(), 1.0)
+    keeper.close()
+    slam = MapIntegrator(IntegratorParams(), tmp_path)
+    for width in (0.6, 2.0):
+        slam.set_map(flat(Transform(5.0, 5.0, 1.0), seed=2, known=(4.0, 4.0 + width)))
+        assert slam.needs_confirmation and len(slam.borders) == 1
+        assert "borders_unconfirmed" in [notice.code for notice in slam.notices]
+    slam.close()
+    third = integrator(tmp_path, flat())
+    assert closed_off(third) and not third.needs_confirmation
+    third.close()
+
+
+@pytest.mark.parametrize("truth", [Transform(0.25, 0.0, 0.0), Transform(0.0, 0.0, np.radians(3.0))])
+def test_borders_move_with_the_map(tmp_path, truth):
+    """A map moved by 0.25 m or turned by 3 degrees had no border at all."""
+    keeper = integrator(tmp_path, flat())
+    keeper.add(keep_out(), 1.0)
+    keeper.set_map(flat(truth, seed=3))
+    assert not keeper.needs_confirmation and closed_off(keeper, truth)
+    assert np.abs(keeper.borders[0].points - truth.apply(keep_out().points)).max() < 0.05
+    # what is drawn on the moved map lies right in the first one
+    keeper.add(keep_out(truth.after(Transform(3.0, -3.0, 0.0)), name="second"), 2.0)
+    keeper.set_map(flat())
+    assert np.array_equal(keeper.borders[0].points, keep_out().points)
+    assert np.abs(keeper.borders[1].points - Transform(3.0, -3.0, 0.0).apply(keep_out().points)).max() < 0.05
+    keeper.close()
+
+
+def test_many_small_shifts_never_leave_the_walls(tmp_path):
+    """Thirty shifts of two cells each passed as the same place, with the border 3 m away from its walls."""
+    keeper = integrator(tmp_path, flat())
+    keeper.add(keep_out(), 1.0)
+    for step in (1, 2, 15, 30):
+        truth = Transform(0.1 * step, 0.0, 0.0)
+        keeper.set_map(flat(truth, seed=step))
+        apart = np.abs(keeper.borders[0].points - truth.apply(keep_out().points)).max()
+        assert keeper.needs_confirmation or apart < 0.06
+        assert closed_off(keeper, truth) or keeper.needs_confirmation
+    keeper.close()
+
+
+def test_in_doubt_borders_stay_in_force_until_somebody_confirms(tmp_path):
+    keeper = integrator(tmp_path, flat())
+    keeper.add(keep_out(), 1.0)
+    keeper.set_map(flat(plan=1, seed=4))
+    assert keeper.needs_confirmation and closed_off(keeper)
+    with pytest.raises(CodedError) as caught:
+        keeper.add(keep_out(), 2.0)
+    assert caught.value.code == "confirm_map_first"
+    keeper.confirm(False, "upstairs", 3.0)
+    assert not keeper.needs_confirmation and keeper.borders == () and keeper.map_name == "upstairs"
+    keeper.add(keep_out(name="bath"), 4.0)
+    keeper.set_map(flat())
+    assert [border.id for border in keeper.borders] == ["b1"]
+    keeper.confirm(True, "ground floor", 5.0)
+    keeper.close()
+    again = integrator(tmp_path, flat(plan=1, seed=4))
+    assert [border.name for border in again.borders] == ["bath"] and again.map_name == "upstairs"
+    again.close()
+
+
+def test_floors_with_the_same_walls_are_told_apart_by_their_names(tmp_path):
+    for name in ("ground", "upstairs"):
+        keeper = integrator(tmp_path, flat(seed=len(name)), map_name=name)
+        assert keeper.borders == ()
+        keeper.add(keep_out(name=name), 1.0)
+        keeper.close()
+    for seed, name in enumerate(("upstairs", "ground"), 10):
+        keeper = integrator(tmp_path, flat(seed=seed), map_name=name)
+        assert [border.name for border in keeper.borders] == [name] and not keeper.needs_confirmation
+        keeper.close()
+    # without a name both fit: nothing is sure
+    keeper = integrator(tmp_path, flat(seed=20))
+    assert keeper.needs_confirmation and len(keeper.borders) == 1
+    keeper.close()
+
+
+def test_borders_are_adopted_with_a_transform(tmp_path):
+    truth = Transform(0.5, 0.2, 0.1)
+    keeper = integrator(tmp_path, flat())
+    keeper.add(keep_out(), 1.0)
+    keeper.set_map(flat(truth, seed=5, known=(0.0, 4.0)))
+    proposal = keeper.propose("")
+    assert proposal.registration is not None and proposal.picture[:4] == b"\x89PNG"
+    keeper.adopt(keeper.propose("", truth), 2.0)
+    assert not keeper.needs_confirmation and closed_off(keeper, truth)
+    with pytest.raises(CodedError) as caught:
+        keeper.propose("nowhere")
+    assert caught.value.code == "unknown_map"
+    keeper.set_map(flat())
+    with pytest.raises(CodedError) as caught:
+        keeper.adopt(keeper.propose("", truth), 3.0)
+    assert caught.value.code == "place_has_borders"
+    keeper.close()
+
+
+def test_a_map_that_grows_cell_by_cell_stays_confirmed(tmp_path):
+    keeper = integrator(tmp_path, flat(known=(0.0, 4.0)))
+    keeper.add(keep_out(), 1.0)
+    for width in (5.0, 6.0, 7.0, 9.0):
+        keeper.set_map(flat(known=(0.0, width)))
+        assert closed_off(keeper) and not keeper.needs_confirmation
+    keeper.close()
+
+
+# ----------------------------------------------------------------- what acts, and why not
+def test_undo_and_expiry_keep_what_does_not_act():
+    """They answered "changed back", and the display showed in red what restricted not one cell."""
+    keeper = integrator(grid=flat())
+    keeper.add(keep_out(), 1.0)
+    keeper.add(keep_out(Transform(5.0, -3.0, 0.0)), 1.0)
+    keeper.remove("b1")
+    walled = flat()
+    walled.data[walled.world_to_cell(ROOM.apply([(-0.4, -0.4)]))[0][0]:, :] = 100
+    keeper.set_map(walled)
+    keeper.confirm(True, "", 2.0)
+    outcome = keeper.undo()
+    assert [found.code for found in outcome.findings] == ["does_not_act"]
+    border = keeper.borders[0]
+    assert border.enabled and keeper.status(border) == (False, "does_not_fit")
+    assert "does_not_fit" in [notice.code for notice in keeper.notices]
+    assert keeper.enable("b1", False, 3.0, expires=5.0).findings == ()
+    assert [found.code for found in keeper.expire(6.0).findings] == ["does_not_act"]
+    # it is switched and renamed all the same, by whatever service
+    assert keeper.rename("b1", "old rug", 7.0).ids == ("b1",)
+    keeper.update(keeper.borders[0].replace(enabled=False), 8.0)
+    assert keeper.status(keeper.borders[0]) == (False, "disabled") and keeper.borders[0].name == "old rug"
+    assert not keeper.needs_confirmation
+
+
+def test_a_changed_border_is_not_overwritten():
+    keeper = integrator(grid=flat())
+    keeper.add(keep_out(), 1.0)
+    seen = keeper.revision
+    keeper.rename("b1", "rug", 2.0, expected=seen)
+    for action in (
+        lambda: keeper.update(keep_out(id="b1"), 3.0, expected=seen), lambda: keeper.remove("b1", expected=seen),
+        lambda: keeper.enable("b1", False, 3.0, expected=seen), lambda: keeper.add(keep_out(), 3.0, expected=seen),
+    ):
+        with pytest.raises(CodedError) as caught:
+            action()
+        assert caught.value.code == "changed_meanwhile"
+    assert keeper.borders[0].name == "rug"
+
+
+def test_unknown_robots_are_refused_where_they_are_known():
+    keeper = integrator(grid=flat(), robots=["ada"])
+    with pytest.raises(CodedError) as caught:
+        keeper.add(keep_out(robots="bob"), 1.0)
+    assert caught.value.code == "unknown_robot" and caught.value.values["robot"] == "bob"
+    assert keeper.add(keep_out(robots="ada"), 1.0).ids == ("b1",) and keeper.borders[0].robots == ("ada",)
+
+
+def test_a_virtual_wall_stops_and_both_sides_stay_free():
+    from vb_map_integration.border import VirtualBorder
+
+    keeper = integrator(grid=flat())
+    keeper.add(VirtualBorder([(3.1, 1.0), (3.1, 2.3)], None, wall=True), 1.0)  # across a doorway
+    check = keeper.check(keep_out(), {"robot": (2.0, 2.0)}, [(4.5, 2.0)])
+    assert check.ways.unreachable == (0,)
+    added = keeper.posterior.data != keeper.physical.data
+    assert 0 < added.sum() < 120 and keeper.status(keeper.borders[0]) == (True, "")
+    # nothing slips through, not even over a corner
+    import cv2
+
+    free = (keeper.posterior.data == 0).astype(np.uint8)
+    _, labels = cv2.connectedComponents(free, connectivity=8)
+    cells = keeper.physical.world_to_cell(np.array([(2.5, 1.6), (3.7, 1.6)]))
+    left, right = labels[cells[:, 0], cells[:, 1]]
+    assert left != right and left and right
+
+
+def test_slow_zones_limit_speeds_and_leave_the_map_alone():
+    keeper = integrator(grid=flat())
+    keeper.add(keep_out(zone="slow", max_speed=0.3), 1.0)
+    keeper.add(keep_out(zone="slow", max_speed=0.15), 2.0)
+    assert np.array_equal(keeper.posterior.data, keeper.physical.data)
+    limits = keeper.speed_limits
+    assert sorted(np.unique(limits.data)) == [0, 15] and (limits.data == 15).sum() == 400
+    keeper.undo()
+    assert sorted(np.unique(keeper.speed_limits.data)) == [0, 30] and keeper.area_m2("b1") == pytest.approx(1.0)
+    keeper.clear()
+    assert not keeper.speed_limits.data.any()
+
+
+def test_a_zone_to_avoid_is_a_cost():
+    keeper = integrator(grid=flat())
+    keeper.add(keep_out(zone="avoid", occupancy=0.4), 1.0)
+    assert (keeper.posterior.data == 40).sum() == 400
+    with pytest.raises(CodedError):
+        keep_out(zone="avoid", occupancy=1.0)
+
+
+def test_a_schedule_switches_a_border():
+    import datetime
+
+    def at(day, hour, minute=0):
+        return datetime.datetime(2026, 11, day, hour, minute).timestamp()  # 2026-11-23 is a Monday
+
+    keeper = MapIntegrator(IntegratorParams(), None)
+    keeper.set_map(flat(), at(23, 7))
+    keeper.add(keep_out(schedule="mon-fri 08:00-12:00; sat 22:00-02:00"), at(23, 7))
+    for now, acts in ((at(23, 7, 59), 0), (at(23, 8), 1), (at(23, 11, 59), 1), (at(23, 12), 0), (at(28, 9), 0),
+                      (at(28, 23), 1), (at(29, 1), 1), (at(29, 3), 0)):
+        keeper.expire(now)
+        assert closed_off(keeper) == bool(acts)
+        assert keeper.status(keeper.borders[0]) == ((True, "") if acts else (False, "off_schedule"))
+    for text in ("mon 8-12", "xyz 08:00-09:00", "mon 25:00-26:00", "mon-xyz 08:00-09:00", "08:60-09:00"):
+        with pytest.raises(CodedError) as caught:
+            keep_out(schedule=text)
+        assert caught.value.code == "bad_schedule"
+
+
+def test_borders_of_one_home_stay_with_it_when_another_has_hundreds(tmp_path):
+    keeper = integrator(tmp_path, flat(), check_ways=False)
+    for number in range(3):
+        keeper.add(keep_out(name=f"{number}"), 1.0 + number)
+    keeper.set_map(GRID)
+    if keeper.needs_confirmation:
+        keeper.confirm(False, "", 5.0)
+    keeper.add(square(10, 10), 6.0)
+    keeper.enable("b1", False, 7.0)  # of the other map
+    assert [border.id for border in keeper.borders] == ["b4"]
+    keeper.set_map(flat())
+    assert [border.enabled for border in keeper.borders] == [False, True, True]
+    keeper.close()
