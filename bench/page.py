@@ -80,6 +80,7 @@ def page_pid():
 
     import rospy
 
+    wait(lambda: rospy.get_master().lookupNode("/page")[0] == 1, "the page at the master")
     uri = rospy.get_master().lookupNode("/page")[2]
     return xmlrpc.client.ServerProxy(uri).getPid("/bench")[2]
 
@@ -274,7 +275,7 @@ def hostile():
             except WebSocketClosedError:
                 pass
             link.close()
-            await asyncio.sleep(0.5)  # else the limit of requests answers instead of what is tested
+            await asyncio.sleep(0.03)  # else the limit of requests answers instead of what is tested
         return sent
 
     def plain(port, count):
@@ -292,7 +293,7 @@ def hostile():
                 status = 0
             connection.close()
             answers[status] = answers.get(status, 0) + 1
-            time.sleep(0.004)
+            time.sleep(0.02)
         return answers
 
     with ExitStack() as stack:

@@ -28,6 +28,7 @@ TOPICS = (
     names.BORDERS,
     names.DETECTORS,
     names.NOTICES,
+    names.STUDY_EVENTS,
     names.DRIVERS,
     names.LED,
     names.SOUND,
