@@ -29,8 +29,7 @@ _WIDEST = 0.09  # of the image's diagonal, where no pose is known
 _LEAST_PX = 2.5  # smaller blobs are noise
 _LEAST_WHITE = 128.0  # [grey levels] no camera's white is darker
 _VIVID = 0.4  # chroma of a laser's light on a floor; webcams show less, but other bright things even less
-_CERTAIN = 0.8  # probability from which a spot that stays is kept out of the background: less, and it may be a ghost
-_EXPECTED = 0.3  # of the probability that is asked otherwise: where a spot is expected
+_CERTAIN = 0.9  # probability from which a spot that stays is kept out of the background: less, and it may be a ghost
 
 
 @dataclass(frozen=True)
@@ -180,7 +179,8 @@ class SpotDetector:
         found = sorted((f for f in findings if not f.refusal), key=lambda f: (not f.certain, -f.confidence))
         spots, refusals = self._confirm(found, camera)
         # a pause must not make one frame outweigh all that was learnt before
-        kept = [(f.blob.u, f.blob.v, f.blob.diameter) for f in found if f.certain and f.confidence >= _CERTAIN * p.min_probability / 0.5 or not view.known]
+        kept = [(f.blob.u, f.blob.v, f.blob.diameter) for f in found
+                if f.certain and f.confidence >= max(_CERTAIN, p.min_probability) or not view.known]
         self._proposer.learn(view, kept, min(elapsed, 1.0))
         self.candidates = [_candidate(f, refusals.get(id(f), f.refusal)) for f in findings] + left_out
         return spots
@@ -226,7 +226,7 @@ class SpotDetector:
             return _Finding(blob, {}, refusal=refusal)
         numbers = features.vector(blob, view.around(blob.u, blob.v, blob.diameter), camera)
         verdict = self._classifier.judge(blob, numbers, expected)
-        least = self.params.min_probability * (_EXPECTED if expected else 1.0)
+        least = max(self.params.min_probability, _CERTAIN) if expected else self.params.min_probability
         if verdict.probability < least:
             refusal = verdict.against
         elif self._place_check is not None:
