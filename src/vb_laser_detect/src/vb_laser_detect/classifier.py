@@ -46,6 +46,16 @@ class SpotClassifier:
         # for one value after the other numpy's calls take longer than the work
         self._lists = {name: (x.tolist(), y.tolist()) for name, (x, y) in curves.items()}
 
+    def least_chroma(self, probability: float) -> float:
+        """The least colour with which a mosaic's blob can be so probable, were all else as good as it can be."""
+        if "chroma_mosaic" not in self._curves:
+            return 0.0
+        x, y = self._curves["chroma_mosaic"]
+        best = self._intercept + sum(max(0.0, float(values.max())) for name, (_, values) in self._curves.items()
+                                     if name != "chroma_mosaic")
+        needed = math.log(probability / (1.0 - probability)) - best
+        return float(np.interp(needed, y, x)) if needed > y[0] else 0.0
+
     def contributions(self, features: Dict[str, float]) -> Dict[str, float]:
         """What each feature adds [logits]; a feature that says nothing (NaN) adds nothing."""
         return {name: 0.0 if math.isnan(value) or name not in self._lists else _interpolated(value, *self._lists[name])

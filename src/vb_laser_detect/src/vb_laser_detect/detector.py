@@ -102,6 +102,7 @@ class SpotDetector:
         self.encoding = ""
         self._given = judge
         self._classifier = judge or classifier.load(self.params.classifier)
+        self._least_chroma = self._classifier.least_chroma(self.params.min_probability)
         self._to_floor: Optional[ToFloor] = None
         self._place_check: Optional[Callable[[float, float], str]] = None
         self._white = _LEAST_WHITE
@@ -129,6 +130,7 @@ class SpotDetector:
             raise ParameterError("moving_camera", "cannot be changed while the detector runs")
         self._classifier = self._given or classifier.load(params.classifier)
         self.params = params
+        self._least_chroma = self._classifier.least_chroma(params.min_probability)
         self._tracker.retune(params.confirm_frames, params.max_speed, params.max_gap_s, params.max_spots)
         self._proposer.retune(params.hold_s)
 
@@ -205,7 +207,9 @@ class SpotDetector:
     def _examine(self, proposal: Proposal, metre: Optional[float], view: View, camera: Camera) -> _Finding:
         """Measures and judges one proposal."""
         largest, one = self._largest(metre, camera), proposal.expected
-        blob = features.measure(view.image, view.reference, proposal.region, largest)
+        # a spot that is expected is not asked for its colour again
+        chroma_floor = self._least_chroma if camera.mosaic and one is None else 0.0
+        blob = features.measure(view.image, view.reference, proposal.region, largest, least_chroma=chroma_floor)
         finding = self._judge(blob, metre, view, camera, False)
         if one is None or not one.trusted or not finding.refusal:
             return finding
