@@ -29,6 +29,7 @@ _WIDEST = 0.09  # of the image's diagonal, where no pose is known
 _LEAST_PX = 2.5  # smaller blobs are noise
 _LEAST_WHITE = 128.0  # [grey levels] no camera's white is darker
 _VIVID = 0.4  # chroma of a laser's light on a floor; webcams show less, but other bright things even less
+_ONE_MOSAIC = 0.75  # a small spot's colour in one mosaic depends on the places it falls on; in the mean of some not
 _CERTAIN = 0.9  # probability from which a spot that stays is kept out of the background: less, and it may be a ghost
 
 
@@ -208,7 +209,7 @@ class SpotDetector:
         """Measures and judges one proposal."""
         largest, one = self._largest(metre, camera), proposal.expected
         # a spot that is expected is not asked for its colour again
-        chroma_floor = self._least_chroma if camera.mosaic and one is None else 0.0
+        chroma_floor = _ONE_MOSAIC * self._least_chroma if camera.mosaic and one is None else 0.0
         blob = features.measure(view.image, view.reference, proposal.region, largest, least_chroma=chroma_floor)
         finding = self._judge(blob, metre, view, camera, False)
         if one is None or not one.trusted or not finding.refusal:
@@ -229,6 +230,8 @@ class SpotDetector:
         if refusal:
             return _Finding(blob, {}, refusal=refusal)
         numbers = features.vector(blob, view.around(blob.u, blob.v, blob.diameter), camera)
+        if camera.mosaic:
+            numbers["chroma_mosaic"] = min(1.0, numbers["chroma_mosaic"] / _ONE_MOSAIC)
         verdict = self._classifier.judge(blob, numbers, expected)
         least = max(self.params.min_probability, _CERTAIN) if expected else self.params.min_probability
         if verdict.probability < least:

@@ -76,7 +76,7 @@ class Oracle(SpotClassifier):
             return Verdict(0.0, "known")  # the plain question was noted
         right = self._near(blob, self.frame.spots)
         if right or not self._near(blob, self.frame.unclear):
-            self.rows.append(features)
+            self.rows.append(dict(features))
             self.truth.append(right)
         return Verdict(1.0 if right else 0.0, "known")
 
