@@ -182,7 +182,8 @@ def _warped(background: np.ndarray, motion: np.ndarray, image: np.ndarray, mosai
         for number in range(4):
             result[number // 2 : height : 2, number % 2 : width : 2] = warped[:, :, number]
         return result
+    # what a spot hides is warped again and again: linear interpolation would blur it until a bright thing stood out of it
     result, size = image.copy(), (image.shape[1], image.shape[0])
     if np.array_equal(motion[2], (0.0, 0.0, 1.0)):
-        return cv2.warpAffine(background, motion[:2], size, result, cv2.INTER_LINEAR, cv2.BORDER_TRANSPARENT)
-    return cv2.warpPerspective(background, motion, size, result, cv2.INTER_LINEAR, cv2.BORDER_TRANSPARENT)
+        return cv2.warpAffine(background, motion[:2], size, result, cv2.INTER_CUBIC, cv2.BORDER_TRANSPARENT)
+    return cv2.warpPerspective(background, motion, size, result, cv2.INTER_CUBIC, cv2.BORDER_TRANSPARENT)

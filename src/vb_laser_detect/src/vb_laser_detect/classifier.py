@@ -8,9 +8,10 @@ from __future__ import annotations
 
 import json
 import math
+from bisect import bisect_right
 from functools import lru_cache
 from pathlib import Path
-from typing import Dict, NamedTuple, Tuple
+from typing import Dict, List, NamedTuple, Tuple
 
 import numpy as np
 
@@ -19,8 +20,9 @@ from vb_laser_detect.features import Blob
 
 VERSION = 1
 BUILT_IN = Path(__file__).resolve().parent / "spot_classifier.json"
-# what speaks of the surroundings says nothing against a spot that was seen until now and must be there
-_OF_SURROUNDINGS = ("surround", "contrast", "contrast_moved", "darker", "fall", "busy", "neighbours")
+# what speaks of the surroundings says nothing against a spot that was seen until now and must be there; and it has shown
+# its colour, which whatever light falls on it now may hide
+_NOT_ASKED_AGAIN = ("surround", "contrast", "contrast_moved", "darker", "fall", "busy", "neighbours", "chroma_mosaic")
 
 
 class Verdict(NamedTuple):
@@ -41,10 +43,22 @@ class SpotClassifier:
     def __init__(self, curves: Dict[str, Tuple[np.ndarray, np.ndarray]], intercept: float) -> None:
         self._curves = curves
         self._intercept = intercept
+        # for one value after the other numpy's calls take longer than the work
+        self._lists = {name: (x.tolist(), y.tolist()) for name, (x, y) in curves.items()}
+
+    def least_chroma(self, probability: float) -> float:
+        """The least colour with which a mosaic's blob can be so probable, were all else as good as it can be."""
+        if "chroma_mosaic" not in self._curves:
+            return 0.0
+        x, y = self._curves["chroma_mosaic"]
+        best = self._intercept + sum(max(0.0, float(values.max())) for name, (_, values) in self._curves.items()
+                                     if name != "chroma_mosaic")
+        needed = math.log(probability / (1.0 - probability)) - best
+        return float(np.interp(needed, y, x)) if needed > y[0] else 0.0
 
     def contributions(self, features: Dict[str, float]) -> Dict[str, float]:
         """What each feature adds [logits]; a feature that says nothing (NaN) adds nothing."""
-        return {name: 0.0 if math.isnan(value) or name not in self._curves else float(np.interp(value, *self._curves[name]))
+        return {name: 0.0 if math.isnan(value) or name not in self._lists else _interpolated(value, *self._lists[name])
                 for name, value in features.items()}
 
     def judge(self, blob: Blob, features: Dict[str, float], expected: bool = False) -> Verdict:
@@ -56,9 +70,18 @@ class SpotClassifier:
         """
         parts = self.contributions(features)
         if expected:
-            parts = {name: part for name, part in parts.items() if name not in _OF_SURROUNDINGS}
+            parts = {name: part for name, part in parts.items() if name not in _NOT_ASKED_AGAIN}
         logit = self._intercept + sum(parts.values())
         return Verdict(1.0 / (1.0 + math.exp(-max(-50.0, min(50.0, logit)))), min(parts, key=lambda name: parts[name]))
+
+
+def _interpolated(value: float, knots: List[float], values: List[float]) -> float:
+    """np.interp of one value."""
+    right = bisect_right(knots, value)
+    if right == 0 or right == len(knots):
+        return values[max(0, right - 1)]
+    part = (value - knots[right - 1]) / (knots[right] - knots[right - 1])
+    return values[right - 1] + part * (values[right] - values[right - 1])
 
 
 @lru_cache(maxsize=None)

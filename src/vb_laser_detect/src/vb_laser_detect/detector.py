@@ -29,8 +29,8 @@ _WIDEST = 0.09  # of the image's diagonal, where no pose is known
 _LEAST_PX = 2.5  # smaller blobs are noise
 _LEAST_WHITE = 128.0  # [grey levels] no camera's white is darker
 _VIVID = 0.4  # chroma of a laser's light on a floor; webcams show less, but other bright things even less
-_CERTAIN = 0.8  # probability from which a spot that stays is kept out of the background: less, and it may be a ghost
-_EXPECTED = 0.3  # of the probability that is asked otherwise: where a spot is expected
+_ONE_MOSAIC = 0.75  # a small spot's colour in one mosaic depends on the places it falls on; in the mean of some not
+_CERTAIN = 0.9  # probability from which a spot that stays is kept out of the background: less, and it may be a ghost
 
 
 @dataclass(frozen=True)
@@ -103,6 +103,7 @@ class SpotDetector:
         self.encoding = ""
         self._given = judge
         self._classifier = judge or classifier.load(self.params.classifier)
+        self._least_chroma = self._classifier.least_chroma(self.params.min_probability)
         self._to_floor: Optional[ToFloor] = None
         self._place_check: Optional[Callable[[float, float], str]] = None
         self._white = _LEAST_WHITE
@@ -130,6 +131,7 @@ class SpotDetector:
             raise ParameterError("moving_camera", "cannot be changed while the detector runs")
         self._classifier = self._given or classifier.load(params.classifier)
         self.params = params
+        self._least_chroma = self._classifier.least_chroma(params.min_probability)
         self._tracker.retune(params.confirm_frames, params.max_speed, params.max_gap_s, params.max_spots)
         self._proposer.retune(params.hold_s)
 
@@ -180,7 +182,8 @@ class SpotDetector:
         found = sorted((f for f in findings if not f.refusal), key=lambda f: (not f.certain, -f.confidence))
         spots, refusals = self._confirm(found, camera)
         # a pause must not make one frame outweigh all that was learnt before
-        kept = [(f.blob.u, f.blob.v, f.blob.diameter) for f in found if f.certain and f.confidence >= _CERTAIN * p.min_probability / 0.5 or not view.known]
+        kept = [(f.blob.u, f.blob.v, f.blob.diameter) for f in found
+                if f.certain and f.confidence >= max(_CERTAIN, p.min_probability) or not view.known]
         self._proposer.learn(view, kept, min(elapsed, 1.0))
         self.candidates = [_candidate(f, refusals.get(id(f), f.refusal)) for f in findings] + left_out
         return spots
@@ -205,7 +208,9 @@ class SpotDetector:
     def _examine(self, proposal: Proposal, metre: Optional[float], view: View, camera: Camera) -> _Finding:
         """Measures and judges one proposal."""
         largest, one = self._largest(metre, camera), proposal.expected
-        blob = features.measure(view.image, view.reference, proposal.region, largest)
+        # a spot that is expected is not asked for its colour again
+        chroma_floor = _ONE_MOSAIC * self._least_chroma if camera.mosaic and one is None else 0.0
+        blob = features.measure(view.image, view.reference, proposal.region, largest, least_chroma=chroma_floor)
         finding = self._judge(blob, metre, view, camera, False)
         if one is None or not one.trusted or not finding.refusal:
             return finding
@@ -225,8 +230,10 @@ class SpotDetector:
         if refusal:
             return _Finding(blob, {}, refusal=refusal)
         numbers = features.vector(blob, view.around(blob.u, blob.v, blob.diameter), camera)
+        if camera.mosaic:
+            numbers["chroma_mosaic"] = min(1.0, numbers["chroma_mosaic"] / _ONE_MOSAIC)
         verdict = self._classifier.judge(blob, numbers, expected)
-        least = self.params.min_probability * (_EXPECTED if expected else 1.0)
+        least = max(self.params.min_probability, _CERTAIN) if expected else self.params.min_probability
         if verdict.probability < least:
             refusal = verdict.against
         elif self._place_check is not None:

@@ -45,7 +45,7 @@ class Blob:
         fall: [grey levels] by how much the channel that lost most became darker; a light darkens none, paint does.
         tint: (C,) each channel's part in its light, see `colour.tint_of`; of grey images it says nothing.
         cut_off: the image ends there: what is seen of it may be a part.
-        problem: "too_large" or "too_faint" if nothing more than the place was measured.
+        problem: "too_large", "too_faint" or "not_coloured" if nothing more than the place was measured.
     """
 
     u: float
@@ -127,6 +127,7 @@ def measure(
     seed: Region,
     largest: float,
     edge: float = EDGE,
+    least_chroma: float = 0.0,
 ) -> Blob:
     """Measures the brightest blob of a region.
 
@@ -137,6 +138,8 @@ def measure(
         seed: region that holds the peak.
         largest: [px] largest extent looked for.
         edge: the part of the peak that the rise exceeds in the blob.
+        least_chroma: what is less coloured is not described: most of what rises is white or grey, and the rest of the
+            work is most of the work.
 
     Returns:
         The blob; see its `problem`.
@@ -175,9 +178,12 @@ def measure(
     sx1, sy1 = min(x1 - x0, bx + bw + pad), min(y1 - y0, by + bh + pad)
     part, whole = (slice(sy0, sy1), slice(sx0, sx1)), (slice(y0 + sy0, y0 + sy1), slice(x0 + sx0, x0 + sx1))
     mask, light = (labels[part] == label).view(np.uint8), smooth[part].astype(np.float32)
+    tint = colour.tint_of(mask, light, image[whole], background[whole])
+    if colour.chroma(tint) < least_chroma:
+        return replace(middle, u=x0 + bx + bw / 2.0, v=y0 + by + bh / 2.0, diameter=float(max(bw, bh)), problem="not_coloured")
     blob = _describe(mask, light, image[whole], rise[part], background[whole])
     return replace(
-        blob, u=blob.u + x0 + sx0, v=blob.v + y0 + sy0, tint=colour.tint_of(mask, light, image[whole], background[whole]),
+        blob, u=blob.u + x0 + sx0, v=blob.v + y0 + sy0, tint=tint,
         cut_off=x0 + bx == 0 or y0 + by == 0 or x0 + bx + bw == width or y0 + by + bh == height)
 
 

@@ -189,7 +189,7 @@ class SpotTracker:
             self._see(track, sighting)
             if not track.confirmed and track.hits >= self._confirm_frames and track.proven:
                 mean = None if track.tint is None else track.tint / track.tint.max()
-                track.confirmed = agrees(sighting, mean)
+                track.confirmed = self._confirm_frames <= 1 or agrees(sighting, mean)
             oldest = self._stamp - max(_RECALL_S, (self._confirm_frames + 1) * self.period_s)
             while track.waiting and track.waiting[0][0] < oldest:
                 track.waiting.popleft()

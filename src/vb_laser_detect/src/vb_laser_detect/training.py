@@ -20,7 +20,7 @@ from vb_laser_detect.features import Blob
 
 _QUANTILES = (0.01, 0.1, 0.3, 0.6, 0.9, 0.99)  # of spots and of others: where a curve may bend
 _WEIGHT = 2000.0  # of the spots of a kind
-_FALSE_COSTS = 3.0  # times a missed spot, which the next image shows again
+_FALSE_COSTS = 10.0  # times a missed spot, which the next image shows again
 _STRENGTH = 0.3  # of the fit against the wish for low ramps
 # which way a curve may go: more of it speaks for a spot, or against; or for it up to a usual value and then against
 _FOR = ("peak", "rise", "level", "compactness", "likeness", "edge", "edge_moved", "smallness", "chroma", "chroma_mosaic")
@@ -76,7 +76,7 @@ class Oracle(SpotClassifier):
             return Verdict(0.0, "known")  # the plain question was noted
         right = self._near(blob, self.frame.spots)
         if right or not self._near(blob, self.frame.unclear):
-            self.rows.append(features)
+            self.rows.append(dict(features))
             self.truth.append(right)
         return Verdict(1.0 if right else 0.0, "known")
 
