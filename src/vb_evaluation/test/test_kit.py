@@ -1,4 +1,5 @@
 """Ground truths, protocol, and measures of recordings that other packages' code writes."""
+import dataclasses
 import json
 
 import cv2
@@ -372,6 +373,37 @@ def test_another_condition_is_refused(planned):
     with pytest.raises(CodedError) as caught:
         conduct.next_run(planned, "p07")
     assert caught.value.code == "no_participant"
+
+
+def test_a_system_that_came_up_otherwise_is_told_at_once(planned):
+    run, said = conduct.next_run(planned, "p01"), []
+    other = "robot_only" if run.entry.method == "nrs" else "nrs"
+
+    def start(plan):
+        (plan.folder / "session.yaml").write_text(f"method: {other}\ncameras: [blue]\n")
+        return lambda: None
+
+    conduct.conduct(run, start, iter("bc"), said.append)
+    assert any(f"method:={other}" in words for words in said) and any("cameras blue instead of" in words for words in said)
+    silent = conduct.conduct(conduct.next_run(planned, "p02"), lambda plan: lambda: None, iter("c"), said.append)
+    assert silent["recorded"] is False and "nothing was recorded" in said[-1]
+
+
+def test_the_launch_is_a_process_that_ends(planned):
+    """With a stand-in for roslaunch: it is started with the planned arguments and interrupted at the end."""
+    run = conduct.next_run(planned, "p01")
+    script = planned.parent / "launch.sh"
+    script.write_text("#!/bin/sh\necho \"$@\"\nexec sleep 60\n")
+    replaced = dataclasses.replace(run, command=("sh", str(script), *run.command[1:]))
+    stops = []
+
+    def start(plan):
+        stop = conduct.roslaunch(plan)
+        stops.append(stop.__self__)
+        return stop
+
+    conduct.conduct(replaced, start, iter("c"), lambda words: None)
+    assert not stops[0].running
 
 
 def test_a_run_that_broke_off_is_kept_and_done_again_beside_it(planned):

@@ -1,4 +1,5 @@
 """Replays: of events, and of bags with images, written here without a master."""
+import argparse
 import math
 
 import numpy as np
@@ -294,3 +295,13 @@ def test_a_restarted_recorder_takes_the_next_file(tmp_path):
     (tmp_path / "bags" / "01.bag").touch()
     (tmp_path / "bags" / "02.bag.active").touch()
     assert session.next_bag(tmp_path).name == "03.bag"
+
+
+def test_session_says_revision_and_plan(tmp_path, monkeypatch):
+    monkeypatch.setattr(session.rospy, "get_param", lambda name: {"use_sim_time": True})
+    given = argparse.Namespace(method="robot_only", cameras="", robots="", images="none")
+    (tmp_path / "run.yaml").write_text("order: 4\nparticipant: p03\nscenario: carpet\n")
+    session._describe(tmp_path, given)
+    found = yaml.safe_load((tmp_path / "session.yaml").read_text())
+    assert found["run"] == {"order": 4, "participant": "p03", "scenario": "carpet"}
+    assert found["revision"] and found["method"] == "robot_only" and found["cameras"] == []

@@ -248,7 +248,7 @@ def beside(study: Study) -> Section:
               f"Of {len(rows)} figures {counts['same']} are the same, {counts['better']} better, {counts['worse']} worse.")),
         grid,
         Text(("The paper prints no intervals; its figures are of 15 people and uncertain themselves, so that fewer figures differ "
-              "than the table says.",), "caveat")])
+              "than the table says. With few participants our intervals are wide, too, and \"same\" says little.",), "caveat")])
 
 
 def _beside(study: Study, scenario: str, quantity: str, published: float, ours: Interval, digits: int) -> Dict[str, Any]:
