@@ -8,6 +8,7 @@ import pytest
 sys.path.insert(0, str(Path(__file__).parent))
 from strokes import Setting, draw, hausdorff, jaccard  # noqa: E402
 
+from vb_core import geometry  # noqa: E402
 from vb_core.errors import ParameterError  # noqa: E402
 from vb_fusion import closing  # noqa: E402
 from vb_fusion.extraction import ExtractionError, ExtractionParams, extract_border  # noqa: E402
@@ -142,21 +143,22 @@ def carpet(gap: float, scale: float = 1.0) -> np.ndarray:
 @pytest.mark.parametrize("scale", [0.1, 1.0, 10.0])
 def test_carpet_with_a_gap_is_closed_at_every_scale(scale):
     decision = closing.decide(carpet(0.4, scale))
-    assert decision.closed and "closed" in decision.reason
+    assert decision.closed and decision.code == "closed_gap"
     assert decision.gap == pytest.approx(0.4 * scale, rel=0.1)
 
 
 def test_overlapping_ends_are_cut():
     decision = closing.decide(carpet(-0.4) + np.linspace(0, 0.05, 300)[:, None])
-    assert decision.closed
-    assert len(decision.points) < 300 or "overlap" in decision.reason
+    assert decision.closed and decision.code == "closed_cut"
+    assert decision.last - decision.first < 299
 
 
 def test_crossing_ends_are_closed_and_cut():
-    chain = np.array([[-0.2, 0], [2, 0], [2, 1.25], [0, 1.25], [0, -0.2]])
+    corners = np.array([[-0.2, 0], [2, 0], [2, 1.25], [0, 1.25], [0, -0.2]])
+    chain = geometry.resample_chain(corners, 0.02)
     decision = closing.decide(chain)
     assert decision.closed
-    assert np.abs(decision.points[[0, -1]]).max() < 0.05
+    assert np.abs(chain[[decision.first, decision.last]]).max() < 0.05
 
 
 @pytest.mark.parametrize("scale", [0.1, 1.0, 10.0])
@@ -201,7 +203,7 @@ def test_refusals(params, points, code):
 
 
 def test_refusal_says_what_was_seen():
-    with pytest.raises(ExtractionError, match="12 spots seen, but none form a line longer than 0.3 m"):
+    with pytest.raises(ExtractionError, match="12 spots were seen, but none of them form a line longer than 0.3 m"):
         extract_border(np.random.default_rng(0).normal(0, 0.01, (12, 2)))
 
 
