@@ -11,6 +11,8 @@ from dataclasses import dataclass, field
 from typing import Dict, Tuple
 
 import numpy as np
+from shapely.geometry import Polygon
+from shapely.validation import make_valid
 
 from vb_core import geometry
 
@@ -72,7 +74,8 @@ def decide(points: np.ndarray, kind: str = "decide") -> Closing:
     if ratio > allowed:
         code = "open_side_by_side" if ratio <= GAP_FACING else "open_apart"
         return Closing(False, code, apart, 0, end, whole)
-    if abs(_area(inner)) < FLAT * length**2:
+    # what is enclosed, also where the line crosses itself
+    if make_valid(Polygon(inner)).area < FLAT * length**2:
         return Closing(False, "open_flat", apart, 0, end, whole)
     code = "closed_cut" if last - first < end else "closed_gap"
     return Closing(True, code, gap, first, last, _values(gap, length))
@@ -110,8 +113,3 @@ def _closing_turn(points: np.ndarray, length: float, gap: float) -> float:
 
 def _angle(a: np.ndarray, b: np.ndarray) -> float:
     return abs(math.atan2(a[0] * b[1] - a[1] * b[0], float(a @ b)))
-
-
-def _area(points: np.ndarray) -> float:
-    x, y = points[:, 0], points[:, 1]
-    return 0.5 * float(x @ np.roll(y, -1) - y @ np.roll(x, -1))
