@@ -1,32 +1,46 @@
 #!/usr/bin/env python3
-"""Border extraction on simulated strokes: the paper's algorithm against robust mode.
+"""Border extraction judged: people's strokes and our own generator, this revision against another one.
 
-    python3 bench/extraction.py                     20 strokes per cell, a few minutes
-    python3 bench/extraction.py --strokes 40 --only usual rough
-    python3 bench/extraction.py --disturbances      a spot held still, false spots at one place
-    python3 bench/extraction.py --figure docs/images/extraction_stages.png
+    python3 bench/extraction.py --judge              people's strokes and the generator on judging data, about an hour
+    python3 bench/extraction.py --judge --strokes 20 --only people usual
+    python3 bench/extraction.py --against 3655b17    beside it, on the same strokes, the code of another revision
+    python3 bench/extraction.py --figures docs/images
 
-Robust mode runs twice: on the bare point set, and with stamps and cameras as the node has them. A stroke is bad if its
-chain is more than 0.25 m (Hausdorff distance) from the intended one, or if there is none. Writes
-out/bench/extraction.json. The generator is src/vb_fusion/test/strokes.py; its figures are assumptions, not tuned.
+Without --judge the developing half of people's strokes and seeds below 1,000 are used; with it the other half and
+seeds from 100,000. A stroke of the generator is bad if its chain is more than 0.25 m (Hausdorff distance) from the
+intended one, or if there is none. A person's stroke is bad if the line lies more than 0.25 m from what was drawn;
+where a polygon was meant, the distance is that from the extracted line to the drawn one, and a Jaccard index below
+0.8 is bad too. Writes docs/results/extraction.csv; --out changes that.
 """
 from __future__ import annotations
 
 import argparse
-import json
+import csv
+import importlib
+import io
+import re
+import subprocess
 import sys
+import tarfile
+import tempfile
 import time
 from pathlib import Path
+from typing import Callable, Dict, List, Optional, Tuple
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 TOP = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(TOP / "src" / "vb_fusion" / "test"))
+import people  # noqa: E402
 from disturbances import beside, held, timed, with_fixed_place  # noqa: E402
-from strokes import SHAPES, Setting, draw, hausdorff, jaccard  # noqa: E402
+from strokes import SHAPES, Setting, Stroke, draw, hausdorff, jaccard  # noqa: E402
 
-from vb_fusion.extraction import ExtractionError, ExtractionParams, extract_border  # noqa: E402
+from vb_core import geometry  # noqa: E402
+from vb_core.errors import CodedError  # noqa: E402
+from vb_fusion import extraction  # noqa: E402
 
+BAD_M, BAD_JACCARD = 0.25, 0.8
 USUAL = Setting()
 SETTINGS = {
     "usual": USUAL,
@@ -43,173 +57,263 @@ SETTINGS = {
     "ends overlap 0.4 m": USUAL.replace(overlap=0.4),
     "drawn twice": USUAL.replace(passes=2),
 }
-METHODS = {
-    "paper": (ExtractionParams.paper(), False),
-    "robust": (ExtractionParams.robust(), False),
-    "robust, timed": (ExtractionParams.robust(), True),
-}
-BAD_M = 0.25
+OPEN_TOO = [name for name in SETTINGS if not name.startswith(("gap", "ends"))]
+DRAWN = [shape for shape in SHAPES if shape != "circle"]
 DISTURBED = ("corner", "doorway", "rectangle")
-FIGURE = (("L", 4), ("corner", 2))  # shapes and seeds of the figure
+PEOPLE = {
+    "0.2-0.5 m/s": people.Seen(),
+    "0.3-0.7 m/s": people.Seen(speed=(0.3, 0.7)),
+    "0.2-0.5 m/s, half the frames dropped": people.Seen(dropped=0.5),
+}
+Extract = Callable[[Stroke], object]
+Found = Dict[str, float]
 
 
-def measure(stroke, params: ExtractionParams, known: bool) -> dict:
+def methods(before) -> Dict[str, Extract]:
+    """What is compared, by name."""
+
+    def run(module, params, known: bool) -> Extract:
+        def extract(stroke: Stroke):
+            extra = {"stamps": stroke.stamps, "cameras": stroke.cameras} if known else {}
+            return module.extract_border(stroke.points, params, **extra)
+
+        return extract
+
+    now = extraction.ExtractionParams
+    found = {
+        "robust": run(extraction, now.robust(), True),
+        "robust, bare points": run(extraction, now.robust(), False),
+        "paper": run(extraction, now.paper(), False),
+    }
+    if before is not None:
+        found["before"] = run(before, before.ExtractionParams.robust(), True)
+    return found
+
+
+def other_revision(revision: str):
+    """vb_fusion.extraction of another revision, as a package of its own."""
+    archive = subprocess.run(
+        ["git", "-C", str(TOP), "archive", revision, "src/vb_fusion/src/vb_fusion"], check=True, stdout=subprocess.PIPE
+    ).stdout
+    folder = Path(tempfile.mkdtemp()) / "vb_fusion_before"
+    folder.mkdir()
+    with tarfile.open(fileobj=io.BytesIO(archive)) as tar:
+        for member in tar.getmembers():
+            if member.name.endswith(".py") and not member.name.endswith("_node.py"):
+                text = tar.extractfile(member).read().decode("utf-8")
+                text = re.sub(r"\b(from|import) vb_fusion\b", r"\1 vb_fusion_before", text)
+                (folder / Path(member.name).name).write_text(text)
+    sys.path.insert(0, str(folder.parent))
+    return importlib.import_module("vb_fusion_before.extraction")
+
+
+def measure(stroke: Stroke, extract: Extract, of_people: bool) -> Found:
     """One extraction against the truth."""
-    extra = {"stamps": stroke.stamps, "cameras": stroke.cameras} if known else {}
     started = time.process_time()
     try:
-        chain = extract_border(stroke.points, params, **extra)
-    except ExtractionError as error:
-        took = time.process_time() - started
-        return {"time": took, "error": error.code, "hausdorff": np.inf, "jaccard": 0.0, "kind": False}
-    took = time.process_time() - started
-    return {
-        "time": took,
-        "error": None,
-        "hausdorff": hausdorff(chain.points, stroke.truth, stroke.closed),
-        "jaccard": jaccard(chain.points, stroke.truth) if stroke.closed else None,
-        "kind": chain.closed == stroke.closed,
-    }
+        chain = extract(stroke)
+    except CodedError:
+        return {"bad": 1.0, "kind": 0.0, "distance": np.inf, "jaccard": 0.0, "ms": np.nan}
+    took = 1e3 * (time.process_time() - started)
+    index = jaccard(chain.points, stroke.truth) if stroke.closed else np.nan
+    if of_people:
+        drawn = geometry.resample_chain(stroke.truth, 0.01, stroke.closed)
+        line = geometry.resample_chain(chain.points, 0.01, chain.closed)
+        distance = float(cKDTree(drawn).query(line)[0].max())
+        if not stroke.closed:
+            distance = max(distance, float(cKDTree(line).query(drawn)[0].max()))
+        bad = distance > BAD_M or (stroke.closed and index < BAD_JACCARD)
+    else:
+        distance = hausdorff(chain.points, stroke.truth, stroke.closed)
+        bad = distance > BAD_M
+    kind = float(chain.closed == stroke.closed)
+    return {"bad": float(bad), "kind": kind, "distance": distance, "jaccard": index, "ms": took}
 
 
-def cell(shape: str, setting: Setting, count: int) -> dict:
-    """All methods on the same strokes of one shape in one setting."""
-    strokes = [draw(shape, setting, np.random.default_rng([k, sorted(SHAPES).index(shape)])) for k in range(count)]
-    result = {}
-    for name, (params, known) in METHODS.items():
-        found = [measure(stroke, params, known) for stroke in strokes]
-        distances = np.array([f["hausdorff"] for f in found])
-        result[name] = {
-            "jaccard_median": round(float(np.median([f["jaccard"] for f in found])), 4) if SHAPES[shape][1] else None,
-            "hausdorff_median_m": round(float(np.median(distances)), 4) if np.isfinite(np.median(distances)) else None,
-            "bad_percent": round(100.0 * float((distances > BAD_M).mean()), 1),
-            "wrong_kind_percent": round(100.0 * float(np.mean([not f["kind"] for f in found])), 1),
-            "time_median_ms": round(1e3 * float(np.median([f["time"] for f in found])), 1),
-        }
-    return result
+def interval(bad: int, count: int) -> Tuple[float, float]:
+    """Wilson's 95 % interval of a rate, in per cent."""
+    z, share = 1.96, bad / count
+    middle = (share + z * z / (2 * count)) / (1 + z * z / count)
+    half = z * np.sqrt(share * (1 - share) / count + z * z / (4 * count**2)) / (1 + z * z / count)
+    return 100.0 * max(0.0, middle - half), 100.0 * min(1.0, middle + half)
 
 
-def disturbances(count: int) -> dict:
-    """Bad strokes [%] of each method while the spot is held still, or false spots are seen at one place."""
-    scenes = {}
+def rows_of(group: str, cell: str, found: Dict[str, List[Found]]) -> List[Dict[str, object]]:
+    """One line of the table for each method."""
+    rows = []
+    for method, results in found.items():
+        bad, count = int(sum(r["bad"] for r in results)), len(results)
+        low, high = interval(bad, count)
+        index = np.array([r["jaccard"] for r in results])
+        rows.append(
+            {
+                "group": group, "cell": cell, "method": method, "strokes": count, "bad": bad,
+                "bad_percent": round(100.0 * bad / count, 2), "low_percent": round(low, 2),
+                "high_percent": round(high, 2),
+                "kind_right_percent": round(100.0 * float(np.mean([r["kind"] for r in results])), 2),
+                "distance_median_m": round(float(np.median([r["distance"] for r in results])), 4),
+                "jaccard_median": "" if np.isnan(index).all() else round(float(np.nanmedian(index)), 4),
+                "time_median_ms": round(float(np.nanmedian([r["ms"] for r in results] + [0.0])), 1),
+            }
+        )
+        print("{group:12s} {cell:42s} {method:20s} {strokes:5d} bad {bad_percent:6.2f} % "
+              "({low_percent:.2f} .. {high_percent:.2f}) kind {kind_right_percent:6.2f} % J {jaccard_median}"
+              .format(**rows[-1]), flush=True)
+    return rows
+
+
+def judge_people(which: str, tools: Dict[str, Extract], draws: int, path: Path) -> List[Dict[str, object]]:
+    """People's strokes of one half, each seen several times; by speed, and by shape."""
+    rows = []
+    for name, seen in PEOPLE.items():
+        by_shape: Dict[str, Dict[str, List[Found]]] = {}
+        for number, drawing in enumerate(people.drawings(path)):
+            if which != "all" and people.half(drawing) != which:
+                continue
+            for repeat in range(draws):
+                stroke = people.see(drawing, seen, np.random.default_rng([repeat, number]))
+                for method, extract in tools.items():
+                    cell = by_shape.setdefault(drawing.shape, {}).setdefault(method, [])
+                    cell.append(measure(stroke, extract, True))
+        everything = {method: [r for shape in by_shape.values() for r in shape[method]] for method in tools}
+        rows += rows_of("people", f"{name}, all shapes", everything)
+        for shape, found in sorted(by_shape.items()):
+            rows += rows_of("people", f"{name}, {shape}", found)
+    return rows
+
+
+def judge_generator(name: str, tools: Dict[str, Extract], count: int, base: int) -> List[Dict[str, object]]:
+    """All shapes in one setting."""
+    rows = []
+    for shape in DRAWN:
+        if not SHAPES[shape][1] and name not in OPEN_TOO:
+            continue
+        found: Dict[str, List[Found]] = {method: [] for method in tools}
+        for k in range(count):
+            stroke = draw(shape, SETTINGS[name], np.random.default_rng([base + k, sorted(SHAPES).index(shape)]))
+            for method, extract in tools.items():
+                found[method].append(measure(stroke, extract, False))
+        rows += rows_of("generator", f"{name}, {shape}", found)
+    return rows
+
+
+def disturbed(count: int, base: int):
+    """(name, strokes) of each disturbance: a spot held still, false spots at one place."""
+    share = max(1, count // 9)
     for spots, cameras in ((250, 1), (750, 3)):
-        for where, share in (("start", 0.0), ("middle", 0.5), ("end", 1.0)):
-            scenes[f"held still 10 s at the {where}, {spots} spots"] = [
-                held(timed(shape, k), share, spots, cameras, k) for shape in DISTURBED for k in range(count)
+        for where, when in (("start", 0.0), ("middle", 0.5), ("end", 1.0)):
+            yield f"held still 10 s at the {where}, {spots} spots", [
+                held(timed(shape, base + k), when, spots, cameras, base + k) for shape in DISTURBED for k in range(share)
             ]
-    for spots in (100, 500, 2000):
+    for when in ("at the same stamps", "interleaved", "before", "after", "throughout"):
         for away in (0.3, 0.6, 1.0):
-            scenes[f"{spots} false spots {away} m away"] = [
-                with_fixed_place(stroke, beside(stroke, away, share), spots, when, k % 2, k)
-                for k in range(count)
-                for shape in DISTURBED
-                for when, share in (("at the same stamps", 0.5), ("interleaved", 0.02), ("throughout", 0.8))
-                for stroke in [timed(shape, k)]
+            yield f"false spots {when}, {away} m away", [
+                with_fixed_place(stroke, beside(stroke, away, share_of_line), spots, when, k % 2, base + k)
+                for k in range(max(1, share // 3))
+                for shape, share_of_line in (("corner", 0.5), ("corner", 0.02), ("doorway", 0.9))
+                for spots in (100, 500, 2000)
+                for stroke in [timed(shape, base + k)]
             ]
-    result = {}
-    for name, strokes in scenes.items():
-        result[name] = {"strokes": len(strokes)}
-        for method, (params, known) in METHODS.items():
-            bad = np.mean([measure(stroke, params, known)["hausdorff"] > BAD_M for stroke in strokes])
-            result[name][method + ", bad_percent"] = round(100.0 * float(bad), 1)
-        shares = "  ".join(f"{method} {result[name][method + ', bad_percent']:5.1f} %" for method in METHODS)
-        print(f"{name:45s} {shares}", flush=True)
-    return result
 
 
-def speed() -> dict:
-    """Processor time [ms] of one extraction, by number of points."""
-    result = {name: {} for name in ("paper", "robust")}
+def speed(tools: Dict[str, Extract]) -> List[Dict[str, object]]:
+    """Processor time of one extraction, by number of points; methods in one run, so that their ratio holds."""
+    rows = []
     for count in (1000, 10_000, 100_000, 1_000_000):
         rate = count / (6.5 / USUAL.speed * USUAL.cameras * (1 - USUAL.dropped))
         stroke = draw("rectangle", USUAL.replace(rate=rate), np.random.default_rng(0))
-        for name in result:
-            times = []
-            for _ in range(3 if count <= 10_000 else 1):
-                times.append(measure(stroke, METHODS[name][0], False)["time"])
-            result[name][str(len(stroke.points))] = round(1e3 * min(times), 1)
-    return result
+        found: Dict[str, List[Found]] = {}
+        for method, extract in tools.items():
+            repeats = 5 if count <= 10_000 else 1
+            found[method] = [measure(stroke, extract, False) for _ in range(repeats)]
+        rows += rows_of("speed", f"{len(stroke.points)} points", found)
+    return rows
 
 
-def figure(path: Path) -> None:
-    """The stages on a polygon and on a separating curve, like the paper's figure of the processing stages."""
+def figures(folder: Path) -> None:
+    """One picture per stage, of one stroke that has everything: a held spot, a false place, strays, two cameras."""
     import matplotlib
 
     matplotlib.use("Agg")
     import matplotlib.pyplot as plt
 
-    columns = ("point set", "paper: cluster", "paper: thinned", "paper: chain", "robust: chain")
-    panels, axes = plt.subplots(2, 5, figsize=(17, 4.7), sharex=True, sharey=True, constrained_layout=True)
-    for axis, title in zip(axes[0], columns):
+    stroke = held(timed("L", 4, USUAL.replace(outliers=0.1, bias=0.04)), 0.4, 250, 2, 4)
+    stroke = with_fixed_place(stroke, beside(stroke, 0.5, 0.3), 300, "throughout", 1, 4)
+    chain = extraction.extract_border(stroke.points, stamps=stroke.stamps, cameras=stroke.cameras)
+    ring = np.vstack([chain.points, chain.points[:1]]) if chain.closed else chain.points
+    middle = stroke.truth.mean(axis=0)
+    pictures = (
+        ("1_spots", "all spots, by time", lambda a: a.scatter(*stroke.points.T, c=stroke.stamps, s=4, cmap="viridis")),
+        ("2_track", "stage 1: the pointer's", lambda a: (
+            a.plot(*stroke.points.T, ".", color="0.8", markersize=3),
+            a.plot(*chain.stages["cluster"].T, ".", color="tab:green", markersize=3))),
+        ("3_trace", "stage 2: where it was", lambda a: (
+            a.plot(*chain.stages["placed"].T, ".", color="0.8", markersize=3),
+            a.plot(*chain.stages["thinned"].T, ".-", color="tab:red", markersize=5, linewidth=0.8))),
+        ("4_line", f"stages 3 to 5: {len(chain.points)} vertices, {chain.code}", lambda a: (
+            a.plot(*chain.stages["placed"].T, ".", color="0.8", markersize=3),
+            a.plot(*ring.T, "o-", color="tab:blue", markersize=5, linewidth=1.5))),
+    )
+    panels, axes = plt.subplots(1, 4, figsize=(17, 4.6), sharex=True, sharey=True, constrained_layout=True)
+    for axis, (_, title, paint) in zip(axes, pictures):
+        paint(axis)
         axis.set_title(title)
-    for row, (shape, seed) in zip(axes, FIGURE):
-        stroke = draw(shape, USUAL.replace(outliers=0.1), np.random.default_rng(seed))
-        paper = extract_border(stroke.points, ExtractionParams.paper())
-        robust = extract_border(stroke.points)
-        for axis in row:
-            axis.set_aspect("equal")
-            axis.set_xlim(-4.1, 4.1)
-            axis.set_ylim(-2.6, 2.6)
-            axis.set_xticks([])
-            axis.set_yticks([])
-        row[0].plot(*stroke.points.T, ".", color="black", markersize=2)
-        for axis in row[1:]:
-            axis.plot(*stroke.points.T, ".", color="0.75", markersize=2)
-        row[1].plot(*paper.stages["cluster"].T, ".", color="tab:green", markersize=2.5)
-        row[2].plot(*paper.stages["thinned"].T, ".", color="tab:red", markersize=4)
-        for axis, chain in ((row[3], paper), (row[4], robust)):
-            points = np.vstack([chain.points, chain.points[:1]]) if chain.closed else chain.points
-            axis.plot(*points.T, ".-", color="tab:blue", linewidth=1.5, markersize=4)
-    axes[1, 0].plot([-3.8, -2.8], [-2.3, -2.3], "-", color="black", linewidth=3)
-    axes[1, 0].text(-2.7, -2.3, "1 m", verticalalignment="center")
+        axis.set_aspect("equal")
+        axis.set_xlim(middle[0] - 1.7, middle[0] + 1.7)
+        axis.set_ylim(middle[1] - 1.7, middle[1] + 1.7)
+        axis.set_xticks([])
+        axis.set_yticks([])
+    folder.mkdir(parents=True, exist_ok=True)
+    panels.savefig(str(folder / "extraction_stages.png"), dpi=90)
+
+
+def write(path: Path, rows: List[Dict[str, object]]) -> None:
+    """The table, with what made it."""
+    revision = subprocess.run(
+        ["git", "-C", str(TOP), "rev-parse", "--short", "HEAD"], stdout=subprocess.PIPE, universal_newlines=True
+    ).stdout.strip()
     path.parent.mkdir(parents=True, exist_ok=True)
-    panels.savefig(str(path), dpi=90)
+    with open(str(path), "w", encoding="utf-8", newline="") as file:
+        file.write(f"# python3 bench/extraction.py {' '.join(sys.argv[1:])}; {time.strftime('%Y-%m-%d')}; {revision}\n")
+        table = csv.DictWriter(file, list(rows[0]), lineterminator="\n")
+        table.writeheader()
+        table.writerows(rows)
 
 
 def main() -> int:
+    groups = ["people", *SETTINGS, "disturbances", "speed"]
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--strokes", type=int, default=20, help="per cell")
-    parser.add_argument("--only", nargs="*", choices=list(SETTINGS), help="settings")
-    usual_shapes = [shape for shape in SHAPES if shape != "circle"]
-    parser.add_argument("--shapes", nargs="*", choices=list(SHAPES), default=usual_shapes)
-    parser.add_argument("--figure", type=Path, help="only draw the stages into this file")
-    parser.add_argument("--disturbances", action="store_true", help="only the disturbances, beside --out")
-    parser.add_argument("--out", type=Path, default=TOP / "out" / "bench" / "extraction.json")
+    parser.add_argument("--strokes", type=int, default=20, help="of the generator per cell")
+    parser.add_argument("--draws", type=int, default=3, help="how often each person's stroke is seen")
+    parser.add_argument("--judge", action="store_true", help="data that the code was not developed with")
+    parser.add_argument("--against", help="a revision to compare with, on the same strokes")
+    parser.add_argument("--methods", nargs="*", help="only these")
+    parser.add_argument("--only", nargs="*", choices=groups, default=groups)
+    parser.add_argument("--people", type=Path, help="another file of people's strokes, all of it")
+    parser.add_argument("--figures", type=Path, help="only draw the stages into this folder")
+    parser.add_argument("--out", type=Path, default=TOP / "docs" / "results" / "extraction.csv")
     arguments = parser.parse_args()
-    if arguments.figure:
-        figure(arguments.figure)
-        print(f"wrote {arguments.figure}")
+    if arguments.figures:
+        figures(arguments.figures)
         return 0
-    if arguments.disturbances:
-        found = disturbances(arguments.strokes)
-        path = arguments.out.with_name("extraction_disturbances.json")
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(json.dumps({"bad_above_m": BAD_M, "cells": found}, indent=1) + "\n")
-        print(f"wrote {path}")
-        return 0
-    print(f"{'setting':20s} {'shape':10s} " + " ".join(f"{name:^33s}" for name in METHODS))
-    print(f"{'':31s} " + " ".join(f"{'Jaccard':>8s} {'Hausd. m':>8s} {'bad %':>6s} {'ms':>6s}  " for _ in METHODS))
-    cells = {}
-    for name in arguments.only or SETTINGS:
-        for shape in arguments.shapes:
-            # a gap of 0.4 m in a doorway of 0.7 m leaves nothing to find
-            if not SHAPES[shape][1] and any(word in name for word in ("gap", "ends")):
-                continue
-            found = cells.setdefault(name, {})[shape] = cell(shape, SETTINGS[name], arguments.strokes)
-            columns = []
-            for method in METHODS:
-                f = found[method]
-                index = "   -    " if f["jaccard_median"] is None else f"{f['jaccard_median']:8.3f}"
-                distance = "    none" if f["hausdorff_median_m"] is None else f"{f['hausdorff_median_m']:8.3f}"
-                columns.append(f"{index} {distance} {f['bad_percent']:6.1f} {f['time_median_ms']:6.1f}  ")
-            print(f"{name:20s} {shape:10s} " + " ".join(columns), flush=True)
-    times = speed()
-    for method, by_count in times.items():
-        print(f"{method:7s} " + ", ".join(f"{count} points {ms:.0f} ms" for count, ms in by_count.items()))
-    arguments.out.parent.mkdir(parents=True, exist_ok=True)
-    document = {"strokes_per_cell": arguments.strokes, "bad_above_m": BAD_M, "cells": cells, "processor_time_ms": times}
-    arguments.out.write_text(json.dumps(document, indent=1) + "\n")
-    print(f"wrote {arguments.out.relative_to(TOP) if TOP in arguments.out.parents else arguments.out}")
+    before: Optional[object] = other_revision(arguments.against) if arguments.against else None
+    tools = methods(before)
+    tools = {name: tools[name] for name in (arguments.methods or tools)}
+    which, base = ("judge", 100_000) if arguments.judge else ("develop", 0)
+    rows: List[Dict[str, object]] = []
+    for group in arguments.only:
+        if group == "people":
+            half = "all" if arguments.people else which
+            rows += judge_people(half, tools, arguments.draws, arguments.people or people.DATA)
+        elif group == "disturbances":
+            for name, strokes in disturbed(arguments.strokes, base):
+                rows += rows_of("disturbance", name, {m: [measure(s, e, False) for s in strokes] for m, e in tools.items()})
+        elif group == "speed":
+            rows += speed({name: tool for name, tool in tools.items() if name != "paper"})
+        else:
+            rows += judge_generator(group, tools, arguments.strokes, base)
+        write(arguments.out, rows)
+    print(f"wrote {arguments.out}")
     return 0
 
 

@@ -61,9 +61,11 @@ class RecordingTest(unittest.TestCase):
         self.assertTrue(reply.success, reply.message)
 
     def draw(self, points: np.ndarray) -> None:
-        for x, y in points:
+        begin = rospy.Time.now()
+        for number, (x, y) in enumerate(points):
             spot = LaserSpot(camera="green", position=Point(x, y, 0.0), confidence=0.9)
-            spot.header.stamp, spot.header.frame_id = rospy.Time.now(), names.MAP_FRAME
+            # the stamps of a hand that draws, though it is published faster
+            spot.header.stamp, spot.header.frame_id = begin + rospy.Duration(0.04 * number), names.MAP_FRAME
             self.spots.publish(spot)
             rospy.rostime.wallsleep(0.002)
 

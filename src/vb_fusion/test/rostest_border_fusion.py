@@ -61,6 +61,7 @@ class BorderFusionTest(unittest.TestCase):
     def enter(self, state: int, interaction: str, outcome: str = "") -> None:
         message = InteractionState(state=state, interaction_id=interaction, last_outcome=outcome)
         message.header.stamp = message.entered = rospy.Time.now()
+        self.entered = message.entered
         known = len(self.progress)
         self.state.publish(message)
         if state != InteractionState.DEFAULT:
@@ -68,11 +69,18 @@ class BorderFusionTest(unittest.TestCase):
                 lambda: any(p.interaction_id == interaction for p in self.progress[known:]), f"the change to {state}"
             )
 
-    def show(self, points, camera: str = "red", frame: str = "map", age: float = 0.0) -> None:
-        for x, y in points:
+    def show(self, points, camera: str = "red", frame: str = "map", age: float = 0.0, since: float = 0.0) -> None:
+        """Publishes spots at once, with the stamps of a hand that draws: 25 per second.
+
+        Args:
+            age: [s] of the first one.
+            since: [s] from the state's beginning to the first one, instead of an age.
+        """
+        begin = self.entered + rospy.Duration(since) if since else rospy.Time.now() - rospy.Duration(age)
+        for number, (x, y) in enumerate(points):
             spot = LaserSpot(camera=camera, confidence=1.0)
             spot.header.frame_id = frame
-            spot.header.stamp = rospy.Time.now() - rospy.Duration(age)
+            spot.header.stamp = begin + rospy.Duration(0.04 * number)
             spot.position.x, spot.position.y = x, y
             self.spots.publish(spot)
 
@@ -84,8 +92,8 @@ class BorderFusionTest(unittest.TestCase):
         self.enter(InteractionState.BORDER, "one")
         self.assertEqual(self.progress[-1].border_spots, 0)
         self.assertEqual(self.progress[-1].code, "no_spots")
-        self.show(square(200), "red")
-        self.show(square(200), "green")
+        self.show(square(200), "red", since=0.01)
+        self.show(square(200), "green", since=0.02)
         self.wait(lambda: self.last(border_spots=400) and len(self.progress[-1].chain) > 3, "the live chain")
         seen = self.progress[-1]
         self.assertEqual(seen.code, "ok")
@@ -121,7 +129,7 @@ class BorderFusionTest(unittest.TestCase):
     def test_killed_in_the_middle(self) -> None:
         self.enter(InteractionState.BORDER, "three")
         points = square(300)
-        self.show(points[:150])
+        self.show(points[:150], since=0.01)
         self.wait(lambda: self.last(interaction_id="three", border_spots=150), "half the drawing")
         uri = rosgraph.Master("/test").lookupNode(NODE)
         os.kill(ServerProxy(uri).getPid("/test")[2], signal.SIGKILL)
@@ -131,7 +139,7 @@ class BorderFusionTest(unittest.TestCase):
             "the restored drawing",
         )
         self.connected()
-        self.show(points[150:])
+        self.show(points[150:], since=6.01)
         self.wait(lambda: self.last(border_spots=300) and self.progress[-1].closed, "the finished drawing")
         self.enter(InteractionState.SEED, "three")
         self.show(np.random.default_rng(1).normal([0.5, 0.4], 0.01, (30, 2)))

@@ -82,7 +82,7 @@ def draw(shape: str, setting: Setting, rng: np.random.Generator) -> Stroke:
     duration = arc[-1] / setting.speed
     # counted in whole steps: how many numbers are drawn must not depend on the last bit of a length
     hand_t = -2.0 + 0.01 * np.arange(int(round((duration + 4.0) / 0.01)))
-    hand = _tremor(hand_t, setting, rng)
+    hand = tremor(hand_t, setting, rng)
     points, stamps, cameras = [], [], []
     for camera in range(setting.cameras):
         t = np.arange(rng.uniform(0, 1 / setting.rate), duration, 1 / setting.rate)
@@ -109,7 +109,7 @@ def draw(shape: str, setting: Setting, rng: np.random.Generator) -> Stroke:
     return Stroke(truth, closed, p[order], t[order], c[order])
 
 
-def _tremor(t: np.ndarray, setting: Setting, rng: np.random.Generator) -> np.ndarray:
+def tremor(t: np.ndarray, setting: Setting, rng: np.random.Generator) -> np.ndarray:
     """A stationary Gauss-Markov process (len(t), 2) [m]."""
     keep = np.exp(-0.01 / setting.tremor_time)
     steps = rng.normal(0, setting.tremor * np.sqrt(1 - keep**2), (len(t), 2))

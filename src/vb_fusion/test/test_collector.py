@@ -1,8 +1,9 @@
 """Which spots belong to an interaction, the journal, and the live candidate's thrift."""
+from pathlib import Path
+
 import numpy as np
 import pytest
 
-from vb_core.errors import CodedError
 from vb_fusion.collector import Collector, CollectorParams, Spot
 from vb_fusion.extraction import ExtractionParams
 from vb_fusion.journal import Journal
@@ -123,11 +124,42 @@ def test_journal_that_is_no_journal(tmp_path, text):
     assert Journal(path).start("a") == []
 
 
-def test_journal_in_an_impossible_folder(tmp_path):
+def test_journal_in_an_impossible_folder_says_so_and_the_drawing_goes_on(tmp_path):
     (tmp_path / "file").write_text("")
-    with pytest.raises(CodedError) as caught:
-        Journal(tmp_path / "file" / "folder" / "j")
-    assert caught.value.code == "journal_unwritable"
+    journal = Journal(tmp_path / "file" / "folder" / "j")
+    assert journal.start("a") == []
+    assert journal.problem.code == "journal_unwritable"
+    journal.append("border", spot(1.0))
+    journal.flush()
+    journal.discard()
+    assert journal.problem is None
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs the device that is always full")
+def test_a_full_disk_says_so_and_the_drawing_goes_on(tmp_path):
+    (tmp_path / "j").symlink_to("/dev/full")
+    journal = Journal(tmp_path / "j")
+    journal.start("a")
+    for k in range(5000):
+        journal.append("border", spot(float(k)))
+    journal.flush()
+    assert journal.problem.code == "journal_unwritable"
+    journal.close()
+
+
+def test_a_damaged_journal_gives_what_it_still_has(tmp_path):
+    path = tmp_path / "j"
+    journal = Journal(path)
+    journal.start("a")
+    for k in range(3):
+        journal.append("border", spot(float(k)))
+    journal.close()
+    lines = path.read_bytes().split(b"\n")
+    lines[2] = b"\xff\xfe damaged"
+    path.write_bytes(b"\n".join(lines))
+    again = Journal(path)
+    assert [entry[1].stamp for entry in again.start("a")] == [0.0, 2.0]
+    assert again.problem.code == "journal_damaged" and again.problem.values == {"lines": 1}
 
 
 def test_live_candidate_keeps_to_its_share():
@@ -138,7 +170,7 @@ def test_live_candidate_keeps_to_its_share():
     ticks = iter(np.arange(0.0, 1000.0, 0.5))
     live = LiveCandidate(ExtractionParams.robust(), share=0.1)
     first = live.update(collector.collection(), lambda: next(ticks))
-    assert first.chain is not None and first.seed is None and first.seed_code == "no_spots"
+    assert first.chain is not None and first.seed is None and first.no_seed.code == "no_spots"
     assert live.update(collector.collection(), lambda: next(ticks)) is first  # nothing new
     collector.add(spot(5.0, x=2.02))
     assert live.update(collector.collection(), lambda: next(ticks)) is first  # too early

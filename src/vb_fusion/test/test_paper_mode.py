@@ -10,10 +10,8 @@ from hypothesis import strategies as st
 sys.path.insert(0, str(Path(__file__).parent))
 import literal  # noqa: E402
 
-from vb_fusion.clustering import clustering, dbscan, dbscan_labels  # noqa: E402
-from vb_fusion.extraction import ExtractionParams, extract_border  # noqa: E402
-from vb_fusion.polygon_generation import generate_poly  # noqa: E402
-from vb_fusion.thinning import thinning  # noqa: E402
+from vb_fusion.extraction import ExtractionError, ExtractionParams, extract_border  # noqa: E402
+from vb_fusion.paper import clustering, dbscan, generate_poly, thinning  # noqa: E402
 
 # multiples of 1/64 m are exact in binary: comparisons with a distance come out alike however they are computed
 coordinate = st.integers(-128, 128).map(lambda k: k / 64.0)
@@ -73,22 +71,8 @@ def test_whole_paper_mode_equals_the_transcription(seed):
     assert np.allclose(chain, expected, atol=1e-9)
 
 
-def test_dbscan_on_a_large_set_equals_connected_components():
-    from scipy.sparse.csgraph import connected_components
-    from scipy.spatial import cKDTree
-
-    points = np.random.default_rng(3).uniform(0, 12, (3000, 2))
-    pairs = cKDTree(points).sparse_distance_matrix(cKDTree(points), 0.13, output_type="coo_matrix")
-    expected = connected_components(pairs, directed=False)[1]
-    found = dbscan_labels(points, 0.13, 1)
-    # the same partition: labels correspond one to one
-    assert len(set(zip(expected.tolist(), found.tolist()))) == len(set(expected.tolist())) == len(set(found.tolist()))
-
-
-def test_thinning_on_a_lattice_keeps_means_and_leaves_no_neighbours_of_many():
-    rng = np.random.default_rng(0)
-    points = np.column_stack([rng.uniform(0, 3, 30000), rng.normal(0, 0.02, 30000)])
-    thinned = thinning(points, 0.1)
-    assert 10 < len(thinned) < 400
-    assert thinned[:, 0].min() > -0.01 and thinned[:, 0].max() < 3.01
-    assert abs(thinned[:, 1]).max() < 0.1
+def test_so_many_points_that_their_neighbours_do_not_fit_are_refused():
+    points = np.random.default_rng(0).normal(0, 0.2, (12000, 2))
+    with pytest.raises(ExtractionError) as caught:
+        extract_border(points, ExtractionParams.paper())
+    assert caught.value.code == "too_many_spots" and "12000" in caught.value.message

@@ -11,13 +11,15 @@ import numpy as np
 import rospy
 from geometry_msgs.msg import Point
 
-from vb_core import names
+from vb_core import names, sentences
 from vb_core.errors import CodedError
+from vb_core.notices import Notice, Severity
 from vb_core.parameters import Parameters, param
 from vb_core.ros import node, parameters
-from vb_core.ros.messages import points_from_array
+from vb_core.ros.messages import points_from_array, values_from_mapping
+from vb_core.ros.notices import NoticePublisher
 from vb_fusion.collector import BORDER, SEED, Collector, CollectorParams, Spot
-from vb_fusion.extraction import ExtractionError, ExtractionParams
+from vb_fusion.extraction import ExtractionParams
 from vb_fusion.journal import Journal
 from vb_fusion.live import Candidate, LiveCandidate, evenly, extract_chain, extract_seed_of
 from vb_msgs.msg import BorderProgress, InteractionState, LaserSpot, VirtualBorder
@@ -52,6 +54,8 @@ class BorderFusionNode:
     Publishes:
         /virtual_borders/progress (vb_msgs/BorderProgress, latched): at ~rate while spots come in Border and Seed, at
             ~idle_rate while none come, and on each change of state. After the interaction the last one stays.
+        /virtual_borders/notices (vb_msgs/NoticeArray, latched): what was left out, what cannot be kept on disk, and
+            what else went wrong; whatever it is, the node goes on.
     Serves:
         /virtual_borders/get_candidate (vb_msgs/GetCandidate): the border of everything drawn in an interaction; an
             empty interaction_id means the present one. The last interaction can be asked for until the next begins.
@@ -71,8 +75,12 @@ class BorderFusionNode:
         self._dirty = False
         self._forget = False  # the interaction was cancelled; what it collected goes once it was shown
         self._wrong_frame = 0
+        self._wrong_camera = ""
+        self._failure: Optional[CodedError] = None  # of the last attempt to work out a border
+        self._bad_message: Optional[CodedError] = None
         self._published = -np.inf
 
+        self._notices = NoticePublisher()
         self._progress = rospy.Publisher(names.PROGRESS, BorderProgress, queue_size=5, latch=True)
         # 4 cameras at 25 Hz fill 400 places in 4 s, longer than any extraction takes
         self._state_subscriber = rospy.Subscriber(names.STATE, InteractionState, self._on_state, queue_size=20)
@@ -85,6 +93,12 @@ class BorderFusionNode:
 
     # ------------------------------------------------------------- input
     def _on_state(self, message: InteractionState) -> None:
+        try:
+            self._take_state(message)
+        except Exception as error:  # the node must hear the next state, whatever was wrong with this one
+            self._complain("state", error)
+
+    def _take_state(self, message: InteractionState) -> None:
         state = _STATES.get(message.state)
         if state is None:
             rospy.logwarn_throttle(5.0, f"{rospy.get_name()}: ignoring the unknown state {message.state}")
@@ -94,7 +108,8 @@ class BorderFusionNode:
             fresh = self._collector.set_state(state, message.interaction_id, message.entered.to_sec())
             if fresh:
                 self._live.reset()
-                self._wrong_frame = 0
+                self._wrong_frame, self._wrong_camera = 0, ""
+                self._failure = self._bad_message = None
                 self._restore(message.interaction_id)
             if state == "default":
                 self._journal.discard()
@@ -105,17 +120,24 @@ class BorderFusionNode:
 
     def _restore(self, interaction_id: str) -> None:
         """A node that came back in the middle of an interaction takes up what it had collected."""
-        try:
-            entries = self._journal.start(interaction_id)
-        except CodedError as error:
-            rospy.logwarn("%s: %s; a restart will lose what was drawn", rospy.get_name(), error)
-            return
+        entries = self._journal.start(interaction_id)
         for state, spot in entries:
             self._collector.restore(state, spot)
         if entries:
             rospy.loginfo("%s: %d spots of interaction %s restored", rospy.get_name(), len(entries), interaction_id)
 
     def _on_spot(self, message: LaserSpot) -> None:
+        try:
+            self._take_spot(message)
+        except Exception as error:
+            self._complain("spot", error)
+
+    def _complain(self, what: str, error: Exception) -> None:
+        rospy.logerr_throttle(5.0, f"{rospy.get_name()}: a {what} could not be used: {error!r}")
+        with self._lock:
+            self._bad_message = CodedError("bad_message", what=f"{what}: {error}")
+
+    def _take_spot(self, message: LaserSpot) -> None:
         if message.header.frame_id.lstrip("/") != names.MAP_FRAME:
             rospy.logwarn_throttle(
                 5.0,
@@ -124,9 +146,13 @@ class BorderFusionNode:
             )
             with self._lock:
                 self._wrong_frame += 1
+                self._wrong_camera = message.camera
             return
         position = message.position
-        spot = Spot(message.header.stamp.to_sec(), position.x, position.y, message.camera, float(message.confidence))
+        spot = Spot(
+            message.header.stamp.to_sec(), position.x, position.y, message.camera, float(message.confidence),
+            bool(message.mobile),
+        )
         with self._lock:
             if not self._collector.add(spot):
                 self._journal.append(self._collector.state, spot)
@@ -144,12 +170,30 @@ class BorderFusionNode:
             self._changed.clear()
             try:
                 self._tick(state_changed)
-            except CodedError as error:
-                rospy.logwarn_throttle(5.0, f"{rospy.get_name()}: {error}")
-            except rospy.ROSException:
-                if not rospy.is_shutdown():
-                    raise
-                return
+                self._failure = None
+            except Exception as error:  # a drawing that breaks the extraction must not end the node
+                if rospy.is_shutdown():
+                    return
+                rospy.logerr_throttle(5.0, f"{rospy.get_name()}: {error!r}")
+                what = error.message if isinstance(error, CodedError) else repr(error)
+                self._failure = CodedError("extraction_failed", what=what)
+            self._say()
+
+    def _say(self) -> None:
+        """Tells people what went wrong and still matters."""
+        with self._lock:
+            problems = [self._failure, self._bad_message, self._journal.problem]
+            if self._wrong_frame:
+                problems.append(CodedError("spots_wrong_frame", camera=self._wrong_camera))
+            chain = self._live.candidate.chain
+        notices = [
+            Notice(problem.code, Severity.WARNING, camera=str(problem.values.get("camera", "")),
+                   values={name: str(value) for name, value in problem.values.items()})
+            for problem in problems if problem is not None
+        ]
+        if chain is not None and chain.left_out_spots:
+            notices.append(Notice("strokes_left_out", Severity.WARNING, values={"spots": str(chain.left_out_spots)}))
+        self._notices.set(notices)
 
     def _tick(self, state_changed: bool) -> None:
         with self._lock:
@@ -187,18 +231,21 @@ class BorderFusionNode:
         message.point_cameras = bytes(np.minimum(shown[:, 4], 255).astype(np.uint8))
         message.cameras = collection.cameras
         message.seeing = self._collector.seeing(now.to_sec())
-        if candidate.chain is not None:
-            message.chain = points_from_array(candidate.chain.points)
-            message.closed = candidate.chain.closed
-        if candidate.seed is not None:
+        chain, seed = candidate.chain, candidate.seed
+        if chain is not None:
+            message.chain = points_from_array(chain.points)
+            message.closed = chain.closed
+            message.left_out_spots = chain.left_out_spots
+            message.left_out = points_from_array(evenly(chain.left_out, self._params.max_points))
+            message.code, message.message = "ok", chain.reason
+            message.values = values_from_mapping(chain.values)
+        if seed is not None:
             message.has_seed = True
-            message.seed = Point(float(candidate.seed[0]), float(candidate.seed[1]), 0.0)
-        if candidate.chain is None:
-            message.code, message.message = candidate.chain_code, candidate.chain_message
-        elif self._collector.state == SEED and candidate.seed is None:
-            message.code, message.message = candidate.seed_code, candidate.seed_message
-        else:
-            message.code, message.message = "ok", candidate.chain_message
+            message.seed = Point(float(seed[0]), float(seed[1]), 0.0)
+        missing = candidate.no_chain or (candidate.no_seed if self._collector.state == SEED else None)
+        if missing is not None:
+            message.code, message.message = missing.code, missing.message
+            message.values = values_from_mapping(missing.values)
         return message
 
     def _on_candidate(self, request) -> GetCandidateResponse:
@@ -206,19 +253,26 @@ class BorderFusionNode:
             collection = self._collector.collection()
         response = GetCandidateResponse()
         wanted = request.interaction_id or collection.interaction_id
-        if not wanted or wanted != collection.interaction_id:
-            response.code = "unknown_interaction"
-            response.message = f"nothing was collected for the interaction '{wanted}'"
-            return response
         try:
+            if not wanted or wanted != collection.interaction_id:
+                raise CodedError("unknown_interaction", interaction=wanted)
             chain = extract_chain(collection, self._extraction)
             seed = extract_seed_of(collection)
-        except ExtractionError as error:
+        except CodedError as error:
             response.code, response.message = error.code, error.message
+            response.values = values_from_mapping(error.values)
             rospy.loginfo("%s: no candidate: %s", rospy.get_name(), error)
             return response
+        except Exception as error:
+            failure = CodedError("extraction_failed", what=repr(error))
+            response.code, response.message = failure.code, failure.message
+            response.values = values_from_mapping(failure.values)
+            rospy.logerr("%s: %s", rospy.get_name(), failure)
+            return response
+        values = {"vertices": len(chain.points), "length": f"{chain.length:.2f}", "reason": chain.reason}
         response.success, response.code = True, "ok"
-        response.message = f"{len(chain.points)} vertices, {chain.length:.2f} m, {chain.reason}"
+        response.message = sentences.say("candidate_ready", values)
+        response.values = values_from_mapping(values)
         border = response.border
         border.points = points_from_array(chain.points)
         border.kind = VirtualBorder.POLYGON if chain.closed else VirtualBorder.SEPARATING_CURVE
@@ -234,6 +288,7 @@ class BorderFusionNode:
         self._changed.set()
         with self._lock:
             self._journal.close()
+        self._notices.close()
 
 
 def build() -> BorderFusionNode:

@@ -6,13 +6,14 @@ from typing import Dict
 
 import numpy as np
 
+from vb_core import sentences
 from vb_core.errors import CodedError
 
 
 class ExtractionError(CodedError):
     """No chain or no seed can be extracted.
 
-    Codes: "no_spots", "too_few_spots", "no_line", "bad_points", "no_seed".
+    Codes: "no_spots", "too_few_spots", "no_line", "bad_points", "crosses_itself", "too_many_spots", "no_seed".
     """
 
 
@@ -23,15 +24,25 @@ class BorderChain:
     Attributes:
         points: (M, 2) float64 [m], M >= 2, in order; a closed chain's first point is not repeated.
         closed: polygon (True) or separating curve (False).
-        reason: one sentence that says why it is closed or open.
+        code: why it is closed or open, and its values.
         length: [m] of the chain, with its closing segment if it is closed.
         gap: [m] between the ends where the drawing left them.
-        stages: the point sets between the stages, for figures: "cluster" (K, 2) and "thinned" (T, 2) [m].
+        left_out: (L, 2) [m] what was drawn and belongs to no part of the chain.
+        left_out_spots: how many spots that is.
+        stages: the point sets between the stages, for figures.
     """
 
     points: np.ndarray
     closed: bool
-    reason: str = ""
+    code: str = ""
     length: float = 0.0
     gap: float = 0.0
+    values: Dict[str, str] = field(default_factory=dict)
+    left_out: np.ndarray = field(default_factory=lambda: np.zeros((0, 2)), repr=False, compare=False)
+    left_out_spots: int = 0
     stages: Dict[str, np.ndarray] = field(default_factory=dict, repr=False, compare=False)
+
+    @property
+    def reason(self) -> str:
+        """One English sentence that says why it is closed or open."""
+        return sentences.say(self.code, self.values) if self.code else ""

@@ -36,6 +36,10 @@ class Spot:
     y: float  # [m]
     camera: str
     confidence: float = 1.0
+    mobile: bool = False  # seen by a camera on a robot
+
+
+COLUMNS = 6
 
 
 class SpotStore:
@@ -44,7 +48,7 @@ class SpotStore:
 
     def __init__(self, limit: int) -> None:
         self._limit = limit
-        self._data = np.empty((min(256, limit), 5))  # stamp, x, y, confidence, camera
+        self._data = np.empty((min(256, limit), COLUMNS))
         self.kept = 0
         self.total = 0
 
@@ -55,10 +59,10 @@ class SpotStore:
                 self.kept = (self.kept + 1) // 2
                 self._data[: self.kept] = self._data[: 2 * self.kept : 2].copy()
             else:
-                grown = np.empty((min(2 * len(self._data), self._limit), 5))
+                grown = np.empty((min(2 * len(self._data), self._limit), COLUMNS))
                 grown[: self.kept] = self._data
                 self._data = grown
-        self._data[self.kept] = (spot.stamp, spot.x, spot.y, spot.confidence, camera)
+        self._data[self.kept] = (spot.stamp, spot.x, spot.y, spot.confidence, camera, spot.mobile)
         self.kept += 1
         self.total += 1
 
@@ -68,7 +72,7 @@ class SpotStore:
 
     @property
     def rows(self) -> np.ndarray:
-        """(K, 5) a copy: stamp, x, y, confidence, camera."""
+        """(K, 6) a copy: stamp, x, y, confidence, camera, mobile."""
         return self._data[: self.kept].copy()
 
 
@@ -77,7 +81,7 @@ class Collection:
     """What was collected so far; the arrays belong to the caller."""
 
     interaction_id: str
-    border: np.ndarray  # (K, 5): stamp [s], x [m], y [m], confidence, index of the camera
+    border: np.ndarray  # (K, 6): stamp [s], x [m], y [m], confidence, index of the camera, 1 if it is a mobile one
     seed: np.ndarray
     cameras: List[str]
     border_total: int

@@ -1,29 +1,44 @@
-"""From many observations to one border: the point set of all cameras becomes a polygonal chain.
+"""From the spots of all cameras to one border. The idea: one stroke is one track through time.
 
-`ExtractionParams.paper()` runs Algorithms 1 to 3 of the paper as they are written, with the values of its Table 1.
-`ExtractionParams.robust()`, the default, keeps Algorithm 1's purpose and parameters and replaces the greedy parts:
-supported points only (ridge.py), one path through them (linking.py), fitted to the points again (smoothing.py).
+`ExtractionParams.robust()`, the default, in the order of the data, one module for each stage:
+
+    observations   the spots, checked and put in the order of time
+    track          which of them are the pointer's: the one feasible path through time that explains most floor
+    placement      where the pointer really was: the cameras' offsets taken out
+    trace          the stroke walked once: passes over the same line are merged, a held spot is one place
+    closing        polygon or separating curve
+    line           the fewest straight sides that explain the trace, and their corners
+
+Bare points, without stamps, get an order in space first (ordering.py); all that follows is the same.
+`ExtractionParams.paper()` runs Algorithms 1 to 3 of the paper as they are written (paper.py).
 """
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Optional, Sequence
+from typing import Optional, Sequence, Tuple
 
 import numpy as np
 from shapely.geometry import LineString, Polygon
+from shapely.ops import unary_union
+from shapely.validation import make_valid
 
 from vb_core import geometry
 from vb_core.parameters import Parameters, param
-from vb_fusion import closing, linking, ridge, smoothing
+from vb_fusion import closing
 from vb_fusion.chain import BorderChain, ExtractionError
-from vb_fusion.clustering import clustering, expansion
-from vb_fusion.fixed_places import evened, without_fixed_places
-from vb_fusion.observations import Observations, observations, without_bias, without_strays
-from vb_fusion.polygon_generation import generate_poly
+from vb_fusion.line import fit_line
+from vb_fusion.observations import Sights, gather
+from vb_fusion.ordering import in_order
+from vb_fusion.paper import clustering, expansion, generate_poly, thinning
+from vb_fusion.placement import without_offsets
 from vb_fusion.seed import extract_seed
-from vb_fusion.thinning import thinning
+from vb_fusion.trace import trace_of
+from vb_fusion.track import find_tracks
 
 __all__ = ["BorderChain", "ExtractionError", "ExtractionParams", "extract_border", "extract_seed"]
+
+SLIP = 0.02  # of the area that a crossing line encloses: smaller loops are slips of the hand
+NECK = 0.01  # [m] half the width at which two lobes hang together
 
 
 @dataclass(frozen=True)
@@ -38,7 +53,6 @@ class ExtractionParams(Parameters):
     min_size: int = param(10, low=2, high=100000, doc="fewest points of a border")
     thinning_dist: float = param(0.1, "m", above=0.0, high=1.0, doc="thinning: maxNeighborDist; paper mode only")
     polygon_dist: float = param(0.5, "m", above=0.0, high=5.0, doc="polygon generation: maxNeighborDist; paper only")
-    bandwidth: float = param(smoothing.BANDWIDTH, "m", above=0.0, high=0.5, doc="local fit along the chain")
     tolerance: float = param(0.005, "m", low=0.0, high=0.1, doc="vertices that change less are left out; robust only")
     kind: str = param("decide", choices=("decide", "polygon", "curve"), doc="overrides the rule of closing.py")
 
@@ -60,131 +74,141 @@ def extract_border(
     stamps: Optional[Sequence[float]] = None,
     cameras: Optional[Sequence] = None,
     confidences: Optional[Sequence[float]] = None,
+    mobile: Optional[Sequence[bool]] = None,
 ) -> BorderChain:
     """The polygonal chain that was drawn.
 
     Args:
         points: (N, 2) float [m], map frame, any order. What is not finite is left out.
         params: `ExtractionParams.robust()` if None.
-        stamps: (N,) [s] when each spot was seen; robust mode uses it, as the next two, if it is there.
+        stamps: (N,) [s] when each spot was seen. Robust mode is made for them; without, the order is found in space.
         cameras: (N,) which camera saw it: names or numbers.
         confidences: (N,) 0 .. 1.
+        mobile: (N,) true for a camera on a robot, whose pose is less certain.
 
     Raises:
-        ExtractionError: "no_spots", "too_few_spots", "no_line" or "bad_points", with a sentence.
+        ExtractionError: "no_spots", "too_few_spots", "no_line", "bad_points", "crosses_itself" or "too_many_spots".
     """
     params = params or ExtractionParams.robust()
-    seen = observations(points, stamps, cameras, confidences)
-    count = len(seen.points)
-    if count == 0:
-        raise ExtractionError("no_spots", "no spot was seen: point the laser at the floor and draw the border")
-    if count < params.min_size:
-        raise ExtractionError(
-            "too_few_spots", f"{count} spot{'s were' if count > 1 else ' was'} seen, a border needs {params.min_size}"
-        )
-    if not expansion(seen.points) > params.min_exp:
-        raise _no_line(count, params)
+    if params.mode == "paper":
+        seen = gather(points)
+    else:
+        seen = gather(points, stamps, cameras, confidences, mobile)
+    if seen.spots == 0:
+        raise ExtractionError("no_spots")
+    if seen.spots < params.min_size:
+        raise ExtractionError("too_few_spots", spots=seen.spots, needed=params.min_size)
     return _paper(seen, params) if params.mode == "paper" else _robust(seen, params)
 
 
-def _no_line(count: int, params: ExtractionParams) -> ExtractionError:
-    limit = f"longer than {params.min_exp:g} m"
-    if np.isfinite(params.max_exp):
-        limit += f" and shorter than {params.max_exp:g} m"
-    return ExtractionError("no_line", f"{count} spots seen, but none form a line {limit}")
+def _no_line(seen: Sights, params: ExtractionParams) -> ExtractionError:
+    return ExtractionError("no_line", spots=seen.spots, shortest=f"{params.min_exp:g}")
 
 
-def _paper(seen: Observations, params: ExtractionParams) -> BorderChain:
-    """Sect. 4.3.2, the three stages one after the other."""
+def _paper(seen: Sights, params: ExtractionParams) -> BorderChain:
+    """Sect. 4.3.2, the three stages one after the other; only closed or open is decided, which the paper does not."""
     cluster = clustering(seen.points, params.eps, params.min_pts, params.min_exp, params.max_exp, params.min_size)
     if cluster.size == 0:
-        raise _no_line(len(seen.points), params)
+        raise _no_line(seen, params)
     thinned = thinning(seen.points[cluster], params.thinning_dist)
     chain = thinned[generate_poly(thinned, params.polygon_dist)]
     if len(chain) < 2:
-        raise _no_line(len(seen.points), params)
+        raise _no_line(seen, params)
     decision = closing.decide(chain, params.kind)
-    # the rule decides, but the chain stays as the paper makes it
-    return _result(chain, decision, {"cluster": seen.points[cluster], "thinned": thinned})
+    return _result(chain, decision, np.zeros((0, 2)), 0, {"cluster": seen.points[cluster], "thinned": thinned})
 
 
-def _robust(seen: Observations, params: ExtractionParams) -> BorderChain:
-    count = len(seen.points)
-    seen = without_bias(evened(without_fixed_places(without_strays(seen))))
-    sites = ridge.merge(seen.points, seen.weights)
-    everything, path = sites, None
-    # a bright thing that is seen for long may be denser by far than a quick stroke: then ask for less
-    for share in (0.1, 0.02):
-        sites = everything.select(ridge.supported(everything, params.eps, share)[0])
-        if len(sites.points):
-            path = _best_path(sites, _site_ranks(seen, sites), params)
-        if path is not None:
+def _robust(seen: Sights, params: ExtractionParams) -> BorderChain:
+    stroke, left_out = _strokes(seen, params)
+    placed = without_offsets(stroke) if stroke.stamps is not None else stroke
+    trace = trace_of(placed.points, placed.weights, params.eps)
+    if trace is None or not 0.8 * params.min_exp < expansion(trace.points) < params.max_exp:
+        raise _no_line(seen, params)
+    first_look = fit_line(trace, False, params.tolerance, refine=False)
+    decision = closing.decide(on_line(trace.points, first_look), params.kind)
+    trace = trace.select(np.arange(decision.first, decision.last + 1))
+    line = fit_line(trace, decision.closed, params.tolerance)
+    chain = _simplified(line, decision.closed, params.tolerance)
+    stages = {"cluster": stroke.points, "placed": placed.points, "thinned": trace.points}
+    return _result(chain, decision, left_out.points, int(round(left_out.weights.sum())), stages)
+
+
+def _strokes(seen: Sights, params: ExtractionParams) -> Tuple[Sights, Sights]:
+    """The sights of the stroke, in the order in which the line runs, and those of strokes that do not go on from it."""
+    if seen.stamps is None:
+        order = in_order(seen.points, params.eps)
+        return seen.select(order), seen.select(order[:0])
+    tracks = find_tracks(seen, params.eps, 0.5 * params.min_exp)
+    if not tracks:
+        raise _no_line(seen, params)
+    parts, ends = [tracks[0].sights], [tracks[0].points[0], tracks[0].points[-1]]
+    others = [track for track in tracks[1:] if track.gain > params.min_exp and len(track.sights) >= params.min_size]
+    while others:
+        # which end of another stroke is nearest to which end of the line
+        gaps = [
+            (float(np.linalg.norm(track.points[which] - ends[end])), number, which, end)
+            for number, track in enumerate(others)
+            for which in (0, -1)
+            for end in (0, -1)
+        ]
+        gap, number, which, end = min(gaps)
+        if gap > params.eps:
             break
-    if path is None:
-        raise _no_line(count, params)
-    raw = path.nodes
-    # what lies beside the path and was not found to belong to it must not draw it there
-    of_path = np.zeros(len(sites.points), dtype=bool)
-    of_path[path.sites] = True
-    sites = sites.select(of_path)
-    if path.ranks is not None and path.ranks[-(len(raw) // 3 or 1) :].mean() < path.ranks[: len(raw) // 3 or 1].mean():
-        raw = raw[::-1]
-    # a first fit takes the nodes' raggedness out: the ends' directions decide on closed or open
-    calm = smoothing.fit(raw, sites.points, sites.weights, False, params.bandwidth)
-    decision = closing.decide(calm, params.kind)
-    fitted = smoothing.fit(decision.points, sites.points, sites.weights, decision.closed, params.bandwidth)
-    fitted = smoothing.corners_in_gaps(fitted, sites.points, decision.closed)
-    chain = _simplified(smoothing.sharpen_corners(fitted, decision.closed), decision.closed, params.tolerance)
-    if not expansion(chain) > 0.8 * params.min_exp:
-        raise _no_line(count, params)
-    return _result(chain, decision, {"cluster": seen.points[sites.of_point >= 0], "thinned": raw})
-
-
-def _site_ranks(seen: Observations, sites: ridge.Sites) -> Optional[np.ndarray]:
-    ranks = seen.ranks
-    if ranks is None:
-        return None
-    used = sites.of_point >= 0
-    index, weights = sites.of_point[used], seen.weights[used]
-    return np.bincount(index, weights * ranks[used], minlength=len(sites.points)) / sites.weights
-
-
-def _best_path(sites: ridge.Sites, ranks: Optional[np.ndarray], params: ExtractionParams) -> Optional[linking.Path]:
-    """The path with the largest expansion within the limits: clutter is dense, but a stroke is long."""
-    found = linking.pieces(ridge.onto_ridge(sites, ranks), sites.points, sites.weights, params.eps, ranks)
-    found = [path for path in found if path.weight >= 3.0 or len(path.nodes) > 2]
-    # the ends of pieces lie inside of what was drawn: their points are means of several
-    paths = linking.join(found, params.eps + linking.END_MARGIN)
-    fitting = [
-        path
-        for path in paths
-        if len(path.nodes) >= 2
-        and 0.8 * params.min_exp < expansion(path.nodes) < params.max_exp
-        and path.weight >= 0.7 * params.min_size
-        and not linking.is_scrap(path)
-    ]
-    return max(fitting, key=lambda path: expansion(path.nodes), default=None)
+        track = others.pop(number)
+        # it runs away from the line's end, or up to its beginning
+        forward = (which == 0) == (end == -1)
+        sights = track.sights if forward else track.sights[::-1]
+        parts = parts + [sights] if end == -1 else [sights] + parts
+        ends[end] = track.points[-1 if which == 0 else 0]
+    left_out = np.concatenate([track.sights for track in others]) if others else np.zeros(0, dtype=int)
+    return seen.select(np.concatenate(parts)), seen.select(left_out)
 
 
 def _simplified(chain: np.ndarray, closed: bool, tolerance: float) -> np.ndarray:
-    """Fewer vertices, and a polygon that does not cross itself."""
-    if closed and len(chain) >= 4:
-        polygon = Polygon(chain)
-        if not polygon.is_valid:
-            # small loops that noise left; the largest part is the polygon that was meant
-            parts = polygon.buffer(0)
-            parts = max(parts.geoms, key=lambda part: part.area) if hasattr(parts, "geoms") else parts
-            if parts.area > 0.7 * abs(polygon.area) and not parts.is_empty:
-                polygon = Polygon(parts.exterior)
-        simple = polygon.simplify(tolerance)
-        vertices = np.asarray(simple.exterior.coords)[:-1]
-        if len(vertices) >= 3:
-            return vertices
-    if len(chain) >= 3 and not closed:
-        return np.asarray(LineString(chain).simplify(tolerance).coords)
-    return chain
+    """Stage 5: fewer vertices, and a polygon that does not cross itself.
+
+    Raises:
+        ExtractionError: "crosses_itself" if what it encloses does not hang together.
+    """
+    if not closed or len(chain) < 3:
+        return np.asarray(LineString(chain).simplify(tolerance).coords) if len(chain) > 2 else chain
+    polygon = Polygon(chain)
+    if not polygon.is_valid:
+        polygon = _untangled(polygon)
+    simple = polygon.simplify(tolerance)
+    return np.asarray(simple.exterior.coords)[:-1]
 
 
-def _result(chain: np.ndarray, decision: closing.Closing, stages: dict) -> BorderChain:
+def _untangled(polygon: Polygon) -> Polygon:
+    """All that a line which crosses itself encloses, as one simple polygon; loops that are slips of the hand go.
+
+    The lobes of an 8 meet in a point; they are joined by a neck.
+    """
+    fixed = make_valid(polygon)
+    parts = [part for part in getattr(fixed, "geoms", [fixed]) if part.area > 0.0]
+    lobes = [Polygon(lobe.exterior) for part in parts for lobe in getattr(part, "geoms", [part])]
+    whole = sum(lobe.area for lobe in lobes)
+    joined = unary_union([lobe.buffer(NECK, join_style=2) for lobe in lobes if lobe.area >= SLIP * whole])
+    if joined.geom_type != "Polygon":
+        raise ExtractionError("crosses_itself")
+    joined = Polygon(joined.exterior).buffer(-NECK, join_style=2)
+    if joined.geom_type != "Polygon" or joined.is_empty:
+        raise ExtractionError("crosses_itself")
+    return Polygon(joined.exterior)
+
+
+def on_line(points: np.ndarray, line: np.ndarray) -> np.ndarray:
+    """(K, 2) [m] the nearest places to points on an open polygonal chain (M, 2)."""
+    start, way = line[:-1], np.diff(line, axis=0)
+    off = points[:, None, :] - start[None, :, :]
+    share = np.clip((off * way).sum(axis=2) / np.maximum((way**2).sum(axis=1), 1e-12), 0.0, 1.0)
+    feet = start + share[..., None] * way
+    best = np.argmin(((points[:, None, :] - feet) ** 2).sum(axis=2), axis=1)
+    return feet[np.arange(len(points)), best]
+
+
+def _result(chain: np.ndarray, decision: closing.Closing, left_out: np.ndarray, spots: int, stages) -> BorderChain:
     length = geometry.chain_length(chain, decision.closed)
-    return BorderChain(chain, decision.closed, decision.reason, length, decision.gap, stages)
+    return BorderChain(
+        chain, decision.closed, decision.code, length, decision.gap, decision.values, left_out, spots, stages
+    )

@@ -2,6 +2,8 @@
 
 One JSON document per line: the first names the interaction, each other one holds one spot and the state it was
 collected in. Appended as spots come, so that a process that is killed loses at most its unwritten buffer.
+
+A journal that fails never stops the drawing: the failure is kept in `problem` until the next interaction.
 """
 from __future__ import annotations
 
@@ -17,14 +19,14 @@ Entry = Tuple[str, Spot]
 
 
 class Journal:
-    """Appends spots, and reads them back.
+    """Appends spots, and reads them back. No method raises for what the disk does.
 
     Args:
         path: the file; its folder is made. None: nothing is written.
-        limit: spots after which no more are written: the file stays below about 80 bytes for each.
+        limit: spots after which no more are written: the file stays below about 90 bytes for each.
 
-    Raises:
-        CodedError: "journal_unwritable" if the folder cannot be made.
+    Attributes:
+        problem: "journal_unwritable" or "journal_damaged" with values, if something was lost; None if nothing was.
     """
 
     def __init__(self, path: Optional[Path], limit: int = 60000) -> None:
@@ -32,28 +34,24 @@ class Journal:
         self._limit = limit
         self._written = 0
         self._file = None
-        if path is None:
-            return
-        try:
-            path.parent.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise CodedError("journal_unwritable", f"cannot make the folder {path.parent}: {error.strerror}") from None
+        self.problem: Optional[CodedError] = None
 
     def start(self, interaction_id: str) -> List[Entry]:
         """Begins an interaction, or continues it.
 
         Returns:
             The spots that are on record for this interaction; empty for another one, whose record is replaced.
-
-        Raises:
-            CodedError: "journal_unwritable".
         """
+        self.problem = None
         if self._path is None:
             return []
         self.close()
-        entries = self.read(interaction_id)
+        entries, damaged = self._read(interaction_id)
+        if damaged:
+            self.problem = CodedError("journal_damaged", lines=damaged)
         try:
-            self._file = open(str(self._path), "a" if entries else "w")
+            self._path.parent.mkdir(parents=True, exist_ok=True)
+            self._file = open(str(self._path), "a" if entries else "w", encoding="utf-8")
             if not entries:
                 self._file.write(json.dumps({"interaction_id": interaction_id}) + "\n")
                 self._file.flush()
@@ -61,7 +59,7 @@ class Journal:
             elif not self._ends_with_newline():
                 self._file.write("\n")
         except OSError as error:
-            raise CodedError("journal_unwritable", f"cannot write {self._path}: {error.strerror}") from None
+            self._give_up(error)
         self._written = len(entries)
         return entries
 
@@ -71,43 +69,71 @@ class Journal:
             return file.read(1) == b"\n"
 
     def read(self, interaction_id: str) -> List[Entry]:
-        """The spots on record for an interaction; unreadable lines are left out."""
-        entries: List[Entry] = []
+        """The spots on record for an interaction; lines that cannot be read are left out."""
+        return self._read(interaction_id)[0]
+
+    def _read(self, interaction_id: str) -> Tuple[List[Entry], int]:
+        """The spots on record, and how many lines could not be read; a last line that was cut short is no damage."""
         if self._path is None:
-            return entries
+            return [], 0
         try:
-            with open(str(self._path)) as file:
-                if json.loads(file.readline()).get("interaction_id") != interaction_id:
-                    return entries
-                for line in file:
-                    try:
-                        state, stamp, x, y, camera, confidence = json.loads(line)
-                        spot = Spot(float(stamp), float(x), float(y), str(camera), float(confidence))
-                        entries.append((str(state), spot))
-                    except (ValueError, TypeError):
-                        continue
-        except (OSError, ValueError, AttributeError):
-            return []
-        return entries
+            with open(str(self._path), "rb") as file:
+                # whatever lies there: no more than a journal can hold is read
+                lines = file.read(200 * self._limit + 1000).decode("utf-8", errors="replace").split("\n")
+        except OSError:
+            return [], 0
+        try:
+            if json.loads(lines[0]).get("interaction_id") != interaction_id:
+                return [], 0
+        except (ValueError, AttributeError):
+            return [], 0
+        entries: List[Entry] = []
+        damaged = 0
+        for number, line in enumerate(lines[1:], start=2):
+            if not line:
+                continue
+            try:
+                state, stamp, x, y, camera, confidence, mobile = json.loads(line)
+                spot = Spot(float(stamp), float(x), float(y), str(camera), float(confidence), bool(mobile))
+                entries.append((str(state), spot))
+            except (ValueError, TypeError):
+                damaged += number < len(lines)
+        return entries, damaged
 
     def append(self, state: str, spot: Spot) -> None:
         """Writes one spot; it is on disk after the next `flush`."""
         if self._file is None or self._written >= self._limit:
             return
         self._written += 1
-        self._file.write(
-            json.dumps([state, spot.stamp, round(spot.x, 5), round(spot.y, 5), spot.camera, round(spot.confidence, 3)])
-            + "\n"
-        )
+        row = [state, spot.stamp, round(spot.x, 5), round(spot.y, 5), spot.camera, round(spot.confidence, 3)]
+        try:
+            self._file.write(json.dumps(row + [int(spot.mobile)]) + "\n")
+        except (OSError, ValueError) as error:
+            self._give_up(error)
 
     def flush(self) -> None:
         """Hands what was written to the system: from there it survives the process."""
-        if self._file is not None:
+        if self._file is None:
+            return
+        try:
             self._file.flush()
+        except (OSError, ValueError) as error:
+            self._give_up(error)
+
+    def _give_up(self, error: Exception) -> None:
+        """Nothing more is written in this interaction."""
+        self.problem = CodedError("journal_unwritable", what=getattr(error, "strerror", None) or str(error))
+        file, self._file = self._file, None
+        try:
+            if file is not None:
+                file.close()
+        except (OSError, ValueError):
+            pass  # closing writes what is left, which fails again
 
     def discard(self) -> None:
         """Ends writing and removes the record: the interaction is over."""
         self.close()
+        self.problem = None
         if self._path is not None:
             try:
                 self._path.unlink()
@@ -116,6 +142,7 @@ class Journal:
 
     def close(self) -> None:
         """Ends writing; the record stays."""
+        self.flush()
         if self._file is not None:
             self._file.close()
             self._file = None

@@ -1,4 +1,8 @@
-"""The border so far, kept up to date while somebody draws, within a share of one core."""
+"""The border so far, kept up to date while somebody draws, within a share of one core.
+
+It is the same extraction as at the end, of at most LIVE_SPOTS spots: a drawing that has more is seen so densely, or
+lasts so long, that evenly chosen ones show it.
+"""
 from __future__ import annotations
 
 from dataclasses import dataclass
@@ -6,29 +10,26 @@ from typing import Callable, Optional
 
 import numpy as np
 
+from vb_core.errors import CodedError
 from vb_fusion.collector import Collection
 from vb_fusion.extraction import BorderChain, ExtractionError, ExtractionParams, extract_border, extract_seed
 
 
 @dataclass(frozen=True)
 class Candidate:
-    """Chain and seed of one interaction, as far as there are any; code and message say what is missing."""
+    """Chain and seed of one interaction, as far as there are any; the errors say what is missing."""
 
-    chain: Optional[BorderChain]
-    seed: Optional[np.ndarray]
-    chain_code: str = "ok"
-    chain_message: str = ""
-    seed_code: str = "ok"
-    seed_message: str = ""
+    chain: Optional[BorderChain] = None
+    seed: Optional[np.ndarray] = None
+    no_chain: Optional[CodedError] = None
+    no_seed: Optional[CodedError] = None
 
 
-LIVE_SPOTS = 4000  # the live chain is made of at most this many, evenly chosen
+LIVE_SPOTS = 4000
 
 
-def extract_chain(
-    collection: Collection, params: ExtractionParams, limit: Optional[int] = None
-) -> BorderChain:
-    """The chain of the border spots, with their stamps, cameras and confidences.
+def extract_chain(collection: Collection, params: ExtractionParams, limit: Optional[int] = None) -> BorderChain:
+    """The chain of the border spots, with all that is known of them.
 
     Args:
         limit: the most spots to use, evenly chosen; None for all.
@@ -37,14 +38,7 @@ def extract_chain(
         ExtractionError
     """
     rows = evenly(collection.border, limit) if limit else collection.border
-    return extract_border(rows[:, 1:3], params, stamps=rows[:, 0], cameras=rows[:, 4], confidences=rows[:, 3])
-
-
-def evenly(rows: np.ndarray, limit: int) -> np.ndarray:
-    """At most `limit` of the rows, evenly chosen, the first and the last among them."""
-    if len(rows) <= limit:
-        return rows
-    return rows[np.linspace(0, len(rows) - 1, limit).astype(int)] if limit else rows[:0]
+    return extract_border(rows[:, 1:3], params, **_known(rows))
 
 
 def extract_seed_of(collection: Collection) -> np.ndarray:
@@ -53,8 +47,19 @@ def extract_seed_of(collection: Collection) -> np.ndarray:
     Raises:
         ExtractionError
     """
-    rows, before = collection.seed, collection.border[:, 1:3]
-    return extract_seed(rows[:, 1:3], stamps=rows[:, 0], cameras=rows[:, 4], confidences=rows[:, 3], before=before)
+    rows = collection.seed
+    return extract_seed(rows[:, 1:3], before=collection.border[:, 1:3], **_known(rows))
+
+
+def _known(rows: np.ndarray) -> dict:
+    return {"stamps": rows[:, 0], "confidences": rows[:, 3], "cameras": rows[:, 4], "mobile": rows[:, 5] > 0.0}
+
+
+def evenly(rows: np.ndarray, limit: int) -> np.ndarray:
+    """At most `limit` of the rows, evenly chosen, the first and the last among them."""
+    if len(rows) <= limit:
+        return rows
+    return rows[np.linspace(0, len(rows) - 1, limit).astype(int)] if limit else rows[:0]
 
 
 class LiveCandidate:
@@ -71,13 +76,13 @@ class LiveCandidate:
         self._not_before = 0.0
         self._border_total = -1
         self._seed_total = -1
-        self.candidate = Candidate(None, None)
+        self.candidate = Candidate()
 
     def reset(self) -> None:
         """Starts afresh, for a new interaction."""
         self._not_before = 0.0
         self._border_total = self._seed_total = -1
-        self.candidate = Candidate(None, None)
+        self.candidate = Candidate()
 
     def update(self, collection: Collection, clock: Callable[[], float], force: bool = False) -> Candidate:
         """The candidate; a new one if there are new spots and it is time.
@@ -91,21 +96,20 @@ class LiveCandidate:
         if not (border_new or seed_new) or (clock() < self._not_before and not force):
             return self.candidate
         started = clock()
-        old = self.candidate
-        chain, chain_code, chain_message = old.chain, old.chain_code, old.chain_message
-        seed, seed_code, seed_message = old.seed, old.seed_code, old.seed_message
+        chain, seed, no_chain, no_seed = (
+            self.candidate.chain, self.candidate.seed, self.candidate.no_chain, self.candidate.no_seed
+        )
         if border_new:
             try:
-                chain, chain_code = extract_chain(collection, self._params, LIVE_SPOTS), "ok"
-                chain_message = chain.reason
+                chain, no_chain = extract_chain(collection, self._params, LIVE_SPOTS), None
             except ExtractionError as error:
-                chain, chain_code, chain_message = None, error.code, error.message
+                chain, no_chain = None, error
         if seed_new:
             try:
-                seed, seed_code, seed_message = extract_seed_of(collection), "ok", ""
+                seed, no_seed = extract_seed_of(collection), None
             except ExtractionError as error:
-                seed, seed_code, seed_message = None, error.code, error.message
-        self.candidate = Candidate(chain, seed, chain_code, chain_message, seed_code, seed_message)
+                seed, no_seed = None, error
+        self.candidate = Candidate(chain, seed, no_chain, no_seed)
         self._border_total, self._seed_total = collection.border_total, collection.seed_total
         finished = clock()
         self._not_before = finished + (finished - started) * (1.0 / self._share - 1.0)

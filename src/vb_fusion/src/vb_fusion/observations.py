@@ -1,8 +1,7 @@
-"""What is known of each spot beyond its place, and what robust mode makes of it.
+"""Stage 0: the spots as they came, checked and put in the order of time.
 
-The paper's algorithm works on the bare point set. Where stamps, cameras and confidences are at hand, stray detections
-are recognised by having no predecessor and no successor, the cameras' biases against each other are taken out, and
-the order of drawing helps to join pieces and gives the chain its direction. All of it is optional.
+Everything after this works on sights. A sight is what one camera saw of one place within 20 ms: at 25 or 30 images
+per second that is one spot, and a million spots become some ten thousand sights.
 """
 from __future__ import annotations
 
@@ -10,59 +9,55 @@ from dataclasses import dataclass
 from typing import Optional, Sequence
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from vb_fusion.chain import ExtractionError
 
-SIMULTANEOUS = 0.03  # [s] two cameras saw the same spot: less than one frame apart
-SAME_SPOT = 0.3  # [m] simultaneous spots farther apart are not the same one
-MIN_SIMULTANEOUS = 15  # as many are needed for a bias
-NEXT_IN_TIME = 0.3  # [s] within it a spot is seen again
-FASTEST = 2.0  # [m/s] of a spot that draws
-COMPANY = 0.1  # [m] between two sights of a spot, beyond its way
+QUANTUM = 0.02  # [s] shorter than the time between two images of a usual camera
+CELL = 0.05  # [m] spots of one camera within it and within a quantum are one sight
+MOBILE_TRUST = 0.25  # weight of a camera whose own pose is estimated: localisation is about twice as far off
+FARTHEST = 1e5  # [m] from the origin: no floor is larger
 
 
 @dataclass(frozen=True)
-class Observations:
-    """Spots with what is known of them; every array has one row per spot, None where it is not known."""
+class Sights:
+    """What the cameras saw, ordered by time; arrays with one row per sight.
 
-    points: np.ndarray  # (N, 2) [m]
-    weights: np.ndarray  # (N,) above 0
-    stamps: Optional[np.ndarray] = None  # (N,) [s], any order
-    cameras: Optional[np.ndarray] = None  # (N,) int, index of the camera
+    Attributes:
+        points: (N, 2) [m].
+        stamps: (N,) [s], ascending; None for bare points.
+        cameras: (N,) int, index of the camera.
+        weights: (N,) > 0: how many spots, how confident, seen by which kind of camera.
+        mobile: (N,) bool, seen by a camera that moves.
+        spots: how many spots these are.
+    """
 
-    def select(self, keep: np.ndarray) -> "Observations":
-        """The spots where keep (N,) is true, or with these indices."""
-        return Observations(
-            self.points[keep],
-            self.weights[keep],
-            None if self.stamps is None else self.stamps[keep],
-            None if self.cameras is None else self.cameras[keep],
+    points: np.ndarray
+    stamps: Optional[np.ndarray]
+    cameras: np.ndarray
+    weights: np.ndarray
+    mobile: np.ndarray
+    spots: int
+
+    def select(self, rows: np.ndarray) -> "Sights":
+        """The sights where rows (N,) is true, or with these indices."""
+        stamps = None if self.stamps is None else self.stamps[rows]
+        return Sights(
+            self.points[rows], stamps, self.cameras[rows], self.weights[rows], self.mobile[rows], self.spots
         )
 
-    @property
-    def ranks(self) -> Optional[np.ndarray]:
-        """(N,) place of each spot in the order of drawing, 0 first to 1 last.
-
-        It is the share of the weight seen before: neither a pause nor, with bounded weights, a spot held still counts.
-        """
-        if self.stamps is None:
-            return None
-        order = np.argsort(self.stamps, kind="stable")
-        before = np.cumsum(self.weights[order]) - self.weights[order]
-        ranks = np.empty(len(order))
-        ranks[order] = before / max(before[-1], 1e-9)
-        return ranks
+    def moved(self, points: np.ndarray) -> "Sights":
+        """The same sights at other places (N, 2) [m]."""
+        return Sights(points, self.stamps, self.cameras, self.weights, self.mobile, self.spots)
 
 
-def observations(
+def gather(
     points: np.ndarray,
     stamps: Optional[Sequence[float]] = None,
     cameras: Optional[Sequence] = None,
     confidences: Optional[Sequence[float]] = None,
-    limit: float = 1e5,
-) -> Observations:
-    """Checks and gathers; points that are not finite or farther than `limit` [m] from the origin are left out.
+    mobile: Optional[Sequence[bool]] = None,
+) -> Sights:
+    """Checks spots and makes sights of them; rows that are not finite, or are off every floor, are left out.
 
     Raises:
         ExtractionError: "bad_points" if the shapes do not fit.
@@ -70,88 +65,44 @@ def observations(
     try:
         array = np.asarray(points, dtype=float)
     except (TypeError, ValueError):
-        raise ExtractionError("bad_points", "the points are no numbers") from None
+        raise ExtractionError("bad_points", what="numbers") from None
     if array.size == 0:
         array = array.reshape(0, 2)
     if array.ndim != 2 or array.shape[1] != 2:
-        raise ExtractionError("bad_points", f"expected points of shape (N, 2), got {array.shape}")
-    for name, values in (("stamps", stamps), ("cameras", cameras), ("confidences", confidences)):
+        raise ExtractionError("bad_points", what=f"points of shape (N, 2) instead of {array.shape}")
+    columns = {"stamps": stamps, "cameras": cameras, "confidences": confidences, "mobile": mobile}
+    for name, values in columns.items():
         if values is not None and len(values) != len(array):
-            raise ExtractionError("bad_points", f"expected {len(array)} {name}, got {len(values)}")
-    keep = np.isfinite(array).all(axis=1)
-    keep[keep] = (np.abs(array[keep]) <= limit).all(axis=1)
-    weights = np.ones(len(array))
-    if confidences is not None:
-        confidence = np.nan_to_num(np.asarray(confidences, dtype=float), nan=0.0)
-        # a detector that says 0 still saw something
-        weights = np.clip(confidence, 0.1, 1.0)
-        weights = weights / weights.mean() if len(weights) else weights
-    times = None
-    if stamps is not None:
-        times = np.asarray(stamps, dtype=float)
-        if not np.isfinite(times).all():
-            times = None
-    index = None if cameras is None else np.unique(np.asarray(cameras), return_inverse=True)[1]
-    return Observations(array, weights, times, index).select(keep)
+            raise ExtractionError("bad_points", what=f"{len(array)} {name} instead of {len(values)}")
+    count = len(array)
+    known = np.zeros(count, dtype=int) if cameras is None else np.unique(np.asarray(cameras), return_inverse=True)[1]
+    moving = np.zeros(count, dtype=bool) if mobile is None else np.asarray(mobile, dtype=bool)
+    # a detector that says 0 still saw something
+    trust = np.ones(count) if confidences is None else np.clip(np.nan_to_num(np.asarray(confidences, float)), 0.1, 1.0)
+    trust = np.where(moving, MOBILE_TRUST, 1.0) * trust
+    times = None if stamps is None else np.asarray(stamps, dtype=float)
+    usable = np.isfinite(array).all(axis=1)
+    usable[usable] = (np.abs(array[usable]) <= FARTHEST).all(axis=1)
+    if times is not None:
+        usable &= np.isfinite(times)
+    sights = Sights(array, times, known, trust, moving, int(usable.sum())).select(usable)
+    return sights if times is None or len(sights.points) == 0 else _condensed(sights)
 
 
-def without_strays(seen: Observations) -> Observations:
-    """Leaves out spots that nobody saw just before or after anywhere near; needs stamps."""
-    if seen.stamps is None or len(seen.points) < 10:
-        return seen
-    # within NEXT_IN_TIME a spot moves its way at most; one metric for both: radius COMPANY
-    speed_scale = COMPANY / NEXT_IN_TIME
-    space = np.column_stack([seen.points * (COMPANY / (COMPANY + FASTEST * 0.08)), seen.stamps * speed_scale])
-    reach = 1.5 * COMPANY
-    # three in a cell whose diagonal is the reach have each other; only the rest has to be looked at
-    cells = np.floor((space - space.min(axis=0)) / (reach / np.sqrt(3.0))).astype(np.int64)
-    width = cells.max(axis=0) + 1
-    keys = (cells[:, 0] * width[1] + cells[:, 1]) * width[2] + cells[:, 2]
-    _, inverse, counts = np.unique(keys, return_inverse=True, return_counts=True)
-    kept = counts[inverse] >= 3
-    lonely = np.flatnonzero(~kept)
-    if lonely.size:
-        kept[lonely] = cKDTree(space).query(space[lonely], k=[3])[0][:, 0] <= reach
-    # recordings at a low rate have no such company at all
-    return seen.select(kept) if kept.mean() > 0.6 else seen
-
-
-def without_bias(seen: Observations) -> Observations:
-    """Takes out what the cameras disagree about the same spot; needs stamps and cameras.
-
-    The biases of all cameras against each other are solved for at once; what they have in common cannot be known.
-    """
-    if seen.stamps is None or seen.cameras is None or len(seen.points) == 0:
-        return seen
-    count = int(seen.cameras.max()) + 1
-    rows, measured = [], []
-    order = np.argsort(seen.stamps, kind="stable")
-    for a in range(count):
-        ours = order[seen.cameras[order] == a]
-        for b in range(a + 1, count):
-            theirs = order[seen.cameras[order] == b]
-            if min(len(ours), len(theirs)) < MIN_SIMULTANEOUS:
-                continue
-            partner = theirs[nearest_in(seen.stamps[theirs], seen.stamps[ours])]
-            difference = seen.points[ours] - seen.points[partner]
-            same = (np.abs(seen.stamps[ours] - seen.stamps[partner]) <= SIMULTANEOUS) & (
-                np.linalg.norm(difference, axis=1) <= SAME_SPOT
-            )
-            if same.sum() < MIN_SIMULTANEOUS:
-                continue
-            row = np.zeros(count)
-            row[a], row[b] = 1.0, -1.0
-            trust = np.sqrt(float(same.sum()))
-            rows.append(trust * row)
-            measured.append(trust * np.median(difference[same], axis=0))
-    if not rows:
-        return seen
-    bias = np.linalg.lstsq(np.array(rows), np.array(measured), rcond=None)[0]
-    return Observations(seen.points - bias[seen.cameras], seen.weights, seen.stamps, seen.cameras)
-
-
-def nearest_in(sorted_values: np.ndarray, wanted: np.ndarray) -> np.ndarray:
-    """Index of the nearest of the sorted values for each wanted one."""
-    right = np.minimum(np.searchsorted(sorted_values, wanted), len(sorted_values) - 1)
-    left = np.maximum(right - 1, 0)
-    return np.where(wanted - sorted_values[left] <= sorted_values[right] - wanted, left, right)
+def _condensed(spots: Sights) -> Sights:
+    """Spots of one camera, place and quantum become one; the result is in order of time, then of place."""
+    quantum = np.floor((spots.stamps - spots.stamps.min()) / QUANTUM + 0.013).astype(np.int64)
+    cell = np.floor(spots.points / CELL).astype(np.int64)
+    cell -= cell.min(axis=0)
+    width, height = (int(size) for size in cell.max(axis=0) + 1)
+    key = (quantum * (int(spots.cameras.max()) + 1) + spots.cameras) * width * height + cell[:, 0] * height + cell[:, 1]
+    _, first, index = np.unique(key, return_index=True, return_inverse=True)
+    weights = np.bincount(index, spots.weights)
+    means = [np.bincount(index, spots.weights * v) / weights for v in (spots.points[:, 0], spots.points[:, 1])]
+    offset = spots.stamps.min()
+    stamps = offset + np.bincount(index, spots.weights * (spots.stamps - offset)) / weights
+    order = np.lexsort((means[1], means[0], stamps))
+    sights = Sights(
+        np.column_stack(means), stamps, spots.cameras[first], weights, spots.mobile[first], spots.spots
+    )
+    return sights.select(order)

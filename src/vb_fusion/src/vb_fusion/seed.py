@@ -1,4 +1,8 @@
-"""The seed point: where the person pointed, of spots that also hold strays, bright things and the way there."""
+"""The seed point: the last place where the pointer dwelt.
+
+It is found in the same places of each moment as the border's track (track.py). On the way to its place the pointer is
+nowhere for long, strays are alone, and something bright was there before the pointer came.
+"""
 from __future__ import annotations
 
 from dataclasses import dataclass
@@ -8,27 +12,24 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from vb_fusion.chain import ExtractionError
-from vb_fusion.observations import Observations, observations
-from vb_fusion.ridge import merge
+from vb_fusion.observations import Sights, gather
+from vb_fusion.track import MOMENT, find_places
 
-HAND = 0.08  # [m] a hand that holds still stays within this of its mean, cameras' biases included
+HAND = 0.08  # [m] a hand that holds still stays within this of its mean, cameras' offsets included
 MIN_SPOTS = 3
-MOMENT = 0.1  # [s] a camera that sees a place several times within it says no more than with one sight
-PLACES = 6  # dwelling places that are compared
 KNOWN = 0.2  # what a place counts that was seen before the seed was asked for
-KNOWN_SPOTS = 3  # seen so often before
 RIVAL_MOMENTS = 4  # a place that was seen in fewer is not compared
 TOGETHER = 0.3  # two places seen together in this share of the fewer moments cannot both be the pointer
 
 
 @dataclass(frozen=True)
-class _Place:
-    """A place where spots dwelt."""
+class _Dwelling:
+    """A place where something dwelt."""
 
     at: np.ndarray  # (2,) [m]
     score: float
-    moments: np.ndarray  # (K,) int, ascending: when it was seen, in units of MOMENT
-    cameras: float  # how many cameras saw it at a time, on average over its moments
+    moments: np.ndarray  # (K,) int, ascending: when it was seen
+    cameras: float  # how many cameras saw it at a time, on average
 
 
 def extract_seed(
@@ -37,24 +38,16 @@ def extract_seed(
     stamps: Optional[Sequence[float]] = None,
     cameras: Optional[Sequence] = None,
     confidences: Optional[Sequence[float]] = None,
+    mobile: Optional[Sequence[bool]] = None,
     before: Optional[np.ndarray] = None,
-    min_spots: int = MIN_SPOTS,
 ) -> np.ndarray:
-    """The seed point s (paper, Sect. 3).
+    """The seed point s (paper, Sect. 3): where the pointer dwelt longest; a later place counts up to twice.
 
-    It is the place where the spot dwelt: the densest place of the set, refined as a mean. On the way there the spot
-    spreads its sights over a length, strays are alone. With stamps and cameras
-
-    - dwelling is counted in moments of each camera, so that a camera that reports more often does not count for more;
-    - the later of two places counts up to twice: a person who points twice means the second;
-    - a place that was seen before already counts less: something bright, or the end of the border;
-    - of two places that are seen together one is not the pointer: it is the one that fewer cameras see, else the one
-      that was there first.
-
-    With fewer than `min_spots` usable spots there is no seed.
+    A place that was seen before already counts less: something bright, or the end of the border. Of two places that
+    are seen together one is not the pointer: it is the one that fewer cameras see, else the one that was there first.
 
     Args:
-        points: (N, 2) [m], any order.
+        points: (N, 2) [m], any order. Without stamps all of them count alike.
         before: (K, 2) [m] spots that were seen before the seed was asked for, those of the border.
 
     Returns:
@@ -63,87 +56,63 @@ def extract_seed(
     Raises:
         ExtractionError: "no_spots", "no_seed" or "bad_points".
     """
-    seen = observations(points, stamps, cameras, confidences)
-    if len(seen.points) == 0:
-        raise ExtractionError("no_spots", "no spot was seen for the seed point: point at the side to be restricted")
-    if len(seen.points) < min_spots:
-        raise ExtractionError(
-            "no_seed", f"only {len(seen.points)} of at least {min_spots} spots were seen for the seed point: hold still"
-        )
-    places = _places(seen, None if before is None else observations(before).points)
-    best = max(places, key=lambda place: place.score)
-    for place in sorted(places, key=lambda place: -place.score):
-        if place is not best and _overrules(place, best):
-            best = place
+    seen = gather(points, stamps, cameras, confidences, mobile)
+    if seen.spots == 0:
+        raise ExtractionError("no_spots")
+    if seen.spots < MIN_SPOTS:
+        raise ExtractionError("no_seed", spots=seen.spots, needed=MIN_SPOTS)
+    dwellings = _dwellings(seen, None if before is None else gather(before).points)
+    best = dwellings[0]
+    for rival in dwellings[1:]:
+        if _overrules(rival, best):
+            best = rival
     return best.at
 
 
-def _places(seen: Observations, before: Optional[np.ndarray]) -> List[_Place]:
-    """The places where spots dwelt most, each no part of another."""
-    weights = _weights(seen)
-    sites = merge(seen.points, weights, side=0.02)
-    w = sites.weights.copy()
-    tree = cKDTree(sites.points)
-    known = np.ones(len(w))
-    if before is not None and len(before) >= KNOWN_SPOTS:
-        nearest = cKDTree(before).query(sites.points, k=[KNOWN_SPOTS], distance_upper_bound=HAND)[0][:, 0]
-        known[np.isfinite(nearest)] = KNOWN
-    i, j = tree.query_pairs(HAND, output_type="ndarray").T
-    found: List[_Place] = []
-    while len(found) < PLACES:
-        dwell = w + np.bincount(i, w[j], minlength=len(w)) + np.bincount(j, w[i], minlength=len(w))
-        score = dwell * known * (w > 0.0)
-        k = int(np.argmax(score))
-        if not score[k] > 0.0:
-            break
-        at = sites.points[k]
+def _dwellings(seen: Sights, before: Optional[np.ndarray]) -> List[_Dwelling]:
+    """The six places where something dwelt most, none part of another, the one that counts most first."""
+    if seen.stamps is None:
+        at, moment, cameras, late = seen.points, np.zeros(len(seen.points), int), np.ones(len(seen.points)), 0.0
+    else:
+        places = find_places(seen)
+        at = places.points
+        moment = np.floor((places.stamps - places.stamps[0]) / MOMENT).astype(np.int64)
+        pairs = np.unique(places.sights * (int(seen.cameras.max()) + 1) + seen.cameras)
+        cameras = np.bincount(pairs // (int(seen.cameras.max()) + 1), minlength=len(at)).astype(float)
+        late = (places.stamps - places.stamps[0]) / max(float(np.ptp(places.stamps)), 1e-9)
+    counts = cameras * (1.0 + late)
+    if before is not None and len(before) >= MIN_SPOTS:
+        known = cKDTree(before).query(at, k=[MIN_SPOTS], distance_upper_bound=HAND)[0][:, 0]
+        counts = np.where(np.isfinite(known), KNOWN, 1.0) * counts
+    found: List[_Dwelling] = []
+    free = np.ones(len(at), dtype=bool)
+    # where places are many, a few hundred of them say where something dwelt
+    asked = np.unique(np.linspace(0, len(at) - 1, 500).astype(int))
+    while len(found) < 6 and free[asked].any():
+        tree = cKDTree(at[free])
+        near = tree.query_ball_point(at[asked], HAND)
+        scores = np.array([counts[free][rows].sum() if free[k] else -1.0 for k, rows in zip(asked, near)])
+        best = int(np.argmax(scores))
+        middle = at[asked[best]]
         for _ in range(5):
-            near = [n for n in tree.query_ball_point(at, HAND) if w[n] > 0.0]
-            if not near:
-                break
-            at = np.average(sites.points[near], axis=0, weights=w[near])
-        found.append(_place(seen, at, float(score[k])))
-        w[tree.query_ball_point(at, 2.0 * HAND)] = 0.0
-        w[k] = 0.0
+            inside = free & (np.linalg.norm(at - middle, axis=1) <= HAND)
+            if inside.any():
+                middle = np.average(at[inside], axis=0, weights=counts[inside])
+        there = np.linalg.norm(at - middle, axis=1) <= 1.5 * HAND
+        unique = np.unique(moment[there])
+        found.append(_Dwelling(middle, float(scores[best]), unique, float(cameras[there].sum()) / max(len(unique), 1)))
+        free &= np.linalg.norm(at - middle, axis=1) > 2.0 * HAND
+        free[asked[best]] = False
     return found
 
 
-def _weights(seen: Observations) -> np.ndarray:
-    """(N,) what each spot counts: its share of its camera's moment, more if it was seen late."""
-    if seen.stamps is None:
-        return seen.weights
-    moment = _moments(seen)
-    camera = np.zeros(len(moment), dtype=int) if seen.cameras is None else seen.cameras
-    # the share is that of its own place: what else the camera saw in that moment takes nothing from it
-    cell = np.floor(seen.points / HAND).astype(np.int64)
-    keys = np.column_stack([moment, camera, cell])
-    _, inverse, counts = np.unique(keys, axis=0, return_inverse=True, return_counts=True)
-    late = (seen.stamps - seen.stamps.min()) / max(float(np.ptp(seen.stamps)), 1e-9)
-    return seen.weights / counts[inverse.ravel()] * (1.0 + late)
-
-
-def _moments(seen: Observations) -> np.ndarray:
-    return np.floor((seen.stamps - seen.stamps.min()) / MOMENT).astype(np.int64)
-
-
-def _place(seen: Observations, at: np.ndarray, score: float) -> _Place:
-    if seen.stamps is None:
-        return _Place(at, score, np.zeros(0, dtype=np.int64), 0.0)
-    near = np.linalg.norm(seen.points - at, axis=1) <= 1.5 * HAND
-    moments = _moments(seen)[near]
-    camera = np.zeros(len(moments), dtype=int) if seen.cameras is None else seen.cameras[near]
-    unique = np.unique(moments)
-    sights = len(np.unique(np.column_stack([moments, camera]), axis=0))
-    return _Place(at, score, unique, sights / max(len(unique), 1))
-
-
-def _overrules(place: _Place, best: _Place) -> bool:
-    """Is `place` the pointer where the two are seen together, though `best` was seen for longer?"""
-    fewer = min(len(place.moments), len(best.moments))
-    if fewer < RIVAL_MOMENTS or place.score < 0.1 * best.score:
+def _overrules(rival: _Dwelling, best: _Dwelling) -> bool:
+    """Is the rival the pointer where the two are seen together, though `best` was seen for longer?"""
+    fewer = min(len(rival.moments), len(best.moments))
+    if fewer < RIVAL_MOMENTS or rival.score < 0.1 * best.score:
         return False
-    if len(np.intersect1d(place.moments, best.moments)) < TOGETHER * fewer:
+    if len(np.intersect1d(rival.moments, best.moments)) < TOGETHER * fewer:
         return False
-    if abs(place.cameras - best.cameras) > 0.5:
-        return place.cameras > best.cameras
-    return bool(place.moments[0] > best.moments[0] + RIVAL_MOMENTS)
+    if abs(rival.cameras - best.cameras) > 0.5:
+        return rival.cameras > best.cameras
+    return bool(rival.moments[0] > best.moments[0] + RIVAL_MOMENTS)

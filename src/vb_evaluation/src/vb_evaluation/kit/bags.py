@@ -58,7 +58,8 @@ def state_change(message: Any) -> StateChange:
 def spot(message: Any) -> Spot:
     """vb_msgs/LaserSpot as an event."""
     return Spot(
-        message.header.stamp.to_sec(), message.position.x, message.position.y, message.camera, float(message.confidence)
+        message.header.stamp.to_sec(), message.position.x, message.position.y, message.camera,
+        float(message.confidence), bool(message.mobile),
     )
 
 

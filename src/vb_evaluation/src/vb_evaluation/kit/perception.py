@@ -82,7 +82,7 @@ class RecordedCamera:
 
     def _on_floor(self, frame: Frame, spot: DetectedSpot) -> Spot:
         x, y = (float(value) for value in frame.point(spot.u, spot.v).position[:2])
-        return Spot(frame.stamp, x, y, self.name, float(spot.confidence))
+        return Spot(frame.stamp, x, y, self.name, float(spot.confidence), self._mobile)
 
     def _pose(self, frame: str, stamp: rospy.Time) -> np.ndarray:
         try:

@@ -124,7 +124,7 @@ class System:
     def see(self, seen: Seen) -> None:
         """A camera has reported a spot."""
         self.spots.append(seen)
-        self._collector.add(Spot(seen.stamp, *seen.position, seen.camera, seen.confidence))
+        self._collector.add(Spot(seen.stamp, *seen.position, seen.camera, seen.confidence, seen.mobile))
         sighting = Sighting(seen.stamp, seen.position, seen.camera, seen.mobile, seen.confidence)
         for robot in self.robots.values():
             robot.add(sighting)

@@ -1,0 +1,143 @@
+"""Algorithms 1 to 3 of the paper as they are written (Sect. 4.3.2), on bare points.
+
+Where the paper leaves a choice open, the first point is taken. All pairs of neighbours are held in memory, as usual
+implementations of DBSCAN do; so many points that these would not fit are refused. The default mode has no such limit.
+"""
+from __future__ import annotations
+
+from typing import List
+
+import numpy as np
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
+
+from vb_fusion.chain import ExtractionError
+
+MOST_PAIRS = 20_000_000  # of neighbours, about a gigabyte: some 6,000 points held at one place, or 50,000 along a line
+
+
+def clustering(
+    pointset_in: np.ndarray, eps: float, min_pts: int, min_exp: float, max_exp: float, min_size: int
+) -> np.ndarray:
+    """Algorithm 1, `clustering(in, out, params)`.
+
+    Args:
+        pointset_in: (N, 2) float64 [m], finite.
+        eps: [m] distance of neighbours.
+        min_pts: neighbours, itself included, that make a core point.
+        min_exp, max_exp: [m] open interval for a cluster's expansion.
+        min_size: the fewest points of a cluster.
+
+    Returns:
+        pointset_out: (M,) int64 indices into pointset_in, ascending; empty if no cluster qualifies.
+    """
+    pointset_out = np.zeros(0, dtype=np.int64)  # l. 2
+    clusters = dbscan(pointset_in, eps, min_pts)  # l. 3
+    clusters = sorted((c for c in clusters if len(c) >= min_size), key=lambda c: -len(c))  # l. 4
+    for c in clusters:  # l. 5
+        if min_exp < expansion(pointset_in[c]) < max_exp:  # l. 6
+            pointset_out = c  # l. 7
+            break  # l. 8
+    return pointset_out
+
+
+def dbscan(points: np.ndarray, eps: float, min_pts: int) -> List[np.ndarray]:
+    """DBSCAN (Ester et al. 1996) with Euclidean distance; noise is left out.
+
+    A point that may go to several clusters goes to its nearest core point's.
+
+    Returns:
+        One ascending array of indices per cluster, in the order of the clusters' first core points.
+    """
+    count = len(points)
+    rows, columns = neighbours(points, eps).T
+    core = np.bincount(np.concatenate([rows, columns]), minlength=count) + 1 >= min_pts
+    joined = core[rows] & core[columns]
+    graph = coo_matrix((np.ones(int(joined.sum()), dtype=bool), (rows[joined], columns[joined])), shape=(count, count))
+    label = np.where(core, connected_components(graph, directed=False)[1], -1)
+    if core.any() and not core.all():
+        distance, nearest = cKDTree(points[core]).query(points[~core], distance_upper_bound=np.nextafter(eps, np.inf))
+        found = np.append(label[core], -1)[nearest]
+        label[~core] = np.where(np.isfinite(distance), found, -1)
+    firsts = dict.fromkeys(label[core].tolist())
+    return [np.flatnonzero(label == number) for number in firsts]
+
+
+def neighbours(points: np.ndarray, radius: float) -> np.ndarray:
+    """(E, 2) each pair of points at most radius [m] apart, once.
+
+    Raises:
+        ExtractionError: "too_many_spots".
+    """
+    tree = cKDTree(points)
+    pairs = (int(tree.count_neighbors(tree, radius)) - len(points)) // 2
+    if pairs > MOST_PAIRS:
+        raise ExtractionError("too_many_spots", spots=len(points))
+    return tree.query_pairs(radius, output_type="ndarray").astype(np.int64)
+
+
+def expansion(points: np.ndarray) -> float:
+    """Diagonal [m] of the smallest axis-parallel box round the points (N, 2)."""
+    return float(np.linalg.norm(np.ptp(points, axis=0)))
+
+
+def thinning(pointset_in: np.ndarray, max_neighbor_dist: float) -> np.ndarray:
+    """Algorithm 2, `thinning(in, out, params)`.
+
+    Args:
+        pointset_in: (N, 2) float64 [m], finite.
+        max_neighbor_dist: [m] distance of neighbours.
+
+    Returns:
+        pointset_out: (M, 2) float64 [m], the means in the order they were made, then the points without neighbours.
+    """
+    count = len(pointset_in)
+    pairs = neighbours(pointset_in, max_neighbor_dist)
+    both = np.vstack([pairs, pairs[:, ::-1]])
+    near = coo_matrix((np.ones(len(both), dtype=bool), (both[:, 0], both[:, 1])), shape=(count, count)).tocsr()
+    left = np.ones(count, dtype=bool)
+    numbers = np.diff(near.indptr).astype(np.int64)
+    pointset_out = []  # l. 2
+    while left.any():  # l. 3
+        p = int(np.argmax(numbers))  # l. 4
+        n = near.indices[near.indptr[p] : near.indptr[p + 1]]
+        n = n[left[n]]  # l. 5
+        if not n.size:  # l. 6, 10
+            break
+        taken = np.append(n, p)
+        pointset_out.append(pointset_in[taken].mean(axis=0))  # l. 7, 9
+        left[taken] = False  # l. 8
+        for gone in taken:
+            numbers[near.indices[near.indptr[gone] : near.indptr[gone + 1]]] -= 1
+        numbers[taken] = -1
+        numbers[~left] = -1
+    return np.vstack([np.array(pointset_out).reshape(-1, 2), pointset_in[left]])  # l. 12
+
+
+def generate_poly(pointset_in: np.ndarray, max_neighbor_dist: float) -> np.ndarray:
+    """Algorithm 3, `generatePoly(in, out, params)`: a walk to nearest neighbours, forward and backward.
+
+    Args:
+        pointset_in: (N, 2) float64 [m], at least one, finite.
+        max_neighbor_dist: [m] the longest step.
+
+    Returns:
+        polygon: (M,) int64 indices into pointset_in, along the chain; points that the walk left out are missing.
+    """
+    unmarked = np.ones(len(pointset_in), dtype=bool)
+    dir1, dir2 = [0], []  # l. 2 to 6
+    unmarked[0] = False
+    forward, p = True, 0
+    while unmarked.any():  # l. 7
+        squares = np.where(unmarked, ((pointset_in - pointset_in[p]) ** 2).sum(axis=1), np.inf)
+        n = int(np.argmin(squares))  # l. 8
+        if squares[n] <= max_neighbor_dist**2:  # l. 9
+            (dir1 if forward else dir2).append(n)  # l. 10 to 14
+            unmarked[n] = False
+            p = n
+        elif forward:  # l. 16
+            p, forward = 0, False
+        else:
+            break  # l. 20
+    return np.array(dir1[::-1] + dir2, dtype=np.int64)  # l. 21, 22

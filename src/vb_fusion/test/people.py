@@ -1,0 +1,99 @@
+"""Strokes of real people, seen by simulated cameras; used by the tests and by bench/extraction.py.
+
+`data/quickdraw_strokes.json` holds single strokes of the raw Quick, Draw! data (Google, Inc., CC BY 4.0): one player
+each, by mouse or finger. They say how people move, not how a laser pointer trembles. Scaled to a border's size and to
+a speed, and seen by two cameras; the figures of `Seen` are those that the measure of quality names.
+"""
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import List, Tuple
+
+import numpy as np
+from strokes import Setting, Stroke, tremor
+
+from vb_core import geometry
+
+DATA = Path(__file__).resolve().parent / "data" / "quickdraw_strokes.json"
+TORN = 0.25  # a stroke with a step of more than this share of its diagonal was not recorded whole
+
+
+@dataclass(frozen=True)
+class Drawing:
+    """One stroke as it was drawn: points (N, 2) [px, y upwards], times (N,) [s]; closed is what was meant."""
+
+    id: str
+    shape: str
+    closed: bool
+    points: np.ndarray
+    times: np.ndarray
+
+
+@dataclass(frozen=True)
+class Seen:
+    """How a drawing is scaled and seen."""
+
+    diagonal: Tuple[float, float] = (1.5, 3.0)  # [m]
+    speed: Tuple[float, float] = (0.2, 0.5)  # [m/s] mean
+    cameras: int = 2
+    rate: float = 25.0  # [1/s]
+    dropped: float = 0.3
+    bias: float = 0.02  # [m]
+    noise: float = 0.01  # [m]
+    tremor: float = 0.015  # [m]
+    outliers: float = 0.03
+
+    def replace(self, **changes) -> "Seen":
+        return dataclasses.replace(self, **changes)
+
+
+def drawings(path: Path = DATA) -> List[Drawing]:
+    """All strokes of a file that were recorded whole."""
+    found = []
+    for entry in json.loads(Path(path).read_text()):
+        if entry.get("max_inner_step_rel_diag", 0.0) > TORN:
+            continue
+        rows = np.array(entry["points"], dtype=float)
+        points = rows[:, 1:3] * [1.0, -1.0]
+        found.append(Drawing(entry["id"], entry["shape"], bool(entry["closed"]), points, rows[:, 0] - rows[0, 0]))
+    return found
+
+
+def half(drawing: Drawing) -> str:
+    """"develop" or "judge": which strokes the code was developed with, by a hash of the id."""
+    return "develop" if hashlib.sha256(drawing.id.encode()).digest()[0] % 2 == 0 else "judge"
+
+
+def see(drawing: Drawing, seen: Seen, rng: np.random.Generator) -> Stroke:
+    """The spots of a drawing, in the order of their stamps; the truth is the line as it was drawn [m]."""
+    scale = rng.uniform(*seen.diagonal) / np.linalg.norm(np.ptp(drawing.points, axis=0))
+    angle = rng.uniform(0, 2 * np.pi)
+    turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+    middle = (drawing.points.max(axis=0) + drawing.points.min(axis=0)) / 2
+    truth = scale * (drawing.points - middle) @ turn.T
+    duration = geometry.chain_length(truth) / rng.uniform(*seen.speed)
+    times = drawing.times / drawing.times[-1] * duration
+    hand_t = -2.0 + 0.01 * np.arange(int(round((duration + 4.0) / 0.01)))
+    hand = tremor(hand_t, Setting(tremor=seen.tremor), rng)
+    points, stamps, cameras = [], [], []
+    for camera in range(seen.cameras):
+        phase = rng.uniform(0, 1 / seen.rate)
+        t = phase + np.arange(int((duration - phase) * seen.rate + 1.0)) / seen.rate
+        t = t[rng.random(len(t)) >= seen.dropped]
+        p = np.column_stack([np.interp(t, times, truth[:, k]) + np.interp(t, hand_t, hand[:, k]) for k in range(2)])
+        direction = rng.uniform(0, 2 * np.pi)
+        p = p + seen.bias * np.array([np.cos(direction), np.sin(direction)]) + rng.normal(0, seen.noise, p.shape)
+        points.append(p)
+        stamps.append(t)
+        cameras.append(np.full(len(t), camera))
+    strays = int(round(seen.outliers * sum(map(len, points))))
+    points.append(rng.uniform([-4, -2.5], [4, 2.5], (strays, 2)))
+    stamps.append(rng.uniform(0, duration, strays))
+    cameras.append(rng.integers(0, seen.cameras, strays))
+    p, t, c = np.vstack(points), np.concatenate(stamps), np.concatenate(cameras)
+    order = np.argsort(t, kind="stable")
+    return Stroke(truth, drawing.closed, p[order], t[order], c[order])
