@@ -42,7 +42,7 @@ from vb_map_integration.registration import IDENTITY, Transform
 
 FILE = "borders.db"
 FORMAT = 1
-# what is kept of each: changes that can be undone (of a place), requests, daily copies, damaged files, maps of a place
+# what is kept of each: changes that can be undone, requests, daily copies, damaged files, maps of a place
 MAX_CHANGES, MAX_REQUESTS, MAX_COPIES, MAX_DAMAGED, MAX_MAPS = 1000, 1000, 14, 3, 6
 # [s] how long a new process waits for the one before to end
 LOCK_PATIENCE_S = 5.0
@@ -514,8 +514,7 @@ class Database:
             ("DELETE FROM changes WHERE place = ? AND undone = 1", (place,)),
             ("INSERT INTO changes (place, undone, body, digest) VALUES (?, 0, ?, ?)",
              (place, body, _digest(place, body))),
-            ("DELETE FROM changes WHERE place = ? AND number <= (SELECT number FROM changes WHERE place = ? "
-             f"ORDER BY number DESC LIMIT 1 OFFSET {MAX_CHANGES})", (place, place)),
+            (f"DELETE FROM changes WHERE number <= (SELECT max(number) FROM changes) - {MAX_CHANGES}", ()),
         ]
 
     def _newest(self, place: int, kind: str) -> Tuple[int, Change]:
