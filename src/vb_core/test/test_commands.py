@@ -1,5 +1,7 @@
 """Giving commands: each has an id and an end, a lost answer is asked for once more, and stop waits for nothing."""
+import re
 import threading
+from pathlib import Path
 
 import pytest
 import rospy
@@ -7,6 +9,16 @@ import rospy
 from vb_core.errors import CodedError
 from vb_core.ros import commands
 from vb_msgs.srv import CommandResponse
+
+
+def test_no_comment_is_part_of_a_constant():
+    """In messages all that follows a string constant's = is its value."""
+    found = [
+        f"{path.name}: {line}"
+        for path in Path(__file__).resolve().parents[2].glob("vb_msgs/*/*.[ms]*") if path.suffix in (".msg", ".srv")
+        for line in path.read_text(encoding="utf-8").splitlines() if re.match(r"string +[A-Z_]+ *=.*#", line)
+    ]
+    assert not found
 
 
 @pytest.fixture
