@@ -88,8 +88,9 @@ def test_what_was_there_from_the_beginning_has_to_move_first():
     film = Film()
     for i in range(20):
         assert not film.see(sighting(0.0, proven=False, content=i))[0].published
-    told = [film.see(sighting(0.004 * i, proven=False, content=20 + i))[0] for i in range(6)]
-    assert told[-1].published and sum(len(one.recalled) for one in told) >= 20
+    told = [film.see(sighting(0.01 * i, proven=i > 3, content=20 + i))[0] for i in range(6)]
+    assert [one.published for one in told] == [False] * 4 + [True] * 2
+    assert sum(len(one.recalled) for one in told) >= 20
 
 
 def test_the_mean_colour_is_asked():

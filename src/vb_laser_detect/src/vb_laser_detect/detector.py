@@ -183,7 +183,8 @@ class SpotDetector:
         spots, refusals = self._confirm(found, camera)
         # a pause must not make one frame outweigh all that was learnt before
         kept = [(f.blob.u, f.blob.v, f.blob.diameter) for f in found
-                if f.certain and f.confidence >= max(_CERTAIN, p.min_probability) or not view.known]
+                if not view.known or f.certain and f.confidence >= max(_CERTAIN, p.min_probability)
+                and self._is_proven(f.blob, camera)]
         self._proposer.learn(view, kept, min(elapsed, 1.0))
         self.candidates = [_candidate(f, refusals.get(id(f), f.refusal)) for f in findings] + left_out
         return spots
@@ -251,7 +252,7 @@ class SpotDetector:
             spots.append(Spot(b.u, b.v, b.diameter, f.confidence))
             sightings.append(Sighting(
                 (b.u, b.v), tuple(floor[number]) if floor is not None else None, f.confidence, f.certain,
-                self._proposer.proven(b.u, b.v) or _is_vivid(b, camera), b.tint, (spots[-1], self._stamp, self.tag, f.numbers)))
+                self._is_proven(b, camera), b.tint, (spots[-1], self._stamp, self.tag, f.numbers)))
         tracked = self._tracker.update(sightings, lambda sighting, tint: self._agrees(sighting, tint, camera))
         told, refusals = [], {}
         self.recalled = []
@@ -263,6 +264,10 @@ class SpotDetector:
             else:
                 refusals[id(f)] = "less_certain" if track.confirmed else "unconfirmed"
         return told, refusals
+
+    def _is_proven(self, blob: Blob, camera: Camera) -> bool:
+        """Whether a blob is no lamp that was there before the camera looked; see `tracking.Sighting`."""
+        return self._proposer.proven(blob.u, blob.v) or _is_vivid(blob, camera)
 
     def _agrees(self, sighting: Sighting, tint: Optional[np.ndarray], camera: Camera) -> bool:
         """Whether a track's last sighting is a spot with the mean colour of all of them."""

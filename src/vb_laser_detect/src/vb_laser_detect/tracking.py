@@ -20,7 +20,6 @@ _GAP_PERIODS = 3.5  # a spot may be missing in two images of any camera
 _RECALL_S = 1.0  # older sightings of what is confirmed at last are not worth telling
 _TRUST_S = 0.5  # [s] so long a spot is followed through what it cannot be measured well in
 _MOVED_PX = 8.0  # a spot that is held still does not leave a place so far
-_PROOF_PX = 4.0  # from where it was first seen: what moved so far on the floor is no part of it
 _HELD_S = 0.6  # [s] a hand that draws leaves such a place sooner
 _DIAGONAL_M = 5.0  # without a pose an image's diagonal is taken for so much
 _PERIODS = 15  # [images] whose median distance in time is the period
@@ -34,7 +33,7 @@ class Sighting(NamedTuple):
         floor: (x, y) [m]; None without a pose.
         confidence: 0 ... 1, to choose among several.
         certain: False if it was taken for a spot only since one was expected there.
-        proven: False on ground that was never seen without it: only motion tells it from a lamp then.
+        proven: False on ground that was never seen without it: it may be a lamp, until it is seen on other ground.
         tint: what `colour.tint_of` said; None if its colour does not matter.
         content: anything; comes back when it is recalled.
     """
@@ -85,7 +84,6 @@ class _Track:
     place: np.ndarray  # in the unit of the gates
     pixel: np.ndarray
     stamp: float
-    origin: np.ndarray  # [px] first seen there
     stayed_at: np.ndarray  # [px] where it began to stay
     stayed_since: float
     velocity: np.ndarray = field(default_factory=lambda: np.zeros(2))
@@ -151,10 +149,10 @@ class SpotTracker:
         expected = []
         for track in self._tracks:
             if motion is not None:
-                moved = cv2.perspectiveTransform(np.array([[track.pixel, track.origin, track.stayed_at]]), motion)[0]
+                moved = cv2.perspectiveTransform(np.array([[track.pixel, track.stayed_at]]), motion)[0]
                 if not self._metric:
                     track.place = track.place + moved[0] - track.pixel
-                track.pixel, track.origin, track.stayed_at = moved
+                track.pixel, track.stayed_at = moved
             if track.confirmed:
                 expected.append(self._expect(track))
         return sorted(expected, key=lambda one: not one.published)
@@ -225,7 +223,7 @@ class SpotTracker:
             if track is None:
                 self._numbers += 1
                 pixel = np.array(sightings[row].pixel, float)
-                found[row] = _Track(self._numbers, places[row], pixel, self._stamp, pixel, pixel, -math.inf)
+                found[row] = _Track(self._numbers, places[row], pixel, self._stamp, pixel, -math.inf)
                 self._tracks.append(found[row])
         return found
 
@@ -239,7 +237,7 @@ class SpotTracker:
         track.place, track.pixel, track.stamp = place, pixel, self._stamp
         if np.hypot(*(pixel - track.stayed_at)) > _MOVED_PX:
             track.stayed_at, track.stayed_since = pixel, self._stamp
-        track.proven = track.proven or sighting.proven or bool(np.hypot(*(pixel - track.origin)) > _PROOF_PX)
+        track.proven = track.proven or sighting.proven
         if sighting.certain:
             track.certain_at = self._stamp
             track.hits += 1

@@ -97,7 +97,7 @@ class DepthTopic:
     def __init__(self, topic: str, info_topic: str, report: Report) -> None:
         self._report = report
         self._lock = threading.Lock()
-        self._images: Deque[Image] = deque(maxlen=4)
+        self._images: Deque[Image] = deque(maxlen=12)  # a busy computer searches an image late
         self._info = InfoTopic(info_topic, report)
         rospy.Subscriber(topic, Image, self._on_image, queue_size=1, buff_size=2**22)
 
