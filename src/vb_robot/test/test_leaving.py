@@ -2,6 +2,7 @@
 import math
 
 import numpy as np
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -158,10 +159,11 @@ def test_a_robot_that_was_brought_near_a_border_is_left_to_whoever_brought_it():
         assert rig.step().driver == "navigation"
 
 
-def test_a_robot_too_near_for_navigation_to_plan_is_helped_away_and_keeps_its_goal():
+@pytest.mark.parametrize("gap", [0.06, -0.02])
+def test_a_robot_too_near_for_navigation_to_plan_is_helped_away_and_keeps_its_goal(gap):
     rig = swallowed(pose=(2.0, 4.0, 0.0))
     rig.step()
-    rig.pose = (4.0 - RADIUS - 0.06, 1.5, 0.3)
+    rig.pose = (4.0 - RADIUS - gap, 1.5, 0.3)
     rig.driver.set_goal(True)
     commands = [rig.step() for _ in range(160)]
     assert {command.driver for command in commands} == {"nobody", "leave"} and not any(c.cancel for c in commands)

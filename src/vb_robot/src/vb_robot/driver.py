@@ -328,7 +328,7 @@ class Driver:
             return None
         room = float(self._ground.clearance_at([pose[:2]])[0]) - self.profile.radius
         if self._pinched is None:
-            if not 0.0 < room < PATH_MARGIN + 0.02 or not 0.0 <= now - self._idle_since >= PINCHED_AFTER:
+            if not -self.profile.radius < room < PATH_MARGIN + 0.02 or not 0.0 <= now - self._idle_since >= PINCHED_AFTER:
                 return None
             self._pinched = Leaving(WayOut(*self._grids, self.profile.radius, pose[:2]))
         if room >= MARGIN or self._pinched.failed:
