@@ -31,8 +31,13 @@ const operator = () => hello.role === "operator";
 const clock = (seconds) => `${Math.floor(seconds / 60)}:${String(Math.floor(seconds % 60)).padStart(2, "0")}`;
 const commandName = (command) => say(`page_command_${command}`);
 
-// Replaces a list's content; what has the focus keeps it, by data-key.
+// Replaces a list's content if it changed: a button that is replaced under a finger is never pressed. What has the focus
+// keeps it, by data-key.
+const filled = new WeakMap();
 function fill(parent, children) {
+  const text = children.filter(Boolean).map((child) => child.outerHTML).join("");
+  if (filled.get(parent) === text) return;
+  filled.set(parent, text);
   const key = parent.contains(document.activeElement) && document.activeElement.dataset.key;
   parent.replaceChildren(...children.filter(Boolean));
   if (key) { const again = parent.querySelector(`[data-key="${CSS.escape(key)}"]`); if (again) again.focus({ preventScroll: true }); }
@@ -181,7 +186,7 @@ function select(code, value, options, onchange) {
 function drawReview() {
   const box = $("review");
   box.hidden = mode === "look";
-  if (mode === "look") { map.picture("region", ""); return box.replaceChildren(); }
+  if (mode === "look") { map.picture("region", ""); return fill(box, []); }
   const cancel = button("page_discard", () => setMode("look"));
   if (mode !== "review") {
     const done = mode === "draw" && taps.length > 1 ? button("page_finish", () => begin([...taps], taps.length > 2 ? "polygon" : "curve"), "primary") : null;
@@ -225,7 +230,7 @@ function drawBorders() {
   if (!view.borders) return;
   const { list, revision, unconfirmed } = view.borders;
   map.setBorders(list, { id: chosenBorder, hidden: draft && draft.border });
-  fill($("borders"), list.map((border) => {
+  fill($("borders"), !list.length ? [element("li", { class: "muted" }, say("page_no_borders"))] : list.map((border) => {
     const toggle = element("button", {
       type: "button", class: "switch operator", role: "switch", "aria-checked": String(border.enabled), "aria-label": say("page_switch", { border: border.name }), "data-key": `switch ${border.id}`,
       onclick: () => ask("enable", { border: border.id, enabled: !border.enabled, revision: view.borders.revision }),
@@ -234,7 +239,6 @@ function drawBorders() {
       element("span", {}, border.name || say("page_no_name"), element("small", {}, why(border))));
     return element("li", {}, open, toggle);
   }));
-  if (!list.length) $("borders").append(element("li", { class: "muted" }, say("page_no_borders")));
 }
 
 function scheduleText(schedule) {
