@@ -138,7 +138,9 @@ def _strokes(seen: Sights, params: ExtractionParams) -> Tuple[Sights, Sights]:
     if seen.stamps is None:
         order = in_order(seen.points, params.eps)
         return seen.select(order), seen.select(order[:0])
-    tracks = find_tracks(seen, params.eps, 0.5 * params.min_exp)
+    # a quick stroke across a doorway is seen seldom, but unlike something bright that stays it is long
+    tracks = find_tracks(seen, params.eps, 0.25 * params.min_exp)
+    tracks = [track for track in tracks if expansion(track.points) > 0.8 * params.min_exp]
     if not tracks:
         raise _no_line(seen, params)
     parts, ends = [tracks[0].sights], [tracks[0].points[0], tracks[0].points[-1]]
