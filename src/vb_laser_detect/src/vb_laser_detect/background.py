@@ -107,8 +107,8 @@ class Background:
 
     def is_guessed(self, u: float, v: float) -> bool:
         """Whether the floor about a pixel was never seen."""
-        row, column = min(int(v) // BLOCK, self._guessed.shape[0] - 1), min(int(u) // BLOCK, self._guessed.shape[1] - 1)
-        return bool(self._guessed[row, column])
+        # a motion by parts of a block moves the marks by whole ones: those beside it count too
+        return bool(self._guessed[blocks_around(self._guessed.shape, u, v, BLOCK)].any())
 
     def learn(self, image: np.ndarray, rise: np.ndarray, changed: np.ndarray, spots: np.ndarray, dt: float) -> None:
         """Takes a frame in.

@@ -183,8 +183,10 @@ class SpotDetector:
         spots, refusals = self._confirm(found, camera)
         # a pause must not make one frame outweigh all that was learnt before
         kept = [(f.blob.u, f.blob.v, f.blob.diameter) for f in found
-                if not view.known or f.certain and f.confidence >= max(_CERTAIN, p.min_probability)
-                and self._is_proven(f.blob, camera)]
+                if (view.known and f.certain and f.confidence >= max(_CERTAIN, p.min_probability)
+                    and self._is_proven(f.blob, camera))
+                # a robot's first image: whatever is pale belongs to the floor, a lamp more likely than a spot
+                or (not view.known and (not p.moving_camera or _is_vivid(f.blob, camera)))]
         self._proposer.learn(view, kept, min(elapsed, 1.0))
         self.candidates = [_candidate(f, refusals.get(id(f), f.refusal)) for f in findings] + left_out
         return spots
