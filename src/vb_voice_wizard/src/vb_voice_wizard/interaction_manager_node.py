@@ -101,7 +101,7 @@ class InteractionManager:
         self._cameras: List[str] = []
         self._cameras_of = ""
         self._spots = -1
-        self._beaten = self._revived = float("-inf")
+        self._beaten, self._revived = time.monotonic(), float("-inf")
         self._recall()
 
         self._neighbours = Neighbours(
@@ -170,7 +170,7 @@ class InteractionManager:
 
     def _on_beat(self) -> None:
         now = time.monotonic()
-        if self._beaten > float("-inf") and now - self._beaten > _HUNG:
+        if now - self._beaten > _HUNG:
             self._revived = now
         self._beaten = now
         with self._lock:
