@@ -143,7 +143,7 @@ class Queue(Generic[T]):
             return self._items.popleft() if self._items else None
 
     def close(self) -> None:
-        """Wakes up the worker; from now on `take` gives None."""
+        """Ends it: what waits is still taken, then `take` gives None."""
         with self._condition:
             self._closed = True
             self._condition.notify_all()
