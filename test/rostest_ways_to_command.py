@@ -172,6 +172,16 @@ class WaysToCommand(unittest.TestCase):
             self.joy.publish(buttons=list(buttons))
 
     def speak(self, command):
+        self.utter(command)
+        if command == "save":
+            # a single short word is asked about if it was not quite clear; a person says it once more
+            answered = self.state.wait(
+                lambda message: message.confirm_save or (message.name == "default" and message.last_outcome == "saved"),
+                "an answer to the spoken save")
+            if answered.confirm_save:
+                self.utter(command)
+
+    def utter(self, command):
         pcm = say(command.replace("_", " "))
         for at in range(0, len(pcm), RATE // 10):
             self.audio.publish(Audio(sample_rate=RATE, data=pcm[at : at + RATE // 10].tobytes()))

@@ -66,6 +66,7 @@ class RobotCamera:
         self.infos = rospy.Publisher("/camera/rgb/camera_info", CameraInfo, queue_size=1)
         self.depths = rospy.Publisher("/camera/depth_registered/image_raw", Image, queue_size=1)
         self.tf = tf2_ros.TransformBroadcaster()
+        self.played = 0
         self.localised, self.looped, self.pose_late_s = True, False, 0.0
         self.info = lambda stamp: messages.info_from_camera(self.camera, stamp, self.frame)
         self.depth_message = lambda depth: messages.image_message(depth, "16UC1", rospy.Time(), self.frame)
@@ -73,7 +74,9 @@ class RobotCamera:
     def play(self, stamp, x):
         base = geometry.pose2d_transform(x, 1.0, 0.2)
         T = base @ self.T_base
-        point = geometry.apply(base, np.array([1.0, 0.1, 0.0]))
+        # a spot that rests at one place of the picture for long is a lamp
+        self.played += 1
+        point = geometry.apply(base, np.array([1.0, 0.1 + 0.15 * np.sin(0.05 * self.played), 0.0]))
         uv = self.camera.project(geometry.apply(geometry.invert(T), point)[None])[0]
         image = self.scene.render([uv], sigma=2.5, colour=RED)[:, :, ::-1]
         small = self.camera.scaled_to(80, 60)

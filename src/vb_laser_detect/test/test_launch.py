@@ -30,7 +30,7 @@ def placed(config):
 
 def test_all_is_here_unless_said_otherwise():
     config = load("cameras:=red green")
-    assert placed(config) == {"spot_detector_red": None, "spot_detector_green": None}
+    assert placed(config) == {"spot_detector_red": None, "spot_detector_green": None, "lab_monitor": None}
     assert not load("cameras:=").nodes
 
 
@@ -41,6 +41,7 @@ def test_each_detector_is_on_its_cameras_machine(machines):
         "spot_detector_green": "loft",
         "spot_detector_blue": "hall",
         "clock_check": None,
+        "lab_monitor": None,
     }
     assert {name: machine.address for name, machine in config.machines.items() if name in ("loft", "hall")} == {
         "loft": "10.0.0.2",

@@ -13,6 +13,7 @@ import unittest
 
 import rospy
 import rostest
+from vb_core import sentences
 from std_msgs.msg import Bool, String
 
 sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
@@ -180,7 +181,7 @@ class InteractionManagerTest(unittest.TestCase):
         self.stub.candidate = good
         self.stub.add = AddBorderResponse(success=False, code="separates_nothing", message="It separates nothing.")
         answer = self.command("save")
-        self.assertEqual((answer.code, answer.message), ("separates_nothing", "It separates nothing."))
+        self.assertEqual((answer.code, answer.message), ("separates_nothing", sentences.say("separates_nothing")))
         state = self.state.wait(lambda message: message.last_code == "separates_nothing", "the refusal in the state")
         self.assertEqual((state.name, state.interaction_id, state.last_success), ("seed", identity, False))
 
@@ -383,7 +384,8 @@ class InteractionManagerTest(unittest.TestCase):
             over = self.state.wait(lambda message: message.name == "default", "the end")
             self.assertEqual((over.last_code, over.last_outcome, over.last_success), ("abandoned", "abandoned", False))
             self.assertTrue(over.last_message)
-            self.assertEqual(self.records()[-1]["outcome"], "abandoned")
+            # the record is written once everybody knows
+            wait_until(lambda: self.records()[-1]["outcome"] == "abandoned", "the record")
         finally:
             impatient.stop()
             self.node.start()

@@ -12,6 +12,7 @@ import unittest
 
 import rospy
 import rostest
+from vb_core import sentences
 
 sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
 from ros_helpers import Newest, Process, StubNeighbours, wait_until  # noqa: E402
@@ -139,7 +140,7 @@ class WizardConsoleTest(unittest.TestCase):
         terminal = Terminal()
         # the manager that runs publishes a preview of its own, of nothing: ours is said again
         wait_until(lambda: preview.publish(preview.impl.latch) or "It separates nothing." in terminal.text, "the refusal")
-        terminal.shows("! The robot stands inside.")
+        terminal.shows("! " + sentences.say("robot_inside")[:30])
         for size in ((120, 40), (80, 24), (40, 12)):
             terminal.resize(*size)
             wait_until(lambda: size[0] in panel_widths(terminal), f"a screen of {size}")

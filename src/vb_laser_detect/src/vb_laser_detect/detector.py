@@ -31,6 +31,9 @@ _LEAST_WHITE = 128.0  # [grey levels] no camera's white is darker
 _VIVID = 0.4  # chroma of a laser's light on a floor; webcams show less, but other bright things even less
 _ONE_MOSAIC = 0.75  # a small spot's colour in one mosaic depends on the places it falls on; in the mean of some not
 _CERTAIN = 0.9  # probability from which a spot that stays is kept out of the background: less, and it may be a ghost
+# part of a spot's surroundings that lost light. A laser adds light and takes none: what comes with so much darkness is
+# a thing, for instance a shirt with its wearer; a hand or a foot beside the spot darkens less
+_MAX_DARKER = 0.25
 
 
 @dataclass(frozen=True)
@@ -78,13 +81,14 @@ class Candidate:
 
 @dataclass(frozen=True)
 class _Finding:
-    """A proposal that was measured."""
+    """A proposal that was measured; `told`: it continues a track that was published, and that the image alone shows."""
 
     blob: Blob
     numbers: Dict[str, float]
     confidence: float = 0.0
     refusal: str = ""
     certain: bool = True
+    told: bool = False
 
 
 class SpotDetector:
@@ -183,8 +187,9 @@ class SpotDetector:
         spots, refusals = self._confirm(found, camera)
         # a pause must not make one frame outweigh all that was learnt before
         kept = [(f.blob.u, f.blob.v, f.blob.diameter) for f in found
+                # whatever floor the light of a moment ago showed: a spot that was told is not floor
                 if (view.known and f.certain and f.confidence >= max(_CERTAIN, p.min_probability)
-                    and self._is_proven(f.blob, camera))
+                    and (f.told or self._is_proven(f.blob, camera)))
                 # a robot's first image: whatever is pale belongs to the floor, a lamp more likely than a spot
                 or (not view.known and (not p.moving_camera or _is_vivid(f.blob, camera)))]
         self._proposer.learn(view, kept, min(elapsed, 1.0))
@@ -198,9 +203,11 @@ class SpotDetector:
         proposals = [proposal for proposal in view.proposals if not proposal.refusal]
         for number, (proposal, metre) in enumerate(zip(proposals, self._metres_in(proposals))):
             finding = self._examine(proposal, metre, view, camera)
+            one = proposal.expected
+            if one is not None and one.published and one.trusted and one.holds(finding.blob.u, finding.blob.v):
+                finding = replace(finding, told=True)
             if not _is_double(finding, findings):
                 findings.append(finding)
-            one = proposal.expected
             if (self.params.max_spots == 1 and one is not None and one.published and one.moves and finding.certain
                     and not finding.refusal and one.holds(finding.blob.u, finding.blob.v)):
                 # the one spot is drawn with, and found where it is expected: nothing else can take its place
@@ -239,6 +246,8 @@ class SpotDetector:
         least = max(self.params.min_probability, _CERTAIN) if expected else self.params.min_probability
         if verdict.probability < least:
             refusal = verdict.against
+        elif not expected and numbers["darker"] > _MAX_DARKER:
+            refusal = "darker"
         elif self._place_check is not None:
             refusal = self._place_check(blob.u, blob.v)
         return _Finding(blob, numbers, verdict.probability, refusal, not expected)
@@ -254,7 +263,7 @@ class SpotDetector:
             spots.append(Spot(b.u, b.v, b.diameter, f.confidence))
             sightings.append(Sighting(
                 (b.u, b.v), tuple(floor[number]) if floor is not None else None, f.confidence, f.certain,
-                self._is_proven(b, camera), b.tint, (spots[-1], self._stamp, self.tag, f.numbers)))
+                f.told or self._is_proven(b, camera), b.tint, (spots[-1], self._stamp, self.tag, f.numbers)))
         tracked = self._tracker.update(sightings, lambda sighting, tint: self._agrees(sighting, tint, camera))
         told, refusals = [], {}
         self.recalled = []
