@@ -40,16 +40,17 @@ def free_floor():
 
 
 def stroke(per_side=40, noise=0.004):
-    """(N, 3) time [s], x, y [m]: along the square at 25 images a second, then 1 s at its middle."""
+    """(N, 3) time [s], x, y [m]: along the square at 25 images a second, then, 0.6 s later, 1 s at its middle."""
     random = np.random.default_rng(5)
     corners = np.vstack([SQUARE, SQUARE[:1]])
     points = np.vstack(
         [np.linspace(a, b, per_side, endpoint=False) for a, b in zip(corners[:-1], corners[1:])] + [corners[:1]]
     )
     points = np.vstack([points, np.tile(SQUARE.mean(axis=0), (25, 1))])
-    return np.column_stack(
-        [START + 0.5 + np.arange(len(points)) / 25.0, points + random.normal(0.0, noise, points.shape)]
-    )
+    stamps = START + 0.5 + np.arange(len(points)) / 25.0
+    # "define seed" is said in between, and the pointer moved: nobody jumps from one image to the next
+    stamps[-25:] += 0.6
+    return np.column_stack([stamps, points + random.normal(0.0, noise, points.shape)])
 
 
 def drawn_events(rows):
