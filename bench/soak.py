@@ -245,17 +245,17 @@ class Soak:
         got, physical = np.asarray(message.data).reshape(100, 160), self.maps[self.floor]
         return bool((got[physical == 100] == 100).all())
 
-    def call(self, name: str, kind: Any, **fields: Any) -> Any:
+    def call(self, service: str, kind: Any, **fields: Any) -> Any:
         """Calls a service; while its node comes back from the dead, again."""
         import rospy
 
         deadline = time.monotonic() + PATIENCE
         while True:
             try:
-                return rospy.ServiceProxy(name, kind)(**fields)
+                return rospy.ServiceProxy(service, kind)(**fields)
             except (rospy.ServiceException, rospy.ROSException, OSError) as error:
                 if time.monotonic() > deadline:
-                    raise Broken(f"{name} does not answer: {error}") from None
+                    raise Broken(f"{service} does not answer: {error}") from None
                 self.tick(0.1)
                 time.sleep(0.1)
 
@@ -424,11 +424,18 @@ class Soak:
 
     def change_floor(self) -> None:
         """The robot goes to the other floor; the borders of this one must be there when it comes back."""
+        from vb_core import names
+        from vb_msgs.srv import ConfirmMap, ConfirmMapRequest
+
         self.floor = next(name for name in self.maps if name != self.floor)
         self.newest.pop("posterior", None)
         self.tell_map()
         self.wait(self._posterior_is_of_this_floor, f"the map of the {self.floor}", ticking=True)
         self.counts["floor changed"] += 1
+        if self.heard("borders", lambda array: array.needs_confirmation):
+            # both floors have the same outer walls: until somebody says which one it is, the other's borders stay in force
+            self.call(names.CONFIRM_MAP, ConfirmMap, answer=ConfirmMapRequest.OTHER_PLACE, name=self.floor, source="soak")
+            self.counts["floor told"] += 1
 
     def tell_map(self) -> None:
         """Publishes the floor's map, as map_server does."""
