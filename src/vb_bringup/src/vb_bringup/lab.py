@@ -5,6 +5,7 @@ wrong and what cures it. `lab_probe` looks at the running lab; this module only 
 """
 from __future__ import annotations
 
+import difflib
 import enum
 import math
 from collections import defaultdict
@@ -65,7 +66,6 @@ class CameraSeen:
         topic: of its images; publishers: nodes that publish it.
         rate: [1/s]; age: [s] newest stamp to now; both 0 without images.
         frame: that the images name; bright: share of the image at its white level.
-        mobile: whether it is a robot's.
         detector: the detector's node; "" if none runs.
         has_pose: whether tf knows the frame in the map.
         file: the calibration file, "" if others publish the pose; file_error: why it cannot be read;
@@ -83,7 +83,6 @@ class CameraSeen:
     frame: str = ""
     bright: float = 0.0
     info: Optional[CameraInfoSeen] = None
-    mobile: bool = False
     detector: str = ""
     has_pose: bool = False
     file: str = ""
@@ -208,7 +207,7 @@ class MapSeen:
         shape: (rows, columns) of /map; None: no map came.
         publishers: nodes that publish /map; with_borders: whether /virtual_borders/map has the same geometry.
         borders, acting: how many there are, and how many are in force.
-        code, message: of the borders as a whole.
+        message: of the borders as a whole.
     """
 
     shape: Optional[Tuple[int, int]] = None
@@ -218,7 +217,6 @@ class MapSeen:
     borders: int = 0
     acting: int = 0
     needs_confirmation: bool = False
-    code: str = "ok"
     message: str = ""
 
 
@@ -297,8 +295,6 @@ def check_launch_arguments(given: Sequence[str], declared: Sequence[str]) -> Lis
 
 
 def _nearest(name: str, known: Sequence[str]) -> str:
-    import difflib
-
     return (difflib.get_close_matches(name, known, 1, 0.0) or [""])[0]
 
 

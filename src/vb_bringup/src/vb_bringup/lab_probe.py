@@ -254,7 +254,7 @@ def _camera(
         encoding=getattr(image, "encoding", "") or getattr(image, "format", ""), frame=frame,
         bright=float((pixels >= 250).mean()) if pixels.size else 0.0,
         info=None if info is None else CameraInfoSeen(info.width, info.height, float(info.K[0])),
-        mobile=bool(dict(parameters.get("detector", {})).get("moving_camera", False)), detector=node,
+        detector=node,
         has_pose=bool(frame) and _transform_age(transforms, frame) is not None, file=file, file_error=error,
         file_frame=file_frame,
     )
@@ -313,5 +313,5 @@ def _map(graph: Graph, streams: Mapping[str, Stream]) -> MapSeen:
         borders=len([border for border in found if border.enabled]),
         acting=len([border for border in found if border.enabled and border.acting]),
         needs_confirmation=borders is not None and borders.needs_confirmation,
-        code="ok" if borders is None else borders.code, message="" if borders is None else borders.message,
+        message="" if borders is None else borders.message,
     )

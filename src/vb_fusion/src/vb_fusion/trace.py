@@ -12,7 +12,6 @@ from typing import Optional
 import numpy as np
 from scipy.spatial import cKDTree
 
-from vb_fusion.observations import Sights
 
 STEP = 0.05  # [m] between stations: what a hand trembles
 SAME_LINE = 0.1  # [m] passes that are no farther apart are one line: a border is not drawn narrower

@@ -7,7 +7,7 @@ made significant. Of people the paper's tests are given too.
 from __future__ import annotations
 
 import math
-from typing import Any, Dict, List, Sequence, Tuple
+from typing import Any, Dict, List, Tuple
 
 import numpy as np
 

@@ -13,7 +13,6 @@ import numpy as np
 import yaml
 
 from vb_core import geometry
-from vb_core.camera_model import CameraModel
 from vb_core.grid_map import GridMap
 from vb_evaluation.study.config import top
 from vb_laser_detect.detector import DetectorParams, Spot, SpotDetector
