@@ -72,7 +72,7 @@ class Run:
             self.robot.add(Sighting(stamp, tuple(place), "robot", True, 0.9))
         if self.control.due(now) and not self.guided:
             self.robot.navigate(now, self.control.period)
-        if self.drive.due(now) and not self.frozen:
+        if not self.frozen and self.drive.due(now):
             self.robot.drive(now)
 
 
