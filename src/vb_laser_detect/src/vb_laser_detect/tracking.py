@@ -84,6 +84,7 @@ class _Track:
     place: np.ndarray  # in the unit of the gates
     pixel: np.ndarray
     stamp: float
+    since: float
     stayed_at: np.ndarray  # [px] where it began to stay
     stayed_since: float
     velocity: np.ndarray = field(default_factory=lambda: np.zeros(2))
@@ -166,14 +167,15 @@ class SpotTracker:
         return Expected(float(u), float(v), reach, trusted, moves, track.published)
 
     def update(
-        self, sightings: Sequence[Sighting], agrees: Callable[[Sighting, Optional[np.ndarray]], bool] = lambda *_: True
+        self, sightings: Sequence[Sighting],
+        agrees: Callable[[Sighting, Optional[np.ndarray], float], bool] = lambda *_: True,
     ) -> List[Tracked]:
         """Takes in the sightings of the image that was begun.
 
         Args:
-            agrees: asked when a track would be confirmed, with the mean tint of its sightings: of a white glint hardly
-                larger than a pixel one place of a Bayer pattern gets most, which looks like a colour; in the mean over
-                several images it does not.
+            agrees: asked when a track would be confirmed, with the mean tint of its sightings, and since when it is
+                followed [s]: of a white glint hardly larger than a pixel one place of a Bayer pattern gets most, which
+                looks like a colour; in the mean over several images it does not.
 
         Returns:
             One for each sighting.
@@ -187,7 +189,7 @@ class SpotTracker:
             self._see(track, sighting)
             if not track.confirmed and track.hits >= self._confirm_frames and track.proven:
                 mean = None if track.tint is None else track.tint / track.tint.max()
-                track.confirmed = self._confirm_frames <= 1 or agrees(sighting, mean)
+                track.confirmed = self._confirm_frames <= 1 or agrees(sighting, mean, self._stamp - track.since)
             oldest = self._stamp - max(_RECALL_S, (self._confirm_frames + 1) * self.period_s)
             while track.waiting and track.waiting[0][0] < oldest:
                 track.waiting.popleft()
@@ -223,7 +225,7 @@ class SpotTracker:
             if track is None:
                 self._numbers += 1
                 pixel = np.array(sightings[row].pixel, float)
-                found[row] = _Track(self._numbers, places[row], pixel, self._stamp, pixel, -math.inf)
+                found[row] = _Track(self._numbers, places[row], pixel, self._stamp, self._stamp, pixel, -math.inf)
                 self._tracks.append(found[row])
         return found
 
