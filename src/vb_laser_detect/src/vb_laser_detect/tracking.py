@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections import deque
 from dataclasses import dataclass, field
+from statistics import median
 from typing import Any, Callable, Deque, List, NamedTuple, Optional, Sequence, Tuple
 
 import cv2
@@ -106,12 +107,16 @@ class SpotTracker:
         max_speed: [m/s] of a spot on the floor.
         max_gap_s: [s] it may be hidden so long; two images in any case.
         max_spots: so many are told at most.
+
+    Attributes:
+        period_s: [s] from one image to the next, the median of the last ones; 0 before the second.
     """
 
     def __init__(self, confirm_frames: int, max_speed: float, max_gap_s: float, max_spots: int) -> None:
         self._tracks: List[_Track] = []
         self._numbers = 0
         self._periods: Deque[float] = deque(maxlen=_PERIODS)
+        self.period_s = 0.0
         self._stamp: Optional[float] = None
         self._metric: Optional[bool] = None
         self.retune(confirm_frames, max_speed, max_gap_s, max_spots)
@@ -121,15 +126,11 @@ class SpotTracker:
         self._confirm_frames, self._max_speed = confirm_frames, max_speed
         self._max_gap_s, self._max_spots = max_gap_s, max_spots
 
-    @property
-    def period_s(self) -> float:
-        """[s] from one image to the next, the median of the last ones; 0 before the second."""
-        return float(np.median(self._periods)) if self._periods else 0.0
-
     def reset(self) -> None:
         """Forgets every spot."""
         self._tracks, self._stamp = [], None
         self._periods.clear()
+        self.period_s = 0.0
 
     def begin(self, stamp: float, diagonal: float, motion: Optional[np.ndarray]) -> List[Expected]:
         """Goes on to the next image; to be called before `update`.
@@ -144,6 +145,7 @@ class SpotTracker:
         """
         if self._stamp is not None:
             self._periods.append(stamp - self._stamp)
+            self.period_s = median(self._periods)
         self._stamp, self._diagonal = stamp, diagonal
         gap = max(self._max_gap_s, _GAP_PERIODS * self.period_s)
         self._tracks = [track for track in self._tracks if stamp - track.stamp <= gap]
