@@ -92,9 +92,17 @@ def measure_time(frames: int) -> Dict[str, Any]:
     return result
 
 
-def measure_scenes(words: List[str], seed: int, other: Optional[Path]) -> Dict[str, Any]:
-    """Recall, false spots and errors on the floor in rendered scenes; prints each as it is done."""
-    from spot_scenes import CameraModels, Rooms, ceiling_scenes, lab, mobile_scenes, play
+def measure_scenes(words: List[str], seed: int, other: Optional[Path], left_out: List[Path]) -> Dict[str, Any]:
+    """Recall, false spots and errors on the floor in rendered scenes; prints each as it is done.
+
+    Args:
+        other: folder of another version's packages, which see the same pictures.
+        left_out: examples that spot_training.py kept: the scenes are also searched with classifiers fitted without them.
+    """
+    from spot_scenes import Camera, CameraModels, Rooms, ceiling_scenes, lab, mobile_scenes, play
+    from vb_laser_detect.training import fit, load_examples
+
+    examples = load_examples(left_out) if left_out else None
 
     result: Dict[str, Any] = {}
     room, rooms = lab(), Rooms(CameraModels(), seed)
@@ -103,12 +111,18 @@ def measure_scenes(words: List[str], seed: int, other: Optional[Path]) -> Dict[s
         name = ("robot's camera: " if scene.mobile else "") + scene.name
         if words and not any(word in name for word in words):
             continue
-        for version, outcome in zip(("this", "other"), play(scene, rooms, other)):
+        cameras = {"this": Camera(scene, rooms)}
+        if examples is not None:
+            group = ("robot: " if scene.mobile else "ceiling: ") + scene.name
+            cameras["left out"] = Camera(scene, rooms, judge=fit(examples.without(group)))
+        if other is not None:
+            cameras["other"] = Camera(scene, rooms, other)
+        for version, outcome in zip(cameras, play(scene, list(cameras.values()))):
             figures = outcome.summary()
             result.setdefault(name, {})[version] = figures
             numbers = [np.nan if figures[key] is None else figures[key] for key in SCENE_FIGURES]
             print("{:52s} {:6.3f} {:8.0f} {:8.1f} {:6.1f} ({:.1f}, {:.1f})".format(
-                name if version == "this" else "    other version", *numbers), figures["missed_because"] or "", flush=True)
+                name if version == "this" else f"    {version}", *numbers), figures["missed_because"] or "", flush=True)
     return result
 
 
@@ -142,6 +156,8 @@ def main() -> int:
     parser.add_argument("--quiet", type=float, metavar="MINUTES", help="simulated time without a laser")
     parser.add_argument("--seed", type=int, default=1, help="of textures, noise and, with --quiet, who walks where")
     parser.add_argument("--other", type=Path, help="folder of another version's packages, for --scenes: on the same pictures")
+    parser.add_argument("--left-out", nargs="+", type=Path, default=[], metavar="EXAMPLES",
+                        help="for --scenes: also with classifiers fitted without the scene, by what spot_training.py kept")
     parser.add_argument("--csv", type=Path, help="write the scenes as a table")
     parser.add_argument("--out", type=Path, default=TOP / "out" / "bench" / "spot_detection.json")
     arguments = parser.parse_args()
@@ -154,7 +170,7 @@ def main() -> int:
         print(f"{name:14s} {timing[name]['median_ms']:6.2f} ms per 1080p frame (95th percentile {timing[name]['p95_ms']:.2f})")
     print(f"faster than the authors' design: {timing['times_faster_bgr8']:.1f} times (bgr8), {timing['times_faster_bayer_rggb8']:.1f} times (Bayer)")
     if arguments.scenes is not None:
-        result["scenes"] = measure_scenes(arguments.scenes, arguments.seed, arguments.other)
+        result["scenes"] = measure_scenes(arguments.scenes, arguments.seed, arguments.other, arguments.left_out)
         if arguments.csv:
             write_scenes(result["scenes"], arguments.csv, arguments.seed)
     if arguments.quiet:

@@ -5,11 +5,9 @@ node does, and compares with the truth.
 """
 from __future__ import annotations
 
-import importlib
 import math
 import sys
 from dataclasses import dataclass, field, replace
-from functools import lru_cache
 from pathlib import Path
 from typing import Any, Callable, Dict, Iterator, List, Optional, Sequence, Tuple
 
@@ -20,6 +18,7 @@ TOP = Path(__file__).resolve().parent.parent
 for package in ("vb_core", "vb_laser_detect", "vb_sim"):
     sys.path.insert(0, str(TOP / "src" / package / "src"))
 
+from spot_versions import other_detector  # noqa: E402
 from vb_core import geometry  # noqa: E402
 from vb_laser_detect import projection  # noqa: E402
 from vb_laser_detect.detector import DetectorParams, Spot, SpotDetector  # noqa: E402
@@ -152,15 +151,16 @@ class Camera:
 
     Args:
         source: folder of another version's packages, whose detector looks instead.
+        judge: another classifier than the one that comes with the package.
     """
 
-    def __init__(self, scene: Scene, rooms: Rooms, source: Optional[Path] = None) -> None:
+    def __init__(self, scene: Scene, rooms: Rooms, source: Optional[Path] = None, judge: Any = None) -> None:
         self._mobile = scene.mobile
         name = "mobile.yaml" if scene.mobile else "stationary.yaml"
         kind, self.search = DETECTOR if source is None else other_detector(source)
         settings = yaml.safe_load(((source or TOP / "src") / "vb_laser_detect/config" / name).read_text())
         config = yaml.safe_load((TOP / "src/vb_laser_detect/config" / name).read_text())
-        self.detector = kind[1](kind[0].from_mapping(settings.get("detector") or {}))
+        self.detector = kind[1](kind[0].from_mapping(settings.get("detector") or {}), *([judge] if judge else []))
         self.detector.encoding = "bgr8" if scene.mobile else scene.worlds[0].camera(scene.camera).encoding
         floor = physical_map(scene.worlds[0])
         self._projector = FloorProjector(ProjectionParams.from_mapping(config["projection"]), floor)
@@ -266,34 +266,14 @@ def course(scene: Scene, quiet_s: float = QUIET_S, draw_s: float = 0.0) -> Itera
         yield t, scene.world_at(t) if t >= LEARN_S else 0, snapshot
 
 
-def play(scene: Scene, rooms: Rooms, source: Optional[Path] = None) -> List[Outcome]:
-    """Plays one scene; with another version's packages, what became of it with those too, on the same pictures."""
-    cameras = [Camera(scene, rooms)] + ([Camera(scene, rooms, source)] if source else [])
+def play(scene: Scene, cameras: Sequence[Camera]) -> List[Outcome]:
+    """Plays one scene; several cameras of the scene see the same pictures."""
     outcomes = [Outcome() for _ in cameras]
     for t, index, snapshot in course(scene):
         image, frame, view = cameras[0].picture(t, index, snapshot)
         for camera, outcome in zip(cameras, outcomes):
             camera.look(t, image, frame, view, outcome)
     return outcomes
-
-
-@lru_cache(maxsize=None)
-def other_detector(source: Path) -> Tuple[Tuple[Any, Any], Callable]:
-    """(DetectorParams, SpotDetector) and `search` of another version of the packages, loaded beside this one."""
-    def ours() -> List[str]:
-        return [name for name in sys.modules if name.split(".")[0] in ("vb_core", "vb_laser_detect")]
-
-    kept = {name: sys.modules.pop(name) for name in ours()}
-    sys.path[:0] = [str(source / package / "src") for package in ("vb_core", "vb_laser_detect")]
-    try:
-        detector = importlib.import_module("vb_laser_detect.detector")
-        found = (detector.DetectorParams, detector.SpotDetector), importlib.import_module("vb_laser_detect.frame").search
-        return found
-    finally:
-        del sys.path[:2]
-        for name in ours():
-            del sys.modules[name]
-        sys.modules.update(kept)
 
 
 # ------------------------------------------------------------------ what moves how
