@@ -129,8 +129,10 @@ def _swept(points: np.ndarray, times: np.ndarray) -> np.ndarray:
             straight = np.exp(-((off / np.maximum(0.3 * way, SLACK)) ** 2))
             slow = np.maximum(1.0 - (2.0 * way / np.maximum(BRISK * whole, 1e-9)) ** 4, 0.0)
             row = np.maximum(way - SLACK, 0.0) * straight * slow * (whole <= BLINK)
-            for part, gain in ((slice(back, -ahead), row), (slice(0, -back - ahead), row / 2), (slice(back + ahead, None), row / 2)):
-                swept[part] = np.maximum(swept[part], gain)
+            swept[back:-ahead] = np.maximum(swept[back:-ahead], row)
+            # the ends of the row, where the stroke may begin or end
+            swept[: -back - ahead] = np.maximum(swept[: -back - ahead], 0.5 * row)
+            swept[back + ahead :] = np.maximum(swept[back + ahead :], 0.5 * row)
     return swept
 
 
@@ -196,10 +198,10 @@ def _leapt_to(places: Places, chosen: np.ndarray) -> np.ndarray:
     """(K,) which places of a track are a rest at its beginning or end that it leaps from or to.
 
     A hand is about as quick before and after; a step that is far quicker than the next ones of the line, and leads
-    to a single place, leads to something else that is bright.
+    to where it rests, leads to something else that is bright.
     """
     leapt = np.zeros(len(chosen), dtype=bool)
-    points = places.points[chosen]
+    points, stamps = places.points[chosen], places.stamps[chosen]
     ways = np.linalg.norm(np.diff(points, axis=0), axis=1)
     for step in np.flatnonzero(ways > 2.0 * PLACE):
         for rest, line in (
@@ -207,7 +209,8 @@ def _leapt_to(places: Places, chosen: np.ndarray) -> np.ndarray:
             (slice(step + 1, len(chosen)), ways[max(step - 3, 0) : step]),
         ):
             away = np.linalg.norm(points[rest] - points[rest].mean(axis=0), axis=1)
-            leapt[rest] |= len(line) > 0 and line.max() < 0.4 * ways[step] and away.max() < 1.5 * PLACE
+            rests = away.max() < 1.5 * PLACE and stamps[rest][-1] - stamps[rest][0] > BLINK
+            leapt[rest] |= rests and len(line) > 0 and line.max() < 0.4 * ways[step]
     return leapt & ~leapt.all()
 
 
