@@ -13,10 +13,8 @@ from typing import List, Tuple
 import numpy as np
 from scipy.spatial import cKDTree
 
-STEP = 0.05  # [m] between stations: a hand that trembles by that much has not moved on
-DETAIL = 0.055  # [m] a tip or a bump of this size is drawn on purpose, a smaller one is trembling
-SAME_LINE = 0.1  # [m] passes that are no farther apart are one line: no slot is drawn narrower
-UNSEEN = 0.1  # [m] of line that one station stands for; more of it was not seen
+from vb_fusion.observations import TREMBLE
+
 LONGEST_SIDE = 200  # stations, 10 m: bounds the time for very long borders
 
 
@@ -35,8 +33,8 @@ class Stroke:
     @property
     def weights(self) -> np.ndarray:
         """(K,) [m] of the line that each station stands for."""
-        steps = np.minimum(np.linalg.norm(np.diff(self.points, axis=0), axis=1), UNSEEN)
-        return 0.5 * (np.append(steps, 0.0) + np.append(0.0, steps)) + 0.1 * STEP
+        steps = np.minimum(np.linalg.norm(np.diff(self.points, axis=0), axis=1), 2.0 * TREMBLE)
+        return 0.5 * (np.append(steps, 0.0) + np.append(0.0, steps)) + 0.1 * TREMBLE
 
 
 def make_stroke(sights: np.ndarray, trust: np.ndarray) -> Stroke:
@@ -47,7 +45,7 @@ def make_stroke(sights: np.ndarray, trust: np.ndarray) -> Stroke:
     station = np.empty(len(sights), dtype=np.int64)
     number, seen, x, y = 0, 0, 0.0, 0.0
     for row, (px, py) in enumerate(calm.tolist()):
-        if seen and (px - x / seen) ** 2 + (py - y / seen) ** 2 > STEP**2:
+        if seen and (px - x / seen) ** 2 + (py - y / seen) ** 2 > TREMBLE**2:
             number, seen, x, y = number + 1, 0, 0.0, 0.0
         seen, x, y = seen + 1, x + px, y + py
         station[row] = number
@@ -60,10 +58,10 @@ def _merged(stroke: Stroke) -> Stroke:
     """The stroke as far as it goes on to new floor: a line or ring that is drawn twice is one, seen twice as often."""
     at = stroke.points
     arc = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(at, axis=0), axis=1))])
-    found = cKDTree(at).query_pairs(SAME_LINE, output_type="ndarray")
+    found = cKDTree(at).query_pairs(2.0 * TREMBLE, output_type="ndarray")
     earlier, later = found.min(axis=1), found.max(axis=1)
     # next to each other along the line is not drawn again
-    again = arc[later] - arc[earlier] > 2.0 * np.linalg.norm(at[later] - at[earlier], axis=1) + 2.0 * SAME_LINE
+    again = arc[later] - arc[earlier] > 2.0 * np.linalg.norm(at[later] - at[earlier], axis=1) + 4.0 * TREMBLE
     new = np.ones(len(at), dtype=bool)
     new[later[again]] = False
     # two stations beside the line may be an overshoot; three are new floor
@@ -108,7 +106,7 @@ def _divide(stroke: Stroke) -> List[int]:
         low = max(0, end - LONGEST_SIDE)
         cost = best[low:end] + _misfit(before[end] - before[low:end])
         chosen = int(np.argmin(cost))
-        best[end], start[end] = cost[chosen] + DETAIL**3, low + chosen
+        best[end], start[end] = cost[chosen] + TREMBLE**3, low + chosen
     starts, end = [], count
     while end > 0:
         end = int(start[end])
@@ -145,12 +143,12 @@ def _refined(stroke: Stroke, starts: List[int], joined: bool) -> Tuple[np.ndarra
     # a corner is unseen at most in the circle over the gap between the stations before and after it (Thales)
     before = [at[-1] if joined else at[0]] + [at[k - 1] for k in starts[1:]] + [at[-1]]
     after = [at[0]] + [at[k] for k in starts[1:]] + [at[-1]]
-    room = 0.5 * np.linalg.norm(np.array(after)[:count] - np.array(before)[:count], axis=1) + STEP
+    room = 0.5 * np.linalg.norm(np.array(after)[:count] - np.array(before)[:count], axis=1) + TREMBLE
     middle = vertices
     start = np.repeat(np.arange(sides), np.diff(starts + [len(at)]))
     end = (start + 1) % count
     # a corner that the stations leave open, between sides that hardly turn, stays where it is
-    held = 0.1 * STEP * np.eye(2 * count)
+    held = 0.1 * TREMBLE * np.eye(2 * count)
     if not joined:
         # the ends of an open line are where the drawing ended, along their sides too
         for corner in (0, count - 1):
@@ -163,7 +161,7 @@ def _refined(stroke: Stroke, starts: List[int], joined: bool) -> Tuple[np.ndarra
         share = np.clip(((at - a) * along).sum(axis=1) / length, 0.0, 1.0)
         normal = np.column_stack([-along[:, 1], along[:, 0]]) / np.sqrt(length)[:, None]
         off = ((at - a) * normal).sum(axis=1)
-        weight = weights / np.maximum(1.0, np.abs(off) / STEP)
+        weight = weights / np.maximum(1.0, np.abs(off) / TREMBLE)
         rows = np.zeros((len(off), 2 * count))
         for axis in range(2):
             rows[every, 2 * start + axis] += (1.0 - share) * normal[:, axis]
@@ -176,6 +174,6 @@ def _refined(stroke: Stroke, starts: List[int], joined: bool) -> Tuple[np.ndarra
         # half a station of the line lies beyond the middle of the last one
         for corner, inner in ((0, 1), (count - 1, count - 2)):
             outwards = vertices[corner] - vertices[inner]
-            vertices[corner] += 0.5 * STEP * outwards / max(float(np.linalg.norm(outwards)), 1e-9)
+            vertices[corner] += 0.5 * TREMBLE * outwards / max(float(np.linalg.norm(outwards)), 1e-9)
     a, b = vertices[start], vertices[end]
     return vertices, a + share[:, None] * (b - a)

@@ -21,15 +21,13 @@ from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import dijkstra
 from scipy.spatial import cKDTree
 
-from vb_fusion.observations import Sights
+from vb_fusion.observations import TREMBLE, Sights
 
 MOMENT = 0.1  # [s] a hand's pointer moves by centimetres within it, and cameras with 10 images/s see it
-PLACE = 0.12  # [m] sights of one moment that are no farther apart are one place
-FLOOR = 0.1  # [m] width of the floor that a place stands for
+FLOOR = 2.0 * TREMBLE  # [m] width of the floor that a place stands for
 BRISK = 6.0  # [m/s] at this speed unseen way costs as much floor as it crosses
-BLINK = 0.3  # [s] a pointer that moves is seen again within it
-ABSENCE = 1.0  # [s] what is seen again after it has come back
-SLACK = 0.06  # [m] of two sights of one thing: cameras disagree, hands tremble
+BLINK = 3.0 * MOMENT  # [s] a pointer that moves is seen again within it
+ABSENCE = 10.0 * MOMENT  # [s] what is seen again after it has come back
 STRAY = 0.02  # of the spots of the strongest place of the same moment: the rest of a moment with hundreds of spots
 LOOK_BACK = 40  # places among which a predecessor is looked for: 4 s, less where more than one thing is seen
 
@@ -68,7 +66,7 @@ def find_places(seen: Sights) -> Places:
     # apart where there is a gap along x, then along y, then along x again
     for axis in (0, 1, 0):
         order = np.lexsort((seen.points[:, axis], group))
-        new = (np.diff(group[order]) != 0) | (np.diff(seen.points[order, axis]) > PLACE)
+        new = (np.diff(group[order]) != 0) | (np.diff(seen.points[order, axis]) > FLOOR)
         group = np.empty(len(order), dtype=np.int64)
         group[order] = np.concatenate([[0], np.cumsum(new)])
     weights = np.bincount(group, seen.weights)
@@ -126,9 +124,9 @@ def _swept(points: np.ndarray, times: np.ndarray) -> np.ndarray:
             share = (times[back:-ahead] - times[: -back - ahead]) / np.maximum(whole, 1e-9)
             off = np.linalg.norm(first + share[:, None] * (last - first) - at, axis=1)
             way = np.linalg.norm(last - first, axis=1) / 2.0
-            straight = np.exp(-((off / np.maximum(0.3 * way, SLACK)) ** 2))
+            straight = np.exp(-((off / np.maximum(0.3 * way, TREMBLE)) ** 2))
             slow = np.maximum(1.0 - (2.0 * way / np.maximum(BRISK * whole, 1e-9)) ** 4, 0.0)
-            row = np.maximum(way - SLACK, 0.0) * straight * slow * (whole <= BLINK)
+            row = np.maximum(way - TREMBLE, 0.0) * straight * slow * (whole <= BLINK)
             swept[back:-ahead] = np.maximum(swept[back:-ahead], row)
             # the ends of the row, where the stroke may begin or end
             swept[: -back - ahead] = np.maximum(swept[: -back - ahead], 0.5 * row)
@@ -158,7 +156,7 @@ def find_tracks(seen: Sights, widest_gap: float, shortest: float) -> List[Track]
         points, stamps = places.points[chosen], places.stamps[chosen]
         track = Track(points, stamps, _sights_of(seen, points, stamps), gain)
         tracks.append(track)
-        free = cKDTree(points).query(places.points[left])[0] > PLACE
+        free = cKDTree(points).query(places.points[left])[0] > FLOOR
         left = left[free]
     return tracks
 
@@ -174,9 +172,9 @@ def _best_path(places: Places, left: np.ndarray, widest_gap: float) -> Tuple[np.
     later, earlier = later[inside], earlier[inside]
     way = np.linalg.norm(points[later] - points[earlier], axis=1)
     time = stamps[later] - stamps[earlier]
-    near = (time > 0.0) & ((way <= widest_gap + SLACK) | (time <= BLINK))
+    near = (time > 0.0) & ((way <= widest_gap + TREMBLE) | (time <= BLINK))
     later, earlier, way, time = later[near], earlier[near], way[near], time[near]
-    effort = np.maximum(way - SLACK, 0.0) ** 2 / (np.minimum(time, BLINK) * BRISK)
+    effort = np.maximum(way - TREMBLE, 0.0) ** 2 / (np.minimum(time, BLINK) * BRISK)
     skipped = before[later] - before[earlier + 1]
     source, sink = count, count + 1
     every = np.arange(count)
@@ -203,13 +201,13 @@ def _leapt_to(places: Places, chosen: np.ndarray) -> np.ndarray:
     leapt = np.zeros(len(chosen), dtype=bool)
     points, stamps = places.points[chosen], places.stamps[chosen]
     ways = np.linalg.norm(np.diff(points, axis=0), axis=1)
-    for step in np.flatnonzero(ways > 2.0 * PLACE):
+    for step in np.flatnonzero(ways > 2.0 * FLOOR):
         for rest, line in (
             (slice(0, step + 1), ways[step + 1 : step + 4]),
             (slice(step + 1, len(chosen)), ways[max(step - 3, 0) : step]),
         ):
             away = np.linalg.norm(points[rest] - points[rest].mean(axis=0), axis=1)
-            rests = away.max() < 1.5 * PLACE and stamps[rest][-1] - stamps[rest][0] > BLINK
+            rests = away.max() < 1.5 * FLOOR and stamps[rest][-1] - stamps[rest][0] > BLINK
             leapt[rest] |= rests and len(line) > 0 and line.max() < 0.4 * ways[step]
     return leapt & ~leapt.all()
 
@@ -217,6 +215,6 @@ def _leapt_to(places: Places, chosen: np.ndarray) -> np.ndarray:
 def _sights_of(seen: Sights, points: np.ndarray, stamps: np.ndarray) -> np.ndarray:
     """The sights beside the track at their own time."""
     there = np.column_stack([np.interp(seen.stamps, stamps, points[:, k]) for k in range(2)])
-    near = np.linalg.norm(seen.points - there, axis=1) <= PLACE
+    near = np.linalg.norm(seen.points - there, axis=1) <= FLOOR
     near &= (seen.stamps >= stamps[0] - MOMENT) & (seen.stamps <= stamps[-1] + MOMENT)
     return np.flatnonzero(near)
