@@ -5,9 +5,8 @@
     observations   the spots, checked and put in the order of time
     track          which of them are the pointer's: the one feasible path through time that explains most floor
     placement      where the pointer really was: the cameras' offsets taken out
-    trace          the stroke walked once: passes over the same line are merged, a held spot is one place
+    line           the fewest straight sides that keep every detail larger than a tremble, and their corners
     closing        polygon or separating curve
-    line           the fewest straight sides that explain the trace, and their corners
 
 Bare points, without stamps, get an order in space first (ordering.py); all that follows is the same.
 `ExtractionParams.paper()` runs Algorithms 1 to 3 of the paper as they are written (paper.py).
@@ -27,7 +26,7 @@ from vb_core.parameters import Parameters, param
 from vb_fusion import closing
 from vb_fusion.chain import BorderChain, ExtractionError
 from vb_fusion.line import Stroke, fit_line, make_stroke
-from vb_fusion.observations import Sights, gather
+from vb_fusion.observations import TREMBLE, Sights, gather
 from vb_fusion.ordering import in_order
 from vb_fusion.paper import clustering, expansion, generate_poly, thinning
 from vb_fusion.placement import without_offsets
@@ -37,7 +36,7 @@ from vb_fusion.track import find_tracks
 __all__ = ["BorderChain", "ExtractionError", "ExtractionParams", "extract_border", "extract_seed"]
 
 SLIP = 0.02  # of the area that a crossing line encloses: smaller loops are slips of the hand
-NECK = 0.01  # [m] half the width at which two lobes hang together
+NECK = 0.2 * TREMBLE  # [m] half the width at which two lobes hang together
 
 
 @dataclass(frozen=True)

@@ -11,10 +11,9 @@ from typing import List, Tuple
 
 import numpy as np
 
-from vb_fusion.observations import Sights
+from vb_fusion.observations import TREMBLE, Sights
 
 AT_ONCE = 0.03  # [s] two cameras saw the same spot: less than one image apart
-CALIBRATION = 0.03  # [m] what a stationary camera is usually off, and one comparison of two cameras
 LOCALISATION = 0.15  # [m] what a robot's pose may be off, differently every second
 
 
@@ -44,9 +43,9 @@ def without_offsets(seen: Sights) -> Sights:
     for run in np.split(order, starts[1:]):
         a, b = divmod(int(key[run[0]]), groups)
         # the tremor is the same for both cameras only if they look at once: neighbours in time are no new evidence
-        require(a, b, np.median(difference[run], axis=0), CALIBRATION / np.sqrt(len(run)))
+        require(a, b, np.median(difference[run], axis=0), 0.5 * TREMBLE / np.sqrt(len(run)))
     for group in range(groups):
-        require(group, -1, (0.0, 0.0), LOCALISATION if mobile[group] else CALIBRATION)
+        require(group, -1, (0.0, 0.0), LOCALISATION if mobile[group] else 0.5 * TREMBLE)
     offsets = np.linalg.lstsq(np.array(rows), np.array(measured), rcond=None)[0]
     return seen.moved(seen.points - offsets[of_sight])
 
