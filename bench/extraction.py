@@ -250,7 +250,7 @@ def figures(folder: Path) -> None:
         ("2_track", "stage 1: the pointer's", lambda a: (
             a.plot(*stroke.points.T, ".", color="0.8", markersize=3),
             a.plot(*chain.stages["cluster"].T, ".", color="tab:green", markersize=3))),
-        ("3_trace", "stage 2: where it was", lambda a: (
+        ("3_stations", "stage 2: where it was", lambda a: (
             a.plot(*chain.stages["placed"].T, ".", color="0.8", markersize=3),
             a.plot(*chain.stages["thinned"].T, ".-", color="tab:red", markersize=5, linewidth=0.8))),
         ("4_line", f"stages 3 to 5: {len(chain.points)} vertices, {chain.code}", lambda a: (
