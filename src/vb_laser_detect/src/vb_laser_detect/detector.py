@@ -221,8 +221,11 @@ class SpotDetector:
     def _examine(self, proposal: Proposal, metre: Optional[float], view: View, camera: Camera) -> _Finding:
         """Measures and judges one proposal."""
         largest, one = self._largest(metre, camera), proposal.expected
-        # a spot that is expected is not asked for its colour again
-        chroma_floor = _ONE_MOSAIC * self._least_chroma if camera.mosaic and one is None else 0.0
+        chroma_floor: Optional[float] = 0.0
+        if camera.mosaic and one is None:
+            chroma_floor = _ONE_MOSAIC * self._least_chroma
+        elif camera.mosaic and one.published and one.trusted and self.params.confirm_frames > 1:
+            chroma_floor = None  # a spot that is told has shown its colour, and in a mosaic that takes longest to tell
         blob = features.measure(view.image, view.reference, proposal.region, largest, least_chroma=chroma_floor)
         finding = self._judge(blob, metre, view, camera, False)
         if one is None or not one.trusted or not finding.refusal:
