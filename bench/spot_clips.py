@@ -106,7 +106,6 @@ def frames_of(clip: Path, video: dict, role: str, variant: str) -> Iterator[Tupl
         by_frame.setdefault(label["frame"], []).append(label)
     capture = cv2.VideoCapture(str(clip))
     rate, seed, index = capture.get(cv2.CAP_PROP_FPS) or 25.0, zlib.crc32(clip.name.encode()), -1
-    noise = np.random.default_rng(seed)
     while True:
         got, image = capture.read()
         index += 1
