@@ -11,11 +11,12 @@ under the camera, for lenses; the others errors in the image [px].
 from __future__ import annotations
 
 import argparse
+import contextlib
 import csv
 import math
 import sys
 from pathlib import Path
-from typing import Any, Dict, Iterator, List, NamedTuple, Optional, Tuple
+from typing import Any, Dict, Iterator, NamedTuple, Optional, Tuple
 
 import cv2
 import numpy as np
@@ -138,21 +139,20 @@ def main() -> int:
     parser.add_argument("--csv", type=Path)
     given = parser.parse_args()
     cv2.setNumThreads(1)
-    result: List[Dict[str, Any]] = []
-    for row in rows():
-        if not any(word in row.name for word in given.rows):
-            continue
-        for role in ("ceiling", "robot"):
-            if role == "robot" and row.width > 1920:
+    with contextlib.ExitStack() as stack:
+        writer = None
+        for row, role in ((row, role) for row in rows() for role in ("ceiling", "robot")):
+            if not any(word in row.name for word in given.rows) or role == "robot" and row.width > 1920:
                 continue
             for version, figures in measure(row, role, given.other).items():
-                result.append({"camera": row.name, "role": role, "version": version, **figures})
-                print(*result[-1].values(), sep="  ", flush=True)
-    if given.csv:
-        with given.csv.open("w", newline="", encoding="utf-8") as file:
-            writer = csv.DictWriter(file, list(result[0]))
-            writer.writeheader()
-            writer.writerows(result)
+                line = {"camera": row.name, "role": role, "version": version, **figures}
+                print(*line.values(), sep="  ", flush=True)
+                if given.csv and writer is None:
+                    file = stack.enter_context(given.csv.open("w", newline="", encoding="utf-8", buffering=1))
+                    writer = csv.DictWriter(file, list(line))
+                    writer.writeheader()
+                if writer is not None:
+                    writer.writerow(line)
     return 0
 
 
