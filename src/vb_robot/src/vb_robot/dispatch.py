@@ -54,6 +54,8 @@ class Kind(enum.Enum):
 
 @dataclass(frozen=True)
 class Decision:
+    """What a robot is to do, and why."""
+
     kind: Kind
     reason: str
     viewpoint: Optional[Viewpoint] = None
