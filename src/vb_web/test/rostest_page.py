@@ -17,7 +17,6 @@ import rosgraph
 import rosnode
 import rospy
 import rostest
-from nav_msgs.msg import OccupancyGrid
 from std_msgs.msg import Bool
 
 sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))

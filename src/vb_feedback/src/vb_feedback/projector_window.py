@@ -93,6 +93,6 @@ class ProjectorWindow:
         root.mainloop()
         # Tk's objects must die in the thread that made them
         shown.clear()
-        del label, root
+        label = root = None  # noqa: F841
         if faults:
             raise faults[0]
