@@ -90,7 +90,11 @@ class PageTest(unittest.TestCase):
         cls.page.wait(20)
 
     def setUp(self):
+        if self.browser.run("return document.body.dataset.mode") != "look":
+            self.browser.driver.refresh()  # what failed before leaves nothing behind
         self.browser.wait_ready()
+        # a banner that goes moves the map
+        self.browser.wait("!document.getElementById('banners').textContent", what="a page with nothing to say")
 
     def borders(self):
         message = self.heard.get(names.BORDERS)

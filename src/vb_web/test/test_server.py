@@ -105,7 +105,7 @@ def test_with_a_certificate_beside_the_codes_a_network_gets_https_only(tmp_path)
     assert params.certificate is None and params.scheme == "http"
     (tmp_path / "page.crt").write_text("")
     with pytest.raises(ParameterError, match="go together"):
-        params.scheme
+        ServerParams.scheme.fget(params)
     subprocess.run(["openssl", "req", "-x509", "-newkey", "rsa:2048", "-nodes", "-days", "2", "-subj", "/CN=lab", "-addext",
                     "subjectAltName=IP:127.0.0.1", "-keyout", "page.key", "-out", "page.crt"], cwd=str(tmp_path), check=True, stderr=subprocess.DEVNULL)
     assert params.scheme == "https"
