@@ -251,6 +251,9 @@ class PageTest(unittest.TestCase):
         until(lambda: self.said["/page"], "the code again")
         self.assertIn("Rug was added", self.browser.run("return document.getElementById('events').textContent"))
         self.remove_all()
+        # the others need no code
+        self.stop_page()
+        self.start_page()
 
     # ------------------------------------------------------------- what is seen
     def test_6_two_browsers_two_sizes_two_languages(self):
