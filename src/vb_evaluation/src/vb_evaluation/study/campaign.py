@@ -29,7 +29,7 @@ from vb_evaluation.provenance import revision
 from vb_evaluation.report.data import KEY, REQUIRED, RUNS, WORLDS, write_table
 from vb_evaluation.report.worlds import DRAWS
 from vb_evaluation.study import assumptions, measures, plan
-from vb_evaluation.study.cameras import Room
+from vb_evaluation.study.lab_nodes import Room
 from vb_evaluation.study.config import Study, study_of, top
 from vb_evaluation.study.plan import CONDITIONS, Job
 from vb_evaluation.study.runner import run
