@@ -28,7 +28,7 @@ from vb_sim.planner import PlannerParams
 from vb_sim.robot_body import Pose
 
 NAVIGATION_HZ, SCAN_HZ = 10.0, 10.0
-STATE_EACH = 0.5  # [s] the interaction manager repeats the state that often
+STATE_EACH = 0.1  # [s] the interaction manager repeats the state that often
 
 
 class Every:

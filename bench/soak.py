@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Lives with the stack for simulated days: people draw, nodes die, cameras fail, clocks step, maps change.
+"""Lives with the stack for simulated days: people draw, nodes die, cameras fail, clocks step, maps change, disks fill.
 
     make soak HOURS=24            # simulated hours, as fast as the machine goes
     bench/soak.py --hours 2 --seed 7
@@ -7,6 +7,9 @@
 Real nodes (point set, interaction, map integrator, lab monitor) run over a roscore of their own; this program is the
 clock, the cameras, the people and the trouble. After each event it compares the stack with a ledger of what was
 acknowledged, and the map with an oracle of its own (shapely). It writes out/bench/soak.json.
+
+As root it lives in namespaces of its own: the camera "green" is on a second computer whose cable is pulled now and then,
+and the state folder is a small disk that fills up. Without root these two faults are left out, and the result says so.
 
 Exit status: 0 if every invariant held, 1 if one did not.
 """
@@ -34,13 +37,16 @@ RESOLUTION = 0.05
 CAMERAS = ("red", "green")
 PATIENCE = 40.0  # [s] of wall time for an answer on a busy machine; a killed node needs some seconds to come back
 NOTICED_S = 5.0  # [s] of simulated time within which a fault must be told
+DISK_MIB = 48  # of the state folder, as root
+HERE, THERE = "10.254.79.1", "10.254.79.2"  # the two computers' addresses; they exist within the namespaces only
+REMOTE = "green"  # the camera on the second computer
 NODES = ("interaction_manager", "border_fusion", "map_integrator", "lab_monitor")
 
 LAUNCH = """<launch>
   <param name="/use_sim_time" value="true"/>
   <include file="{top}/launch/parts/borders.launch">
     <arg name="state" value="{state}"/>
-    <arg name="robot_frame" value=""/>
+    <arg name="robot_frame" value="base_link"/>
     <arg name="record" value="false"/>
   </include>
   <node pkg="vb_bringup" type="lab_monitor" name="lab_monitor" respawn="true" respawn_delay="1">
@@ -75,11 +81,15 @@ def rooms(seed: int) -> Dict[str, Any]:
 class Soak:
     """One life of a lab."""
 
-    def __init__(self, hours: float, seed: int, folder: Path, port: int) -> None:
+    def __init__(self, hours: float, seed: int, folder: Path, port: int, apart: bool) -> None:
         import numpy as np
 
         self.rng = np.random.default_rng(seed)
         self.folder, self.port = folder, port
+        self.apart = apart
+        self.remote: Optional[subprocess.Popen] = None
+        self.localised = True
+        self.lost_pose = {camera: 0 for camera in CAMERAS}
         self.hours = hours
         self.maps = rooms(seed)
         self.floor = "ground floor"
@@ -99,7 +109,9 @@ class Soak:
     # ------------------------------------------------------------ starting and ending
     def start(self) -> None:
         """Starts roscore and the stack, then this program's own node."""
-        os.environ["ROS_MASTER_URI"] = f"http://127.0.0.1:{self.port}"
+        if self.apart:
+            self._build_network()
+        os.environ["ROS_MASTER_URI"] = f"http://{HERE if self.apart else '127.0.0.1'}:{self.port}"
         os.environ["ROS_LOG_DIR"] = str(self.folder / "log")
         self.core = subprocess.Popen(["roscore", "-p", str(self.port)], stdout=subprocess.DEVNULL,
                                      stderr=subprocess.DEVNULL, start_new_session=True)
@@ -109,11 +121,38 @@ class Soak:
         import rospy
 
         rospy.set_param("/use_sim_time", True)
+        if self.remote is not None:
+            self.remote.stdin.write("go\n")
+            self.remote.stdin.flush()
         self.up()
         rospy.init_node("soak", disable_signals=True)
         self._connect()
         self.tell_map()
         self.settle()
+
+    def _build_network(self) -> None:
+        """A second computer with the camera `REMOTE`, a cable to it, and a small disk for the state folder."""
+        (self.folder / "state").mkdir()
+        self._system("mount", "-t", "tmpfs", "-o", f"size={DISK_MIB}m", "soak", str(self.folder / "state"))
+        os.environ["ROS_IP"] = HERE
+        environment = {**os.environ, "ROS_IP": THERE, "ROS_MASTER_URI": f"http://{HERE}:{self.port}",
+                       "ROS_LOG_DIR": str(self.folder / "log_there")}
+        self.remote = subprocess.Popen(
+            ["unshare", "--net", sys.executable, __file__, "--camera-host"], env=environment, stdin=subprocess.PIPE,
+            stdout=open(str(self.folder / "camera_host.txt"), "w"), stderr=subprocess.STDOUT, universal_newlines=True)
+        pid = self.remote.pid
+        own = os.readlink("/proc/self/ns/net")
+        self.wait(lambda: os.readlink(f"/proc/{pid}/ns/net") != own, "the second computer")
+        self._system("ip", "link", "set", "lo", "up")
+        self._system("ip", "link", "add", "cable", "type", "veth", "peer", "name", "cable", "netns", str(pid))
+        self._system("ip", "address", "add", f"{HERE}/30", "dev", "cable")
+        self._system("ip", "link", "set", "cable", "up")
+        for words in (("address", "add", f"{THERE}/30", "dev", "cable"), ("link", "set", "cable", "up"), ("link", "set", "lo", "up")):
+            self._system("nsenter", "-t", str(pid), "-n", "ip", *words)
+
+    @staticmethod
+    def _system(*words: str) -> None:
+        subprocess.run(words, check=True)
 
     def up(self) -> None:
         """Starts the stack."""
@@ -133,6 +172,9 @@ class Soak:
     def close(self) -> None:
         """Ends everything that was started."""
         self.down()
+        if self.remote is not None:
+            self.remote.kill()
+            self.remote.wait(timeout=30)
         if self.core is not None:
             os.killpg(self.core.pid, signal.SIGINT)
             self.core.wait(timeout=30)
@@ -140,6 +182,8 @@ class Soak:
     def _connect(self) -> None:
         import rospy
         from rosgraph_msgs.msg import Clock
+        from std_msgs.msg import Bool
+        from tf2_msgs.msg import TFMessage
 
         from vb_core import names
         from vb_core.ros.messages import OccupancyGridArray
@@ -153,6 +197,9 @@ class Soak:
         self.clock = rospy.Publisher("/clock", Clock, queue_size=1, latch=True)
         self.map = rospy.Publisher(names.PHYSICAL_MAP, OccupancyGridArray, queue_size=1, latch=True)
         self.spots = rospy.Publisher(names.SPOTS, LaserSpot, queue_size=2000)
+        self.far_spots = rospy.Publisher("/soak/far_spots", LaserSpot, queue_size=2000) if self.apart else self.spots
+        self.far_plug = rospy.Publisher("/soak/far_plugged", Bool, queue_size=1, latch=True)
+        self.tf = rospy.Publisher("/tf", TFMessage, queue_size=10)
         self.statuses = rospy.Publisher(names.DETECTORS, DetectorStatus, queue_size=10)
         for key, topic, kind in (
             ("state", names.STATE, InteractionState), ("progress", names.PROGRESS, BorderProgress),
@@ -178,16 +225,25 @@ class Soak:
             self.report()
 
     def report(self) -> None:
-        """The detectors' reports."""
+        """The detectors' reports, and where the robot is."""
+        import numpy as np
         import rospy
+        from tf2_msgs.msg import TFMessage
 
+        from vb_core.ros.messages import transform_message
         from vb_msgs.msg import DetectorStatus
 
+        stamp = rospy.Time.from_sec(self.now)
         for camera in CAMERAS:
+            if self.apart and camera == REMOTE:
+                continue  # the second computer reports by itself
             self.received[camera] += 25 if self.plugged[camera] else 0
-            status = DetectorStatus(camera=camera, received=self.received[camera], rate_hz=25.0 * self.plugged[camera])
-            status.header.stamp = rospy.Time.from_sec(self.now)
+            status = DetectorStatus(camera=camera, received=self.received[camera], rate_hz=25.0 * self.plugged[camera],
+                                    refusals=["no_transform"], refusal_counts=[self.lost_pose[camera]])
+            status.header.stamp = stamp
             self.statuses.publish(status)
+        if self.localised:
+            self.tf.publish(TFMessage([transform_message(np.eye(4), "map", "base_link", stamp)]))
 
     def idle(self, seconds: float) -> None:
         """Nobody does anything for a while."""
@@ -288,7 +344,7 @@ class Soak:
                 spot.header.frame_id = names.MAP_FRAME
                 spot.header.stamp = rospy.Time.from_sec(self.now)
                 spot.position.x, spot.position.y = float(x), float(y)
-                self.spots.publish(spot)
+                (self.far_spots if camera == REMOTE else self.spots).publish(spot)
             self.tick(1.0 / RATE)
             time.sleep(0.002)
         return int(np.asarray(points).size)
@@ -303,24 +359,34 @@ class Soak:
         turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
         return centre + (np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * half) @ turn.T
 
-    def interaction(self) -> None:
-        """A person draws an area; now and then somebody kills a node meanwhile, or the person gives up."""
+    def interaction(self, meanwhile: Optional[Callable[[], None]] = None) -> None:
+        """A person draws an area; now and then somebody kills a node meanwhile, or the person gives up.
+
+        Args:
+            meanwhile: what happens in the middle of the border; left out: mostly nothing.
+        """
         import numpy as np
 
         from vb_core import geometry
 
         corners = self.shape()
-        if not self.command("define_border").success:
-            raise Broken("define_border was refused")
+        begun = self.command("define_border")
+        if not begun.success:
+            if self.disk_is_full:
+                self.counts[f"disk full, define_border: {begun.code}"] += 1
+                return
+            raise Broken(f"define_border was refused: {begun.message} [{begun.code}]")
         identity = self.wait(lambda: self.heard("state", lambda state: state.interaction_id), "the interaction", ticking=True)
         self.wait(lambda: self.heard("progress", lambda progress: progress.interaction_id == identity),
                   "the point set in Border", ticking=True)
         path = geometry.resample_chain(np.vstack([corners, corners[:1]]), SPEED / RATE)
-        trouble = self.rng.random() < 0.25
+        trouble = meanwhile is None and self.rng.random() < 0.25
         half = len(path) // 2
         self.draw(path[:half], "border")
         if trouble:
             self.kill(str(self.rng.choice(NODES)))
+        if meanwhile is not None:
+            meanwhile()
         self.draw(path[half:], "border")
         if self.rng.random() < 0.1:
             self.command("cancel")
@@ -337,7 +403,7 @@ class Soak:
                 break
             answer = self.command("save")
         if not answer.success:
-            self.counts["refused"] += 1
+            self.counts["disk full, save: " + answer.code if self.disk_is_full else "refused"] += 1
             self.command("cancel")
             return
         self.counts["saved"] += 1
@@ -397,23 +463,119 @@ class Soak:
     def unplug(self) -> None:
         """Unplugs a camera for a while: people must be told, and told again when it is back."""
         camera = str(self.rng.choice(CAMERAS))
-        wanted = ("camera_silent", camera)
-        self.plugged[camera] = False
-        began = self.now
-        while wanted not in self.notices.get("/lab_monitor", ()):
-            self.tick(0.1)
-            time.sleep(0.01)
-            if self.now - began > 3 * NOTICED_S:
-                raise Broken(f"nobody said that camera {camera} is unplugged")
-        self.notice_delays.append(self.now - began)
-        self.plugged[camera] = True
-        began = self.now
-        while wanted in self.notices.get("/lab_monitor", ()):
-            self.tick(0.1)
-            time.sleep(0.01)
-            if self.now - began > 3 * NOTICED_S:
-                raise Broken(f"camera {camera} is back and nobody says so")
+        self.plug(camera, False)
+        self.notice_delays.append(self._told(camera, "camera_silent"))
+        self.plug(camera, True)
+        self._taken_back(camera, "camera_silent")
         self.counts["unplugged"] += 1
+
+    def plug(self, camera: str, plugged: bool) -> None:
+        """Plugs a camera in or out."""
+        from std_msgs.msg import Bool
+
+        self.plugged[camera] = plugged
+        if camera == REMOTE:
+            self.far_plug.publish(Bool(plugged))
+
+    def _told(self, camera: str, code: str, pace: float = 0.01) -> float:
+        """Waits until people are told of a fault; gives after how long [s] of simulated time.
+
+        Args:
+            pace: [s] of wall time for 0.1 s of simulated time.
+        """
+        began = self.now
+        while (code, camera) not in self.notices.get("/lab_monitor", ()):
+            self.tick(0.1)
+            time.sleep(pace)
+            if self.now - began > 3 * NOTICED_S:
+                raise Broken(f"nobody said {code} of camera {camera}")
+        return self.now - began
+
+    def _taken_back(self, camera: str, code: str, pace: float = 0.01, limit: float = 3 * NOTICED_S) -> None:
+        """Waits until people are told that a fault is over."""
+        began = self.now
+        while (code, camera) in self.notices.get("/lab_monitor", ()):
+            self.tick(0.1)
+            time.sleep(pace)
+            if self.now - began > limit:
+                raise Broken(f"{code} of camera {camera} is over and nobody says so")
+
+    def lights(self) -> None:
+        """Somebody switches the lights while a person draws: for a second and a half both cameras see spots everywhere."""
+        def flicker() -> None:
+            for _ in range(6):
+                self.draw(self.rng.uniform([0.3, 0.3], [7.7, 4.7], (3, 2)), "border")
+
+        before = self.counts["saved"]
+        self.interaction(flicker)
+        self.counts["lights: saved" if self.counts["saved"] > before else "lights: not saved"] += 1
+
+    def lose_poses(self) -> None:
+        """Transforms stop: the robot's, and one camera's. The next interaction must not wait for them."""
+        camera = next(name for name in CAMERAS if name != REMOTE or not self.apart)
+        self.localised = False
+        self.kill("map_integrator")  # which now knows no place of the robot
+        began = self.now
+        while ("camera_no_pose", camera) not in self.notices.get("/lab_monitor", ()):
+            self.lost_pose[camera] += 1
+            self.tick(0.5)
+            time.sleep(0.05)
+            if self.now - began > 3 * NOTICED_S:
+                raise Broken(f"nobody said that camera {camera} has no pose")
+        self.notice_delays.append(self.now - began)
+        self._taken_back(camera, "camera_no_pose")
+        self.interaction()
+        self.localised = True
+        self.counts["transforms lost"] += 1
+
+    def cut_network(self) -> None:
+        """The cable to the second computer is pulled while a person draws, for some seconds of wall time."""
+        if not self.apart:
+            return
+
+        def pull() -> None:
+            self._system("ip", "link", "set", "cable", "down")
+            try:
+                self.notice_delays.append(self._told(REMOTE, "detector_missing", pace=0.05))
+                time.sleep(float(self.rng.uniform(0.5, 5.0)))
+            finally:
+                self._system("ip", "link", "set", "cable", "up")
+
+        self.interaction(pull)
+        # TCP sends again after as long as the cut took, twice at most
+        self._taken_back(REMOTE, "detector_missing", pace=0.05, limit=120.0)
+        self.counts["network cut"] += 1
+
+    @property
+    def disk_is_full(self) -> bool:
+        """Whether this program has filled the disk."""
+        return (self.folder / "state" / "filler").exists()
+
+    def fill_disk(self) -> None:
+        """The disk is full: whatever is refused is refused with a code, and once there is room again all goes on."""
+        if not self.apart:
+            return
+        filler = self.folder / "state" / "filler"
+        with open(str(filler), "wb", buffering=0) as file:
+            for size in (1 << 20, 1 << 12, 1):
+                try:
+                    while True:
+                        file.write(b"\0" * size)
+                except OSError:
+                    continue
+        try:
+            self.interaction()
+            if self.rng.random() < 0.5:
+                self.kill(str(self.rng.choice(NODES)))
+            self.edit()
+            self.check()
+        finally:
+            filler.unlink()
+        self.counts["disk full"] += 1
+        before = self.counts["refused"]
+        self.interaction()
+        if self.counts["refused"] > before:
+            raise Broken("a save was refused although there is room again")
 
     def step_clock(self) -> None:
         """Somebody sets the clock, forwards or a little back."""
@@ -525,8 +687,9 @@ class Soak:
     # ------------------------------------------------------------ life
     def live(self) -> None:
         """Hours of events, each followed by a look at all invariants."""
-        events = [(self.interaction, 0.55), (self.edit, 0.12), (self.unplug, 0.08), (self.step_clock, 0.06),
-                  (self.change_floor, 0.08), (lambda: self.kill(str(self.rng.choice(NODES))), 0.11)]
+        events = [(self.interaction, 0.45), (self.edit, 0.12), (self.unplug, 0.07), (self.step_clock, 0.06),
+                  (self.change_floor, 0.08), (lambda: self.kill(str(self.rng.choice(NODES))), 0.08),
+                  (self.lights, 0.04), (self.lose_poses, 0.03), (self.cut_network, 0.04), (self.fill_disk, 0.03)]
         weights = [weight for _, weight in events]
         nights, sampled = 0, -1.0
         while self.lived < 3600.0 * self.hours:
@@ -550,7 +713,12 @@ class Soak:
 
     def recover(self) -> None:
         """After a broken invariant: start from what the stack has now, so that one fault counts once."""
+        (self.folder / "state" / "filler").unlink(missing_ok=True)
+        self.localised = True
+        for camera in CAMERAS:
+            self.plug(camera, True)
         self.command("cancel")
+        self.idle(5.0)
         message = self.newest.get("borders")
         if message is not None:
             self.ledger[self.floor] = {border.id: _points(border) for border in message.borders}
@@ -565,11 +733,14 @@ class Soak:
             rows = rows[len(rows) // 3:]
             if len(rows) > 3:
                 slopes[name] = round(float(np.polyfit(*zip(*rows), 1)[0]), 3)
+        rows = [(sample["hour"], sample["state_kib"]) for sample in self.samples][len(self.samples) // 3:]
+        growth = round(float(np.polyfit(*zip(*rows), 1)[0]), 2) if len(rows) > 3 else None
         return {
+            "two computers and a small disk": self.apart,
             "hours": round(self.lived / 3600, 2), "wall_s": round(seconds), "machine": platform.processor() or platform.machine(),
             "faults": self.faults, "events": dict(self.counts), "answers": dict(self.codes),
             "camera_notice_s": {"n": len(self.notice_delays), "largest": round(max(self.notice_delays, default=0.0), 1)},
-            "memory_slope_mib_per_hour": slopes,
+            "memory_slope_mib_per_hour": slopes, "state_slope_kib_per_hour": growth,
             "state_kib": [round(sample["state_kib"]) for sample in self.samples[:: max(1, len(self.samples) // 12)]],
             "last_sample": self.samples[-1] if self.samples else None,
         }
@@ -581,6 +752,52 @@ def _points(border: Any) -> Any:
     return np.array([(point.x, point.y) for point in border.points])
 
 
+def camera_host() -> int:
+    """The second computer: a camera whose spots and reports come from there."""
+    if sys.stdin.readline() != "go\n":
+        return 1
+    import rospy
+    from rosgraph_msgs.msg import Clock
+    from std_msgs.msg import Bool
+
+    from vb_core import names
+    from vb_msgs.msg import DetectorStatus, LaserSpot
+
+    rospy.init_node("camera_host", disable_signals=True)
+    spots = rospy.Publisher(names.SPOTS, LaserSpot, queue_size=2000)
+    statuses = rospy.Publisher(names.DETECTORS, DetectorStatus, queue_size=10)
+    known = {"second": 0, "received": 0, "plugged": True}
+
+    def report(message: Clock) -> None:
+        if message.clock.secs == known["second"]:
+            return
+        known["second"] = message.clock.secs
+        known["received"] += 25 if known["plugged"] else 0
+        status = DetectorStatus(camera=REMOTE, received=known["received"], rate_hz=25.0 * known["plugged"])
+        status.header.stamp = message.clock
+        statuses.publish(status)
+
+    rospy.Subscriber("/soak/far_spots", LaserSpot, spots.publish, queue_size=2000)
+    rospy.Subscriber("/soak/far_plugged", Bool, lambda message: known.update(plugged=message.data), queue_size=1)
+    rospy.Subscriber("/clock", Clock, report, queue_size=100)
+    rospy.spin()
+    return 0
+
+
+def live_apart() -> bool:
+    """Whether this process has namespaces of its own; as root it starts itself again within such."""
+    if os.environ.get("SOAK_APART") == "1":
+        return True
+    if os.getuid() != 0 or any(shutil.which(tool) is None for tool in ("unshare", "ip", "mount", "nsenter")):
+        return False
+    words = ["unshare", "--net", "--mount"]
+    if subprocess.run([*words, "true"], stderr=subprocess.DEVNULL).returncode:
+        return False  # a container without the right to
+    os.environ["SOAK_APART"] = "1"
+    os.execvp(words[0], [*words, sys.executable, *sys.argv])
+    return True
+
+
 def main() -> int:
     """Runs the soak and writes its result."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -588,9 +805,13 @@ def main() -> int:
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--port", type=int, default=11399, help="of its own ROS master")
     parser.add_argument("--out", type=Path, default=TOP / "out" / "bench" / "soak.json")
+    parser.add_argument("--camera-host", action="store_true", help=argparse.SUPPRESS)
     chosen = parser.parse_args()
+    if chosen.camera_host:
+        return camera_host()
+    apart = live_apart()
     folder = Path(tempfile.mkdtemp(prefix="soak_"))
-    soak = Soak(chosen.hours, chosen.seed, folder, chosen.port)
+    soak = Soak(chosen.hours, chosen.seed, folder, chosen.port, apart)
     began = time.monotonic()
     try:
         soak.start()

@@ -151,6 +151,16 @@ def fixed_names():
     return found
 
 
+def test_what_was_removed_from_a_launch_file_is_gone_at_the_next_start():
+    # parameters outlive their nodes on the ROS master: a misspelt one would kill its node until the master is restarted
+    kept = []
+    for path in sorted(TOP.glob("launch/**/*.launch")):
+        for node in ElementTree.parse(str(path)).getroot().iter("node"):
+            if node.get("pkg", "").startswith("vb_") and node.get("clear_params") != "true":
+                kept.append(f"{path.relative_to(TOP)}: {node.get('name')}")
+    assert not kept
+
+
 def test_architecture_names_every_executable():
     text = (TOP / "docs" / "architecture.md").read_text(encoding="utf-8")
     executables = sorted(path.name for path in TOP.glob("src/*/scripts/*") if path.is_file())

@@ -1,5 +1,7 @@
 """Conversions, over the real message classes and without a master."""
 import io
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -12,7 +14,7 @@ from vb_core.camera_model import CameraModel
 from vb_core.errors import CodedError
 from vb_core.geometry import pose2d_transform
 from vb_core.grid_map import GridMap
-from vb_core.ros import messages
+from vb_core.ros import cameras, images, messages
 
 
 def test_maps_round_trip_byte_for_byte():
@@ -54,41 +56,76 @@ def test_a_map_whose_size_is_a_lie_is_refused():
 @pytest.mark.parametrize("encoding, shape", [("bgr8", (6, 8, 3)), ("mono8", (6, 8)), ("bayer_rggb8", (6, 8))])
 def test_images_round_trip(encoding, shape):
     pixels = np.random.default_rng(2).integers(0, 256, shape).astype(np.uint8)
-    message = messages.image_message(pixels, encoding, rospy.Time(3), "red_optical_frame")
-    assert (messages.image_array(message) == pixels).all()
+    message = images.image_message(pixels, encoding, rospy.Time(3), "red_optical_frame")
+    assert (images.image_array(message) == pixels).all()
     assert message.step == shape[1] * (shape[2] if len(shape) > 2 else 1)
 
 
 def test_depth_images_round_trip():
     depth = np.arange(48, dtype=np.uint16).reshape(6, 8) * 100
-    message = messages.image_message(depth, "16UC1", rospy.Time(3), "camera_optical_frame")
-    assert (messages.image_array(message) == depth).all()
+    message = images.image_message(depth, "16UC1", rospy.Time(3), "camera_optical_frame")
+    assert (images.image_array(message) == depth).all()
+
+
+ENCODINGS = [
+    "rgb8", "rgba8", "bgr8", "bgra8", "mono8", "mono16", "rgb16", "bgra16", "yuv422", "bayer_rggb8", "bayer_gbrg16",
+    "8UC1", "8SC3", "16SC2", "32SC4", "32FC1", "64FC12",
+]
+
+
+@pytest.mark.parametrize("encoding", ENCODINGS)
+@pytest.mark.parametrize("is_bigendian", [0, 1])
+def test_images_are_read_as_cv_bridge_reads_them(encoding, is_bigendian):
+    bridge = pytest.importorskip("cv_bridge").CvBridge()
+    dtype, channels = bridge.encoding_to_dtype_with_channels(encoding)
+    row = 8 * channels * np.dtype(dtype).itemsize
+    data = np.random.default_rng(5).integers(0, 64, 6 * row).astype(np.uint8).tobytes()
+    message = Image(height=6, width=8, encoding=encoding, step=row, is_bigendian=is_bigendian, data=data)
+    expected = bridge.imgmsg_to_cv2(message, "passthrough")
+    pixels = images.image_array(message)
+    assert pixels.dtype == expected.dtype.newbyteorder("=") and np.array_equal(pixels, expected)
+
+
+def test_padding_at_the_end_of_rows_is_no_part_of_the_image():
+    pixels = np.arange(2 * 3 * 3, dtype=np.uint8).reshape(2, 3, 3)
+    padded = np.pad(pixels.reshape(2, 9), ((0, 0), (0, 5))).tobytes()
+    message = Image(height=2, width=3, encoding="bgr8", step=14, data=padded)
+    assert (images.image_array(message) == pixels).all()
+
+
+def test_messages_of_a_node_without_images_load_no_opencv():
+    code = (
+        "import sys; from vb_core.ros import messages, node, parameters, transforms; from vb_core import grid_map;"
+        " from vb_core.ros.messages import OccupancyGridArray; print(sorted({'cv2', 'cv_bridge', 'scipy'} & set(sys.modules)))"
+    )
+    assert subprocess.run([sys.executable, "-c", code], stdout=subprocess.PIPE, check=True, text=True).stdout == "[]\n"
 
 
 def test_images_that_cannot_be_read_are_refused():
-    good = messages.image_message(np.zeros((6, 8), np.uint8), "mono8", rospy.Time(0), "x")
-    for change in ({"encoding": "nonsense"}, {"height": 0}, {"height": 60}, {"encoding": ""}):
+    good = images.image_message(np.zeros((6, 8), np.uint8), "mono8", rospy.Time(0), "x")
+    changes = ({"encoding": "nonsense"}, {"height": 0}, {"height": 60}, {"encoding": ""}, {"step": 0}, {"encoding": "64UC1"})
+    for change in changes:
         bad = Image()
         good_fields = {name: getattr(good, name) for name in good.__slots__}
         for name, value in {**good_fields, **change}.items():
             setattr(bad, name, value)
         with pytest.raises(CodedError) as caught:
-            messages.image_array(bad)
+            images.image_array(bad)
         assert caught.value.code == "bad_image"
     with pytest.raises(CodedError):
-        messages.compressed_image_array(CompressedImage(data=b"not a picture"))
+        images.compressed_image_array(CompressedImage(data=b"not a picture"))
 
 
 def test_cameras_round_trip_and_bad_ones_are_refused():
     camera = CameraModel(640, 480, CameraModel.ideal(640, 480, 577.0).matrix, np.array([0.1, -0.2, 0.0, 0.0, 0.01]))
-    info = messages.info_from_camera(camera, rospy.Time(1), "x")
-    back = messages.camera_from_info(info)
+    info = cameras.info_from_camera(camera, rospy.Time(1), "x")
+    back = cameras.camera_from_info(info)
     assert np.allclose(back.matrix, camera.matrix) and np.allclose(back.distortion, camera.distortion)
     info.distortion_model = "equidistant"
     with pytest.raises(CodedError):
-        messages.camera_from_info(info)
+        cameras.camera_from_info(info)
     with pytest.raises(CodedError) as caught:
-        messages.camera_from_info(CameraInfo())
+        cameras.camera_from_info(CameraInfo())
     assert caught.value.code == "bad_camera_info"
 
 

@@ -67,6 +67,61 @@ def test_a_fault_in_a_worker_ends_the_node():
     assert "ZeroDivisionError" in done.stderr
 
 
+WAITING = """
+import rospy
+from vb_core.ros import node
+
+lines = []
+rospy.logwarn = lambda text, *values: lines.append(text % values)
+rospy.logfatal = lambda text, *values: lines.append(text % values)
+rospy.signal_shutdown = lambda reason: lines.append(reason)
+node.SAID_AFTER_S = 0.05
+looks = iter([False] * 10 + [True])
+assert node._await("the postman", lambda: next(looks), 60.0) and len(lines) >= 1
+assert all(line.endswith("waits for the postman") for line in lines), lines
+assert not node._await("godot", lambda: False, 0.3)
+print([error.code for error in node._failures], lines[-1])
+"""
+
+
+def test_whoever_waits_says_for_what_and_gives_up():
+    done = subprocess.run([sys.executable, "-c", WAITING], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout == "['waited_in_vain'] waited_in_vain\n"
+
+
+LOGGING = """
+from rospy.impl import paramserver
+import rospy
+from vb_core.ros import node
+
+asked = []
+rospy.get_param = lambda name, default=None: default
+rospy.client._init_param_server = lambda: None
+
+
+class Master:
+    def subscribeParam(self, *arguments):
+        asked.append(arguments)
+        return 1, "", {}
+
+
+rospy.client._param_server = rospy.msproxy.MasterProxy.__new__(rospy.msproxy.MasterProxy)
+rospy.client._param_server.target = Master()
+rospy.client.get_param_cached("/rosout_disable_topics_generation", False)
+before = len(asked)
+node._log_without_registering()
+assert rospy.client.get_param_cached("/rosout_disable_topics_generation", False) is False
+print(before, len(asked))
+"""
+
+
+def test_a_node_that_logs_while_it_ends_does_not_end_its_successor():
+    # each line logged was a registration under the node's name, upon which the master ended whoever else had that name
+    done = subprocess.run([sys.executable, "-c", LOGGING], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    assert (done.returncode, done.stdout) == (0, "1 1\n"), done.stderr
+
+
 def test_kept_memory_is_used_again():
     program = """
 import resource

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Tuple
 
-import cv2
 import numpy as np
 
 from vb_core.errors import CodedError
@@ -28,6 +27,8 @@ def distance_to(cells: np.ndarray) -> np.ndarray:
     """
     if not cells.any():
         return np.full(cells.shape, np.inf, np.float32)
+    import cv2  # most nodes that have a map never ask for distances, and OpenCV takes 20 MiB of each process
+
     distance = cv2.distanceTransform((~cells).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
     np.multiply(distance, distance, out=distance)
     np.rint(distance, out=distance)

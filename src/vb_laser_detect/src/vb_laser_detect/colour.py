@@ -69,8 +69,14 @@ def _shade(lit: np.ndarray, image: np.ndarray, background: np.ndarray) -> float:
     beside = lit == 0
     if not beside.any():
         return 1.0
-    now, before = (float(np.median(picture[beside])) for picture in (image, background))
+    now, before = (middle_of(picture[beside].ravel()) for picture in (image, background))
     return min(1.0, now / max(before, 1.0))
+
+
+def middle_of(values: np.ndarray) -> float:
+    """The upper median of values (N,): np.median also looks for NaN and takes the mean of two, in three times the time."""
+    half = len(values) // 2
+    return float(np.partition(values, half)[half])
 
 
 def chroma(tint: np.ndarray) -> float:

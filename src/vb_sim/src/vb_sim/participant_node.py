@@ -90,6 +90,8 @@ class ParticipantNode:
         rospy.Subscriber(names.NOTICES, NoticeArray, self._on_notices, queue_size=10)
         rospy.Subscriber(names.LAB_STATE, LabState, self._lab_states.put, queue_size=1, tcp_nodelay=True)
         rospy.Service("~start", Trigger, self._on_start)
+        node.await_input(f"the lab's state on {names.LAB_STATE}: is lab_simulator running?", lambda: self._lab_states.received > 0,
+                         node.GIVES_UP_AFTER_S)
 
     def close(self) -> None:
         """Ends the worker."""

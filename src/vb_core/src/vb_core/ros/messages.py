@@ -1,23 +1,22 @@
-"""Conversions between ROS messages and numpy. Each has its inverse beside it where there is one."""
+"""Conversions between ROS messages and numpy. Each has its inverse beside it where there is one.
+
+Images are in `images`, cameras in `cameras`: most nodes have neither, and OpenCV takes 20 MiB of each process.
+"""
 from __future__ import annotations
 
-import sys
+import importlib
 from typing import Any, Dict, Iterable, List, Mapping, Tuple
 
-import cv2
 import numpy as np
 import rospy
-from cv_bridge import CvBridge, CvBridgeError
 from diagnostic_msgs.msg import KeyValue
 from geometry_msgs.msg import Point, Pose, Quaternion, Transform, TransformStamped, Vector3
 from nav_msgs.msg import OccupancyGrid
 from rospy.numpy_msg import numpy_msg
-from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 from vb_msgs.msg import BorderPreview
 from vb_msgs.srv import PreviewBorder, PreviewBorderResponse
 
 from vb_core import geometry
-from vb_core.camera_model import CameraModel
 from vb_core.errors import CodedError
 from vb_core.grid_map import GridMap
 
@@ -32,8 +31,18 @@ class PreviewBorderArray(PreviewBorder):
 
     _response_class = PreviewBorderArrayResponse
 
+# what stood here before; the module is loaded when somebody asks for it
+_MOVED = {
+    "image_array": "images", "compressed_image_array": "images", "image_message": "images",
+    "camera_from_info": "cameras", "info_from_camera": "cameras",
+}
 
-_bridge = CvBridge()
+
+def __getattr__(name: str) -> Any:
+    if name not in _MOVED:
+        raise AttributeError(f"module '{__name__}' has no attribute '{name}'")
+    return getattr(importlib.import_module(f"vb_core.ros.{_MOVED[name]}"), name)
+
 
 
 # ----------------------------------------------------------------- maps
@@ -127,83 +136,3 @@ def transform_message(T: np.ndarray, parent: str, child: str, stamp: rospy.Time)
     message.transform.translation = Vector3(*(float(value) for value in T[:3, 3]))
     message.transform.rotation = quaternion_message(geometry.quaternion_from_rotation(T[:3, :3]))
     return message
-
-
-# ----------------------------------------------------------------- images
-def image_array(message: Image) -> np.ndarray:
-    """The image's pixels as they are: (H, W) or (H, W, C), no copy where the bytes' order allows it.
-
-    Raises:
-        CodedError: "bad_image" for an empty image, an unknown encoding, or too few bytes.
-    """
-    if message.height == 0 or message.width == 0:
-        raise CodedError("bad_image", "the image is empty")
-    try:
-        return _bridge.imgmsg_to_cv2(message, "passthrough")
-    except (CvBridgeError, TypeError, ValueError, KeyError, AttributeError) as error:
-        raise CodedError("bad_image", f"cannot read an image with encoding '{message.encoding}': {error}") from None
-
-
-def compressed_image_array(message: CompressedImage) -> np.ndarray:
-    """The pixels of a JPEG or PNG image: (H, W, 3) bgr, or (H, W).
-
-    Raises:
-        CodedError: "bad_image" if it cannot be decoded.
-    """
-    image = cv2.imdecode(np.frombuffer(message.data, np.uint8), cv2.IMREAD_UNCHANGED)
-    if image is None:
-        raise CodedError("bad_image", f"cannot decode a compressed image of format '{message.format}'")
-    return image
-
-
-def image_message(image: np.ndarray, encoding: str, stamp: rospy.Time, frame_id: str) -> Image:
-    """Pixels to a message; inverse of `image_array`."""
-    image = np.ascontiguousarray(image)
-    message = Image()
-    message.header.stamp = stamp
-    message.header.frame_id = frame_id
-    message.height, message.width = image.shape[:2]
-    message.encoding = encoding
-    message.is_bigendian = int(image.dtype.byteorder == ">" or (image.dtype.byteorder == "=" and sys.byteorder == "big"))
-    message.step = image.strides[0]
-    message.data = image.tobytes()
-    return message
-
-
-# ----------------------------------------------------------------- cameras
-def camera_from_info(info: CameraInfo, rectified: bool = False) -> CameraModel:
-    """CameraInfo to CameraModel; inverse of `info_from_camera`.
-
-    Args:
-        rectified: for images whose distortion was undone already (image_rect, image_rect_color): they are described by P.
-
-    Raises:
-        CodedError: "bad_camera_info" if it describes no camera; "unsupported_camera" for binning, a part of the image
-            or a distortion model that nobody knows.
-    """
-    models = ("", "plumb_bob", "rational_polynomial", "equidistant", "fisheye")
-    if info.distortion_model not in models and not rectified:
-        raise CodedError("unsupported_camera", f"the distortion model '{info.distortion_model}' is not supported")
-    roi = info.roi
-    part = (roi.width, roi.height) not in ((0, 0), (info.width, info.height)) or roi.x_offset > 0 or roi.y_offset > 0
-    if info.binning_x > 1 or info.binning_y > 1 or part:
-        raise CodedError("unsupported_camera", "binning or a region of interest is set: send the full image")
-    if rectified:
-        return CameraModel(info.width, info.height, np.array(info.P).reshape(3, 4)[:, :3], np.zeros(5))
-    fisheye = info.distortion_model in ("equidistant", "fisheye")
-    return CameraModel(info.width, info.height, np.array(info.K), np.array(info.D), fisheye)
-
-
-def info_from_camera(camera: CameraModel, stamp: rospy.Time, frame_id: str) -> CameraInfo:
-    """CameraModel to CameraInfo; inverse of `camera_from_info`."""
-    info = CameraInfo()
-    info.header.stamp = stamp
-    info.header.frame_id = frame_id
-    info.width, info.height = camera.width, camera.height
-    pinhole = "plumb_bob" if camera.distortion.size <= 5 else "rational_polynomial"
-    info.distortion_model = "equidistant" if camera.fisheye else pinhole
-    info.K = camera.matrix.ravel().tolist()
-    info.D = camera.distortion.tolist()
-    info.R = np.eye(3).ravel().tolist()
-    info.P = np.column_stack([camera.matrix, np.zeros(3)]).ravel().tolist()
-    return info

@@ -6,10 +6,12 @@ import ctypes
 import inspect
 import sys
 import threading
+import time
 from pathlib import Path
 from typing import Any, Callable, Deque, Generic, List, Optional, TypeVar
 
 import rospy
+from rospy.impl.paramserver import get_param_server_cache
 
 from vb_core.errors import CodedError
 
@@ -30,6 +32,7 @@ def run(name: str, build: Callable[[], Any]) -> None:
         print(_interface(name, build))
         return
     rospy.init_node(name)
+    _log_without_registering()
     try:
         node = build()
     except CodedError as error:
@@ -39,9 +42,22 @@ def run(name: str, build: Callable[[], Any]) -> None:
         return
     if hasattr(node, "close"):
         rospy.on_shutdown(node.close)
+    if rospy.get_param("/use_sim_time", False):
+        await_input("the time on /clock, because /use_sim_time is set", _clock_runs)
     rospy.spin()
     if _failures:
         sys.exit(1)
+
+
+def _log_without_registering() -> None:
+    """Keeps rospy from asking the ROS master for a parameter at each line that is logged.
+
+    It does so by a subscription under the node's name, as long as the parameter is not set. A node that has been replaced
+    by another of the same name and logs one more line while it ends is then taken for the newer of the two, and the
+    master ends the other one: about once in seventy replacements.
+    """
+    name = "/rosout_disable_topics_generation"
+    get_param_server_cache().set(name, bool(rospy.get_param(name, False)))
 
 
 def _interface(name: str, build: Callable[[], Any]) -> str:
@@ -217,7 +233,46 @@ class Worker:
                 return
 
 
+SAID_AFTER_S = 5.0  # [s] of wall time that somebody waits without a word, and between two words
+GIVES_UP_AFTER_S = 60.0  # [s] of wall time
+
+
+def await_input(what: str, arrived: Callable[[], bool], give_up_s: Optional[float] = None) -> None:
+    """Watches, in a thread, whether what a node needs arrives: says what it waits for, and gives up if told to.
+
+    Args:
+        what: for the log: "the map on /map".
+        arrived: whether it is there.
+        give_up_s: [s] of wall time after which the node ends with "waited_in_vain", so that roslaunch starts it again; None:
+            never, because the node is of use without it or starting again would not help.
+    """
+    threading.Thread(target=_await, args=(what, arrived, give_up_s), daemon=True).start()
+
+
+def _await(what: str, arrived: Callable[[], bool], give_up_s: Optional[float]) -> bool:
+    began = said = time.monotonic()
+    while not arrived():
+        now = time.monotonic()
+        if rospy.is_shutdown():
+            return False
+        if give_up_s is not None and now - began > give_up_s:
+            fail(CodedError("waited_in_vain", what=what, seconds=round(now - began)))
+            return False
+        if now - said > SAID_AFTER_S:
+            rospy.logwarn("%s waits for %s", rospy.get_name(), what)
+            # twice as long between words each time: 5, 10, 20 s ...
+            said = now + max(0.0, now - began - SAID_AFTER_S)
+        time.sleep(0.02)
+    return True
+
+
 def wait_for_clock() -> None:
-    """Waits for the first time on /clock if simulated time is used; returns at once otherwise."""
-    while not rospy.is_shutdown() and rospy.get_rostime().is_zero():
-        rospy.rostime.wallsleep(0.02)
+    """Waits for the first time on /clock if simulated time is used; returns at once otherwise.
+
+    A node that has waited `GIVES_UP_AFTER_S` in vain ends with "waited_in_vain".
+    """
+    _await("the time on /clock, because /use_sim_time is set", _clock_runs, GIVES_UP_AFTER_S)
+
+
+def _clock_runs() -> bool:
+    return not rospy.get_rostime().is_zero()
