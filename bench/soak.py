@@ -822,6 +822,9 @@ def main() -> int:
     folder = Path(tempfile.mkdtemp(prefix="soak_"))
     soak = Soak(chosen.hours, chosen.seed, folder, chosen.port, apart)
     began = time.monotonic()
+    # also where a shell that starts it in the background has them ignored
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
         soak.start()
         soak.live()
