@@ -38,7 +38,6 @@ STEP = 0.02
 FAULTS = ("state", "spots", "dispatcher", "driver", "network", "pose", "scan", "clock")
 TITLES = {"state": "interaction manager", "spots": "detector", "dispatcher": "dispatcher", "driver": "driver",
           "network": "network", "pose": "localisation", "scan": "scan", "clock": "clock"}
-CLOCK_LIMIT = 0.3  # [s] robot_driver_node's
 HELD = 2.5  # [s] for which it is lost
 
 
@@ -73,7 +72,7 @@ class Run:
             self.robot.add(Sighting(stamp, tuple(place), "robot", True, 0.9))
         if self.control.due(now) and not self.guided:
             self.robot.navigate(now, self.control.period)
-        if self.drive.due(now) and not self.frozen:
+        if not self.frozen and self.drive.due(now):
             self.robot.drive(now)
 
 
@@ -95,11 +94,11 @@ def run(world, grid, posterior, profile, guided, fault, seed):
     run.robot.lost.add(fault)
     while run.now < at + HELD:
         if fault == "clock":
-            # time stands still for the driver: after CLOCK_LIMIT of wall time it commands a stop
+            # time stands still for the driver, and it knows only for how long
             run.frozen = True
-            if run.now - at >= CLOCK_LIMIT:
-                run.body.command(0.0, 0.0, run.now)
-            else:
+            if run.drive.due(run.now):
+                run.robot.driver.set_clock(run.now - at)
+                run.robot.drive(at)
                 run.body.command(run.robot.command.v, run.robot.command.w, run.now)
         run.step()
         codes.add(run.robot.command.code)
@@ -107,6 +106,7 @@ def run(world, grid, posterior, profile, guided, fault, seed):
             stopped = run.now - at
         depth = max(depth, profile.radius - float(np.linalg.norm(cells - run.body.pose[:2], axis=1).min()))
     run.robot.lost.clear()
+    run.robot.driver.set_clock(0.0)
     run.frozen = False
     end = run.now + 4.0
     going = 0.0

@@ -2,12 +2,16 @@
 """How right the spot detector is on labelled clips, in each role that a camera can have.
 
     bench/spot_clips.py DIR [--roles stationary mobile window] [--as plain jpeg60 ...] [--clips WORD ...]
-                            [--source SRC] [--csv FILE] [--crops DIR]
+                            [--left-out EXAMPLES ...] [--other SRC] [--csv FILE] [--crops DIR]
 
 DIR holds labels.json and clips/. Roles: a camera that stands still; the same pictures as a robot's camera sees them
 while it stands; and as a robot sees them that looks around, through a window that pans, tilts and rolls over the
-pictures by a few pixels per image. `--as` changes the pictures (see VARIANTS). `--source` takes another version of the
-packages, for a comparison on the same frames. Detectors know neither focal length nor pose, and confirm nothing.
+pictures by a few pixels per image. `--as` changes the pictures (see VARIANTS). Detectors know neither focal length nor
+pose, and confirm nothing.
+
+All versions see the same pictures in turn: the detector as it comes; with `--left-out`, by examples that spot_training.py
+kept, one whose classifier was fitted without the clip, and the same with confirmation (then only its false spots say
+something, for most pulses are shorter than it takes); with `--other`, that of another version's packages.
 
 A spot is right within 10 px (of 640 x 480) of a label of its frame. False spots are counted strictly, and without those
 within that reach of a label up to 2 frames earlier or later, where a pulse's first or last light is seen.
@@ -28,6 +32,14 @@ import cv2
 import numpy as np
 
 TOP = Path(__file__).resolve().parent.parent
+for package in ("vb_core", "vb_laser_detect"):
+    sys.path.insert(0, str(TOP / "src" / package / "src"))
+sys.path.insert(0, str(TOP / "bench"))
+
+from spot_versions import other_detector  # noqa: E402
+from vb_laser_detect.detector import DetectorParams, SpotDetector  # noqa: E402
+from vb_laser_detect.training import fit, load_examples  # noqa: E402
+
 REACH_PX, FRINGE = 10.0, 2
 ROLES = ("stationary", "mobile", "window")
 Change = Callable[[np.ndarray], np.ndarray]
@@ -94,7 +106,6 @@ def frames_of(clip: Path, video: dict, role: str, variant: str) -> Iterator[Tupl
         by_frame.setdefault(label["frame"], []).append(label)
     capture = cv2.VideoCapture(str(clip))
     rate, seed, index = capture.get(cv2.CAP_PROP_FPS) or 25.0, zlib.crc32(clip.name.encode()), -1
-    noise = np.random.default_rng(seed)
     while True:
         got, image = capture.read()
         index += 1
@@ -123,35 +134,54 @@ def frames_of(clip: Path, video: dict, role: str, variant: str) -> Iterator[Tupl
         yield index / rate, np.ascontiguousarray(change(image)), labels
 
 
-def measure(folder: Path, name: str, video: dict, role: str, variant: str, detector: Any) -> Dict[str, Any]:
+class Count:
     """What a detector makes of one clip."""
-    result: Dict[str, Any] = {key: 0 for key in ("frames", "labels", "found", "false", "false_off_fringe")}
-    shots, hit, errors, places, took = set(), set(), [], [], 0.0
-    reach = REACH_PX * VARIANTS[variant][1] * max(1.0, video["width"] / 640.0)
-    for stamp, image, labels in frames_of(folder / "clips" / name, video, role, variant):
+
+    def __init__(self, detector: Any, reach: float) -> None:
+        self._detector, self._reach = detector, reach
+        self.sums = dict.fromkeys(("frames", "labels", "found", "false", "false_off_fringe"), 0)
+        self._shots, self._hit, self._took = set(), set(), 0.0
+        self.errors: List[float] = []
+        self.places: List[Tuple[int, float, float, bool]] = []
+
+    def look(self, stamp: float, image: np.ndarray, labels: List[dict], index: int) -> None:
+        """Searches a frame and counts."""
         here = [label for label in labels if not label["near"]]
         began = time.thread_time()
-        spots = detector.detect(image, stamp)
-        took += time.thread_time() - began
+        spots = self._detector.detect(image, stamp)
+        self._took += time.thread_time() - began
         matched = set()
         for spot in spots:
             distances = [math.hypot(spot.u - label["x"], spot.v - label["y"]) for label in labels]
             best = min((d for d, label in zip(distances, labels) if not label["near"]), default=math.inf)
-            if best < reach:
+            if best < self._reach:
                 matched.add(min(range(len(here)), key=lambda k: math.hypot(spot.u - here[k]["x"], spot.v - here[k]["y"])))
-                errors.append(best)
+                self.errors.append(best)
             else:
-                result["false"] += 1
-                fringe = bool(distances) and min(distances) < reach
-                result["false_off_fringe"] += not fringe
-                places.append((result["frames"] * VARIANTS[variant][2], round(spot.u, 1), round(spot.v, 1), fringe))
-        result["found"] += len(matched)
-        result["labels"] += len(here)
-        shots |= {label["event"] for label in here}
-        hit |= {here[k]["event"] for k in matched}
-        result["frames"] += 1
-    return {"clip": name, **result, "shots": len(shots), "shots_found": len(hit), "errors": errors, "places": places,
-            "ms": 1e3 * took / max(1, result["frames"])}
+                fringe = bool(distances) and min(distances) < self._reach
+                self.sums["false"] += 1
+                self.sums["false_off_fringe"] += not fringe
+                self.places.append((index, round(spot.u, 1), round(spot.v, 1), fringe))
+        self.sums["found"] += len(matched)
+        self.sums["labels"] += len(here)
+        self.sums["frames"] += 1
+        self._shots |= {label["event"] for label in here}
+        self._hit |= {here[k]["event"] for k in matched}
+
+    def result(self, name: str) -> Dict[str, Any]:
+        """The figures."""
+        return {"clip": name, **self.sums, "shots": len(self._shots), "shots_found": len(self._hit), "errors": self.errors,
+                "places": self.places, "ms": 1e3 * self._took / max(1, self.sums["frames"])}
+
+
+def measure(folder: Path, name: str, video: dict, role: str, variant: str, detectors: Dict[str, Any]) -> Dict[str, Any]:
+    """What detectors make of one clip."""
+    reach = REACH_PX * VARIANTS[variant][1] * max(1.0, video["width"] / 640.0)
+    counts = {version: Count(detector, reach) for version, detector in detectors.items()}
+    for number, frame in enumerate(frames_of(folder / "clips" / name, video, role, variant)):
+        for count in counts.values():
+            count.look(*frame, number * VARIANTS[variant][2])
+    return {version: count.result(name) for version, count in counts.items()}
 
 
 def write_crops(clip: Path, places: List[Tuple[int, float, float, bool]], folder: Path, reach: int = 25, around: int = 3) -> None:
@@ -196,46 +226,48 @@ def main() -> int:
     parser.add_argument("--roles", nargs="+", default=list(ROLES), choices=ROLES)
     parser.add_argument("--as", nargs="+", default=["plain"], dest="variants", choices=list(VARIANTS) + ["all"])
     parser.add_argument("--clips", nargs="+", default=[""], metavar="WORD", help="only clips with a WORD in their name")
-    parser.add_argument("--half", choices=("develop", "judge"), help="every second clip, by name")
-    parser.add_argument("--source", type=Path, default=TOP / "src", help="folder of the packages")
-    parser.add_argument("--csv", type=Path, help="append a row for each role and variant")
-    parser.add_argument("--label", default="", help="name of the version in it")
-    parser.add_argument("--crops", type=Path, metavar="DIR", help="pictures of all false spots of a stationary camera")
-    parser.add_argument("--places", action="store_true", help="print where false spots are")
+    parser.add_argument("--left-out", nargs="+", type=Path, metavar="EXAMPLES")
+    parser.add_argument("--other", type=Path, metavar="SRC", help="folder of another version's packages")
+    parser.add_argument("--csv", type=Path, help="append a row for each role, variant and version")
+    parser.add_argument("--crops", type=Path, metavar="DIR", help="pictures of all false spots of a camera that stands")
     given = parser.parse_args()
-    for package in ("vb_core", "vb_laser_detect"):
-        sys.path.insert(0, str(given.source / package / "src"))
-    from vb_laser_detect.detector import DetectorParams, SpotDetector
-
     cv2.setNumThreads(1)
     videos = sorted(json.loads((given.folder / "labels.json").read_text())["videos"].items())
-    if given.half:
-        videos = videos[0 if given.half == "develop" else 1 :: 2]
     videos = [(name, video) for name, video in videos if any(word in name for word in given.clips)]
-    rows = []
+    judges = {}
+    if given.left_out:
+        examples = load_examples(given.left_out)
+        judges = {name: fit(examples.without(name)) for name, _ in videos}
     for variant in VARIANTS if "all" in given.variants else given.variants:
         for role in given.roles:
-            preset = DetectorParams.stationary if role == "stationary" else DetectorParams.mobile
-            clips = []
+            preset = "stationary" if role == "stationary" else "mobile"
+            at_once, clips = getattr(DetectorParams, preset)(confirm_frames=1), {}
             for name, video in videos:
-                clips.append(measure(given.folder, name, video, role, variant, SpotDetector(preset(confirm_frames=1))))
-                c = clips[-1]
-                print(f"  {name:46s} frames {c['found']:3d}/{c['labels']:3d} shots {c['shots_found']:2d}/{c['shots']:2d} "
-                      f"false {c['false']:3d} ({c['false_off_fringe']:3d}) {c['ms']:.1f} ms", flush=True)
-                if given.crops and c["places"] and role != "window" and variant == "plain":
-                    write_crops(given.folder / "clips" / name, c["places"], given.crops)
-                if given.places:
-                    print("     ", c["places"][:12])
-            rows.append({"version": given.label, "role": role, "pictures": variant, **total(clips)})
-            print(json.dumps(rows[-1]), flush=True)
-    if given.csv:
-        given.csv.parent.mkdir(parents=True, exist_ok=True)
-        new = not given.csv.exists()
-        with given.csv.open("a", newline="", encoding="utf-8") as file:
-            writer = csv.DictWriter(file, list(rows[0]))
-            if new:
-                writer.writeheader()
-            writer.writerows(rows)
+                detectors = {"this": SpotDetector(at_once)}
+                if judges:
+                    detectors["left out"] = SpotDetector(at_once, judges[name])
+                    detectors["left out, confirmed"] = SpotDetector(getattr(DetectorParams, preset)(), judges[name])
+                if given.other:
+                    params, detector = other_detector(given.other)[0]
+                    detectors["other"] = detector(getattr(params, preset)(confirm_frames=1))
+                for version, c in measure(given.folder, name, video, role, variant, detectors).items():
+                    clips.setdefault(version, []).append(c)
+                    print(f"  {name if version == 'this' else '    ' + version:46s} frames {c['found']:3d}/{c['labels']:3d} "
+                          f"shots {c['shots_found']:2d}/{c['shots']:2d} false {c['false']:3d} ({c['false_off_fringe']:3d}) "
+                          f"{c['ms']:.1f} ms {c['places'][:4]}", flush=True)
+                    if given.crops and c["places"] and role != "window" and variant == "plain" and version == "this":
+                        write_crops(given.folder / "clips" / name, c["places"], given.crops)
+            rows = [{"version": version, "role": role, "pictures": variant, **total(counts)}
+                    for version, counts in clips.items()]
+            for row in rows:
+                print(json.dumps(row), flush=True)
+            if given.csv:
+                new = not given.csv.exists()
+                with given.csv.open("a", newline="", encoding="utf-8") as file:
+                    writer = csv.DictWriter(file, list(rows[0]))
+                    if new:
+                        writer.writeheader()
+                    writer.writerows(rows)
     return 0
 
 

@@ -11,11 +11,12 @@ time is that of the thread, so that other programs disturb both alike.
 from __future__ import annotations
 
 import argparse
+import csv
 import json
 import sys
 import time
 from pathlib import Path
-from typing import Any, Dict, List, Tuple
+from typing import Any, Dict, List, Optional, Tuple
 
 import cv2
 import numpy as np
@@ -29,6 +30,8 @@ from scenes import RED, Scene  # noqa: E402
 from vb_laser_detect.detector import DetectorParams, SpotDetector  # noqa: E402
 
 PERIOD_S = 0.04
+SCENE_FIGURES = ("recall", "false_spots_per_hour", "error_median_mm", "error_p95_mm", "error_with_pose_error_median_mm",
+                 "error_with_pose_error_p95_mm")
 
 
 class AuthorsDesign:
@@ -89,24 +92,50 @@ def measure_time(frames: int) -> Dict[str, Any]:
     return result
 
 
-def measure_scenes(words: List[str]) -> Dict[str, Any]:
-    """Recall, false spots and errors on the floor in rendered scenes; prints each as it is done."""
-    from spot_scenes import CameraModels, Rooms, ceiling_scenes, lab, mobile_scenes, play
+def measure_scenes(words: List[str], seed: int, other: Optional[Path], left_out: List[Path]) -> Dict[str, Any]:
+    """Recall, false spots and errors on the floor in rendered scenes; prints each as it is done.
+
+    Args:
+        other: folder of another version's packages, which see the same pictures.
+        left_out: examples that spot_training.py kept: the scenes are also searched with classifiers fitted without them.
+    """
+    from spot_scenes import Camera, CameraModels, Rooms, ceiling_scenes, lab, mobile_scenes, play
+    from vb_laser_detect.training import fit, load_examples
+
+    examples = load_examples(left_out) if left_out else None
 
     result: Dict[str, Any] = {}
-    room, rooms = lab(), Rooms(CameraModels(), 1)
+    room, rooms = lab(), Rooms(CameraModels(), seed)
     print(f"{'scene':52s} recall  false/h  error on the floor [mm]: median, 95 % (and with pose errors)")
     for scene in ceiling_scenes(room) + mobile_scenes(room):
         name = ("robot's camera: " if scene.mobile else "") + scene.name
         if words and not any(word in name for word in words):
             continue
-        figures = result[name] = play(scene, rooms).summary()
-        numbers = [np.nan if figures[key] is None else figures[key] for key in (
-            "recall", "false_spots_per_hour", "error_median_mm", "error_p95_mm", "error_with_pose_error_median_mm",
-            "error_with_pose_error_p95_mm")]
-        print("{:52s} {:6.3f} {:8.0f} {:8.1f} {:6.1f} ({:.1f}, {:.1f})".format(name, *numbers),
-              figures["missed_because"] or "", flush=True)
+        cameras = {"this": Camera(scene, rooms)}
+        if examples is not None:
+            group = ("robot: " if scene.mobile else "ceiling: ") + scene.name
+            cameras["left out"] = Camera(scene, rooms, judge=fit(examples.without(group)))
+        if other is not None:
+            cameras["other"] = Camera(scene, rooms, other)
+        for version, outcome in zip(cameras, play(scene, list(cameras.values()))):
+            figures = outcome.summary()
+            result.setdefault(name, {})[version] = figures
+            numbers = [np.nan if figures[key] is None else figures[key] for key in SCENE_FIGURES]
+            print("{:52s} {:6.3f} {:8.0f} {:8.1f} {:6.1f} ({:.1f}, {:.1f})".format(
+                name if version == "this" else f"    {version}", *numbers), figures["missed_because"] or "", flush=True)
     return result
+
+
+def write_scenes(scenes: Dict[str, Any], path: Path, seed: int) -> None:
+    """A row for each scene and version."""
+    columns = ("visible_frames", *SCENE_FIGURES, "false_spots", "missed_because")
+    with path.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file)
+        writer.writerow(("scene", "version", "seed", *columns))
+        for name, versions in scenes.items():
+            for version, figures in versions.items():
+                why = " ".join(f"{code}:{count}" for code, count in figures["missed_because"].items())
+                writer.writerow((name, version, seed, *(figures[key] for key in columns[:-1]), why))
 
 
 def measure_quiet(minutes: float, seed: int) -> Dict[str, Any]:
@@ -125,7 +154,11 @@ def main() -> int:
     parser.add_argument("--frames", type=int, default=200, help="rendered frames to time")
     parser.add_argument("--scenes", nargs="*", metavar="WORD", help="rendered scenes; only those with a WORD in their name")
     parser.add_argument("--quiet", type=float, metavar="MINUTES", help="simulated time without a laser")
-    parser.add_argument("--seed", type=int, default=1, help="of who walks where, with --quiet")
+    parser.add_argument("--seed", type=int, default=1, help="of textures, noise and, with --quiet, who walks where")
+    parser.add_argument("--other", type=Path, help="folder of another version's packages, for --scenes: on the same pictures")
+    parser.add_argument("--left-out", nargs="+", type=Path, default=[], metavar="EXAMPLES",
+                        help="for --scenes: also with classifiers fitted without the scene, by what spot_training.py kept")
+    parser.add_argument("--csv", type=Path, help="write the scenes as a table")
     parser.add_argument("--out", type=Path, default=TOP / "out" / "bench" / "spot_detection.json")
     arguments = parser.parse_args()
     if arguments.frames < 10:
@@ -137,7 +170,9 @@ def main() -> int:
         print(f"{name:14s} {timing[name]['median_ms']:6.2f} ms per 1080p frame (95th percentile {timing[name]['p95_ms']:.2f})")
     print(f"faster than the authors' design: {timing['times_faster_bgr8']:.1f} times (bgr8), {timing['times_faster_bayer_rggb8']:.1f} times (Bayer)")
     if arguments.scenes is not None:
-        result["scenes"] = measure_scenes(arguments.scenes)
+        result["scenes"] = measure_scenes(arguments.scenes, arguments.seed, arguments.other, arguments.left_out)
+        if arguments.csv:
+            write_scenes(result["scenes"], arguments.csv, arguments.seed)
     if arguments.quiet:
         result["no_laser"] = measure_quiet(arguments.quiet, arguments.seed)
         for name, figures in result["no_laser"].items():

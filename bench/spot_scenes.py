@@ -9,7 +9,7 @@ import math
 import sys
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, Callable, Dict, Iterator, List, Sequence, Tuple
+from typing import Any, Callable, Dict, Iterator, List, Optional, Sequence, Tuple
 
 import numpy as np
 import yaml
@@ -18,6 +18,7 @@ TOP = Path(__file__).resolve().parent.parent
 for package in ("vb_core", "vb_laser_detect", "vb_sim"):
     sys.path.insert(0, str(TOP / "src" / package / "src"))
 
+from spot_versions import other_detector  # noqa: E402
 from vb_core import geometry  # noqa: E402
 from vb_laser_detect import projection  # noqa: E402
 from vb_laser_detect.detector import DetectorParams, Spot, SpotDetector  # noqa: E402
@@ -36,6 +37,7 @@ from vb_sim.raycast import DistanceField  # noqa: E402
 from vb_sim.robot_view import RobotView  # noqa: E402
 from vb_sim.world import Light, Patch, World, load_world  # noqa: E402
 
+DETECTOR = (DetectorParams, SpotDetector), search
 RATE = 25.0
 LEARN_S, QUIET_S, DRAW_S = 1.0, 8.0, 10.0  # [s] the empty room, the disturbance alone, then with the laser
 NEAR_M = 0.10  # a spot further from the laser is a false one
@@ -141,23 +143,30 @@ class SeenFrame(Frame):
 
     def __init__(self, snapshot: Snapshot, *geometry_of_it: Any) -> None:
         super().__init__(*geometry_of_it)
-        self.snapshot = snapshot
+        self.snapshot, self.model = snapshot, geometry_of_it[0]
 
 
 class Camera:
-    """A rendered camera and its detector, wired as the node does it."""
+    """A rendered camera and its detector, wired as the node does it.
 
-    def __init__(self, scene: Scene, rooms: Rooms) -> None:
+    Args:
+        source: folder of another version's packages, whose detector looks instead.
+        judge: another classifier than the one that comes with the package.
+    """
+
+    def __init__(self, scene: Scene, rooms: Rooms, source: Optional[Path] = None, judge: Any = None) -> None:
         self._mobile = scene.mobile
         name = "mobile.yaml" if scene.mobile else "stationary.yaml"
+        kind, self.search = DETECTOR if source is None else other_detector(source)
+        settings = yaml.safe_load(((source or TOP / "src") / "vb_laser_detect/config" / name).read_text())
         config = yaml.safe_load((TOP / "src/vb_laser_detect/config" / name).read_text())
-        self.detector = SpotDetector(DetectorParams.from_mapping(config.get("detector") or {}))
+        self.detector = kind[1](kind[0].from_mapping(settings.get("detector") or {}), *([judge] if judge else []))
         self.detector.encoding = "bgr8" if scene.mobile else scene.worlds[0].camera(scene.camera).encoding
         floor = physical_map(scene.worlds[0])
         self._projector = FloorProjector(ProjectionParams.from_mapping(config["projection"]), floor)
+        self._model: Any = None
         self._views = [rooms.view(world, "" if scene.mobile else scene.camera) for world in scene.worlds]
         self._poses = _pose_errors(scene, rooms.models, rooms.seed)
-        self._model: Any = None
         self._missed: Dict[float, str] = {}  # why nothing was seen at a time [s], until a later frame recalls it
 
     def picture(self, t: float, index: int, snapshot: Snapshot) -> Tuple[np.ndarray, SeenFrame, Any]:
@@ -169,7 +178,6 @@ class Camera:
             depth = lambda: (view.depth(snapshot), view.depth_model)  # noqa: E731
         else:
             image, pose, model = view.frame(snapshot), view.pose, view.model
-        self._model = model
         return image, SeenFrame(snapshot, model, lambda: pose, self._projector, depth), view
 
     def pictures(self, scene: Scene, quiet_s: float, draw_s: float) -> Iterator[Tuple[float, np.ndarray, SeenFrame, Any, Snapshot]]:
@@ -177,10 +185,10 @@ class Camera:
         for t, index, snapshot in course(scene, quiet_s, draw_s):
             yield (t, *self.picture(t, index, snapshot), snapshot)
 
-    def look(self, t: float, index: int, snapshot: Snapshot, outcome: Outcome) -> None:
-        """Renders one frame, searches it, and counts."""
-        image, frame, view = self.picture(t, index, snapshot)
-        spots = search(self.detector, image, t, frame)
+    def look(self, t: float, image: np.ndarray, frame: SeenFrame, view: Any, outcome: Outcome) -> None:
+        """Searches one picture, and counts."""
+        snapshot, self._model = frame.snapshot, frame.model
+        spots = self.search(self.detector, image, t, frame)
         outcome.frames += 1
         for earlier in self.detector.recalled:
             if self._count(earlier.spot, earlier.stamp, earlier.tag, outcome) and earlier.stamp in self._missed:
@@ -258,12 +266,14 @@ def course(scene: Scene, quiet_s: float = QUIET_S, draw_s: float = 0.0) -> Itera
         yield t, scene.world_at(t) if t >= LEARN_S else 0, snapshot
 
 
-def play(scene: Scene, rooms: Rooms) -> Outcome:
-    """Plays one scene."""
-    camera, outcome = Camera(scene, rooms), Outcome()
+def play(scene: Scene, cameras: Sequence[Camera]) -> List[Outcome]:
+    """Plays one scene; several cameras of the scene see the same pictures."""
+    outcomes = [Outcome() for _ in cameras]
     for t, index, snapshot in course(scene):
-        camera.look(t, index, snapshot, outcome)
-    return outcome
+        image, frame, view = cameras[0].picture(t, index, snapshot)
+        for camera, outcome in zip(cameras, outcomes):
+            camera.look(t, image, frame, view, outcome)
+    return outcomes
 
 
 # ------------------------------------------------------------------ what moves how
@@ -471,5 +481,5 @@ def quiet(minutes: float, seed: int) -> Dict[str, Outcome]:
         robot = driver.at(t)[0].pose
         snapshot = Snapshot(t, {"robot": robot}, around=people(t))
         for name, camera in cameras.items():
-            camera.look(t, 0, snapshot, outcomes[name])
+            camera.look(t, *camera.picture(t, 0, snapshot), outcomes[name])
     return outcomes

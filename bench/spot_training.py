@@ -32,7 +32,7 @@ sys.path.insert(0, str(TOP / "src" / "vb_laser_detect" / "test"))
 import spot_clips  # noqa: E402
 from scenes import GREEN, RED, Scene, tinted  # noqa: E402
 from vb_laser_detect.detector import DetectorParams  # noqa: E402
-from vb_laser_detect.training import Examples, Frame, collect, fit, save, validate  # noqa: E402
+from vb_laser_detect.training import Examples, Frame, collect, fit, load_examples, save, save_examples, validate  # noqa: E402
 
 VARIANTS = {"stationary": ("plain",), "window": ("plain",)}
 NEAR_FRAMES, FIRST_FRAMES = 8, 60  # of long clips those near a shot, and the first ones, tell enough
@@ -176,7 +176,6 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--clips", type=Path, nargs="*", default=[], metavar="DIR")
     parser.add_argument("--recording", nargs=2, action="append", default=[], metavar=("BAG", "TOPIC"))
-    parser.add_argument("--half", choices=("develop", "judge"), help="every second clip, by name")
     parser.add_argument("--scenes", type=float, default=0.0, metavar="SHARE", help="of each scene's time; 0: none")
     parser.add_argument("--sketches", type=int, default=0, metavar="N", help="so many rounds of plain floors with things on them")
     parser.add_argument("--seed", type=int, default=7, help="of the rendered rooms")
@@ -187,12 +186,10 @@ def main() -> int:
     given = parser.parse_args()
     cv2.setNumThreads(1)
     parts: List[Examples] = []
-    for path in given.kept:
-        data = np.load(path)
-        parts.append(Examples(data["values"], data["truth"], tuple(data["names"].tolist()), data["groups"]))
+    if given.kept:
+        parts.append(load_examples(given.kept))
     for folder in given.clips:
         videos = sorted(json.loads((folder / "labels.json").read_text())["videos"].items())
-        videos = videos[0 if given.half == "develop" else 1 :: 2] if given.half else videos
         for name, video in videos:
             for role, variants in VARIANTS.items():
                 for variant in variants:
@@ -213,8 +210,7 @@ def main() -> int:
                 print(f"{part.groups[0]:60s} {part.truth.sum():5d} spots of {len(part.truth)}", flush=True)
     examples = Examples.joined([part for part in parts if len(part.truth)])
     if given.keep:
-        np.savez_compressed(given.keep, values=examples.values, truth=examples.truth, names=np.array(examples.names),
-                            groups=examples.groups)
+        save_examples(examples, given.keep)
     print(f"{len(examples.truth)} examples, {examples.truth.sum()} spots, {len(np.unique(examples.groups))} clips and scenes")
     if not given.no_validation:
         for group, truth, score in validate(examples):

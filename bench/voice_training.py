@@ -118,7 +118,7 @@ def _lesson(job: Tuple[int, str, speech.Voice]) -> Optional[Tuple[np.ndarray, np
     if labels is None:
         return None
     inputs, wanted = [], []
-    for copy in range(COPIES):
+    for _ in range(COPIES):
         # playing faster or slower shifts pitch and formants alike, as a shorter or longer vocal tract does
         stretch = 1.0 if rng.random() < 0.3 else rng.uniform(0.78, 1.25)
         spoken = resample_poly(clean, int(round(100 * stretch)), 100)

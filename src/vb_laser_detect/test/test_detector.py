@@ -462,3 +462,21 @@ def test_bad_parameters_name_their_key():
     assert raised.value.key == "confirm_frames"
     with pytest.raises(ParameterError):
         DetectorParams.from_mapping({"colour": "red"})
+
+
+def test_light_without_colour_counts_once_it_was_followed_for_longer_than_a_step_takes():
+    # what shines on a shoe is as round, bright and sudden as a spot; it goes along with the shoe for a part of a step
+    white, scene = (1.0, 1.0, 1.0), Scene()
+
+    def told(colour, images):
+        detector = SpotDetector(DetectorParams.mobile())
+        feed(detector, [scene.render() for _ in range(8)])
+        places = [(100 + 8.0 * i, 150) for i in range(images)]
+        spots = feed(detector, [scene.render([place], colour=colour) for place in places], 8 * PERIOD)
+        return [bool(found) for found in spots], len(detector.recalled)
+
+    assert not any(told(white, 12)[0])
+    spots, recalled = told(white, 17)
+    # what was drawn until then is not lost
+    assert spots == [False] * 15 + [True] * 2 or spots == [False] * 16 + [True] and recalled >= 15
+    assert told(GREEN, 12)[0] == [False] * 2 + [True] * 10

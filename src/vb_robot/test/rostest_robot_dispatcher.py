@@ -143,7 +143,7 @@ class DispatcherTest(unittest.TestCase):
         self.assertTrue(wait_until(lambda: self.navigation.preempted == 1, 30.0), "it comes back and finds its goal")
 
     def test_bad_parameter_is_named(self):
-        assert_bad_parameter_is_named(self, robot_dispatcher_node.build, "dispatch/min_interval", -1.0)
+        assert_bad_parameter_is_named(self, robot_dispatcher_node.build, "robots", ["ada", "ada"])
 
 
 if __name__ == "__main__":

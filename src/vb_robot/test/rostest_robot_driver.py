@@ -156,6 +156,9 @@ class DriverTest(unittest.TestCase):
         self.publish_border()
         self.assertTrue(wait_until(lambda: self.said("robot_inside_border", "ada")))
         self.assertEqual(self.ada.velocity, (0.0, 0.0))
+        # only a border that comes while the robot is there is left: until now the driver may have seen the map
+        # before it saw where the robot had been put, which is a robot that somebody took into a border
+        self.publish_border()
         self.stimulus.set_state(DEFAULT)
         self.assertTrue(wait_until(lambda: self.said("robot_leaves_border", "ada")))
         self.assertTrue(wait_until(lambda: self.ada.pose[0] < 4.0 - 0.18 and self.ada.velocity == (0.0, 0.0), 25.0))

@@ -122,13 +122,6 @@ class FaultsTest(unittest.TestCase):
         self.is_sent("bob")
         self.assertEqual(self.goals("ada"), [])
 
-    def test_robot_that_gets_stuck(self):
-        self.bases["ada"].behaviour = "hold"
-        self.draw()
-        self.is_sent("ada")
-        self.is_sent("bob")
-        self.assertTrue(wait_until(lambda: not self.bases["ada"].active), "its goal is called off")
-
     def test_navigation_that_never_comes_and_then_does(self):
         for base in self.bases.values():
             base.die()

@@ -104,7 +104,7 @@ class Stimulus(Body):
     def _tick(self, _event):
         now = rospy.Time.now()
         self._ticks += 1
-        if self._state_message is not None and not self.silent and self._ticks % 5 == 0:
+        if self._state_message is not None and not self.silent and self._ticks % 2 == 0:
             self._state_message.header.stamp = now
             self._state.publish(self._state_message)
         if self._ticks % 5 == 1:

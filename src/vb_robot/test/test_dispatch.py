@@ -1,9 +1,12 @@
-"""The dispatch policy and what it knows about the spot."""
+"""The dispatch policy, and what is known about the spot."""
+import math
+
 import numpy as np
 import pytest
 
-from vb_core.errors import ParameterError
-from vb_robot.dispatch import DispatchParams, DispatchPolicy, GoalStatus, Kind, Situation
+from vb_robot.dispatch import (ACK_TIMEOUT, BLIND_AFTER, FAILED_MEMORY, FAILURE_PAUSE, STUCK_AFTER, Fleet, GoalStatus,
+                               Kind, Moment, RobotStatus)
+from vb_robot.drawing import Drawing
 from vb_robot.spots import BORDER, DEFAULT, SEED, Sighting, Sightings
 from vb_robot.viewpoint import Viewpoint
 
@@ -12,31 +15,87 @@ def place(x, y=0.0, spot=(0.0, 0.0)):
     return Viewpoint(x, y, 0.0, 1.0, x, spot)
 
 
-class Bench:
-    """Steps a policy at 4 Hz; `seen` tells from which poses the spot is seen."""
+class Robot:
+    """One robot of the bench: what it can see and where it could go, and what navigation says."""
+
+    def __init__(self, *costs, x0=0.0, candidates=None, seen=lambda pose: False):
+        self.candidates = [Viewpoint(x0 + i, 0.0, 0.0, cost, cost, (0.0, 0.0)) for i, cost in enumerate(costs)]
+        self.candidates = self.candidates if candidates is None else candidates
+        self.goal, self.pose, self.sees, self.sent = GoalStatus.NONE, (x0 + 50.0, 50.0, 0.0), seen, []
+        self.busy, self.server, self.localised, self.safe, self.knows = False, True, True, True, True
+        self.asked, self.drawing = 0, Drawing(np.zeros(2))
+
+    # as an Outlook
+    def fits(self, pose):
+        return self.sees(pose)
+
+    def stands_free(self, pose):
+        return True
+
+    def keeps_off(self, robot, goal):
+        return self.safe
+
+    def best(self, robot, avoid):
+        self.asked += 1
+        free = [found for found in self.candidates
+                if all(math.dist((found.x, found.y), entry[:2]) >= entry[2] for entry in avoid)]
+        return free[0] if free else None
+
+
+class Fleets:
+    """Steps a fleet at 4 Hz; goals that are given begin at once."""
+
+    def __init__(self, **robots):
+        self.robots, self.fleet = robots, Fleet(robots)
+        self.now, self.wanted, self.key, self.silent, self.spot = 100.0, True, ("a", 1), 0.0, (0.0, 0.0)
+
+    def step(self):
+        self.now += 0.25
+        seeing = {}
+        for name, robot in self.robots.items():
+            robot.drawing = Drawing(np.array(self.spot))
+            status = RobotStatus(robot.pose if robot.localised else None, robot.server, robot.goal, robot.busy)
+            seeing[name] = (status, robot if robot.knows else None)
+        decisions = self.fleet.step(Moment(self.now, self.wanted, self.key, self.silent), seeing)
+        assert set(decisions) == set(self.robots)
+        running = [name for name, robot in self.robots.items() if robot.goal in (GoalStatus.SENT, GoalStatus.ACTIVE)]
+        for name, decision in decisions.items():
+            robot = self.robots[name]
+            if decision.kind is Kind.SEND:
+                robot.sent.append(decision.viewpoint)
+                robot.goal = GoalStatus.ACTIVE
+                others = [other for other in running if other != name]
+                assert all(decisions[other].kind is Kind.CANCEL for other in others), "one goes at a time"
+            elif decision.kind is Kind.CANCEL:
+                robot.goal = GoalStatus.NONE
+        return decisions
+
+    def run(self, steps):
+        for _ in range(steps):
+            self.step()
+        return {name: len(robot.sent) for name, robot in self.robots.items()}
+
+    def serve(self, name):
+        """The robot's goal shows the spot."""
+        robot = self.robots[name]
+        robot.sees = lambda pose: bool(robot.sent) and pose == robot.sent[-1].pose
+
+
+class Bench(Fleets):
+    """A fleet of one."""
 
     def __init__(self, candidates, seen=lambda pose: False):
-        self.policy = DispatchPolicy(DispatchParams())
-        self.candidates, self.seen = candidates, seen
-        self.now, self.goal, self.asked = 100.0, GoalStatus.NONE, 0
-        self.safe = True
-        self.situation = dict(wanted=True, key=("1", 1), spot=(0.0, 0.0), robot=(9.0, 9.0, 0.0), server=True)
+        self.robot = Robot(candidates=candidates, seen=seen)
+        self.robot.pose = (9.0, 9.0, 0.0)
+        super().__init__(robot=self.robot)
+
+    def __getattr__(self, name):
+        return getattr(self.robot, name)
 
     def step(self, **changes):
-        self.situation.update(changes)
-        self.now += 0.25
-
-        def rank():
-            self.asked += 1
-            return self.candidates
-
-        situation = Situation(now=self.now, goal=self.goal, **self.situation)
-        decision = self.policy.step(situation, self.seen, rank, lambda viewpoint: self.safe)
-        if decision.kind is Kind.SEND:
-            self.goal = GoalStatus.ACTIVE
-        elif decision.kind is Kind.CANCEL:
-            self.goal = GoalStatus.NONE
-        return decision
+        for name, value in changes.items():
+            setattr(self.robot if hasattr(self.robot, name) else self, name, value)
+        return super().step()["robot"]
 
     def run(self, steps, **changes):
         return [self.step(**changes) for _ in range(steps)]
@@ -56,7 +115,7 @@ def test_sends_nothing_when_the_robot_sees_the_spot_already():
     assert not sent(Bench([place(1)], seen=lambda pose: True).run(10))
 
 
-@pytest.mark.parametrize("missing", [dict(wanted=False), dict(server=False), dict(spot=None), dict(robot=None)])
+@pytest.mark.parametrize("missing", [dict(wanted=False), dict(server=False), dict(knows=False), dict(localised=False)])
 def test_sends_nothing_without(missing):
     assert not sent(Bench([place(1)]).run(10, **missing))
 
@@ -75,18 +134,18 @@ def test_next_candidate_after_failure_and_pause_after_many():
         decision = bench.step()
         if decision.kind is Kind.SEND:
             tried.append((bench.now, decision.viewpoint.x))
-            bench.goal = GoalStatus.FAILED
+            bench.robot.goal = GoalStatus.FAILED
     assert [x for _, x in tried[:5]] == [1, 2, 3, 4, 5]
     assert tried[1][0] - tried[0][0] < 1.5, "the person does not wait for a retry"
-    assert len(tried) == 5 or tried[5][0] - tried[4][0] >= DispatchParams().failure_pause
+    assert len(tried) == 5 or tried[5][0] - tried[4][0] >= FAILURE_PAUSE
 
 
 def test_goal_is_replaced_only_after_patience_and_for_another_place():
     bench = Bench([place(1)], seen=lambda pose: pose[0] == 1)
     bench.step()
-    bench.candidates, bench.seen = [place(1.1), place(1)], lambda pose: False
+    bench.robot.candidates, bench.robot.sees = [place(1.1), place(1)], lambda pose: False
     assert not sent(bench.run(20, spot=(1.0, 0.0))), "0.1 m away is not another place"
-    bench.candidates = [place(3, spot=(1.0, 0.0))]
+    bench.robot.candidates = [place(3, spot=(1.0, 0.0))]
     decisions = bench.run(20)
     assert sent(decisions) == [place(3, spot=(1.0, 0.0))]
 
@@ -95,7 +154,7 @@ def test_flicker_at_the_edge_does_not_change_the_goal():
     flicker = iter([True, False] * 100)
     bench = Bench([place(1)], seen=lambda pose: pose[0] != 9.0 and next(flicker))
     bench.step()
-    bench.candidates = [place(5)]
+    bench.robot.candidates = [place(5)]
     assert not sent(bench.run(60))
 
 
@@ -106,7 +165,7 @@ def test_stuck_or_unacknowledged_goal_is_given_up():
     assert [d.kind for d in decisions].count(Kind.CANCEL) == 1 and sent(decisions)[0] == place(2)
     bench = Bench([place(1), place(2)], seen=lambda pose: pose[0] in (1, 2))
     bench.step()
-    bench.goal = GoalStatus.SENT
+    bench.robot.goal = GoalStatus.SENT
     assert any(d.kind is Kind.CANCEL for d in bench.run(20))
 
 
@@ -114,13 +173,13 @@ def test_progress_keeps_the_goal():
     bench = Bench([place(1), place(2)], seen=lambda pose: pose[0] in (1, 2))
     bench.step()
     for i in range(200):
-        assert bench.step(robot=(9.0 - 0.02 * i, 9.0, 0.0)).kind is Kind.KEEP
+        assert bench.step(pose=(9.0 - 0.02 * i, 9.0, 0.0)).kind is Kind.KEEP
 
 
 def test_leaves_the_robot_to_whoever_took_it():
     bench = Bench([place(1)])
     bench.step()
-    bench.goal = GoalStatus.TAKEN
+    bench.robot.goal = GoalStatus.TAKEN
     assert not sent(bench.run(int(4 * 14)))
     assert sent(bench.run(20))
 
@@ -129,16 +188,16 @@ def test_server_that_dies_and_comes_back():
     bench = Bench([place(1)], seen=lambda pose: pose[0] == 1)
     bench.step()
     bench.run(5, server=False)
-    bench.goal = GoalStatus.FAILED
+    bench.robot.goal = GoalStatus.FAILED
     assert sent(bench.run(10, server=True)) == [place(1)]
 
 
 def test_time_that_jumps_back_does_not_silence_it():
     bench = Bench([place(1)])
     bench.step()
-    bench.goal = GoalStatus.TAKEN
+    bench.robot.goal = GoalStatus.TAKEN
     bench.step()
-    bench.now, bench.goal = 5.0, GoalStatus.NONE
+    bench.now, bench.robot.goal = 5.0, GoalStatus.NONE
     assert sent(bench.run(10))
 
 
@@ -146,19 +205,12 @@ def test_goal_whose_way_has_become_a_crossing_is_replaced_or_called_off():
     bench = Bench([place(1), place(3)], seen=lambda pose: pose[0] in (1, 3))
     bench.step()
     assert not sent(bench.run(10))
-    bench.safe, bench.candidates = False, [place(3)]
+    bench.robot.safe, bench.robot.candidates = False, [place(3)]
     assert place(3) in sent(bench.run(4))
-    bench.candidates = []
+    bench.robot.candidates = []
     kinds = [decision.kind for decision in bench.run(4)]
     assert Kind.CANCEL in kinds and bench.goal is GoalStatus.NONE
     assert not sent(bench.run(20)), "it stays where it is"
-
-
-def test_bad_parameters():
-    with pytest.raises(ParameterError, match="max_failures"):
-        DispatchParams(max_failures=0)
-    with pytest.raises(ParameterError, match="unknown"):
-        DispatchParams.from_mapping({"pateince": 1.0})
 
 
 # ------------------------------------------------------------------ sightings
@@ -253,12 +305,12 @@ def test_spot_that_turns_has_no_direction_and_cameras_that_differ_make_none():
 
 
 # ------------------------------------------------------------------ a robot that stands and sees nothing
-def blind_bench(**changes):
+def blind_bench():
     """A robot that has come to where it should see the spot, and whose camera reports nothing."""
     bench = Bench([place(1), place(1.2), place(2), place(3)], seen=lambda pose: pose[0] in (1, 2, 3))
     bench.step(silent=0.0)
-    bench.goal = GoalStatus.REACHED
-    bench.situation.update(robot=(1.0, 0.0, 0.0), **changes)
+    bench.robot.goal = GoalStatus.REACHED
+    bench.robot.pose = (1.0, 0.0, 0.0)
     return bench
 
 
@@ -269,18 +321,17 @@ def stand(bench, steps):
         decision = bench.step(silent=bench.now + 0.25 - began)
         if decision.kind is Kind.SEND:
             goals.append((bench.now - began, decision.viewpoint))
-            bench.goal = GoalStatus.REACHED
-            bench.situation["robot"] = decision.viewpoint.pose
+            bench.robot.goal = GoalStatus.REACHED
+            bench.robot.pose = decision.viewpoint.pose
     return goals
 
 
 def test_place_where_the_camera_reports_nothing_has_failed_and_the_next_is_taken():
-    params = DispatchParams()
     bench = blind_bench()
     goals = stand(bench, 60)
     assert [viewpoint.x for _, viewpoint in goals] == [2, 3], "not the one 0.2 m beside, and not for ever"
-    assert goals[0][0] == pytest.approx(params.blind_after, abs=0.5), "the person does not wait long"
-    assert goals[1][0] - goals[0][0] == pytest.approx(params.blind_after, abs=0.5)
+    assert goals[0][0] == pytest.approx(BLIND_AFTER, abs=0.5), "the person does not wait long"
+    assert goals[1][0] - goals[0][0] == pytest.approx(BLIND_AFTER, abs=0.5)
 
 
 def test_robot_that_sees_the_spot_stays_and_may_try_anew_when_it_is_lost_again():
@@ -288,36 +339,145 @@ def test_robot_that_sees_the_spot_stays_and_may_try_anew_when_it_is_lost_again()
     assert not sent(bench.run(60, silent=0.0))
     assert len(stand(bench, 60)) == 2
     bench.run(4, silent=0.0)
-    bench.now += DispatchParams().failed_memory
+    bench.now += FAILED_MEMORY
     assert stand(bench, 20), "the tries count anew"
 
 
 def test_robot_that_still_drives_is_not_blind():
     bench = blind_bench()
-    bench.goal = GoalStatus.ACTIVE
+    bench.robot.goal = GoalStatus.ACTIVE
     began = bench.now
     for i in range(40):
-        assert bench.step(silent=bench.now + 0.25 - began, robot=(5.0 - 0.1 * i, 0.0, 0.0)).kind is Kind.KEEP
+        assert bench.step(silent=bench.now + 0.25 - began, pose=(5.0 - 0.1 * i, 0.0, 0.0)).kind is Kind.KEEP
 
 
 def test_lost_spot_is_not_a_matter_of_patience():
     bench = Bench([place(1)], seen=lambda pose: pose[0] == 1)
     bench.step()
     bench.run(4)
-    bench.candidates, bench.seen = [place(3, spot=(1.0, 0.0))], lambda pose: pose[0] == 3
+    bench.robot.candidates, bench.robot.sees = [place(3, spot=(1.0, 0.0))], lambda pose: pose[0] == 3
     assert bench.step(spot=(1.0, 0.0), silent=1.0).kind is Kind.SEND
 
 
 def test_next_interaction_begins_afresh_even_if_no_decision_fell_between():
     bench = Bench([place(1)], seen=lambda pose: pose[0] == 1)
     bench.step()
-    bench.goal = GoalStatus.NONE  # called off with the state
+    bench.robot.goal = GoalStatus.NONE  # called off with the state
     assert bench.step(key=("b", 1)).kind is Kind.SEND
 
 
 def test_robot_that_was_carried_away_comes_back():
     bench = Bench([place(1)], seen=lambda pose: pose[0] == 1)
     bench.step()
-    bench.goal = GoalStatus.REACHED
-    assert not sent(bench.run(10, robot=(1.0, 0.0, 0.0)))
-    assert sent(bench.run(10, robot=(5.0, 0.0, 0.0))) == [place(1)]
+    bench.robot.goal = GoalStatus.REACHED
+    assert not sent(bench.run(10, pose=(1.0, 0.0, 0.0)))
+    assert sent(bench.run(10, pose=(5.0, 0.0, 0.0))) == [place(1)]
+
+
+# ------------------------------------------------------------------ several robots
+def test_the_one_with_the_shorter_way_goes_and_keeps_going():
+    bench = Fleets(ada=Robot(5.0), bob=Robot(2.0), eve=Robot())
+    bench.serve("bob")
+    assert bench.run(40) == {"ada": 0, "bob": 1, "eve": 0}
+    assert bench.robots["ada"].asked == 1, "nothing is worked out while the goal is fit"
+
+
+def test_whoever_sees_the_spot_from_where_it_stands_need_not_be_sent():
+    bench = Fleets(ada=Robot(1.0), bob=Robot(2.0))
+    bench.robots["bob"].sees = lambda pose: True
+    assert bench.run(20) == {"ada": 0, "bob": 0}
+    assert bench.fleet.serving == "bob"
+
+
+def test_a_free_robot_comes_before_one_that_somebody_else_sent():
+    bench = Fleets(ada=Robot(1.0), bob=Robot(6.0))
+    bench.robots["ada"].busy = True
+    bench.serve("bob")
+    assert bench.run(20) == {"ada": 0, "bob": 1}
+    alone = Fleets(ada=Robot(1.0))
+    alone.robots["ada"].busy = True
+    alone.serve("ada")
+    assert alone.run(20) == {"ada": 1}, "if there is no other, the person comes first"
+
+
+@pytest.mark.parametrize("fault", ["aborts", "navigation dies", "lost", "never accepts", "stuck", "taken"])
+def test_another_takes_over_when_one_fails(fault):
+    bench = Fleets(ada=Robot(1.0, 1.5), bob=Robot(3.0, x0=20.0))
+    bench.serve("ada")
+    bench.serve("bob")
+    bench.step()
+    ada, bob = bench.robots["ada"], bench.robots["bob"]
+    assert len(ada.sent) == 1 and not bob.sent
+    if fault == "aborts":
+        ada.goal = GoalStatus.FAILED
+    elif fault == "navigation dies":
+        ada.server = False
+    elif fault == "lost":
+        ada.localised = False
+    elif fault == "never accepts":
+        ada.goal = GoalStatus.SENT
+    elif fault == "taken":
+        ada.goal = GoalStatus.TAKEN
+    limit = {"never accepts": ACK_TIMEOUT, "stuck": STUCK_AFTER}.get(fault, 0.0)
+    steps = 0
+    while not bob.sent and steps < 400:
+        bench.step()
+        steps += 1
+    assert bob.sent and 0.25 * steps <= limit + 1.0, "at once, or when the time is up"
+    assert len(ada.sent) == 1
+    assert bench.fleet.serving == "bob"
+
+
+def test_goes_back_to_the_first_when_the_second_fails_too():
+    bench = Fleets(ada=Robot(1.0, 1.5, 2.0), bob=Robot(3.0, x0=20.0))
+    order = []
+    for _ in range(40):
+        for name, decision in bench.step().items():
+            if decision.kind is Kind.SEND:
+                order.append((name, decision.viewpoint.x))
+                bench.robots[name].goal = GoalStatus.FAILED
+    assert order[:3] == [("ada", 0.0), ("bob", 20.0), ("ada", 1.0)], "each place is tried once"
+
+
+def test_two_that_are_about_equally_near_do_not_take_turns():
+    bench = Fleets(ada=Robot(2.0), bob=Robot(2.2, x0=20.0))
+    bench.step()
+    ada, bob = bench.robots["ada"], bench.robots["bob"]
+    for i in range(30):
+        # the spot goes on, now this one is a little nearer, now that one
+        bench.spot = (0.5 * i, 0.0)
+        for robot, shift in ((ada, 0.3), (bob, -0.3)):
+            cost = 2.0 + shift * (-1) ** i
+            robot.candidates = [Viewpoint(robot.candidates[0].x + 0.5, 0.0, 0.0, 2.0, cost, bench.spot)]
+        for _ in range(8):
+            bench.step()
+    assert len(ada.sent) > 10 and not bob.sent
+
+
+def test_one_that_is_notably_nearer_takes_over_and_the_other_is_called_off():
+    bench = Fleets(ada=Robot(2.0), bob=Robot(5.0, x0=20.0))
+    bench.step()
+    bench.spot = (10.0, 0.0)
+    bench.robots["ada"].candidates = [Viewpoint(9.0, 0.0, 0.0, 9.0, 9.0, bench.spot)]
+    bench.robots["bob"].candidates = [Viewpoint(11.0, 0.0, 0.0, 1.0, 1.0, bench.spot)]
+    bench.serve("bob")
+    bench.run(20)
+    assert len(bench.robots["bob"].sent) == 1 and bench.robots["ada"].goal is GoalStatus.NONE
+
+
+def test_all_are_called_off_when_none_is_wanted():
+    bench = Fleets(ada=Robot(2.0), bob=Robot(5.0))
+    bench.step()
+    bench.wanted, bench.key = False, ("", 0)
+    kinds = {name: decision.kind for name, decision in bench.step().items()}
+    assert kinds == {"ada": Kind.CANCEL, "bob": Kind.KEEP} and bench.fleet.serving is None
+
+
+def test_nobody_able_is_no_error():
+    bench = Fleets(ada=Robot(2.0), bob=Robot())
+    bench.robots["ada"].server = False
+    assert bench.run(40) == {"ada": 0, "bob": 0}
+    bench.robots["ada"].server = True
+    bench.serve("ada")
+    assert bench.run(20) == {"ada": 1, "bob": 0}
+    assert math.isfinite(bench.now)

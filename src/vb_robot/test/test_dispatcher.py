@@ -1,21 +1,16 @@
 """The dispatcher as a whole, without ROS: lines that leave what the ceiling camera sees, robots that see nothing."""
 import math
-from pathlib import Path
 
 import numpy as np
 import pytest
-import yaml
 
 from vb_core.grid_map import GridMap
-from vb_robot.dispatch import DispatchParams, GoalStatus, Kind
+from vb_robot.dispatch import GoalStatus, Kind
 from vb_robot.dispatcher import Dispatcher, Grounds, Progress, RobotStatus, WatchParams
-from vb_robot.prospect import ProspectParams
+from vb_robot.drawing import Drawing
 from vb_robot.spots import BORDER, Sighting
-from vb_robot.terrain import TerrainParams
 from vb_robot.view import FloorView, ViewParams, to_base
-from vb_robot.viewpoint import Drawing, ViewpointParams, rank_viewpoints
 
-CONFIG = Path(__file__).resolve().parents[1] / "config" / "robot_dispatcher.yaml"
 PERIOD = 0.25
 VIEW = FloorView.at(ViewParams())
 EDGE = 5.0  # [m] the ceiling camera sees x < EDGE
@@ -119,15 +114,6 @@ def test_reflection_is_no_spot(confidence, moved):
     assert any(math.dist(pose[:2], (1.0, 0.6)) < 2.0 for _, pose in lab.sent[before:]) == moved
 
 
-def test_the_file_of_parameters_has_the_defaults():
-    settings = yaml.safe_load(CONFIG.read_text())
-    groups = {"dispatch": DispatchParams, "viewpoint": ViewpointParams, "prospect": ProspectParams,
-              "terrain": TerrainParams}
-    for name, params in groups.items():
-        assert params.from_mapping(settings[name]) == params()
-    assert WatchParams.from_mapping({"mobile_cameras": tuple(settings["mobile_cameras"])}) == WatchParams()
-
-
 def test_a_dispatcher_that_restarts_while_somebody_draws_in_a_blind_corner_comes():
     lab = Lab()
     # what it hears after its restart: the state, who contributed, and no spot at all but the robot's single one
@@ -159,30 +145,32 @@ def test_what_people_are_told():
     assert lab.dispatcher.notice is None
 
 
+def look(grid, drawing, robot):
+    grounds = Grounds(0.18)
+    grounds.set_map(grid)
+    grounds.view = VIEW
+    return grounds.outlook(drawing, RobotStatus(robot), None, [])
+
+
 def test_choosing_a_place_costs_the_same_in_a_hotel():
     """What is looked at does not grow with the map: the same place, from the same window."""
     answers = []
     for cells in (200, 2000):
         data = np.zeros((cells, cells), dtype=np.int8)
         grid = GridMap(data, 0.05, (-0.025 * cells, -0.025 * cells, 0.0))
-        grounds = Grounds(TerrainParams())
-        grounds.set_map(grid, False)
-        drawing = Drawing(np.array([0.5, 0.3]), np.array([[0.0, 0.3], [0.5, 0.3]]))
-        terrain = grounds.terrain(drawing, (-2.0, 0.0, 0.0))
-        assert max(terrain.grid.shape) * 0.05 <= 12.0
-        best = rank_viewpoints(terrain, VIEW, (-2.0, 0.0, 0.0), drawing, ViewpointParams())[0]
+        outlook = look(grid, Drawing(np.array([0.5, 0.3]), np.array([[0.0, 0.3], [0.5, 0.3]])), (-2.0, 0.0, 0.0))
+        assert max(outlook.terrain.grid.shape) * 0.05 <= 12.0
+        best = outlook.best((-2.0, 0.0, 0.0))
         answers.append(best.pose)
     assert answers[0] == pytest.approx(answers[1])
 
 
 def test_a_robot_from_far_away_comes_in_over_the_windows_edge():
     data = np.zeros((1200, 1200), dtype=np.int8)
-    grounds = Grounds(TerrainParams())
-    grounds.set_map(GridMap(data, 0.05, (-30.0, -30.0, 0.0)), False)
-    drawing, robot = Drawing(np.array([0.5, 0.3]), np.zeros((0, 2))), (-25.0, 0.0, 0.0)
-    terrain = grounds.terrain(drawing, robot)
-    assert not terrain.grid.contains_cells(terrain.grid.world_to_cell(np.array([robot[:2]])))[0]
-    best = rank_viewpoints(terrain, VIEW, robot, drawing, ViewpointParams())[0]
+    robot = (-25.0, 0.0, 0.0)
+    outlook = look(GridMap(data, 0.05, (-30.0, -30.0, 0.0)), Drawing(np.array([0.5, 0.3])), robot)
+    assert not outlook.terrain.grid.contains_cells(outlook.terrain.grid.world_to_cell(np.array([robot[:2]])))[0]
+    best = outlook.best(robot)
     assert best.x < 0.5 and best.way == pytest.approx(math.dist(robot[:2], (best.x, best.y)), rel=0.1)
 
 

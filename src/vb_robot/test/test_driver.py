@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from vb_core import geometry
 from vb_core.grid_map import GridMap
 from vb_core.robot_profile import RobotProfile
-from vb_robot.driver import NAVIGATION, POSE_LIMIT, SCAN_LIMITS, STATE_LIMITS, TELEOP, Driver
+from vb_robot.driver import NAVIGATION, STOP_WITHIN, TELEOP, Driver
 from vb_robot.following import Frames
 from vb_robot.safety import Scan
 from vb_robot.servoing import BACK_TO_DISTANCE, FAR_DISTANCE, MAX_SPEED, MAX_TURN, NEAR_DISTANCE
@@ -43,7 +43,7 @@ class Rig:
         self.spot, self.confidence, self.navigation, self.teleop = None, 0.9, None, None
         self.ranges = np.full(fov, math.inf)
         self.commands, self.cancelled = [], 0
-        self._said = -math.inf
+        self._said, self._stood = -math.inf, 0.0
 
     def set_grid(self, grid):
         self.driver.set_maps(grid, empty(), Workspace(grid, empty(), [], PROFILE.radius))
@@ -61,7 +61,7 @@ class Rig:
 
     def _step(self):
         self.now += DT
-        if "state" not in self.silent and self.now - self._said >= 0.5:
+        if "state" not in self.silent and self.now - self._said >= 0.1 - 1e-9:
             self._said = self.now
             self.driver.set_state(*self.state, self.now, self.stopped)
         if "pose" not in self.silent:
@@ -75,6 +75,11 @@ class Rig:
         for who, wish in ((NAVIGATION, self.navigation), (TELEOP, self.teleop)):
             if wish is not None:
                 self.driver.wish(who, *wish, self.now)
+        if "clock" in self.silent:
+            self._stood += DT  # its clock stands, and the world goes on
+        else:
+            self._stood = 0.0
+        self.driver.set_clock(self._stood)
         T = geometry.invert(geometry.pose2d_transform(*self.pose))
         command = self.driver.step(self.now, Frames(lambda stamp: np.eye(4), lambda: T))
         self.cancelled += command.cancel
@@ -157,15 +162,15 @@ def test_stop_is_latched_until_released(by):
 
 
 # ------------------------------------------------------------ the gate
-@pytest.mark.parametrize("lost, code, limit", [("scan", "scan_lost", SCAN_LIMITS[0]), ("pose", "pose_lost", POSE_LIMIT),
-                                               ("state", "state_lost", STATE_LIMITS[1])])
+@pytest.mark.parametrize("lost, code", [("scan", "scan_lost"), ("pose", "pose_lost"), ("state", "state_lost"),
+                                        ("clock", "clock_stands")])
 @pytest.mark.parametrize("who", ["follow", "navigation"])
-def test_without_state_scan_or_pose_nobody_drives(who, lost, code, limit):
+def test_without_scan_pose_state_or_clock_it_rests_in_time_and_without_a_jerk(who, lost, code):
     rig = Rig()
     if who == "follow":
         rig.follows(1.8)
     else:
-        rig.navigation = (0.2, 0.0)
+        rig.navigation = (0.5, 0.0)
         rig.step(1.0)
     # a spot that is drawn away for ever: only the gate can stop the robot
     rig.silent.add(lost)
@@ -175,10 +180,33 @@ def test_without_state_scan_or_pose_nobody_drives(who, lost, code, limit):
         rig.step()
     stopped = [command for command in rig.commands if command.code == code]
     assert stopped and all(command.v == command.w == 0.0 for command in stopped)
-    assert len(stopped) >= (3.0 - limit) / DT - 2, "in time, and for good"
+    assert len(stopped) >= (3.0 - STOP_WITHIN) / DT - 2, "in time, and for good"
+    speeds = np.array([command.v for command in rig.commands])
+    assert -np.diff(speeds).min() <= 1.5 * PROFILE.limits.brake * DT, "its brakes can follow"
     rig.silent.clear()
     rig.step(1.0)
     assert abs(rig.commands[-1].v) > 0.05, "it goes on when it is back"
+
+
+def test_what_comes_a_little_late_slows_it_and_does_not_stop_it():
+    rig = Rig()
+    rig.navigation = (0.5, 0.0)
+    assert rig.step(1.0).v == 0.5
+    rig.silent.add("state")
+    rig.step(0.3)
+    assert 0.05 < rig.commands[-1].v < 0.5 and rig.commands[-1].code == "drives"
+    rig.silent.clear()
+    assert rig.step(0.2).v == 0.5
+
+
+def test_what_is_dated_ahead_grows_old_all_the_same():
+    """AMCL dates its poses 0.1 s ahead, and clocks of two computers differ a little."""
+    rig = Rig()
+    rig.navigation = (0.5, 0.0)
+    rig.step(1.0)
+    rig.silent.add("pose")
+    rig.driver.set_pose(rig.pose, rig.now + 0.3)
+    assert rig.step(STOP_WITHIN).v == 0.0
 
 
 @pytest.mark.parametrize("fov, backs", [(58, False), (270, False), (360, True)])

@@ -8,11 +8,12 @@ from hypothesis import strategies as st
 from shapely.geometry import LineString, Point, Polygon
 
 from vb_core.grid_map import GridMap
-from vb_robot.terrain import Terrain, TerrainParams
+from vb_robot.drawing import Drawing
+from vb_robot.terrain import Terrain
 from vb_robot.view import FloorView, ViewParams
-from vb_robot.viewpoint import Drawing, ViewpointParams, keeps_off, rank_viewpoints
+from vb_robot.viewpoint import Outlook
 
-VIEW, PARAMS = FloorView.at(ViewParams()), ViewpointParams()
+VIEW = FloorView.at(ViewParams())
 
 
 def open_room():
@@ -24,12 +25,19 @@ def open_room():
     return GridMap(data, 0.05)
 
 
-TERRAIN = Terrain(open_room(), TerrainParams())
+TERRAIN = Terrain(open_room(), 0.18)
 CARPET = np.array([[3.1, 1.6], [5.1, 1.6], [5.1, 2.9], [3.1, 2.9]])
 
 
 def rank(robot, drawing, terrain=TERRAIN):
-    return rank_viewpoints(terrain, VIEW, robot, drawing, PARAMS)
+    """The best place, the best one elsewhere, and so on."""
+    outlook, found = Outlook(terrain, VIEW, drawing), []
+    while len(found) < 6:
+        best = outlook.best(robot, [(place.x, place.y, 0.3) for place in found])
+        if best is None or best in found:
+            break
+        found.append(best)
+    return found
 
 
 def route(robot, viewpoint, terrain=TERRAIN):
@@ -63,8 +71,8 @@ def test_ways_never_enter_the_polygon(x, y, yaw, corner, seeding):
         assert not viewpoint.risky
         way = route((x, y), viewpoint)
         driven = LineString(way) if len(way) > 1 else Point(way[0])
-        assert polygon.distance(driven) >= TERRAIN.params.robot_radius - 0.05 / 2
-        assert keeps_off(TERRAIN, (x, y, yaw), viewpoint.pose, drawing, PARAMS)
+        assert polygon.distance(driven) >= TERRAIN.radius - 0.05 / 2
+        assert Outlook(TERRAIN, VIEW, drawing).keeps_off((x, y, yaw), viewpoint.pose)
 
 
 @settings(max_examples=8, deadline=None)
@@ -75,7 +83,7 @@ def test_robot_inside_leaves_when_the_seed_is_shown(x, y, yaw):
     assert found
     polygon = Polygon(CARPET)
     for viewpoint in found:
-        assert polygon.distance(Point(viewpoint.x, viewpoint.y)) >= TERRAIN.params.robot_radius
+        assert polygon.distance(Point(viewpoint.x, viewpoint.y)) >= TERRAIN.radius
         way = [polygon.contains(Point(p)) for p in route((x, y), viewpoint)]
         out = way.index(False)
         assert not any(way[out:]), "once out it stays out"

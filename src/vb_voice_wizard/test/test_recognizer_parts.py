@@ -88,7 +88,7 @@ def test_a_voice_is_found_and_noise_is_not():
 
 def test_a_long_stream_needs_no_memory():
     endpointer = Endpointer(EndpointParams(longest=1.0), spoken_at([(0.5, 100.0)]))
-    for second in range(60):
+    for _ in range(60):
         endpointer.push(numbered(1.0))
     kept = sum(chunk.size for chunk in [*endpointer._kept, *endpointer._before])
     assert endpointer.speaking and kept < 3 * RATE

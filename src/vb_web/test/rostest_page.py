@@ -4,17 +4,19 @@ from __future__ import annotations
 
 import json
 import os
+import signal
 import socket
 import subprocess
 import sys
 import unittest
 from pathlib import Path
+from xmlrpc.client import ServerProxy
 
 import numpy as np
+import rosgraph
 import rosnode
 import rospy
 import rostest
-from nav_msgs.msg import OccupancyGrid
 from std_msgs.msg import Bool
 
 sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
@@ -22,9 +24,9 @@ from accessibility import faults_of  # noqa: E402
 from phone import PHONE, WALL, Browser  # noqa: E402
 from vb_core import names  # noqa: E402
 from vb_core.notices import Notice, Severity  # noqa: E402
-from vb_core.ros.messages import OccupancyGridArray, grid_from_message  # noqa: E402
+from vb_core.ros.messages import OccupancyGridArray, grid_from_message, mapping_from_values  # noqa: E402
 from vb_core.ros.notices import NoticePublisher  # noqa: E402
-from vb_msgs.msg import InteractionState, LaserSpot, StudyEvent, VirtualBorder, VirtualBorderArray  # noqa: E402
+from vb_msgs.msg import InteractionState, LaserSpot, NoticeArray, StudyEvent, VirtualBorder, VirtualBorderArray  # noqa: E402
 
 CARPET = [[3.12, 0.8], [5.12, 0.8], [5.12, 2.05], [3.12, 2.05]]
 
@@ -54,6 +56,8 @@ class PageTest(unittest.TestCase):
         for topic, kind in ((names.BORDERS, VirtualBorderArray), (names.STATE, InteractionState), (names.VIRTUAL_MAP, OccupancyGridArray),
                             (names.PHYSICAL_MAP, OccupancyGridArray), (names.STOP, Bool), (names.STUDY_EVENTS, StudyEvent)):
             rospy.Subscriber(topic, kind, lambda message, topic=topic: cls.heard.__setitem__(topic, message))
+        cls.said = {}
+        rospy.Subscriber(names.NOTICES, NoticeArray, lambda message: cls.said.__setitem__(message.source, message.notices))
         cls.spots = rospy.Publisher(names.SPOTS, LaserSpot, queue_size=5)
         with socket.socket() as probe:
             probe.bind(("127.0.0.1", 0))
@@ -69,8 +73,9 @@ class PageTest(unittest.TestCase):
         cls.stop_page()
 
     @classmethod
-    def start_page(cls):
-        cls.page = subprocess.Popen(["rosrun", "vb_web", "page", "__name:=page", f"_port:={cls.port}", f"_events_file:={cls.events}"])
+    def start_page(cls, *arguments):
+        files = (f"_events_file:={cls.events}", f"_codes_file:={cls.events.parent}/page_codes.yaml")
+        cls.page = subprocess.Popen(["rosrun", "vb_web", "page", "__name:=page", f"_port:={cls.port}", *files, *arguments])
         until(cls.listening, "the page to listen")
 
     @classmethod
@@ -197,6 +202,17 @@ class PageTest(unittest.TestCase):
         self.browser.click("#commands button", "Cancel")
         self.browser.wait("document.body.dataset.state == 'default'", what="the state default")
 
+    def test_3b_a_manager_that_hangs_is_told_with_the_age_of_what_is_shown(self):
+        uri = rosgraph.Master("/rostest_page").lookupNode("/interaction_manager")
+        process = ServerProxy(uri).getPid("/rostest_page")[2]
+        os.kill(process, signal.SIGSTOP)
+        try:
+            self.browser.wait_text("#banners", "has not answered for more than 0:02")
+            self.assertEqual(self.browser.run("return document.body.dataset.state"), "default")
+        finally:
+            os.kill(process, signal.SIGCONT)
+        self.browser.wait("!document.getElementById('banners').textContent", what="a manager that answers again")
+
     def test_4_stop_reaches_robots_without_the_manager_and_it_comes_back_by_itself(self):
         self.heard.pop(names.STOP, None)
         rosnode.kill_nodes(["/interaction_manager"])
@@ -209,13 +225,26 @@ class PageTest(unittest.TestCase):
             self.browser.click("#stop")
         until(lambda: not self.heard[names.STATE].stopped, "go on")
 
-    def test_5_the_page_comes_back_after_it_was_killed(self):
+    def test_5_the_page_comes_back_after_it_was_killed_and_in_a_network_asks_for_the_code_on_the_display(self):
         self.draw_carpet("Rug")
         self.stop_page(kill=True)
         self.browser.wait("document.body.dataset.state == 'offline'", what="the lost connection")
-        self.start_page()
+        self.start_page("_address:=0.0.0.0")
+        self.browser.wait("document.querySelector('#login input').getClientRects().length", what="the form for the code")
+        self.assertEqual(self.browser.run("return document.querySelectorAll('#borders li').length"), 1)  # as it was before
+        field = self.browser.driver.find_element("css selector", "#login input")
+        field.send_keys("wrong-code\n")
+        self.browser.wait_text("#login-answer", "not a valid code")
+        shown = until(lambda: [notice for notice in self.said.get("/page", ()) if notice.code == "page_invitation"], "the code on the display")
+        field.clear()
+        field.send_keys(mapping_from_values(shown[0].values)["code"] + "\n")
         self.browser.wait_ready()
         self.browser.wait_text("#borders", "Rug")
+        self.assertNotIn("On your phone", self.browser.text("#notices"))
+        self.browser.click("#commands button", "Define border")
+        until(lambda: not self.said["/page"], "no code while somebody draws")
+        self.browser.click("#commands button", "Cancel")
+        until(lambda: self.said["/page"], "the code again")
         self.assertIn("Rug was added", self.browser.run("return document.getElementById('events').textContent"))
         self.remove_all()
 

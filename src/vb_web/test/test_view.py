@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from vb_core import sentences
-from vb_web.view import Events, View, border_changes, number
+from vb_web.view import Events, View, border_changes, coarse_age, number
 
 STATIC = Path(__file__).resolve().parents[1] / "src" / "vb_web" / "static"
 
@@ -38,6 +38,11 @@ def test_numbers_that_are_none_never_reach_json():
     assert number(float("nan")) is None and number(float("inf")) is None and number(1.23456) == 1.235
     with pytest.raises(ValueError):
         View().put("robots", float("nan"))
+
+
+def test_an_age_that_is_read_out_changes_seldom():
+    assert [coarse_age(age) for age in (0.4, 1.9, 2.1, 7.0, 59.0, 119.0, 1e6)] == [0, 0, 2, 5, 50, 60, 3600]
+    assert len({coarse_age(tenth / 10.0) for tenth in range(600)}) <= 10
 
 
 def test_the_history_has_an_end():

@@ -14,7 +14,7 @@ matplotlib.use("Agg")
 from matplotlib import pyplot as plt  # noqa: E402  (the backend must be chosen before)
 
 # colours that colour-blind people tell apart (Okabe and Ito)
-BLUE, ORANGE, GREEN, VERMILLION, GREY = "#0072B2", "#E69F00", "#009E73", "#D55E00", "#666666"
+BLUE, ORANGE, GREEN, VERMILION, GREY = "#0072B2", "#E69F00", "#009E73", "#D55E00", "#666666"
 
 
 def before_after(
@@ -43,10 +43,10 @@ def before_after(
     for axis, way, heading, after in ((axes[0], path_before, "Before", False), (axes[1], path_after, "After", True)):
         _draw_map(axis, prior)
         if after:
-            _shade(axis, prior, region, VERMILLION, 0.45)
-            axis.plot([], [], color=VERMILLION, lw=8, alpha=0.45, label="restricted")
+            _shade(axis, prior, region, VERMILION, 0.45)
+            axis.plot([], [], color=VERMILION, lw=8, alpha=0.45, label="restricted")
             if len(chain):
-                axis.plot(chain[:, 0], chain[:, 1], color=VERMILLION, lw=2, label="border as drawn")
+                axis.plot(chain[:, 0], chain[:, 1], color=VERMILION, lw=2, label="border as drawn")
         if truth is not None:
             axis.contour(*_centres(prior), truth.astype(float), levels=[0.5], colors=[GREEN], linewidths=1.5, linestyles="dashed")
             axis.plot([], [], color=GREEN, ls="--", lw=1.5, label="area that was asked for")

@@ -85,4 +85,4 @@ class ProjectorWindow:
         root.mainloop()
         # Tk's objects must die in the thread that made them
         shown.clear()
-        del label, root
+        label = root = None  # noqa: F841

@@ -2,12 +2,12 @@
 from __future__ import annotations
 
 import math
-from typing import Optional
+from typing import Optional, Sequence
 
 import cv2
 import numpy as np
 
-from vb_laser_detect.blocks import BLOCK, block_maxima, blocks_around, mask_of_blocks, max_channel, sample_blocks
+from vb_laser_detect.blocks import BLOCK, Region, block_maxima, blocks_around, mask_of_blocks, max_channel, sample_blocks
 
 _DARKER = 20  # [grey levels] a pixel that became darker by more than this has changed
 _NOISE_DEVIATIONS = 6.0  # how far a rise must stand out of a block's own noise
@@ -16,6 +16,7 @@ _CYCLE_S = 1.0  # every pixel is blended in once in this time
 _ABSORB_S = 1.5  # a change that lasts so long belongs to the background
 _WEIGHT = 0.25  # of a frame whenever a strip is blended in
 _ABSORB_MOVING = 6  # [images] while the camera moves: what is left of an edge by a motion that was not exact goes on so long
+_MARGIN = 24  # [px] about a region that is looked at closely
 _SQUARE = np.ones((3, 3), np.uint8)
 _EVEN = np.zeros((5, 5), np.uint8)  # the same for the places of a Bayer pattern
 _EVEN[::2, ::2] = 1
@@ -46,8 +47,11 @@ class Background:
         self._noise = np.zeros(blocks, np.float32)
         self._deviation = np.zeros(blocks, np.float32)
         self._changed_s = np.zeros(blocks, np.float32)
+        self._nothing = np.zeros(blocks, np.float32)
         self._held_s = np.zeros(blocks, np.float32)
         self._guessed = np.zeros(blocks, np.uint8)
+        self._limit: Optional[np.ndarray] = None  # of a rise that stands out of the noise, once that is known
+        self._noise_s = 0.0
         self._holding = False
         self._row = 0
         self._owed_rows = 0.0
@@ -64,7 +68,8 @@ class Background:
         self.reference = self.image
         if motion is None:
             return
-        self.image = _warped(self.image, motion, image, mosaic)
+        self._before, self._motion = None if mosaic else self.image, motion
+        self.image = _warped(self.image, motion, image, mosaic, cv2.INTER_CUBIC if mosaic else cv2.INTER_NEAREST)
         size = self._noise.shape[::-1]
         of_blocks = np.diag((1.0 / BLOCK, 1.0 / BLOCK, 1.0)) @ motion @ np.diag((float(BLOCK), float(BLOCK), 1.0))
         for name in ("_noise", "_deviation", "_changed_s", "_held_s", "_guessed"):
@@ -72,10 +77,22 @@ class Background:
             border = float(values.mean()) if name in ("_noise", "_deviation") else 0.0
             setattr(self, name, cv2.warpPerspective(
                 values, of_blocks, size, flags=cv2.INTER_NEAREST, borderMode=cv2.BORDER_CONSTANT, borderValue=border))
+        self._limit = None
         # no motion is known to less than a part of a pixel: a pixel is compared with the brightest beside it
         around = _EVEN if mosaic else _SQUARE
         self.reference = cv2.dilate(self.image, around)
         self._sample = sample_blocks(cv2.erode(self.image, around))
+
+    def refine(self, regions: Sequence[Region], image: np.ndarray) -> None:
+        """Takes the background along exactly about regions that are looked at closely: to do so everywhere costs most."""
+        if not self.moved or self._before is None:
+            return
+        for left, top, right, bottom in regions:
+            x0, y0 = max(0, left - _MARGIN), max(0, top - _MARGIN)
+            part = (slice(y0, bottom + _MARGIN), slice(x0, right + _MARGIN))
+            there = np.array([[1.0, 0.0, -x0], [0.0, 1.0, -y0], [0.0, 0.0, 1.0]])
+            self.image[part] = _warped(self._before, there @ self._motion, image[part], False, cv2.INTER_CUBIC)
+            self.reference[part] = cv2.dilate(self.image[part], _SQUARE)
 
     def rise(self, image: np.ndarray) -> np.ndarray:
         """(H // 8, W // 8) uint8: by how much each block's brightest change is above the background."""
@@ -91,10 +108,13 @@ class Background:
         middle = float(np.median(maxima))
         self._noise[:] = middle
         self._deviation[:] = max(1.5, 1.5 * float(np.median(np.abs(maxima - middle))))
+        self._limit = None
 
     def hot_blocks(self, maxima: np.ndarray, least: float) -> np.ndarray:
         """(rows, columns) bool: blocks whose rise is at least `least` and stands out of the block's own noise."""
-        return maxima >= np.maximum(np.float32(least), self._noise + np.float32(_NOISE_DEVIATIONS) * self._deviation)
+        if self._limit is None:
+            self._limit = cv2.scaleAdd(self._deviation, _NOISE_DEVIATIONS, self._noise)
+        return (maxima >= least) & (maxima >= self._limit)
 
     def guess(self, floor: np.ndarray, u: float, v: float, diameter: float) -> None:
         """Puts a guess of the floor (H, W) or (H, W, C) where something shines that was there from the beginning."""
@@ -124,15 +144,18 @@ class Background:
             self._holding = bool(self._held_s.any())
         held = spots & (self._held_s < self.hold_s)
         steady = ~(changed | held)
-        self._guessed[steady] = 0
+        if self._guessed.any():
+            self._guessed[steady] = 0
         self._changed_s += dt32
-        self._changed_s *= ~(steady | held)
-        if dt > 0:
-            mask = steady.view(np.uint8)
-            weight = 1.0 - math.exp(-dt / _NOISE_TIME)
+        cv2.copyTo(self._nothing, (steady | held).view(np.uint8), self._changed_s)
+        self._noise_s += dt
+        if self._noise_s >= _NOISE_TIME / 8:
+            # noise changes slowly: it is not asked in each image
+            weight, mask = 1.0 - math.exp(-self._noise_s / _NOISE_TIME), steady.view(np.uint8)
             values = rise.astype(np.float32)
             cv2.accumulateWeighted(values, self._noise, weight, mask)
             cv2.accumulateWeighted(cv2.absdiff(values, self._noise), self._deviation, weight, mask)
+            self._noise_s, self._limit = 0.0, None
         absorbed = self._changed_s > (min(_ABSORB_S, _ABSORB_MOVING * dt) if self.moved else _ABSORB_S)
         if absorbed.any():
             self._absorb(image, absorbed)
@@ -171,19 +194,22 @@ class Background:
             self._row = last
 
 
-def _warped(background: np.ndarray, motion: np.ndarray, image: np.ndarray, mosaic: bool) -> np.ndarray:
-    """A background as the camera sees it now, where it was not seen before the image itself."""
+def _warped(background: np.ndarray, motion: np.ndarray, image: np.ndarray, mosaic: bool, how: int) -> np.ndarray:
+    """A background as the camera sees it now, where it was not seen before the image itself.
+
+    Args:
+        how: OpenCV's interpolation; linear would blur what a spot hides, image by image, until a bright thing stood out.
+    """
     if mosaic:
         height, width = image.shape[0] & ~1, image.shape[1] & ~1
         planes = [np.dstack([picture[y:height:2, x:width:2] for y in (0, 1) for x in (0, 1)])
                   for picture in (background, image)]
         halved = np.diag((0.5, 0.5, 1.0)) @ motion @ np.diag((2.0, 2.0, 1.0))
-        warped, result = _warped(planes[0], halved, planes[1], False), image.copy()
+        warped, result = _warped(planes[0], halved, planes[1], False, how), image.copy()
         for number in range(4):
             result[number // 2 : height : 2, number % 2 : width : 2] = warped[:, :, number]
         return result
-    # what a spot hides is warped again and again: linear interpolation would blur it until a bright thing stood out of it
     result, size = image.copy(), (image.shape[1], image.shape[0])
     if np.array_equal(motion[2], (0.0, 0.0, 1.0)):
-        return cv2.warpAffine(background, motion[:2], size, result, cv2.INTER_CUBIC, cv2.BORDER_TRANSPARENT)
-    return cv2.warpPerspective(background, motion, size, result, cv2.INTER_CUBIC, cv2.BORDER_TRANSPARENT)
+        return cv2.warpAffine(background, motion[:2], size, result, how, cv2.BORDER_TRANSPARENT)
+    return cv2.warpPerspective(background, motion, size, result, how, cv2.BORDER_TRANSPARENT)

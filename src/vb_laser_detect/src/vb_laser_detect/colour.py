@@ -69,8 +69,14 @@ def _shade(lit: np.ndarray, image: np.ndarray, background: np.ndarray) -> float:
     beside = lit == 0
     if not beside.any():
         return 1.0
-    now, before = (float(np.median(picture[beside])) for picture in (image, background))
+    now, before = (middle_of(picture[beside].ravel()) for picture in (image, background))
     return min(1.0, now / max(before, 1.0))
+
+
+def middle_of(values: np.ndarray) -> float:
+    # np.median looks for NaN and for the mean of two middle values, which takes three times as long
+    half = len(values) // 2
+    return float(np.partition(values, half)[half])
 
 
 def chroma(tint: np.ndarray) -> float:

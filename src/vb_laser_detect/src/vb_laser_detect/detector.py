@@ -30,6 +30,9 @@ _LEAST_PX = 2.5  # smaller blobs are noise
 _LEAST_WHITE = 128.0  # [grey levels] no camera's white is darker
 _VIVID = 0.4  # chroma of a laser's light on a floor; webcams show less, but other bright things even less
 _ONE_MOSAIC = 0.75  # a small spot's colour in one mosaic depends on the places it falls on; in the mean of some not
+# [s] light that shows no colour is followed for longer before it counts: what shines on a shoe, a watch or a cup shines
+# for less than a step takes, half a second. Nothing is lost, for the spots until then are given back
+_STEP_S = 0.6
 _CERTAIN = 0.9  # probability from which a spot that stays is kept out of the background: less, and it may be a ghost
 # part of a spot's surroundings that lost light. A laser adds light and takes none: what comes with so much darkness is
 # a thing, for instance a shirt with its wearer; a hand or a foot beside the spot darkens less
@@ -264,7 +267,8 @@ class SpotDetector:
             sightings.append(Sighting(
                 (b.u, b.v), tuple(floor[number]) if floor is not None else None, f.confidence, f.certain,
                 f.told or self._is_proven(b, camera), b.tint, (spots[-1], self._stamp, self.tag, f.numbers)))
-        tracked = self._tracker.update(sightings, lambda sighting, tint: self._agrees(sighting, tint, camera))
+        tracked = self._tracker.update(
+            sightings, lambda sighting, tint, followed_s: self._agrees(sighting, tint, followed_s, camera))
         told, refusals = [], {}
         self.recalled = []
         for f, spot, track in zip(found, spots, tracked):
@@ -280,10 +284,10 @@ class SpotDetector:
         """Whether a blob is no lamp that was there before the camera looked; see `tracking.Sighting`."""
         return self._proposer.proven(blob.u, blob.v) or _is_vivid(blob, camera)
 
-    def _agrees(self, sighting: Sighting, tint: Optional[np.ndarray], camera: Camera) -> bool:
-        """Whether a track's last sighting is a spot with the mean colour of all of them."""
-        if tint is None or not camera.mosaic:
-            return True
+    def _agrees(self, sighting: Sighting, tint: Optional[np.ndarray], followed_s: float, camera: Camera) -> bool:
+        """Whether a track's last sighting is a spot with the mean colour of all of them; without one, after a while."""
+        if not camera.mosaic:
+            return followed_s >= _STEP_S or len(tint) == 3 and chroma(tint) >= _VIVID
         numbers = {**sighting.content[3], "chroma_mosaic": chroma(tint)}
         return self._classifier.judge(None, numbers).probability >= self.params.min_probability
 

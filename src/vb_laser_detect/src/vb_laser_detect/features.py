@@ -204,7 +204,7 @@ def _describe(
     now, before = _plane(image, best), _plane(background, best)
     # a light falls on a floor that goes on beside it; where an object has left, the background still shows the object,
     # and nothing beside it looks the same
-    off = cv2.absdiff(before, _median(before[blob > 0]))
+    off = cv2.absdiff(before, colour.middle_of(before[blob > 0]))
     like = cv2.bitwise_and(ring, cv2.compare(off, max(12.0, 0.25 * rose), cv2.CMP_LT))
     alike = cv2.countNonZero(like)
     # a shadow that passes over a spot leaves about half of the light; what hides the floor is another thing
@@ -245,12 +245,6 @@ def _ring(blob: np.ndarray, diameter: float) -> np.ndarray:
     # dilating with a disc would cost its area for each pixel, which a person's clothes make a hundred times dearer
     away = cv2.distanceTransform(cv2.compare(blob, 0, cv2.CMP_EQ), cv2.DIST_L2, cv2.DIST_MASK_5)
     return cv2.inRange(away, gap + 0.5, gap + thick + 0.5)
-
-
-def _median(values: np.ndarray) -> float:
-    # np.median looks for NaN and for the mean of two middle values, which takes three times as long
-    middle = len(values) // 2
-    return float(np.partition(values, middle)[middle])
 
 
 def _plane(image: np.ndarray, channel: int) -> np.ndarray:

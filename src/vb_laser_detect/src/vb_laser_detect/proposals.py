@@ -89,22 +89,15 @@ class Proposer:
     def motion(self, image: np.ndarray, mosaic: bool) -> Optional[np.ndarray]:
         """(3, 3) how the camera moved since the last image; None if it stood still. To be called before `look`."""
         background, self._lost, self._fresh = self._background, False, False
+        motion = np.eye(3) if self._registration is None else self._registration.motion_to(image)
         if background is None or background.image.shape != image.shape:
             self._start(image)
-            if self._registration is not None:
-                self._registration.motion_to(image)
-                self._registration.take()
             return None
-        if self._registration is None:
-            return None
-        motion = self._registration.motion_to(image)
         self._lost = motion is None
-        if motion is None or self._registration.stands(motion, image.shape):
-            background.move(None, image, mosaic)
-            return None
-        self._registration.take()
-        background.move(motion, image, mosaic)
-        return motion
+        stands = self._lost or np.array_equal(motion, np.eye(3))
+        if self._registration is not None:
+            background.move(None if stands else motion, image, mosaic)
+        return None if stands else motion
 
     def look(self, image: np.ndarray, mosaic: bool, min_rise: float, most: int, white: float,
              expected: Sequence[Expected]) -> View:
@@ -128,6 +121,7 @@ class Proposer:
             if max(np.count_nonzero(hot), 0.5 * np.count_nonzero(darker)) <= limit * hot.size:
                 found = regions(rise, hot, 4 * most, LARGE) if hot.any() else []
                 proposals, brightest = _ranked(image, found, most, white, expected)
+                background.refine([one.region for one in proposals if not one.refusal], image)
                 self._rise = rise
                 return View(image, background.reference, proposals, hot, hot | darker, True, background.moved, brightest)
             # somebody close to the camera darkens much of the image too, and must not become its background

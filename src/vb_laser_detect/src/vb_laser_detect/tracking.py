@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections import deque
 from dataclasses import dataclass, field
+from statistics import median
 from typing import Any, Callable, Deque, List, NamedTuple, Optional, Sequence, Tuple
 
 import cv2
@@ -84,6 +85,7 @@ class _Track:
     place: np.ndarray  # in the unit of the gates
     pixel: np.ndarray
     stamp: float
+    since: float
     stayed_at: np.ndarray  # [px] where it began to stay
     stayed_since: float
     velocity: np.ndarray = field(default_factory=lambda: np.zeros(2))
@@ -105,12 +107,16 @@ class SpotTracker:
         max_speed: [m/s] of a spot on the floor.
         max_gap_s: [s] it may be hidden so long; two images in any case.
         max_spots: so many are told at most.
+
+    Attributes:
+        period_s: [s] from one image to the next, the median of the last ones; 0 before the second.
     """
 
     def __init__(self, confirm_frames: int, max_speed: float, max_gap_s: float, max_spots: int) -> None:
         self._tracks: List[_Track] = []
         self._numbers = 0
         self._periods: Deque[float] = deque(maxlen=_PERIODS)
+        self.period_s = 0.0
         self._stamp: Optional[float] = None
         self._metric: Optional[bool] = None
         self.retune(confirm_frames, max_speed, max_gap_s, max_spots)
@@ -120,15 +126,11 @@ class SpotTracker:
         self._confirm_frames, self._max_speed = confirm_frames, max_speed
         self._max_gap_s, self._max_spots = max_gap_s, max_spots
 
-    @property
-    def period_s(self) -> float:
-        """[s] from one image to the next, the median of the last ones; 0 before the second."""
-        return float(np.median(self._periods)) if self._periods else 0.0
-
     def reset(self) -> None:
         """Forgets every spot."""
         self._tracks, self._stamp = [], None
         self._periods.clear()
+        self.period_s = 0.0
 
     def begin(self, stamp: float, diagonal: float, motion: Optional[np.ndarray]) -> List[Expected]:
         """Goes on to the next image; to be called before `update`.
@@ -143,6 +145,7 @@ class SpotTracker:
         """
         if self._stamp is not None:
             self._periods.append(stamp - self._stamp)
+            self.period_s = median(self._periods)
         self._stamp, self._diagonal = stamp, diagonal
         gap = max(self._max_gap_s, _GAP_PERIODS * self.period_s)
         self._tracks = [track for track in self._tracks if stamp - track.stamp <= gap]
@@ -166,14 +169,15 @@ class SpotTracker:
         return Expected(float(u), float(v), reach, trusted, moves, track.published)
 
     def update(
-        self, sightings: Sequence[Sighting], agrees: Callable[[Sighting, Optional[np.ndarray]], bool] = lambda *_: True
+        self, sightings: Sequence[Sighting],
+        agrees: Callable[[Sighting, Optional[np.ndarray], float], bool] = lambda *_: True,
     ) -> List[Tracked]:
         """Takes in the sightings of the image that was begun.
 
         Args:
-            agrees: asked when a track would be confirmed, with the mean tint of its sightings: of a white glint hardly
-                larger than a pixel one place of a Bayer pattern gets most, which looks like a colour; in the mean over
-                several images it does not.
+            agrees: asked when a track would be confirmed, with the mean tint of its sightings, and since when it is
+                followed [s]: of a white glint hardly larger than a pixel one place of a Bayer pattern gets most, which
+                looks like a colour; in the mean over several images it does not.
 
         Returns:
             One for each sighting.
@@ -187,7 +191,7 @@ class SpotTracker:
             self._see(track, sighting)
             if not track.confirmed and track.hits >= self._confirm_frames and track.proven:
                 mean = None if track.tint is None else track.tint / track.tint.max()
-                track.confirmed = self._confirm_frames <= 1 or agrees(sighting, mean)
+                track.confirmed = self._confirm_frames <= 1 or agrees(sighting, mean, self._stamp - track.since)
             oldest = self._stamp - max(_RECALL_S, (self._confirm_frames + 1) * self.period_s)
             while track.waiting and track.waiting[0][0] < oldest:
                 track.waiting.popleft()
@@ -223,7 +227,7 @@ class SpotTracker:
             if track is None:
                 self._numbers += 1
                 pixel = np.array(sightings[row].pixel, float)
-                found[row] = _Track(self._numbers, places[row], pixel, self._stamp, pixel, -math.inf)
+                found[row] = _Track(self._numbers, places[row], pixel, self._stamp, self._stamp, pixel, -math.inf)
                 self._tracks.append(found[row])
         return found
 

@@ -51,6 +51,11 @@ class Examples(NamedTuple):
     names: Tuple[str, ...]
     groups: np.ndarray
 
+    def without(self, group: str) -> "Examples":
+        """All but those of one clip or scene."""
+        rest = self.groups != group
+        return Examples(self.values[rest], self.truth[rest], self.names, self.groups[rest])
+
     @staticmethod
     def joined(parts: Sequence["Examples"]) -> "Examples":
         """All of several."""
@@ -82,6 +87,18 @@ class Oracle(SpotClassifier):
 
     def _near(self, blob: Blob, places: Iterable[Tuple[float, float]]) -> bool:
         return any(math.hypot(blob.u - u, blob.v - v) < self.reach for u, v in places)
+
+
+def save_examples(examples: Examples, path: Path) -> None:
+    """Keeps examples, so that scenes need to be rendered once."""
+    np.savez_compressed(path, values=examples.values, truth=examples.truth, names=np.array(examples.names),
+                        groups=examples.groups)
+
+
+def load_examples(paths: Sequence[Path]) -> Examples:
+    """Examples that were kept in several files."""
+    return Examples.joined([Examples(data["values"], data["truth"], tuple(data["names"].tolist()), data["groups"])
+                            for data in map(np.load, paths)])
 
 
 def collect(frames: Iterable[Frame], params: DetectorParams, group: str, reach: float, encoding: str = "") -> Examples:
@@ -160,9 +177,8 @@ def validate(examples: Examples) -> List[Tuple[str, np.ndarray, np.ndarray]]:
     result = []
     for group in np.unique(examples.groups):
         out = examples.groups == group
-        rest = Examples(examples.values[~out], examples.truth[~out], examples.names, examples.groups[~out])
         own = Examples(examples.values[out], examples.truth[out], examples.names, examples.groups[out])
-        result.append((str(group), own.truth, logits(fit(rest), own)))
+        result.append((str(group), own.truth, logits(fit(examples.without(group)), own)))
     return result
 
 

@@ -1,39 +1,36 @@
-"""When a robot is sent to a new place: the policy, apart from maps, messages and actions."""
+"""Which robot goes where, and when: the policy, apart from maps, messages and actions.
+
+The idea: each robot that can offers the cheapest place from which it would see what is to be seen; where it stands
+already costs nothing. The best offer is taken, the least failures first, then the least metres of way. The robot that
+serves is asked again only when its place has been unfit for a while, and what it offers counts as SWITCH_GAIN cheaper, so
+that two do not take turns. A place that failed is offered by nobody for a while: so the next best is tried.
+"""
 from __future__ import annotations
 
 import enum
 import math
 from dataclasses import dataclass
-from typing import Callable, Hashable, List, Optional, Sequence, Tuple
+from typing import Dict, Hashable, List, Mapping, Optional, Tuple
 
-from vb_core.parameters import Parameters, param
 from vb_robot.spots import LOST_AFTER
-from vb_robot.viewpoint import Pose, Viewpoint
+from vb_robot.viewpoint import Outlook, Pose, Viewpoint
 
-
-@dataclass(frozen=True)
-class DispatchParams(Parameters):
-    """How eager the policy is."""
-
-    min_sightings: int = param(3, low=1, doc="spots before the first goal")
-    min_interval: float = param(1.5, "s", low=0.0, doc="between two goals")
-    retry_interval: float = param(0.5, "s", low=0.0, doc="after a failure")
-    patience: float = param(0.6, "s", low=0.0, doc="how long the present goal must have been unfit to be replaced")
-    lost_interval: float = param(0.5, "s", low=0.0, doc="between two goals while nobody sees the spot")
-    min_spot_move: float = param(0.3, "m", low=0.0, doc="how far the spot must have gone since the goal was chosen")
-    min_gain: float = param(0.25, "m", low=0.0, doc="a new place must differ by this from the present goal")
-    failed_radius: float = param(0.3, "m", low=0.0, doc="round a place that failed nothing is tried ...")
-    failed_memory: float = param(20.0, "s", low=0.0, doc="... for this long")
-    blind_after: float = param(3.0, "s", low=0.5, doc="a robot that stands and sees nothing for so long goes elsewhere")
-    blind_radius: float = param(0.5, "m", low=0.0, doc="by at least this")
-    blind_tries: int = param(2, low=0, doc="so often, until somebody sees the spot again")
-    max_failures: int = param(5, low=1, doc="in a row, then the pause below")
-    failure_pause: float = param(8.0, "s", low=0.0)
-    yield_pause: float = param(15.0, "s", low=0.0, doc="after somebody else took the robot")
-    ack_timeout: float = param(4.0, "s", above=0.0, doc="for navigation to accept a goal")
-    stuck_timeout: float = param(15.0, "s", above=0.0, doc="without progress, then the goal has failed")
-    stuck_distance: float = param(0.10, "m", above=0.0, doc="less than this is no progress")
-    switch_gain: float = param(1.0, "m", low=0.0, doc="so much better another robot must be placed to take over")
+MIN_INTERVAL = 1.5  # [s] between two goals: each one costs navigation a new plan
+LOST_INTERVAL = 0.5  # [s] while nobody sees the spot; then no goal waits for PATIENCE either
+RETRY_AFTER = 0.5  # [s] after a failure
+PATIENCE = 0.6  # [s] the present goal must have been unfit for that long to be replaced
+MIN_SPOT_MOVE = 0.3  # [m] the spot must have gone so far since the goal was chosen
+MIN_GAIN = 0.25  # [m] a new place must differ by so much from the present goal
+FAILED_RADIUS, FAILED_MEMORY = 0.3, 20.0  # [m, s] round a place that failed nothing is tried for that long
+# [s, m] a robot that stands where it should see the spot, and nobody does, goes elsewhere by at least this, so often until
+# somebody sees it again: the laser may be off
+BLIND_AFTER, BLIND_RADIUS, BLIND_TRIES = 3.0, 0.5, 2
+MAX_FAILURES, FAILURE_PAUSE = 5, 8.0  # so many in a row, then a rest [s]
+YIELD_PAUSE = 15.0  # [s] after somebody else sent the robot elsewhere
+ACK_TIMEOUT = 4.0  # [s] for navigation to accept a goal
+STUCK_AFTER, STUCK_DISTANCE = 15.0, 0.10  # [s, m] without progress the next place is tried; move_base itself needs 40 s
+SWITCH_GAIN = 1.0  # [m] so much better placed another robot must be to take over
+WAY_CHECK = 0.5  # [s] between two looks at the way to the present goal: the search costs up to 20 ms
 
 
 class GoalStatus(enum.Enum):
@@ -57,259 +54,289 @@ class Kind(enum.Enum):
 
 @dataclass(frozen=True)
 class Decision:
+    """What a robot is to do, and why."""
+
     kind: Kind
     reason: str
     viewpoint: Optional[Viewpoint] = None
 
 
 @dataclass(frozen=True)
-class Situation:
-    """Everything that a decision rests on.
-
-    Attributes:
-        now: [s].
-        wanted: Border or Seed, and a stationary camera saw the spot in this interaction.
-        key: changes with interaction and state.
-        spot: (x, y) [m] where the spot is, None if unknown.
-        robot: (x, y, yaw), None if not localised.
-        server: whether navigation is there.
-        goal: what became of the last goal.
-        silent: [s] for which no camera has seen the spot.
-    """
+class Moment:
+    """What holds for all robots: the time [s], whether one is wanted, what changes with interaction and state, and for
+    how long [s] no camera has seen the spot."""
 
     now: float
     wanted: bool
     key: Hashable
-    spot: Optional[Tuple[float, float]]
-    robot: Optional[Pose]
-    server: bool
-    goal: GoalStatus
     silent: float = 0.0
 
 
-class DispatchPolicy:
-    """Decides, step by step, whether to send the robot, leave it alone or call it off.
+@dataclass(frozen=True)
+class RobotStatus:
+    """How a robot is now.
 
-    A goal is kept as long as its pose shows the spot. It is replaced only if it has been unfit for a while, the
-    spot has moved on, and there is a place that is really another one. A place that failed is left out for a
-    while and the next best is tried; so is one from which the spot should be in view and is not reported. If somebody
-    else takes the robot, it is left to them for a while.
+    Attributes:
+        pose: (x, y, yaw) [m, m, rad], map frame; None if it is not localised.
+        server: whether its navigation is there.
+        goal: what became of the last goal that was sent to it.
+        busy: whether it drives to a goal that somebody else gave.
+        goal_place: (x, y) [m] where it drives to, whoever gave the goal.
     """
 
-    def __init__(self, params: DispatchParams) -> None:
-        self.params = params
+    pose: Optional[Pose]
+    server: bool = True
+    goal: GoalStatus = GoalStatus.NONE
+    busy: bool = False
+    goal_place: Optional[Tuple[float, float]] = None
+
+    @property
+    def running(self) -> bool:
+        """Whether it is on its way to the goal that was sent last."""
+        return self.goal in (GoalStatus.SENT, GoalStatus.ACTIVE)
+
+    def places(self) -> List[Tuple[float, float]]:
+        """[m] where it stands and where it drives to: no place for another robot."""
+        return [place for place in (self.pose[:2] if self.pose else None, self.goal_place) if place is not None]
+
+
+class Record:
+    """What is remembered of one robot: its goal, how that goes, and what failed."""
+
+    def __init__(self) -> None:
         self.goal: Optional[Viewpoint] = None
-        self._key: Hashable = None
-        self._now = -math.inf
-        self._sent = -math.inf
-        self._quiet_until = -math.inf
+        self._forget()
+
+    def _forget(self) -> None:
+        self._sent = self._quiet_until = -math.inf
         self._unfit_since: Optional[float] = None
         self._failed: List[Tuple[float, float, float, float]] = []  # when [s], x, y [m], radius [m]
         self._blind_since: Optional[Tuple[float, Pose]] = None  # since when it stands where it should see the spot
-        self._blind_tries = 0
-        self._failures = 0
+        self._blind_tries = self.failures = 0
         self._progress: Optional[Tuple[float, Pose]] = None
+        self._way_judged: Tuple[Optional[Viewpoint], float, bool] = (None, 0.0, True)
+        self.endangered = False
 
-    def step(
-        self,
-        situation: Situation,
-        fit: Callable[[Pose], bool],
-        rank: Callable[[], List[Viewpoint]],
-        safe: Callable[[Viewpoint], bool] = lambda viewpoint: True,
-    ) -> Decision:
-        """The decision for now.
+    def observe(self, moment: Moment, before: Moment, status: RobotStatus) -> Optional[Decision]:
+        """Takes note of what happened; gives a decision if there is nothing to choose for this robot now."""
+        now = moment.now
+        if now < before.now - 1.0:
+            self._forget()  # time jumped back: what was remembered is about another run
+        if not moment.wanted:
+            self.goal = None
+            self._forget()
+            return Decision(Kind.CANCEL if status.running else Kind.KEEP, "no robot is wanted now")
+        if moment.key != before.key:
+            if not status.running:
+                self.goal = None  # it belonged to the state before
+            self._failed, self.failures, self._unfit_since = [], 0, None
+            self._quiet_until = min(self._quiet_until, now)
+        if not status.server:
+            self.goal = None
+            return Decision(Kind.KEEP, "navigation is not there")
+        if self.goal is not None:
+            problem = self._follow_up(now, status)
+            if problem:
+                return Decision(Kind.CANCEL, problem)
+        return None if status.pose is not None else Decision(Kind.KEEP, "the robot is not localised")
 
-        Args:
-            fit: whether a robot at a pose would see the spot well enough.
-            rank: makes the candidates, the best first; asked only when a new goal is due.
-            safe: whether the way to the present goal still keeps off what is being drawn; asked on the way only.
-        """
-        return self.observe(situation) or self.choose(situation, fit, rank, safe)
+    def _follow_up(self, now: float, status: RobotStatus) -> str:
+        """Takes note of how the goal goes; gives why it is to be called off, or nothing."""
+        if status.goal is GoalStatus.SENT and now - self._sent > ACK_TIMEOUT:
+            self._fail(now)
+            return "navigation did not accept the goal in time"
+        if status.goal is GoalStatus.FAILED:
+            self._fail(now)
+        elif status.goal is GoalStatus.TAKEN:
+            self.goal, self._quiet_until = None, now + YIELD_PAUSE
+        elif status.goal is GoalStatus.REACHED:
+            self.failures = 0
+        elif status.goal is GoalStatus.ACTIVE and status.pose is not None:
+            if self._progress is None or _moved(self._progress[1], status.pose) >= STUCK_DISTANCE:
+                self._progress = (now, status.pose)
+            elif now - self._progress[0] > STUCK_AFTER:
+                self._fail(now)
+                return "the robot got stuck on its way"
+        return ""
 
-    @property
-    def failures(self) -> int:
-        """Goals in a row that failed."""
-        return self._failures
+    def _fail(self, now: float) -> None:
+        assert self.goal is not None
+        self._failed.append((now, self.goal.x, self.goal.y, FAILED_RADIUS))
+        self.goal = self._progress = self._unfit_since = None
+        self.failures += 1
+        self._quiet_until = now + (RETRY_AFTER if self.failures % MAX_FAILURES else FAILURE_PAUSE)
 
     def pausing(self, now: float) -> bool:
         """Whether it gives no goals for a while: after a failure, or because somebody else took the robot."""
         return now < self._quiet_until
 
-    def usable(self, candidates: Sequence[Viewpoint]) -> List[Viewpoint]:
-        """Those that lie off the places that failed lately."""
-        self._failed = [entry for entry in self._failed if self._now - entry[0] < self.params.failed_memory]
-        return [
-            candidate for candidate in candidates
-            if all(math.dist((candidate.x, candidate.y), (x, y)) >= radius for _, x, y, radius in self._failed)
-        ]
+    def failed(self, now: float) -> List[Tuple[float, float, float]]:
+        """(x, y, radius) [m] of the places that failed lately."""
+        self._failed = [entry for entry in self._failed if now - entry[0] < FAILED_MEMORY]
+        return [entry[1:] for entry in self._failed]
 
-    def take(self, viewpoint: Viewpoint, reason: str) -> Decision:
+    def take(self, now: float, viewpoint: Viewpoint, reason: str) -> Decision:
         """Makes a viewpoint the goal."""
-        self.goal = viewpoint
-        self._sent = self._now
-        self._unfit_since = None
-        self._progress = None
+        self.goal, self._sent, self._unfit_since, self._progress = viewpoint, now, None, None
         return Decision(Kind.SEND, reason, viewpoint)
 
-    def release(self, situation: Situation, reason: str) -> Decision:
-        """Gives the robot free, for another one goes; what failed is remembered."""
-        self.goal = None
-        self._unfit_since = self._progress = None
-        running = situation.goal in (GoalStatus.SENT, GoalStatus.ACTIVE)
-        return Decision(Kind.CANCEL if running else Kind.KEEP, reason)
+    def release(self, status: RobotStatus) -> Decision:
+        """Gives the robot free, for another one serves; what failed is remembered."""
+        self.goal = self._unfit_since = self._progress = None
+        return Decision(Kind.CANCEL if status.running else Kind.KEEP, "another robot serves")
 
-    def observe(self, situation: Situation) -> Optional[Decision]:
-        """Takes note of what happened; gives a decision if there is nothing to choose now."""
-        now = situation.now
-        if now < self._now - 1.0:  # time jumped back: what was remembered is about another run
-            self._restart(forget_goal=False)
-        self._now = now
-        if not situation.wanted:
-            running = situation.goal in (GoalStatus.SENT, GoalStatus.ACTIVE)
-            self._restart(forget_goal=True)
-            self._key = situation.key
-            return Decision(Kind.CANCEL, "no robot is wanted now") if running else Decision(Kind.KEEP, "not wanted")
-        if situation.key != self._key:
-            self._key = situation.key
-            self._failed.clear()
-            self._failures = 0
-            self._unfit_since = None
-            self._quiet_until = min(self._quiet_until, now)
-            if situation.goal not in (GoalStatus.SENT, GoalStatus.ACTIVE):
-                self.goal = None  # it belonged to the state before
-        if not situation.server:
-            self.goal = None
-            return Decision(Kind.KEEP, "navigation is not there")
-        called_off = self._follow_up(situation)
-        if called_off is not None:
-            return called_off
-        if situation.spot is None:
-            return Decision(Kind.KEEP, "no spot yet")
-        if situation.robot is None:
-            return Decision(Kind.KEEP, "the robot is not localised")
-        return None
-
-    def _restart(self, forget_goal: bool) -> None:
-        if forget_goal:
-            self.goal = None
-        self._sent = self._quiet_until = -math.inf
-        self._unfit_since = None
-        self._failed.clear()
-        self._failures = self._blind_tries = 0
-        self._progress = self._blind_since = None
-
-    def _follow_up(self, situation: Situation) -> Optional[Decision]:
-        """Takes note of how the goal goes."""
-        now, params = situation.now, self.params
-        if self.goal is None:
-            return None
-        if situation.goal is GoalStatus.SENT and now - self._sent > params.ack_timeout:
-            self._fail(now)
-            return Decision(Kind.CANCEL, "navigation did not accept the goal in time")
-        if situation.goal is GoalStatus.FAILED:
-            self._fail(now)
-        elif situation.goal is GoalStatus.TAKEN:
-            self.goal = None
-            self._quiet_until = now + params.yield_pause
-        elif situation.goal is GoalStatus.REACHED:
-            self._failures = 0
-        elif situation.goal is GoalStatus.ACTIVE and situation.robot is not None:
-            if self._progress is None or _moved(self._progress[1], situation.robot) >= params.stuck_distance:
-                self._progress = (now, situation.robot)
-            elif now - self._progress[0] > params.stuck_timeout:
-                self._fail(now)
-                return Decision(Kind.CANCEL, "the robot got stuck on its way")
-        return None
-
-    def _fail(self, now: float) -> None:
-        if self.goal is not None:
-            self._failed.append((now, self.goal.x, self.goal.y, self.params.failed_radius))
-        self.goal = None
-        self._progress = None
-        self._unfit_since = None
-        self._failures += 1
-        self._quiet_until = now + self.params.retry_interval
-        if self._failures >= self.params.max_failures:
-            self._failures = 0
-            self._quiet_until = now + self.params.failure_pause
-
-    def choose(
-        self,
-        situation: Situation,
-        fit: Callable[[Pose], bool],
-        rank: Callable[[], List[Viewpoint]],
-        safe: Callable[[Viewpoint], bool],
-    ) -> Decision:
-        """The decision after `observe` gave none; the arguments are those of `step`."""
-        now, params, goal = situation.now, self.params, self.goal
-        assert situation.spot is not None and situation.robot is not None
-        under_way = goal is not None and situation.goal in (GoalStatus.SENT, GoalStatus.ACTIVE)
-        if goal is not None and not under_way and math.dist(situation.robot[:2], goal.pose[:2]) > params.min_gain:
-            goal = self.goal = None  # somebody has moved the robot since
-        place = goal.pose if under_way and goal is not None else situation.robot
-        endangered = under_way and goal is not None and not safe(goal)
-        lost = situation.silent > LOST_AFTER
-        fits = fit(place) and not endangered
-        blind = self._is_blind(situation, fits and not under_way)
-        if fits and not blind:
-            self._unfit_since = None
-            return Decision(Kind.KEEP, "the spot is in view there")
-        if now < self._quiet_until:
-            return Decision(Kind.KEEP, "waiting after a failure or for somebody else")
-        if blind:
-            goal = self.goal = None
-            self._blind_tries += 1
-            self._failed.append((now, *situation.robot[:2], params.blind_radius))
-        if goal is not None:
-            if self._unfit_since is None:
-                self._unfit_since = now
-            recent = now - self._sent < (params.lost_interval if lost else params.min_interval) and not endangered
-            if (now - self._unfit_since < params.patience and not lost) or recent:
-                return Decision(Kind.KEEP, "the goal has become unfit only just now")
-            resting = math.dist(situation.spot, goal.spot) < params.min_spot_move
-            if under_way and resting and not goal.sees_spot and not endangered:
-                return Decision(Kind.KEEP, "on the way off the side to be restricted")
-        for candidate in self.usable(rank()):
-            if goal is not None and _same(candidate, goal, params.min_gain):
-                # what is best is where the robot goes or stands already
-                if under_way or math.dist(situation.spot, goal.spot) < params.min_spot_move:
-                    self._unfit_since = now
-                    return Decision(Kind.KEEP, "there is no better place")
-            whence = "where it should be in view" if blind else "where the robot is or goes"
-            return self.take(candidate, f"the spot is not seen from {whence}")
-        if endangered:
+    def stay(self, now: float) -> Decision:
+        """There is nowhere to go: asking again at once would give the same answer."""
+        if self.endangered:
             self.goal = None
             return Decision(Kind.CANCEL, "the way would lead through what is being drawn")
-        # asking again at once would give the same answer
-        self._quiet_until = now + params.min_interval
+        self._quiet_until = now + MIN_INTERVAL
         return Decision(Kind.KEEP, "no place from which the spot is seen can be reached without crossing the line")
 
-    def _is_blind(self, situation: Situation, stands: bool) -> bool:
+    def settled(self, moment: Moment, status: RobotStatus, outlook: Outlook) -> str:
+        """Why the robot that serves needs no new place now; nothing if it does."""
+        now, robot = moment.now, status.pose
+        assert robot is not None
+        under_way = self.goal is not None and status.running
+        if self.goal is not None and not under_way and math.dist(robot[:2], self.goal.pose[:2]) > MIN_GAIN:
+            self.goal = None  # somebody has moved the robot since
+        goal, lost = self.goal, moment.silent > LOST_AFTER
+        self.endangered = under_way and goal is not None and not self._way_is_safe(now, robot, goal, outlook)
+        place = goal.pose if under_way and goal is not None else robot
+        fits = outlook.fits(place) and not self.endangered and (not under_way or outlook.stands_free(place))
+        blind = self._is_blind(moment, robot, fits and not under_way)
+        if fits and not blind:
+            self._unfit_since = None
+            return "the spot is in view there"
+        if self.pausing(now):
+            return "waiting after a failure or for somebody else"
+        if blind:
+            self.goal = None
+            self._blind_tries += 1
+            self._failed.append((now, robot[0], robot[1], BLIND_RADIUS))
+        elif goal is not None:
+            self._unfit_since = now if self._unfit_since is None else self._unfit_since
+            recent = now - self._sent < (LOST_INTERVAL if lost else MIN_INTERVAL) and not self.endangered
+            if (now - self._unfit_since < PATIENCE and not lost) or recent:
+                return "the goal has become unfit only just now"
+            if under_way and not goal.sees_spot and not self.endangered and self.rests(outlook):
+                return "on the way off the side to be restricted"
+        return ""
+
+    def keeps(self, now: float, status: RobotStatus, outlook: Outlook, offered: Viewpoint) -> bool:
+        """Whether the best that is offered is where the robot goes or stands already."""
+        goal = self.goal
+        if goal is None or math.dist((offered.x, offered.y), (goal.x, goal.y)) >= MIN_GAIN:
+            return False
+        turn = abs(math.remainder(offered.yaw - goal.yaw, 2.0 * math.pi))
+        if turn >= math.radians(20.0) or not (status.running or self.rests(outlook)):
+            return False
+        self._unfit_since = now
+        return True
+
+    def rests(self, outlook: Outlook) -> bool:
+        """Whether what is to be looked at is still about where it was when the goal was chosen."""
+        return self.goal is not None and math.dist(outlook.drawing.look_at, self.goal.spot) < MIN_SPOT_MOVE
+
+    def _way_is_safe(self, now: float, robot: Pose, goal: Viewpoint, outlook: Outlook) -> bool:
+        if goal.risky and not outlook.drawing.seeding:
+            return True
+        judged, at, safe = self._way_judged
+        if goal is not judged or not 0.0 <= now - at < WAY_CHECK:
+            safe = outlook.keeps_off(robot, goal.pose)
+            self._way_judged = (goal, now, safe)
+        return safe
+
+    def _is_blind(self, moment: Moment, robot: Pose, stands: bool) -> bool:
         """Whether the robot has stood long enough where it should see the spot, and nobody reports it.
 
         Then something hides it from there, or it is not where it is thought to be.
-
-        Args:
-            stands: whether it stands where it should see it, and does not drive to such a place.
         """
-        now, params, robot = situation.now, self.params, situation.robot
-        assert robot is not None
-        if situation.silent <= LOST_AFTER:
+        if moment.silent <= LOST_AFTER:
             self._blind_tries = 0
         before = self._blind_since
-        if not stands or before is None or _moved(before[1], robot) > params.stuck_distance:
-            self._blind_since = before = (now, robot) if stands else None
-        if before is None or self._blind_tries >= params.blind_tries:
+        if not stands or before is None or _moved(before[1], robot) > STUCK_DISTANCE:
+            self._blind_since = before = (moment.now, robot) if stands else None
+        if before is None or self._blind_tries >= BLIND_TRIES:
             return False
-        return min(situation.silent, now - before[0]) >= params.blind_after
+        return min(moment.silent, moment.now - before[0]) >= BLIND_AFTER
+
+
+class Fleet:
+    """All robots, and who serves."""
+
+    def __init__(self, robots) -> None:
+        self.records: Dict[str, Record] = {name: Record() for name in robots}
+        self.serving: Optional[str] = None
+        self._before = Moment(-math.inf, False, None)
+
+    def step(
+        self, moment: Moment, robots: Mapping[str, Tuple[RobotStatus, Optional[Outlook]]]
+    ) -> Dict[str, Decision]:
+        """What each robot is to do now.
+
+        Args:
+            robots: how each one is, and what it can see; None before anything is known of that.
+        """
+        decisions: Dict[str, Decision] = {}
+        able: Dict[str, Tuple[RobotStatus, Outlook]] = {}
+        for name, (status, outlook) in robots.items():
+            decision = self.records[name].observe(moment, self._before, status)
+            if decision is None and outlook is not None:
+                able[name] = (status, outlook)
+            else:
+                decisions[name] = decision or Decision(Kind.KEEP, "there is nothing to look at yet")
+        if self.serving is not None and (moment.key != self._before.key or not moment.wanted) \
+                and self.records[self.serving].goal is None:
+            self.serving = None  # whoever was under way goes on
+        self._before = moment
+        if able:
+            decisions.update(self._choose(moment, robots, able))
+        return decisions
+
+    def _choose(self, moment: Moment, robots, able: Mapping[str, Tuple[RobotStatus, Outlook]]) -> Dict[str, Decision]:
+        """What those that are able do; whoever takes over also calls off one that is not."""
+        now, serving = moment.now, self.serving if self.serving in able else None
+        stays = self.records[serving].settled(moment, *able[serving]) if serving is not None else ""
+        decisions = {name: self.records[name].release(status) for name, (status, _) in able.items() if name != serving}
+        if serving is not None and stays:
+            decisions[serving] = Decision(Kind.KEEP, stays)
+            if not self.records[serving].pausing(now):
+                return decisions
+        offers = [offer for name in able for offer in self._offers(now, name, *able[name])]
+        if not offers:
+            if serving is not None and not stays:
+                decisions[serving] = self.records[serving].stay(now)
+            return decisions
+        _, chosen, viewpoint = min(offers, key=lambda offer: offer[0])
+        record, (status, outlook) = self.records[chosen], able[chosen]
+        if chosen != self.serving:
+            self.serving = chosen
+            decisions = {name: self.records[name].release(other) for name, (other, _) in robots.items()}
+        if viewpoint is None:
+            decisions[chosen] = Decision(Kind.KEEP, "the spot is in view from where the robot is")
+        elif record.keeps(now, status, outlook, viewpoint):
+            decisions[chosen] = Decision(Kind.KEEP, "there is no better place")
+        else:
+            decisions[chosen] = record.take(now, viewpoint, "it is the best place for that")
+        return decisions
+
+    def _offers(self, now: float, name: str, status: RobotStatus, outlook: Outlook):
+        """What a robot could do, at most one: ((order, cost), its name, where it would go; None: stay)."""
+        record, serves = self.records[name], name == self.serving
+        assert status.pose is not None
+        if record.pausing(now):
+            return []
+        if not serves and not status.busy and outlook.fits(status.pose):
+            return [(((False, record.failures, False, False), 0.0), name, None)]
+        found = outlook.best(status.pose, record.failed(now))
+        if found is None:
+            return []
+        order = (not found.sees_spot, record.failures, status.busy and not serves, found.risky)
+        return [((order, found.cost - (SWITCH_GAIN if serves else 0.0)), name, found)]
 
 
 def _moved(a: Pose, b: Pose) -> float:
     """[m] between two poses; a turn counts as what a point 0.2 m off the axis moves."""
     turn = abs(math.remainder(a[2] - b[2], 2.0 * math.pi))
     return math.dist(a[:2], b[:2]) + 0.2 * turn
-
-
-def _same(a: Viewpoint, b: Viewpoint, distance: float) -> bool:
-    turn = abs(math.remainder(a.yaw - b.yaw, 2.0 * math.pi))
-    return math.dist((a.x, a.y), (b.x, b.y)) < distance and turn < math.radians(20.0)

@@ -11,7 +11,7 @@ from vb_core.errors import CodedError
 from vb_core.robot_profile import RobotProfile
 from vb_core.ros.messages import camera_from_info
 from vb_core.ros.transforms import TransformLookup
-from vb_robot.dispatcher import RobotStatus
+from vb_robot.dispatch import RobotStatus
 from vb_robot.navigation_client import NavigationClient
 from vb_robot.view import FloorView
 from vb_robot.viewpoint import Pose, Viewpoint
@@ -25,13 +25,13 @@ class DispatchedRobot:
     """
 
     def __init__(
-        self, name: str, profile: RobotProfile, action: str, silence_s: float, transforms: TransformLookup,
+        self, name: str, profile: RobotProfile, transforms: TransformLookup,
         set_view: Callable[[str, FloorView], None],
     ) -> None:
         prefix = f"{name}/" if name else ""
         self.name = name
         self.who = f"robot {name}" if name else "the robot"
-        self.navigation = NavigationClient(prefix + action, silence_s)
+        self.navigation = NavigationClient(f"{prefix}move_base")
         self._base_frame = prefix + profile.frames.base
         self._transforms = transforms
         self._max_range, self._set_view = profile.camera.max_range, set_view

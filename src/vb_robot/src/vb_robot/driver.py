@@ -4,16 +4,18 @@ The idea: several want to drive (a person with a joystick, the spot, the way out
 does, and whatever it wishes passes one gate. The gate lets through what it can show to be safe. In doubt the robot
 stops, and the driver says who drives and why as a code that people see.
 
+Whatever the gate depends on has one age limit: STOP_WITHIN after the last message of any of it the robot rests. The
+older the oldest of it, the slower the robot drives, so that its brakes keep that promise from any speed. A message that
+is a little late, on a busy computer, slows the robot for a moment and does not stop it.
+
 Who drives, the first that wants to: stop (latched), teleoperation, following the spot, leaving a border, navigation.
 """
 from __future__ import annotations
 
 import math
-import statistics
 import threading
-from collections import deque
 from dataclasses import dataclass
-from typing import Deque, Dict, Iterable, Optional, Tuple
+from typing import Dict, Iterable, List, Optional, Tuple
 
 from vb_core.grid_map import GridMap
 from vb_core.robot_profile import RobotProfile
@@ -27,12 +29,9 @@ from vb_robot.view import FloorView
 from vb_robot.viewpoint import Pose
 from vb_robot.workspace import Standing, Workspace
 
-RATE = 20.0  # [1/s] what is overdue is noticed that soon
-# [s] what comes regularly is overdue after 2.5 of its usual periods, but within these limits
-STATE_LIMITS = (0.6, 1.2)  # it is repeated twice a second or more often; changes come between
-SCAN_LIMITS = (0.3, 0.6)
-POSE_LIMIT = 0.3  # [s] localisation is told with each scan, dated 0.1 s ahead
-COMMAND_LIMIT = 0.3  # [s] what navigation or a joystick said holds for so long
+RATE = 20.0  # [1/s] what is late is noticed that soon
+STOP_WITHIN = 0.5  # [s] after the last scan, state, pose or command the robot rests
+AHEAD = 0.5  # [s] what is dated farther ahead comes from another clock, and its age is not known
 POSE_DOUBT = 1.0  # [s] after a leap of the localisation nobody knows where the borders are
 OTHER_LIMIT = 1.0  # [s] after a command by somebody else nothing is let through: two drivers at one wheel
 CANCEL_EACH = 1.0  # [s] navigation's goals are cancelled again while somebody else drives
@@ -69,29 +68,6 @@ class Command:
     cancel: bool = False
 
 
-class Pulse:
-    """When something that comes regularly is overdue."""
-
-    def __init__(self, shortest: float, longest: float) -> None:
-        self._limits = (shortest, longest)
-        self._stamps: Deque[float] = deque(maxlen=9)
-
-    def beat(self, stamp: float) -> None:
-        """It has come, with this stamp [s]."""
-        if self._stamps and stamp < self._stamps[-1]:
-            self._stamps.clear()  # time jumped back
-        self._stamps.append(stamp)
-
-    def overdue(self, now: float) -> bool:
-        """Whether it should have come again by a time [s]; also if it never came, or is dated ahead of time."""
-        if not self._stamps:
-            return True
-        stamps = list(self._stamps)
-        usual = statistics.median(b - a for a, b in zip(stamps, stamps[1:])) if len(stamps) > 1 else math.inf
-        limit = min(max(2.5 * usual, self._limits[0]), self._limits[1])
-        return not -0.5 <= now - stamps[-1] <= limit
-
-
 class Driver:
     """What drives one robot. May be fed by several threads; `step` is called by one.
 
@@ -116,10 +92,10 @@ class Driver:
         self._pinched: Optional[Leaving] = None
         self._idle_since = -math.inf  # since when navigation has had a goal and moved nothing
         self._swallowed: Optional[bool] = None  # whether the newest map put a border where the robot is; None: to be seen
-        self._state_pulse = Pulse(*STATE_LIMITS)
+        self._stamps: Dict[str, float] = {}  # [s] of the newest scan, state and pose
+        self._clock_age = 0.0  # [s] for which the clock has not gone on
         self._stopped = {"state": False, "topic": False}
         self._scan: Optional[Scan] = None
-        self._scan_pulse = Pulse(*SCAN_LIMITS)
         self._pose: Optional[Tuple[float, Pose]] = None
         self._doubt_until = -math.inf
         self._ground: Optional[ForbiddenGround] = None
@@ -140,7 +116,7 @@ class Driver:
         with self._lock:
             if self._spots.set_state(state, interaction, entered):
                 self._following.forget()
-            self._state_pulse.beat(stamp)
+            self._note("state", stamp)
             if self._stopped["state"] and not stopped:
                 self._stopped["topic"] = False  # `resume` releases both
             self._stopped["state"] = stopped
@@ -171,20 +147,28 @@ class Driver:
         """Takes a scan of a time [s]."""
         with self._lock:
             self._scan = scan
-            self._scan_pulse.beat(stamp)
+            self._note("scan", stamp)
 
-    def set_pose(self, pose: Optional[Pose], now: float) -> None:
-        """Takes where the robot is (x, y, yaw), map frame, at a time [s]; None: it is not known."""
+    def set_pose(self, pose: Optional[Pose], stamp: float) -> None:
+        """Takes where the robot was (x, y, yaw), map frame, at a time [s]; None: it is not known."""
         with self._lock:
             before = self._pose
             if pose is None:
                 self._pose = None
+                self._stamps.pop("pose", None)
                 return
-            self._pose = (now, pose)
-            since = now - before[0] if before is not None else math.inf
+            if before is None or stamp != before[0]:
+                self._note("pose", stamp)  # the same one again is as old as it was
+            self._pose = (stamp, pose)
+            since = stamp - before[0] if before is not None else math.inf
             # after a pause a robot may be anywhere
             if before is not None and 0.0 <= since < 1.0 and leap(before[1], pose, since) > LEAP:
-                self._doubt_until = now + POSE_DOUBT
+                self._doubt_until = stamp + POSE_DOUBT
+
+    def set_clock(self, age: float) -> None:
+        """Learns for how long [s] of real time the clock has not gone on: messages grow older without it."""
+        with self._lock:
+            self._clock_age = age
 
     def set_maps(self, borders: GridMap, physical: Optional[GridMap], workspace: Optional[Workspace]) -> None:
         """Takes the map with borders, the one without, and what is known about the borders between them."""
@@ -232,12 +216,12 @@ class Driver:
         """Where the robot is (x, y, yaw), map frame; None if that is not known, or was doubtful a moment ago."""
         if self._doubt_until > now + POSE_DOUBT:
             self._doubt_until = -math.inf  # time has jumped back
-        if self._pose is None or not -0.5 <= now - self._pose[0] <= POSE_LIMIT or now < self._doubt_until:
+        if self._pose is None or self._age(now, "pose") > STOP_WITHIN or now < self._doubt_until:
             return None
         return self._pose[1]
 
     def halt(self, code: str) -> Command:
-        """The robot is to stop, whatever anybody wishes: the clock stopped, or the program has a fault."""
+        """The robot is to stop, whatever anybody wishes: the program has a fault."""
         with self._lock:
             self._last = Command(0.0, 0.0, self._last.driver, code, True)
             return self._last
@@ -282,7 +266,7 @@ class Driver:
 
     def _command(self, driver: str, now: float) -> Optional[Wish]:
         stamp, wish = self._commands.get(driver, (-math.inf, Wish(0.0, 0.0)))
-        return wish if -0.1 <= now - stamp <= COMMAND_LIMIT else None
+        return wish if -0.1 <= now - stamp <= STOP_WITHIN else None
 
     def _leave(self, now: float) -> Optional[Wish]:
         """The way out, if a border was put where the robot is, and nobody draws or guides.
@@ -362,8 +346,13 @@ class Driver:
         lacks = self._lacks(now, driver)
         if lacks:
             return 0.0, 0.0, lacks
-        limits = self.profile.limits
-        w = min(max(wish.w, -limits.max_turn), limits.max_turn)
+        v, w, code = self._slowed_by_floor(now, driver, wish)
+        share, late = self._slowed_by_age(now, driver, v, w)
+        return share * v, share * w, late or code
+
+    def _slowed_by_floor(self, now: float, driver: str, wish: Wish) -> Tuple[float, float, str]:
+        """The wish as fast as the floor ahead allows: (v, w, code)."""
+        w = min(max(wish.w, -self.profile.limits.max_turn), self.profile.limits.max_turn)
         if wish.v == 0.0:
             return 0.0, w, wish.code
         allowed, code = self._allowed(now, driver, wish.v, w)
@@ -376,22 +365,50 @@ class Driver:
         share = allowed / abs(wish.v)
         return share * wish.v, share * w, code
 
+    def _slowed_by_age(self, now: float, driver: str, v: float, w: float) -> Tuple[float, str]:
+        """Which part of a command the brakes can end before the oldest of what it rests upon is too old.
+
+        Gives what was lost, as a code, if that is nothing; else "".
+        """
+        ages = {f"{what}_lost": self._age(now, what) for what in self._needs(driver)}
+        if driver in self._commands:
+            ages["drives"] = now - self._commands[driver][0]
+        ages["clock_stands"] = self._clock_age
+        oldest = max(ages, key=lambda what: ages[what])
+        # the command of this step holds until the next one
+        left = STOP_WITHIN - 1.0 / RATE - ages[oldest]
+        if left <= 0.0:
+            return 0.0, oldest
+        limits = self.profile.limits
+        return min(1.0, left / max(abs(v) / limits.brake, abs(w) / limits.turn_acceleration, 1e-9)), ""
+
+    def _needs(self, driver: str) -> List[str]:
+        """What must come again and again while somebody drives."""
+        scan = ["scan"] if self.profile.scanner.present else []
+        # a person beside the robot may have come because all else is lost
+        return scan if driver == TELEOP else [*scan, "state", "pose"]
+
+    def _note(self, what: str, stamp: float) -> None:
+        """Something has come that is dated so [s]; a date a little ahead makes it no younger than it is."""
+        ahead = self._stepped_at is not None and self._stepped_at < stamp < self._stepped_at + AHEAD
+        self._stamps[what] = self._stepped_at if ahead and self._stepped_at is not None else stamp
+
+    def _age(self, now: float, what: str) -> float:
+        """[s] how old the newest of something is; inf if it never came, or comes from another clock."""
+        age = now - self._stamps.get(what, -math.inf)
+        return age if age >= -AHEAD else math.inf
+
     def _lacks(self, now: float, driver: str) -> str:
         """What must be known before anything moves and is not, as a code; empty if all is known."""
         self._others = {name: at for name, at in self._others.items() if 0.0 <= now - at <= OTHER_LIMIT}
         if self._others:
             return "somebody_else_drives"
-        if self.profile.scanner.present and self._scan_pulse.overdue(now):
-            return "scan_lost"
-        if driver == TELEOP:
-            return ""  # a person beside the robot, who may have come because it is lost
-        if self._state_pulse.overdue(now):
-            return "state_lost"
-        if self._ground is None:
-            return "no_map"
-        if self.pose(now) is None:
-            return "pose_lost" if now >= self._doubt_until else "pose_leapt"
-        if driver == LEAVE and self._physical is None:
+        for what in self._needs(driver):
+            if self._age(now, what) > STOP_WITHIN:
+                return f"{what}_lost"
+        if driver != TELEOP and now < self._doubt_until:
+            return "pose_leapt"
+        if driver != TELEOP and (self._physical if driver == LEAVE else self._ground) is None:
             return "no_map"
         return ""
 

@@ -15,7 +15,7 @@ from vb_core import geometry
 from vb_core.grid_map import GridMap
 from vb_robot.safety import HARD
 from vb_robot.servoing import MAX_TURN, TURN_GAIN, Wish
-from vb_robot.terrain import Terrain, TerrainParams, around, clearance_grid
+from vb_robot.terrain import Terrain, around, clearance_grid
 from vb_robot.viewpoint import Pose
 
 MAX_SPEED = 0.2  # [m/s] nobody asked for this drive: as slow as while a person guides it
@@ -48,9 +48,7 @@ class WayOut:
         room = MARGIN + 0.03 + posterior.resolution
         # the robot cuts corners by some centimetres; only where there is no room for that it is to keep to the way
         self._terrains = [
-            Terrain(physical, TerrainParams(robot_radius=radius, margin=room, travel_margin=MAP_MARGIN + spare,
-                                            occupied_threshold=HARD))
-            for spare in (0.08, 0.02)
+            Terrain(physical, radius, travel_margin=MAP_MARGIN + spare, occupied=HARD) for spare in (0.08, 0.02)
         ]
         beyond = self._terrains[0].clearance
         clearance = clearance_grid((posterior.data >= HARD) | (posterior.data < 0), posterior.resolution)

@@ -4,7 +4,6 @@ from __future__ import annotations
 import functools
 import threading
 import traceback
-from dataclasses import dataclass
 from typing import Callable, Dict, Mapping, Tuple
 
 import numpy as np
@@ -14,31 +13,19 @@ from geometry_msgs.msg import PoseStamped
 from vb_core import names
 from vb_core.errors import CodedError
 from vb_core.grid_map import GridMap
-from vb_core.parameters import Parameters, param
 from vb_core.robot_profile import RobotProfile
 from vb_core.ros import parameters, robot_profile
 from vb_core.ros.messages import OccupancyGridArray, array_from_points, grid_from_message, pose_from_2d
 from vb_core.ros.notices import NoticePublisher
 from vb_core.ros.transforms import TransformLookup
 from vb_msgs.msg import BorderProgress, InteractionState, LaserSpot
-from vb_robot.dispatch import DispatchParams, Kind
+from vb_robot.dispatch import Kind
 from vb_robot.dispatched_robot import DispatchedRobot
 from vb_robot.dispatcher import Dispatcher, Progress, WatchParams
-from vb_robot.prospect import ProspectParams
 from vb_robot.spots import BORDER, SEED, Sighting
-from vb_robot.terrain import TerrainParams
-from vb_robot.viewpoint import Viewpoint, ViewpointParams
+from vb_robot.viewpoint import Viewpoint
 
-_GROUPS = ("dispatch", "viewpoint", "terrain", "prospect")
-
-
-@dataclass(frozen=True)
-class DispatcherParams(Parameters):
-    """What only the node needs, beside `WatchParams`."""
-
-    action: str = param("move_base", doc="of a robot, without its name; relative to the node's namespace")
-    period: float = param(0.25, "s", low=0.05, high=5.0, doc="between two decisions")
-    server_silence: float = param(2.0, "s", above=0.0, doc="without status the action server counts as gone")
+PERIOD = 0.25  # [s] between two decisions: the spot moves 0.1 m in that time at most
 
 
 class RobotDispatcherNode:
@@ -57,13 +44,10 @@ class RobotDispatcherNode:
     Action client:
         [<robot>/]move_base (move_base_msgs/MoveBaseAction)
     Parameters:
-        ~* DispatcherParams and WatchParams, ~dispatch/* DispatchParams, ~viewpoint/* ViewpointParams,
-        ~terrain/* TerrainParams, ~prospect/* ProspectParams; robot_profile in each robot's namespace
+        ~* WatchParams; robot_profile in each robot's namespace
     """
 
-    def __init__(
-        self, params: DispatcherParams, dispatcher: Dispatcher, profiles: Mapping[str, RobotProfile]
-    ) -> None:
+    def __init__(self, dispatcher: Dispatcher, profiles: Mapping[str, RobotProfile]) -> None:
         self._dispatcher = dispatcher
         self._goals = threading.Lock()  # held while goals are given or called off with the state
         self._refused_spots = 0
@@ -72,8 +56,7 @@ class RobotDispatcherNode:
         self._viewpoint = rospy.Publisher("~viewpoint", PoseStamped, queue_size=1, latch=True)
         self._notices = NoticePublisher()
         self._robots = [
-            DispatchedRobot(name, profiles[name], params.action, params.server_silence, transforms, dispatcher.set_view)
-            for name in dispatcher.robots
+            DispatchedRobot(name, profiles[name], transforms, dispatcher.set_view) for name in dispatcher.robots
         ]
         grids = [
             (names.VIRTUAL_MAP, dispatcher.set_map),
@@ -88,7 +71,7 @@ class RobotDispatcherNode:
             rospy.Subscriber(names.SPOTS, LaserSpot, self._on_spot, queue_size=100),
             rospy.Subscriber(names.PROGRESS, BorderProgress, self._on_progress, queue_size=1),
         ]
-        self._timer = rospy.Timer(rospy.Duration(params.period), self._on_timer, reset=True)
+        self._timer = rospy.Timer(rospy.Duration(PERIOD), self._on_timer, reset=True)
 
     def close(self) -> None:
         """Calls off every goal: nobody would watch over it any more."""
@@ -176,15 +159,7 @@ class RobotDispatcherNode:
 
 def build() -> RobotDispatcherNode:
     """Reads the parameters and makes the node."""
-    own, shared = (tuple(cls.__dataclass_fields__) for cls in (DispatcherParams, WatchParams))
-    params = parameters.read(DispatcherParams, "~", ignore=(*_GROUPS, *shared))
-    watch = parameters.read(WatchParams, "~", ignore=(*_GROUPS, *own))
+    watch = parameters.read(WatchParams, "~")
     profiles = {name: robot_profile.read(name) for name in watch.robots or [""]}
-    return RobotDispatcherNode(params, Dispatcher(
-        watch,
-        parameters.read(DispatchParams, "~dispatch"),
-        parameters.read(ViewpointParams, "~viewpoint"),
-        parameters.read(TerrainParams, "~terrain"),
-        parameters.read(ProspectParams, "~prospect"),
-        {name: profile.radius for name, profile in profiles.items()},
-    ), profiles)
+    return RobotDispatcherNode(
+        Dispatcher(watch, {name: profile.radius for name, profile in profiles.items()}), profiles)

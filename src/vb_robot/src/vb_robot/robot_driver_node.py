@@ -38,7 +38,6 @@ from vb_robot.view import FloorView
 from vb_robot.workspace import KnownBorder, Standing, Workspace
 
 SLOW_LOCALISATION = 0.15  # [s] for an older spot localisation's newest answer is taken: that is near enough
-CLOCK_LIMIT = 0.3  # [s] of wall time in which simulated time does not go on: the robot is told to stop
 STATE_EACH = 0.5  # [s] who drives is said that often even if nothing changes
 HELD_FOR = 0.5  # [s] what holds a robot for less is not worth a notice
 GOAL_NOTICE = 5.0  # [s] for which a goal in a border is told
@@ -246,9 +245,8 @@ class RobotDriverNode:
             try:
                 if now != last:
                     last, moved = now, time.monotonic()
-                    self._obey(self._step(now), now)
-                elif time.monotonic() - moved > CLOCK_LIMIT:
-                    self._obey(self._driver.halt("clock_stands"), now)
+                self._driver.set_clock(time.monotonic() - moved)
+                self._obey(self._step(now), now)
             except rospy.ROSException:
                 if not rospy.is_shutdown():
                     raise
@@ -258,11 +256,10 @@ class RobotDriverNode:
                 rospy.logerr_throttle(5.0, f"{rospy.get_name()}: {traceback.format_exc()}")
 
     def _step(self, now: rospy.Time) -> Command:
-        # tf gives the newest transform however old: asking for one at this time tells whether it is recent
-        recent = now - rospy.Duration(min(drivers.POSE_LIMIT, now.to_sec()))
-        known = self._lookup(names.MAP_FRAME, self._base, recent) is not None
-        T = self._lookup(names.MAP_FRAME, self._base, rospy.Time(0)) if known else None
-        self._driver.set_pose(geometry.transform_pose2d(T) if T is not None else None, now.to_sec())
+        # tf gives the newest transform however old
+        stamp = self._transforms.newest(names.MAP_FRAME, self._base)
+        T = self._lookup(names.MAP_FRAME, self._base, stamp)
+        self._driver.set_pose(geometry.transform_pose2d(T) if T is not None else None, stamp.to_sec())
         frames = Frames(lambda stamp: self._odom_from_map(now, stamp),
                         lambda: self._lookup(self._base, self._odom, rospy.Time(0), warn=True))
         return self._driver.step(now.to_sec(), frames)

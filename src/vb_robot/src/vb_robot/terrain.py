@@ -5,38 +5,31 @@ choice costs does not depend on how large the map is; who comes from outside com
 """
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Optional, Tuple
 
 import cv2
 import numpy as np
-from scipy.sparse import coo_matrix, csr_matrix
+from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import dijkstra
 
 from vb_core import geometry
 from vb_core.grid_map import GridMap, distance_to
-from vb_core.parameters import Parameters, param
 
-
-@dataclass(frozen=True)
-class TerrainParams(Parameters):
-    """The robot's size, and what counts as blocked."""
-
-    robot_radius: float = param(0.18, "m", above=0.0, high=2.0)
-    margin: float = param(0.10, "m", low=0.0, high=1.0, doc="beyond the radius, where the robot is to stand")
-    travel_margin: float = param(0.03, "m", low=0.0, high=1.0, doc="beyond the radius, on the way")
-    occupied_threshold: int = param(50, "%", low=1, high=100, doc="from this occupancy on a cell is blocked")
-    way_cell: float = param(0.05, "m", above=0.0, high=0.5, doc="edge of a cell of the grid ways are searched on")
-    start_tolerance: float = param(0.35, "m", low=0.0, high=2.0, doc="how far from free cells a way may start")
-
-
+STAND_MARGIN = 0.10  # [m] beyond the radius where a robot is to stand
+TRAVEL_MARGIN = 0.03  # [m] beyond the radius on the way; navigation keeps its own inflation
+OCCUPIED = 50  # [%] from this occupancy on a cell is blocked, so also by soft borders
+WAY_CELL = 0.05  # [m] edge of a cell of the grid on which ways are searched, on maps of this size or finer ...
+MAX_WAY_CELLS = 8000  # ... and in windows coarser, where there would be more: a search costs 1 ms per 1,000
+START_TOLERANCE = 0.35  # [m] how far from free cells a way may start: a robot at a wall
 PAD = 3.0  # [m] of floor about what matters: a robot looks at it from 1.5 m, and the line is thought on for 2 m
-MAX_WAY_CELLS = 10000  # ways are searched on a coarser grid where there would be more
 REACH = 8.0  # [m] robots and lines farther away do not make the window larger
 SNAP = 2.0  # [m] windows begin and end at multiples of this, so that one serves while the spot moves on
+STRING = 0.05  # [m] between places of a route
+
+Window = Tuple[float, float, float, float]
 
 
-def window_of(spot, *others) -> Tuple[float, float, float, float]:
+def window_of(spot, *others) -> Window:
     """(x_min, y_min, x_max, y_max) [m] of the window about a spot (2,) [m], and about points (N, 2) near it."""
     spot = np.asarray(spot, dtype=float)
     points = np.vstack([spot[None], *(np.asarray(some, dtype=float).reshape(-1, 2) for some in others)])
@@ -46,7 +39,7 @@ def window_of(spot, *others) -> Tuple[float, float, float, float]:
     return float(low[0]), float(low[1]), float(high[0]), float(high[1])
 
 
-def around(grid: GridMap, window: Tuple[float, float, float, float]) -> GridMap:
+def around(grid: GridMap, window: Window) -> GridMap:
     """The part of a map in a window (x_min, y_min, x_max, y_max) [m]; what lies off the map is unknown."""
     corners = np.array([[window[i], window[j]] for i in (0, 2) for j in (1, 3)])
     cells = np.floor(grid.world_to_grid(corners) + 0.5).astype(int)[:, ::-1]
@@ -82,24 +75,25 @@ def sample(grid: GridMap, layer: np.ndarray, points: np.ndarray, outside: float 
 
 
 class Terrain:
-    """A map prepared for questions about places and ways. Made once per map.
+    """A map prepared for questions about places and ways. Made once per map and window.
 
     Args:
         grid: the posterior map: physical obstacles and borders.
+        radius: [m] of the robot; on its ways it keeps `travel_margin` [m] more.
         physical: the map without borders, which decides what hides what; a border hides nothing. None: `grid`.
         edge: whether the map's edge is blocked; that of a window is not.
+        occupied: [%] from this occupancy on a cell is blocked.
     """
 
     def __init__(
-        self, grid: GridMap, params: TerrainParams, physical: Optional[GridMap] = None, edge: bool = True
+        self, grid: GridMap, radius: float, physical: Optional[GridMap] = None, edge: bool = True,
+        travel_margin: float = TRAVEL_MARGIN, occupied: int = OCCUPIED,
     ) -> None:
-        self.grid = grid
-        self.params = params
-        self.edge = edge
-        self.blocked = (grid.data >= params.occupied_threshold) | (grid.data < 0)
+        self.grid, self.radius, self.travel_margin, self.edge = grid, radius, travel_margin, edge
+        self.blocked = (grid.data >= occupied) | (grid.data < 0)
         self.clearance = clearance_grid(self.blocked, grid.resolution, edge)
         seen_through = physical if physical is not None and physical.same_geometry(grid) else grid
-        self.opaque = seen_through.data >= params.occupied_threshold
+        self.opaque = seen_through.data >= occupied
         self._build_ways()
 
     # ------------------------------------------------------------- places
@@ -109,7 +103,7 @@ class Terrain:
 
     def stands_free(self, points: np.ndarray) -> np.ndarray:
         """(N,) bool: whether the robot with its margin finds room at points (N, 2) [m]."""
-        return self.clearance_at(points) >= self.params.robot_radius + self.params.margin
+        return self.clearance_at(points) >= self.radius + STAND_MARGIN
 
     def line_of_sight(self, points: np.ndarray, target) -> np.ndarray:
         """(N,) bool: whether nothing opaque lies between points (N, 2) and a target (2,) [m]."""
@@ -130,31 +124,23 @@ class Terrain:
 
     # ------------------------------------------------------------- ways
     def _build_ways(self) -> None:
-        # a search costs about 1 ms per 1,000 cells: a choice is made four times a second, a whole map once
+        # in a window a choice is made four times a second; a whole map is searched once
         coarse = 0.0 if self.edge else self.grid.resolution * np.sqrt(self.grid.data.size / MAX_WAY_CELLS)
-        cell = max(self.params.way_cell, coarse)
-        step = max(1, int(np.ceil(cell / self.grid.resolution - 0.01)))
+        self.step = step = max(1, int(np.ceil(max(WAY_CELL, coarse) / self.grid.resolution - 0.01)))
         rows, columns = (size // step for size in self.grid.shape)
-        self._step = step
-        if rows == 0 or columns == 0:
-            rows = columns = 0
         blocks = self.clearance[: rows * step, : columns * step].reshape(rows, step, columns, step)
         # the largest clearance of a block: the smallest would close doorways that are wide enough
-        best = blocks.max(axis=(1, 3)) if rows else np.zeros((0, 0))
-        self._way = best >= self.params.robot_radius + self.params.travel_margin
+        best = blocks.max(axis=(1, 3)) if rows * columns else np.zeros((rows, columns))
+        self.way = best >= self.radius + self.travel_margin
         index = np.arange(rows * columns).reshape(rows, columns)
-        start, end, cost = [], [], []
+        edges = []
         for dr, dc in ((0, 1), (1, 0), (1, 1), (1, -1)):
             here = (slice(0, rows - dr), slice(max(0, -dc), columns - max(0, dc)))
             there = (slice(dr, rows), slice(max(0, dc), columns + min(0, dc)))
-            both = self._way[here] & self._way[there]
-            start.append(index[here][both])
-            end.append(index[there][both])
-            cost.append(np.full(int(both.sum()), np.hypot(dr, dc) * step * self.grid.resolution))
-        size = rows * columns
-        self._edges = coo_matrix(
-            (np.concatenate(cost), (np.concatenate(start), np.concatenate(end))), shape=(size, size)
-        ).tocsr() if size else None
+            both = self.way[here] & self.way[there]
+            length = np.full(int(both.sum()), np.hypot(dr, dc) * step * self.grid.resolution)
+            edges.append((index[here][both], index[there][both], length))
+        self.edges = tuple(np.concatenate(column) for column in zip(*edges))  # (from, to, length [m])
 
     def ways(self, start, others=()) -> "Ways":
         """The shortest ways from a start (2,) [m] to every place, round other robots (K, 2) [m] of the same size."""
@@ -180,12 +166,9 @@ class Terrain:
         pixels = np.rint(self.grid.world_to_grid(chain)).astype(np.int32)
         cv2.polylines(canvas, [pixels.reshape(-1, 1, 2)], closed, 0, thickness=1, lineType=cv2.LINE_8)
         _, labels = cv2.connectedComponents(canvas, connectivity=4)
-        cell = self.grid.world_to_cell(np.asarray(seed, dtype=float).reshape(1, 2))[0]
-        if not self.grid.contains_cells(cell[None])[0] or labels[cell[0], cell[1]] == 0:
-            return None
-        side = labels == labels[cell[0], cell[1]]
-        free = int(canvas.sum())
-        return None if side.sum() > 0.98 * free else side
+        label = sample(self.grid, labels, np.asarray(seed, dtype=float).reshape(1, 2))[0]
+        side = labels == label
+        return side if label > 0 and side.sum() <= 0.98 * int(canvas.sum()) else None
 
     def ray_end(self, start: np.ndarray, direction: np.ndarray) -> np.ndarray:
         """(2,) [m] where a ray from a start (2,) [m] along a direction (2,) meets what is blocked or the map's edge."""
@@ -200,67 +183,51 @@ class Terrain:
 
 
 class Ways:
-    """The shortest ways from one start, searched once. Made by `Terrain.ways`."""
+    """The shortest ways from one start, searched once. Made by `Terrain.ways`.
 
-    def __init__(self, terrain: Terrain, start: np.ndarray, others: np.ndarray = np.zeros((0, 2))) -> None:
-        self._terrain = terrain
-        self._start = start
-        self._others = others
-        self._lengths, self._before = self._search()
+    The start is a node of its own, joined to the free cell beside it; outside a window, to the free cells of the window's
+    edge, and the bee line stands for the way up to there.
+    """
 
-    def _search(self) -> Tuple[np.ndarray, Optional[np.ndarray]]:
-        terrain, shape = self._terrain, self._terrain._way.shape
-        nothing = np.full(shape, np.inf), None
-        way, edges = terrain._way, terrain._edges
-        if edges is not None and len(self._others):
-            way, edges = self._round_others()
-        free = np.argwhere(way)
-        if edges is None or not len(free):
-            return nothing
-        if not terrain.edge and not terrain.grid.contains_cells(terrain.grid.world_to_cell(self._start))[0]:
-            return self._search_from_outside(edges, free)
-        distances = np.linalg.norm(self._centres(free) - self._start, axis=1)
-        nearest = int(np.argmin(distances))
-        if distances[nearest] > terrain.params.start_tolerance:
-            return nothing
-        source = free[nearest, 0] * shape[1] + free[nearest, 1]
-        lengths, before = dijkstra(edges, directed=False, indices=source, return_predecessors=True)
-        return lengths.reshape(shape), before
+    def __init__(self, terrain: Terrain, start: np.ndarray, others: np.ndarray) -> None:
+        self._terrain, self._start, self._others = terrain, start, others
+        way, (begin, end, length) = terrain.way, terrain.edges
+        cells = np.argwhere(way)
+        if len(others) and len(cells):
+            gaps = np.linalg.norm(self._centres(cells)[:, None] - others[None], axis=2).min(axis=1)
+            taken = gaps < 2.0 * terrain.radius + terrain.travel_margin
+            way = way.copy()
+            way[tuple(cells[taken].T)] = False
+            kept = way.ravel()[begin] & way.ravel()[end]
+            begin, end, length, cells = begin[kept], end[kept], length[kept], cells[~taken]
+        self._shape, size = way.shape, way.size
+        gates, gaps = self._gates(cells)
+        graph = csr_matrix((np.concatenate([length, gaps]),
+                            (np.concatenate([begin, np.full(len(gates), size)]),
+                             np.concatenate([end, gates[:, 0] * way.shape[1] + gates[:, 1]]))), shape=(size + 1, size + 1))
+        lengths, before = dijkstra(graph, directed=False, indices=size, return_predecessors=True)
+        self._lengths = lengths[:size].reshape(way.shape)
+        self._before = np.where((before[:size] < 0) | (before[:size] == size), -1, before[:size])
 
-    def _search_from_outside(self, edges: csr_matrix, free: np.ndarray) -> Tuple[np.ndarray, Optional[np.ndarray]]:
-        """The ways of one who comes over the window's edge; outside the bee line stands for the way."""
-        shape = self._terrain._way.shape
-        gates = free[((free == 0) | (free == np.array(shape) - 1)).any(axis=1)]
-        size = shape[0] * shape[1]
-        entries = edges.tocoo()
-        lengths = np.linalg.norm(self._centres(gates) - self._start, axis=1)
-        graph = coo_matrix((np.concatenate([entries.data, lengths]),
-                            (np.concatenate([entries.row, np.full(len(gates), size)]),
-                             np.concatenate([entries.col, gates[:, 0] * shape[1] + gates[:, 1]]))),
-                           shape=(size + 1, size + 1)).tocsr()
-        found, before = dijkstra(graph, directed=False, indices=size, return_predecessors=True)
-        before = before[:size]
-        before[before == size] = -1  # the way begins at the edge
-        return found[:size].reshape(shape), before
-
-    def _round_others(self) -> Tuple[np.ndarray, csr_matrix]:
-        """Cells and edges of the ways without those at other robots."""
+    def _gates(self, cells: np.ndarray) -> Tuple[np.ndarray, np.ndarray]:
+        """Free cells (K, 2) where ways begin, and (K,) [m] how far they are from the start."""
         terrain = self._terrain
-        free = np.argwhere(terrain._way)
-        gaps = np.linalg.norm(self._centres(free)[:, None] - self._others[None], axis=2).min(axis=1)
-        way = terrain._way.copy()
-        way[tuple(free[gaps < 2.0 * terrain.params.robot_radius + terrain.params.travel_margin].T)] = False
-        edges, open_cells = terrain._edges.tocoo(), way.ravel()
-        kept = open_cells[edges.row] & open_cells[edges.col]
-        return way, coo_matrix((edges.data[kept], (edges.row[kept], edges.col[kept])), shape=edges.shape).tocsr()
+        outside = not terrain.grid.contains_cells(terrain.grid.world_to_cell(self._start))[0]
+        if outside and not terrain.edge:
+            cells = cells[((cells == 0) | (cells == np.array(self._shape) - 1)).any(axis=1)]
+            return cells, np.linalg.norm(self._centres(cells) - self._start, axis=1)
+        gaps = np.linalg.norm(self._centres(cells) - self._start, axis=1)
+        nearest = np.argsort(gaps, kind="stable")[:1]
+        nearest = nearest[gaps[nearest] <= START_TOLERANCE]
+        return cells[nearest], np.full(len(nearest), 1e-6)
 
     def _centres(self, cells: np.ndarray) -> np.ndarray:
-        step = self._terrain._step
+        step = self._terrain.step
         return self._terrain.grid.cell_to_world(cells * step + (step - 1) / 2.0)
 
     def _cells(self, points: np.ndarray) -> Tuple[np.ndarray, np.ndarray]:
-        cells = self._terrain.grid.world_to_cell(points) // self._terrain._step
-        return cells, ((cells >= 0) & (cells < np.array(self._lengths.shape))).all(axis=1)
+        cells = self._terrain.grid.world_to_cell(points) // self._terrain.step
+        return cells, ((cells >= 0) & (cells < np.array(self._shape))).all(axis=1)
 
     def lengths_to(self, points: np.ndarray) -> np.ndarray:
         """(N,) [m] lengths of the ways to points (N, 2) [m]; inf where none leads."""
@@ -269,40 +236,55 @@ class Ways:
         values[inside] = self._lengths[cells[inside, 0], cells[inside, 1]]
         return values
 
+    def cross(self, area: np.ndarray, points: np.ndarray) -> np.ndarray:
+        """(N,) bool: to which points (N, 2) [m] the way on the search's grid leads through an area (H, W) bool.
+
+        The grid's ways are not as straight as real ones: this tells what is probable, and `route` what is true.
+        """
+        terrain, (rows, columns) = self._terrain, self._shape
+        blocks = area[: rows * terrain.step, : columns * terrain.step].reshape(rows, terrain.step, columns, terrain.step)
+        through = np.append(blocks.any(axis=(1, 3)).ravel(), False)
+        before = np.append(self._before, -1)  # the last entry is where all ways begin
+        while (before >= 0).any():
+            # each round looks twice as far back along the way
+            through |= through[before]
+            before = before[before]
+        cells, inside = self._cells(points)
+        return inside & through[np.where(inside, cells[:, 0] * columns + cells[:, 1], -1)]
+
     def route(self, goal) -> Optional[np.ndarray]:
         """(N, 2) [m] the way to a goal (2,) [m], drawn tight like a string, at most 5 cm apart; None if there is none.
 
         The search knows eight directions only; drawn tight the way is what a planner with costs comes near to.
         """
         goal = np.asarray(goal, dtype=float)
-        if not np.isfinite(self.lengths_to(goal[None])[0]) or self._before is None:
+        if not np.isfinite(self.lengths_to(goal[None])[0]):
             return None
         cell = self._cells(goal[None])[0][0]
-        nodes = [int(cell[0] * self._lengths.shape[1] + cell[1])]
+        nodes = [int(cell[0] * self._shape[1] + cell[1])]
         while self._before[nodes[-1]] >= 0:
             nodes.append(int(self._before[nodes[-1]]))
-        cells = np.column_stack(np.unravel_index(nodes[::-1], self._lengths.shape))
+        cells = np.column_stack(np.unravel_index(nodes[::-1], self._shape))
         corners = self._tightened(np.vstack([self._start, self._centres(cells)[1:-1], goal]))
-        return geometry.resample_chain(corners, 0.05) if len(corners) > 1 else corners
+        return geometry.resample_chain(corners, STRING) if len(corners) > 1 else corners
 
     def _tightened(self, points: np.ndarray) -> np.ndarray:
         terrain = self._terrain
         # a cell of the ways is as free as its freest part
-        slack = 0.75 * terrain._step * terrain.grid.resolution
-        needed = terrain.params.robot_radius + terrain.params.travel_margin - slack
+        slack = 0.75 * terrain.step * terrain.grid.resolution
+        needed, apart = terrain.radius + terrain.travel_margin - slack, 2.0 * terrain.radius + terrain.travel_margin - slack
         kept, last = [0], len(points) - 1
         while kept[-1] < last:
             here = points[kept[-1]]
             targets = points[kept[-1] + 1 :]
             reach = float(np.linalg.norm(targets - here, axis=1).max())
-            share = np.linspace(0.0, 1.0, max(3, int(reach / 0.05)))
+            share = np.linspace(0.0, 1.0, max(3, int(reach / STRING)))
             samples = here + share[None, :, None] * (targets - here)[:, None, :]
             room = terrain.clearance_at(samples.reshape(-1, 2)).reshape(len(targets), -1)
             # from a place that is too near to something it may be left
             visible = (room >= min(needed, float(room[0, 0])) - 1e-6).all(axis=1)
             for other in self._others:
                 gaps = np.linalg.norm(samples - other, axis=2)
-                apart = 2.0 * terrain.params.robot_radius + terrain.params.travel_margin - slack
                 visible &= (gaps >= np.minimum(apart, gaps[:, :1]) - 1e-6).all(axis=1)
             kept.append(kept[-1] + 1 + (int(np.flatnonzero(visible)[-1]) if visible.any() else 0))
         return points[kept]

@@ -1,47 +1,36 @@
-"""Poses from which a robot's own camera sees the spot (paper, Sect. 4.2: a robot is sent to the area)."""
+"""Poses from which a robot's own camera sees the spot (paper, Sect. 4.2: a robot is sent to the area).
+
+The idea: one test says whether a pose shows what is to be seen, for the pose where the robot stands or goes and for
+every candidate alike; candidates need some margin more. Those that pass are put in order by their cost in metres of
+way, and the ways are looked at in that order until one of them keeps off what is being drawn.
+"""
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, replace
-from typing import List, Optional, Tuple
+from dataclasses import dataclass, replace
+from typing import Iterable, List, Optional, Tuple
 
 import cv2
 import numpy as np
 
 from vb_core import geometry
-from vb_core.parameters import Parameters, param
-from vb_robot.keep_out import KeepOut, expected_area
-from vb_robot.terrain import Terrain, Ways, clearance_grid, sample
-from vb_robot.view import FloorView, to_base
+from vb_robot.drawing import Drawing, KeepOut
+from vb_robot.terrain import STAND_MARGIN, Terrain, Ways, clearance_grid, sample
+from vb_robot.view import FloorView
 
 Pose = Tuple[float, float, float]
 
-
-@dataclass(frozen=True)
-class ViewpointParams(Parameters):
-    """Which places are looked at, and what makes one better than another. Costs are metres of way."""
-
-    min_distance: float = param(0.8, "m", above=0.0, high=5.0, doc="from base_link to the spot")
-    max_distance: float = param(1.5, "m", above=0.0, high=5.0)
-    best_distance: float = param(1.1, "m", above=0.0, high=5.0)
-    distances: int = param(4, low=1, high=20)
-    bearings: int = param(36, low=4, high=360)
-    image_margin: float = param(0.15, low=0.0, high=0.45, doc="how far from the image's edges the spot must lie")
-    chain_margin: float = param(0.10, "m", low=0.0, high=1.0, doc="beyond the radius, from the line being drawn")
-    ahead: float = param(0.8, "m", low=0.0, high=3.0, doc="how far the line is thought on")
-    turn_cost: float = param(0.4, "m/rad", low=0.0, doc="of the turns before and after the way")
-    distance_cost: float = param(0.5, "m/m", low=0.0)
-    enclosed_cost: float = param(3.0, "m", low=0.0, doc="for standing inside what the line encloses")
-    unseen_ahead_cost: float = param(0.5, "m", low=0.0, doc="for not seeing where the line goes on")
-    min_line: float = param(0.3, "m", low=0.0, doc="ways keep off a line that extends over this or more")
-    ways_checked: int = param(40, low=1, doc="of how many of the best poses the ways are looked at")
-
-
-_SPOT_MARGIN = 0.06  # fraction of the image that must lie beyond a spot which is not what is looked at
-
-NO_STRETCH = np.zeros((0, 2))
-
-MAX_SAFE = 6  # one more than are tried in a row before a pause
+MIN_DISTANCE, MAX_DISTANCE = 0.8, 1.5  # [m] to what is looked at: nearer it leaves the image, farther it is small
+BEST_DISTANCE = 1.1  # [m]
+DISTANCES, BEARINGS = 4, 36  # how many are looked at
+IMAGE_MARGIN = 0.15  # fraction of the image that must lie beyond what a new pose looks at ...
+SEEN_MARGIN = 0.06  # ... and beyond all that any pose must see
+LINE_MARGIN = 0.10  # [m] beyond the radius, from the line being drawn and from where it goes on
+LINE_AHEAD = 0.8  # [m] how far the line is thought on
+# What makes a place worse, in metres of way: turns (their time at 0.5 m/s), being off the best distance, standing inside
+# what the line encloses (the border may lock the robot in), not seeing where the line goes on.
+TURN_COST, DISTANCE_COST, ENCLOSED_COST, UNSEEN_COST = 0.4, 0.5, 3.0, 0.5
+WAYS_CHECKED = 6  # each costs about 3 ms
 
 
 @dataclass(frozen=True)
@@ -78,143 +67,153 @@ class Viewpoint:
         return here[0], here[1], math.atan2(self.spot[1] - here[1], self.spot[0] - here[0])
 
 
-@dataclass(frozen=True)
-class Drawing:
-    """What is being drawn, map frame.
-
-    Attributes:
-        spot: (2,) [m] where the spot is.
-        chain: (M, 2) [m] what has been drawn.
-        direction: (2,) unit vector along which the spot moves, or None.
-        closed: whether the chain is a polygon.
-        seeding: the spot marks the side to be restricted: stay off that side.
-        ordered: whether the chain's points are in the order of the line.
-        watched: a stationary camera sees the spot, so that there is no need for a robot to take risks.
-        focus: (2,) [m] what the robot is to look at, for instance where the spot will leave the stationary cameras'
-            sight. None: the spot.
-        stretch: (K, 2) [m] what it is to see if it can: where the line probably goes on while no stationary camera sees
-            it. It leads past the focus; the part up to there it must see.
-    """
-
-    spot: np.ndarray
-    chain: np.ndarray
-    direction: Optional[np.ndarray] = None
-    closed: bool = False
-    seeding: bool = False
-    ordered: bool = True
-    watched: bool = False
-    focus: Optional[np.ndarray] = None
-    stretch: np.ndarray = field(default_factory=lambda: NO_STRETCH)
-
-    @property
-    def must_see(self) -> np.ndarray:
-        """(K, 2) [m] without which a pose is none; a spot that no stationary camera sees is among them."""
-        wanted = [self.look_at, *self.stretch[:1]]
-        return np.array(wanted if self.watched else [*wanted, np.asarray(self.spot, dtype=float)])
-
-    @property
-    def look_at(self) -> np.ndarray:
-        """(2,) [m] what the robot is to look at."""
-        return np.asarray(self.spot if self.focus is None else self.focus, dtype=float)
-
-    def line_ahead(self, length: float) -> np.ndarray:
-        """(K, 2) [m] where the line goes on, as far as what is looked at; the spot alone if it does not move."""
-        spot = np.asarray(self.spot, dtype=float)
-        if self.focus is not None and self.direction is not None:
-            length = max(length, float(np.dot(self.look_at - spot, self.direction)))
-        if self.direction is None or length <= 0:
-            return spot[None]
-        return spot + np.linspace(0.0, length, 6)[:, None] * self.direction
-
-
-def rank_viewpoints(
-    terrain: Terrain, view: FloorView, robot: Pose, drawing: Drawing, params: ViewpointParams, others=()
-) -> List[Viewpoint]:
-    """The poses that show what is to be looked at and that the robot can reach, the best first.
-
-    Each is clear of obstacles and borders by radius and margin, off the line drawn and the line ahead,
-    faces what is looked at from a distance within the limits, has a free line of sight and a way that leads there.
-    What it must see lies in the image too. Where the robot stands counts if it only has to turn.
-    While the seed is being shown, poses on its side are left out: the border to come would lock the robot in.
-    If none is left then and the robot itself stands on that side, the nearest place off it is given.
+class Outlook:
+    """What one robot can see of a drawing, from where it stands and from where it could go.
 
     Args:
         others: (K, 2) [m] where other robots stand or drive to.
     """
-    spot, look_at = np.asarray(drawing.spot, dtype=float), drawing.look_at
-    others = np.asarray(others, dtype=float).reshape(-1, 2)
-    places, yaw, distance = _poses_round(look_at, robot, params)
-    keep = view.sees(np.column_stack([distance, np.zeros_like(distance)]), params.image_margin)
-    keep &= terrain.stands_free(places)
-    keep &= off_the_line(terrain, places, drawing, params)
-    if len(others):
-        apart = 2.0 * terrain.params.robot_radius + terrain.params.margin
-        keep &= np.linalg.norm(places[:, None] - others[None], axis=2).min(axis=1) >= apart
-    if drawing.focus is not None:
-        from_each = np.vstack([to_base(drawing.must_see, (*place, angle)) for place, angle in zip(places, yaw)])
-        keep &= view.sees(from_each, _SPOT_MARGIN).reshape(len(places), -1).all(axis=1)
-    side = terrain.side_of(spot, drawing.chain, drawing.closed) if drawing.seeding else None
-    off_side = _clear_of(terrain, side)
-    if off_side is not None:
-        keep &= sample(terrain.grid, off_side, places) > 0
-    places, yaw, distance = places[keep], yaw[keep], distance[keep]
-    seen = terrain.line_of_sight(places, look_at)
-    places, yaw, distance = places[seen], yaw[seen], distance[seen]
 
-    ways = terrain.ways(robot[:2], others)
-    way = ways.lengths_to(places)
-    at_home = np.linalg.norm(places - robot[:2], axis=1) < 1e-6
-    way[at_home] = 0.0
-    reachable = np.isfinite(way)
-    places, yaw, distance, way = places[reachable], yaw[reachable], distance[reachable], way[reachable]
-    if not len(places):
-        return _retreat(terrain, ways, robot, off_side, spot)
+    def __init__(self, terrain: Terrain, view: FloorView, drawing: Drawing, others: Iterable = ()) -> None:
+        self.terrain, self.view, self.drawing = terrain, view, drawing
+        self._others = np.asarray(list(others), dtype=float).reshape(-1, 2)
+        side = terrain.side_of(drawing.spot, drawing.chain, drawing.closed) if drawing.seeding else None
+        # while the seed is shown its side is left: the border to come would lock the robot in
+        self._off_side = None if side is None else (
+            clearance_grid(side, terrain.grid.resolution) >= terrain.radius + STAND_MARGIN)
+        lines = [drawing.line_ahead(LINE_AHEAD)]
+        if len(drawing.chain):
+            chain = np.asarray(drawing.chain, dtype=float)
+            lines.append(geometry.resample_chain(chain, 0.1, drawing.closed) if len(chain) > 1 else chain)
+        self._line = np.vstack(lines)
 
-    turn = np.array([_turns(robot, place, angle) for place, angle in zip(places, yaw)])
-    cost = way + params.turn_cost * turn + params.distance_cost * np.abs(distance - params.best_distance)
-    cost = cost + params.enclosed_cost * _enclosed(places, drawing)
-    ahead = np.vstack([drawing.line_ahead(params.ahead), drawing.stretch])
-    if len(ahead) > 1:
-        # one call for all places: each costs as much as its overhead
-        from_each = np.vstack([to_base(ahead, (*place, angle)) for place, angle in zip(places, yaw)])
-        cost = cost + params.unseen_ahead_cost * (1.0 - view.sees(from_each).reshape(len(places), -1).mean(axis=1))
-    order = np.argsort(cost, kind="stable")
-    found = [
-        Viewpoint(float(places[i, 0]), float(places[i, 1]), geometry.wrap_angle(float(yaw[i])), float(way[i]),
-                  float(cost[i]), (float(look_at[0]), float(look_at[1])),
-                  turns_only=bool(np.linalg.norm(places[i] - robot[:2]) < 1e-6))
-        for i in order
-    ]
-    area = expected_area(terrain, drawing, params.min_line)
-    if area is None:
-        return found
-    keep_out = KeepOut(terrain, area)
-    safe: List[Viewpoint] = []
-    near = keep_out.near_ways(robot[:2], places[order], way[order])
-    for viewpoint in [found[i] for i in np.flatnonzero(near)[: params.ways_checked]]:
-        if keep_out.allows(ways.route((viewpoint.x, viewpoint.y))):
-            safe.append(viewpoint)
-        if len(safe) == MAX_SAFE:
-            break
-    if safe:
-        return safe
-    retreat = _retreat(terrain, ways, robot, off_side, spot)
-    if retreat or drawing.watched:
-        return retreat
-    return [replace(viewpoint, risky=True) for viewpoint in found]
+    def fits(self, pose: Pose) -> bool:
+        """Whether a robot at a pose would see well enough what it is to look at."""
+        place = np.array([pose[:2]])
+        if float(np.linalg.norm(self.drawing.must_see - place[0], axis=1).min()) < 0.6 * MIN_DISTANCE:
+            return False
+        return bool(self._shows(place, np.array([pose[2]]))[0])
+
+    def stands_free(self, pose: Pose) -> bool:
+        """Whether there still is room at a goal."""
+        return bool(self.terrain.stands_free(np.array([pose[:2]]))[0])
+
+    def keeps_off(self, robot: Pose, goal: Pose) -> bool:
+        """Whether the robot's way to a goal keeps off what is being drawn; also true if there is no way at all."""
+        area = self.drawing.expected_area(self.terrain)
+        if area is None:
+            return True
+        route = self.terrain.ways(robot[:2]).route(goal[:2])
+        return route is None or KeepOut(self.terrain, area).allows(route)
+
+    def best(self, robot: Pose, avoid: Iterable[Tuple[float, float, float]] = ()) -> Optional[Viewpoint]:
+        """The cheapest pose that shows what is to be looked at and that the robot can reach; None if there is none.
+
+        It is clear of obstacles and borders by radius and margin, off the line drawn and the line ahead, and has a way
+        that keeps off what is being drawn. Where the robot stands counts if it only has to turn. If there is no such
+        pose and the robot itself stands on the side that the seed marks, the nearest place off it. If there is none at
+        all, and nobody sees the spot, also one whose way leads through what is being drawn.
+
+        Args:
+            avoid: (x, y, radius) [m]: places that failed.
+        """
+        ways = self.terrain.ways(robot[:2], self._others)
+        found = self._in_order(robot, ways, avoid)
+        area = self.drawing.expected_area(self.terrain) if found else None
+        if area is None:
+            return found[0] if found else self._retreat(ways, robot)
+        keep_out = KeepOut(self.terrain, area)
+        starts_inside = sample(self.terrain.grid, keep_out.zone, np.array([robot[:2]]))[0] > 0
+        crossing = np.zeros(len(found), dtype=bool)
+        if not starts_inside:
+            crossing = ways.cross(keep_out.zone, np.array([(place.x, place.y) for place in found]))
+        for index in np.argsort(crossing, kind="stable")[:WAYS_CHECKED]:
+            if keep_out.allows(ways.route((found[index].x, found[index].y))):
+                return found[index]
+        retreat = self._retreat(ways, robot)
+        return retreat if retreat is not None or self.drawing.watched else replace(found[0], risky=True)
+
+    # ------------------------------------------------------------- one test for all poses
+    def _shows(self, places: np.ndarray, yaws: np.ndarray) -> np.ndarray:
+        """(N,) bool: which poses show what must be seen, off the line and off the seed's side."""
+        keep = self._seen(self.drawing.must_see, places, yaws, SEEN_MARGIN).all(axis=1)
+        gaps = np.linalg.norm(places[:, None, :] - self._line[None, :, :], axis=2).min(axis=1)
+        keep &= gaps >= self.terrain.radius + LINE_MARGIN
+        if self._off_side is not None:
+            keep &= sample(self.terrain.grid, self._off_side, places) > 0
+        keep[keep] = self.terrain.line_of_sight(places[keep], self.drawing.look_at)
+        return keep
+
+    def _seen(self, points: np.ndarray, places: np.ndarray, yaws: np.ndarray, margin: float = 0.0) -> np.ndarray:
+        """(N, K) bool: which points (K, 2) [m] lie in the image from each pose."""
+        ahead = np.column_stack([np.cos(yaws), np.sin(yaws)])
+        left = np.column_stack([-ahead[:, 1], ahead[:, 0]])
+        offsets = points[None, :, :] - places[:, None, :]
+        in_base = np.stack([(offsets * axis[:, None, :]).sum(axis=2) for axis in (ahead, left)], axis=2)
+        return self.view.sees(in_base.reshape(-1, 2), margin).reshape(len(places), len(points))
+
+    # ------------------------------------------------------------- candidates
+    def _in_order(self, robot: Pose, ways: Ways, avoid: Iterable) -> List[Viewpoint]:
+        """The poses that show what is to be looked at and can be reached, the cheapest first."""
+        look_at = self.drawing.look_at
+        places, yaws, distances = _poses_round(look_at, robot)
+        keep = self.view.sees(np.column_stack([distances, np.zeros_like(distances)]), IMAGE_MARGIN)
+        keep &= self.terrain.stands_free(places)
+        apart = 2.0 * self.terrain.radius + STAND_MARGIN
+        for x, y, radius in [*((*other, apart) for other in self._others), *avoid]:
+            keep &= np.hypot(places[:, 0] - x, places[:, 1] - y) >= radius
+        keep[keep] = self._shows(places[keep], yaws[keep])
+        way = ways.lengths_to(places)
+        at_home = np.linalg.norm(places - robot[:2], axis=1) < 1e-6
+        way[at_home] = 0.0
+        keep &= np.isfinite(way)
+        places, yaws, distances, way, at_home = (values[keep] for values in (places, yaws, distances, way, at_home))
+        if not len(places):
+            return []
+        turns = np.array([_turns(robot, place, yaw) for place, yaw in zip(places, yaws)])
+        cost = way + TURN_COST * turns + DISTANCE_COST * np.abs(distances - BEST_DISTANCE)
+        cost += ENCLOSED_COST * self._enclosed(places)
+        ahead = np.vstack([self.drawing.line_ahead(LINE_AHEAD), self.drawing.stretch])
+        if len(ahead) > 1:
+            cost += UNSEEN_COST * (1.0 - self._seen(ahead, places, yaws).mean(axis=1))
+        return [
+            Viewpoint(float(places[i, 0]), float(places[i, 1]), geometry.wrap_angle(float(yaws[i])), float(way[i]),
+                      float(cost[i]), (float(look_at[0]), float(look_at[1])), turns_only=bool(at_home[i]))
+            for i in np.argsort(cost, kind="stable")
+        ]
+
+    def _enclosed(self, places: np.ndarray) -> np.ndarray:
+        """(N,) 1.0 where a place lies within the convex hull of what has been drawn, else 0.0."""
+        points = np.vstack([np.asarray(self.drawing.chain, dtype=float).reshape(-1, 2), np.asarray(self.drawing.spot)[None]])
+        if len(points) < 3:
+            return np.zeros(len(places))
+        hull = cv2.convexHull(points.astype(np.float32))
+        return np.array([float(cv2.pointPolygonTest(hull, (float(x), float(y)), False) >= 0) for x, y in places])
+
+    def _retreat(self, ways: Ways, robot: Pose) -> Optional[Viewpoint]:
+        """The nearest place off the side to be restricted, if the robot stands on it."""
+        terrain, spot = self.terrain, self.drawing.spot
+        if self._off_side is None or sample(terrain.grid, self._off_side, np.array([robot[:2]]))[0] > 0:
+            return None
+        cells = np.argwhere(self._off_side & (terrain.clearance >= terrain.radius + STAND_MARGIN))
+        places = terrain.grid.cell_to_world(cells)
+        way = ways.lengths_to(places)
+        if not np.isfinite(way).any():
+            return None
+        best = int(np.argmin(way))
+        x, y = (float(value) for value in places[best])
+        yaw = math.atan2(spot[1] - y, spot[0] - x)
+        return Viewpoint(x, y, yaw, float(way[best]), float(way[best]), (float(spot[0]), float(spot[1])), sees_spot=False)
 
 
-def _poses_round(
-    look_at: np.ndarray, robot: Pose, params: ViewpointParams
-) -> Tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _poses_round(look_at: np.ndarray, robot: Pose) -> Tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Places (N, 2) [m], yaws (N,) [rad], distances (N,) [m] of poses that face a point; the robot's place too."""
     own = look_at - robot[:2]
     home = float(np.hypot(*own)), math.atan2(own[1], own[0])
-    distance = np.linspace(params.min_distance, max(params.min_distance, params.max_distance), params.distances)
     # from the robot's own bearing on, so that a robot that only has to come nearer need not go round
-    yaw = np.arange(params.bearings) * (2.0 * math.pi / params.bearings) + home[1]
-    distance, yaw = (values.ravel() for values in np.meshgrid(distance, yaw))
-    if 0.8 * params.min_distance <= home[0] <= 1.3 * params.max_distance:
+    yaw = np.arange(BEARINGS) * (2.0 * math.pi / BEARINGS) + home[1]
+    distance, yaw = (values.ravel() for values in np.meshgrid(np.linspace(MIN_DISTANCE, MAX_DISTANCE, DISTANCES), yaw))
+    if 0.8 * MIN_DISTANCE <= home[0] <= 1.3 * MAX_DISTANCE:
         # to turn is quicker than to drive to a place that is a little better
         distance, yaw = np.append(distance, home[0]), np.append(yaw, home[1])
     return look_at - distance[:, None] * np.column_stack([np.cos(yaw), np.sin(yaw)]), yaw, distance
@@ -227,80 +226,3 @@ def _turns(robot: Pose, place: np.ndarray, yaw: float) -> float:
         return abs(geometry.wrap_angle(yaw - robot[2]))
     heading = math.atan2(way[1], way[0])
     return abs(geometry.wrap_angle(heading - robot[2])) + abs(geometry.wrap_angle(yaw - heading))
-
-
-def keeps_off(terrain: Terrain, robot: Pose, goal: Pose, drawing: Drawing, params: ViewpointParams) -> bool:
-    """Whether the robot's way to a goal keeps off what is being drawn; also true if there is no way at all."""
-    area = expected_area(terrain, drawing, params.min_line)
-    if area is None:
-        return True
-    route = terrain.ways(robot[:2]).route(goal[:2])
-    return route is None or KeepOut(terrain, area).allows(route)
-
-
-def shows_spot(
-    terrain: Terrain, view: FloorView, pose: Pose, drawing: Drawing, params: ViewpointParams, image_margin: float = 0.06
-) -> bool:
-    """Whether a robot at a pose would see well enough what it is to look at: a laxer test than the one for new poses.
-
-    While the seed is being shown, no pose on its side is good enough.
-    """
-    place = np.array([pose[:2]])
-    side = terrain.side_of(drawing.spot, drawing.chain, drawing.closed) if drawing.seeding else None
-    off_side = _clear_of(terrain, side)
-    if off_side is not None and not sample(terrain.grid, off_side, place)[0] > 0:
-        return False
-    look_at = drawing.look_at
-    wanted = drawing.must_see
-    if float(np.linalg.norm(wanted - place[0], axis=1).min()) < 0.6 * params.min_distance:
-        return False
-    if not view.sees(to_base(wanted, pose), image_margin).all():
-        return False
-    return bool(off_the_line(terrain, place, drawing, params)[0] and terrain.line_of_sight(place, look_at)[0])
-
-
-def off_the_line(terrain: Terrain, places: np.ndarray, drawing: Drawing, params: ViewpointParams) -> np.ndarray:
-    """(N,) bool: which places (N, 2) [m] keep clear of the line drawn so far and of where it goes on."""
-    lines = [drawing.line_ahead(params.ahead)]
-    if len(drawing.chain):
-        chain = np.asarray(drawing.chain, dtype=float)
-        lines.append(geometry.resample_chain(chain, 0.1, drawing.closed) if len(chain) > 1 else chain)
-    points = np.vstack(lines)
-    gaps = np.linalg.norm(places[:, None, :] - points[None, :, :], axis=2).min(axis=1)
-    return gaps >= terrain.params.robot_radius + params.chain_margin
-
-
-def _enclosed(places: np.ndarray, drawing: Drawing) -> np.ndarray:
-    """(N,) 1.0 where a place lies within the convex hull of what has been drawn, else 0.0."""
-    points = np.vstack([np.asarray(drawing.chain, dtype=float).reshape(-1, 2), np.asarray(drawing.spot)[None]])
-    if len(points) < 3:
-        return np.zeros(len(places))
-    hull = cv2.convexHull(points.astype(np.float32))
-    return np.array([float(cv2.pointPolygonTest(hull, (float(x), float(y)), False) >= 0) for x, y in places])
-
-
-def _clear_of(terrain: Terrain, side: Optional[np.ndarray]) -> Optional[np.ndarray]:
-    """(H, W) bool: where the robot with its margin keeps off a side (H, W); None if there is no side."""
-    if side is None:
-        return None
-    gap = clearance_grid(side, terrain.grid.resolution)
-    return gap >= terrain.params.robot_radius + terrain.params.margin
-
-
-def _retreat(
-    terrain: Terrain, ways: Ways, robot: Pose, off_side: Optional[np.ndarray], spot: np.ndarray
-) -> List[Viewpoint]:
-    """The nearest place off the side to be restricted, if the robot stands on it; else nothing."""
-    if off_side is None or sample(terrain.grid, off_side, np.array([robot[:2]]))[0] > 0:
-        return []
-    cells = np.argwhere(off_side & (terrain.clearance >= terrain.params.robot_radius + terrain.params.margin))
-    if not len(cells):
-        return []
-    places = terrain.grid.cell_to_world(cells)
-    way = ways.lengths_to(places)
-    best = int(np.argmin(way))
-    if not np.isfinite(way[best]):
-        return []
-    x, y = (float(value) for value in places[best])
-    yaw = math.atan2(spot[1] - y, spot[0] - x)
-    return [Viewpoint(x, y, yaw, float(way[best]), float(way[best]), (float(spot[0]), float(spot[1])), sees_spot=False)]

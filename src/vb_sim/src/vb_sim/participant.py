@@ -399,7 +399,8 @@ class ParticipantScript:
             person.doing = "starts over"
             yield from person.insist("cancel", self.source)
         refusal = person.last_answer
-        for person.tries in range(1, person.model.tries + 1):
+        for tries in range(1, person.model.tries + 1):
+            person.tries = tries
             try:
                 if (yield from self._attempt()):
                     return

@@ -28,8 +28,8 @@ from vb_voice_wizard.once import Once
 from vb_voice_wizard.preview_pace import PreviewParams
 from vb_voice_wizard.previewer import Previewer
 
-# [s] wall time: drivers stop without a state of the last second, see vb_msgs/InteractionState
-_REPEATED_AFTER = 0.4
+# [s] wall time: half a second after the last state robots rest, see vb_msgs/InteractionState
+_REPEATED_AFTER = 0.1
 # [s] a process that did nothing for so long hung: a text that waited meanwhile is nobody's wish any more
 _HUNG = 5.0
 # [s] after a hang, until everything that waited meanwhile has arrived
@@ -62,7 +62,7 @@ class InteractionManager:
         /virtual_borders/borders (vb_msgs/VirtualBorderArray): to see whether the preview is still right.
 
     Publishes:
-        /virtual_borders/state (vb_msgs/InteractionState, latched): on each change, and every 0.4 s of wall time.
+        /virtual_borders/state (vb_msgs/InteractionState, latched): on each change, and every 0.1 s of wall time.
         /virtual_borders/stop (std_msgs/Bool, latched): on `stop` and `resume`, before anything else.
         /virtual_borders/notices (vb_msgs/NoticeArray): robots_stopped, stop_memory_lost, interaction_ends_soon.
         /virtual_borders/preview (vb_msgs/BorderPreview, latched): what saving now would do, as soon as there are

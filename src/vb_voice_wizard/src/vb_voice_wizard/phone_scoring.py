@@ -132,7 +132,7 @@ class PhraseScorer:
         self._names: List[List[Tuple[int, str]]] = []
         for row, chain in enumerate(chains):
             names, number = [], -1
-            for column, (name, place, senone, stay, leave) in enumerate(chain):
+            for column, (name, place, senone, stay, _) in enumerate(chain):
                 self._senone[row, column] = senone
                 self._stay[row, column] = stay
                 if column:

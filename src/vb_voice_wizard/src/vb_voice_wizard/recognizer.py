@@ -16,7 +16,7 @@ from typing import Dict, List, Optional, Sequence
 import numpy as np
 import yaml
 
-from vb_core.errors import CodedError, ParameterError
+from vb_core.errors import ParameterError
 from vb_core.parameters import Parameters, param
 
 from vb_voice_wizard import wording

@@ -21,18 +21,18 @@ from vb_core import names
 from vb_core.errors import CodedError, ParameterError
 from vb_core.geometry import transform_pose2d
 from vb_core.grid_map import GridMap
-from vb_core.notices import NoticeBook
+from vb_core.notices import Notice, NoticeBook
 from vb_core.parameters import param
 from vb_core.ros import messages, node, parameters
 from vb_core.ros.messages import BorderPreviewArray, OccupancyGridArray
-from vb_core.ros.notices import notice_from_message
+from vb_core.ros.notices import NoticePublisher, notice_from_message
 from vb_core.ros.transforms import TransformLookup
 from vb_web import access, pictures, ros_view
 from vb_web.carrying_out import Carrier
 from vb_web.looking import Every, Looker
 from vb_web.requests import Bounds, Request
 from vb_web.server import Backend, PageServer, ServerParams, addresses
-from vb_web.view import Events, View, border_changes, number
+from vb_web.view import Events, View, border_changes, coarse_age, number
 
 _POSES_S = 0.1  # between two looks at the robots' poses
 _HEALTH_S = 0.5
@@ -46,6 +46,7 @@ class PageParams(ServerParams):
     """Parameters of the page; config/page.yaml says why."""
 
     events_file: str = param("~/.ros/virtual_borders/page_events.jsonl")
+    show_code: str = param("operator", choices=("operator", "viewer", "none"))
     robots: list = param(["base_link"])
     cameras: list = param([])
     image_transport: str = param("raw", choices=("raw", "compressed"))
@@ -106,6 +107,7 @@ class PageNode(Backend):
     Publishes:
         /virtual_borders/stop (std_msgs/Bool): true for stop, false for resume; robots hear it without any other node.
         /virtual_borders/study_events (vb_msgs/StudyEvent): the operator's marks and notes.
+        /virtual_borders/notices (vb_msgs/NoticeArray): address and code, for the smart display, while nobody draws.
     Calls:
         /virtual_borders/command; add, update, remove, preview, rename_border, set_border_enabled; undo, redo.
     Parameters:
@@ -121,6 +123,7 @@ class PageNode(Backend):
         self._borders: Dict[str, VirtualBorder] = {}
         self._shown_borders: Optional[Dict[str, Dict[str, Any]]] = None
         self._answered: Any = None
+        self._state_at = time.monotonic()
         self._level_at = -1e9
         self._spots: Dict[str, Any] = {}
         self._poses: Dict[str, List[Optional[float]]] = {}
@@ -141,6 +144,7 @@ class PageNode(Backend):
             params, self._keys, self._view, self._album, self, lambda error: node.fail(CodedError("internal_error"))
         )
         self._server.start()
+        self._invites: Optional[NoticePublisher] = None if local or params.show_code == "none" else NoticePublisher()
         self._addresses = addresses(params, self._server.port, _own_addresses())
         rospy.loginfo("%s: the page is at %s%s", rospy.get_name(), " or ".join(self._addresses),
                       "" if local else f"; its codes are in {codes}")
@@ -152,6 +156,8 @@ class PageNode(Backend):
             timer.close()
         self._maps.close()
         self._server.close()
+        if self._invites is not None:
+            self._invites.close()
 
     # ------------------------------------------------------------- what comes in
     def _subscribe(self) -> None:
@@ -214,7 +220,9 @@ class PageNode(Backend):
 
     def _on_state(self, message: InteractionState) -> None:
         section = ros_view.state_section(message)
+        self._state_at = time.monotonic()
         self._view.put("state", section)
+        self._invite(section["name"] == "default")
         last = section["last"]
         answered = (last["command"], last["at"], last["code"])
         if self._answered is not None and answered != self._answered and last["command"]:
@@ -223,6 +231,12 @@ class PageNode(Backend):
         self._answered = answered
         if section["name"] == "default":
             self._view.put("progress", None)
+
+    def _invite(self, idle: bool) -> None:
+        """Shows address and code on the smart display: who is in the room may command by voice and pointer, too."""
+        if self._invites is not None and self._keys is not None:
+            values = {"address": self._addresses[0], "code": getattr(self._keys, self._params.show_code)}
+            self._invites.set([Notice("page_invitation", values=values)] if idle else [])
 
     def _on_progress(self, message: BorderProgress) -> None:
         idle = (self._view.get("state") or {}).get("name", "default") == "default"
@@ -247,6 +261,8 @@ class PageNode(Backend):
             self._view.put("level", number(message.data, 1))
 
     def _on_notices(self, message: NoticeArray) -> None:
+        if message.source == rospy.get_name():
+            return  # the code is for the room: a viewer must not read the operator's
         with self._lock:
             self._notices.hear(message.source, map(notice_from_message, message.notices[:50]), time.monotonic())
         self._show_notices()
@@ -299,7 +315,8 @@ class PageNode(Backend):
         # what is well needs no words
         worst = sorted((entry for entry in fresh if entry["level"] > 0), key=lambda entry: (-entry["level"], entry["name"]))
         self._view.put("diagnostics", worst[:_MAX_DIAGNOSTICS])
-        self._view.put("health", {"manager": self._connected(names.STATE), "integrator": self._connected(names.BORDERS)})
+        self._view.put("health", {"manager": self._connected(names.STATE), "integrator": self._connected(names.BORDERS),
+                                  "silent": coarse_age(now - self._state_at)})
         if now - self._level_at > _SILENT_S:
             self._view.put("level", None)
         self._show_notices()

@@ -9,7 +9,7 @@ from typing import Any, Dict, Optional, Sequence, Tuple
 import matplotlib
 import numpy as np
 
-from vb_evaluation.pictures import BLUE, GREEN, GREY, ORANGE, VERMILLION
+from vb_evaluation.pictures import BLUE, GREEN, GREY, ORANGE, VERMILION
 
 matplotlib.use("Agg")
 from matplotlib import pyplot as plt  # noqa: E402  (the backend must be chosen before)
@@ -18,8 +18,8 @@ from matplotlib.lines import Line2D  # noqa: E402
 SKY, PURPLE, YELLOW = "#56B4E9", "#CC79A7", "#F0E442"
 STATE_COLORS = {"guide": ORANGE, "border": SKY, "seed": GREEN}
 # as in the paper: blue and red contours tell the methods apart
-METHOD_COLORS = {"nrs": BLUE, "robot_only": VERMILLION}
-SERIES = (BLUE, VERMILLION, GREEN, PURPLE, ORANGE, GREY)
+METHOD_COLORS = {"nrs": BLUE, "robot_only": VERMILION}
+SERIES = (BLUE, VERMILION, GREEN, PURPLE, ORANGE, GREY)
 MARKERS = ("o", "s", "^", "D", "v", "P")
 WIDTH_IN, PANEL_IN = 7.2, 4.6
 
@@ -55,7 +55,7 @@ def time_bars(
     """
     with plt.rc_context(_STYLE):
         figure, axis = plt.subplots(figsize=(WIDTH_IN, 0.75 + 0.62 * len(bars)))
-        for place, (method, title, states, totals) in enumerate(bars):
+        for place, (method, _, states, totals) in enumerate(bars):
             left = 0.0
             for state, seconds in states.items():
                 axis.barh(
@@ -171,7 +171,7 @@ def lines(
         if level is not None:
             axis.axhline(level, color="#444444", lw=1, ls=":")
         ticks = sorted({float(value) for _, x, _, _, _, _ in series for value in x})
-        for name, x, y, low, high, style in series:
+        for _, x, y, low, high, style in series:
             x, y = np.asarray(x, float), np.asarray(y, float)
             axis.plot(x, y, ms=5, lw=1.8, **style)
             if low is not None and high is not None:

@@ -23,7 +23,7 @@ from vb_sim.navigator import Navigator
 from vb_sim.robot_body import Pose
 
 
-STATE_EACH = 0.5  # [s] the interaction manager repeats the state that often
+STATE_EACH = 0.1  # [s] the interaction manager repeats the state that often
 
 
 class PoseHistory:

@@ -363,6 +363,8 @@ function drawBanners() {
   if (!online) list.push(["page_offline", {}, true]);
   else {
     if (state && state.stopped) list.push(["page_stopped", { who: sourceName(state.stopped_by) }, true]);
+    // a manager that hangs is there and says nothing: what is shown is as old as that
+    if (view.health && view.health.manager && view.health.silent) list.push(["page_state_old", { time: clock(view.health.silent) }, true]);
     if (view.health && !view.health.integrator) list.push(["page_integrator_gone", {}, true]);
     if (view.borders && view.borders.unconfirmed) list.push([view.borders.code, view.borders.values, "ask", view.borders.message]);
     if (state && state.ends && state.name !== "default") list.push(["page_ends", { time: clock(state.ends) }, false]);

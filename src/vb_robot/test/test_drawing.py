@@ -2,13 +2,10 @@
 import numpy as np
 import pytest
 
-from vb_core.errors import ParameterError
 from vb_core.grid_map import GridMap
-from vb_robot.prospect import ProspectParams, UnseenFloor, with_focus
-from vb_robot.terrain import Terrain, TerrainParams
-from vb_robot.viewpoint import Drawing
+from vb_robot.drawing import AHEAD, Drawing, UnseenFloor
+from vb_robot.terrain import Terrain
 
-PARAMS = ProspectParams()
 NO_CHAIN = np.zeros((0, 2))
 RIGHT = np.array([1.0, 0.0])
 
@@ -21,7 +18,7 @@ def room():
     coverage = np.where(data > 0, np.int8(-1), np.int8(1))
     coverage[1:-1, 120:-1] = 0
     coverage[1:-1, 60:62] = 0
-    return Terrain(GridMap(data, 0.05), TerrainParams()), UnseenFloor(GridMap(coverage, 0.05), PARAMS.least_gap)
+    return Terrain(GridMap(data, 0.05), 0.18), UnseenFloor(GridMap(coverage, 0.05))
 
 
 TERRAIN, UNSEEN = room()
@@ -29,7 +26,7 @@ TERRAIN, UNSEEN = room()
 
 def look(spot, direction=None, watched=True, unseen=UNSEEN, seeding=False):
     drawing = Drawing(np.array(spot), NO_CHAIN, direction, watched=watched, seeding=seeding)
-    return with_focus(TERRAIN, unseen, drawing, PARAMS)
+    return drawing.aimed(TERRAIN, unseen)
 
 
 def focus(*args, **kwargs):
@@ -39,12 +36,12 @@ def focus(*args, **kwargs):
 def test_unseen_floor_is_known_to_a_cell_and_narrow_shadows_do_not_count():
     assert UNSEEN.at(np.array([[6.03, 2.5], [7.9, 4.9], [5.97, 2.5], [3.05, 2.5], [20.0, 0.0]])).tolist() == [
         True, True, False, False, False]
-    assert not UnseenFloor(GridMap(np.ones((5, 5), np.int8), 0.1), 0.15).mask.any()
-    assert UnseenFloor(GridMap(np.zeros((5, 5), np.int8), 0.1), 0.15).mask.all()
+    assert not UnseenFloor(GridMap(np.ones((5, 5), np.int8), 0.1)).mask.any()
+    assert UnseenFloor(GridMap(np.zeros((5, 5), np.int8), 0.1)).mask.all()
 
 
 def test_looks_where_the_line_ahead_leaves_what_cameras_see():
-    assert focus((4.5, 2.5), RIGHT) == pytest.approx((6.0 + PARAMS.ahead, 2.5), abs=0.06)
+    assert focus((4.5, 2.5), RIGHT) == pytest.approx((6.0 + AHEAD, 2.5), abs=0.06)
     assert focus((7.6, 2.5), RIGHT)[0] < 7.95, "not into the wall"
 
 
@@ -65,12 +62,7 @@ def test_all_of_the_stretch_that_nobody_sees_is_known_up_to_the_wall():
 
 def test_spot_that_only_the_robot_sees_or_nobody_stays_in_view_with_what_is_ahead():
     alone = look((7.0, 2.5), RIGHT, watched=False)
-    assert alone.look_at == pytest.approx((7.0 + PARAMS.ahead, 2.5))
+    assert alone.look_at == pytest.approx((7.0 + AHEAD, 2.5))
     assert (np.abs(alone.must_see - (7.0, 2.5)).max(axis=1) < 1e-6).any(), "people hold still where it was lost"
     assert look((7.0, 2.5), None, watched=False).look_at == pytest.approx((7.0, 2.5))
     assert look((7.9, 2.5), RIGHT, watched=False).look_at[0] <= 7.95, "not into the wall"
-
-
-def test_bad_parameters():
-    with pytest.raises(ParameterError, match="horizon"):
-        ProspectParams(horizon=-1.0)

@@ -1,0 +1,27 @@
+"""Another version of the detector beside this one, in one process: both look at the same pictures."""
+from __future__ import annotations
+
+import importlib
+import sys
+from functools import lru_cache
+from pathlib import Path
+from typing import Any, Callable, List, Tuple
+
+
+@lru_cache(maxsize=None)
+def other_detector(source: Path) -> Tuple[Tuple[Any, Any], Callable]:
+    """(DetectorParams, SpotDetector) and `search` of another version of the packages, loaded beside this one."""
+    def ours() -> List[str]:
+        return [name for name in sys.modules if name.split(".")[0] in ("vb_core", "vb_laser_detect")]
+
+    kept = {name: sys.modules.pop(name) for name in ours()}
+    sys.path[:0] = [str(source / package / "src") for package in ("vb_core", "vb_laser_detect")]
+    try:
+        detector = importlib.import_module("vb_laser_detect.detector")
+        found = (detector.DetectorParams, detector.SpotDetector), importlib.import_module("vb_laser_detect.frame").search
+        return found
+    finally:
+        del sys.path[:2]
+        for name in ours():
+            del sys.modules[name]
+        sys.modules.update(kept)

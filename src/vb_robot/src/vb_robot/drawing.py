@@ -1,0 +1,178 @@
+"""What is being drawn, what a robot is to look at, and the floor that the border is about to take.
+
+The idea: a robot does not look at the spot but at where the ceiling cameras will lose it, before they do; and since
+navigation does not know a border before it is saved, its ways keep off what the border will probably restrict.
+"""
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import Optional
+
+import cv2
+import numpy as np
+
+from vb_core.grid_map import GridMap, distance_to
+from vb_robot.terrain import Terrain, clearance_grid, sample
+
+STEP = 0.05  # [m] between places of a line that is thought on
+HORIZON = 2.0  # [m] how far the line is thought straight on to where no stationary camera sees it
+AHEAD = 0.3  # [m] the robot looks so far beyond the edge of what they see: people notice it there, and hold still
+BESIDE = 1.0  # [m] floor that nobody sees counts so near to the spot on any side
+LEAST_GAP = 0.15  # [m] narrower shadows, as of a table's leg, do not count
+MIN_LINE = 0.3  # [m] a line that extends over less is none yet
+NOTHING = np.zeros((0, 2))
+
+
+@dataclass(frozen=True)
+class Drawing:
+    """What is being drawn, map frame.
+
+    Attributes:
+        spot: (2,) [m] where the spot is.
+        chain: (M, 2) [m] what has been drawn.
+        direction: (2,) unit vector along which the spot moves, or None.
+        closed: whether the chain is a polygon.
+        seeding: the spot marks the side to be restricted: stay off that side.
+        ordered: whether the chain's points are in the order of the line.
+        watched: a stationary camera sees the spot, so that there is no need for a robot to take risks.
+        focus: (2,) [m] what the robot is to look at. None: the spot.
+        stretch: (K, 2) [m] what it is to see if it can: where the line probably goes on while no stationary camera sees
+            it. It leads past the focus; the part up to there it must see.
+    """
+
+    spot: np.ndarray
+    chain: np.ndarray = field(default_factory=lambda: NOTHING)
+    direction: Optional[np.ndarray] = None
+    closed: bool = False
+    seeding: bool = False
+    ordered: bool = True
+    watched: bool = False
+    focus: Optional[np.ndarray] = None
+    stretch: np.ndarray = field(default_factory=lambda: NOTHING)
+
+    @property
+    def look_at(self) -> np.ndarray:
+        """(2,) [m] what the robot is to look at."""
+        return np.asarray(self.spot if self.focus is None else self.focus, dtype=float)
+
+    @property
+    def must_see(self) -> np.ndarray:
+        """(K, 2) [m] without which a pose is none; a spot that no stationary camera sees is among them."""
+        wanted = [self.look_at, *self.stretch[:1]]
+        return np.array(wanted if self.watched else [*wanted, np.asarray(self.spot, dtype=float)])
+
+    def line_ahead(self, length: float) -> np.ndarray:
+        """(K, 2) [m] where the line goes on, as far as what is looked at; the spot alone if it does not move."""
+        spot = np.asarray(self.spot, dtype=float)
+        if self.direction is None:
+            return spot[None]
+        if self.focus is not None:
+            length = max(length, float(np.dot(self.look_at - spot, self.direction)))
+        return spot + np.linspace(0.0, length, 6)[:, None] * self.direction
+
+    def aimed(self, terrain: Terrain, unseen: Optional["UnseenFloor"]) -> "Drawing":
+        """The same with what a robot is to look at.
+
+        While stationary cameras see the spot: the stretch on which they will lose it if it goes straight on, or else
+        the floor beside it that they do not see. When they do not: from where it was seen last on.
+        """
+        if self.seeding:
+            return self
+        spot, stretch = np.asarray(self.spot, dtype=float), NOTHING
+        if self.direction is not None and (unseen is not None or not self.watched):
+            # straight on, but not into a wall
+            room = float(np.linalg.norm(terrain.ray_end(spot, self.direction) - spot)) - 0.05
+            stretch = spot + np.arange(0.0, min(HORIZON, max(0.0, room)) + 1e-9, STEP)[:, None] * self.direction
+            if self.watched and unseen is not None:
+                stretch = unseen.first_of(stretch)
+        elif not self.watched:
+            stretch = spot[None]
+        if len(stretch):
+            return replace(self, focus=stretch[min(int(round(AHEAD / STEP)), len(stretch) - 1)], stretch=stretch)
+        place = unseen.nearest(spot) if self.watched and unseen is not None else None
+        return self if place is None else replace(self, focus=place)
+
+    def expected_area(self, terrain: Terrain) -> Optional[np.ndarray]:
+        """(H, W) bool: what the border will probably restrict or run through; None if that cannot be told yet.
+
+        While the seed is shown: the seed's side. Before: the line and what it encloses together with the straight line
+        between its ends, since a polygon that is half drawn looks like a curve.
+        """
+        if self.seeding:
+            side = terrain.side_of(self.spot, self.chain, self.closed)
+            if side is not None:
+                return side
+        chain = np.asarray(self.chain, dtype=float).reshape(-1, 2)
+        if len(chain) < 2 or float(np.ptp(chain, axis=0).max()) < MIN_LINE:
+            return None
+        canvas = np.zeros(terrain.grid.shape, dtype=np.uint8)
+        pixels = np.rint(terrain.grid.world_to_grid(chain)).astype(np.int32)
+        if self.ordered:
+            cv2.polylines(canvas, [pixels.reshape(-1, 1, 2)], self.closed, 1)
+            cv2.fillPoly(canvas, [pixels.reshape(-1, 1, 2)], 1)
+        else:
+            inside = terrain.grid.contains_cells(pixels[:, ::-1])
+            canvas[pixels[inside, 1], pixels[inside, 0]] = 1
+        return canvas.astype(bool) if canvas.any() else None
+
+
+class UnseenFloor:
+    """Floor that no stationary camera sees, without narrow shadows.
+
+    Args:
+        coverage: how many cameras see each cell; 0: none; -1: no floor. See camera_coverage_node.
+    """
+
+    def __init__(self, coverage: GridMap) -> None:
+        self._grid = coverage
+        core = distance_to(coverage.data != 0) * coverage.resolution >= 0.5 * LEAST_GAP
+        # what was taken off the edges of the wide parts is given back
+        self.mask = (coverage.data == 0) & (distance_to(core) * coverage.resolution <= 0.5 * LEAST_GAP)
+
+    def at(self, points: np.ndarray) -> np.ndarray:
+        """(N,) bool: which points (N, 2) [m] nobody sees."""
+        return sample(self._grid, self.mask, points) > 0
+
+    def nearest(self, point: np.ndarray) -> Optional[np.ndarray]:
+        """(2,) [m] the nearest place that nobody sees, not farther than BESIDE."""
+        row, column = self._grid.world_to_cell(np.asarray(point))[0]
+        reach = int(np.ceil(BESIDE / self._grid.resolution))
+        top, left = max(row - reach, 0), max(column - reach, 0)
+        cells = np.argwhere(self.mask[top:max(row + reach + 1, 0), left:max(column + reach + 1, 0)])
+        if not len(cells):
+            return None
+        places = self._grid.cell_to_world(cells + (top, left))
+        gaps = np.linalg.norm(places - point, axis=1)
+        best = int(np.argmin(gaps))
+        return places[best] if gaps[best] <= BESIDE else None
+
+    def first_of(self, line: np.ndarray) -> np.ndarray:
+        """(K, 2) [m] the first part of a line (N, 2) that no stationary camera sees; empty if they see all of it."""
+        hidden = self.at(line)
+        if not hidden.any():
+            return NOTHING
+        begin = int(np.argmax(hidden))
+        seen_again = np.flatnonzero(~hidden[begin:])
+        return line[begin:begin + int(seen_again[0])] if len(seen_again) else line[begin:]
+
+
+class KeepOut:
+    """Judges ways by an area (H, W) bool that the robot's footprint is not to come to."""
+
+    def __init__(self, terrain: Terrain, area: np.ndarray) -> None:
+        self._grid = terrain.grid
+        self._gap = clearance_grid(area, terrain.grid.resolution, edge=False)
+        # along an edge the cells make the gap tremble
+        self._tremble = 1.5 * terrain.grid.resolution
+        self._needed = terrain.radius + terrain.travel_margin + self._tremble
+        self.zone = self._gap < self._needed
+
+    def allows(self, route: Optional[np.ndarray]) -> bool:
+        """Whether a way (N, 2) [m] keeps off the area.
+
+        A robot that is too near or inside already may leave, but nowhere come nearer again. No way is not allowed.
+        """
+        if route is None or not len(route):
+            return False
+        gaps = np.minimum(sample(self._grid, self._gap, route, outside=np.inf), self._needed)
+        return bool((gaps >= np.maximum.accumulate(gaps) - self._tremble).all())

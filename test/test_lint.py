@@ -1,0 +1,24 @@
+"""What linters find: unused code, unclear names, missing docstrings, misspelt words, packages that catkin would not install."""
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+TOP = Path(__file__).resolve().parents[1]
+LINTERS = {
+    "ruff": ["ruff", "check", "--no-cache", "--quiet", "--output-format", "concise"],
+    "codespell": ["codespell_lib"],
+    # rosdep's keys are checked in test_repository.py: its list would have to be fetched
+    "catkin_lint": ["catkin_lint", "--offline", "--strict", "src"],
+}
+
+
+@pytest.mark.parametrize("name", LINTERS)
+def test_lint(name):
+    module, *options = LINTERS[name]
+    done = subprocess.run([sys.executable, "-m", module, *options], cwd=str(TOP), stdout=subprocess.PIPE,
+                          stderr=subprocess.STDOUT, universal_newlines=True,
+                          env={**os.environ, "ROS_DISTRO": "noetic"})
+    assert done.returncode == 0, done.stdout
