@@ -29,9 +29,8 @@ FRAMES = 25  # of each view, played to and fro
 LEARN_S = 4.0  # without a laser before, for the background
 WARM_S = 3.0  # of drawing before anything is counted
 PORT = 12871
-FLOOR = 0.9  # a lab keeps up if this share of the images is searched
 FIELDS = ["cameras", "hosts", "cores", "searched_share", "spots_per_s", "latency_ms", "latency_p95_ms", "detector_core_share",
-          "fusion_core_share", "player_core_share", "cable_kB_per_s"]
+          "detector_ms_per_image", "fusion_core_share", "player_core_share", "others_core_share", "cable_kB_per_s"]
 
 
 def address(host: int) -> str:
@@ -83,7 +82,7 @@ def play(cameras: List[str], path: Path) -> None:
     rospy.init_node("player_" + cameras[0], disable_signals=True)
     signal.signal(signal.SIGTERM, lambda *_: rospy.signal_shutdown("ended"))
     now = rospy.Time.now()
-    which = [int(name[1:]) % len(views) for name in cameras]
+    which = [(int(name[1:]) + 1) % len(views) for name in cameras]
     poses = tf2_ros.StaticTransformBroadcaster()
     poses.sendTransform([messages.transform_message(views[view].pose, names.MAP_FRAME, f"{name}_optical_frame", now)
                          for name, view in zip(cameras, which)])
@@ -117,6 +116,12 @@ def used(processes: List[int]) -> float:
         fields = Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()
         ticks += int(fields[11]) + int(fields[12])
     return ticks / os.sysconf("SC_CLK_TCK")
+
+
+def busy() -> float:
+    """[s] of processor time that all processes of the computer have taken so far."""
+    fields = [int(word) for word in Path("/proc/stat").read_text().splitlines()[0].split()[1:]]
+    return (sum(fields) - fields[3] - fields[4]) / os.sysconf("SC_CLK_TCK")
 
 
 def called(word: str, space: str) -> List[int]:
@@ -197,11 +202,13 @@ def measure(count: int, hosts: int, seconds: float, images: Path, folder: Path) 
         time.sleep(LEARN_S + WARM_S)
         groups = {word: called(word, space) for word in ("__name:=spot_detector_", "border_fusion", "--play")}
         before, began = {word: used(processes) for word, processes in groups.items()}, time.monotonic()
+        before_all = busy()
         searched, sent = {name: statuses[name].processed for name in cameras}, cable()
         del delays[:]
         time.sleep(seconds)
         lasted = time.monotonic() - began
         shares = {word: (used(processes) - before[word]) / lasted for word, processes in groups.items()}
+        everybody = (busy() - before_all) / lasted
         found = np.array(delays) * 1e3
         images_searched = sum(statuses[name].processed - searched[name] for name in cameras)
         for subscriber in subscribers:
@@ -213,6 +220,8 @@ def measure(count: int, hosts: int, seconds: float, images: Path, folder: Path) 
             "latency_ms": round(float(np.median(found)), 1) if len(found) else None,
             "latency_p95_ms": round(float(np.percentile(found, 95)), 1) if len(found) else None,
             "detector_core_share": round(shares["__name:=spot_detector_"] / count, 3),
+            "detector_ms_per_image": round(1e3 * shares["__name:=spot_detector_"] * lasted / max(images_searched, 1), 2),
+            "others_core_share": round(everybody - sum(shares.values()), 2),
             "fusion_core_share": round(shares["border_fusion"], 3), "player_core_share": round(shares["--play"] / count, 3),
             "cable_kB_per_s": round((cable() - sent) / lasted / 1e3, 1) if hosts > 1 else 0.0,
         }
@@ -267,16 +276,17 @@ def add_rows(rows: List[Dict[str, Any]]) -> None:
 
 
 def model(rows: List[Dict[str, float]]) -> Dict[str, float]:
-    """What a camera and what the fusion of a spot cost, from the rows that kept up."""
+    """What an image and what the fusion of a spot cost: processor time, which others' load changes little."""
     import numpy as np
 
-    good = [row for row in rows if row["searched_share"] >= FLOOR]
+    good = [row for row in rows if row["spots_per_s"] > 0]
     fusion = np.polyfit([row["spots_per_s"] for row in good], [row["fusion_core_share"] for row in good], 1)
-    return {"detector": float(np.median([row["detector_core_share"] for row in good])),
+    return {"detector": float(np.median([row["detector_ms_per_image"] for row in good])) * RATE / 1e3,
             "fusion_fixed": float(fusion[1]), "fusion_per_spot": float(fusion[0]),
             "kB_per_spot": float(np.median([row["cable_kB_per_s"] / row["spots_per_s"] / (1 - 1 / row["hosts"])
                                             for row in good if row["hosts"] > 1] or [float("nan")])),
-            "spots_per_camera": float(np.median([row["spots_per_s"] / row["cameras"] for row in good]))}
+            # as if every image were searched
+            "spots_per_camera": float(np.median([row["spots_per_s"] / row["cameras"] / row["searched_share"] for row in good]))}
 
 
 def plot() -> None:

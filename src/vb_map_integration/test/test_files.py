@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from vb_core.errors import CodedError
-from vb_core.grid_map import GridMap
 from vb_core.map_files import read_map
 from vb_map_integration.border import VirtualBorder
 from vb_map_integration.border_files import borders_from_yaml, borders_to_yaml
