@@ -145,7 +145,9 @@ def parameter_classes():
         if "(Parameters)" in path.read_text(encoding="utf-8") and path.parts[-2] != "kit":
             module = importlib.import_module(".".join(path.relative_to(TOP / "src").with_suffix("").parts[2:]))
             for value in vars(module).values():
-                if isinstance(value, type) and issubclass(value, Parameters) and value.__module__ == module.__name__:
+                # the base of all has no fields
+                if isinstance(value, type) and issubclass(value, Parameters) and value.__module__ == module.__name__ \
+                        and value is not Parameters:
                     yield value
 
 
