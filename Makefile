@@ -11,6 +11,7 @@ FRESH    ?=
 CONFIG   ?=
 OUT      ?= out/study
 HOURS    ?= 24
+EXAMPLES ?= 3000
 PROCESSES ?=
 SCHEDULER ?=
 WORLDS   ?=
@@ -49,8 +50,9 @@ study: setup ## the paper's experiment with simulated people, into out/study: QU
 	    $(if $(filter-out file,$(origin SEED)),--seed $(SEED)) $(if $(and $(WORLDS),$(filter-out file,$(origin WORLDS))),--worlds $(WORLDS)) \
 	    && python3 -m vb_evaluation.report "$(OUT)"
 
-soak: setup ## simulated days with people, crashes and changing maps: HOURS=24 SEED=1
-	@. scripts/env.sh && python3 bench/soak.py --hours "$(HOURS)" --seed "$(SEED)"
+soak: setup ## simulated days with people, crashes, cut cables, full disks, then examples drawn for every input: HOURS=24 SEED=1 EXAMPLES=3000
+	@. scripts/env.sh && python3 bench/soak.py --hours "$(HOURS)" --seed "$(SEED)" \
+	    && FUZZ_EXAMPLES="$(EXAMPLES)" python3 -m pytest -q --hypothesis-seed="$(SEED)" test/test_fuzz.py
 
 clean: ## removes what was built and written, keeps the system packages
 	rm -rf build devel install logs out .venv navigation_ws src/CMakeLists.txt .catkin_workspace

@@ -8,13 +8,13 @@ from distributed import LocalCluster
 from rich.console import Console
 
 from vb_core.errors import CodedError
+from vb_core.map_files import read_map
 from vb_evaluation import metrics
 from vb_evaluation.report.data import RUNS
 from vb_evaluation.study import campaign, config, plan
 from vb_evaluation.study.__main__ import main
 from vb_evaluation.study.result import Task
 from vb_evaluation.study.runner import run
-from vb_map_integration.map_files import read_map
 
 STUDY = config.load()
 QUIET = Console(quiet=True)

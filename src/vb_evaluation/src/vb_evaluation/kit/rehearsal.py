@@ -12,6 +12,7 @@ from typing import Callable, List, Tuple
 import numpy as np
 import yaml
 
+from vb_core.map_files import write_map
 from vb_evaluation.kit.conduct import Planned
 from vb_evaluation.kit.recording import LOG, MAPS, SESSION
 from vb_evaluation.provenance import revision
@@ -20,7 +21,6 @@ from vb_evaluation.study.config import Study
 from vb_evaluation.study.methods import METHODS
 from vb_evaluation.study.result import Result, Task
 from vb_map_integration.border import VirtualBorder
-from vb_map_integration.map_files import write_map
 from vb_map_integration.recording import Recording as MapRecording
 from vb_sim import floor_plan
 from vb_voice_wizard.memory import append_line
