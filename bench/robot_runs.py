@@ -40,8 +40,8 @@ from vb_core.ros.messages import OccupancyGridArray, grid_from_message, pose_fro
 from vb_evaluation.observer import wait_until
 from vb_evaluation.processes import Child, free_port
 from vb_evaluation.study import config
-from vb_evaluation.study.lab_nodes import Room
-from vb_evaluation.study.runner import LiveRun, Task
+from vb_evaluation.study.result import Task
+from vb_evaluation.study.runner import LiveRun
 from vb_msgs.msg import DetectorStatus, InteractionState, LabState, LaserSpot
 from vb_sim.world import load_world
 
@@ -153,10 +153,10 @@ class Judge:
 
 
 # ----------------------------------------------------------------- in one process
-def run_here(study, room: Room, scenario: str, method: str, seed: int) -> dict:
+def run_here(study, scenario: str, method: str, seed: int) -> dict:
     """One run in one process; the seed is the participant's number."""
     began = time.monotonic()
-    run = LiveRun(study, Task(seed, scenario, method), room)
+    run = LiveRun(study, Task(seed, scenario, method))
     judge = Judge(study.world.robots[0].radius, method == "robot_only")
     goals_after = []
 
@@ -317,14 +317,14 @@ def main() -> int:
     out = arguments.out or TOP / "out" / "bench" / ("robot_runs_ros.json" if arguments.ros else "robot_runs.json")
     runs = json.loads(out.read_text()) if (arguments.resume or arguments.only_print) and out.exists() else []
     out.parent.mkdir(parents=True, exist_ok=True)
-    study, room = config.load(), Room()
+    study = config.load()
     todo = itertools.product(arguments.scenarios, arguments.methods, arguments.seeds)
     done = {(run["scenario"], run["method"], run["seed"]) for run in runs}
     for task in [task for task in todo if task not in done and not arguments.only_print]:
         if arguments.ros:
             runs.append(in_child(arguments.world.resolve(), *task, out.with_suffix(""), arguments.record))
         else:
-            runs.append(run_here(study, room, *task))
+            runs.append(run_here(study, *task))
         out.write_text(json.dumps(runs, indent=1) + "\n")
         print({key: value for key, value in runs[-1].items() if key != "person"}, flush=True)
     if not runs:

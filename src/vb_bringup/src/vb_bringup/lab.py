@@ -244,7 +244,7 @@ def check_map(seen: MapSeen) -> List[Line]:
 def check_nodes(missing: Sequence[str]) -> List[Line]:
     """Whether the nodes that every lab needs answer; `missing` names those that do not."""
     if not missing:
-        return [Line("nodes", State.OK, "lab_nodes_ok")]
+        return [Line("nodes", State.OK, "lab_node_ok")]
     return [Line("nodes", State.ERROR, "lab_node_missing", {"node": node}) for node in missing]
 
 

@@ -6,7 +6,6 @@ from __future__ import annotations
 
 import json
 import re
-from functools import lru_cache
 from pathlib import Path
 from typing import Callable, List, Tuple
 
@@ -18,27 +17,24 @@ from vb_evaluation.kit.conduct import Planned
 from vb_evaluation.kit.recording import LOG, MAPS, SESSION
 from vb_evaluation.provenance import revision
 from vb_evaluation.study import config
-from vb_evaluation.study.lab_nodes import Room
 from vb_evaluation.study.config import Study
 from vb_evaluation.study.methods import METHODS
-from vb_evaluation.study.runner import Result, Task, run
+from vb_evaluation.study.result import Result, Task
 from vb_map_integration.border import VirtualBorder
 from vb_map_integration.recording import Recording as MapRecording
 from vb_sim import floor_plan
 from vb_voice_wizard.memory import append_line
 
 
-@lru_cache(maxsize=1)
-def _room() -> Room:
-    return Room()
-
-
 def person(study: Study, outcomes: List[bool]) -> Callable[[Planned], Callable[[], None]]:
     """What `conduct` starts instead of the system; appends to `outcomes` whether the person completed the run."""
 
+    # only who rehearses needs ROS
+    from vb_evaluation.study.runner import run
+
     def start(planned: Planned) -> Callable[[], None]:
         number = int(re.sub(r"\D", "", planned.entry.participant) or 1)
-        result = run(study, Task(number, planned.entry.scenario, planned.entry.method), _room())
+        result = run(study, Task(number, planned.entry.scenario, planned.entry.method))
         write_recording(result, planned.folder)
         outcomes.append(result.saved and result.seed_is_right)
         return lambda: None

@@ -18,7 +18,6 @@ from rich.console import Console
 from vb_core.errors import CodedError
 from vb_evaluation.report.data import CURVES, RUNS, UNGATED, WORLDS
 from vb_evaluation.study import campaign, config, plan
-from vb_evaluation.study.lab_nodes import Room
 from vb_evaluation.study.config import Study
 
 RERUN = ("python3 -m vb_evaluation.study run --participant {participant} --scenario {scenario} --method {method} --seed {seed}; "
@@ -99,7 +98,7 @@ def _run(given: argparse.Namespace, console: Console) -> int:
         among = plan.curve_jobs(study, [given.sweep])
     job = plan.find(among, participant=given.participant, scenario=given.scenario, method=given.method, sweep=given.sweep,
                     value=given.value, draw=given.draw)
-    row, _ = campaign.row_of(study, job, Room())
+    row, _ = campaign.row_of(study, job)
     writer = csv.DictWriter(sys.stdout, campaign.columns(job.file), lineterminator="\n")
     writer.writeheader()
     writer.writerow(row)

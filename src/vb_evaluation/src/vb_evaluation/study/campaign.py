@@ -30,10 +30,8 @@ from vb_evaluation.provenance import revision
 from vb_evaluation.report.data import KEY, REQUIRED, RUNS, WORLDS, write_table
 from vb_evaluation.report.worlds import DRAWS
 from vb_evaluation.study import assumptions, measures, plan
-from vb_evaluation.study.lab_nodes import Room
 from vb_evaluation.study.config import Study, study_of, top
 from vb_evaluation.study.plan import CONDITIONS, Job
-from vb_evaluation.study.runner import run
 from vb_evaluation.study.store import RowFile, claim
 from vb_sim import floor_plan
 
@@ -74,10 +72,13 @@ def columns(file: str) -> Tuple[str, ...]:
     return (*CONDITIONS[file], *REQUIRED, *(name for name in measures.COLUMNS if name not in REQUIRED), *order)
 
 
-def row_of(study: Study, job: Job, room: Room) -> Tuple[Dict[str, Any], GridMap]:
+def row_of(study: Study, job: Job) -> Tuple[Dict[str, Any], GridMap]:
     """Carries out one run: its row and the map that came out."""
+    # only who runs needs ROS: reading a study does not
+    from vb_evaluation.study.runner import run
+
     varied = study.changed(job.changes) if job.changes else study
-    result = run(varied, job.task, room, job.thorough)
+    result = run(varied, job.task, thorough=job.thorough)
     row = {**job.columns(study.design.seed), **measures.measure(result)}
     if job.file == RUNS:
         name = f"maps/p{job.task.participant:02d}_{job.task.scenario}_{job.task.method}.yaml"
@@ -187,12 +188,6 @@ def _ordered(jobs: Sequence[Job]) -> List[Job]:
     return sorted(jobs, key=lambda job: (job.file != RUNS, job.file))
 
 
-@lru_cache(maxsize=1)
-def _kept_room() -> Room:
-    """What a process keeps from one run to the next."""
-    return Room()
-
-
 _studies: Dict[str, Study] = {}
 
 
@@ -202,7 +197,7 @@ def _work(key: str, document: Mapping[str, Any], sources: Mapping[str, Any], job
         if key not in _studies:
             _studies.clear()
             _studies[key] = study_of(document, sources)
-        row, grid = row_of(_studies[key], job, _kept_room())
+        row, grid = row_of(_studies[key], job)
         return Outcome(job, row, grid if job.file == RUNS else None)
     except CodedError as error:
         return Outcome(job, fault=str(error))

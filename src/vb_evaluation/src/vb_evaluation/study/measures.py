@@ -9,7 +9,7 @@ from vb_core.geometry import chain_length
 from vb_core.grid_map import FREE
 from vb_evaluation import metrics
 from vb_evaluation.report.data import ERRORS, MEASURES
-from vb_evaluation.study.runner import Result
+from vb_evaluation.study.result import Result
 
 FURTHER = ("outcome", "reason", "seed_is_right", "tries", "elapsed_s", "border_m", "chain_m", "vertices", "spots",
            "spots_robot", "false_spots", "robot_goals", "robot_way_m", "robot_collisions", "jaccard_enclosed")

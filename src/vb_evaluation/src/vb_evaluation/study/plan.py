@@ -9,7 +9,7 @@ from vb_evaluation.design import order_of_runs
 from vb_evaluation.report.data import CURVES, KEY, RUNS, UNGATED, WORLDS
 from vb_evaluation.study import assumptions, sweeps
 from vb_evaluation.study.config import Study
-from vb_evaluation.study.runner import Task
+from vb_evaluation.study.result import Task
 
 # the columns that name a row beside KEY, by file
 CONDITIONS = {RUNS: (), UNGATED: (), CURVES: ("sweep", "value"), WORLDS: ("draw",)}

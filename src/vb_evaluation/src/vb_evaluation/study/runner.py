@@ -4,15 +4,15 @@ from __future__ import annotations
 import contextlib
 import json
 import tempfile
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from functools import lru_cache
 from pathlib import Path
-from typing import Any, Callable, Dict, List, NamedTuple, Optional, Tuple
+from typing import Any, Callable, Dict, List, Optional, Tuple
 
 import numpy as np
 import rospy
 from move_base_msgs.msg import MoveBaseActionGoal
 from nav_msgs.msg import OccupancyGrid
-from shapely.geometry import Point, Polygon
 
 import vb_fusion.live
 from vb_core import names
@@ -21,9 +21,10 @@ from vb_core.grid_map import GridMap
 from vb_core.ros import commands, parameters
 from vb_core.ros.messages import OccupancyGridArray, array_from_points, grid_from_message
 from vb_evaluation.study.config import Study, top
-from vb_evaluation.study.lab_nodes import Room, StudyCeilingCameras, StudyRobotCamera
+from vb_evaluation.study.lab_node import Room, StudyCeilingCameras, StudyRobotCamera
 from vb_evaluation.study.methods import METHODS, Method
 from vb_evaluation.study.people import Traits
+from vb_evaluation.study.result import FALSE_M, Result, SavedBorder, SeenSpot, Task
 from vb_evaluation.virtual_ros.graph import Graph, Node
 from vb_evaluation.virtual_ros.launching import start_launch
 from vb_evaluation.virtual_ros.scheduler import Scheduler
@@ -44,87 +45,12 @@ from vb_sim.planner import Planner
 from vb_sim.world import Scenario, World
 
 OFF_THE_LINE = 0.4  # [m] nobody stands on what he is to draw
-FALSE_M = 0.3  # [m] from the true spot beyond which a reported one is something else
 START_NS = 1_000_000_000_000  # no stamp is near zero, which would mean that there is none
 WARM_UP_S = 2.0  # until every node has heard of the others; then the person comes in
 # nothing acts on what these say or store
 WITHOUT = ("display_markers", "feedback", "lab_monitor", "map_recorder")
 _LONGEST_END_NS = 600 * 10**9
 LAUNCH = "launch/simulation.launch"
-
-
-@dataclass(frozen=True)
-class Task:
-    """Which run it is; with the study it is all that a run depends on."""
-
-    participant: int
-    scenario: str
-    method: str
-
-
-class SeenSpot(NamedTuple):
-    """One spot as a camera reported it."""
-
-    stamp: float
-    position: Tuple[float, float]
-    camera: str
-    mobile: bool
-
-
-class SavedBorder(NamedTuple):
-    """What was saved."""
-
-    points: np.ndarray
-    seed: Tuple[float, float]
-    closed: bool
-
-
-@dataclass(frozen=True)
-class Result:
-    """What a run left behind.
-
-    Attributes:
-        task, traits: what was run, and who it was.
-        world, scenario: as they were, with this person's place to stand.
-        prior, posterior: maps as the recorder stores them.
-        truth: (H, W) bool, the cells to be restricted.
-        records: of all interactions of the run as the interaction manager logs them, those that were cancelled too.
-        border: what was saved; None if nothing was.
-        outcome, reason, tries: how it went for the person.
-        spots: every spot that a camera reported; false_spots: how many of them were farther than FALSE_M from the true one.
-        left_out: images that were not sent.
-        path: (N, 2) [m] where the first robot was.
-        collisions, goals: of all robots.
-    """
-
-    task: Task
-    traits: Traits
-    world: World
-    scenario: Scenario
-    prior: GridMap
-    posterior: GridMap
-    truth: np.ndarray
-    records: Tuple[Dict[str, Any], ...]
-    border: Optional[SavedBorder]
-    outcome: str
-    reason: str
-    tries: int
-    spots: Tuple[SeenSpot, ...]
-    false_spots: int
-    left_out: int
-    path: np.ndarray
-    collisions: int
-    goals: int
-
-    @property
-    def saved(self) -> bool:
-        """Whether a border came out."""
-        return self.border is not None
-
-    @property
-    def seed_is_right(self) -> bool:
-        """Whether the saved seed point lies in what was to be restricted."""
-        return self.border is not None and bool(Polygon(self.scenario.region).contains(Point(self.border.seed)))
 
 
 class _NoState:
@@ -182,7 +108,7 @@ class LiveRun:
     """A lab with one participant, and the live system in it.
 
     Args:
-        room: keeps what is expensive to make from one run to the next.
+        room: keeps what is expensive to make from one run to the next; None: the process's.
         thorough: every camera sends every image.
     """
 
@@ -196,7 +122,7 @@ class LiveRun:
         self.scenario = personal_scenario(
             self._world, self._world.scenario(task.scenario), self._traits, self._prior, study.marks(task.scenario))
         self._models: CameraModels = replace(study.models.cameras, body=self._traits.body)
-        self._room, self._thorough = room or Room(), thorough
+        self._room, self._thorough = room or _kept_room(), thorough
         self._lab = Lab(self._world, study.models.robot, study.models.localisation, study.models.scan, self._seed)
         self._robots = [robot.namespace.strip("/") for robot in self._world.robots]
         self._camera_nodes: List[Any] = []
@@ -315,6 +241,12 @@ def personal_scenario(
         if planner.is_traversable(place) and distance_to_chain(place, line) >= OFF_THE_LINE:
             return replace(scenario, stand=place)
     return scenario
+
+
+@lru_cache(maxsize=1)
+def _kept_room() -> Room:
+    """What a process keeps from one run to the next."""
+    return Room()
 
 
 def run(study: Study, task: Task, room: Optional[Room] = None, thorough: bool = False) -> Result:

@@ -1,0 +1,66 @@
+"""Figures in README and docs are those of the files in docs/results.
+
+A figure that comes from a file is followed by a comment that names file, row and column, counted from 1:
+
+    .868<!-- docs/results/study_hand.md "Carpet exclusion | people | robust" 6 -->
+
+The row is the first line that begins with these cells; the figure is the cell's first number, rounded as it is written.
+"""
+import re
+from pathlib import Path
+
+import pytest
+
+TOP = Path(__file__).resolve().parents[3]
+MARK = re.compile(r"(?P<figure>[-−]?\d*\.?\d+)(?P<percent> ?%)?<!-- (?P<file>\S+) \"(?P<row>[^\"]+)\" (?P<column>\d+) -->")
+PAGES = [TOP / "README.md", *sorted((TOP / "docs").glob("*.md"))]
+
+
+def cells_of(line):
+    """The cells of a line of a Markdown table or a CSV file."""
+    return [cell.strip() for cell in (line.strip().strip("|").split("|") if line.startswith("|") else line.split(","))]
+
+
+def figure_of(path, row, column):
+    """The first number in a cell, as text."""
+    wanted = [cell.strip() for cell in re.split(r"[|,]", row)]
+    for line in path.read_text(encoding="utf-8").splitlines():
+        cells = cells_of(line)
+        if cells[: len(wanted)] == wanted:
+            return re.search(r"[-−]?\d*\.?\d+", cells[column - 1]).group()
+    raise AssertionError(f"{path} has no row that begins with {wanted}")
+
+
+def differences(text, top):
+    """What a page says beside what the file has."""
+    found = []
+    for mark in MARK.finditer(text):
+        said = mark["figure"].replace("−", "-")
+        has = figure_of(top / mark["file"], mark["row"], int(mark["column"])).replace("−", "-")
+        digits = len(said.partition(".")[2])
+        if abs(float(said) - float(has)) > 0.5 * 10.0**-digits + 1e-9:
+            found.append(f"{mark['row']}: {said} here, {has} in {mark['file']}")
+    return found
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_figures_are_those_of_the_files(page):
+    text = page.read_text(encoding="utf-8")
+    assert text.count("<!-- docs/results/") == len(MARK.findall(text)), "a mark that cannot be read"
+    assert differences(text, TOP) == []
+
+
+def test_the_study_s_figures_are_marked():
+    marked = {page.name for page in PAGES if "<!-- docs/results/" in page.read_text(encoding="utf-8")}
+    assert {"README.md", "study.md"} <= marked
+
+
+def test_a_stale_figure_is_found(tmp_path):
+    (tmp_path / "a.md").write_text("| what | which | value |\n|---|---|---|\n| room | people | 0.997 [0.996, 0.998] |\n")
+    (tmp_path / "b.csv").write_text("what,value\nroom,12.31\n")
+    fresh = 'It is .997<!-- a.md "room | people" 3 -->, 12.3<!-- b.csv "room" 2 --> cm.'
+    assert differences(fresh, tmp_path) == []
+    stale = fresh.replace(".997", ".999").replace("12.3<", "12.4<")
+    assert len(differences(stale, tmp_path)) == 2
+    with pytest.raises(AssertionError, match="no row"):
+        differences(fresh.replace('"room" 2', '"corner" 2'), tmp_path)
