@@ -11,12 +11,13 @@ FRESH    ?=
 CONFIG   ?=
 OUT      ?= out/study
 HOURS    ?= 24
+EXAMPLES ?= 3000
 PROCESSES ?=
 SCHEDULER ?=
 WORLDS   ?=
 
 .DEFAULT_GOAL := help
-.PHONY: help setup navigation demo test unit rostest screenshots study agree soak clean
+.PHONY: help setup navigation demo test unit rostest screenshots study soak clean
 
 help: ## this list
 	@grep -E '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 13
@@ -49,11 +50,9 @@ study: setup ## the paper's experiment with simulated people, into out/study: QU
 	    $(if $(filter-out file,$(origin SEED)),--seed $(SEED)) $(if $(and $(WORLDS),$(filter-out file,$(origin WORLDS))),--worlds $(WORLDS)) \
 	    && python3 -m vb_evaluation.report "$(OUT)"
 
-agree: setup ## three runs of the study through ROS, beside the same runs in one process
-	@. scripts/env.sh && python3 -m vb_evaluation.study agree --out "$(OUT)" $(if $(CONFIG),--config "$(CONFIG)")
-
-soak: setup ## simulated days with people, crashes and changing maps: HOURS=24 SEED=1
-	@. scripts/env.sh && python3 bench/soak.py --hours "$(HOURS)" --seed "$(SEED)"
+soak: setup ## simulated days with people, crashes, cut cables, full disks, then examples drawn for every input: HOURS=24 SEED=1 EXAMPLES=3000
+	@. scripts/env.sh && python3 bench/soak.py --hours "$(HOURS)" --seed "$(SEED)" \
+	    && FUZZ_EXAMPLES="$(EXAMPLES)" python3 -m pytest -q --hypothesis-seed="$(SEED)" test/test_fuzz.py
 
 clean: ## removes what was built and written, keeps the system packages
 	rm -rf build devel install logs out .venv navigation_ws src/CMakeLists.txt .catkin_workspace

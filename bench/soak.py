@@ -366,8 +366,10 @@ class Soak:
             meanwhile: what happens in the middle of the border; left out: mostly nothing.
         """
         import numpy as np
+        from std_srvs.srv import Trigger
 
-        from vb_core import geometry
+        from vb_core import geometry, names
+        from vb_msgs.msg import VirtualBorder
 
         corners = self.shape()
         begun = self.command("define_border")
@@ -413,6 +415,12 @@ class Soak:
         border = self.wait(
             lambda: self.heard("borders", lambda array: next((b for b in array.borders if b.id == identity), None)),
             f"border {identity} among the borders", ticking=True)
+        if border.kind != VirtualBorder.POLYGON:
+            # spots were lost while a node was dead: the person sees on the display that the line was not closed
+            if not self.call(names.UNDO, Trigger).success:
+                raise Broken("the newest border cannot be taken back")
+            self.counts["not closed, taken back"] += 1
+            return
         self.ledger[self.floor][identity] = _points(border)
 
     def edit(self) -> None:
@@ -431,7 +439,7 @@ class Soak:
             if answer.success:
                 self.removed = (identity, known.pop(identity))
                 self.counts["removed"] += 1
-                if self.rng.random() < 0.5 and self.call(names.UNDO, Trigger).success:
+                if len(known) < 10 and self.rng.random() < 0.5 and self.call(names.UNDO, Trigger).success:
                     known[self.removed[0]] = self.removed[1]
                     self.counts["undone"] += 1
 
@@ -691,6 +699,7 @@ class Soak:
                   (self.change_floor, 0.08), (lambda: self.kill(str(self.rng.choice(NODES))), 0.08),
                   (self.lights, 0.04), (self.lose_poses, 0.03), (self.cut_network, 0.04), (self.fill_disk, 0.03)]
         weights = [weight for _, weight in events]
+        assert abs(sum(weights) - 1.0) < 1e-9
         nights, sampled = 0, -1.0
         while self.lived < 3600.0 * self.hours:
             event = events[int(self.rng.choice(len(events), p=weights))][0]
@@ -813,6 +822,9 @@ def main() -> int:
     folder = Path(tempfile.mkdtemp(prefix="soak_"))
     soak = Soak(chosen.hours, chosen.seed, folder, chosen.port, apart)
     began = time.monotonic()
+    # also where a shell that starts it in the background has them ignored
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
         soak.start()
         soak.live()

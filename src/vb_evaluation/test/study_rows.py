@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
+from vb_core.map_files import write_map
 from vb_evaluation import metrics
-from vb_map_integration.map_files import write_map
 from vb_sim import floor_plan
 from vb_sim.world import load_world
 

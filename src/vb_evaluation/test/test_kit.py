@@ -8,17 +8,17 @@ import pytest
 
 from vb_core.errors import CodedError
 from vb_core.grid_map import GridMap
+from vb_core.map_files import write_map
 from vb_evaluation import metrics
 from vb_evaluation.kit import conduct, forms, measure, protocol
+from vb_evaluation.kit import rehearsal
 from vb_evaluation.kit.__main__ import main
 from vb_evaluation.kit.ground_truth import find_ground_truths, picture_of, read_ground_truth
 from vb_evaluation.kit.recording import Recording
-from vb_evaluation.kit import rehearsal
 from vb_evaluation.report.data import read_study
 from vb_evaluation.study import config
 from vb_map_integration.border import VirtualBorder
 from vb_map_integration.integration import integrate
-from vb_map_integration.map_files import write_map
 from vb_map_integration.recording import Recording as MapRecording
 from vb_voice_wizard.interaction import Interaction
 from vb_voice_wizard.memory import append_line, record_line

@@ -167,7 +167,10 @@ class CalibrateCameraTest(unittest.TestCase):
             return np.clip(picture, 0, 255).astype(np.uint8)
 
         red.render = render
-        command = self.start("spots", "red", "--folder", self.folder.name)
+        # where the running lab looks for calibrations
+        rospy.set_param("/camera_poses/folder", self.folder.name)
+        self.addCleanup(rospy.delete_param, "/camera_poses")
+        command = self.start("spots", "red")
         command.wait_for("Hold the spot")
         places = [(80.3, 60.6), (570.2, 70.4), (560.8, 300.1), (70.5, 290.9), (320.4, 60.2), (330.7, 300.8)]
         command.type("done")

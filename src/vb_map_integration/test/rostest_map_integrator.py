@@ -19,7 +19,7 @@ from tf2_ros import StaticTransformBroadcaster
 sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
 from ros_helpers import Latest, MapServer, lab, polygon, wait_until  # noqa: E402
 from vb_core.ros.messages import OccupancyGridArray  # noqa: E402
-from vb_map_integration.map_files import read_map  # noqa: E402
+from vb_core.map_files import read_map  # noqa: E402
 from vb_msgs.msg import NoticeArray, VirtualBorder, VirtualBorderArray  # noqa: E402
 from vb_msgs.srv import (  # noqa: E402
     AddBorder, AddBorderRequest, AdoptBorders, ConfirmMap, ConfirmMapRequest, ListBorders, PreviewBorder, RemoveBorder,

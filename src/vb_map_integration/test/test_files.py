@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 
 from vb_core.errors import CodedError
-from vb_core.grid_map import GridMap
+from vb_core.map_files import read_map
 from vb_map_integration.border import VirtualBorder
 from vb_map_integration.border_files import borders_from_yaml, borders_to_yaml
-from vb_map_integration.map_files import read_map, safe_path, write_map
 from vb_map_integration.recording import Recording
 
 sys.path.insert(0, str(Path(__file__).resolve().parent))
@@ -27,43 +26,6 @@ def test_yaml_round_trip():
     for text in ("", "borders: 3", "borders: [1]", no_seed, "borders:\n- {x: 1}", "[", "\x00"):
         with pytest.raises(CodedError):
             borders_from_yaml(text)
-
-
-@pytest.mark.parametrize("raw", [False, True])
-def test_map_files_round_trip(tmp_path, raw):
-    random = np.random.default_rng(1)
-    values = np.arange(-1, 101) if raw else np.array([-1, 0, 100])
-    grid = GridMap(random.choice(values, (37, 53)).astype(np.int8), 0.025, (-3.5, 2.25, -0.7))
-    files = write_map(tmp_path / "lab", grid, raw)
-    assert [path.name for path in files] == ["lab.pgm", "lab.yaml"]
-    again = read_map(files[1])
-    assert np.array_equal(again.data, grid.data) and again.same_geometry(grid)
-    assert files[0].read_bytes()[:2] == b"P5"
-
-
-def test_trinary_files_hold_what_map_saver_would_write(tmp_path):
-    grid = GridMap(np.array([[0, 19, 25, 50, 64, 65, 100, -1]], np.int8), 0.05)
-    again = read_map(write_map(tmp_path / "m", grid)[1])
-    assert again.data.tolist() == [[0, 0, -1, -1, -1, 100, 100, -1]]
-
-
-@pytest.mark.parametrize("name", ["../x", "/etc/x", "a/b", "", ".hidden", "a..b", "x\n", "a" * 200, "a\x00b"])
-def test_names_cannot_leave_the_folder(tmp_path, name):
-    with pytest.raises(CodedError) as caught:
-        safe_path(tmp_path, name)
-    assert caught.value.code == "bad_name"
-
-
-@pytest.mark.parametrize(
-    "text", ["", "[", "image: none.pgm", "image: m.pgm\nresolution: x\norigin: [0, 0, 0]", "mode: odd\nimage: m.pgm"]
-)
-def test_bad_map_files_are_refused(tmp_path, text):
-    write_map(tmp_path / "m", GRID)
-    path = tmp_path / "bad.yaml"
-    path.write_text(text)
-    with pytest.raises(CodedError) as caught:
-        read_map(path)
-    assert caught.value.code in ("bad_map_file", "bad_map")
 
 
 def test_a_recording_is_numbered_and_continued(tmp_path):

@@ -10,11 +10,10 @@ from scipy.sparse import lil_matrix
 from scipy.sparse.csgraph import dijkstra
 
 from vb_core import geometry
-from vb_core.errors import CodedError, ParameterError
+from vb_core.errors import CodedError
 from vb_core.grid_map import FREE, OCCUPIED, UNKNOWN, GridMap
 from vb_sim.costmap import INSCRIBED, LETHAL, NO_INFORMATION, Costmap, CostmapParams
 from vb_sim.follower import Follower, FollowerParams
-from vb_sim.map_file import load_map
 from vb_sim.planner import COST_FACTOR, NEUTRAL_COST, Planner
 from vb_sim.robot_body import advance
 
@@ -238,24 +237,3 @@ def test_what_stands_beside_the_path_does_not_matter():
     path = np.column_stack([np.linspace(0.0, 3.0, 61), np.zeros(61)])
     poses, motions = follow(path, (3.0, 0.0, 0.0), (0.0, 0.0, 0.0), lambda pose: np.array([[0.5, 0.3], [0.2, -0.3]]), 20.0)
     assert motions[-1].arrived
-
-
-# ------------------------------------------------------------ map files
-def test_map_file_modes(tmp_path):
-    image = np.array([[0, 254, 205], [100, 254, 254]], np.uint8)
-    (tmp_path / "map.pgm").write_bytes(b"P5\n3 2\n255\n" + image.tobytes())
-    base = "image: map.pgm\nresolution: 0.1\norigin: [1.0, 2.0, 0.0]\nnegate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.196\n"
-    (tmp_path / "map.yaml").write_text(base)
-    grid = load_map(str(tmp_path / "map.yaml"))
-    assert grid.data.tolist() == [[-1, 0, 0], [100, 0, -1]] and grid.origin == (1.0, 2.0, 0.0)
-    (tmp_path / "map.yaml").write_text(base + "mode: raw\n")
-    assert load_map(str(tmp_path / "map.yaml")).data.tolist() == [[100, -1, -1], [0, -1, -1]]
-
-
-@pytest.mark.parametrize("text, key", [
-    ("resolution: 0.1\norigin: [0, 0, 0]\n", "image"), ("image: m.pgm\norigin: [0, 0, 0]\n", "resolution"),
-    ("image: m.pgm\nresolution: 0.1\norigin: [0]\n", "origin")])
-def test_map_file_names_the_key(tmp_path, text, key):
-    (tmp_path / "map.yaml").write_text(text)
-    with pytest.raises(ParameterError, match=key):
-        load_map(str(tmp_path / "map.yaml"))

@@ -360,3 +360,13 @@ def test_a_late_command_is_refused_in_a_sentence():
     answer = interaction.expired("cancel", "voice", 5.0)
     assert (answer.success, answer.code, interaction.state) == (False, "expired", State.BORDER)
     assert "cancel" in answer.message and interaction.last_answer == answer
+
+
+def test_without_a_robot_nobody_is_offered_to_guide_one():
+    interaction = Interaction(InteractionParams(robot=False))
+    for step, command in enumerate(("", "define_border", "define_seed", "save")):
+        if command:
+            interaction.command(command, "test", float(step))
+        assert "guide_robot" not in interaction.sensible_commands()
+    answer = Interaction(InteractionParams(robot=False)).command("guide robot", "test", 1.0)
+    assert (answer.success, answer.code) == (False, "no_robot_to_guide")

@@ -102,7 +102,8 @@ The way to the first border:
 2. Calibrate each lens once: `rosrun camera_calibration cameracalibrator.py --size 8x6 --square 0.03 image:=/{first}/image_raw
    camera:=/{first}`, then put the YAML file into `lenses/`.
 3. Start the lab: `roslaunch lab.launch`.
-4. Find where each camera hangs: `rosrun vb_laser_detect calibrate_camera spots {first} --folder {folder}/calibration`.
+4. Find where each camera hangs: `rosrun vb_laser_detect calibrate_camera spots {first}`. It writes to
+   where the running lab looks, `calibration/`.
 5. `rosrun vb_bringup check_lab --state {folder}/state`. Each line that is not `ok` names what cures it.
 6. Say *define border*, or press `b` in `rosrun vb_voice_wizard wizard_console`, and draw.
 """

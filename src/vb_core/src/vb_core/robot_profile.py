@@ -112,5 +112,16 @@ class RobotProfile:
 
     @classmethod
     def load(cls, path: Path) -> "RobotProfile":
-        """Reads a profile's file."""
-        return cls.from_mapping(yaml.safe_load(Path(path).read_text(encoding="utf-8")) or {}, Path(path).name)
+        """Reads a profile's file.
+
+        Raises:
+            ParameterError: if it cannot be read, is no YAML file, or as `from_mapping`.
+        """
+        path = Path(path)
+        try:
+            document = yaml.safe_load(path.read_text(encoding="utf-8"))
+        except OSError as error:
+            raise ParameterError(path.name, f"cannot read {path}: {error.strerror}") from None
+        except (yaml.YAMLError, ValueError, RecursionError):  # a date that does not exist is a ValueError
+            raise ParameterError(path.name, f"{path} is no YAML file") from None
+        return cls.from_mapping(document or {}, path.name)

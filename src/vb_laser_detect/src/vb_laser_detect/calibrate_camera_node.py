@@ -7,6 +7,7 @@ import queue
 import sys
 import threading
 import time
+from pathlib import Path
 from typing import Any, List, Optional, Tuple
 
 import cv2
@@ -206,8 +207,16 @@ class Guide:
         path = calibration_file.calibration_path(a.folder, a.camera)
         date = datetime.datetime.now().isoformat(" ", "minutes")
         calibration_file.save(path, calibration_file.document(pose, estimate, observed, self.session.method, date))
-        say(f"wrote {path}; a running lab.launch with calibration:={a.folder} takes it within seconds")
+        looked_for = str(rospy.get_param("/camera_poses/folder", ""))
+        if looked_for and not _same_folder(looked_for, a.folder):
+            say(f"wrote {path}; the running lab.launch looks in {looked_for}: start it with calibration:={a.folder}")
+        else:
+            say(f"wrote {path}; {'the running' if looked_for else 'a'} lab.launch takes it within seconds")
         return 0
+
+
+def _same_folder(first: str, second: str) -> bool:
+    return Path(first).expanduser().resolve() == Path(second).expanduser().resolve()
 
 
 class SpotGuide(Guide):
@@ -358,7 +367,8 @@ def _parser() -> argparse.ArgumentParser:
     guided.add_argument("--compressed", action="store_true", help="take the compressed images")
     guided.add_argument("--frame", default="", help="optical frame; default: what the images say")
     guided.add_argument("--patience", type=float, default=15.0, help="[s] for the first image; default: %(default)s")
-    guided.add_argument("--folder", default=FOLDER, help=f"where NAME.yaml is written; default: {FOLDER}")
+    guided.add_argument("--folder", default="", help="where NAME.yaml is written; default: where the running lab.launch looks "
+                        f"for it, {FOLDER} if none is running")
 
     board = commands.add_parser("board", parents=[guided], help="from a printed board on known places")
     board.add_argument("--paper", **board_paper)
@@ -396,6 +406,7 @@ def main() -> int:
         if arguments.command == "check":
             return check(arguments)
         rospy.init_node("calibrate_camera", anonymous=True)
+        arguments.folder = arguments.folder or str(rospy.get_param("/camera_poses/folder", FOLDER))
         return (BoardGuide if arguments.command == "board" else SpotGuide)(arguments).run()
     except CodedError as error:
         print(f"calibrate_camera: {error}", file=sys.stderr)

@@ -72,8 +72,7 @@ def _shade(lit: np.ndarray, image: np.ndarray, background: np.ndarray) -> float:
 
 
 def middle_of(values: np.ndarray) -> float:
-    """The median of values (N,), the upper one of two."""
-    # np.median looks for NaN and for the mean of two middle values, which takes three times as long
+    """The upper median of values (N,): np.median also looks for NaN and takes the mean of two, in three times the time."""
     half = len(values) // 2
     return float(np.partition(values, half)[half])
 

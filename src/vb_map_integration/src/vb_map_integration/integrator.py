@@ -12,12 +12,12 @@ from typing import Any, Dict, Iterable, List, Mapping, Optional, Sequence, Tuple
 import numpy as np
 
 from vb_core import sentences
+from vb_core import map_files
 from vb_core.errors import CodedError
 from vb_core.files import write_atomically
 from vb_core.grid_map import GridMap
 from vb_core.notices import Notice, Severity
 from vb_core.parameters import param
-from vb_map_integration import map_files
 from vb_map_integration.border import SLOW, VirtualBorder
 from vb_map_integration.border_files import borders_to_yaml
 from vb_map_integration.composition import Composition, Region

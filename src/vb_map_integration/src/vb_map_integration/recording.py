@@ -13,9 +13,9 @@ import numpy as np
 from vb_core.errors import CodedError
 from vb_core.files import write_atomically
 from vb_core.grid_map import GridMap
+from vb_core.map_files import write_map
 from vb_map_integration.border import VirtualBorder
 from vb_map_integration.border_files import borders_to_yaml
-from vb_map_integration.map_files import write_map
 
 INDEX = "index.jsonl"
 # of all maps of a recording: days with a map that changes now and then, a few hours of SLAM

@@ -11,10 +11,10 @@ from nav_msgs.srv import GetMap, GetMapResponse
 from vb_core import names
 from vb_core.errors import ParameterError
 from vb_core.grid_map import GridMap
+from vb_core.map_files import read_map
 from vb_core.parameters import Parameters, param
 from vb_core.ros import messages, node, parameters
 from vb_sim.floor_plan import physical_map
-from vb_sim.map_file import load_map
 from vb_sim.world import load_world
 
 
@@ -61,7 +61,7 @@ def build() -> MapServerNode:
         raise ParameterError(rospy.resolve_name("~world"), "either this or map_yaml must be set")
     # roslaunch starts nodes in another folder, and hands on the one that it was called in
     called_in = Path(os.environ.get("PWD", "."))
-    grid = load_map(str(called_in / params.map_yaml)) if params.map_yaml else physical_map(load_world(params.world))
+    grid = read_map(called_in / params.map_yaml) if params.map_yaml else physical_map(load_world(params.world))
     return MapServerNode(grid)
 
 

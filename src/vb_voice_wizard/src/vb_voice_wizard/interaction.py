@@ -56,8 +56,9 @@ NEVER, UNCLEAR, ALWAYS = "never", "unclear", "always"
 class InteractionParams(Parameters):
     """When an interaction asks or ends by itself; config/interaction_manager.yaml says why."""
 
+    robot: bool = param(True)
     confirm_save: str = param(UNCLEAR, choices=(NEVER, UNCLEAR, ALWAYS))
-    idle_limit: float = param(300.0, "s", low=10.0, high=86400.0)
+    idle_limit: float = param(300.0, "s", low=1.0, high=86400.0)
     idle_warning: float = param(60.0, "s", low=1.0, high=3600.0)
 
     def __post_init__(self) -> None:
@@ -187,6 +188,8 @@ class Interaction:
         if name not in COMMANDS:
             known = ", ".join(spoken(command) for command in COMMANDS)
             return self._answered(name, source, Answer(False, "unknown_command", {"commands": known}))
+        if name == GUIDE_ROBOT and not self._params.robot:
+            return self._answered(name, source, Answer(False, "no_robot_to_guide"))
         self._active = now
         if self.state != State.DEFAULT:
             self._note(source)
@@ -301,11 +304,12 @@ class Interaction:
     def sensible_commands(self) -> List[str]:
         """The commands that bring a person further now, the most likely one first; `stop` is always one."""
         last = [RESUME] if self.stopped else [STOP]
+        guide = [GUIDE_ROBOT] if self._params.robot else []
         if self.pending:
             return last
         if self.state == State.DEFAULT:
             undo = [UNDO] if self.last_outcome == SAVED and self.last_answer.success else []
-            steps = [DEFINE_BORDER, GUIDE_ROBOT, *undo]
+            steps = [DEFINE_BORDER, *guide, *undo]
             return last + steps if self.stopped else steps + last
         missing = self.missing()
         steps = [SAVE] if not missing else []
@@ -316,7 +320,7 @@ class Interaction:
             key=lambda step: (_ENTERS[step] in self._visited, drawing.index(step)),
         )
         if self.state != State.GUIDE:
-            steps.append(GUIDE_ROBOT)
+            steps += guide
         return [*(last if self.stopped else []), *steps, CANCEL, *([] if self.stopped else last)]
 
     def durations(self, now: float) -> Dict[State, float]:

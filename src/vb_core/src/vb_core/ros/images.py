@@ -71,7 +71,10 @@ def compressed_image_array(message: CompressedImage) -> np.ndarray:
     """
     import cv2  # only a compressed image needs it
 
-    image = cv2.imdecode(np.frombuffer(message.data, np.uint8), cv2.IMREAD_UNCHANGED)
+    try:
+        image = cv2.imdecode(np.frombuffer(message.data, np.uint8), cv2.IMREAD_UNCHANGED)
+    except cv2.error:  # no bytes at all, or more pixels than OpenCV takes
+        image = None
     if image is None:
         raise CodedError("bad_image", f"cannot decode a compressed image of format '{message.format}'")
     return image

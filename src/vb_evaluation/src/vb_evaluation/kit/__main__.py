@@ -21,12 +21,12 @@ from typing import Dict, List, Optional
 from rich.console import Console
 
 from vb_core.errors import CodedError
+from vb_core.map_files import read_map
 from vb_evaluation import questionnaire
 from vb_evaluation.kit import conduct, forms, measure, protocol
 from vb_evaluation.kit.ground_truth import read_ground_truth
 from vb_evaluation.kit.recording import Recording
 from vb_evaluation.report import write_report
-from vb_map_integration.map_files import read_map
 
 _console = Console(highlight=False, soft_wrap=True)
 

@@ -15,11 +15,11 @@ from typing import Any, Callable, Dict, Iterator, List, Mapping, Optional, Tuple
 import yaml
 
 from vb_core.errors import CodedError
+from vb_core.map_files import write_atomically
 from vb_evaluation.kit import protocol
 from vb_evaluation.kit.measure import deviations, last_attempt
 from vb_evaluation.kit.recording import EVENTS, RUN, SESSION, Recording
 from vb_evaluation.provenance import revision
-from vb_map_integration.map_files import write_atomically
 
 SETTINGS = "kit.yaml"
 TEMPLATE = """# How study_kit run starts the system. Arguments are those of the launch file; record:= comes from the protocol.

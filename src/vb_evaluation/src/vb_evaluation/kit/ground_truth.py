@@ -9,8 +9,8 @@ import numpy as np
 
 from vb_core.errors import CodedError
 from vb_core.grid_map import GridMap
+from vb_core.map_files import FREE_PIXEL, OCCUPIED_PIXEL, UNKNOWN_PIXEL, read_map
 from vb_evaluation import metrics
-from vb_map_integration.map_files import FREE_PIXEL, OCCUPIED_PIXEL, UNKNOWN_PIXEL, read_map
 
 # [grey levels] between the largest and the smallest channel; less is grey
 LEAST_COLOR = 40

@@ -10,12 +10,12 @@ import numpy as np
 
 from vb_core.errors import CodedError
 from vb_core.grid_map import GridMap
+from vb_core.map_files import write_atomically, write_map
 from vb_evaluation import metrics
 from vb_evaluation.kit import protocol
 from vb_evaluation.kit.ground_truth import find_ground_truths
 from vb_evaluation.kit.recording import Interaction, Recording
 from vb_evaluation.report.data import ERRORS, META, REQUIRED, RUNS, write_table
-from vb_map_integration.map_files import write_atomically, write_map
 
 _TIMES = ("guide", "border", "seed", "total")
 COLUMNS = (*REQUIRED, *ERRORS, "order", "as_planned", "revision", "map", "saved", "seed_correct", "recording", "interaction", "note")

@@ -9,9 +9,9 @@ import numpy as np
 
 from vb_core.errors import CodedError
 from vb_core.grid_map import GridMap
+from vb_core.map_files import read_map
 from vb_evaluation import metrics
 from vb_evaluation.report.data import RUNS, Row, Study, number
-from vb_map_integration.map_files import read_map
 
 # RGB, the paper's colours
 TRUTH, AGREEMENT, EXCESS, UNION = (247, 214, 70), (64, 176, 88), (222, 60, 50), (25, 60, 220)

@@ -1,0 +1,162 @@
+"""Maps as files that map_server reads: an image and a YAML file beside it.
+
+Trinary files know free, occupied and unknown. Raw ones keep soft values: the pixel is the occupancy, 255 is
+unknown. (A soft value written by map_saver comes back as 100, unknown or 0.)
+"""
+from __future__ import annotations
+
+import math
+import re
+from pathlib import Path
+from typing import List, Optional
+
+import cv2
+import numpy as np
+import yaml
+
+from vb_core.errors import CodedError
+from vb_core.files import write_atomically
+from vb_core.grid_map import UNKNOWN, GridMap
+
+# what map_saver writes and map_server reads as thresholds
+OCCUPIED_THRESH, FREE_THRESH = 0.65, 0.196
+FREE_PIXEL, OCCUPIED_PIXEL, UNKNOWN_PIXEL = 254, 0, 205
+
+_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9 _.-]{0,99}")
+
+
+def safe_path(folder: Path, name: str) -> Path:
+    """The path without ending that a file name from a request stands for; it cannot lie outside the folder.
+
+    Raises:
+        CodedError: "bad_name".
+    """
+    if not isinstance(name, str) or not _NAME.fullmatch(name) or ".." in name:
+        raise CodedError(
+            "bad_name", f"a file name has letters, digits, '_', '-', '.' and no path, got {name!r}: choose another one"
+        )
+    return folder / name
+
+
+def write_map(stem: Path, grid: GridMap, raw: bool = False) -> List[Path]:
+    """Writes `<stem>.pgm` and `<stem>.yaml`; inverse of `read_map`.
+
+    Args:
+        raw: False: trinary, as map_saver does; True: every occupancy is kept.
+
+    Returns:
+        The files.
+    """
+    cells = np.ascontiguousarray(grid.data).view(np.uint8)
+    if raw:
+        pixels = cells
+    else:
+        table = np.full(256, UNKNOWN_PIXEL, np.uint8)
+        table[: int(math.ceil(100 * FREE_THRESH))] = FREE_PIXEL
+        table[int(round(100 * OCCUPIED_THRESH)) : 101] = OCCUPIED_PIXEL
+        pixels = cv2.LUT(cells, table)
+    _, image = cv2.imencode(".pgm", np.ascontiguousarray(pixels[::-1]))
+    image_path, yaml_path = Path(f"{stem}.pgm"), Path(f"{stem}.yaml")
+    description = {
+        "image": image_path.name,
+        "resolution": grid.resolution,
+        "origin": [float(value) for value in grid.origin],
+        "negate": 0,
+        "occupied_thresh": OCCUPIED_THRESH,
+        "free_thresh": FREE_THRESH,
+    }
+    if raw:
+        description["mode"] = "raw"
+    write_atomically(image_path, image.tobytes())
+    write_atomically(yaml_path, yaml.safe_dump(description, sort_keys=False, default_flow_style=None).encode())
+    return [image_path, yaml_path]
+
+
+def read_map(path: Path) -> GridMap:
+    """Reads a map as map_server does (modes trinary, scale and raw); inverse of `write_map`.
+
+    Args:
+        path: the YAML file.
+
+    Raises:
+        CodedError: "bad_map_file" naming the file and the key.
+    """
+    path = Path(path)
+    try:
+        description = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise _bad(path, error.strerror) from None
+    except (UnicodeDecodeError, yaml.YAMLError, ValueError, RecursionError):
+        raise _bad(path, "it is no YAML file") from None
+    if not isinstance(description, dict):
+        raise _bad(path, "expected keys and values")
+
+    def number(key: str, default: Optional[float] = None) -> float:
+        found = description.get(key, default)
+        if isinstance(found, bool) or not isinstance(found, (int, float)) or not math.isfinite(found):
+            raise _bad(path, f"{key}: expected a number, got {found!r}")
+        return float(found)
+
+    mode = description.get("mode", "trinary")
+    if mode not in ("trinary", "scale", "raw"):
+        raise _bad(path, f"mode: must be trinary, scale or raw, got {mode!r}")
+    origin = description.get("origin")
+    if not (isinstance(origin, list) and len(origin) == 3 and all(type(value) in (int, float) for value in origin)):
+        raise _bad(path, f"origin: expected [x, y, yaw], got {origin!r}")
+    name = description.get("image")
+    if not isinstance(name, str) or not name or "\0" in name:
+        raise _bad(path, f"image: expected a file's name, got {name!r}")
+    image = _read_image(path.parent / name)
+    negate = description.get("negate", 0)
+    if not isinstance(negate, (int, float)):
+        raise _bad(path, f"negate: must be 0 or 1, got {negate!r}")
+    resolution = number("resolution")
+    if mode == "raw":
+        grey = _grey(image, colours_only=False)
+        cells = np.where(grey <= 100, grey, UNKNOWN)
+    else:
+        # map_server takes opacity for a fourth colour, except in scale mode
+        grey = _grey(image, colours_only=mode == "scale")
+        darkness = grey / 255.0 if negate else (255.0 - grey) / 255.0
+        high, low = number("occupied_thresh", OCCUPIED_THRESH), number("free_thresh", FREE_THRESH)
+        between = np.full(grey.shape, float(UNKNOWN))
+        if mode == "scale":
+            between = 1 + 98 * (darkness - low) / max(high - low, 1e-9)
+            if image.ndim == 3 and image.shape[2] == 4:
+                between = np.where(image[..., 3] < 1, UNKNOWN, between)
+        cells = np.where(darkness > high, 100, np.where(darkness < low, 0, between))
+    # an image's first row is its top, a grid's first row is its lowest y
+    try:
+        return GridMap(np.ascontiguousarray(cells[::-1]).astype(np.int8), resolution, (origin[0], origin[1], origin[2]))
+    except (CodedError, OverflowError) as error:
+        raise _bad(path, str(error)) from None
+
+
+def _bad(path: Path, why: Optional[str]) -> CodedError:
+    return CodedError("bad_map_file", f"cannot read the map {path}: {why}")
+
+
+def _grey(image: np.ndarray, colours_only: bool) -> np.ndarray:
+    """(H, W) 0 .. 255: the mean of an image's channels."""
+    if image.ndim == 2:
+        return image.astype(float)
+    return image[..., : 3 if colours_only else None].mean(axis=2)
+
+
+def _read_image(path: Path) -> np.ndarray:
+    """(H, W) or (H, W, channels) uint8 of an image file."""
+    try:
+        content = np.fromfile(str(path), np.uint8)
+    except OSError as error:
+        raise _bad(path, error.strerror) from None
+    try:
+        image: Optional[np.ndarray] = cv2.imdecode(content, cv2.IMREAD_UNCHANGED) if content.size else None
+    except cv2.error:  # for instance larger than OpenCV takes
+        image = None
+    if image is None:
+        raise _bad(path, "it is no image, or a damaged one")
+    if image.dtype == np.uint16:
+        image = (image >> 8).astype(np.uint8)
+    if image.dtype != np.uint8:
+        raise _bad(path, f"its pixels are {image.dtype}, not whole numbers of 8 bits")
+    return image

@@ -1,0 +1,71 @@
+"""Maps in map_server's format."""
+import cv2
+import numpy as np
+import pytest
+
+from vb_core.errors import CodedError
+from vb_core.grid_map import GridMap
+from vb_core.map_files import read_map, safe_path, write_map
+
+DESCRIPTION = "image: map.pgm\nresolution: 0.1\norigin: [1.0, 2.0, 0.0]\nnegate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.196\n"
+
+
+@pytest.mark.parametrize("raw", [False, True])
+def test_map_files_round_trip(tmp_path, raw):
+    random = np.random.default_rng(1)
+    values = np.arange(-1, 101) if raw else np.array([-1, 0, 100])
+    grid = GridMap(random.choice(values, (37, 53)).astype(np.int8), 0.025, (-3.5, 2.25, -0.7))
+    files = write_map(tmp_path / "lab", grid, raw)
+    assert [path.name for path in files] == ["lab.pgm", "lab.yaml"]
+    again = read_map(files[1])
+    assert np.array_equal(again.data, grid.data) and again.same_geometry(grid)
+    assert files[0].read_bytes()[:2] == b"P5"
+
+
+def test_trinary_files_hold_what_map_saver_would_write(tmp_path):
+    grid = GridMap(np.array([[0, 19, 25, 50, 64, 65, 100, -1]], np.int8), 0.05)
+    again = read_map(write_map(tmp_path / "m", grid)[1])
+    assert again.data.tolist() == [[0, 0, -1, -1, -1, 100, 100, -1]]
+
+
+@pytest.mark.parametrize("name", ["../x", "/etc/x", "a/b", "", ".hidden", "a..b", "x\n", "a" * 200, "a\x00b"])
+def test_names_cannot_leave_the_folder(tmp_path, name):
+    with pytest.raises(CodedError) as caught:
+        safe_path(tmp_path, name)
+    assert caught.value.code == "bad_name"
+
+
+@pytest.mark.parametrize("extra, expected", [
+    ("", [[-1, 0, 0], [100, 0, -1]]),
+    ("mode: raw\n", [[100, -1, -1], [0, -1, -1]]),
+    ("mode: scale\n", [[89, 0, 0], [100, 0, 1]]),
+    ("negate: true\n", [[-1, 100, 100], [0, 100, 100]]),
+])
+def test_modes(tmp_path, extra, expected):
+    image = np.array([[0, 254, 205], [100, 254, 254]], np.uint8)
+    (tmp_path / "map.pgm").write_bytes(b"P5\n3 2\n255\n" + image.tobytes())
+    (tmp_path / "map.yaml").write_text(DESCRIPTION.replace("negate: 0\n", "") + extra)
+    grid = read_map(tmp_path / "map.yaml")
+    assert grid.data.tolist() == expected and grid.origin == (1.0, 2.0, 0.0)
+
+
+def test_a_transparent_pixel_is_unknown_where_shades_count(tmp_path):
+    image = np.array([[[150, 150, 150, 255], [150, 150, 150, 0]]], np.uint8)
+    cv2.imwrite(str(tmp_path / "map.png"), image)
+    (tmp_path / "map.yaml").write_text(DESCRIPTION.replace(".pgm", ".png") + "mode: scale\n")
+    assert read_map(tmp_path / "map.yaml").data.tolist() == [[47, -1]]
+
+
+@pytest.mark.parametrize("old, new, key", [
+    ("image: map.pgm\n", "", "image"), ("image: map.pgm", "image: none.pgm", "none.pgm"), ("image: map.pgm", "image: map.yaml", "damaged"),
+    ("resolution: 0.1\n", "", "resolution"), ("resolution: 0.1", "resolution: x", "resolution"),
+    ("resolution: 0.1", "resolution: -1", "resolution"), ("[1.0, 2.0, 0.0]", "[0]", "origin"), ("[1.0, 2.0, 0.0]", "[0, 0, .nan]", "origin"),
+    ("free_thresh: 0.196", "free_thresh: low", "free_thresh"), ("negate: 0", "negate: 'no'", "negate"),
+    ("resolution: 0.1", "mode: odd", "mode"), (DESCRIPTION, "", "keys"), (DESCRIPTION, "[", "YAML"),
+])
+def test_bad_files_are_refused_and_the_key_is_named(tmp_path, old, new, key):
+    (tmp_path / "map.pgm").write_bytes(b"P5\n1 1\n255\n\xfe")
+    (tmp_path / "map.yaml").write_text(DESCRIPTION.replace(old, new))
+    with pytest.raises(CodedError, match=key) as caught:
+        read_map(tmp_path / "map.yaml")
+    assert caught.value.code == "bad_map_file"

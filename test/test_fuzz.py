@@ -1,0 +1,292 @@
+"""Whatever comes from outside is taken or refused with a code: examples drawn from the inputs' own schemas.
+
+The idea: no list of attacks. A message's strategy follows its definition (genpy's slots), a parameter class's its fields,
+a launch file's its arguments, a file's the bytes of a good one with some of them changed; a new field or argument is in
+the examples by itself. FUZZ_EXAMPLES says how many per test: few in `make test`, thousands in `make soak`.
+"""
+import dataclasses
+import importlib
+import json
+import os
+import shutil
+import sys
+import xml.etree.ElementTree as ElementTree
+from pathlib import Path
+
+import cv2
+import genmsg.msgs
+import numpy as np
+import pytest
+import rospy
+import yaml
+from geometry_msgs.msg import Pose, Transform
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from nav_msgs.msg import OccupancyGrid
+from roslib.message import get_message_class
+from sensor_msgs.msg import CameraInfo, CompressedImage, Image
+
+from vb_core.errors import CodedError, ParameterError
+from vb_core.grid_map import GridMap
+from vb_core.map_files import read_map, write_map
+from vb_core.parameters import Parameters
+from vb_core.robot_profile import RobotProfile
+from vb_core.ros import cameras, images, messages
+from vb_laser_detect import calibration_file
+from vb_map_integration import border_files, border_messages, geojson
+from vb_msgs.msg import VirtualBorder
+from vb_sim.world import load_world
+from vb_web import requests
+
+TOP = Path(__file__).resolve().parents[1]
+sys.path.insert(0, str(TOP / "src" / "vb_map_integration" / "test"))
+from keepers import integrator, square  # noqa: E402
+
+EXAMPLES = int(os.environ.get("FUZZ_EXAMPLES", "25"))
+
+
+def bounded(share=1.0):
+    """The settings of one test; `share` for those whose examples cost more or less than others'."""
+    return settings(max_examples=max(3, int(EXAMPLES * share)), deadline=None, database=None,
+                    suppress_health_check=list(HealthCheck))
+
+
+# ---------------------------------------------------------------------- strategies from schemas
+SCALARS = {
+    "bool": st.booleans(), "string": st.text(max_size=20), "time": st.builds(rospy.Time, st.integers(0, 2**32 - 1)),
+    "duration": st.builds(rospy.Duration, st.integers(-2**31, 2**31 - 1)),
+    "float32": st.floats(width=32), "float64": st.floats(), "char": st.integers(0, 255), "byte": st.integers(-128, 127),
+    **{f"int{bits}": st.integers(-2 ** (bits - 1), 2 ** (bits - 1) - 1) for bits in (8, 16, 32, 64)},
+    **{f"uint{bits}": st.one_of(st.integers(0, 9), st.integers(0, 2**bits - 1)) for bits in (8, 16, 32, 64)},
+}
+
+
+def field(kind):
+    """A strategy for a field of a message, by its type's name."""
+    base, is_array, length = genmsg.msgs.parse_type(kind)
+    if is_array:
+        if base in ("uint8", "char"):
+            return st.binary(min_size=length or 0, max_size=length or 60)
+        return st.lists(field(base), min_size=length or 0, max_size=length or 5)
+    return SCALARS[base] if base in SCALARS else message(get_message_class(base))
+
+
+def message(cls):
+    """A strategy for a message, by its definition."""
+    # the type "Header" of old stands for std_msgs/Header
+    kinds = ["std_msgs/Header" if kind == "Header" else kind for kind in cls._slot_types]
+    return st.builds(cls, **{name: field(kind) for name, kind in zip(cls.__slots__, kinds)})
+
+
+ANYTHING = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=12),
+    lambda inner: st.lists(inner, max_size=4) | st.dictionaries(st.text(max_size=8), inner, max_size=4), max_leaves=8)
+
+
+def damaged(good):
+    """A strategy for a file's bytes: cut off, bytes changed, pieces put in."""
+    change = st.tuples(st.integers(0, max(len(good) - 1, 0)), st.integers(0, 12), st.binary(max_size=12))
+
+    def apply(changes, end):
+        data = bytearray(good[:end])
+        for at, length, piece in changes:
+            data[at : at + length] = piece
+        return bytes(data)
+
+    return st.builds(apply, st.lists(change, min_size=1, max_size=6), st.integers(0, len(good)) | st.just(len(good)))
+
+
+# ---------------------------------------------------------------------- messages
+CONVERSIONS = [
+    (messages.grid_from_message, OccupancyGrid), (messages.pose_to_2d, Pose), (messages.matrix_from_transform, Transform),
+    (images.image_array, Image), (images.compressed_image_array, CompressedImage), (cameras.camera_from_info, CameraInfo),
+    (border_messages.border_from_message, VirtualBorder),
+]
+
+
+@pytest.mark.parametrize("convert, cls", CONVERSIONS, ids=lambda one: getattr(one, "__name__", ""))
+def test_messages(convert, cls):
+    @bounded()
+    @given(message(cls))
+    def check(found):
+        try:
+            convert(found)
+        except CodedError as error:
+            assert error.code
+
+    check()
+
+
+@bounded()
+@given(st.sampled_from(["mono8", "bgr8", "bayer_rggb8", "16UC1", "32FC1", "rgba16"]), st.integers(0, 5), st.integers(0, 5),
+       st.integers(0, 60), st.binary(max_size=160), st.booleans())
+def test_images_of_known_encodings(encoding, height, width, step, data, big):
+    image = Image(height=height, width=width, encoding=encoding, step=step, data=data, is_bigendian=big)
+    try:
+        assert images.image_array(image).shape[:2] == (height, width)
+    except CodedError as error:
+        assert error.code == "bad_image"
+
+
+@bounded()
+@given(damaged(cv2.imencode(".png", np.arange(300, dtype=np.uint8).reshape(10, 10, 3))[1].tobytes())
+       | damaged(cv2.imencode(".jpg", np.arange(300, dtype=np.uint8).reshape(10, 10, 3))[1].tobytes()))
+def test_compressed_images(data):
+    try:
+        assert images.compressed_image_array(CompressedImage(format="jpeg", data=data)).size
+    except CodedError as error:
+        assert error.code == "bad_image"
+
+
+# ---------------------------------------------------------------------- parameters and launch arguments
+def parameter_classes():
+    """Every parameter class of a module that loads."""
+    for path in sorted(TOP.glob("src/vb_*/src/vb_*/**/*.py")):
+        if "(Parameters)" in path.read_text(encoding="utf-8") and path.parts[-2] != "kit":
+            module = importlib.import_module(".".join(path.relative_to(TOP / "src").with_suffix("").parts[2:]))
+            for value in vars(module).values():
+                # the base of all has no fields
+                if isinstance(value, type) and issubclass(value, Parameters) and value.__module__ == module.__name__ \
+                        and value is not Parameters:
+                    yield value
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_parameters():
+    classes = list(parameter_classes())
+    assert len(classes) > 30
+
+    @bounded(4.0)
+    @given(st.data())
+    def check(data):
+        cls = data.draw(st.sampled_from(classes))
+        names = [one.name for one in dataclasses.fields(cls)]
+        mapping = data.draw(st.dictionaries(st.sampled_from(names) | st.text(max_size=5), ANYTHING, max_size=3))
+        try:
+            found = cls.from_mapping(mapping, "/node")
+        except ParameterError as error:
+            assert error.key.startswith("/node")
+        else:
+            assert found.describe() and set(mapping) <= set(names)
+
+    check()
+
+
+LAUNCH_FILES = sorted(TOP.glob("launch/*.launch"))
+
+
+@pytest.mark.parametrize("path", LAUNCH_FILES, ids=lambda path: path.stem)
+def test_launch_arguments(path):
+    import roslaunch
+
+    names = [one.get("name") for one in ElementTree.parse(str(path)).getroot().findall("arg") if one.get("value") is None]
+
+    @bounded(0.1)
+    @given(st.dictionaries(st.sampled_from(names), st.sampled_from(["", "true", "false", "none", "a b", "x=y", "7", "/no/such", "ä"]),
+                           max_size=3))
+    def check(values):
+        loader = roslaunch.xmlloader.XmlLoader(resolve_anon=False)
+        config = roslaunch.config.ROSLaunchConfig()
+        try:
+            loader.load(str(path), config, argv=[f"{name}:={value}" for name, value in values.items()], verbose=False)
+        except (roslaunch.core.RLException, roslaunch.xmlloader.XmlParseException) as error:
+            assert str(error)  # one line that roslaunch prints, no traceback
+
+    if names:
+        check()
+
+
+# ---------------------------------------------------------------------- files
+WORLD = (TOP / "src/vb_sim/worlds/lab.yaml").read_bytes()
+BORDERS = [square(20, 20, id="b1", name="rug"), square(60, 60, id="b2", zone="slow", max_speed=0.2)]
+PROFILE = (TOP / "robots/turtlebot2.yaml").read_bytes()
+POSE = yaml.safe_dump({"camera": "red", "frame": "map", "child_frame": "red_optical_frame", "position": [1.0, 2.0, 2.5],
+                       "orientation": [1.0, 0.0, 0.0, 0.0]}).encode()
+
+
+def _by_text(read):
+    return lambda path: read(path.read_text(encoding="utf-8", errors="replace"))
+
+
+READERS = {
+    "borders.yaml": (_by_text(border_files.borders_from_yaml), border_files.borders_to_yaml(BORDERS).encode()),
+    "borders.geojson": (_by_text(geojson.borders_from_geojson), geojson.borders_to_geojson(BORDERS).encode()),
+    "world.yaml": (lambda path: load_world(str(path)), WORLD),
+    "robot.yaml": (lambda path: RobotProfile.load(path), PROFILE),
+    "camera.yaml": (calibration_file.load, POSE),
+}
+
+
+@pytest.mark.parametrize("name", READERS)
+def test_files(name, tmp_path):
+    read, good = READERS[name]
+
+    @bounded(0.3 if name == "world.yaml" else 1.0)
+    @given(damaged(good) | ANYTHING.map(lambda value: yaml.safe_dump(value, allow_unicode=False).encode()))
+    def check(data):
+        (tmp_path / name).write_bytes(data)
+        try:
+            read(tmp_path / name)
+        except CodedError as error:
+            assert error.code
+
+    check()
+
+
+def test_map_files(tmp_path):
+    random = np.random.default_rng(1)
+    files = write_map(tmp_path / "map", GridMap(random.choice(np.array([-1, 0, 100], np.int8), (12, 9)), 0.05))
+    good = {path: path.read_bytes() for path in files}
+
+    @bounded()
+    @given(st.tuples(*(st.just(content) | damaged(content) for content in good.values())))
+    def check(contents):
+        for path, content in zip(good, contents):
+            path.write_bytes(content)
+        try:
+            assert read_map(files[1]).data.size
+        except CodedError as error:
+            assert error.code == "bad_map_file"
+
+    check()
+
+
+def test_a_damaged_database_loses_nothing_that_its_twin_has(tmp_path):
+    keeper = integrator(tmp_path / "good")
+    for border in (square(20, 20), square(60, 60)):
+        keeper.add(border, 1.0)
+    wanted = [(border.id, border.points.tolist()) for border in keeper.borders]
+    keeper.close()
+    main = next(path for path in (tmp_path / "good").glob("*.db") if ".twin" not in path.name)
+    good = main.read_bytes()
+
+    @bounded(0.4)
+    @given(damaged(good), st.booleans())
+    def check(data, with_twin):
+        shutil.rmtree(str(tmp_path / "bad"), ignore_errors=True)
+        shutil.copytree(str(tmp_path / "good"), str(tmp_path / "bad"))
+        (tmp_path / "bad" / main.name).write_bytes(data)
+        if not with_twin:
+            (tmp_path / "bad" / main.name.replace(".db", ".twin.db")).unlink()
+        again = integrator(tmp_path / "bad")
+        found = [(border.id, border.points.tolist()) for border in again.borders]
+        again.close()
+        if with_twin or data == good:
+            assert found == wanted
+        else:
+            assert all(border in wanted for border in found)
+
+    check()
+
+
+# ---------------------------------------------------------------------- the page's websocket
+@bounded(2.0)
+@given(st.text(max_size=80) | ANYTHING.map(json.dumps) | st.fixed_dictionaries(
+    {"id": st.just("r1"), "do": st.sampled_from(sorted(requests.ACTIONS)) | ANYTHING},
+    optional={key: ANYTHING for key in sorted({name for fields in requests.ACTIONS.values() for name in fields})}).map(json.dumps))
+def test_websocket_messages(text):
+    for bounds in (None, requests.Bounds((-1.0, -1.0), (9.0, 9.0))):
+        try:
+            assert requests.parse(text, bounds).action in requests.ACTIONS
+        except CodedError as error:
+            assert error.code in ("page_bad_request", "page_no_map")
