@@ -2,7 +2,7 @@
 
 An additive logistic model. Each feature has a curve, linear between knots, whose value is what it adds to the logarithm of
 the odds; it is 0 for a usual spot, so the feature that takes most away is the reason of a refusal. The curves are learnt
-by scripts/train_spot_classifier and stored as numbers.
+by bench/spot_training.py and stored as numbers.
 """
 from __future__ import annotations
 
