@@ -251,9 +251,9 @@ class PageTest(unittest.TestCase):
         until(lambda: self.said["/page"], "the code again")
         self.assertIn("Rug was added", self.browser.run("return document.getElementById('events').textContent"))
         self.remove_all()
-        # the others need no code
+        # the others need no code; the parameter server remembers the address of before
         self.stop_page()
-        self.start_page()
+        self.start_page("_address:=127.0.0.1")
 
     # ------------------------------------------------------------- what is seen
     def test_6_two_browsers_two_sizes_two_languages(self):

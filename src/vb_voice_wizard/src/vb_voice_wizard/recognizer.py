@@ -89,7 +89,7 @@ class RecognizerParams(Parameters):
     grammar: str = param("")
     dictionary: str = param("")
     wake_word: str = param("")
-    threshold: float = param(0.5, "", low=0.0, high=1.0)
+    threshold: float = param(0.3, "", low=0.0, high=1.0)
     decision: str = param("")
     network: str = param("")
     second_look: float = param(0.0025, "", low=0.0, high=1.0)
