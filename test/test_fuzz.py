@@ -189,7 +189,7 @@ def test_launch_arguments(path):
         config = roslaunch.config.ROSLaunchConfig()
         try:
             loader.load(str(path), config, argv=[f"{name}:={value}" for name, value in values.items()], verbose=False)
-        except (roslaunch.core.RLException, roslaunch.xmlloader.XmlParseException) as error:
+        except (roslaunch.core.RLException, roslaunch.xmlloader.XmlParseException, ValueError) as error:
             assert str(error)  # one line that roslaunch prints, no traceback
 
     if names:
