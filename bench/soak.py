@@ -702,8 +702,10 @@ class Soak:
         weights = [weight for _, weight in events]
         assert abs(sum(weights) - 1.0) < 1e-9
         nights, sampled = 0, -1.0
+        # each once, so that no life goes by without a rare fault; then as chance has it
+        first = [events[int(number)][0] for number in self.rng.permutation(len(events))]
         while self.lived < 3600.0 * self.hours:
-            event = events[int(self.rng.choice(len(events), p=weights))][0]
+            event = first.pop() if first else events[int(self.rng.choice(len(events), p=weights))][0]
             try:
                 event()
                 self.check()
