@@ -17,7 +17,7 @@ SCHEDULER ?=
 WORLDS   ?=
 
 .DEFAULT_GOAL := help
-.PHONY: help setup navigation demo test unit rostest screenshots study agree soak clean
+.PHONY: help setup navigation demo test unit rostest screenshots study soak clean
 
 help: ## this list
 	@grep -E '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 13
@@ -49,9 +49,6 @@ study: setup ## the paper's experiment with simulated people, into out/study: QU
 	    $(if $(CONFIG),--config "$(CONFIG)") $(if $(PROCESSES),--processes $(PROCESSES)) $(if $(SCHEDULER),--scheduler "$(SCHEDULER)") \
 	    $(if $(filter-out file,$(origin SEED)),--seed $(SEED)) $(if $(and $(WORLDS),$(filter-out file,$(origin WORLDS))),--worlds $(WORLDS)) \
 	    && python3 -m vb_evaluation.report "$(OUT)"
-
-agree: setup ## three runs of the study through ROS, beside the same runs in one process
-	@. scripts/env.sh && python3 -m vb_evaluation.study agree --out "$(OUT)" $(if $(CONFIG),--config "$(CONFIG)")
 
 soak: setup ## simulated days with people, crashes, cut cables, full disks, then examples drawn for every input: HOURS=24 SEED=1 EXAMPLES=3000
 	@. scripts/env.sh && python3 bench/soak.py --hours "$(HOURS)" --seed "$(SEED)" \

@@ -64,6 +64,9 @@ PEOPLE = {
     "0.2-0.5 m/s": people.Seen(),
     "0.3-0.7 m/s": people.Seen(speed=(0.3, 0.7)),
     "0.2-0.5 m/s, half the frames dropped": people.Seen(dropped=0.5),
+    "0.5-1.0 m/s": people.Seen(speed=(0.5, 1.0)),
+    "1 camera at 30 frames/s": people.Seen(cameras=1, rate=30.0),
+    "4 cameras at 10 frames/s, 4 cm off": people.Seen(cameras=4, rate=10.0, bias=0.04),
 }
 Extract = Callable[[Stroke], object]
 Found = Dict[str, float]
@@ -162,7 +165,7 @@ def rows_of(group: str, cell: str, found: Dict[str, List[Found]]) -> List[Dict[s
     return rows
 
 
-def judge_people(which: str, tools: Dict[str, Extract], draws: int, path: Path) -> List[Dict[str, object]]:
+def judge_people(which: str, tools: Dict[str, Extract], draws: int, base: int, path: Path) -> List[Dict[str, object]]:
     """People's strokes of one half, each seen several times; by speed, and by shape."""
     rows = []
     for name, seen in PEOPLE.items():
@@ -171,7 +174,7 @@ def judge_people(which: str, tools: Dict[str, Extract], draws: int, path: Path) 
             if which != "all" and people.half(drawing) != which:
                 continue
             for repeat in range(draws):
-                stroke = people.see(drawing, seen, np.random.default_rng([repeat, number]))
+                stroke = people.see(drawing, seen, np.random.default_rng([base + repeat, number]))
                 for method, extract in tools.items():
                     cell = by_shape.setdefault(drawing.shape, {}).setdefault(method, [])
                     cell.append(measure(stroke, extract, True))
@@ -247,7 +250,7 @@ def figures(folder: Path) -> None:
         ("2_track", "stage 1: the pointer's", lambda a: (
             a.plot(*stroke.points.T, ".", color="0.8", markersize=3),
             a.plot(*chain.stages["cluster"].T, ".", color="tab:green", markersize=3))),
-        ("3_trace", "stage 2: where it was", lambda a: (
+        ("3_stations", "stage 2: where it was", lambda a: (
             a.plot(*chain.stages["placed"].T, ".", color="0.8", markersize=3),
             a.plot(*chain.stages["thinned"].T, ".-", color="tab:red", markersize=5, linewidth=0.8))),
         ("4_line", f"stages 3 to 5: {len(chain.points)} vertices, {chain.code}", lambda a: (
@@ -304,7 +307,7 @@ def main() -> int:
     for group in arguments.only:
         if group == "people":
             half = "all" if arguments.people else which
-            rows += judge_people(half, tools, arguments.draws, arguments.people or people.DATA)
+            rows += judge_people(half, tools, arguments.draws, base, arguments.people or people.DATA)
         elif group == "disturbances":
             for name, strokes in disturbed(arguments.strokes, base):
                 rows += rows_of("disturbance", name, {m: [measure(s, e, False) for s in strokes] for m, e in tools.items()})

@@ -20,6 +20,7 @@ from typing import List, Tuple
 import numpy as np
 
 from vb_core.errors import CodedError
+from vb_core.grid_map import FREE
 from vb_evaluation import metrics, statistics
 from vb_evaluation.provenance import revision
 from vb_evaluation.report.blocks import interval_text
@@ -43,6 +44,7 @@ class Drawn:
     """One result; nan where extraction or integration refused."""
 
     jaccard: float
+    enclosed: float
     error_cm: float
 
 
@@ -54,8 +56,8 @@ def main() -> None:
     parser.add_argument("--out", type=Path)
     given = parser.parse_args()
     study = config.load()
-    lines = ["| scenario | hand | extraction | refused | Jaccard index, median [95 %] | the paper's people, NRS | mean boundary error, median [cm] | 95 % of people within [cm] |",
-             "|---|---|---|---|---|---|---|---|"]
+    lines = ["| scenario | hand | extraction | refused | Jaccard index, median [95 %] | of the area drawn round | the paper's people, NRS | mean boundary error, median [cm] | 95 % of people within [cm] |",
+             "|---|---|---|---|---|---|---|---|---|"]
     for key in study.design.scenarios:
         for hand in ("even", "people"):
             drawn = [draw(study, key, number, hand == "people") for number in range(given.first, given.first + given.people)]
@@ -100,19 +102,21 @@ def measure(study: Study, key: str, points: np.ndarray, stamps: np.ndarray, aske
         chain = extract_border(points, MODES[mode], stamps=None if mode == "paper" else stamps)
         posterior = integrate(prior, VirtualBorder(chain.points, asked.seed, 1.0, chain.closed)).posterior
     except CodedError:
-        return Drawn(np.nan, np.nan)
+        return Drawn(np.nan, np.nan, np.nan)
     restricted = metrics.restricted_cells(prior, posterior)
     error = metrics.boundary_error(prior, truth, restricted)
-    return Drawn(metrics.jaccard(truth, restricted), np.nan if error is None else 100.0 * error.mean)
+    floor = prior.data == FREE
+    drawn_round = metrics.jaccard(*(metrics.enclosed(floor, cells & floor, truth) for cells in (truth, restricted)))
+    return Drawn(metrics.jaccard(truth, restricted), drawn_round, np.nan if error is None else 100.0 * error.mean)
 
 
 def _line(study: Study, key: str, hand: str, mode: str, found: List[Drawn]) -> str:
-    scores, errors = (np.array([getattr(one, name) for one in found]) for name in ("jaccard", "error_cm"))
+    scores, enclosed, errors = (np.array([getattr(one, name) for one in found]) for name in ("jaccard", "enclosed", "error_cm"))
     refused = int(np.isnan(scores).sum())
-    scores, errors = scores[np.isfinite(scores)], errors[np.isfinite(errors)]
+    scores, enclosed, errors = (values[np.isfinite(values)] for values in (scores, enclosed, errors))
     worst = f"{np.percentile(errors, 95):.1f}" if len(errors) else "–"
     return (f"| {study.world.scenario(key).title} | {hand} | {mode} | {refused} of {len(found)} | "
-            f"{interval_text(statistics.median(scores), 3)} | {PAPER[key].jaccard['nrs']:.3f} | "
+            f"{interval_text(statistics.median(scores), 3)} | {interval_text(statistics.median(enclosed), 3)} | {PAPER[key].jaccard['nrs']:.3f} | "
             f"{interval_text(statistics.median(errors), 1)} | {worst} |")
 
 

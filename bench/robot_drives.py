@@ -32,6 +32,7 @@ from vb_core import names
 from vb_evaluation.goal_runs import GoalRunner
 from vb_evaluation.observer import Observer, wait_until
 from vb_evaluation.processes import Child, free_port
+from vb_evaluation.statistics import proportion
 from vb_msgs.msg import VirtualBorder
 from vb_msgs.srv import AddBorder, AddBorderRequest, RemoveBorder, RemoveBorderRequest
 from vb_sim.world import load_world
@@ -180,6 +181,13 @@ def drive_nose(lab, number, keep) -> None:
         lab.remove(put["id"])
 
 
+def _interval(good: int, count: int) -> str:
+    if not count:
+        return "-"
+    share = proportion(good, count)
+    return f"{100 * share.low:.0f} to {100 * share.high:.0f} %"
+
+
 def table(runs) -> str:
     """The results as Markdown."""
     revision = subprocess.run(["git", "describe", "--always", "--dirty"], cwd=str(TOP), stdout=subprocess.PIPE,
@@ -188,8 +196,8 @@ def table(runs) -> str:
              f"revision {revision}. ros-planning/navigation at 9ad6441, parameters of `vb_bringup/config/navigation` and the "
              "robot's profile, through `robot_driver`; simulated lab, truth judged. *Entered*: the footprint more than one and "
              "a half cells inside of what a border restricts.", "",
-             "| robot | localisation | drives | scenario | done | as wanted | entered | median time | longest |",
-             "|---|---|---|---|---|---|---|---|---|"]
+             "| robot | localisation | drives | scenario | done | as wanted | 95 % interval of that | entered | median time | longest |",
+             "|---|---|---|---|---|---|---|---|---|---|"]
     keys = sorted({(run["robot"], run["amcl"], run["kind"], run["scenario"]) for run in runs})
     for robot, amcl, kind, scenario in keys:
         group = [run for run in runs if (run["robot"], run["amcl"], run["kind"], run["scenario"]) == (robot, amcl, kind, scenario)]
@@ -199,7 +207,8 @@ def table(runs) -> str:
         entered = sum((run["entered_m"] or -1.0) > 0.0 for run in counted)
         seconds = [run["seconds"] for run in counted] or [0.0]
         what = {"round": "past the border", "inside": "into it", "nose": "border put before the nose"}[kind]
-        lines.append(f"| {robot} | {'AMCL' if amcl else 'simulator'} | {what} | {scenario or '-'} | {len(counted)} | {good} | {entered} | "
+        lines.append(f"| {robot} | {'AMCL' if amcl else 'simulator'} | {what} | {scenario or '-'} | {len(counted)} | {good} | "
+                     f"{_interval(good, len(counted))} | {entered} | "
                      f"{np.median(seconds):.0f} s | {max(seconds):.0f} s |")
     bad = [run for run in runs if (run["kind"] == "round" and run["outcome"] != "reached")
            or (run["kind"] == "inside" and run["outcome"] != "refused") or (run["entered_m"] or -1.0) > 0.0

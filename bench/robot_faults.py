@@ -20,9 +20,8 @@ from pathlib import Path
 
 import numpy as np
 
+from robot_stand import NAVIGATION_HZ, SCAN_HZ, DrivenRobot, Every, PoseHistory, standin_navigator
 from vb_core.robot_profile import RobotProfile
-from vb_evaluation.study.driving import DrivenRobot, PoseHistory
-from vb_evaluation.study.system import NAVIGATION_HZ, SCAN_HZ, Every, _navigator
 from vb_map_integration.border import VirtualBorder
 from vb_map_integration.integrator import IntegratorParams, MapIntegrator
 from vb_robot.driver import RATE
@@ -48,7 +47,7 @@ class Run:
         self.lab = Lab(world, seed=seed)
         self.rng = np.random.default_rng(seed)
         self.body, self.guided, self.poses = self.lab.robots[0], guided, PoseHistory()
-        self.robot = DrivenRobot(0, self.lab, self.poses, _navigator(grid, profile), "robot", "auto", grid, profile)
+        self.robot = DrivenRobot(0, self.lab, self.poses, standin_navigator(grid, profile), "robot", "auto", grid, profile)
         self.robot.set_map(posterior)
         self.scan, self.drive, self.control, self.image = Every(SCAN_HZ), Every(RATE), Every(NAVIGATION_HZ), Every(25.0)
         self.now, self.frozen = 100.0, False
@@ -60,6 +59,8 @@ class Run:
         now = self.now
         self.lab.step(STEP, now)
         self.poses.add(now, self.body.odometry, self.body.estimate())
+        if self.frozen:
+            return  # without a clock nothing comes any more
         if self.scan.due(now):
             self.robot.scan(now)
         if self.guided and self.image.due(now):
@@ -72,7 +73,7 @@ class Run:
             self.robot.add(Sighting(stamp, tuple(place), "robot", True, 0.9))
         if self.control.due(now) and not self.guided:
             self.robot.navigate(now, self.control.period)
-        if not self.frozen and self.drive.due(now):
+        if self.drive.due(now):
             self.robot.drive(now)
 
 

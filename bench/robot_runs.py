@@ -6,8 +6,8 @@
     python3 bench/robot_runs.py --ros --scenarios corner --methods nrs --seeds 1 2 3     over ROS, about 60 s each
     python3 bench/robot_runs.py --resume                           only the runs that are missing in the file
 
-In one process the same detectors, fusion, dispatcher, servoing and navigation run without ROS, in simulated time as
-fast as the processor goes (vb_evaluation.study). Once the border is saved navigation is sent to places on either side
+In one process the same nodes run without a ROS master, in simulated time as fast as the processor goes
+(vb_evaluation.virtual_ros). Once the border is saved navigation is sent to places on either side
 of it and in it: it must go round or refuse. Over ROS the whole system is started with roslaunch under a master of its
 own, and goes on for some seconds in which a robot that the border swallowed leaves it. Either way the judge sees the
 lab's ground truth 50 times a second, none of what the robot believes.
@@ -25,21 +25,23 @@ import threading
 import time
 from pathlib import Path
 
+import actionlib
 import numpy as np
 import rosgraph
 import rospy
+from actionlib_msgs.msg import GoalStatus
+from move_base_msgs.msg import MoveBaseAction, MoveBaseGoal
 from std_msgs.msg import String
 
 from vb_core import names
 from vb_core.errors import CodedError
 from vb_core.grid_map import distance_to
-from vb_core.ros.messages import OccupancyGridArray, grid_from_message
+from vb_core.ros.messages import OccupancyGridArray, grid_from_message, pose_from_2d
 from vb_evaluation.observer import wait_until
 from vb_evaluation.processes import Child, free_port
 from vb_evaluation.study import config
-from vb_evaluation.study.cameras import Room
-from vb_evaluation.study.runner import Simulation, Task
-from vb_evaluation.study.system import NAVIGATION_HZ, RATE, SCAN_HZ, Every
+from vb_evaluation.study.lab_nodes import Room
+from vb_evaluation.study.runner import LiveRun, Task
 from vb_msgs.msg import DetectorStatus, InteractionState, LabState, LaserSpot
 from vb_sim.world import load_world
 
@@ -151,70 +153,52 @@ class Judge:
 
 
 # ----------------------------------------------------------------- in one process
-class JudgedSimulation(Simulation):
-    """A run whose every step is judged."""
-
-    def __init__(self, study, task: Task, room: Room) -> None:
-        super().__init__(study, task, room)
-        self.judge = Judge(self.world.robots[0].radius, task.method == "robot_only")
-        self.judge.set_maps(physical=self.prior, posterior=self.prior)
-        self._counted = 0
-
-    def _step(self, now: float, dt: float) -> None:
-        super()._step(now, dt)
-        system, action = self.system, self._action
-        for spot in system.spots[self._counted:]:
-            self.judge.spot_seen(spot.stamp)
-        self._counted = len(system.spots)
-        self.judge.state = system.interaction.state.name.lower()
-        self.judge.step(now, self.lab.robots[0].pose[:2], action.laser is not None, action.doing)
-
-
-    def send_across(self, goal) -> str:
-        """Sends the robot to a goal (x, y, yaw) [m, m, rad] with the border in force; gives what became of it."""
-        robot = next(iter(self.system.robots.values()))
-        body, step = self.lab.robots[0], 1.0 / self.study.timing.rate
-        scan, control, drive = Every(SCAN_HZ), Every(NAVIGATION_HZ), Every(RATE)
-        robot.send(goal)
-        until = self.lab.now + GOAL_S
-        while robot.driving and self.lab.now < until:
-            now = self.lab.now + step
-            self.lab.step(step, now)
-            self.poses[0].add(now, body.odometry, body.estimate())
-            if scan.due(now):
-                robot.scan(now)
-            if control.due(now):
-                robot.navigate(now, control.period)
-            if drive.due(now):
-                robot.drive(now)
-            self.judge.step(now, body.pose[:2], False, "")
-        outcome = robot.status(self.lab.now).goal.value
-        robot.cancel()
-        return outcome
-
-    def go_on(self) -> list:
-        """What became of goals on either side of the border, and of one in the area it restricts."""
-        self.judge.state = "default"
-        self.judge.set_maps(posterior=self.system.integrator.posterior)
-        proof = self.scenario.proof
-        places = [proof.start[:2], proof.goal[:2], self.scenario.seed]
-        return [self.send_across((float(place[0]), float(place[1]), 0.0)) for place in places]
-
-
 def run_here(study, room: Room, scenario: str, method: str, seed: int) -> dict:
-    """One run without ROS; the seed is the participant's number."""
+    """One run in one process; the seed is the participant's number."""
     began = time.monotonic()
-    simulation = JudgedSimulation(study, Task(seed, scenario, method), room)
-    result = simulation.run()
-    judge = simulation.judge
-    judge.outcome = "saved" if result.saved else simulation.script.outcome or "time is up"
-    goals_after = simulation.go_on() if result.saved else []
-    figures = judge.result(simulation.prior.resolution)
+    run = LiveRun(study, Task(seed, scenario, method), room)
+    judge = Judge(study.world.robots[0].radius, method == "robot_only")
+    goals_after = []
+
+    def go_on() -> None:
+        """What becomes of goals on either side of the border, and of one in the area it restricts."""
+        proof = run.scenario.proof
+        client = actionlib.SimpleActionClient("/move_base", MoveBaseAction)
+        client.wait_for_server()
+        for place in [proof.start[:2], proof.goal[:2], run.scenario.seed]:
+            goal = MoveBaseGoal()
+            goal.target_pose.header.frame_id = names.MAP_FRAME
+            goal.target_pose.pose = pose_from_2d(float(place[0]), float(place[1]), 0.0)
+            client.send_goal_and_wait(goal, rospy.Duration(GOAL_S), rospy.Duration(2.0))
+            goals_after.append(GoalStatus.to_string(client.get_state()))
+
+    result = run.run(lambda: watch(judge), go_on)
+    judge.outcome = result.outcome or "time is up"
+    figures = judge.result(study.world.room.resolution)
     if result.collisions and "collision" not in figures["breaches"]:
         figures["breaches"].append("collision")
-    return {"scenario": scenario, "method": method, "seed": seed, **figures,
-            "duration_s": round(result.ended - result.began, 2), "goals": result.goals, "goals_after": goals_after,
-            "tries": result.script.person.tries, "wall_s": round(time.monotonic() - began, 1)}
+    return {"scenario": scenario, "method": method, "seed": seed, **figures, "goals": result.goals,
+            "goals_after": goals_after if result.saved else [], "tries": result.tries,
+            "wall_s": round(time.monotonic() - began, 1)}
+
+
+def watch(judge: Judge) -> list:
+    """Subscribes a judge to what it judges by."""
+    def on_map(message: OccupancyGridArray, which: str) -> None:
+        judge.set_maps(**{which: grid_from_message(message)})
+
+    def on_lab(message: LabState) -> None:
+        if message.robot_poses:
+            pose = message.robot_poses[0]
+            judge.step(message.header.stamp.to_sec(), (pose.x, pose.y), message.laser_on, message.participant_doing)
+
+    return [
+        rospy.Subscriber(names.PHYSICAL_MAP, OccupancyGridArray, on_map, "physical"),
+        rospy.Subscriber(names.VIRTUAL_MAP, OccupancyGridArray, on_map, "posterior"),
+        rospy.Subscriber(names.STATE, InteractionState, lambda m: setattr(judge, "state", m.name)),
+        rospy.Subscriber(names.SPOTS, LaserSpot, lambda m: judge.spot_seen(m.header.stamp.to_sec())),
+        rospy.Subscriber(names.LAB_STATE, LabState, on_lab),
+    ]
 
 
 # ----------------------------------------------------------------- over ROS
@@ -229,18 +213,12 @@ def run_ros(world_path: Path, scenario: str, method: str, seed: int, log: Path, 
     environment = {**os.environ, "ROS_LOG_DIR": str(log / "ros"),
                    "ROSCONSOLE_FORMAT": "[${severity}] [${time}] [${node}]: ${message}"}
 
-    def on_map(message: OccupancyGridArray, which: str) -> None:
-        judge.set_maps(**{which: grid_from_message(message)})
-
     def on_detector(message: DetectorStatus) -> None:
         if message.processed:
             detectors.add(message.camera)
 
-    def on_lab(message: LabState) -> None:
+    def on_lab(_message: LabState) -> None:
         seen["lab"] += 1
-        if message.robot_poses:
-            pose = message.robot_poses[0]
-            judge.step(message.header.stamp.to_sec(), (pose.x, pose.y), message.laser_on, message.participant_doing)
 
     launched = Child(
         ["roslaunch", "-p", str(port), str(TOP / "launch" / "simulation.launch"), f"world:={world_path}",
@@ -253,10 +231,7 @@ def run_ros(world_path: Path, scenario: str, method: str, seed: int, log: Path, 
             raise CodedError("not_ready", "the ROS master did not come up")
         rospy.init_node("robot_runs", anonymous=True, disable_signals=True, log_level=rospy.ERROR)
         subscribers = [
-            rospy.Subscriber(names.PHYSICAL_MAP, OccupancyGridArray, on_map, "physical"),
-            rospy.Subscriber(names.VIRTUAL_MAP, OccupancyGridArray, on_map, "posterior"),
-            rospy.Subscriber(names.STATE, InteractionState, lambda m: setattr(judge, "state", m.name)),
-            rospy.Subscriber(names.SPOTS, LaserSpot, lambda m: judge.spot_seen(m.header.stamp.to_sec())),
+            *watch(judge),
             rospy.Subscriber(names.LAB_STATE, LabState, on_lab),
             rospy.Subscriber(names.PARTICIPANT_DONE, String,
                              lambda m: setattr(judge, "outcome", json.loads(m.data).get("outcome", ""))),

@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """How long the search of an image takes, beside another version of the packages in the same run.
 
-    bench/spot_time.py [--other SRC] [--rounds 6]
+    bench/spot_time.py [--other SRC] [--rounds 6] [--cases WORD ...]
 
 Two processes search the same rendered images in turn, ten at a time, each on one thread; times are the thread's own, so that
 what else runs disturbs both alike. Writes out/bench/spot_time.json: median per image [ms], and the median of the ratios of
@@ -71,6 +71,7 @@ def work(source: Path, folder: Path) -> None:
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--other", type=Path, help="folder of another version's packages")
+    parser.add_argument("--cases", nargs="+", default=[""], metavar="WORD", help="only cases with a WORD in their name")
     parser.add_argument("--rounds", type=int, default=6)
     parser.add_argument("--out", type=Path, default=TOP / "out/bench/spot_time.json")
     parser.add_argument("--work", nargs=2, type=Path, help=argparse.SUPPRESS)
@@ -81,11 +82,12 @@ def main() -> int:
     sources = {"this": TOP / "src", **({"other": given.other} if given.other else {})}
     result = {}
     with tempfile.TemporaryDirectory() as folder:
-        for number, case in enumerate(CASES):
-            np.save(Path(folder) / f"{number}.npy", np.array(pictures(case)))
+        cases = [case for case in CASES if any(word in case for word in given.cases)]
+        for case in cases:
+            np.save(Path(folder) / f"{CASES.index(case)}.npy", np.array(pictures(case)))
         workers = {name: subprocess.Popen([sys.executable, __file__, "--work", str(source), folder], text=True,
                                           stdin=subprocess.PIPE, stdout=subprocess.PIPE) for name, source in sources.items()}
-        for case in CASES:
+        for case in cases:
             times = {name: [] for name in workers}
             for _ in range(given.rounds + 1):
                 for name, worker in workers.items():

@@ -19,21 +19,20 @@ import sys
 import time
 from collections import Counter, defaultdict
 from multiprocessing import Pool
-from typing import Dict, List, Optional, Tuple
+from typing import Dict, List, Optional, Sequence, Tuple
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
 
 import voice_speech as speech
-from voice_speech import EVALUATION_MUSIC, EVALUATION_VOICES, NOISES, RATE, TOP
+from voice_speech import ASKED_ABOUT, DEVELOPMENT_MUSIC, DEVELOPMENT_VOICES, EVALUATION_MUSIC, EVALUATION_VOICES, NOISES, RATE, TOP
 
 from vb_voice_wizard.endpointing import Endpointer, EndpointParams
-from vb_voice_wizard.recognizer import CommandRecognizer, RecognizerParams, is_unclear
+from vb_voice_wizard.recognizer import CommandRecognizer, RecognizerParams
 
 THRESHOLDS = (0.05, 0.1, 0.2, 0.3, 0.5, 0.7, 0.8, 0.9, 0.95)
-# what the interaction manager asks about when it is unclear
-ASKED_ABOUT = ("save", "cancel", "resume", "undo", "redo")
+MAY_BE_SURE = ("save", "cancel", "undo", "redo")  # resume is asked about always
 
 _recognizer: Optional[CommandRecognizer] = None
 _talkers: List[np.ndarray] = []
@@ -65,7 +64,7 @@ def _judge(plan: speech.Plan) -> Optional[dict]:
         "text": plan.text,
         "voice": plan.voice[1],
         "noise": plan.noise,
-        "found": [(finding.best, finding.confidence) for finding in findings],
+        "found": [(finding.best, finding.confidence, finding.unclear) for finding in findings],
         "answer_s": deciding + _recognizer.endpointing.end_silence,
         "cpu_s": time.process_time() - started,
         "audio_s": len(spoken.pcm) / RATE,
@@ -74,7 +73,7 @@ def _judge(plan: speech.Plan) -> Optional[dict]:
 
 def understood(result: dict, threshold: float) -> str:
     """The command that is taken first with this threshold, or ""."""
-    return next((best for best, confidence in result["found"] if confidence >= threshold), "")
+    return next((best for best, confidence, _ in result["found"] if confidence >= threshold), "")
 
 
 def interval(count: int, total: int) -> Tuple[float, float]:
@@ -96,18 +95,23 @@ def summarise(results: List[dict], params: RecognizerParams) -> Dict[str, Tuple[
     def count(kind: str, condition) -> Tuple[int, int]:
         return sum(map(condition, by_kind[kind])), len(by_kind[kind])
 
+    def count_of(commands: Sequence[str], condition) -> Tuple[int, int]:
+        those = [result for result in by_kind["command"] if result["command"] in commands]
+        return sum(map(condition, those)), len(those)
+
     def taken(result: dict) -> str:
         return understood(result, params.threshold)
 
     def acted_on(result: dict) -> bool:
         """Whether it changes something without a second word; `stop` is safe, and drawing can be cancelled."""
-        found = next((one for one in result["found"] if one[1] >= params.threshold), ("", 0.0))
-        return found[0] in ASKED_ABOUT and not is_unclear(*found, params.sure)
+        best, _, unclear = next((one for one in result["found"] if one[1] >= params.threshold), ("", 0.0, False))
+        return best in ASKED_ABOUT and not unclear
 
     return {
         "commands right": count("command", lambda result: taken(result) == result["command"]),
-        "of these asked about (save, cancel, resume, undo, redo)": count(
-            "command", lambda result: taken(result) == result["command"] in ASKED_ABOUT and not acted_on(result)
+        "save, cancel, undo, redo right": count_of(MAY_BE_SURE, lambda result: taken(result) == result["command"]),
+        "save, cancel, undo, redo right and not asked about": count_of(
+            MAY_BE_SURE, lambda result: taken(result) == result["command"] and acted_on(result)
         ),
         "another command instead": count("command", lambda result: taken(result) not in ("", result["command"])),
         "other sentences taken for a command": count("other", lambda result: bool(taken(result))),
@@ -138,6 +142,7 @@ def table(columns: Dict[str, Dict[str, Tuple[int, int]]]) -> str:
 def main() -> int:
     """See the module's text."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--group", choices=("development", "evaluation"), default="evaluation")
     parser.add_argument("--takes", type=int, default=2, help="how often each command is said by each voice")
     parser.add_argument("--share", type=float, default=1.0, help="of all that could be said")
     parser.add_argument("--snr", type=float, default=10.0, help="[dB]")
@@ -146,13 +151,17 @@ def main() -> int:
     parser.add_argument("--processes", type=int, default=os.cpu_count())
     arguments = parser.parse_args()
     params = RecognizerParams(network=arguments.network, decision=arguments.decision)
-    texts = speech.sentences("evaluation_others")
+    group = arguments.group
+    voices, songs = (EVALUATION_VOICES, EVALUATION_MUSIC) if group == "evaluation" else (DEVELOPMENT_VOICES, DEVELOPMENT_MUSIC)
+    texts = speech.sentences(f"{group}_others")
+    # recorded voices have no such sentences
+    talking = [voice for voice in voices if voice[0] != "recorded"]
     talkers = [
-        speech.synthesise(EVALUATION_VOICES[index % 20], f"{texts[index]}, {texts[-index - 1]}") for index in range(0, 40, 2)
+        speech.synthesise(talking[index % len(talking)], f"{texts[index]}, {texts[-index - 1]}") for index in range(0, 40, 2)
     ]
     jobs, rng = [], np.random.default_rng(0)
-    for noises, share in ((NOISES, 1.0), (EVALUATION_MUSIC, 0.5), (("babble",), 0.25)):
-        planned = speech.plans("evaluation", EVALUATION_VOICES, arguments.takes, noises, arguments.snr)
+    for noises, share in ((NOISES, 1.0), (songs, 0.5), (("babble",), 0.25)):
+        planned = speech.plans(group, voices, arguments.takes, noises, arguments.snr)
         keep = rng.random(len(planned)) < share * arguments.share
         jobs += [plan for plan, wanted in zip(planned, keep) if wanted]
     # whatever is stopped early has something of everything
@@ -169,7 +178,7 @@ def main() -> int:
     if not results:
         print("no voice could be synthesised: install espeak-ng", file=sys.stderr)
         return 1
-    music = [result for result in results if result["noise"] in EVALUATION_MUSIC]
+    music = [result for result in results if result["noise"] in songs]
     babble = [result for result in results if result["noise"] == "babble"]
     steady = [result for result in results if result["noise"] in NOISES]
     columns = {"steady noise": steady, "music": music, "eight people talking": babble}
@@ -193,15 +202,16 @@ def main() -> int:
         "taken": taken,
         "utterances": [{key: r[key] for key in ("kind", "command", "text", "voice", "noise", "found")} for r in results],
     }
-    path = TOP / "out" / "bench" / "voice.json"
+    path = TOP / "out" / "bench" / f"voice_{group}.json"
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text(json.dumps(report, indent=2) + "\n")
     revision = subprocess.run(["git", "rev-parse", "--short", "HEAD"], cwd=str(TOP), stdout=subprocess.PIPE).stdout.decode().strip()
     listed = "\n".join(f"- {line}" for line in taken) or "- none"
-    (TOP / "docs" / "results" / "voice.md").write_text(f"""# Spoken commands: results
+    shown = "voice.md" if group == "evaluation" else "voice_development.md"
+    (TOP / "docs" / "results" / shown).write_text(f"""# Spoken commands: results
 
-`bench/voice.py {' '.join(sys.argv[1:])}`, {time.strftime('%Y-%m-%d')}, revision {revision}, threshold {params.threshold:g}, sure from
-{params.sure:g}; {arguments.snr:g} dB, streamed; {len(results)} of {len(jobs)} utterances
+`bench/voice.py {' '.join(sys.argv[1:])}`, {time.strftime('%Y-%m-%d')}, revision {revision}, threshold {params.threshold:g};
+{arguments.snr:g} dB, streamed; {len(results)} of {len(jobs)} utterances
 (voices that are not installed are left out). In brackets 95 % intervals.
 
 {table(figures)}
@@ -218,7 +228,7 @@ Taken for a command in steady noise and music, before anything is asked:
 {listed}
 """)
     print(table(figures))
-    print(f"written to {path.relative_to(TOP)} and docs/results/voice.md")
+    print(f"written to {path.relative_to(TOP)} and docs/results/{shown}")
     return 0
 
 

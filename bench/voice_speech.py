@@ -1,12 +1,18 @@
 """Synthetic speech in room noise, for training and for judging the voice recogniser.
 
-Three groups of voices and sentences that share none: "training" teaches the phone network, "calibration"
-the decision, "evaluation" judges. Voices come from espeak-ng (accents and variants), flite and festival;
-all are Debian packages: apt-get install espeak-ng flite festival festvox-kdlpc16k festvox-us-slt-hts
+Four groups of voices, sentences and styles of music that share none: "training" teaches the phone network, "calibration" the
+decision; "development" is looked at while the recogniser is worked on, "evaluation" once, when it is frozen. Near misses come
+from the dictionary (vb_voice_wizard.rivals), a third for each group that hears any, beside sentences written by hand.
+
+Voices are from espeak-ng (accents and variants), flite and festival, all Debian packages:
+apt-get install espeak-ng flite festival festvox-kdlpc16k festvox-kallpc16k festvox-us-slt-hts. A voice "recorded" is a folder
+out/bench/recordings/NAME with a WAV file per text (make_recordings.py fills one with Piper's voice joe; people may too).
 """
 from __future__ import annotations
 
+import functools
 import io
+import itertools
 import subprocess
 import sys
 import tempfile
@@ -22,6 +28,13 @@ from scipy.signal import fftconvolve, resample_poly
 TOP = Path(__file__).resolve().parent.parent
 sys.path[:0] = [str(TOP / "src" / package / "src") for package in ("vb_voice_wizard", "vb_core")]
 RATE = 16000
+GROUPS = ("calibration", "development", "evaluation")
+RIVALS_SAID = 45  # near misses per command that are shared out among the groups
+RECORDINGS = TOP / "out" / "bench" / "recordings"
+
+from vb_voice_wizard import wording  # noqa: E402
+from vb_voice_wizard.acoustic_model import embedded_model  # noqa: E402
+from vb_voice_wizard.rivals import PHONES, Lexicon  # noqa: E402
 
 COMMANDS = {
     "define_border": "define border",
@@ -34,6 +47,9 @@ COMMANDS = {
     "undo": "undo",
     "redo": "redo",
 }
+
+# what the interaction manager asks about when it is unclear
+ASKED_ABOUT = ("save", "cancel", "resume", "undo", "redo")
 
 Voice = Tuple[str, str]  # program, its name for the voice
 
@@ -49,39 +65,76 @@ CALIBRATION_VOICES = [
     *_espeak("en-029", "m5", "f1"),
     ("flite", "rms"),
 ]
-EVALUATION_VOICES = [
+DEVELOPMENT_VOICES = [
     *_espeak("en-gb-scotland", "", "f3", "m7"),
-    *_espeak("en-us-nyc", "", "f5", "belinda", "edward"),
-    *_espeak("en-gb-x-gbclan", "m4", "david", "Alicia"),
-    *_espeak("en-gb-x-gbcwmd", "", "m8", "steph2"),
-    *_espeak("en-us", "benjamin", "pablo", "max", "zac", "Lee", "paul"),
-    *_espeak("en-gb", "iven", "quincy", "shelby", "klatt3", "Gene"),
+    *_espeak("en-us-nyc", "", "f5", "belinda"),
+    *_espeak("en-gb-x-gbclan", "m4"),
+    *_espeak("en-gb-x-gbcwmd", ""),
+    *_espeak("en-us", "benjamin", "pablo", "max", "zac", "Lee"),
+    *_espeak("en-gb", "iven", "quincy"),
     ("flite", "awb"),
-    ("flite", "slt"),
     ("festival", "ked_diphone"),
+]
+EVALUATION_VOICES = [
+    *_espeak("en-us-nyc", "edward", "klatt3"),
+    *_espeak("en-gb-scotland", "paul", "shelby"),
+    *_espeak("en-gb-x-gbclan", "david", "Alicia"),
+    *_espeak("en-gb-x-gbcwmd", "m8", "steph2", "Gene"),
+    *_espeak("en-us", "paul"),
+    *_espeak("en-gb", "shelby", "klatt3"),
+    ("flite", "slt"),
     ("festival", "cmu_us_slt_arctic_hts"),
+    ("recorded", "joe"),
+    ("recorded", "joe_slow"),
+    ("recorded", "joe_fast"),
+    ("recorded", "joe_high"),
+    ("recorded", "joe_low"),
 ]
 TRAINING_ACCENTS = ("en-us", "en-gb", "en-gb-x-rp", "en-029")
 # whispers, monsters and an announcer's echo: nobody would give commands with them
 ODD_VARIANTS = {"whisper", "whisperf", "Demonic", "croak", "Mr serious", "fast", "UniRobot", "anikaRobot"}
 NOISES = ("white", "pink", "brown", "hoth", "fan", "office")
-# styles of music; those of the evaluation are never heard in training and calibration
+# styles of music; no group hears those of another
 TRAINING_MUSIC = ("piano", "strings")
-EVALUATION_MUSIC = ("organ", "band")
+DEVELOPMENT_MUSIC = ("organ", "band")
+EVALUATION_MUSIC = ("guitar", "brass")
 
 
 def training_voices() -> List[Voice]:
     """Every espeak-ng variant that no other group uses, in four accents, and one voice of flite."""
     listing = subprocess.run(["espeak-ng", "--voices=variant"], stdout=subprocess.PIPE, check=True).stdout.decode()
     variants = {line.split("!v/")[1].split("  ")[0].strip() for line in listing.splitlines() if "!v/" in line}
-    used = {name.split("+")[1] for program, name in CALIBRATION_VOICES + EVALUATION_VOICES if "+" in name}
+    used = {name.split("+")[1] for program, name in CALIBRATION_VOICES + DEVELOPMENT_VOICES + EVALUATION_VOICES if "+" in name}
     free = sorted(variants - used - ODD_VARIANTS)
-    return [voice for accent in TRAINING_ACCENTS for voice in _espeak(accent, *free)] + [("flite", "kal16")] * 8
+    return [voice for accent in TRAINING_ACCENTS for voice in _espeak(accent, *free)] + [("flite", "kal16"), ("festival", "kal_diphone")] * 12
 
 
 def sentences(name: str) -> List[str]:
     """The lines of bench/voice_sentences/<name>.txt."""
     return (Path(__file__).parent / "voice_sentences" / f"{name}.txt").read_text().split("\n")[:-1]
+
+
+def near_misses(group: str) -> List[str]:
+    """What sounds nearly like a command and is none: sentences written by hand, and every other rival of the dictionary."""
+    return sentences(f"{group}_near_misses") + _rivals()[GROUPS.index(group) :: len(GROUPS)]
+
+
+@functools.lru_cache(maxsize=None)
+def _rivals() -> List[str]:
+    """Texts that sound like commands, all commands in turn, the worst first."""
+    folder = embedded_model().parent
+    lexicon = Lexicon(folder / "cmudict-en-us.dict", folder / "en-us.lm.bin")
+    files = [wording.find("dictionary", "", "commands.dict")]
+    words = {word for text in COMMANDS.values() for word in text.split()}
+    sounds = wording.read_dictionary(files[0], words, PHONES)
+    lists = []
+    for text in COMMANDS.values():
+        variants = list(itertools.product(*(sounds[word] for word in text.split())))
+        found = lexicon.rivals(text.split(), variants[0], {sum(variant, ()) for variant in variants}, RIVALS_SAID)
+        lists.append([" ".join(rival.words) for rival in found])
+    # by turns, so that every group gets its share of every command
+    texts = [text for row in itertools.zip_longest(*lists) for text in row if text is not None and text not in COMMANDS.values()]
+    return list(dict.fromkeys(texts))
 
 
 # ------------------------------------------------------------------ speech
@@ -91,6 +144,8 @@ def synthesise(voice: Voice, text: str, speed: float = 1.0, pitch: int = 50) -> 
     if program == "espeak-ng":
         command = ["espeak-ng", "-v", name, "-s", str(int(160 * speed)), "-p", str(pitch), "--stdout", text]
         data = subprocess.run(command, stdout=subprocess.PIPE, check=True).stdout
+    elif program == "recorded":
+        data = (RECORDINGS / name / f"{text.replace(' ', '_')}.wav").read_bytes()
     else:
         with tempfile.NamedTemporaryFile(suffix=".wav") as file:
             if program == "flite":
@@ -125,7 +180,7 @@ def room_noise(rng: np.random.Generator, count: int, kind: str, talkers: Sequenc
             talker = talkers[rng.integers(len(talkers))]
             noise += np.resize(np.roll(talker, -int(rng.integers(len(talker)))), count) / talker.std()
         return noise
-    if kind in TRAINING_MUSIC + EVALUATION_MUSIC:
+    if kind in TRAINING_MUSIC + DEVELOPMENT_MUSIC + EVALUATION_MUSIC:
         return music(rng, count, kind)
     noise = _coloured(rng, count, {"white": 0.0, "pink": 1.0, "brown": 2.0, "hoth": 1.6, "fan": 1.3, "office": 1.2}[kind])
     if kind == "fan":
@@ -149,6 +204,8 @@ def music(rng: np.random.Generator, count: int, style: str) -> np.ndarray:
         "piano": ((1.0, 0.5, 0.3, 0.15, 0.08), 0.5, 0.005, False),
         "strings": ((1.0, 0.7, 0.5, 0.4, 0.3, 0.2), 5.0, 0.12, False),
         "organ": ((1.0, 0.8, 0.1, 0.6, 0.1, 0.1, 0.1, 0.4), 9.0, 0.02, False),
+        "guitar": ((1.0, 0.8, 0.6, 0.25, 0.3, 0.1), 0.25, 0.002, False),
+        "brass": ((0.7, 1.0, 0.9, 0.7, 0.5, 0.4, 0.3), 4.0, 0.06, True),
         "band": ((1.0, 0.6, 0.45, 0.3, 0.25, 0.2, 0.1), 0.35, 0.003, True),
     }[style]
     sound = np.zeros(count)
@@ -257,8 +314,8 @@ def plans(group: str, voices: Sequence[Voice], takes: int, noises: Sequence[str]
         for voice in voices
         for take in range(takes)
     ]
-    for kind, name in (("other", "others"), ("near_miss", "near_misses")):
-        for text in sentences(f"{group}_{name}"):
+    for kind, texts in (("other", sentences(f"{group}_others")), ("near_miss", near_misses(group))):
+        for text in texts:
             for take, index in enumerate(rng.permutation(len(voices))[:takes]):
                 result.append(Plan("", kind, text, voices[index], noise(), take, snr_db))
     return result

@@ -90,3 +90,16 @@ def test_the_index_saturates_where_the_error_does_not():
     drawn = (np.roll(truth, 2, 1) | truth) & (prior.data == 0)
     assert metrics.jaccard(truth, drawn) > 0.99
     assert metrics.boundary_error(prior, truth, drawn).mean == pytest.approx(0.05, abs=0.01)
+
+
+def test_the_area_drawn_round_shows_what_the_rest_hides():
+    floor = np.ones((40, 100), bool)
+    truth = floor.copy()
+    truth[:16, :20] = False  # all but the corner is to be restricted
+    drawn = floor.copy()
+    drawn[:16, :15] = False
+    assert metrics.jaccard(truth, drawn) > 0.97
+    inside = [metrics.enclosed(floor, cells, truth) for cells in (truth, drawn)]
+    assert metrics.jaccard(*inside) == pytest.approx(15 / 20)
+    # what is restricted is the smaller part: nothing changes
+    assert (metrics.enclosed(floor, ~drawn, ~truth) == ~drawn).all()

@@ -141,7 +141,7 @@ def test_every_figure_has_its_source():
     drawn = set(STUDY.document["participants"]["traits"])
     models -= {f"models/participant/{key}" for key in drawn} | {"models/body/height", "models/body/breadth"}
     study = set(leaves({key: STUDY.document[key] for key in ("participants", "marks", "timing")}))
-    study -= {"timing/rate", "timing/idle_every", "timing/time_limit_s"}
+    study -= {"timing/idle_every", "timing/time_limit_s"}
     assert models | study == set(assumptions.assumptions())
     assert all(entry.why for entry in assumptions.assumptions().values())
 

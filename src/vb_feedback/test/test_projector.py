@@ -3,6 +3,7 @@ from __future__ import annotations
 
 import os
 import subprocess
+import threading
 import time
 
 import cv2
@@ -14,6 +15,7 @@ from hypothesis import strategies as st
 
 from vb_core.errors import CodedError
 from vb_core.grid_map import GridMap
+from vb_core.ros import node
 from vb_feedback import floor_picture
 from vb_feedback.floor_picture import FloorContent, FloorPicture
 from vb_feedback.projector_calibration import ProjectorCalibration, calibrate, load, markers
@@ -187,7 +189,7 @@ def screen():
 def test_the_window_shows_each_pixel_where_it_belongs(screen, monkeypatch, tmp_path):
     pytest.importorskip("tkinter")
     monkeypatch.setenv("DISPLAY", screen)
-    window = ProjectorWindow(100, 50, *SIZE)
+    window = ProjectorWindow(100, 50, *SIZE, start=node.start_thread)
     picture = floor_picture.calibration_picture(*SIZE, 0)
     picture[:, -3:] = (0, 200, 100)
     path, deadline = str(tmp_path / "screen.png"), time.monotonic() + 60.0
@@ -203,9 +205,31 @@ def test_the_window_shows_each_pixel_where_it_belongs(screen, monkeypatch, tmp_p
         window.close()
 
 
+def test_a_fault_in_the_window_ends_its_thread_and_is_not_swallowed(screen, monkeypatch):
+    pytest.importorskip("tkinter")
+    monkeypatch.setenv("DISPLAY", screen)
+    faults = []
+
+    def start(work):
+        def run():
+            try:
+                work()
+            except Exception as error:
+                faults.append(error)
+
+        thread = threading.Thread(target=run, daemon=True)
+        thread.start()
+        return thread
+
+    window = ProjectorWindow(0, 0, *SIZE, start=start)
+    window.show(np.zeros((0, 0, 3), np.uint8))  # no picture for Tk
+    window._thread.join(60.0)
+    assert not window._thread.is_alive() and len(faults) == 1
+
+
 def test_without_a_screen_there_is_a_reason(monkeypatch):
     pytest.importorskip("tkinter")
     monkeypatch.setenv("DISPLAY", ":63999")
     with pytest.raises(CodedError) as caught:
-        ProjectorWindow(0, 0, *SIZE)
+        ProjectorWindow(0, 0, *SIZE, start=node.start_thread)
     assert caught.value.code == "no_window"

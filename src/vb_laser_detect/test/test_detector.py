@@ -480,3 +480,28 @@ def test_light_without_colour_counts_once_it_was_followed_for_longer_than_a_step
     # what was drawn until then is not lost
     assert spots == [False] * 15 + [True] * 2 or spots == [False] * 16 + [True] and recalled >= 15
     assert told(GREEN, 12)[0] == [False] * 2 + [True] * 10
+
+
+@pytest.mark.parametrize("bayer, weaker", [(False, True), (True, False)])
+def test_a_newcomer_does_not_take_the_drawn_spot_s_place(bayer, weaker):
+    # beside a moving laser a weaker white light on colour images, beside one that is held an equal red one on mosaics
+    scene, detector = tinted(Scene()), SpotDetector(DetectorParams.stationary())
+    feed(detector, [scene.render(bayer=bayer) for _ in range(8)])
+    colour, power, found = ((1.0, 1.0, 1.0), 250.0, []) if weaker else (RED, 420.0, [])
+    for i in range(60):
+        place = (80 + (5.0 * i if weaker else 0.2 * (i % 5)), 200)
+        image = scene.render([place], bayer=bayer)
+        if i >= 15:
+            image = np.maximum(image, scene.render([(500, 80)], colour=colour, power=power, bayer=bayer))
+        found.append(detector.detect(image, 0.4 + PERIOD * i))
+    assert all(len(spots) == 1 and abs(spots[0].v - 200) < 1 for spots in found[4:])
+
+
+@pytest.mark.parametrize("params", [DetectorParams.stationary(), DetectorParams.mobile()])
+def test_a_camera_of_two_images_a_second_sees_a_stroke(params):
+    scene, detector, told = Scene(), SpotDetector(params), 0
+    for i in range(6):
+        detector.detect(scene.render(), 0.5 * i)
+    for i in range(6, 16):
+        told += len(detector.detect(scene.render([(40 + 30.0 * i, 200)]), 0.5 * i)) + len(detector.recalled)
+    assert told >= 9

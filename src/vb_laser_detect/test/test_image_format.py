@@ -7,7 +7,7 @@ from scenes import GREEN, Scene, tinted
 from vb_core.camera_model import CameraModel
 from vb_core.errors import CodedError
 from vb_laser_detect.detector import DetectorParams, SpotDetector
-from vb_laser_detect.image_format import PixelReader, format_of, is_mosaic
+from vb_laser_detect.image_format import PixelReader, is_mosaic
 
 PERIOD = 0.04
 
@@ -77,14 +77,13 @@ def test_the_message_says_whether_it_is_a_mosaic():
     # a camera that is balanced to white over a floor without colours: its pixels do not tell
     grey = np.full((240, 320), 100, np.uint8)
     assert not is_mosaic(grey)
-    assert format_of(grey, "bayer_gbrg8").mosaic and format_of(grey, "bayer_gbrg16").mosaic
+    assert is_mosaic(grey, "bayer_gbrg8") and is_mosaic(grey, "bayer_gbrg16")
     # and a grey camera that looks at a fine pattern is none
     checks = np.tile(np.array([[60, 160], [160, 60]], np.uint8), (120, 160))
-    assert is_mosaic(checks)
-    assert format_of(checks, "mono8") == (False, False)
+    assert is_mosaic(checks) and not is_mosaic(checks, "mono8")
     scene = Scene()
-    assert format_of(tinted(scene).render(bayer=True), "").mosaic
-    assert not format_of(scene.render()[:, :, 1].copy(), "").mosaic
+    assert is_mosaic(tinted(scene).render(bayer=True))
+    assert not is_mosaic(scene.render()[:, :, 1].copy()) and not is_mosaic(scene.render())
 
 
 @pytest.mark.parametrize("white", [200, 220, 235, 255])

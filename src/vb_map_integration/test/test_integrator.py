@@ -1,5 +1,4 @@
 """Changes, history, checks and composition, without ROS."""
-import subprocess
 import sys
 from pathlib import Path
 
@@ -159,34 +158,3 @@ def test_the_hundredth_border_touches_no_other(monkeypatch):
         painted.clear()
         keeper.add(square(5 + k, 5 + k % 80), float(k + 1))
         assert len(painted) == 1
-
-
-PURE = [
-    "border", "border_files", "clicks", "composition", "costmap_settings", "curve", "database", "editing",
-    "findings", "geojson", "integration", "integrator", "legacy_folders", "map_files", "map_picture", "preview",
-    "raster",
-    "recognition", "recording", "registration", "repair", "schedule",
-]
-# beside the nodes, what these share
-OF_ROS = {"border_client", "border_messages", "draft_markers"}
-BLOCKED = """
-import sys
-class Block:
-    def find_spec(self, name, path=None, target=None):
-        if name.split(".")[0] in ("rospy", "tf2_ros", "cv_bridge") or name.split(".")[0].endswith("_msgs"):
-            raise ImportError("blocked: " + name)
-sys.meta_path.insert(0, Block())
-import importlib
-for name in {names!r}:
-    importlib.import_module("vb_map_integration." + name)
-"""
-
-
-def test_pure_modules_need_no_ros():
-    import vb_map_integration.border
-
-    folder = Path(vb_map_integration.border.__file__).parent
-    modules = {path.stem for path in folder.glob("*.py") if not path.stem.endswith("_node")} - {"__init__"}
-    found = sorted(modules - OF_ROS)
-    assert found == PURE
-    subprocess.run([sys.executable, "-c", BLOCKED.format(names=found)], check=True)

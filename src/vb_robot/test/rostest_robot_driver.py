@@ -6,9 +6,11 @@ import unittest
 
 import rospy
 import rostest
-from geometry_msgs.msg import Point, Twist
+from geometry_msgs.msg import Point, PoseStamped, Twist
 from move_base_msgs.msg import MoveBaseActionGoal
+from nav_msgs.msg import Path
 from std_msgs.msg import Bool
+from visualization_msgs.msg import MarkerArray
 
 sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
 from stimulus import Body, Stimulus, assert_bad_parameter_is_named, room, wait_until  # noqa: E402
@@ -175,6 +177,19 @@ class DriverTest(unittest.TestCase):
             return self.said("goal_in_border")
 
         self.assertTrue(wait_until(answered))
+
+    def test_the_path_of_a_robot_with_a_name_is_on_the_topic_of_all(self):
+        shown = {}
+        rospy.Subscriber(names.PLANS, MarkerArray, lambda m: shown.update({k.ns: len(k.points) for k in m.markers}))
+        path = Path(poses=[PoseStamped(), PoseStamped()])
+        path.header.frame_id = "map"
+        planner = rospy.Publisher("ada/move_base/NavfnROS/plan", Path, queue_size=1, latch=True)
+
+        def is_shown():
+            planner.publish(path)
+            return shown == {"ada": 2}
+
+        self.assertTrue(wait_until(is_shown))
 
     def test_a_contact_that_cannot_be_heard_is_refused(self):
         contact = {"topic": "bumper", "type": "no_such_msgs/Bumper"}

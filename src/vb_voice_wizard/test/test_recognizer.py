@@ -87,13 +87,21 @@ def test_alignment_prefers_what_was_drawn():
             senones[frames, mine] = 0.0
             grouped[frames, phones.index[name], place] = 0.0
     likelihoods = phone_scoring.Likelihoods(senones, senones.max(axis=1), silence, grouped)
-    first, second = scorer.align(likelihoods)
+    alignments = scorer.align(likelihoods)
+    first, second = alignments.trace(0), alignments.trace(1)
+    assert alignments.scores.tolist() == [first.score, second.score]
     assert [phone for phone, _, _ in first.phones] == ["S", "EY", "V"]
     assert [start for _, start, _ in first.phones] == [10, 25, 40]
     assert first.score > second.score
     scores, heard = phone_scoring.phone_loop(phones, likelihoods, -5.0)
     assert [phone for phone, _, _ in heard] == ["SIL", "S", "EY", "V", "SIL"]
     assert scores.shape == (count,)
+
+
+@pytest.mark.parametrize("text", ["council", "castle", "say", "shave", "saves", "five", "we do", "resumed", "and you"])
+def test_near_misses_are_never_acted_on_unasked(recognizer, text):
+    for finding in recognizer.examine(say(text)):
+        assert finding.command is None or finding.unclear, f"{text} is surely {finding.command}"
 
 
 COMMANDS = {
@@ -139,6 +147,9 @@ def test_a_short_vocal_tract_gets_a_second_look(recognizer):
     once = CommandRecognizer(RecognizerParams(second_look=1.0))
     first, both = ([listener.recognize(pcm) for pcm in short] for listener in (once, recognizer))
     assert all(one in (None, two) for one, two in zip(first, both))
+    # what was doubted at first is asked about, however sure the second look is
+    looked = [finding for pcm, before in zip(short, first) if before is None for finding in recognizer.examine(pcm)]
+    assert all(finding.unclear for finding in looked if finding.command)
     right = [sum(found == command for found, command in zip(each, COMMANDS)) for each in (first, both)]
     assert right[1] >= right[0] and right[1] >= 3
 

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from vb_core.errors import CodedError, ParameterError
+from vb_core.ros.node import start_thread
 from vb_voice_wizard import wording
 from vb_voice_wizard.audio_sources import Microphone, Resampler, level_db, read_wav, to_model_rate
 from vb_voice_wizard.endpointing import CHUNK, Endpointer, EndpointParams, utterances
@@ -185,7 +186,7 @@ def test_a_recording_program_is_read_and_started_again():
             enough.set()
 
     program = [sys.executable, "-c", "import sys; sys.stdout.buffer.write(bytes(range(200)) * 2)"]
-    microphone = Microphone(program, take, troubles.append, chunk=100, retry=0.0)
+    microphone = Microphone(program, take, troubles.append, chunk=100, retry=0.0, start=start_thread)
     assert enough.wait(20)
     microphone.close()
     assert all(len(samples) == 100 for samples in chunks)
@@ -196,7 +197,7 @@ def test_a_recording_program_is_read_and_started_again():
 def test_a_missing_recording_program_is_told():
     told = threading.Event()
     sentences = []
-    microphone = Microphone(["no_such_program"], lambda _: None, lambda text: (sentences.append(text), told.set()))
+    microphone = Microphone(["no_such_program"], lambda _: None, lambda text: (sentences.append(text), told.set()), start=start_thread)
     assert told.wait(20)
     microphone.close()
     assert "cannot start no_such_program" in sentences[0]
@@ -207,7 +208,7 @@ def test_a_program_that_talks_is_drained_and_its_last_word_told():
     told, sentences_, heard = threading.Event(), [], []
     script = "for i in $(seq 4000); do echo 'overrun of at least some milliseconds' >&2; done; head -c 2000 /dev/zero; echo end >&2"
     microphone = Microphone(
-        ["bash", "-c", script], heard.append, lambda text: (sentences_.append(text), told.set()), chunk=100, retry=60.0
+        ["bash", "-c", script], heard.append, lambda text: (sentences_.append(text), told.set()), chunk=100, retry=60.0, start=start_thread
     )
     assert told.wait(60)
     microphone.close()

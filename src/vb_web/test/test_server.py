@@ -2,6 +2,7 @@
 import asyncio
 import json
 import socket
+import subprocess
 import sys
 import threading
 from pathlib import Path
@@ -12,7 +13,7 @@ from tornado.websocket import WebSocketClosedError, websocket_connect
 
 sys.path.insert(0, str(Path(__file__).resolve().parent))
 from hostile import GOOD_DRAFT, hostile_messages  # noqa: E402
-from vb_core.errors import CodedError  # noqa: E402
+from vb_core.errors import CodedError, ParameterError  # noqa: E402
 from vb_web import access, requests  # noqa: E402
 from vb_web.access import Keys, Role  # noqa: E402
 from vb_web.pictures import Album, Picture  # noqa: E402
@@ -52,19 +53,19 @@ class FakeBackend(Backend):
 class Running:
     """A server that listens on loopback."""
 
-    def __init__(self, keys):
+    def __init__(self, keys, params=ServerParams(port=0)):
         self.backend, self.view, self.album, self.faults = FakeBackend(), View(), Album(), []
         self.album.put("map", Picture(b"png", "a" * 16, 1, 1, 1))
         self.view.put("state", {"name": "default"})
-        self.server = PageServer(ServerParams(port=0), keys, self.view, self.album, self.backend, self.faults.append)
+        self.server = PageServer(params, keys, self.view, self.album, self.backend, self.faults.append)
         # one address asks for all: what limits it is tested on its own
         self.server.requests = access.Limiter(rate=1e9, burst=1e9)
         self.server.start()
         self.host = f"127.0.0.1:{self.server.port}"
 
-    def ask(self, path, method="GET", body=None, **headers):
+    def ask(self, path, method="GET", body=None, scheme="http", options=None, **headers):
         async def fetch():
-            request = HTTPRequest(f"http://{self.host}{path}", method=method, body=body, allow_nonstandard_methods=True,
+            request = HTTPRequest(f"{scheme}://{self.host}{path}", method=method, body=body, allow_nonstandard_methods=True, **(options or {}),
                                   follow_redirects=False, headers={key.replace("_", "-"): value for key, value in headers.items()})
             return await AsyncHTTPClient(force_instance=True).fetch(request, raise_error=False)
 
@@ -96,6 +97,29 @@ def network():
     running = Running(KEYS)
     yield running
     running.server.close()
+    assert not running.faults
+
+
+def test_with_a_certificate_beside_the_codes_a_network_gets_https_only(tmp_path):
+    params = ServerParams(address="0.0.0.0", port=0, codes_file=str(tmp_path / "page_codes.yaml"))
+    assert params.certificate is None and params.scheme == "http"
+    (tmp_path / "page.crt").write_text("")
+    with pytest.raises(ParameterError, match="go together"):
+        ServerParams.scheme.fget(params)
+    subprocess.run(["openssl", "req", "-x509", "-newkey", "rsa:2048", "-nodes", "-days", "2", "-subj", "/CN=lab", "-addext",
+                    "subjectAltName=IP:127.0.0.1", "-keyout", "page.key", "-out", "page.crt"], cwd=str(tmp_path), check=True, stderr=subprocess.DEVNULL)
+    assert params.scheme == "https"
+    assert ServerParams(codes_file=params.codes_file).scheme == "http"  # this computer's own browser
+    running = Running(KEYS, params)
+    try:
+        trusted = {"ca_certs": str(tmp_path / "page.crt")}
+        answer = running.ask("/login", "POST", json.dumps({"code": KEYS.viewer}), scheme="https", options=trusted,
+                             Origin=f"https://{running.host}", Content_Type="application/json")
+        assert answer.code == 200 and "Secure" in answer.headers["Set-Cookie"] and "Strict-Transport-Security" in answer.headers
+        with pytest.raises(OSError):  # http: no answer at all
+            running.ask("/session")
+    finally:
+        running.server.close()
     assert not running.faults
 
 

@@ -41,7 +41,7 @@ def test_numbers_that_are_none_never_reach_json():
 
 
 def test_an_age_that_is_read_out_changes_seldom():
-    assert [coarse_age(age) for age in (0.4, 1.9, 2.1, 7.0, 59.0, 119.0, 1e6)] == [0, 0, 2, 5, 50, 60, 3600]
+    assert [coarse_age(age) for age in (0.4, 2.9, 3.1, 7.0, 59.0, 119.0, 1e6)] == [0, 0, 3, 5, 50, 60, 3600]
     assert len({coarse_age(tenth / 10.0) for tenth in range(600)}) <= 10
 
 

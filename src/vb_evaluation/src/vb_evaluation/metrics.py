@@ -95,3 +95,12 @@ def crosses(path: np.ndarray, grid: GridMap, region: np.ndarray) -> bool:
     cells = grid.world_to_cell(resample_chain(path, grid.resolution / 2.0))
     cells = cells[grid.contains_cells(cells)]
     return bool(np.asarray(region, bool)[cells[:, 0], cells[:, 1]].any())
+
+
+def enclosed(floor: np.ndarray, restricted: np.ndarray, truth: np.ndarray) -> np.ndarray:
+    """The cells that a border goes round: those restricted, or those left free where most of the floor is to be restricted.
+
+    Args:
+        floor, restricted, truth: (H, W) bool; floor without borders, what is restricted of it, what should be.
+    """
+    return restricted if 2 * truth.sum() <= floor.sum() else floor & ~restricted

@@ -111,7 +111,7 @@ class CalibrateProjector:
         rospy.loginfo("calibrate_projector: wrote %s; the grid now shown has lines every 0.5 m, bright ones every 1 m, "
                       "for %g s", path, params.check)
         self._show(floor_picture.grid_picture(calibration))
-        threading.Thread(target=self._end, daemon=True).start()
+        node.start_thread(self._end)
 
     def _end(self) -> None:
         rospy.rostime.wallsleep(self._params.check)
@@ -122,7 +122,7 @@ def _build() -> CalibrateProjector:
     params = parameters.read(CalibrationParams)
     if not params.file:
         raise ParameterError("~file", "must name the file to be written, for instance ~/.ros/virtual_borders/projector.yaml")
-    window = ProjectorWindow(params.window_x, params.window_y, params.width, params.height) if params.window else None
+    window = ProjectorWindow(params.window_x, params.window_y, params.width, params.height, node.start_thread) if params.window else None
     return CalibrateProjector(params, window)
 
 

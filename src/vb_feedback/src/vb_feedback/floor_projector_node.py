@@ -156,7 +156,7 @@ def _build() -> FloorProjector:
         raise ParameterError("~calibration", "must name a file that calibrate_projector wrote")
     calibration = projector_calibration.load(params.calibration)
     size = (calibration.width, calibration.height)
-    window = ProjectorWindow(params.window_x, params.window_y, *size) if params.window else None
+    window = ProjectorWindow(params.window_x, params.window_y, *size, node.start_thread) if params.window else None
     return FloorProjector(params, FloorPicture(calibration, params.brightness), window)
 
 

@@ -2,7 +2,7 @@
 from __future__ import annotations
 
 import threading
-from typing import Optional
+from typing import Any, Callable, Optional
 
 import numpy as np
 
@@ -17,20 +17,20 @@ class ProjectorWindow:
     Args:
         x, y: [px] place on the desktop: where the projector's screen begins.
         width, height: [px].
+        start: starts a thread that does something, and takes care of its faults.
 
     Raises:
         CodedError: "no_window" if Tk is not installed or there is no screen.
     """
 
-    def __init__(self, x: int, y: int, width: int, height: int) -> None:
+    def __init__(self, x: int, y: int, width: int, height: int, start: Callable[[Callable[[], None]], threading.Thread]) -> None:
         self._geometry = f"{width}x{height}+{x}+{y}"
         self._lock = threading.Lock()
         self._next: Optional[bytes] = None
         self._closing = False
         self._ready = threading.Event()
         self._trouble = ""
-        self._thread = threading.Thread(target=self._run, daemon=True)
-        self._thread.start()
+        self._thread = start(self._run)
         self._ready.wait()
         if self._trouble:
             raise CodedError("no_window", self._trouble)
@@ -61,6 +61,14 @@ class ProjectorWindow:
             self._trouble = f"there is no screen for the projector's window: {error}"
             self._ready.set()
             return
+        faults = []
+
+        def on_fault(_kind: Any, fault: BaseException, _trace: Any) -> None:
+            # Tk would print it and go on with a window that never shows anything new
+            faults.append(fault)
+            root.quit()
+
+        root.report_callback_exception = on_fault
         root.title("floor projector")
         root.overrideredirect(True)
         root.geometry(self._geometry)
@@ -86,3 +94,5 @@ class ProjectorWindow:
         # Tk's objects must die in the thread that made them
         shown.clear()
         label = root = None  # noqa: F841
+        if faults:
+            raise faults[0]

@@ -1,8 +1,9 @@
 """Stage 4: polygon or separating curve, as people mean it.
 
-The ends of a polygon come back to each other. Compared are the gap between them, as a share of the line, and how far
-the line would have to turn to close: ends that face each other, or miss a corner, leave a gap in a polygon; ends that
-lie side by side are the two legs of a U. Ends that cross or run past each other are cut there.
+Whoever means a closed figure leads the pointer back to where it began. So the gap between the ends is compared with
+the figure's own size, its largest width: ends that come back by more than half of it are meant to meet. Ends that lie
+side by side like the legs of a U leave an opening on purpose, unless it is small: in between, the angle decides by
+which the line would turn to close. Ends that cross or run past each other are cut there.
 """
 from __future__ import annotations
 
@@ -11,19 +12,17 @@ from dataclasses import dataclass, field
 from typing import Dict, Tuple
 
 import numpy as np
+from scipy.spatial.distance import cdist
 from shapely.geometry import Polygon
 from shapely.validation import make_valid
 
 from vb_core import geometry
 
-# gap in lengths of the line up to which it is closed, by the turn [deg] that closing takes
-GAP_FACING = 0.28
-GAP_SIDE_BY_SIDE = 0.075
-TURN_FACING = 130.0
-TURN_SIDE_BY_SIDE = 170.0
-END_SECTION = 0.3  # share of the line at either end in which the ends may cross or overlap
-OVERHANG_COST = 0.3  # a metre of overhang is given up for this many metres of a narrower gap
-FLAT = 0.004  # area in squares of the length; a circle has 0.08, a line drawn there and back nothing
+CAME_BACK = 0.5  # gap in widths of the figure: the end is nearer to the start than to the figure's far side
+LEGS = 0.2  # the same for parallel ends: the legs of a U are farther apart than an oversight
+MISSED_CORNER = 120.0  # [deg] turn at the corner of an equilateral triangle; parallel legs would turn by 180
+SLIVER = 0.03  # mean width in widths of the figure: a line that was drawn there and back encloses less
+SAMPLES = 200  # along the line: one per half a per cent
 
 
 @dataclass(frozen=True)
@@ -54,31 +53,28 @@ def decide(points: np.ndarray, kind: str = "decide") -> Closing:
     """
     points = np.asarray(points, dtype=float)
     end = len(points) - 1
-    arc = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
-    length = float(arc[-1])
+    length = geometry.chain_length(points)
     apart = float(np.linalg.norm(points[-1] - points[0]))
-    whole = _values(apart, length)
     if kind == "curve":
-        return Closing(False, "open_requested", apart, 0, end, whole)
+        return Closing(False, "open_requested", apart, 0, end, _values(apart, length))
     if len(points) < 3 or length == 0.0:
-        return Closing(False, "open_two_points", apart, 0, end, whole)
-    first, last = _without_overhang(points, arc)
-    gap = float(np.linalg.norm(points[last] - points[first]))
-    length = float(arc[last] - arc[first])
+        return Closing(False, "open_two_points", apart, 0, end, _values(apart, length))
+    first, last = _without_overhang(points, length)
+    cut = points[first : last + 1]
+    gap = float(np.linalg.norm(cut[-1] - cut[0]))
+    values = _values(gap, geometry.chain_length(cut))
     if kind == "polygon":
-        return Closing(True, "closed_requested", gap, first, last, _values(gap, length))
-    inner = points[first : last + 1]
-    turn = _closing_turn(inner, length, gap)
-    allowed = float(np.interp(turn, [TURN_FACING, TURN_SIDE_BY_SIDE], [GAP_FACING, GAP_SIDE_BY_SIDE]))
-    ratio = gap / length
-    if ratio > allowed:
-        code = "open_side_by_side" if ratio <= GAP_FACING else "open_apart"
-        return Closing(False, code, apart, 0, end, whole)
+        return Closing(True, "closed_requested", gap, first, last, values)
+    dense = geometry.resample_chain(points, length / SAMPLES)
+    width = float(cdist(dense, dense).max())
+    allowed = np.interp(_closing_turn(cut, gap), [MISSED_CORNER, 180.0], [CAME_BACK, LEGS])
+    if apart > CAME_BACK * width or gap > allowed * width:
+        code = "open_apart" if apart > CAME_BACK * width else "open_side_by_side"
+        return Closing(False, code, apart, 0, end, _values(apart, length))
     # what is enclosed, also where the line crosses itself
-    if make_valid(Polygon(inner)).area < FLAT * length**2:
-        return Closing(False, "open_flat", apart, 0, end, whole)
-    code = "closed_cut" if last - first < end else "closed_gap"
-    return Closing(True, code, gap, first, last, _values(gap, length))
+    if make_valid(Polygon(cut)).area < SLIVER * width**2:
+        return Closing(False, "open_flat", apart, 0, end, _values(apart, length))
+    return Closing(True, "closed_cut" if last - first < end else "closed_gap", gap, first, last, values)
 
 
 def _values(gap: float, length: float) -> Dict[str, str]:
@@ -86,29 +82,29 @@ def _values(gap: float, length: float) -> Dict[str, str]:
     return {"gap": f"{gap:.2f}", "percent": f"{percent:.0f}", "length": f"{length:.2f}"}
 
 
-def _without_overhang(points: np.ndarray, arc: np.ndarray) -> Tuple[int, int]:
-    """The two points of the end sections between which closing the line costs least."""
-    length = arc[-1]
-    head = np.flatnonzero(arc <= END_SECTION * length)
-    tail = np.flatnonzero(arc >= (1.0 - END_SECTION) * length)
-    distance = np.linalg.norm(points[head][:, None, :] - points[tail][None, :, :], axis=2)
-    overhang = arc[head][:, None] + (length - arc[tail])[None, :]
-    spacing = length / len(points)
-    cost = np.maximum(distance - spacing, 0.0) + OVERHANG_COST * overhang
+def _without_overhang(points: np.ndarray, length: float) -> Tuple[int, int]:
+    """The points of the first and the last third of the line between which it is closed.
+
+    What is cut off must bring the ends nearer by half of its own length: else the ends stay as they are.
+    """
+    arc = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
+    head = np.flatnonzero(arc <= length / 3.0)
+    tail = np.flatnonzero(arc >= 2.0 * length / 3.0)
+    over = arc[head][:, None] + (length - arc[tail])[None, :]
+    # between two points the line may cross: a gap of less than their spacing is none
+    cost = np.maximum(cdist(points[head], points[tail]) - length / len(points), 0.0) + 0.5 * over
     i, j = np.unravel_index(int(np.argmin(cost)), cost.shape)
     return int(head[i]), int(tail[j])
 
 
-def _closing_turn(points: np.ndarray, length: float, gap: float) -> float:
+def _closing_turn(points: np.ndarray, gap: float) -> float:
     """How far [deg] the line turns on the way from its end to its start."""
-    if gap <= length / 100.0:
+    dense = geometry.resample_chain(points, geometry.chain_length(points) / SAMPLES)
+    tenth = len(dense) // 10
+    if gap == 0.0 or tenth == 0:
         return 0.0
-    dense = geometry.resample_chain(points, length / 100.0)
-    window = 8  # percent of the length: longer than a tremor, shorter than a side
-    leave = dense[-1] - dense[-1 - window]
-    arrive = dense[window] - dense[0]
     across = points[0] - points[-1]
-    return math.degrees(_angle(leave, across) + _angle(across, arrive))
+    return math.degrees(_angle(dense[-1] - dense[-1 - tenth], across) + _angle(across, dense[tenth] - dense[0]))
 
 
 def _angle(a: np.ndarray, b: np.ndarray) -> float:

@@ -5,9 +5,8 @@
     observations   the spots, checked and put in the order of time
     track          which of them are the pointer's: the one feasible path through time that explains most floor
     placement      where the pointer really was: the cameras' offsets taken out
-    trace          the stroke walked once: passes over the same line are merged, a held spot is one place
+    line           the fewest straight sides that keep every detail larger than a tremble, and their corners
     closing        polygon or separating curve
-    line           the fewest straight sides that explain the trace, and their corners
 
 Bare points, without stamps, get an order in space first (ordering.py); all that follows is the same.
 `ExtractionParams.paper()` runs Algorithms 1 to 3 of the paper as they are written (paper.py).
@@ -26,19 +25,18 @@ from vb_core import geometry
 from vb_core.parameters import Parameters, param
 from vb_fusion import closing
 from vb_fusion.chain import BorderChain, ExtractionError
-from vb_fusion.line import fit_line
-from vb_fusion.observations import Sights, gather
+from vb_fusion.line import Stroke, fit_line, make_stroke
+from vb_fusion.observations import TREMBLE, Sights, gather
 from vb_fusion.ordering import in_order
 from vb_fusion.paper import clustering, expansion, generate_poly, thinning
 from vb_fusion.placement import without_offsets
 from vb_fusion.seed import extract_seed
-from vb_fusion.trace import trace_of
 from vb_fusion.track import find_tracks
 
 __all__ = ["BorderChain", "ExtractionError", "ExtractionParams", "extract_border", "extract_seed"]
 
 SLIP = 0.02  # of the area that a crossing line encloses: smaller loops are slips of the hand
-NECK = 0.01  # [m] half the width at which two lobes hang together
+NECK = 0.2 * TREMBLE  # [m] half the width at which two lobes hang together
 
 
 @dataclass(frozen=True)
@@ -119,17 +117,20 @@ def _paper(seen: Sights, params: ExtractionParams) -> BorderChain:
 
 
 def _robust(seen: Sights, params: ExtractionParams) -> BorderChain:
-    stroke, left_out = _strokes(seen, params)
-    placed = without_offsets(stroke) if stroke.stamps is not None else stroke
-    trace = trace_of(placed.points, placed.weights, params.eps)
-    if trace is None or not 0.8 * params.min_exp < expansion(trace.points) < params.max_exp:
+    drawn, left_out = _strokes(seen, params)
+    placed = without_offsets(drawn) if drawn.stamps is not None else drawn
+    if len(placed.points) < 3 or not 0.8 * params.min_exp < expansion(placed.points) < params.max_exp:
         raise _no_line(seen, params)
-    first_look = fit_line(trace, False, params.tolerance, refine=False)
-    decision = closing.decide(on_line(trace.points, first_look), params.kind)
-    trace = trace.select(np.arange(decision.first, decision.last + 1))
-    line = fit_line(trace, decision.closed, params.tolerance)
+    stroke = make_stroke(placed.points, placed.weights)
+    if len(stroke.points) < 2:
+        raise _no_line(seen, params)
+    line, on_line = fit_line(stroke, False, params.eps)
+    decision = closing.decide(on_line, params.kind)
+    if decision.closed:
+        kept = slice(decision.first, decision.last + 1)
+        line, _ = fit_line(Stroke(stroke.points[kept], stroke.trust[kept]), True, params.eps)
     chain = _simplified(line, decision.closed, params.tolerance)
-    stages = {"cluster": stroke.points, "placed": placed.points, "thinned": trace.points}
+    stages = {"cluster": drawn.points, "placed": placed.points, "thinned": stroke.points}
     return _result(chain, decision, left_out.points, int(round(left_out.weights.sum())), stages)
 
 
@@ -193,20 +194,10 @@ def _untangled(polygon: Polygon) -> Polygon:
     joined = unary_union([lobe.buffer(NECK, join_style=2) for lobe in lobes if lobe.area >= SLIP * whole])
     if joined.geom_type != "Polygon":
         raise ExtractionError("crosses_itself")
-    joined = Polygon(joined.exterior).buffer(-NECK, join_style=2)
+    joined = Polygon(joined.exterior).buffer(-0.5 * NECK, join_style=2)
     if joined.geom_type != "Polygon" or joined.is_empty:
         raise ExtractionError("crosses_itself")
     return Polygon(joined.exterior)
-
-
-def on_line(points: np.ndarray, line: np.ndarray) -> np.ndarray:
-    """(K, 2) [m] the nearest places to points on an open polygonal chain (M, 2)."""
-    start, way = line[:-1], np.diff(line, axis=0)
-    off = points[:, None, :] - start[None, :, :]
-    share = np.clip((off * way).sum(axis=2) / np.maximum((way**2).sum(axis=1), 1e-12), 0.0, 1.0)
-    feet = start + share[..., None] * way
-    best = np.argmin(((points[:, None, :] - feet) ** 2).sum(axis=2), axis=1)
-    return feet[np.arange(len(points)), best]
 
 
 def _result(chain: np.ndarray, decision: closing.Closing, left_out: np.ndarray, spots: int, stages) -> BorderChain:

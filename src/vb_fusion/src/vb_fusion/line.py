@@ -1,53 +1,125 @@
-"""Stage 3: the line through the trace, as few straight sides as explain it.
+"""Stage 3: the line through the stroke, as few straight sides as explain it.
 
-A side is worth its two corners if it brings the line nearer to the stations than trembling does by chance. The best
-division into sides is found exactly, by dynamic programming over all stretches of the trace; corners are where two
-sides meet, so that they stay sharp, also where nobody saw them. At last the corners are moved until the line is as
-near as it can be to all sights (iterated least squares, far sights count less).
+The sights, in the order in which they were drawn, become stations a hand's tremble apart: a spot held still is one
+station, however long. The stations are divided into sides, exactly, by dynamic programming: a corner is worth it if
+leaving it out would lose a detail that is larger than what a hand trembles, and sooner where the pointer stopped.
+Then the corners are moved to where the line is as near as it can be to all stations, which puts them where the sides
+meet, also where nobody saw them.
 """
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import List, Tuple
 
 import numpy as np
+from scipy.spatial import cKDTree
 
-from vb_fusion.trace import STEP, Trace
+from vb_fusion.observations import TREMBLE
 
-SIDE_COST = 6.0  # a further side must explain so many times what trembling explains by chance on TREMBLING
-TREMBLING = 0.15  # [m] of line on which a hand errs to the same side
-HELD = 0.3  # of a station's weight
-LONGEST_SIDE = 200  # stations, more than 10 m: bounds the time for very long borders
-BLOCK = 64  # stations; bounds the memory
+LONGEST_SIDE = 200  # stations, 10 m: bounds the time for very long borders
 
 
-def fit_line(trace: Trace, closed: bool, tolerance: float, refine: bool = True) -> np.ndarray:
-    """The vertices (M, 2) [m] of the line through a trace.
+@dataclass(frozen=True)
+class Stroke:
+    """Stations along a stroke, in the order in which they were drawn.
 
-    Args:
-        closed: the line goes on from the last station to the first.
-        tolerance: [m] the line need not be nearer to the stations than this.
-        refine: move the corners to where all sights together want them.
+    Attributes:
+        points: (K, 2) [m].
+        trust: (K,) how many spots each was made of, and how good they are.
     """
-    breaks = _divide(trace, tolerance)
-    if closed:
+
+    points: np.ndarray
+    trust: np.ndarray
+
+    @property
+    def weights(self) -> np.ndarray:
+        """(K,) [m] of the line that each station stands for."""
+        steps = np.minimum(np.linalg.norm(np.diff(self.points, axis=0), axis=1), 2.0 * TREMBLE)
+        return 0.5 * (np.append(steps, 0.0) + np.append(0.0, steps)) + 0.1 * TREMBLE
+
+
+def make_stroke(sights: np.ndarray, trust: np.ndarray) -> Stroke:
+    """The stations of sights (N, 2) [m] with weights (N,), N >= 3; what was drawn over again at the end is merged."""
+    # what two cameras see in turn is not a movement: a mean over five sights
+    window = np.clip(np.arange(len(sights))[:, None] + np.arange(-2, 3), 0, len(sights) - 1)
+    calm = (sights[window] * trust[window][..., None]).sum(axis=1) / trust[window].sum(axis=1)[:, None]
+    station = np.empty(len(sights), dtype=np.int64)
+    number, seen, x, y = 0, 0, 0.0, 0.0
+    for row, (px, py) in enumerate(calm.tolist()):
+        if seen and (px - x / seen) ** 2 + (py - y / seen) ** 2 > TREMBLE**2:
+            number, seen, x, y = number + 1, 0, 0.0, 0.0
+        seen, x, y = seen + 1, x + px, y + py
+        station[row] = number
+    total = np.bincount(station, trust)
+    points = np.column_stack([np.bincount(station, trust * sights[:, k]) / total for k in range(2)])
+    return _merged(Stroke(points, total))
+
+
+def _merged(stroke: Stroke) -> Stroke:
+    """The stroke as far as it goes on to new floor: a line or ring that is drawn twice is one, seen twice as often."""
+    at = stroke.points
+    arc = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(at, axis=0), axis=1))])
+    found = cKDTree(at).query_pairs(2.0 * TREMBLE, output_type="ndarray")
+    earlier, later = found.min(axis=1), found.max(axis=1)
+    # next to each other along the line is not drawn again
+    again = arc[later] - arc[earlier] > 2.0 * np.linalg.norm(at[later] - at[earlier], axis=1) + 4.0 * TREMBLE
+    new = np.ones(len(at), dtype=bool)
+    new[later[again]] = False
+    # two stations beside the line may be an overshoot; three are new floor
+    run = np.flatnonzero(new[:-2] & new[1:-1] & new[2:])
+    kept = int(run[-1]) + 3 if len(run) else len(at)
+    if kept == len(at):
+        return stroke
+    nearest = cKDTree(at[:kept]).query(at[kept:])[1]
+    trust = stroke.trust.copy()
+    moved = at * trust[:, None]
+    np.add.at(moved, nearest, moved[kept:].copy())
+    np.add.at(trust, nearest, trust[kept:].copy())
+    return Stroke(moved[:kept] / trust[:kept, None], trust[:kept])
+
+
+def fit_line(stroke: Stroke, closed: bool, widest_gap: float) -> Tuple[np.ndarray, np.ndarray]:
+    """The vertices (M, 2) [m] of the line, and where each station is on it (K, 2) [m].
+
+    A closed line goes on from its last vertex to the first. A gap between its ends that is no wider than widest_gap
+    [m] may hide a corner; across a wider one it is straight.
+    """
+    starts = _divide(stroke)
+    joined = closed and len(starts) > 2 and float(np.linalg.norm(stroke.points[-1] - stroke.points[0])) <= widest_gap
+    if joined:
         # begin at a corner, so that the side in which the drawing began is one side
-        trace = trace.select(np.roll(np.arange(len(trace.points)), -_sharpest(trace, breaks)))
-        breaks = _divide(trace, tolerance)
-    sides = [_side(trace, first, last) for first, last in breaks]
-    vertices, owner = _corners(trace, breaks, sides, closed)
-    return _refined(trace, breaks, vertices, owner, closed) if refine else vertices
+        order = np.roll(np.arange(len(stroke.points)), -_sharpest(stroke, starts))
+        stroke = Stroke(stroke.points[order], stroke.trust[order])
+        starts = _divide(stroke)
+    return _refined(stroke, starts, joined)
 
 
-def _moments(trace: Trace) -> np.ndarray:
-    """(K + 1, 6) sums of w, wx, wy, wxx, wyy, wxy over the stations before each."""
-    at = trace.points - trace.points.mean(axis=0)
-    w, x, y = trace.weights, at[:, 0], at[:, 1]
+def _divide(stroke: Stroke) -> List[int]:
+    """The first station of each side."""
+    at = stroke.points - stroke.points.mean(axis=0)
+    w, x, y = stroke.weights, at[:, 0], at[:, 1]
     terms = np.column_stack([w, w * x, w * y, w * x * x, w * y * y, w * x * y])
-    return np.vstack([np.zeros(6), np.cumsum(terms, axis=0)])
+    before = np.vstack([np.zeros(6), np.cumsum(terms, axis=0)])
+    count = len(at)
+    # people mark corners by stopping: where the spot was seen more than twice as long as usual, less detail will do
+    rest = np.maximum(stroke.trust, np.roll(stroke.trust, 1)) / np.median(stroke.trust)
+    corner = TREMBLE**3 * np.clip(2.0 / rest, 0.25, 1.0)
+    best = np.zeros(count + 1)
+    start = np.zeros(count + 1, dtype=int)
+    for end in range(1, count + 1):
+        low = max(0, end - LONGEST_SIDE)
+        cost = best[low:end] + _misfit(before[end] - before[low:end])
+        chosen = int(np.argmin(cost))
+        best[end], start[end] = cost[chosen] + corner[end % count], low + chosen
+    starts, end = [], count
+    while end > 0:
+        end = int(start[end])
+        starts.append(end)
+    return starts[::-1]
 
 
 def _misfit(sums: np.ndarray) -> np.ndarray:
-    """[m^3] weighted squared distance from the best line, for sums (..., 6)."""
+    """[m^3] squared distance from the best straight line, times the way, for sums (..., 6)."""
     w = np.maximum(sums[..., 0], 1e-12)
     xx = sums[..., 3] - sums[..., 1] ** 2 / w
     yy = sums[..., 4] - sums[..., 2] ** 2 / w
@@ -55,128 +127,57 @@ def _misfit(sums: np.ndarray) -> np.ndarray:
     return np.maximum(0.5 * (xx + yy - np.sqrt((xx - yy) ** 2 + 4.0 * xy**2)), 0.0)
 
 
-def _divide(trace: Trace, tolerance: float) -> List[Tuple[int, int]]:
-    """(first, last) station of each side."""
-    before = _moments(trace)
-    count = len(trace.points)
-    if count < 3:
-        return [(0, count - 1)]
-    # how much a hand trembles here: the usual misfit of short stretches, which corners hardly disturb
-    steps = np.linalg.norm(np.diff(trace.points, axis=0), axis=1)
-    span = int(np.clip(4.0 * TREMBLING / max(float(np.median(steps)), 1e-6), 1, min(count, 8)))
-    short = before[span:] - before[:-span]
-    noise = float(np.median(_misfit(short) / np.maximum(short[:, 0], 1e-12)))
-    cost_of_side = SIDE_COST * TREMBLING * (noise + tolerance**2)
-    best = np.zeros(count + 1)
-    start = np.zeros(count + 1, dtype=int)
-    for block in range(0, count, BLOCK):
-        ends = np.arange(block + 1, min(block + BLOCK, count) + 1)
-        low = max(0, block + 1 - LONGEST_SIDE)
-        # of all sides that end in this block, at once; a side that would begin behind its end is never chosen
-        misfit = _misfit(before[ends][:, None, :] - before[None, low : ends[-1], :])
-        for row, end in enumerate(ends):
-            cost = best[low:end] + misfit[row, : end - low]
-            chosen = int(np.argmin(cost))
-            best[end], start[end] = cost[chosen] + cost_of_side, low + chosen
-    breaks, end = [], count
-    while end > 0:
-        breaks.append((int(start[end]), end - 1))
-        end = int(start[end])
-    return breaks[::-1]
+def _sharpest(stroke: Stroke, starts: List[int]) -> int:
+    """The station at the sharpest corner between two sides."""
+    corners = stroke.points[starts + [len(stroke.points) - 1]]
+    sides = np.diff(corners, axis=0)
+    sides = sides / np.maximum(np.linalg.norm(sides, axis=1), 1e-9)[:, None]
+    return starts[1 + int(np.argmin((sides[:-1] * sides[1:]).sum(axis=1)))]
 
 
-def _side(trace: Trace, first: int, last: int) -> Tuple[np.ndarray, np.ndarray]:
-    """A point (2,) [m] on a side's line and its direction (2,)."""
-    at, w = trace.points[first : last + 1], trace.weights[first : last + 1]
-    middle = (w[:, None] * at).sum(axis=0) / w.sum()
-    off = at - middle
-    xx, yy, xy = (w * off[:, 0] ** 2).sum(), (w * off[:, 1] ** 2).sum(), (w * off[:, 0] * off[:, 1]).sum()
-    angle = 0.5 * np.arctan2(2.0 * xy, xx - yy)
-    along = np.array([np.cos(angle), np.sin(angle)])
-    return middle, along if (at[-1] - at[0]) @ along >= 0.0 else -along
-
-
-def _sharpest(trace: Trace, breaks: List[Tuple[int, int]]) -> int:
-    """The station after the sharpest corner between two sides."""
-    if len(breaks) < 2:
-        return len(trace.points) // 2
-    along = [_side(trace, first, last)[1] for first, last in breaks]
-    turn = [float(a @ b) for a, b in zip(along[:-1], along[1:])]
-    return breaks[int(np.argmin(turn)) + 1][0]
-
-
-def _corners(trace: Trace, breaks, sides, closed: bool) -> Tuple[np.ndarray, List[int]]:
-    """The vertices, and for each side the index of the vertex where it begins."""
-    vertices: List[np.ndarray] = []
-    begins: List[int] = []
-    count = len(sides)
-    if not closed:
-        vertices.append(_end(trace, breaks, sides[0], 0))
-    for k in range(count if closed else count - 1):
-        # the corner between side k and the next one
-        begins.append(len(vertices) - 1)
-        following = (k + 1) % count
-        last, first = trace.points[breaks[k][1]], trace.points[breaks[following][0]]
-        vertices += _corner(last, first, sides[k], sides[following])
-    begins.append(len(vertices) - 1)
-    if not closed:
-        vertices.append(_end(trace, breaks, sides[-1], -1))
-        return np.array(vertices), begins
-    return np.array(vertices), begins[:count]
-
-
-def _end(trace: Trace, breaks, side, which: int) -> np.ndarray:
-    """Where the drawing began (0) or ended (-1) on its first or last side: the outermost sights but for a sixth."""
-    first, last = breaks[which]
-    middle, along = side
-    outwards = -along if which == 0 else along
-    of_side = (trace.of_sight >= first) & (trace.of_sight <= last)
-    reach = np.sort((trace.sights[of_side] - middle) @ outwards)[::-1]
-    there = int((reach >= reach[0] - 2.0 * STEP).sum())
-    return middle + reach[there // 6] * outwards
-
-
-def _foot(point: np.ndarray, side) -> np.ndarray:
-    middle, along = side
-    return middle + ((point - middle) @ along) * along
-
-
-def _corner(last: np.ndarray, first: np.ndarray, side, following) -> List[np.ndarray]:
-    """One vertex where two sides meet; two where they do not meet near the stretch between their stations."""
-    a, b = _foot(last, side), _foot(first, following)
-    (p, u), (q, v) = side, following
-    cross = u[0] * v[1] - u[1] * v[0]
-    gap = float(np.linalg.norm(first - last))
-    if abs(cross) > 0.05:
-        meet = p + ((q - p)[0] * v[1] - (q - p)[1] * v[0]) / cross * u
-        if np.linalg.norm(meet - 0.5 * (a + b)) <= 0.75 * gap + STEP:
-            return [meet]
-    return [0.5 * (a + b)] if gap < 2.0 * STEP else [a, b]
-
-
-def _refined(trace: Trace, breaks, vertices: np.ndarray, begins: List[int], closed: bool) -> np.ndarray:
-    """The vertices moved to where the sights are least far from the line."""
+def _refined(stroke: Stroke, starts: List[int], joined: bool) -> Tuple[np.ndarray, np.ndarray]:
+    """The vertices where the stations are least far from the line: least squares, far stations count less."""
+    at, weights = stroke.points, stroke.weights
+    sides = len(starts)
+    vertices = [at[0]] + [0.5 * (at[k - 1] + at[k]) for k in starts[1:]] + [at[-1]]
+    if joined:
+        vertices = [0.5 * (at[0] + at[-1])] + vertices[1:-1]
+    vertices = np.array(vertices)
     count = len(vertices)
-    side_of_station = np.repeat(np.arange(len(breaks)), [last - first + 1 for first, last in breaks])
-    start = np.array(begins)[side_of_station[trace.of_sight]] % count
+    # a corner is unseen at most in the circle over the gap between the stations before and after it (Thales)
+    before = [at[-1] if joined else at[0]] + [at[k - 1] for k in starts[1:]] + [at[-1]]
+    after = [at[0]] + [at[k] for k in starts[1:]] + [at[-1]]
+    room = 0.5 * np.linalg.norm(np.array(after)[:count] - np.array(before)[:count], axis=1) + TREMBLE
+    middle = vertices
+    start = np.repeat(np.arange(sides), np.diff(starts + [len(at)]))
     end = (start + 1) % count
-    # a corner between sides that hardly turn is held where it was, as by one station
-    identity = HELD * STEP * np.eye(2 * count)
+    # a corner that the stations leave open, between sides that hardly turn, stays where it is
+    held = 0.1 * TREMBLE * np.eye(2 * count)
+    if not joined:
+        # the ends of an open line are where the drawing ended, along their sides too
+        for corner in (0, count - 1):
+            held[2 * corner : 2 * corner + 2, 2 * corner : 2 * corner + 2] *= 10.0
+    every = np.arange(len(start))
     for _ in range(3):
         a, b = vertices[start], vertices[end]
         along = b - a
         length = np.maximum((along**2).sum(axis=1), 1e-12)
-        share = np.clip(((trace.sights - a) * along).sum(axis=1) / length, 0.0, 1.0)
+        share = np.clip(((at - a) * along).sum(axis=1) / length, 0.0, 1.0)
         normal = np.column_stack([-along[:, 1], along[:, 0]]) / np.sqrt(length)[:, None]
-        off = ((trace.sights - a) * normal).sum(axis=1)
-        usual = max(float(np.median(np.abs(off))), 1e-3)
-        weight = trace.sight_weights / np.maximum(1.0, np.abs(off) / (3.0 * usual))
+        off = ((at - a) * normal).sum(axis=1)
+        weight = weights / np.maximum(1.0, np.abs(off) / TREMBLE)
         rows = np.zeros((len(off), 2 * count))
-        every = np.arange(len(off))
         for axis in range(2):
             rows[every, 2 * start + axis] += (1.0 - share) * normal[:, axis]
             rows[every, 2 * end + axis] += share * normal[:, axis]
         scaled = rows * weight[:, None]
-        step = np.linalg.solve(scaled.T @ rows + identity, scaled.T @ off)
-        vertices = vertices + step.reshape(-1, 2)
-    return vertices
+        move = vertices + np.linalg.solve(scaled.T @ rows + held, scaled.T @ off).reshape(-1, 2) - middle
+        reach = np.maximum(np.linalg.norm(move, axis=1), 1e-12)
+        vertices = middle + move * np.minimum(1.0, room / reach)[:, None]
+    if not joined:
+        # half a station of the line lies beyond the middle of the last one
+        for corner, inner in ((0, 1), (count - 1, count - 2)):
+            outwards = vertices[corner] - vertices[inner]
+            vertices[corner] += 0.5 * TREMBLE * outwards / max(float(np.linalg.norm(outwards)), 1e-9)
+    a, b = vertices[start], vertices[end]
+    return vertices, a + share[:, None] * (b - a)

@@ -12,8 +12,8 @@ import numpy as np
 
 from vb_fusion.chain import ExtractionError
 
+TREMBLE = 0.05  # [m] a hand that holds still wanders within it, and cameras agree to within it
 QUANTUM = 0.02  # [s] shorter than the time between two images of a usual camera
-CELL = 0.05  # [m] spots of one camera within it and within a quantum are one sight
 MOBILE_TRUST = 0.25  # weight of a camera whose own pose is estimated: localisation is about twice as far off
 FARTHEST = 1e5  # [m] from the origin: no floor is larger
 
@@ -92,7 +92,7 @@ def gather(
 def _condensed(spots: Sights) -> Sights:
     """Spots of one camera, place and quantum become one; the result is in order of time, then of place."""
     quantum = np.floor((spots.stamps - spots.stamps.min()) / QUANTUM + 0.013).astype(np.int64)
-    cell = np.floor(spots.points / CELL).astype(np.int64)
+    cell = np.floor(spots.points / TREMBLE).astype(np.int64)
     cell -= cell.min(axis=0)
     width, height = (int(size) for size in cell.max(axis=0) + 1)
     key = (quantum * (int(spots.cameras.max()) + 1) + spots.cameras) * width * height + cell[:, 0] * height + cell[:, 1]

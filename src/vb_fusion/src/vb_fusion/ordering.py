@@ -11,8 +11,9 @@ from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import connected_components, dijkstra, minimum_spanning_tree
 from scipy.spatial import Delaunay, QhullError, cKDTree
 
-SITE = 0.06  # [m] of the lattice: wider than a line trembles, narrower than a border's slots
-BESIDE = 0.15  # [m] points so near to the path belong to it
+from vb_fusion.observations import TREMBLE
+
+SITE = 1.2 * TREMBLE  # [m] of the lattice: wider than a line trembles, narrower than a border's slots
 LONELY = 0.15  # of the usual company: strays have less
 
 
@@ -35,7 +36,7 @@ def in_order(points: np.ndarray, widest_gap: float) -> np.ndarray:
     if len(path) < 2:
         return np.zeros(0, dtype=int)
     away, nearest = cKDTree(at[path]).query(points)
-    chosen = np.flatnonzero(away <= BESIDE)
+    chosen = np.flatnonzero(away <= 3.0 * TREMBLE)
     # points of one site in the order of the path's direction there
     forward = at[path][np.minimum(nearest + 1, len(path) - 1)] - at[path][np.maximum(nearest - 1, 0)]
     along = ((points - at[path][nearest]) * forward).sum(axis=1) / np.maximum((forward**2).sum(axis=1), 1e-12)

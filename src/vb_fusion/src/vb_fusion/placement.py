@@ -11,19 +11,15 @@ from typing import List, Tuple
 
 import numpy as np
 
-from vb_fusion.observations import Sights
+from vb_fusion.observations import TREMBLE, Sights
 
 AT_ONCE = 0.03  # [s] two cameras saw the same spot: less than one image apart
-CALIBRATION = 0.03  # [m] what a stationary camera is usually off
-LOCALISATION = 0.15  # [m] what a robot's pose may be off
-WANDER = 0.1  # [m] by which a robot's error changes in a second
-NOISE = 0.03  # [m] of one comparison of two cameras: detection, tremor, and the way in AT_ONCE
-SAME_SPOT = 0.3  # [m] farther apart at one time are two things
+LOCALISATION = 0.15  # [m] what a robot's pose may be off, differently every second
 
 
 def without_offsets(seen: Sights) -> Sights:
     """The sights with their cameras' offsets taken out; what all cameras have in common cannot be known."""
-    groups, of_sight, mobile, chained = _offsets_to_find(seen)
+    groups, of_sight, mobile = _offsets_to_find(seen)
     if groups < 2:
         return seen
     first, second = _compared(seen, of_sight)
@@ -47,23 +43,19 @@ def without_offsets(seen: Sights) -> Sights:
     for run in np.split(order, starts[1:]):
         a, b = divmod(int(key[run[0]]), groups)
         # the tremor is the same for both cameras only if they look at once: neighbours in time are no new evidence
-        require(a, b, np.median(difference[run], axis=0), NOISE / np.sqrt(len(run)))
+        require(a, b, np.median(difference[run], axis=0), 0.5 * TREMBLE / np.sqrt(len(run)))
     for group in range(groups):
-        require(group, -1, (0.0, 0.0), LOCALISATION if mobile[group] else CALIBRATION)
-    for before, after in chained:
-        require(after, before, (0.0, 0.0), WANDER)
+        require(group, -1, (0.0, 0.0), LOCALISATION if mobile[group] else 0.5 * TREMBLE)
     offsets = np.linalg.lstsq(np.array(rows), np.array(measured), rcond=None)[0]
     return seen.moved(seen.points - offsets[of_sight])
 
 
-def _offsets_to_find(seen: Sights) -> Tuple[int, np.ndarray, np.ndarray, List[Tuple[int, int]]]:
-    """How many offsets, which one each sight has, which are a mobile camera's, and which follow each other."""
+def _offsets_to_find(seen: Sights) -> Tuple[int, np.ndarray, np.ndarray]:
+    """How many offsets, which one each sight has, and which are a mobile camera's."""
     second = np.where(seen.mobile, np.floor((seen.stamps - seen.stamps[0]) + 0.0007), 0).astype(np.int64)
     key = seen.cameras.astype(np.int64) * (int(second.max()) + 2) + second + seen.mobile
     unique, first, of_sight = np.unique(key, return_index=True, return_inverse=True)
-    mobile = seen.mobile[first]
-    same = (np.diff(seen.cameras[first]) == 0) & mobile[1:] & mobile[:-1]
-    return len(unique), of_sight, mobile, [(int(k), int(k) + 1) for k in np.flatnonzero(same)]
+    return len(unique), of_sight, seen.mobile[first]
 
 
 def _compared(seen: Sights, of_sight: np.ndarray) -> Tuple[np.ndarray, np.ndarray]:
@@ -77,7 +69,7 @@ def _compared(seen: Sights, of_sight: np.ndarray) -> Tuple[np.ndarray, np.ndarra
             theirs = np.flatnonzero(seen.cameras == b)
             partner = theirs[nearest_in(seen.stamps[theirs], seen.stamps[ours])]
             at_once = np.abs(seen.stamps[ours] - seen.stamps[partner]) <= AT_ONCE
-            at_once &= np.linalg.norm(seen.points[ours] - seen.points[partner], axis=1) <= SAME_SPOT
+            at_once &= np.linalg.norm(seen.points[ours] - seen.points[partner], axis=1) <= 2.0 * LOCALISATION
             first.append(ours[at_once])
             second.append(partner[at_once])
     if not first:

@@ -12,10 +12,10 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from vb_fusion.chain import ExtractionError
-from vb_fusion.observations import Sights, gather
+from vb_fusion.observations import TREMBLE, Sights, gather
 from vb_fusion.track import MOMENT, find_places
 
-HAND = 0.08  # [m] a hand that holds still stays within this of its mean, cameras' offsets included
+HAND = 1.5 * TREMBLE  # [m] a hand that holds still stays within this of its mean, cameras' offsets included
 MIN_SPOTS = 3
 KNOWN = 0.2  # what a place counts that was seen before the seed was asked for
 RIVAL_MOMENTS = 4  # a place that was seen in fewer is not compared

@@ -3,7 +3,8 @@
 The pointer is one thing that moves through time. What was seen within a tenth of a second and close together is one
 place; the track is the sequence of places that explains the most floor with the least effort. In metres:
 
-    gain  = the floor that a place adds (a place that is seen for long, or again, adds nothing more)
+    gain  = the floor that a place adds while something is there: staying for long adds nothing more, so that what
+            stays, a hand that rests or a bright thing, counts once; coming back counts again
     cost  = way^2 / (time * BRISK) between two places: a jump is expensive, a gap that was crossed at the speed of a
             hand is cheap, a pause is free
 
@@ -13,23 +14,21 @@ What remains is searched again: a second stroke.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import List
+from typing import List, Tuple
 
 import numpy as np
 from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import dijkstra
 from scipy.spatial import cKDTree
 
-from vb_fusion.observations import Sights
+from vb_fusion.observations import TREMBLE, Sights
 
 MOMENT = 0.1  # [s] a hand's pointer moves by centimetres within it, and cameras with 10 images/s see it
-TOGETHER = 0.12  # [m] sights of one moment that are no farther apart are one place
-FLOOR = 0.1  # [m] radius of the floor that a place stands for
+FLOOR = 2.0 * TREMBLE  # [m] width of the floor that a place stands for
 BRISK = 6.0  # [m/s] at this speed unseen way costs as much floor as it crosses
-BLINK = 0.3  # [s] a pointer that moves is seen again within it
-SLACK = 0.06  # [m] of two sights of one thing: cameras disagree, hands tremble
-BESIDE = 0.15  # [m] a sight so near to the track at its time belongs to it
-STRAY = 0.02  # of the spots of the strongest place of the same moment
+BLINK = 3.0 * MOMENT  # [s] a pointer that moves is seen again within it
+ABSENCE = 10.0 * MOMENT  # [s] what is seen again after it has come back
+STRAY = 0.02  # of the spots of the strongest place of the same moment: the rest of a moment with hundreds of spots
 LOOK_BACK = 40  # places among which a predecessor is looked for: 4 s, less where more than one thing is seen
 
 
@@ -67,8 +66,7 @@ def find_places(seen: Sights) -> Places:
     # apart where there is a gap along x, then along y, then along x again
     for axis in (0, 1, 0):
         order = np.lexsort((seen.points[:, axis], group))
-        step = np.diff(seen.points[order, axis])
-        new = (np.diff(group[order]) != 0) | (step > TOGETHER)
+        new = (np.diff(group[order]) != 0) | (np.diff(seen.points[order, axis]) > FLOOR)
         group = np.empty(len(order), dtype=np.int64)
         group[order] = np.concatenate([[0], np.cumsum(new)])
     weights = np.bincount(group, seen.weights)
@@ -80,43 +78,35 @@ def find_places(seen: Sights) -> Places:
     rank = np.empty(len(order), dtype=np.int64)
     rank[order] = np.arange(len(order))
     points, times, weights = np.column_stack([x, y])[order], t[order], weights[order]
-    # where a moment holds hundreds of spots, a place that has one of them is a stray
     when = np.empty(len(order), dtype=np.int64)
     when[rank[group]] = moment
     most = np.zeros(int(moment.max()) + 1)
     np.maximum.at(most, when, weights)
     strong = weights >= STRAY * most[when]
     gains = np.zeros(len(order))
-    gains[strong] = _gains(points[strong], times[strong], weights[strong])
+    gains[strong] = np.maximum(_new_floor(points[strong], times[strong]), _swept(points[strong], times[strong]))
     return Places(points, seen.stamps[0] + times, gains, rank[group])
 
 
-def _gains(points: np.ndarray, times: np.ndarray, weights: np.ndarray) -> np.ndarray:
-    """(P,) [m] of floor that each place adds.
+def _new_floor(points: np.ndarray, times: np.ndarray) -> np.ndarray:
+    """(P,) [m] of floor that each place adds: shared among all that was seen there without an ABSENCE between.
 
-    The floor about a place is shared among all moments in which it was seen. It counts little if, in these moments,
-    much more floor was seen elsewhere: the pointer cannot be in two places, so what stays while the pointer moves is
-    something else that is bright.
+    Places count for the four nodes of a lattice about them, by how near they are: continuous in place.
     """
-    nearby = _Lattice(points)
-    floor = 1.5 * FLOOR / np.maximum(nearby.total(np.ones(len(points))), 3.0)
-    gains = floor * np.minimum(1.0, weights / _weighted_median(weights, floor))
-    gains = np.maximum(gains, _swept(points, times))
-    elsewhere = np.zeros(len(points))
-    for lag in range(1, 6):
-        at_once = (times[lag:] - times[:-lag] <= MOMENT) & (
-            np.linalg.norm(points[lag:] - points[:-lag], axis=1) > TOGETHER + BRISK * (times[lag:] - times[:-lag])
-        )
-        elsewhere[lag:] += at_once * gains[:-lag]
-        elsewhere[:-lag] += at_once * gains[lag:]
-    rival = nearby.total(elsewhere) / nearby.total(gains)
-    return gains / (1.0 + 0.25 * rival**2)
-
-
-def _weighted_median(values: np.ndarray, weights: np.ndarray) -> float:
-    order = np.argsort(values, kind="stable")
-    summed = np.cumsum(weights[order])
-    return float(values[order[np.searchsorted(summed, 0.5 * summed[-1])]])
+    scaled = (points - points.min(axis=0)) / FLOOR
+    cell = np.floor(scaled).astype(np.int64)
+    part = scaled - cell
+    stride = int(cell[:, 1].max()) + 2
+    corners = [(dx, dy) for dx in (0, 1) for dy in (0, 1)]
+    nodes = np.concatenate([(cell[:, 0] + dx) * stride + cell[:, 1] + dy for dx, dy in corners])
+    shares = np.concatenate([np.abs(1 - dx - part[:, 0]) * np.abs(1 - dy - part[:, 1]) for dx, dy in corners])
+    order = np.lexsort((np.tile(times, 4), nodes))
+    visit = np.empty(len(order), dtype=np.int64)
+    new = (np.diff(nodes[order]) != 0) | (np.diff(np.tile(times, 4)[order]) > ABSENCE)
+    visit[order] = np.concatenate([[0], np.cumsum(new)])
+    company = (np.bincount(visit, shares)[visit] * shares).reshape(4, -1).sum(axis=0)
+    # a place alone has 4/9 of its own company on average
+    return 0.5 * FLOOR / np.maximum(0.75 * company, 1.0)
 
 
 def _swept(points: np.ndarray, times: np.ndarray) -> np.ndarray:
@@ -134,33 +124,14 @@ def _swept(points: np.ndarray, times: np.ndarray) -> np.ndarray:
             share = (times[back:-ahead] - times[: -back - ahead]) / np.maximum(whole, 1e-9)
             off = np.linalg.norm(first + share[:, None] * (last - first) - at, axis=1)
             way = np.linalg.norm(last - first, axis=1) / 2.0
-            straight = np.exp(-((off / np.maximum(0.3 * way, SLACK)) ** 2))
+            straight = np.exp(-((off / np.maximum(0.3 * way, TREMBLE)) ** 2))
             slow = np.maximum(1.0 - (2.0 * way / np.maximum(BRISK * whole, 1e-9)) ** 4, 0.0)
-            row = np.maximum(way - SLACK, 0.0) * straight * slow * (whole <= BLINK)
+            row = np.maximum(way - TREMBLE, 0.0) * straight * slow * (whole <= BLINK)
             swept[back:-ahead] = np.maximum(swept[back:-ahead], row)
+            # the ends of the row, where the stroke may begin or end
+            swept[: -back - ahead] = np.maximum(swept[: -back - ahead], 0.5 * row)
+            swept[back + ahead :] = np.maximum(swept[back + ahead :], 0.5 * row)
     return swept
-
-
-class _Lattice:
-    """Sums of what lies within about FLOOR, by a tent about each point of a square lattice: continuous in place."""
-
-    def __init__(self, points: np.ndarray) -> None:
-        scaled = (points - points.min(axis=0)) / FLOOR
-        cell = np.floor(scaled).astype(np.int64)
-        part = scaled - cell
-        stride = int(cell[:, 1].max()) + 2
-        keys, shares = [], []
-        for dx in (0, 1):
-            for dy in (0, 1):
-                keys.append((cell[:, 0] + dx) * stride + cell[:, 1] + dy)
-                shares.append(np.abs(1 - dx - part[:, 0]) * np.abs(1 - dy - part[:, 1]))
-        self._shares = np.concatenate(shares)
-        self._nodes = np.unique(np.concatenate(keys), return_inverse=True)[1]
-
-    def total(self, values: np.ndarray) -> np.ndarray:
-        """The sum of values (P,) about each point; a point alone counts itself once in the mean."""
-        at_node = np.bincount(self._nodes, np.tile(values, 4) * self._shares)
-        return 2.25 * (at_node[self._nodes] * self._shares).reshape(4, -1).sum(axis=0)
 
 
 def find_tracks(seen: Sights, widest_gap: float, shortest: float) -> List[Track]:
@@ -178,16 +149,19 @@ def find_tracks(seen: Sights, widest_gap: float, shortest: float) -> List[Track]
         chosen, gain = _best_path(places, left, widest_gap)
         if gain < shortest or len(chosen) < 2:
             break
-        chosen = _without_leaps(places, chosen)
+        leapt = _leapt_to(places, chosen)
+        if leapt.any():
+            left = np.setdiff1d(left, chosen[leapt])
+            continue
         points, stamps = places.points[chosen], places.stamps[chosen]
         track = Track(points, stamps, _sights_of(seen, points, stamps), gain)
         tracks.append(track)
-        free = cKDTree(points).query(places.points[left])[0] > BESIDE
+        free = cKDTree(points).query(places.points[left])[0] > FLOOR
         left = left[free]
     return tracks
 
 
-def _best_path(places: Places, left: np.ndarray, widest_gap: float):
+def _best_path(places: Places, left: np.ndarray, widest_gap: float) -> Tuple[np.ndarray, float]:
     """Indices of the places of the best track among those left, and its gain [m]."""
     points, stamps, gains = places.points[left], places.stamps[left], places.gains[left]
     count = len(left)
@@ -198,9 +172,9 @@ def _best_path(places: Places, left: np.ndarray, widest_gap: float):
     later, earlier = later[inside], earlier[inside]
     way = np.linalg.norm(points[later] - points[earlier], axis=1)
     time = stamps[later] - stamps[earlier]
-    near = (time > 0.0) & ((way <= widest_gap + SLACK) | (time <= BLINK))
+    near = (time > 0.0) & ((way <= widest_gap + TREMBLE) | (time <= BLINK))
     later, earlier, way, time = later[near], earlier[near], way[near], time[near]
-    effort = np.maximum(way - SLACK, 0.0) ** 2 / (time * BRISK)
+    effort = np.maximum(way - TREMBLE, 0.0) ** 2 / (np.minimum(time, BLINK) * BRISK)
     skipped = before[later] - before[earlier + 1]
     source, sink = count, count + 1
     every = np.arange(count)
@@ -218,28 +192,29 @@ def _best_path(places: Places, left: np.ndarray, widest_gap: float):
     return left[chosen[::-1]], float(before[-1] - cost[sink])
 
 
-def _without_leaps(places: Places, chosen: np.ndarray) -> np.ndarray:
-    """The track without ends that it leaps to: a still thing beside the line that was bright before or after.
+def _leapt_to(places: Places, chosen: np.ndarray) -> np.ndarray:
+    """(K,) which places of a track are a rest at its beginning or end that it leaps from or to.
 
-    A hand gets up speed and is seen while it does; a leap is one step that is far longer than the next one of the
-    line, to an end that covers less floor than the leap does.
+    A hand is about as quick before and after; a step that is far quicker than the next ones of the line, and leads
+    to where it rests, leads to something else that is bright.
     """
-    for _ in range(2):
-        points = places.points[chosen]
-        ways = np.linalg.norm(np.diff(points, axis=0), axis=1)
-        for step in np.flatnonzero(ways > 2.0 * TOGETHER)[::-1]:
-            line = ways[step + 1 : step + 4]
-            end, rest = (3.0 * np.linalg.norm(part.std(axis=0)) for part in (points[: step + 1], points[step + 1 :]))
-            if len(line) and line.max() < 0.4 * ways[step] and end < min(ways[step], rest):
-                chosen = chosen[step + 1 :]
-                break
-        chosen = chosen[::-1]
-    return chosen
+    leapt = np.zeros(len(chosen), dtype=bool)
+    points, stamps = places.points[chosen], places.stamps[chosen]
+    ways = np.linalg.norm(np.diff(points, axis=0), axis=1)
+    for step in np.flatnonzero(ways > 2.0 * FLOOR):
+        for rest, line in (
+            (slice(0, step + 1), ways[step + 1 : step + 4]),
+            (slice(step + 1, len(chosen)), ways[max(step - 3, 0) : step]),
+        ):
+            away = np.linalg.norm(points[rest] - points[rest].mean(axis=0), axis=1)
+            rests = away.max() < 1.5 * FLOOR and stamps[rest][-1] - stamps[rest][0] > BLINK
+            leapt[rest] |= rests and len(line) > 0 and line.max() < 0.4 * ways[step]
+    return leapt & ~leapt.all()
 
 
 def _sights_of(seen: Sights, points: np.ndarray, stamps: np.ndarray) -> np.ndarray:
     """The sights beside the track at their own time."""
     there = np.column_stack([np.interp(seen.stamps, stamps, points[:, k]) for k in range(2)])
-    near = np.linalg.norm(seen.points - there, axis=1) <= BESIDE
+    near = np.linalg.norm(seen.points - there, axis=1) <= FLOOR
     near &= (seen.stamps >= stamps[0] - MOMENT) & (seen.stamps <= stamps[-1] + MOMENT)
     return np.flatnonzero(near)

@@ -113,8 +113,9 @@ class Background:
     def hot_blocks(self, maxima: np.ndarray, least: float) -> np.ndarray:
         """(rows, columns) bool: blocks whose rise is at least `least` and stands out of the block's own noise."""
         if self._limit is None:
-            self._limit = cv2.scaleAdd(self._deviation, _NOISE_DEVIATIONS, self._noise)
-        return (maxima >= least) & (maxima >= self._limit)
+            # whole grey levels, as the rise has: bytes are compared four times as quickly
+            self._limit = np.ceil(np.minimum(255.0, self._noise + _NOISE_DEVIATIONS * self._deviation)).astype(np.uint8)
+        return cv2.compare(maxima, cv2.max(self._limit, math.ceil(least)), cv2.CMP_GE) > 0
 
     def guess(self, floor: np.ndarray, u: float, v: float, diameter: float) -> None:
         """Puts a guess of the floor (H, W) or (H, W, C) where something shines that was there from the beginning."""
@@ -140,11 +141,11 @@ class Background:
         """
         dt32 = np.float32(dt)
         if spots.any() or self._holding:
-            self._held_s = np.where(spots, self._held_s + dt32, np.maximum(self._held_s - dt32, 0.0))
+            self._held_s = cv2.max(self._held_s + (spots * np.float32(2.0 * dt) - dt32), 0.0)
             self._holding = bool(self._held_s.any())
         held = spots & (self._held_s < self.hold_s)
         steady = ~(changed | held)
-        if self._guessed.any():
+        if cv2.countNonZero(self._guessed):
             self._guessed[steady] = 0
         self._changed_s += dt32
         cv2.copyTo(self._nothing, (steady | held).view(np.uint8), self._changed_s)

@@ -20,9 +20,10 @@ from vb_laser_detect.features import Blob
 
 VERSION = 1
 BUILT_IN = Path(__file__).resolve().parent / "spot_classifier.json"
-# what speaks of the surroundings says nothing against a spot that was seen until now and must be there; and it has shown
-# its colour, which whatever light falls on it now may hide
-_NOT_ASKED_AGAIN = ("surround", "contrast", "contrast_moved", "darker", "fall", "busy", "neighbours", "chroma_mosaic")
+# what speaks of the surroundings says nothing against a spot that was seen until now and must be there; it has shown its
+# colour, which whatever light falls on it now may hide; and of its outline that light may leave a small and ragged core
+_NOT_ASKED_AGAIN = ("surround", "contrast", "contrast_moved", "darker", "fall", "busy", "neighbours", "chroma_mosaic",
+                    "smallness", "compactness")
 
 
 class Verdict(NamedTuple):

@@ -7,8 +7,6 @@ from typing import Tuple
 import cv2
 import numpy as np
 
-from vb_laser_detect.blocks import BLOCK, max_channel
-
 _WHITE = 240.0  # [grey levels] a pixel whose weakest channel shows more tells nothing about colour
 _GREY = 0.85  # a floor is grey if its weakest channel has so much of the strongest
 _SQUARE, _QUAD = np.ones((3, 3), np.uint8), np.ones((2, 2), np.uint8)
@@ -74,7 +72,7 @@ def _shade(lit: np.ndarray, image: np.ndarray, background: np.ndarray) -> float:
 
 
 def middle_of(values: np.ndarray) -> float:
-    # np.median looks for NaN and for the mean of two middle values, which takes three times as long
+    """The upper median of values (N,): np.median also looks for NaN and takes the mean of two, in three times the time."""
     half = len(values) // 2
     return float(np.partition(values, half)[half])
 
@@ -82,16 +80,6 @@ def middle_of(values: np.ndarray) -> float:
 def chroma(tint: np.ndarray) -> float:
     """How coloured a light is: 0 for white, 1 if a channel shows nothing of it."""
     return float(1.0 - tint.min() / max(tint.max(), 1e-6))
-
-
-def most_coloured(image: np.ndarray, region: Tuple[int, int, int, int]) -> Tuple[int, int, int, int]:
-    """The block of pixels about the most coloured place of a region (left, top, right, bottom) of a colour image."""
-    left, top, right, bottom = region
-    part = cv2.blur(image[top:bottom, left:right], (3, 3))
-    u, v = cv2.minMaxLoc(cv2.subtract(max_channel(part), np.minimum.reduce(cv2.split(part))))[3]
-    u, v = left + u, top + v
-    half = BLOCK // 2
-    return max(left, u - half), max(top, v - half), min(right, u + half), min(bottom, v + half)
 
 
 def _at_places(mask: np.ndarray) -> Tuple[np.ndarray, ...]:

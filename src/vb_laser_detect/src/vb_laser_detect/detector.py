@@ -19,7 +19,7 @@ from vb_laser_detect.colour import chroma
 from vb_laser_detect.detector_params import DetectorParams
 from vb_laser_detect.features import Blob, Camera
 from vb_laser_detect.floor_scale import ToFloor, metres_per_pixel
-from vb_laser_detect.image_format import ImageFormat, format_of
+from vb_laser_detect.image_format import is_mosaic
 from vb_laser_detect.proposals import Proposal, Proposer, View
 from vb_laser_detect.tracking import Sighting, SpotTracker
 
@@ -148,7 +148,7 @@ class SpotDetector:
         self.candidates: List[Candidate] = []
         self.recalled: List[Recalled] = []
         self._stamp: Optional[float] = None
-        self._format: Optional[ImageFormat] = None
+        self._mosaic = False
         self._shape: Optional[Tuple[int, ...]] = None
         self._proposer = Proposer(p.moving_camera, p.hold_s)
         self._tracker = SpotTracker(p.confirm_frames, p.max_speed, p.max_gap_s, p.max_spots)
@@ -174,12 +174,12 @@ class SpotDetector:
         image = _checked(image)
         if self._stamp is not None and stamp < self._stamp or self._shape not in (None, image.shape):
             self.reset()
-        if self._format is None:
-            self._format, self._shape = format_of(image, self.encoding), image.shape
+        if self._shape is None:
+            self._mosaic, self._shape = is_mosaic(image, self.encoding), image.shape
             self._white = max(self._white, float(image.max()))
         elapsed = 0.0 if self._stamp is None else stamp - self._stamp
         self._stamp = stamp
-        p, mosaic, diagonal = self.params, self._format.mosaic, math.hypot(*image.shape[:2])
+        p, mosaic, diagonal = self.params, self._mosaic, math.hypot(*image.shape[:2])
         motion = self._proposer.motion(image, mosaic)
         expected = self._tracker.begin(stamp, diagonal, motion)
         view = self._proposer.look(image, mosaic, p.min_rise, p.max_candidates, self._white, expected)
@@ -221,8 +221,11 @@ class SpotDetector:
     def _examine(self, proposal: Proposal, metre: Optional[float], view: View, camera: Camera) -> _Finding:
         """Measures and judges one proposal."""
         largest, one = self._largest(metre, camera), proposal.expected
-        # a spot that is expected is not asked for its colour again
-        chroma_floor = _ONE_MOSAIC * self._least_chroma if camera.mosaic and one is None else 0.0
+        chroma_floor: Optional[float] = 0.0
+        if camera.mosaic and one is None:
+            chroma_floor = _ONE_MOSAIC * self._least_chroma
+        elif camera.mosaic and one.published and one.trusted and self.params.confirm_frames > 1:
+            chroma_floor = None  # a spot that is told has shown its colour, and in a mosaic that takes longest to tell
         blob = features.measure(view.image, view.reference, proposal.region, largest, least_chroma=chroma_floor)
         finding = self._judge(blob, metre, view, camera, False)
         if one is None or not one.trusted or not finding.refusal:

@@ -127,7 +127,7 @@ def measure(
     seed: Region,
     largest: float,
     edge: float = EDGE,
-    least_chroma: float = 0.0,
+    least_chroma: Optional[float] = 0.0,
 ) -> Blob:
     """Measures the brightest blob of a region.
 
@@ -139,7 +139,7 @@ def measure(
         largest: [px] largest extent looked for.
         edge: the part of the peak that the rise exceeds in the blob.
         least_chroma: what is less coloured is not described: most of what rises is white or grey, and the rest of the
-            work is most of the work.
+            work is most of the work. None: the colour is not asked for.
 
     Returns:
         The blob; see its `problem`.
@@ -178,17 +178,16 @@ def measure(
     sx1, sy1 = min(x1 - x0, bx + bw + pad), min(y1 - y0, by + bh + pad)
     part, whole = (slice(sy0, sy1), slice(sx0, sx1)), (slice(y0 + sy0, y0 + sy1), slice(x0 + sx0, x0 + sx1))
     mask, light = (labels[part] == label).view(np.uint8), smooth[part].astype(np.float32)
-    tint = colour.tint_of(mask, light, image[whole], background[whole])
-    if colour.chroma(tint) < least_chroma:
+    tint = None if least_chroma is None else colour.tint_of(mask, light, image[whole], background[whole])
+    if least_chroma and colour.chroma(tint) < least_chroma:
         return replace(middle, u=x0 + bx + bw / 2.0, v=y0 + by + bh / 2.0, diameter=float(max(bw, bh)), problem="not_coloured")
-    blob = _describe(mask, light, image[whole], rise[part], background[whole])
-    return replace(
-        blob, u=blob.u + x0 + sx0, v=blob.v + y0 + sy0, tint=tint,
-        cut_off=x0 + bx == 0 or y0 + by == 0 or x0 + bx + bw == width or y0 + by + bh == height)
+    cut_off = x0 + bx == 0 or y0 + by == 0 or x0 + bx + bw == width or y0 + by + bh == height
+    return _describe(mask, light, image[whole], rise[part], background[whole], (x0 + sx0, y0 + sy0), tint, cut_off)
 
 
 def _describe(
-    blob: np.ndarray, smooth: np.ndarray, image: np.ndarray, rise: np.ndarray, background: np.ndarray
+    blob: np.ndarray, smooth: np.ndarray, image: np.ndarray, rise: np.ndarray, background: np.ndarray,
+    corner: Tuple[int, int], tint: Optional[np.ndarray], cut_off: bool,
 ) -> Blob:
     # cv2 with masks, not numpy with indices: on patches this small the calls are what takes the time
     peak = float(cv2.minMaxLoc(smooth, blob)[1])
@@ -212,8 +211,8 @@ def _describe(
     rim = cv2.subtract(cv2.dilate(blob, _SQUARE), cv2.erode(blob, _SQUARE))
     slope, slope_before = cv2.mean(_gradient(now), rim)[0], cv2.mean(_gradient(before), rim)[0]
     return Blob(
-        u=light["m10"] / light["m00"],
-        v=light["m01"] / light["m00"],
+        u=light["m10"] / light["m00"] + corner[0],
+        v=light["m01"] / light["m00"] + corner[1],
         diameter=diameter,
         peak=peak,
         rise=float(cv2.minMaxLoc(max_channel(rise), blob)[1]),
@@ -227,6 +226,8 @@ def _describe(
         edge=slope / max(1e-3, slope + slope_before),
         darker=cv2.countNonZero(cv2.bitwise_and(hidden, ring)) / around if around else 0.0,
         fall=max(0.0, float((floor - level).max())),
+        tint=tint,
+        cut_off=cut_off,
     )
 
 

@@ -1,8 +1,6 @@
 """What an image's numbers mean: pixels of 8 bit from any encoding that a camera sends, and whether they are a mosaic."""
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import cv2
 import numpy as np
 
@@ -11,23 +9,6 @@ from vb_core.errors import CodedError
 _MOSAIC = 2.0  # [grey levels] by which the means of places in a grey image's tiles may differ
 _YUV = {"yuv422": cv2.COLOR_YUV2BGR_UYVY, "yuv422_yuy2": cv2.COLOR_YUV2BGR_YUYV, "uyvy": cv2.COLOR_YUV2BGR_UYVY,
         "yuyv": cv2.COLOR_YUV2BGR_YUYV}
-
-
-class ImageFormat(NamedTuple):
-    """What is known of a camera's images: whether they are a Bayer mosaic, and whether they show colours at all."""
-
-    mosaic: bool
-    colour: bool
-
-
-def format_of(image: np.ndarray, encoding: str = "") -> ImageFormat:
-    """The format of an image (H, W) or (H, W, 3) uint8.
-
-    Args:
-        encoding: as in sensor_msgs/Image. Empty: not known; then a mosaic is told by its pixels.
-    """
-    mosaic = encoding.startswith("bayer") if encoding else is_mosaic(image)
-    return ImageFormat(mosaic, mosaic or image.ndim == 3)
 
 
 class PixelReader:
@@ -62,13 +43,15 @@ class PixelReader:
         return image
 
 
-def is_mosaic(image: np.ndarray) -> bool:
+def is_mosaic(image: np.ndarray, encoding: str = "") -> bool:
     """Whether an image (H, W) comes from a Bayer camera: neighbouring pixels show different colours.
 
-    A camera that is balanced to white over a floor without any colour is taken for a grey one.
+    Args:
+        encoding: as in sensor_msgs/Image. Empty: not known; then the pixels tell, and a camera that is balanced to white
+            over a floor without any colour is taken for a grey one.
     """
-    if image.ndim != 2:
-        return False
+    if encoding or image.ndim != 2:
+        return encoding.startswith("bayer")
     # the means of tiles 32 pixels wide, of each place in the pattern
     rows, columns = image.shape[0] // 32, image.shape[1] // 32
     whole = image[: 32 * rows, : 32 * columns]

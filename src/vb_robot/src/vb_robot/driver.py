@@ -31,6 +31,7 @@ from vb_robot.workspace import Standing, Workspace
 
 RATE = 20.0  # [1/s] what is late is noticed that soon
 STOP_WITHIN = 0.5  # [s] after the last scan, state, pose or command the robot rests
+BASE_DELAY = 0.02  # [s] from a command to the wheels
 AHEAD = 0.5  # [s] what is dated farther ahead comes from another clock, and its age is not known
 POSE_DOUBT = 1.0  # [s] after a leap of the localisation nobody knows where the borders are
 OTHER_LIMIT = 1.0  # [s] after a command by somebody else nothing is let through: two drivers at one wheel
@@ -375,8 +376,8 @@ class Driver:
             ages["drives"] = now - self._commands[driver][0]
         ages["clock_stands"] = self._clock_age
         oldest = max(ages, key=lambda what: ages[what])
-        # the command of this step holds until the next one
-        left = STOP_WITHIN - 1.0 / RATE - ages[oldest]
+        # the command of this step holds until the next one, and the base takes a moment
+        left = STOP_WITHIN - 1.0 / RATE - BASE_DELAY - ages[oldest]
         if left <= 0.0:
             return 0.0, oldest
         limits = self.profile.limits

@@ -13,9 +13,11 @@ import rospy
 from actionlib_msgs.msg import GoalID, GoalStatus, GoalStatusArray
 from geometry_msgs.msg import Twist
 from move_base_msgs.msg import MoveBaseActionGoal
+from nav_msgs.msg import Path
 from roslib.message import get_message_class
 from sensor_msgs.msg import CameraInfo, LaserScan
-from std_msgs.msg import Bool
+from std_msgs.msg import Bool, ColorRGBA
+from visualization_msgs.msg import Marker, MarkerArray
 
 from vb_core import geometry, names, sentences
 from vb_core.errors import CodedError, ParameterError
@@ -41,6 +43,7 @@ SLOW_LOCALISATION = 0.15  # [s] for an older spot localisation's newest answer i
 STATE_EACH = 0.5  # [s] who drives is said that often even if nothing changes
 HELD_FOR = 0.5  # [s] what holds a robot for less is not worth a notice
 GOAL_NOTICE = 5.0  # [s] for which a goal in a border is told
+PLAN_SHOWN = rospy.Duration(5.0)  # a robot under way plans once a second
 RUNNING = (GoalStatus.PENDING, GoalStatus.ACTIVE, GoalStatus.PREEMPTING, GoalStatus.RECALLING)
 # what is told to people, beside what is usual: "drives", "idle", "spot_in_view", "speed_limit" and so on
 HOLDS = {"stopped", "state_lost", "scan_lost", "pose_lost", "pose_leapt", "no_map", "no_camera", "clock_stands",
@@ -70,12 +73,15 @@ class RobotDriverNode:
         /virtual_borders/speed_limits (nav_msgs/OccupancyGrid): optional
         scan (sensor_msgs/LaserScan), camera_info (sensor_msgs/CameraInfo), contacts: as the profile names them
         move_base/status (actionlib_msgs/GoalStatusArray), move_base/goal (move_base_msgs/MoveBaseActionGoal)
+        move_base/NavfnROS/plan (nav_msgs/Path): for robots with a name
         cmd_vel (geometry_msgs/Twist): whether somebody else commands the base
     Publishes:
         cmd_vel (geometry_msgs/Twist): while somebody drives, one zero when that ends, zeros while stopped
         move_base/cancel (actionlib_msgs/GoalID): while it follows the spot or leaves a border
         /virtual_borders/drivers (vb_msgs/DriverState): who drives, and why
         /virtual_borders/notices (vb_msgs/NoticeArray)
+        /virtual_borders/plans (visualization_msgs/MarkerArray): navigation's path of a robot with a name, for 5 s
+            after it was planned. RViz cannot subscribe to a path per robot without knowing their names; this topic it can
     Parameters:
         ~* DriverParams; robot_profile (in the robot's namespace)
     """
@@ -120,6 +126,9 @@ class RobotDriverNode:
             listen("move_base/status", GoalStatusArray, self._on_status, queue_size=1),
             listen("move_base/goal", MoveBaseActionGoal, self._on_goal, queue_size=5),
         ]
+        if params.robot:
+            self._plans = rospy.Publisher(names.PLANS, MarkerArray, queue_size=5)
+            self._subscribers.append(listen("move_base/NavfnROS/plan", Path, self._on_plan, queue_size=1))
         if profile.scanner.present:
             self._subscribers.append(listen(profile.scanner.topic, LaserScan, self._on_scan, queue_size=1))
         for contact in profile.contacts:
@@ -191,6 +200,15 @@ class RobotDriverNode:
 
     def _on_status(self, message: GoalStatusArray) -> None:
         self._driver.set_goal(any(entry.status in RUNNING for entry in message.status_list))
+
+    def _on_plan(self, message: Path) -> None:
+        marker = Marker(header=message.header, ns=self._params.robot, type=Marker.LINE_STRIP)
+        marker.action = Marker.ADD if len(message.poses) > 1 else Marker.DELETE
+        marker.pose.orientation.w, marker.pose.position.z, marker.scale.x = 1.0, 0.03, 0.05
+        marker.color = ColorRGBA(0.46, 0.31, 0.63, 1.0)  # as the only robot's path in rviz/
+        marker.lifetime = PLAN_SHOWN
+        marker.points = [entry.pose.position for entry in message.poses]
+        self._plans.publish(MarkerArray(markers=[marker]))
 
     def _on_map(self, message: OccupancyGridArray, which: str) -> None:
         try:

@@ -19,7 +19,7 @@ STAND_MARGIN = 0.10  # [m] beyond the radius where a robot is to stand
 TRAVEL_MARGIN = 0.03  # [m] beyond the radius on the way; navigation keeps its own inflation
 OCCUPIED = 50  # [%] from this occupancy on a cell is blocked, so also by soft borders
 WAY_CELL = 0.05  # [m] edge of a cell of the grid on which ways are searched, on maps of this size or finer ...
-MAX_WAY_CELLS = 8000  # ... and in windows coarser, where there would be more: a search costs 1 ms per 1,000
+MAX_WAY_CELLS = 10000  # ... and in windows coarser, where there would be more: a search costs 1 ms per 1,000
 START_TOLERANCE = 0.35  # [m] how far from free cells a way may start: a robot at a wall
 PAD = 3.0  # [m] of floor about what matters: a robot looks at it from 1.5 m, and the line is thought on for 2 m
 REACH = 8.0  # [m] robots and lines farther away do not make the window larger
@@ -242,8 +242,8 @@ class Ways:
         The grid's ways are not as straight as real ones: this tells what is probable, and `route` what is true.
         """
         terrain, (rows, columns) = self._terrain, self._shape
-        blocks = area[: rows * terrain.step, : columns * terrain.step].reshape(rows, terrain.step, columns, terrain.step)
-        through = np.append(blocks.any(axis=(1, 3)).ravel(), False)
+        middle = terrain.step // 2
+        through = np.append(area[middle::terrain.step, middle::terrain.step][:rows, :columns].ravel(), False)
         before = np.append(self._before, -1)  # the last entry is where all ways begin
         while (before >= 0).any():
             # each round looks twice as far back along the way

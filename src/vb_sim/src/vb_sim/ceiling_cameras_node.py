@@ -4,9 +4,10 @@ from __future__ import annotations
 import threading
 import time
 from dataclasses import dataclass
-from typing import Dict, List
+from typing import Dict, List, Optional, Sequence
 
 import cv2
+import numpy as np
 import rospy
 import tf2_ros
 from diagnostic_msgs.msg import DiagnosticArray
@@ -22,7 +23,7 @@ from vb_sim.camera_loop import run_cameras
 from vb_sim.ceiling_view import CeilingView
 from vb_sim.floor_texture import render_floor
 from vb_sim.frame_clock import FrameSchedule, SmoothClock
-from vb_sim.lab_history import History
+from vb_sim.lab_history import History, Snapshot
 from vb_sim.lab_messages import array_image, camera_diagnostics, models_file, snapshot_from_message
 from vb_sim.mesh import world_mesh
 from vb_sim.models_cameras import CameraModels, load_camera_models
@@ -50,9 +51,11 @@ class CeilingCamerasNode:
         models: figures of optics and noise.
         cameras: those of the world's cameras to be published.
         seed: of floor, noise and calibration errors.
+        views: of the cameras, if somebody has drawn them already.
     """
 
-    def __init__(self, world: World, models: CameraModels, cameras: List[CeilingCamera], seed: int) -> None:
+    def __init__(self, world: World, models: CameraModels, cameras: List[CeilingCamera], seed: int,
+                 views: Optional[Sequence[CeilingView]] = None) -> None:
         self._cameras = cameras
         self._history = History()
         self._running = True
@@ -61,8 +64,10 @@ class CeilingCamerasNode:
         self._clock = SmoothClock(rospy.get_time, time.monotonic)
         self._published = [0] * len(cameras)
         self._render_s = [0.0] * len(cameras)
-        floor, mesh = render_floor(world, seed), world_mesh(world)
-        self._views = [CeilingView(camera, world.robot_radii(), floor, mesh, models, seed) for camera in cameras]
+        if views is None:
+            floor, mesh = render_floor(world, seed), world_mesh(world)
+            views = [CeilingView(camera, world.robot_radii(), floor, mesh, models, seed) for camera in cameras]
+        self._views = list(views)
         self._projector = ProjectorInput(world, optics, self._views)
         self._frames = [f"{camera.name}_optical_frame" for camera in cameras]
         self._images = [rospy.Publisher(f"/{camera.name}/image_raw", Image, queue_size=2) for camera in cameras]
@@ -102,12 +107,16 @@ class CeilingCamerasNode:
         if self._images[index].get_num_connections() == 0:
             return
         started = time.perf_counter()
-        view = self._views[index]
         self._projector.update(index)
-        picture = view.frame(self._history.at(stamp_s))
+        image = self._image(index, self._history.at(stamp_s))
         self._render_s[index] += time.perf_counter() - started
-        self._images[index].publish(array_image(picture, view.encoding, stamp, self._frames[index]))
-        self._published[index] += 1
+        if image is not None:
+            self._images[index].publish(array_image(image, self._views[index].encoding, stamp, self._frames[index]))
+            self._published[index] += 1
+
+    def _image(self, index: int, snapshot: Snapshot) -> Optional[np.ndarray]:
+        """What a camera sees; None: nothing is sent."""
+        return self._views[index].frame(snapshot)
 
     def _figures(self) -> List[Dict[str, object]]:
         return [

@@ -160,7 +160,7 @@ class ParticipantNode:
             self._spot = action.laser
         self._publish(action, now)
         if action.command:
-            threading.Thread(target=self._command, args=(script, action), daemon=True).start()
+            node.start_thread(self._command, script, action)
         if action.outcome and not over_before:
             self._report(script, seen.now)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 import threading
 import time
 from dataclasses import dataclass
+from typing import Optional
 
 import cv2
 import rospy
@@ -19,7 +20,7 @@ from vb_msgs.msg import LabState
 from vb_sim.camera_loop import run_cameras
 from vb_sim.floor_texture import render_floor
 from vb_sim.frame_clock import FrameSchedule, SmoothClock
-from vb_sim.lab_history import History
+from vb_sim.lab_history import History, Snapshot
 from vb_sim.lab_messages import array_image, camera_diagnostics, models_file, snapshot_from_message
 from vb_sim.mesh import world_mesh
 from vb_sim.models_cameras import CameraModels, load_camera_models
@@ -49,9 +50,11 @@ class RobotCameraNode:
         robot: whose camera.
         seed: of floor and noise.
         tf_prefix: put before the names of the frames, for instance "robot2/".
+        view: of the camera, if somebody has drawn it already.
     """
 
-    def __init__(self, world: World, models: CameraModels, robot: Robot, seed: int, tf_prefix: str) -> None:
+    def __init__(self, world: World, models: CameraModels, robot: Robot, seed: int, tf_prefix: str,
+                 view: Optional[RobotView] = None) -> None:
         self._robot = robot
         self._history = History()
         self._running = True
@@ -62,7 +65,7 @@ class RobotCameraNode:
         self._frames_taken = 0
         self._render_s = 0.0
         # the same seed as the ceiling cameras': all of them look at the same floor
-        self._view = RobotView(robot, world.robot_radii(), render_floor(world, seed), world_mesh(world), models, seed)
+        self._view = view or RobotView(robot, world.robot_radii(), render_floor(world, seed), world_mesh(world), models, seed)
         self._projector = ProjectorInput(world, models.optics, [self._view])
         frame = f"{tf_prefix}camera_optical_frame"
         self._frame = frame
@@ -96,13 +99,16 @@ class RobotCameraNode:
         with_depth = self._frames_taken % self._every == 0
         self._frames_taken += 1
         snapshot = self._history.at(stamp_s)
-        for publisher, message, wanted in (
+        wanted = self._wanted(snapshot)
+        for publisher, message, due in (
             (self._color_info, self._color_info_message, True),
             (self._depth_info, self._depth_info_message, with_depth),
         ):
-            if wanted and publisher.get_num_connections() > 0:
+            if due and publisher.get_num_connections() > 0:
                 message.header.stamp = stamp
                 publisher.publish(message)
+        if not wanted:
+            return
         started = time.perf_counter()
         # depth first: who looks up the depth of a colour image then has it already
         if with_depth and self._depth.get_num_connections() > 0:
@@ -113,6 +119,10 @@ class RobotCameraNode:
             self._color.publish(array_image(self._view.color(snapshot), "rgb8", stamp, self._frame))
             self._counts["published"] += 1
             self._render_s += time.perf_counter() - started
+
+    def _wanted(self, snapshot: Snapshot) -> bool:
+        """Whether an image of this moment is sent."""
+        return True
 
     def _report(self, now: float) -> None:
         figures = {"camera": self._robot.name, **self._counts, "skipped": self._schedule.skipped[0]}

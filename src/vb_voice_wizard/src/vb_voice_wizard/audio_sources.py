@@ -74,6 +74,7 @@ class Microphone:
         on_trouble: called with a sentence each time the program cannot be started or ends.
         chunk: how many samples to hand over at a time.
         retry: [s] how long to wait before another start.
+        start: starts a thread that does something, and takes care of its faults.
     """
 
     def __init__(
@@ -83,6 +84,8 @@ class Microphone:
         on_trouble: Callable[[str], None],
         chunk: int = 800,
         retry: float = 2.0,
+        *,
+        start: Callable[[Callable[[], None]], threading.Thread],
     ) -> None:
         self._command = list(command)
         self._on_samples = on_samples
@@ -92,8 +95,7 @@ class Microphone:
         self._closing = threading.Event()
         self._process: Optional[subprocess.Popen] = None
         self._lock = threading.Lock()
-        self._thread = threading.Thread(target=self._run, daemon=True)
-        self._thread.start()
+        self._thread = start(self._run)
 
     def close(self) -> None:
         """Ends the program and the thread."""

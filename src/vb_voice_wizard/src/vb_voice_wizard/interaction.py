@@ -58,7 +58,7 @@ class InteractionParams(Parameters):
 
     robot: bool = param(True)
     confirm_save: str = param(UNCLEAR, choices=(NEVER, UNCLEAR, ALWAYS))
-    idle_limit: float = param(300.0, "s", low=10.0, high=86400.0)
+    idle_limit: float = param(300.0, "s", low=1.0, high=86400.0)
     idle_warning: float = param(60.0, "s", low=1.0, high=3600.0)
 
     def __post_init__(self) -> None:

@@ -161,7 +161,7 @@ class PhraseScorer:
             chain.append(quiet)
         return chain
 
-    def align(self, likelihoods: Likelihoods) -> List[Alignment]:
+    def align(self, likelihoods: Likelihoods) -> "Alignments":
         """The best alignment of each phrase."""
         emission = np.where(
             self._senone[None] >= 0, likelihoods.senones[:, np.maximum(self._senone, 0)], likelihoods.silence[:, None, None]
@@ -178,24 +178,31 @@ class PhraseScorer:
             np.add(value[:, :-2], self._skip[:, 2:], out=candidates[2, :, 2:])
             back[frame] = candidates.argmax(axis=0)
             value = candidates.max(axis=0) + emission[frame]
-        result = []
-        for row in range(rows):
-            column = int(self._last[row])
-            # the last state is silence, which may be missing at the end of the piece
-            if value[row, column - 1] > value[row, column]:
-                column -= 1
-            score = float(value[row, column])
-            path = np.zeros(count, dtype=np.int64)
-            for frame in range(count - 1, -1, -1):
-                path[frame] = column
-                column -= int(back[frame, row, column])
-            result.append(self._read(row, path, score, emission[:, row]))
-        return result
+        # the last state is silence, which may be missing at the end of the piece
+        every = np.arange(rows)
+        ends = np.where(value[every, self._last - 1] > value[every, self._last], self._last - 1, self._last)
+        return Alignments(value[every, ends], ends, back, emission, self._names)
 
-    def _read(self, row: int, path: np.ndarray, score: float, emission: np.ndarray) -> Alignment:
-        names = self._names[row]
-        phones: List[Tuple[str, int, int]] = []
-        current = None
+
+@dataclass(frozen=True)
+class Alignments:
+    """Every phrase's best alignment with one piece of speech: all scores, and on request where its phones lie."""
+
+    scores: np.ndarray  # (phrases,)
+    _ends: np.ndarray
+    _back: np.ndarray
+    _emission: np.ndarray
+    _names: List[List[Tuple[int, str]]]
+
+    def trace(self, row: int) -> Alignment:
+        """The alignment of one phrase."""
+        count = len(self._back)
+        path = np.zeros(count, dtype=np.int64)
+        column = int(self._ends[row])
+        for frame in range(count - 1, -1, -1):
+            path[frame] = column
+            column -= int(self._back[frame, row, column])
+        names, phones, current = self._names[row], [], None
         for frame, column in enumerate(path):
             if names[column] != current:
                 current = names[column]
@@ -203,7 +210,7 @@ class PhraseScorer:
             else:
                 phones[-1] = (phones[-1][0], phones[-1][1], frame + 1)
         spoken = [phone for phone in phones if phone[0] != SILENCE] or [(SILENCE, 0, len(path))]
-        return Alignment(score, spoken, emission[np.arange(len(path)), path])
+        return Alignment(float(self.scores[row]), spoken, self._emission[np.arange(count), row, path])
 
 
 def phone_loop(phones: PhoneSet, likelihoods: Likelihoods, penalty: float) -> Tuple[np.ndarray, List[Tuple[str, int, int]]]:

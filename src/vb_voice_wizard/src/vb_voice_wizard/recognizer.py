@@ -2,9 +2,8 @@
 
 1. endpointing finds where somebody speaks.
 2. Every phrase of the grammar is aligned with it (phone_scoring.PhraseScorer); the best one is the candidate.
-3. The candidate is compared with what else it could have been: a loop over all phones, the best phone at
-   each of its phones, the next best command, its rhythm, speech left over beside it. A logistic function
-   of these measures, with weights made by bench/voice_training.py, gives the confidence.
+3. The candidate is compared with what else it could have been: the words of the dictionary that sound most like it
+   (rivals) and the other commands, a loop over all phones, its rhythm, speech left over beside it. A logistic function of these measures, with weights made by bench/voice_training.py, gives the confidence.
 4. What is doubted is looked at once more as if said by a shorter vocal tract, a child's for instance.
 """
 from __future__ import annotations
@@ -24,33 +23,63 @@ from vb_voice_wizard.acoustic_model import SILENCE, AcousticModel, embedded_mode
 from vb_voice_wizard.endpointing import EndpointParams, Utterance, utterances
 from vb_voice_wizard.interaction import RESUME
 from vb_voice_wizard.phone_network import PhoneNetwork
-from vb_voice_wizard.phone_scoring import Alignment, Likelihoods, PhoneSet, PhraseScorer, phone_loop
+from vb_voice_wizard.phone_scoring import Alignment, PhoneSet, PhraseScorer, phone_loop
+from vb_voice_wizard.rivals import Lexicon
 from vb_voice_wizard.speech_features import FRAMES_PER_SECOND, cepstra, clean_spectrum, dynamic
 
 MEASURES = (
-    "loop",  # command minus phone loop, per frame of the command
     "whole",  # command minus phone loop over the whole utterance, per frame: what is left over counts too
     "posterior",  # log posterior of the command's phones, mean over phones
     "posterior_worst",  # the same, mean of the two worst phones
-    "phone",  # command's phone minus the best phone in its place, mean over phones
-    "phone_worst",  # the same, mean of the two worst phones
-    "quarter_worst",  # command minus phone loop in the worst quarter of its frames
-    "runner_up",  # command minus the next best command, per frame
+    "rival",  # command minus what it is most easily mistaken for (rivals): what differs counts, however long the rest
     "edit",  # edit distance from the phone loop's phones to the command's, per phone of the command
     "pace",  # frames per phone / 10
     "unevenness",  # longest phone / mean phone
     "left_over",  # [s] speech, after the network, outside the command
 )
 _FEWEST_FRAMES = 12
+_RIVALS = 24  # of each phrase: what comes after them in the dictionary is hardly ever the best one
 
 
 # what lets robots drive again is never done at one spoken word: "resumed" sounds too much like it
 ALWAYS_UNCLEAR = (RESUME,)
 
 
-def is_unclear(command: str, confidence: float, sure: float) -> bool:
-    """Whether a command that was understood has to be confirmed before it does what cannot be taken back."""
-    return confidence < sure or command in ALWAYS_UNCLEAR
+@dataclass(frozen=True)
+class Decision:
+    """What is believed, and what is believed without asking; made by bench/voice_training.py.
+
+    Attributes:
+        weights: of MEASURES.
+        offset: added to their weighted sum; the logistic function of that is the confidence.
+        sure: confidence that no near miss of the calibration reached.
+    """
+
+    weights: np.ndarray
+    offset: float
+    sure: float
+
+    def confidence(self, measures: Sequence[float]) -> float:
+        """0 .. 1."""
+        return float(1.0 / (1.0 + np.exp(-np.clip(np.asarray(measures) @ self.weights + self.offset, -50.0, 50.0))))
+
+    @classmethod
+    def read(cls, path: Path) -> "Decision":
+        """A decision from a YAML file.
+
+        Raises:
+            ParameterError: if it is none.
+        """
+        try:
+            content = yaml.safe_load(path.read_text(encoding="utf-8"))
+            weights = np.array([float(content["weights"][name]) for name in MEASURES])
+            decision = cls(weights, float(content["offset"]), float(content["sure"]))
+        except (OSError, UnicodeDecodeError, yaml.YAMLError, KeyError, TypeError, ValueError) as error:
+            what = f"{path}: expected offset, sure, and a weight for each measure: {error!r}"
+            raise ParameterError("decision", what) from error
+        if len(content["weights"]) != len(MEASURES):
+            raise ParameterError("decision", f"{path}: known measures are {', '.join(MEASURES)}")
+        return decision
 
 
 @dataclass(frozen=True)
@@ -61,7 +90,6 @@ class RecognizerParams(Parameters):
     dictionary: str = param("")
     wake_word: str = param("")
     threshold: float = param(0.5, "", low=0.0, high=1.0)
-    sure: float = param(0.995, "", low=0.0, high=1.0)
     decision: str = param("")
     network: str = param("")
     second_look: float = param(0.0025, "", low=0.0, high=1.0)
@@ -118,10 +146,11 @@ class CommandRecognizer:
         self._phones = PhoneSet(AcousticModel(folder))
         self.phrases = self._read_phrases(folder)
         self._scorer = PhraseScorer(self._phones, [phrase.words for phrase in self.phrases])
+        self._rivals = self._find_rivals(folder.parent)
         self._network = PhoneNetwork(wording.find("network", self.params.network, "phones.npz"))
         if self._network.phones != [*self._phones.names, SILENCE]:
             raise ParameterError("network", "its phones are not those of the speech model")
-        self._weights, self._offset = _read_decision(wording.find("decision", self.params.decision, "decision.yaml"))
+        self._decision = Decision.read(wording.find("decision", self.params.decision, "decision.yaml"))
 
     def _read_phrases(self, folder: Path) -> List[wording.Phrase]:
         grammar = wording.read_grammar(wording.find("grammar", self.params.grammar, "commands.yaml"))
@@ -130,6 +159,16 @@ class CommandRecognizer:
             folder.parent / "cmudict-en-us.dict",
         ]
         return wording.phrases(grammar, self.params.wake_word, dictionaries, self._phones.names)
+
+    def _find_rivals(self, folder: Path) -> List[PhraseScorer]:
+        lexicon = Lexicon(folder / "cmudict-en-us.dict", folder / "en-us.lm.bin")
+        own = {sum(phrase.words, ()) for phrase in self.phrases}
+        scorers = []
+        for phrase in self.phrases:
+            rivals = [rival.sounds for rival in lexicon.rivals(phrase.text.split(), phrase.words, own, _RIVALS)]
+            others = [other.words for other in self.phrases if other.command != phrase.command]
+            scorers.append(PhraseScorer(self._phones, rivals + others))
+        return scorers
 
     # ------------------------------------------------------------------ use
     def recognize(self, pcm: np.ndarray) -> Optional[str]:
@@ -164,16 +203,17 @@ class CommandRecognizer:
         if self.params.second_look <= finding.confidence < self.params.threshold:
             # the models were trained on grown-ups; what is clearly no command is not worth the time
             again = self._decide(clean_spectrum(utterance.pcm, self.params.second_warp))
-            finding = max(finding, again, key=lambda one: one.confidence)
+            # what was doubted first may be understood, but is never sure
+            finding = max(finding, replace(again, unclear=True), key=lambda one: one.confidence)
         return finding
 
     def _decide(self, spectrum: np.ndarray) -> Finding:
         finding = self._measure(spectrum)
-        values = np.asarray(finding.measures)
-        confidence = float(1.0 / (1.0 + np.exp(-np.clip(values @ self._weights + self._offset, -50.0, 50.0))))
+        confidence = self._decision.confidence(finding.measures)
         if confidence < self.params.threshold:
             return replace(finding, confidence=confidence, reason="unlike_a_command")
-        return replace(finding, command=finding.best, confidence=confidence, unclear=is_unclear(finding.best, confidence, self.params.sure))
+        unclear = confidence < self._decision.sure or finding.best in ALWAYS_UNCLEAR
+        return replace(finding, command=finding.best, confidence=confidence, unclear=unclear)
 
     # ------------------------------------------------------------------ measures
     def _measure(self, spectrum: np.ndarray) -> Finding:
@@ -181,26 +221,23 @@ class CommandRecognizer:
         likelihoods = self._phones.likelihoods(
             dynamic(cepstra(spectrum)), self.params.gaussian_weight, self._network.scaled_likelihoods(posteriors)
         )
-        best: Dict[str, Alignment] = {}
-        for phrase, alignment in zip(self.phrases, self._scorer.align(likelihoods)):
-            if phrase.command not in best or alignment.score > best[phrase.command].score:
-                best[phrase.command] = alignment
-        ranking = sorted(best, key=lambda command: -best[command].score)
-        winner = best[ranking[0]]
-        if winner.score < -1e9:
+        alignments = self._scorer.align(likelihoods)
+        row = int(alignments.scores.argmax())
+        command = self.phrases[row].command
+        if alignments.scores[row] < -1e9:
             # fewer frames than the shortest phrase has states
-            return Finding(best=ranking[0], measures=(-100.0,) * len(MEASURES))
-        margin = winner.score - best[ranking[1]].score if len(ranking) > 1 else 0.0
+            return Finding(best=command, measures=(-100.0,) * len(MEASURES))
+        winner = alignments.trace(row)
+        margin = winner.score - float(self._rivals[row].align(likelihoods).scores.max())
         loop, heard = phone_loop(self._phones, likelihoods, self.params.phone_penalty)
-        measures = _compare(winner, margin, likelihoods, posteriors, loop, heard, self._phones.index)
+        measures = _compare(winner, margin, posteriors, loop, heard, self._phones.index)
         names = [name for name, _, _ in heard if name != SILENCE]
-        return Finding(best=ranking[0], heard=" ".join(names), measures=tuple(measures))
+        return Finding(best=command, heard=" ".join(names), measures=tuple(measures))
 
 
 def _compare(
     winner: Alignment,
     margin: float,
-    likelihoods: Likelihoods,
     posteriors: np.ndarray,
     loop: np.ndarray,
     heard: list,
@@ -210,26 +247,16 @@ def _compare(
     start, end = winner.start, winner.end
     count = end - start
     spoken = [phone for phone in winner.phones if phone[0] != SILENCE]
-    difference = winner.own - loop
-    competitors = likelihoods.phones.max(axis=2).astype(np.float64)
-    phone, posterior = [], []
-    for name, first, behind in spoken:
-        phone.append(winner.own[first:behind].mean() - competitors[first:behind].mean(axis=0).max())
-        posterior.append(posteriors[first:behind, index[name]].mean())
-    phone, posterior = np.sort(phone), np.sort(posterior)
+    posterior = np.sort([posteriors[first:behind, index[name]].mean() for name, first, behind in spoken])
     lengths = np.array([behind - first for _, first, behind in spoken])
     wanted = [name for name, _, _ in spoken]
     got = [name for name, _, _ in heard if name != SILENCE]
     outside = np.concatenate([posteriors[:start, -1], posteriors[end:, -1]])
     return [
-        difference[start:end].mean(),
         (winner.score - loop.sum()) / len(loop),
         posterior.mean(),
         posterior[:2].mean(),
-        phone.mean(),
-        phone[:2].mean(),
-        np.sort(difference[start:end])[: max(1, count // 4)].mean(),
-        margin / count,
+        margin,
         _edit_distance(got, wanted) / len(wanted),
         count / len(wanted) / 10.0,
         lengths.max() / lengths.mean(),
@@ -244,16 +271,3 @@ def _edit_distance(first: Sequence[str], second: Sequence[str]) -> int:
         for column, other in enumerate(second):
             row.append(min(above[column] + (item != other), above[column + 1] + 1, row[column] + 1))
     return row[-1]
-
-
-def _read_decision(path: Path) -> "tuple[np.ndarray, float]":
-    """Weights in the order of MEASURES, and the offset."""
-    try:
-        content = yaml.safe_load(path.read_text(encoding="utf-8"))
-        weights = [float(content["weights"][name]) for name in MEASURES]
-        offset = float(content["offset"])
-    except (OSError, UnicodeDecodeError, yaml.YAMLError, KeyError, TypeError, ValueError) as error:
-        raise ParameterError("decision", f"{path}: expected an offset and a weight for each measure: {error!r}") from error
-    if len(content["weights"]) != len(MEASURES):
-        raise ParameterError("decision", f"{path}: known measures are {', '.join(MEASURES)}")
-    return np.array(weights), offset

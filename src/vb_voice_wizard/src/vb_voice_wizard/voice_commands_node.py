@@ -115,9 +115,9 @@ class VoiceCommands:
         if params.source == "topic":
             rospy.Subscriber(params.audio_topic, Audio, self._on_audio, queue_size=100)
         elif params.source == "wav":
-            threading.Thread(target=self._play, args=(read_wav(Path(params.wav_file).expanduser()),), daemon=True).start()
+            node.start_thread(self._play, read_wav(Path(params.wav_file).expanduser()))
         else:
-            self._microphone = Microphone(arecord(params.device), self._put, self._on_trouble)
+            self._microphone = Microphone(arecord(params.device), self._put, self._on_trouble, start=node.start_thread)
 
     def close(self) -> None:
         """Lets go of the microphone, and ends the threads."""

@@ -14,7 +14,7 @@ from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 from vb_core import names
 from vb_core.errors import CodedError
 from vb_core.grid_map import GridMap
-from vb_core.ros import messages, node
+from vb_core.ros import messages
 from vb_core.ros.transforms import TransformLookup
 from vb_web import pictures
 
@@ -129,31 +129,3 @@ class Looker:
             rospy.logwarn_throttle(10.0, f"{rospy.get_name()}: the floor's picture is without camera {camera}: {error}")
             return None
         return pictures.FloorView(image[..., :3], model.scaled_to(image.shape[1], image.shape[0]), pose)
-
-
-class Every(threading.Thread):
-    """Does something again and again in wall time, which goes on where simulated time stands still.
-
-    A fault ends the node, and roslaunch brings it back.
-    """
-
-    def __init__(self, period_s: float, work: Callable[[], None]) -> None:
-        super().__init__(daemon=True)
-        self._period_s, self._work = period_s, work
-        self._closed = threading.Event()
-        self.start()
-
-    def run(self) -> None:
-        """Until `close`."""
-        sound = False
-        try:
-            while not self._closed.wait(self._period_s) and not rospy.is_shutdown():
-                self._work()
-            sound = True
-        finally:
-            if not sound:
-                node.fail(CodedError("internal_error"))
-
-    def close(self) -> None:
-        """Ends it."""
-        self._closed.set()

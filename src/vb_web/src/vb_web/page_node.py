@@ -29,7 +29,7 @@ from vb_core.ros.notices import NoticePublisher, notice_from_message
 from vb_core.ros.transforms import TransformLookup
 from vb_web import access, pictures, ros_view
 from vb_web.carrying_out import Carrier
-from vb_web.looking import Every, Looker
+from vb_web.looking import Looker
 from vb_web.requests import Bounds, Request
 from vb_web.server import Backend, PageServer, ServerParams, addresses
 from vb_web.view import Events, View, border_changes, coarse_age, number
@@ -124,6 +124,7 @@ class PageNode(Backend):
         self._shown_borders: Optional[Dict[str, Dict[str, Any]]] = None
         self._answered: Any = None
         self._state_at = time.monotonic()
+        self._invites: Optional[NoticePublisher] = None
         self._level_at = -1e9
         self._spots: Dict[str, Any] = {}
         self._poses: Dict[str, List[Optional[float]]] = {}
@@ -144,16 +145,20 @@ class PageNode(Backend):
             params, self._keys, self._view, self._album, self, lambda error: node.fail(CodedError("internal_error"))
         )
         self._server.start()
-        self._invites: Optional[NoticePublisher] = None if local or params.show_code == "none" else NoticePublisher()
         self._addresses = addresses(params, self._server.port, _own_addresses())
+        if not local and params.show_code != "none":
+            self._invites = NoticePublisher()
         rospy.loginfo("%s: the page is at %s%s", rospy.get_name(), " or ".join(self._addresses),
                       "" if local else f"; its codes are in {codes}")
-        self._timers = [Every(_POSES_S, self._look_at_robots), Every(_HEALTH_S, self._look_at_health)]
+        # wall time goes on where simulated time stands still
+        self._beats = [node.Beat(_POSES_S), node.Beat(_HEALTH_S)]
+        for beat, look in zip(self._beats, (self._look_at_robots, self._look_at_health)):
+            node.Worker(beat, lambda _woken, look=look: look())
 
     def close(self) -> None:
         """Ends threads and server."""
-        for timer in self._timers:
-            timer.close()
+        for beat in self._beats:
+            beat.close()
         self._maps.close()
         self._server.close()
         if self._invites is not None:

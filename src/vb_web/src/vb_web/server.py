@@ -49,13 +49,21 @@ class ServerParams(Parameters):
     address: str = param("127.0.0.1")
     port: int = param(8420, "", low=0, high=65535)
     codes_file: str = param("~/.ros/virtual_borders/page_codes.yaml")
-    certificate: str = param("")
-    private_key: str = param("")
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if bool(self.certificate) != bool(self.private_key):
-            raise ParameterError("certificate", "certificate and private_key go together")
+    @property
+    def certificate(self) -> Optional[Tuple[Path, Path]]:
+        """The files page.crt and page.key beside the codes, for https towards a network; None if there are none.
+
+        Raises:
+            ParameterError: if there is only one of the two: nobody who made one wants http.
+        """
+        if access.is_loopback(self.address):
+            return None
+        files = tuple(Path(self.codes_file).expanduser().with_name(name) for name in ("page.crt", "page.key"))
+        there = [path.exists() for path in files]
+        if any(there) and not all(there):
+            raise ParameterError("codes_file", f"{files[0]} and {files[1]} go together: one of them is missing")
+        return files if all(there) else None  # type: ignore[return-value]
 
     @property
     def scheme(self) -> str:
@@ -192,10 +200,10 @@ class PageServer:
 
     def _listen(self) -> HTTPServer:
         context = None
-        if self.params.certificate:
+        certificate = self.params.certificate
+        if certificate is not None:
             context = ssl.create_default_context(ssl.Purpose.CLIENT_AUTH)
-            paths = (Path(path).expanduser() for path in (self.params.certificate, self.params.private_key))
-            context.load_cert_chain(*map(str, paths))
+            context.load_cert_chain(*map(str, certificate))
         server = _BoundedServer(
             self.application(), page=self, ssl_options=context, max_header_size=16384, max_body_size=_MAX_BODY,
             idle_connection_timeout=30.0, body_timeout=5.0,

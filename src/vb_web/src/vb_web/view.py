@@ -17,8 +17,8 @@ def number(value: float, digits: int = 3) -> Optional[float]:
 
 
 def coarse_age(seconds: float) -> int:
-    """An age [s] for a sentence that is read out each time it changes: 0 below 2 s, then 2, 5, 10, 20 ... 60, 120 ..."""
-    steps = (2, 5, *range(10, 60, 10), *range(60, 3600, 60), 3600)
+    """An age [s] for a sentence that is read out each time it changes: 0 below 3 s, then 3, 5, 10, 20 ... 60, 120 ..."""
+    steps = (3, 5, *range(10, 60, 10), *range(60, 3600, 60), 3600)
     return max([step for step in steps if step <= seconds], default=0)
 
 

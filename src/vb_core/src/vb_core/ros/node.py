@@ -192,6 +192,23 @@ class Beat:
         self._wake.set()
 
 
+def start_thread(work: Callable[..., None], *arguments: Any) -> threading.Thread:
+    """Does something in a thread of its own; a fault ends the node with a traceback, and roslaunch brings it back."""
+
+    def run() -> None:
+        sound = False
+        try:
+            work(*arguments)
+            sound = True
+        finally:
+            if not sound:
+                fail(CodedError("internal_error", "a fault of the program, see the traceback: please report it"))
+
+    thread = threading.Thread(target=run, daemon=True)
+    thread.start()
+    return thread
+
+
 class Worker:
     """A thread that handles the items of a Mailbox, Queue or Beat one after the other, and survives a faulty item.
 
@@ -202,21 +219,11 @@ class Worker:
     def __init__(self, mailbox: Any, handle: Callable[[Any], None]) -> None:
         self._mailbox = mailbox
         self._handle = handle
-        self._thread = threading.Thread(target=self._run, daemon=True)
-        self._thread.start()
+        self._thread = start_thread(self._work)
 
     def join(self, timeout: float) -> None:
         """Waits until a closed mailbox's last item is handled, at most for a time [s]."""
         self._thread.join(timeout)
-
-    def _run(self) -> None:
-        sound = False
-        try:
-            self._work()
-            sound = True
-        finally:
-            if not sound:
-                fail(CodedError("internal_error", "a fault of the program, see the traceback: please report it"))
 
     def _work(self) -> None:
         while True:

@@ -4,7 +4,7 @@ It needs neither ROS nor people, and shows that plan, condition, recording and a
 """
 from __future__ import annotations
 
-import dataclasses
+import json
 import re
 from functools import lru_cache
 from pathlib import Path
@@ -18,12 +18,14 @@ from vb_evaluation.kit.conduct import Planned
 from vb_evaluation.kit.recording import LOG, MAPS, SESSION
 from vb_evaluation.provenance import revision
 from vb_evaluation.study import config
-from vb_evaluation.study.cameras import Room
+from vb_evaluation.study.lab_nodes import Room
 from vb_evaluation.study.config import Study
+from vb_evaluation.study.methods import METHODS
 from vb_evaluation.study.runner import Result, Task, run
+from vb_map_integration.border import VirtualBorder
 from vb_map_integration.recording import Recording as MapRecording
 from vb_sim import floor_plan
-from vb_voice_wizard.memory import append_line, record_line
+from vb_voice_wizard.memory import append_line
 
 
 @lru_cache(maxsize=1)
@@ -47,13 +49,13 @@ def person(study: Study, outcomes: List[bool]) -> Callable[[Planned], Callable[[
 def write_recording(result: Result, folder: Path) -> None:
     """Writes what the nodes leave: interactions, maps with their borders, and how the system was started."""
     maps = MapRecording(folder / MAPS)
-    maps.record(result.prior, [], result.began - 1.0, {})
-    cameras = sorted(name for name in result.cameras if name not in {"robot"})
+    maps.record(result.prior, [], 0.0, {})
+    cameras = sorted(METHODS[result.task.method].cameras(result.world))
     for record in result.records:
-        if record.border_id and result.border is not None:
-            border = dataclasses.replace(result.border, id=record.border_id)
-            maps.record(result.posterior, [border], record.ended - 0.05, {})
-        append_line(str(folder / LOG), record_line(record, result.task.method, cameras))
+        if record["border_id"] and result.border is not None:
+            border = VirtualBorder(result.border.points, result.border.seed, 1.0, result.border.closed, id=record["border_id"])
+            maps.record(result.posterior, [border], record["ended"] - 0.05, {})
+        append_line(str(folder / LOG), json.dumps(record))
     session = {"method": result.task.method, "cameras": cameras, "revision": revision(), "rehearsal": True}
     (folder / SESSION).write_text(yaml.safe_dump(session), encoding="utf-8")
 

@@ -2,7 +2,6 @@
 
     all     every run that has not been done yet; make study does this
     run     one run alone: the row that it has in its file
-    agree   some runs through ROS, beside the same runs in one process
 """
 from __future__ import annotations
 
@@ -18,8 +17,8 @@ from rich.console import Console
 
 from vb_core.errors import CodedError
 from vb_evaluation.report.data import CURVES, RUNS, UNGATED, WORLDS
-from vb_evaluation.study import agree, campaign, config, plan
-from vb_evaluation.study.cameras import Room
+from vb_evaluation.study import campaign, config, plan
+from vb_evaluation.study.lab_nodes import Room
 from vb_evaluation.study.config import Study
 
 RERUN = ("python3 -m vb_evaluation.study run --participant {participant} --scenario {scenario} --method {method} --seed {seed}; "
@@ -70,19 +69,12 @@ def _parser() -> argparse.ArgumentParser:
     one.add_argument("--value", type=float)
     one.add_argument("--draw", type=int, help="a row of worlds.csv")
     one.add_argument("--compare", type=Path, help="the study's CSV file: says whether its row is the same")
-    both = command("agree", _agree, "some runs through ROS, beside the same runs in one process")
-    both.add_argument("--out", type=Path, default=out)
     return parser
 
 
 def _load(given: argparse.Namespace) -> Study:
     study = config.load(given.config, given.seed)
     return study if given.worlds is None else study.changed({"design/worlds": given.worlds})
-
-
-def _agree(given: argparse.Namespace, console: Console) -> int:
-    given.out.mkdir(parents=True, exist_ok=True)
-    return agree.agree(_load(given), given.out, console)
 
 
 def _all(given: argparse.Namespace, console: Console) -> int:

@@ -48,9 +48,8 @@ class Design(Parameters):
 
 @dataclass(frozen=True)
 class Timing(Parameters):
-    """Delays between the parts of the live system, which a run in one process would not have."""
+    """What processors and network need in the live system, and a run in one process does not."""
 
-    rate: float = param(50.0, "1/s", low=10.0, high=200.0, doc="steps of simulated time")
     command_s: float = param(0.04, "s", low=0.0, high=5.0, doc="from a command to its effect and answer")
     save_s: float = param(0.4, "s", low=0.0, high=10.0, doc="from save to the map with the border")
     spot_s: float = param(0.02, "s", low=0.0, high=1.0, doc="from an image's delivery to its spot, search included")

@@ -1,37 +1,56 @@
-"""One run: one participant, one scenario, one method, in simulated time as fast as the processor goes."""
+"""One run: one participant, one scenario, one method, with the live system's own nodes (vb_evaluation/virtual_ros)."""
 from __future__ import annotations
 
-from collections import deque
+import contextlib
+import json
+import tempfile
 from dataclasses import dataclass, replace
-from typing import Deque, Dict, List, Optional, Tuple
+from pathlib import Path
+from typing import Any, Callable, Dict, List, NamedTuple, Optional, Tuple
 
 import numpy as np
+import rospy
+from move_base_msgs.msg import MoveBaseActionGoal
+from nav_msgs.msg import OccupancyGrid
 from shapely.geometry import Point, Polygon
 
+import vb_fusion.live
+from vb_core import names
+from vb_core.errors import CodedError
 from vb_core.grid_map import GridMap
-from vb_evaluation.study.cameras import RobotCamera, Room, Seen, StationaryCamera
-from vb_evaluation.study.config import Study
-from vb_evaluation.study.driving import PoseHistory
+from vb_core.ros import commands, parameters
+from vb_core.ros.messages import OccupancyGridArray, array_from_points, grid_from_message
+from vb_evaluation.study.config import Study, top
+from vb_evaluation.study.lab_nodes import Room, StudyCeilingCameras, StudyRobotCamera
 from vb_evaluation.study.methods import METHODS, Method
 from vb_evaluation.study.people import Traits
-from vb_evaluation.study.system import System
-from vb_map_integration.border import VirtualBorder
+from vb_evaluation.virtual_ros.graph import Graph, Node
+from vb_evaluation.virtual_ros.launching import start_launch
+from vb_evaluation.virtual_ros.scheduler import Scheduler
+from vb_evaluation.virtual_ros.stand_ins import replaced
+from vb_msgs.msg import LabState, LaserSpot, VirtualBorderArray
 from vb_sim import floor_plan
 from vb_sim.costmap import Costmap, CostmapParams
 from vb_sim.hand import meant_border
-from vb_sim.frame_clock import FrameSchedule
-from vb_sim.lab import Lab, Participant
-from vb_sim.lab_history import History, Snapshot
+from vb_sim.lab import Lab
+from vb_sim.lab_history import History
+from vb_sim.lab_messages import snapshot_from_message
+from vb_sim.lab_simulator_node import LabSimulatorNode, LabSimulatorParams
 from vb_sim.legs import distance_to_chain
+from vb_sim.map_server_node import MapServerNode
 from vb_sim.models_cameras import CameraModels
-from vb_sim.participant import Action, ParticipantScript, Percept, Person
+from vb_sim.participant_node import ParticipantNode, ParticipantParams
 from vb_sim.planner import Planner
 from vb_sim.world import Scenario, World
-from vb_voice_wizard.interaction import Record
 
 OFF_THE_LINE = 0.4  # [m] nobody stands on what he is to draw
 FALSE_M = 0.3  # [m] from the true spot beyond which a reported one is something else
-START = 100.0  # [s] no stamp is near zero, which would mean that there is none
+START_NS = 1_000_000_000_000  # no stamp is near zero, which would mean that there is none
+WARM_UP_S = 2.0  # until every node has heard of the others; then the person comes in
+# nothing acts on what these say or store
+WITHOUT = ("display_markers", "feedback", "lab_monitor", "map_recorder")
+_LONGEST_END_NS = 600 * 10**9
+LAUNCH = "launch/simulation.launch"
 
 
 @dataclass(frozen=True)
@@ -43,6 +62,23 @@ class Task:
     method: str
 
 
+class SeenSpot(NamedTuple):
+    """One spot as a camera reported it."""
+
+    stamp: float
+    position: Tuple[float, float]
+    camera: str
+    mobile: bool
+
+
+class SavedBorder(NamedTuple):
+    """What was saved."""
+
+    points: np.ndarray
+    seed: Tuple[float, float]
+    closed: bool
+
+
 @dataclass(frozen=True)
 class Result:
     """What a run left behind.
@@ -52,14 +88,13 @@ class Result:
         world, scenario: as they were, with this person's place to stand.
         prior, posterior: maps as the recorder stores them.
         truth: (H, W) bool, the cells to be restricted.
-        records: of all interactions of the run, those that were cancelled too.
+        records: of all interactions of the run as the interaction manager logs them, those that were cancelled too.
         border: what was saved; None if nothing was.
-        script: the person, with what happened to him.
+        outcome, reason, tries: how it went for the person.
         spots: every spot that a camera reported; false_spots: how many of them were farther than FALSE_M from the true one.
-        cameras: (rendered, skipped) frames by camera.
-        way: (N, 2) [m] where the robot was.
-        collisions, goals: of the robot.
-        began, ended: [s] of the run.
+        left_out: images that were not sent.
+        path: (N, 2) [m] where the first robot was.
+        collisions, goals: of all robots.
     """
 
     task: Task
@@ -69,17 +104,17 @@ class Result:
     prior: GridMap
     posterior: GridMap
     truth: np.ndarray
-    records: Tuple[Record, ...]
-    border: Optional[VirtualBorder]
-    script: ParticipantScript
-    spots: Tuple[Seen, ...]
+    records: Tuple[Dict[str, Any], ...]
+    border: Optional[SavedBorder]
+    outcome: str
+    reason: str
+    tries: int
+    spots: Tuple[SeenSpot, ...]
     false_spots: int
-    cameras: Dict[str, Tuple[int, int]]
-    way: np.ndarray
+    left_out: int
+    path: np.ndarray
     collisions: int
     goals: int
-    began: float
-    ended: float
 
     @property
     def saved(self) -> bool:
@@ -92,132 +127,173 @@ class Result:
         return self.border is not None and bool(Polygon(self.scenario.region).contains(Point(self.border.seed)))
 
 
-class Simulation:
-    """A lab with one participant, and the system in it.
+class _NoState:
+    """A lab that need not survive its process."""
+
+    def read(self) -> None:
+        """Nothing was left."""
+
+    def write(self, _document: Dict[str, Any]) -> None:
+        """Nothing is kept."""
+
+
+class _Observer:
+    """Listens to what a run is measured by."""
+
+    def __init__(self, robots: List[str]) -> None:
+        self.posterior: Optional[GridMap] = None
+        self.border: Optional[SavedBorder] = None
+        self.spots: List[SeenSpot] = []
+        self.false_spots = self.goals = 0
+        self.path: List[Tuple[float, float]] = []
+        self._history = History()
+        rospy.Subscriber(names.VIRTUAL_MAP, OccupancyGridArray, self._on_map)
+        rospy.Subscriber(names.BORDERS, VirtualBorderArray, self._on_borders)
+        rospy.Subscriber(names.SPOTS, LaserSpot, self._on_spot)
+        rospy.Subscriber(names.LAB_STATE, LabState, self._on_lab)
+        for robot in robots:
+            rospy.Subscriber(f"/{robot}/move_base/goal" if robot else "/move_base/goal", MoveBaseActionGoal, self._on_goal)
+
+    def _on_map(self, message: OccupancyGrid) -> None:
+        self.posterior = grid_from_message(message)
+
+    def _on_borders(self, message: VirtualBorderArray) -> None:
+        for border in message.borders:
+            self.border = SavedBorder(
+                array_from_points(border.points), (border.seed.x, border.seed.y), border.kind == border.POLYGON)
+
+    def _on_lab(self, message: LabState) -> None:
+        self._history.add(snapshot_from_message(message))
+        place = (message.robot_poses[0].x, message.robot_poses[0].y)
+        if not self.path or np.hypot(self.path[-1][0] - place[0], self.path[-1][1] - place[1]) > 0.02:
+            self.path.append(place)
+
+    def _on_goal(self, _message: MoveBaseActionGoal) -> None:
+        self.goals += 1
+
+    def _on_spot(self, message: LaserSpot) -> None:
+        spot = SeenSpot(message.header.stamp.to_sec(), (message.position.x, message.position.y), message.camera, message.mobile)
+        self.spots.append(spot)
+        true = self._history.at(spot.stamp).laser
+        self.false_spots += int(true is None or np.hypot(*np.subtract(spot.position, true)) > FALSE_M)
+
+
+class LiveRun:
+    """A lab with one participant, and the live system in it.
 
     Args:
         room: keeps what is expensive to make from one run to the next.
-        thorough: every camera renders and searches every whole picture; for the proof that this changes nothing.
+        thorough: every camera sends every image.
     """
 
     def __init__(self, study: Study, task: Task, room: Optional[Room] = None, thorough: bool = False) -> None:
-        self.study, self.task = study, task
-        self.traits = study.traits(task.participant)
-        self.method: Method = METHODS[task.method]()
-        self.world = study.world
-        seed = study.run_seed(task.participant)
-        self.prior = floor_plan.physical_map(self.world)
-        self.scenario = personal_scenario(self.world, self.world.scenario(task.scenario), self.traits, self.prior,
-                                          study.marks(task.scenario))
-        models: CameraModels = replace(study.models.cameras, body=self.traits.body)
-        room = room or Room()
-        room.enter(self.world, models)
-        self.lab = Lab(self.world, study.models.robot, study.models.localisation, study.models.scan, seed)
-        self.poses = [PoseHistory() for _ in self.world.robots]
-        idle_every = 1 if thorough else study.timing.idle_every
-        ceiling = [
-            StationaryCamera(camera, room.ceiling_view(camera), models, self.prior, seed, idle_every)
-            for camera in map(self.world.camera, self.method.cameras(self.world))
-        ]
-        mobile = [
-            RobotCamera(robot, room.robot_view(robot), models, self.prior, seed, poses.estimate, thorough)
-            for robot, poses in zip(self.world.robots, self.poses)
-        ]
-        latency = models.optics.latency_ms * 1e-3
-        # as in the live system one node spreads the ceiling cameras' frames, and each robot's camera is apart
-        rigs = [rig for rig in (ceiling, *([camera] for camera in mobile)) if rig]
-        self._rigs = [(FrameSchedule([camera.rate for camera in rig], latency), rig) for rig in rigs]
-        self.cameras = [*ceiling, *mobile]
-        self.system = System(self.lab, self.method, self.prior, self.poses, study.timing)
-        near = self.method.start_near(self.world, self.scenario)
-        person = Person(self.world, self.scenario, self.traits.model, seed, near)
-        self.script = self.method.script(person)
-        self._percept = Percept()
-        self._action: Optional[Action] = None
-        self._history = History()
-        self._arriving: Deque[Tuple[float, Seen]] = deque()
-        self._way: List[Tuple[float, float]] = []
-        self._false_spots = 0
+        self._study, self._task = study, task
+        self._traits = study.traits(task.participant)
+        self._method: Method = METHODS[task.method]()
+        self._world = study.world
+        self._seed = study.run_seed(task.participant)
+        self._prior = floor_plan.physical_map(self._world)
+        self.scenario = personal_scenario(
+            self._world, self._world.scenario(task.scenario), self._traits, self._prior, study.marks(task.scenario))
+        self._models: CameraModels = replace(study.models.cameras, body=self._traits.body)
+        self._room, self._thorough = room or Room(), thorough
+        self._lab = Lab(self._world, study.models.robot, study.models.localisation, study.models.scan, self._seed)
+        self._robots = [robot.namespace.strip("/") for robot in self._world.robots]
+        self._camera_nodes: List[Any] = []
+        self._participant: Optional[ParticipantNode] = None
 
-    def run(self) -> Result:
-        """Goes on until the border is saved, the person gives up, or time is up."""
-        step = 1.0 / self.study.timing.rate
-        limit = int(self.study.timing.time_limit_s / step)
-        now = START
-        for count in range(limit):
-            now = START + count * step
-            self._step(now, step if count else 0.0)
-            if self.system.border is not None or self.script.outcome:
-                break
-        self.system.interaction.advance(now)
-        return self._result(now)
+    def run(self, watch: Callable[[], Any] = lambda: None, afterwards: Callable[[], None] = lambda: None) -> Result:
+        """Goes on until the person is done, or time is up.
 
-    def _step(self, now: float, dt: float) -> None:
-        self.lab.step(dt, now)
-        for robot, poses in zip(self.lab.robots, self.poses):
-            poses.add(now, robot.odometry, robot.estimate())
-        body = self.lab.robots[0]
-        self._live(now, body.pose)
-        self._history.add(self._snapshot(now))
-        self._look(now)
-        while self._arriving and self._arriving[0][0] <= now:
-            seen = self._arriving.popleft()[1]
-            self.system.see(seen)
-            self._percept.hear(self._action.laser if self._action else None, seen.stamp, seen.position, seen.mobile)
-        self.system.step(now)
-        if len(self._way) == 0 or np.hypot(self._way[-1][0] - body.pose[0], self._way[-1][1] - body.pose[1]) > 0.02:
-            self._way.append(body.pose[:2])
+        Args:
+            watch: called as another node, to subscribe to whatever it wants.
+            afterwards: called as a node once the border is saved; the run goes on until it returns.
+        """
+        self._room.enter(self._world, self._models)
+        timing = self._study.timing
+        scheduler = Scheduler(START_NS)
+        graph = Graph(scheduler, {
+            names.COMMAND: timing.command_s, names.CANDIDATE: timing.save_s, names.SPOTS: timing.spot_s})
+        live_chain = vb_fusion.live.extract_chain
 
-    def _live(self, now: float, robot: Tuple[float, float, float]) -> None:
-        """One step of the person's life."""
-        percept, system = self._percept, self.system
-        percept.now, percept.robot = now, robot
-        percept.has_seed = system.has_seed
-        percept.state = system.interaction.state.name.lower()
-        number = self._action.number if self._action else 0
-        if number in system.answers:
-            percept.answer, percept.answered = system.answers[number], number
-        self._action = action = self.script.step(replace(percept))
-        if action.command:
-            system.command(action.command, action.source, action.number, now)
-        self.lab.hear_participant(Participant(
-            action.laser is not None, action.laser or (0.0, 0.0), "red", True, action.pose, action.doing, now))
+        def extract_chain(*given: Any) -> Any:
+            try:
+                return live_chain(*given)
+            finally:
+                scheduler.wait(int(timing.extraction_s * 1e9))
 
-    def _snapshot(self, now: float) -> Snapshot:
-        robots = {robot.namespace.strip("/"): body.pose for robot, body in zip(self.world.robots, self.lab.robots)}
-        assert self._action is not None
-        return Snapshot(now, robots, self._action.laser, "red", (0.0, 0.0), self._action.pose)
+        with tempfile.TemporaryDirectory() as state, graph.installed(), \
+                replaced({vb_fusion.live: {"extract_chain": extract_chain}}):
+            watching: List[_Observer] = []
+            graph.start(Node("/study", {}), lambda: (watching.append(_Observer(self._robots)), watch()))
+            cameras = self._method.cameras(self._world)
+            start_launch(graph, top() / LAUNCH, {
+                "world": "study", "cameras": " ".join(cameras) or "none", "method": self._task.method,
+                "robots": " ".join(filter(None, self._robots)), "state": state, "rviz": "false", "page": "false",
+            }, WITHOUT, self._lab_nodes(cameras))
+            graph.start(Node("/participant", {}), self._participant_comes)
+            until = START_NS + int((WARM_UP_S + timing.time_limit_s) * 1e9)
+            scheduler.run(lambda: self._outcome() != "", until)
+            # what has been saved arrives; what has not been ended is, so that its time is in the log
+            over: List[bool] = []
+            graph.start(Node("/study", {}), lambda: over.append(self._end(afterwards)))
+            scheduler.run(lambda: bool(over), scheduler.now_ns + _LONGEST_END_NS)
+            records = _records(Path(state))
+            return self._result(watching[0], records)
 
-    def _look(self, now: float) -> None:
-        """Takes and searches the pictures that are delivered now."""
-        for schedule, rig in self._rigs:
-            for index, stamp in schedule.due(now):
-                snapshot = self._history.at(stamp)
-                for seen in rig[index].look(stamp, snapshot):
-                    away = snapshot.laser is None or np.hypot(*np.subtract(seen.position, snapshot.laser)) > FALSE_M
-                    self._false_spots += int(away)
-                    self._arriving.append((now + self.study.timing.spot_s, seen))
+    def _end(self, afterwards: Callable[[], None]) -> bool:
+        if self._outcome() == "saved":
+            afterwards()
+        else:
+            with contextlib.suppress(CodedError):
+                commands.send(commands.order("cancel", "study", 5.0))
+        rospy.rostime.wallsleep(0.5)
+        return True
 
-    def _result(self, now: float) -> Result:
-        integrator = self.system.integrator
+    def _outcome(self) -> str:
+        script = self._participant._script if self._participant is not None else None
+        return script.outcome if script is not None else ""
+
+    # ------------------------------------------------------------- the simulated lab's nodes
+    def _lab_nodes(self, cameras: Tuple[str, ...]) -> Dict[str, Callable[[], Any]]:
+        def lab_simulator() -> None:
+            LabSimulatorNode(self._lab, parameters.read(LabSimulatorParams), self._study.models.localisation, True, _NoState())
+
+        def ceiling_cameras() -> None:
+            self._camera_nodes.append(StudyCeilingCameras(
+                self._world, self._models, [self._world.camera(name) for name in cameras], self._seed, self._room,
+                1 if self._thorough else self._study.timing.idle_every))
+
+        def robot_camera() -> None:
+            name, prefix = rospy.get_param("~robot", ""), rospy.get_param("~tf_prefix", "")
+            robot = self._world.robot(name) if name else self._world.robots[0]
+            self._camera_nodes.append(StudyRobotCamera(
+                self._world, self._models, robot, self._seed, prefix, self._room, self._thorough))
+
+        def map_server() -> None:
+            MapServerNode(self._prior)
+
+        return {"lab_simulator": lab_simulator, "ceiling_cameras": ceiling_cameras, "robot_camera": robot_camera,
+                "map_server": map_server}
+
+    def _participant_comes(self) -> None:
+        rospy.rostime.wallsleep(WARM_UP_S)
+        params = ParticipantParams(method=self._task.method, seed=self._seed, scenario=self.scenario.key)
+        self._participant = ParticipantNode(self._world, self.scenario, self._traits.model, params)
+
+    def _result(self, seen: _Observer, records: Tuple[Dict[str, Any], ...]) -> Result:
+        script = self._participant._script if self._participant is not None else None
         return Result(
-            self.task, self.traits, self.world, self.scenario, self.prior, integrator.posterior,
-            floor_plan.ground_truth(self.world, self.scenario), tuple(self._records(now)), self.system.border,
-            self.script, tuple(self.system.spots), self._false_spots,
-            {camera.name: (camera.rendered, camera.skipped) for camera in self.cameras},
-            np.array(self._way), sum(robot.collisions for robot in self.lab.robots),
-            sum(robot.goals for robot in self.system.robots.values()), START, now,
-        )
+            self._task, self._traits, self._world, self.scenario, self._prior, seen.posterior or self._prior,
+            floor_plan.ground_truth(self._world, self.scenario), records, seen.border,
+            script.outcome if script else "", script.reason if script else "", script.person.tries if script else 0,
+            tuple(seen.spots), seen.false_spots, sum(node.left_out for node in self._camera_nodes), np.array(seen.path),
+            sum(robot.collisions for robot in self._lab.robots), seen.goals)
 
-    def _records(self, now: float) -> List[Record]:
-        records = list(self.system.records)
-        interaction = self.system.interaction
-        if interaction.interaction_id:
-            # time was up in the middle: what was spent counts all the same
-            interaction.command("cancel", "study", now)
-            record = interaction.take_record()
-            records += [record] if record is not None else []
-        return records
+
+def _records(state: Path) -> Tuple[Dict[str, Any], ...]:
+    path = state / "interactions.jsonl"
+    return tuple(json.loads(line) for line in path.read_text(encoding="utf-8").splitlines()) if path.exists() else ()
 
 
 def personal_scenario(
@@ -243,4 +319,4 @@ def personal_scenario(
 
 def run(study: Study, task: Task, room: Optional[Room] = None, thorough: bool = False) -> Result:
     """Carries out one run; the same result for the same arguments, whatever was run before."""
-    return Simulation(study, task, room, thorough).run()
+    return LiveRun(study, task, room, thorough).run()

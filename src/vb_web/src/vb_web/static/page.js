@@ -359,6 +359,8 @@ function drawState() {
 }
 
 function drawBanners() {
+  // a banner moves the map: not while a finger draws on it
+  if (map.pointers.size) return void setTimeout(drawBanners, 200);
   const state = view.state, list = [];
   if (!online) list.push(["page_offline", {}, true]);
   else {
@@ -501,8 +503,12 @@ $("stop").addEventListener("click", () => ask("command", { command: $("stop").da
 $("settings-button").addEventListener("click", settings);
 $("draw").addEventListener("click", () => setMode("draw"));
 $("wall").addEventListener("click", () => setMode("wall"));
-$("undo").addEventListener("click", () => ask("command", { command: "undo" }));
-$("redo").addEventListener("click", () => ask("command", { command: "redo" }));
+for (const change of ["undo", "redo"]) $(change).addEventListener("click", async () => {
+  // whoever taps twice wants two steps, and is not told that the first is still under way
+  $("undo").disabled = $("redo").disabled = true;
+  await ask("command", { command: change });
+  $("undo").disabled = $("redo").disabled = false;
+});
 $("zoom-in").addEventListener("click", () => map.zoom(1.4));
 $("zoom-out").addEventListener("click", () => map.zoom(1 / 1.4));
 $("zoom-fit").addEventListener("click", () => map.fit());

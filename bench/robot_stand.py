@@ -1,11 +1,13 @@
-"""What drives one robot in a run: navigation's goals, or the spot that it follows. The parts are the live nodes'."""
+"""A stand for the robot's driver: the pure parts of driver and navigation without nodes, whose inputs can be taken away."""
 from __future__ import annotations
 
 import math
 from collections import deque
+from pathlib import Path
 from typing import Deque, Optional, Set, Tuple
 
 import numpy as np
+import yaml
 
 from vb_core import geometry
 from vb_core.errors import CodedError
@@ -18,12 +20,44 @@ from vb_robot.following import Frames
 from vb_robot.safety import Scan
 from vb_robot.spots import Sighting
 from vb_robot.view import FloorView
+from vb_sim.costmap import CostmapParams
+from vb_sim.follower import FollowerParams
 from vb_sim.lab import Lab
-from vb_sim.navigator import Navigator
+from vb_sim.navigator import Navigator, NavigatorParams, for_robot
+from vb_sim.planner import PlannerParams
 from vb_sim.robot_body import Pose
 
-
+NAVIGATION_HZ, SCAN_HZ = 10.0, 10.0
 STATE_EACH = 0.1  # [s] the interaction manager repeats the state that often
+
+
+class Every:
+    """Says when something that happens at a rate is due."""
+
+    def __init__(self, rate: float) -> None:
+        self.period = 1.0 / rate
+        self._next: Optional[float] = None
+
+    def due(self, now: float) -> bool:
+        if self._next is None:
+            self._next = now
+        if now < self._next - 1e-9:
+            return False
+        while self._next <= now + 1e-9:
+            self._next += self.period
+        return True
+
+
+def standin_navigator(grid: GridMap, profile: RobotProfile) -> Navigator:
+    """What vb_sim's navigation node drives with."""
+    path = Path(__file__).resolve().parent.parent / "src" / "vb_sim" / "config" / "navigation.yaml"
+    settings = yaml.safe_load(path.read_text(encoding="utf-8"))
+    costmap, follower = for_robot(profile, CostmapParams.from_mapping(settings.get("costmap"), "costmap"),
+                                  FollowerParams.from_mapping(settings.get("follower"), "follower"))
+    planner = PlannerParams.from_mapping(settings.get("planner"), "planner")
+    navigator = Navigator(NavigatorParams(), costmap, planner, follower)
+    navigator.set_map(grid)
+    return navigator
 
 
 class PoseHistory:

@@ -1,0 +1,158 @@
+"""The simulated lab's nodes as a run starts them: with a person, a world and models of its own, and with fewer images."""
+from __future__ import annotations
+
+import zlib
+from typing import Any, Dict, List, Optional, Tuple
+
+import cv2
+import numpy as np
+
+from vb_core import geometry
+from vb_sim.ceiling_cameras_node import CeilingCamerasNode
+from vb_sim.ceiling_view import CeilingView
+from vb_sim.floor_texture import FloorTexture, render_floor
+from vb_sim.lab_history import Snapshot
+from vb_sim.mesh import Mesh, world_mesh
+from vb_sim.models_cameras import CameraModels
+from vb_sim.robot_camera_node import RobotCameraNode
+from vb_sim.robot_view import RobotView
+from vb_sim.world import CeilingCamera, Robot, World
+
+FLOOR_SEED = 1  # everybody draws on the same floor
+_SPOT_MARGIN_PX = 40.0  # a spot whose middle is outside the image by less may still shine into it
+_IDLE_EVERY = 5  # of a robot's images that cannot show the spot: so far it turns that the next one can be matched
+
+
+class Room:
+    """What is the same in all runs of a process, and expensive to make: the room as it is drawn.
+
+    Views are kept for one set of worlds and models; other ones replace them.
+    """
+
+    def __init__(self) -> None:
+        # threads within a process would only fight with the other processes, and do not survive a fork
+        cv2.setNumThreads(1)
+        self._floor: Optional[FloorTexture] = None
+        self._mesh: Optional[Mesh] = None
+        self._views: Dict[str, Tuple[str, Any]] = {}
+        self._floor_key: object = None
+
+    def enter(self, world: World, models: CameraModels) -> None:
+        """Prepares for runs in a world; the participant's body may be another one each time."""
+        floor_key = repr((world.room, world.floor, world.walls, world.furniture, world.patches, world.lights))
+        if floor_key != self._floor_key:
+            self._floor, self._mesh = render_floor(world, FLOOR_SEED), world_mesh(world)
+            self._floor_key = floor_key
+            self._views.clear()
+        self._world, self._models = world, models
+
+    def ceiling_view(self, camera: CeilingCamera) -> CeilingView:
+        """The view of a ceiling camera, as nobody has moved yet."""
+        return self._fresh("ceiling", camera, CeilingView)
+
+    def robot_view(self, robot: Robot) -> RobotView:
+        """The view of a robot's camera, as nobody has moved yet."""
+        return self._fresh("robot", robot, RobotView)
+
+    def _fresh(self, what: str, whose: Any, kind: Any) -> Any:
+        # the pointer's height differs with each body and is nothing that was drawn
+        radii = self._world.robot_radii()
+        key = repr((whose, self._models.optics, self._models.noise, self._models.robot_camera, sorted(radii.items())))
+        name = f"{what} {whose.name}"
+        if name not in self._views or self._views[name][0] != key:
+            self._views[name] = (key, kind(whose, radii, self._floor, self._mesh, self._models, FLOOR_SEED))
+        view = self._views[name][1]
+        view.restart(self._models)
+        return view
+
+
+def frame_generator(seed: int, camera: str, stamp: float) -> np.random.Generator:
+    """The noise of one frame, whatever was rendered before it."""
+    return np.random.default_rng([seed, zlib.crc32(camera.encode()), int(round(stamp * 1e4))])
+
+
+class StudyCeilingCameras(CeilingCamerasNode):
+    """Ceiling cameras that leave images out in which no spot can be.
+
+    An image without spot and without people or robots is left out; one with them is sent every `idle_every`-th time only,
+    for the detector learns from it what is no spot.
+
+    Args:
+        idle_every: 1 sends every image.
+    """
+
+    def __init__(self, world: World, models: CameraModels, cameras: List[CeilingCamera], seed: int, room: Room, idle_every: int) -> None:
+        self._seed, self._idle_every = seed, idle_every
+        self._idle = [0] * len(cameras)
+        self._from_map = [geometry.invert(camera.pose()) for camera in cameras]
+        self.left_out = 0
+        super().__init__(world, models, cameras, seed, [room.ceiling_view(camera) for camera in cameras])
+
+    def _image(self, index: int, snapshot: Snapshot) -> Optional[np.ndarray]:
+        if not self._worth_a_look(index, snapshot):
+            self.left_out += 1
+            return None
+        return self._views[index].frame(snapshot, frame_generator(self._seed, self._cameras[index].name, snapshot.stamp))
+
+    def _worth_a_look(self, index: int, snapshot: Snapshot) -> bool:
+        if self._idle_every == 1:
+            return True
+        if snapshot.laser is not None and self._shows(index, np.array([[*snapshot.laser, 0.0]]), _SPOT_MARGIN_PX):
+            return True
+        bodies = [(pose, 0.45, 2.1) for pose in [snapshot.person] if pose is not None]
+        bodies += [(pose, 0.25, 0.5) for pose in snapshot.robots.values()]
+        # a body's corners, and points between them: it may be larger than the image
+        if not any(self._shows(index, _hull(*body), 0.0) for body in bodies):
+            return False
+        self._idle[index] = (self._idle[index] + 1) % self._idle_every
+        return self._idle[index] == 0
+
+    def _shows(self, index: int, points: np.ndarray, margin: float) -> bool:
+        in_camera = geometry.apply(self._from_map[index], points)
+        if (in_camera[:, 2] < 0.05).any():
+            return True
+        model = self._views[index].model
+        pixels = model.project(in_camera)
+        low, high = pixels.min(axis=0), pixels.max(axis=0)
+        return bool((high >= -margin).all() and low[0] <= model.width + margin and low[1] <= model.height + margin)
+
+
+def _hull(pose: Tuple[float, float, float], radius: float, height: float) -> np.ndarray:
+    x, y = pose[:2]
+    sides = (-radius, radius)
+    return np.array([(x + dx, y + dy, z) for dx in sides for dy in sides for z in (0.0, height)])
+
+
+class StudyRobotCamera(RobotCameraNode):
+    """A robot's camera that leaves most images out in which no spot can be.
+
+    Of those it sends every n-th, as many as the detector needs to know the floor and how the camera moved.
+
+    Args:
+        whole: sends every image.
+    """
+
+    def __init__(self, world: World, models: CameraModels, robot: Robot, seed: int, tf_prefix: str, room: Room, whole: bool) -> None:
+        self._seed, self._whole, self._idle = seed, whole, 0
+        self.left_out = 0
+        super().__init__(world, models, robot, seed, tf_prefix, room.robot_view(robot))
+
+    def _wanted(self, snapshot: Snapshot) -> bool:
+        if not self._worth_a_look(snapshot):
+            self.left_out += 1
+            return False
+        self._view.draw_from(frame_generator(self._seed, self._robot.name, snapshot.stamp))
+        return True
+
+    def _worth_a_look(self, snapshot: Snapshot) -> bool:
+        self._idle = (self._idle + 1) % _IDLE_EVERY
+        if self._whole or self._idle == 0:
+            return True
+        pose = self._view.camera_pose(snapshot)
+        if snapshot.laser is None:
+            return False
+        spot = geometry.apply(geometry.invert(pose), np.array([[*snapshot.laser, 0.0]]))
+        if spot[0, 2] < 0.05:
+            return False
+        (u, v), model = self._view.color_model.project(spot)[0], self._view.color_model
+        return max(-u, u - model.width, -v, v - model.height) <= _SPOT_MARGIN_PX

@@ -1,0 +1,440 @@
+"""What rospy answers to nodes that run within one process: names, topics, services, parameters, time."""
+from __future__ import annotations
+
+import contextlib
+import io
+import logging
+from collections import deque
+from typing import Any, Callable, Deque, Dict, Iterator, List, Mapping, Optional, Tuple
+
+import genpy
+import greenlet
+import rosgraph.masterapi
+import rosgraph.names
+import rospy
+import rospy.impl.tcpros_service
+import rospy.msg
+
+from vb_evaluation.virtual_ros.scheduler import Scheduler
+from vb_evaluation.virtual_ros.stand_ins import StandIns, replaced
+
+LOG = logging.getLogger("vb_evaluation.nodes")
+_FOREVER = 10**18
+_LEVELS = {"debug": logging.DEBUG, "info": logging.INFO, "warn": logging.WARNING, "err": logging.ERROR,
+           "error": logging.ERROR, "fatal": logging.CRITICAL}
+
+
+class Node:
+    """One node of the graph.
+
+    Args:
+        name: with its namespace, "/robot1/move_base".
+        remappings: of names, as the launch file has them.
+    """
+
+    def __init__(self, name: str, remappings: Mapping[str, str]) -> None:
+        self.name = name
+        self.remappings = {
+            rosgraph.names.resolve_name(key, name): rosgraph.names.resolve_name(value, name)
+            for key, value in remappings.items()
+        }
+
+    def resolve(self, name: str) -> str:
+        """A name as the node means it."""
+        full = rosgraph.names.resolve_name(name, self.name)
+        return self.remappings.get(full, full)
+
+
+class _Delivery:
+    """A message on its way: packed once, and unpacked once for each type that is wanted."""
+
+    def __init__(self, data: bytes, header: Dict[str, str]) -> None:
+        self._data, self._header = data, header
+        self._messages: Dict[type, Any] = {}
+
+    def message(self, kind: type) -> Any:
+        found = self._messages.get(kind)
+        if found is None:
+            found = self._messages[kind] = kind()
+            found.deserialize(self._data)
+            found._connection_header = self._header
+        return found
+
+
+class _Topic:
+    def __init__(self) -> None:
+        self.subscribers: List[Subscriber] = []
+        self.publishers: List[Publisher] = []
+
+
+class Graph:
+    """All nodes of one run; `installed` makes rospy answer for it.
+
+    Args:
+        scheduler: of its tasks.
+        delays: resolved topic or service to seconds that its messages or answers take.
+    """
+
+    def __init__(self, scheduler: Scheduler, delays: Mapping[str, float]) -> None:
+        self.scheduler = scheduler
+        self.parameters: Dict[str, Any] = {}
+        self.services: Dict[str, Service] = {}
+        self.closers: List[Callable[[], None]] = []
+        self._delays = {name: int(seconds * 1e9) for name, seconds in delays.items()}
+        self._topics: Dict[str, _Topic] = {}
+        self._stand_ins = StandIns(scheduler)
+        self._sleepers: List[Tuple[Any, Any]] = []
+
+    # ------------------------------------------------------------- what a run does
+    def start(self, node: Node, main: Callable[[], Any]) -> None:
+        """Begins a node: what its executable would do."""
+        self.scheduler.spawn(main, node)
+
+    @contextlib.contextmanager
+    def installed(self) -> Iterator[None]:
+        """Makes rospy, and threading and time of all nodes' modules, those of this graph."""
+        before = rospy.rostime._rostime_initialized, rospy.rostime._rostime_current
+        with replaced(self._replacements()):
+            rospy.rostime.set_rostime_initialized(True)
+            rospy.rostime._set_rostime(rospy.Time(0))
+            self._stand_ins.replace()
+            try:
+                yield
+            finally:
+                self.scheduler.close()
+                self._stand_ins.restore()
+                rospy.rostime._rostime_initialized, rospy.rostime._rostime_current = before
+
+    def delay_of(self, name: str) -> int:
+        """[ns] that a topic's messages or a service's answers take."""
+        return self._delays.get(name, 0)
+
+    def topic(self, name: str) -> _Topic:
+        """A topic by its resolved name."""
+        return self._topics.setdefault(name, _Topic())
+
+    def set_clock(self, now: genpy.Time) -> None:
+        """/clock has come: it is the same for everybody."""
+        rospy.rostime._set_rostime(now)
+        due = [entry for entry in self._sleepers if entry[0] <= now]
+        if due:
+            self._sleepers = [entry for entry in self._sleepers if entry[0] > now]
+            for _, task in due:
+                self.scheduler.wake(task)
+
+    # ------------------------------------------------------------- names and parameters
+    @property
+    def node(self) -> Node:
+        """Whose task is at work."""
+        return getattr(greenlet.getcurrent(), "owner", None) or _NOBODY
+
+    def _walk(self, key: str, make: bool = False) -> Tuple[Dict[str, Any], str]:
+        *parents, last = self.node.resolve(key).strip("/").split("/")
+        found: Any = self.parameters
+        for name in parents:
+            if not isinstance(found, dict) or (name not in found and not make):
+                return {}, last
+            found = found.setdefault(name, {})
+        return (found if isinstance(found, dict) else {}), last
+
+    def get_param(self, name: str, *default: Any) -> Any:
+        """rospy.get_param."""
+        found, last = self._walk(name)
+        if last not in found:
+            if not default:
+                raise KeyError(name)
+            return default[0]
+        return found[last]
+
+    def set_param(self, name: str, value: Any) -> None:
+        """rospy.set_param."""
+        found, last = self._walk(name, True)
+        found[last] = value
+
+    def has_param(self, name: str) -> bool:
+        """rospy.has_param."""
+        found, last = self._walk(name)
+        return last in found
+
+    def delete_param(self, name: str) -> None:
+        """rospy.delete_param."""
+        found, last = self._walk(name)
+        del found[last]
+
+    def search_param(self, name: str) -> Optional[str]:
+        """rospy.search_param: the name in this namespace or the next above."""
+        namespace = self.node.name
+        while namespace:
+            full = f"{namespace.rstrip('/')}/{name}"
+            if self.has_param(full):
+                return full
+            namespace = namespace.rpartition("/")[0]
+        return f"/{name}" if self.has_param(f"/{name}") else None
+
+    # ------------------------------------------------------------- time
+    def sleep(self, duration: Any) -> None:
+        """rospy.sleep, by /clock."""
+        seconds = duration if isinstance(duration, genpy.Duration) else genpy.Duration.from_sec(duration)
+        if seconds > genpy.Duration(0):
+            self._sleepers.append((rospy.get_rostime() + seconds, greenlet.getcurrent()))
+            self.scheduler.wait()
+
+    def spin(self) -> None:
+        """rospy.spin."""
+        self.scheduler.wait()
+
+    def _wait_for_service(self, name: str, timeout: Any = None) -> None:
+        full, waited = self.node.resolve(name), 0.0
+        limit = timeout.to_sec() if isinstance(timeout, genpy.Duration) else timeout
+        while full not in self.services:
+            if limit is not None and waited >= limit:
+                raise rospy.ROSException(f"timeout exceeded while waiting for service {full}")
+            self.scheduler.wait(20_000_000)
+            waited += 0.02
+
+    def _shut_down(self, reason: str) -> None:
+        if not self.scheduler.closed:
+            self.scheduler.fault(RuntimeError(f"{self.node.name} ended: {reason}"))
+
+    def _logger(self, level: int) -> Callable[..., None]:
+        def log(text: Any, *values: Any, **_: Any) -> None:
+            if not self.scheduler.closed:
+                LOG.log(level, text, *values)
+
+        return log
+
+    def _replacements(self) -> Dict[Any, Dict[str, Any]]:
+        def bound(kind: type) -> Callable[..., Any]:
+            return lambda *given, **named: kind(self, *given, **named)
+
+        names: Dict[str, Any] = {
+            "init_node": lambda *_, **__: self._stand_ins.replace(),
+            "get_name": lambda: self.node.name, "get_caller_id": lambda: self.node.name,
+            "get_namespace": lambda: rosgraph.names.namespace(self.node.name),
+            "resolve_name": lambda name, caller_id=None: self.node.resolve(name),
+            "remap_name": lambda name: name,
+            "Publisher": bound(Publisher), "Subscriber": bound(Subscriber), "Service": bound(Service),
+            "ServiceProxy": bound(ServiceProxy), "Timer": bound(Timer), "wait_for_service": self._wait_for_service,
+            "sleep": self.sleep, "spin": self.spin, "is_shutdown": lambda: self.scheduler.closed,
+            "signal_shutdown": self._shut_down, "on_shutdown": self.closers.append,
+            "get_param": self.get_param, "set_param": self.set_param, "has_param": self.has_param,
+            "delete_param": self.delete_param, "search_param": self.search_param,
+        }
+        for word, level in _LEVELS.items():
+            names[f"log{word}"] = names[f"log{word}_once"] = self._logger(level)
+            names[f"log{word}_throttle"] = lambda _period, *given, level=level: self._logger(level)(*given)
+        names = {name: value for name, value in names.items() if hasattr(rospy, name)}
+
+        return {
+            rospy: names,
+            rospy.rostime: {"wallsleep": lambda seconds: self.scheduler.wait(int(max(seconds, 0.0) * 1e9))},
+            rospy.timer: {"sleep": self.sleep},
+            rospy.core: {"is_shutdown": lambda: self.scheduler.closed},
+            # tf2_ros asks there whether it must offer a service for debugging
+            rosgraph.masterapi.Master: {"lookupService": lambda *_: ""},
+        }
+
+
+_NOBODY = Node("/study", {})
+
+
+class Publisher:
+    """rospy.Publisher."""
+
+    def __init__(self, graph: Graph, name: str, data_class: type, subscriber_listener: Any = None, tcp_nodelay: bool = False,
+                 latch: bool = False, headers: Any = None, queue_size: Optional[int] = None) -> None:
+        self._graph = graph
+        self.resolved_name = self.name = graph.node.resolve(name)
+        self.data_class, self.type = data_class, data_class._type
+        self._header = {"callerid": graph.node.name, "topic": self.resolved_name, "type": self.type}
+        self._latch = latch
+        self.latched: Optional[_Delivery] = None
+        self._sequence = 0
+        self._topic = graph.topic(self.resolved_name)
+        self._topic.publishers.append(self)
+        self._delay = graph.delay_of(self.resolved_name)
+
+    def publish(self, *given: Any, **named: Any) -> None:
+        """Packs the message and sends it to everybody."""
+        message = rospy.msg.args_kwds_to_message(self.data_class, given, named)
+        if message._has_header:
+            self._sequence += 1
+            message.header.seq = self._sequence
+        if self.resolved_name == "/clock":
+            self._graph.set_clock(message.clock)
+            return
+        if not self._topic.subscribers and not self._latch:
+            return
+        buffer = io.BytesIO()
+        message.serialize(buffer)
+        delivery = _Delivery(buffer.getvalue(), self._header)
+        if self._latch:
+            self.latched = delivery
+        for subscriber in self._topic.subscribers:
+            self.send(subscriber, delivery)
+
+    def send(self, subscriber: "Subscriber", delivery: _Delivery) -> None:
+        """Sends a message to one subscriber."""
+        if self._delay:
+            self._graph.scheduler.later(self._delay, lambda: subscriber.put(delivery))
+        else:
+            subscriber.put(delivery)
+
+    def get_num_connections(self) -> int:
+        """How many listen."""
+        return len(self._topic.subscribers)
+
+    def unregister(self) -> None:
+        """Ends it."""
+        if self in self._topic.publishers:
+            self._topic.publishers.remove(self)
+
+
+class Subscriber:
+    """rospy.Subscriber: its callback is called for one message after the other, by a task of its own."""
+
+    def __init__(self, graph: Graph, name: str, data_class: type, callback: Optional[Callable] = None,
+                 callback_args: Any = None, queue_size: Optional[int] = None, buff_size: int = 0,
+                 tcp_nodelay: bool = False) -> None:
+        self._graph = graph
+        self.resolved_name = self.name = graph.node.resolve(name)
+        self._kind, self._callback, self._extra = data_class, callback, callback_args
+        size = queue_size if queue_size is not None and queue_size > 0 else None
+        self._queue: Deque[_Delivery] = deque(maxlen=size)
+        self._idle = False
+        self._over = False
+        self._topic = graph.topic(self.resolved_name)
+        self._topic.subscribers.append(self)
+        self._task = graph.scheduler.spawn(self._work)
+        for publisher in self._topic.publishers:
+            if publisher.latched is not None:
+                publisher.send(self, publisher.latched)
+
+    def put(self, delivery: _Delivery) -> None:
+        """A message has come; of too many the oldest ones are lost, as in rospy."""
+        if self._over:
+            return
+        self._queue.append(delivery)
+        if self._idle:
+            self._idle = False
+            self._graph.scheduler.wake(self._task)
+
+    def _work(self) -> None:
+        while not self._over:
+            if not self._queue:
+                self._idle = True
+                self._graph.scheduler.wait()
+                continue
+            message = self._queue.popleft().message(self._kind)
+            if self._callback is None:
+                continue
+            if self._extra is None:
+                self._callback(message)
+            else:
+                self._callback(message, self._extra)
+
+    def unregister(self) -> None:
+        """Ends it."""
+        self._over = True
+        if self in self._topic.subscribers:
+            self._topic.subscribers.remove(self)
+        if self._idle:
+            self._idle = False
+            self._graph.scheduler.wake(self._task)
+
+    def get_num_connections(self) -> int:
+        """How many publish."""
+        return len(self._topic.publishers)
+
+
+class Service:
+    """rospy.Service."""
+
+    def __init__(self, graph: Graph, name: str, service_class: Any, handler: Callable[[Any], Any], buff_size: int = 0,
+                 error_handler: Any = None) -> None:
+        self._graph, self.node = graph, graph.node
+        self.resolved_name = graph.node.resolve(name)
+        self.kind, self.handler = service_class, handler
+        graph.services[self.resolved_name] = self
+
+    def shutdown(self, reason: str = "") -> None:
+        """Ends it."""
+        self._graph.services.pop(self.resolved_name, None)
+
+
+class ServiceProxy:
+    """rospy.ServiceProxy."""
+
+    def __init__(self, graph: Graph, name: str, service_class: Any, persistent: bool = False, headers: Any = None) -> None:
+        self._graph = graph
+        self.resolved_name, self._kind = graph.node.resolve(name), service_class
+
+    def __call__(self, *given: Any, **named: Any) -> Any:
+        return self.call(*given, **named)
+
+    def call(self, *given: Any, **named: Any) -> Any:
+        """Asks, and waits for the answer.
+
+        Raises:
+            rospy.ServiceException: if nobody offers it, or the service raised it.
+        """
+        request = rospy.msg.args_kwds_to_message(self._kind._request_class, given, named)
+        service, scheduler = self._graph.services.get(self.resolved_name), self._graph.scheduler
+        if service is None:
+            raise rospy.ServiceException(f"service [{self.resolved_name}] unavailable")
+        asked = _repacked(request, service.kind._request_class)
+        caller, answers = greenlet.getcurrent(), []
+
+        def serve() -> None:
+            try:
+                answers.append(rospy.impl.tcpros_service.convert_return_to_response(
+                    service.handler(asked), service.kind._response_class))
+            except rospy.ServiceException as error:
+                answers.append(error)
+            delay = self._graph.delay_of(self.resolved_name)
+            if delay:
+                scheduler.wait(delay)
+            scheduler.wake(caller)
+
+        scheduler.spawn(serve, service.node)
+        scheduler.wait()
+        if isinstance(answers[0], rospy.ServiceException):
+            raise answers[0]
+        return _repacked(answers[0], self._kind._response_class)
+
+    def close(self) -> None:
+        """Ends it."""
+
+
+def _repacked(message: Any, kind: type) -> Any:
+    buffer = io.BytesIO()
+    message.serialize(buffer)
+    result = kind()
+    result.deserialize(buffer.getvalue())
+    return result
+
+
+class Timer:
+    """rospy.Timer."""
+
+    def __init__(self, graph: Graph, period: Any, callback: Callable[[Any], Any], oneshot: bool = False, reset: bool = False) -> None:
+        self._graph, self._period, self._callback, self._once = graph, period, callback, oneshot
+        self._over = False
+        graph.scheduler.spawn(self._run)
+
+    def _run(self) -> None:
+        expected = rospy.get_rostime() + self._period
+        while not self._over:
+            self._graph.sleep(expected - rospy.get_rostime())
+            if self._over:
+                return
+            now = rospy.get_rostime()
+            self._callback(rospy.timer.TimerEvent(expected, expected, now, now, None))
+            if self._once:
+                return
+            # as rospy: from the last time that it was due, unless it cannot keep up
+            expected = max(expected + self._period, rospy.get_rostime() - self._period)
+
+    def shutdown(self) -> None:
+        """Ends it."""
+        self._over = True

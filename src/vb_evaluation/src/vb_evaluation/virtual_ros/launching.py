@@ -1,0 +1,79 @@
+"""The nodes of a launch file, as roslaunch would start them."""
+from __future__ import annotations
+
+import runpy
+from functools import lru_cache
+from pathlib import Path
+from typing import Any, Callable, Collection, Dict, List, Mapping, NamedTuple, Tuple
+
+import rospkg
+
+from vb_evaluation.virtual_ros.graph import Graph, Node
+
+
+class Launched(NamedTuple):
+    """A node that a launch file names."""
+
+    package: str
+    type: str
+    name: str
+    remappings: Tuple[Tuple[str, str], ...]
+
+
+@lru_cache(maxsize=32)
+def read_launch(path: str, arguments: Tuple[str, ...]) -> Tuple[Tuple[Launched, ...], Mapping[str, Any]]:
+    """Nodes and parameters of a launch file; arguments as "name:=value"."""
+    from roslaunch.config import ROSLaunchConfig
+    from roslaunch.xmlloader import XmlLoader
+
+    config = ROSLaunchConfig()
+    XmlLoader(resolve_anon=False).load(path, config, argv=list(arguments), verbose=False)
+    nodes = tuple(
+        Launched(node.package, node.type, f"{node.namespace}{node.name}", tuple(tuple(pair) for pair in node.remap_args))
+        for node in config.nodes)
+    return nodes, {key: parameter.value for key, parameter in config.params.items()}
+
+
+def start_launch(
+    graph: Graph, path: Path, arguments: Mapping[str, str], without: Collection[str] = (),
+    instead: Mapping[str, Callable[[], Any]] = {},
+) -> List[str]:
+    """Starts what a launch file names; gives the nodes' names.
+
+    Args:
+        without: types of nodes that are left out.
+        instead: type of a node to what is called for it, instead of its script; it gets the node's name.
+    """
+    nodes, parameters = read_launch(str(path), tuple(f"{name}:={value}" for name, value in sorted(arguments.items())))
+    for key, value in parameters.items():
+        _put(graph.parameters, key, value)
+    started = []
+    for launched in nodes:
+        if launched.type in without:
+            continue
+        node = Node(launched.name, dict(launched.remappings))
+        main = instead.get(launched.type) or _script(launched.package, launched.type)
+        graph.start(node, main)
+        started.append(launched.name)
+    return started
+
+
+def _script(package: str, kind: str) -> Callable[[], Any]:
+    path = _package(package) / "scripts" / kind
+    return lambda: runpy.run_path(str(path), run_name="__main__")
+
+
+@lru_cache(maxsize=None)
+def _package(name: str) -> Path:
+    return Path(rospkg.RosPack().get_path(name))
+
+
+def _put(parameters: Dict[str, Any], key: str, value: Any) -> None:
+    *parents, last = key.strip("/").split("/")
+    for name in parents:
+        parameters = parameters.setdefault(name, {})
+    if isinstance(value, dict):
+        for name, entry in value.items():
+            _put(parameters, f"{last}/{name}", entry)
+    else:
+        parameters[last] = value

@@ -1,0 +1,121 @@
+"""Tasks that take turns, and a clock that goes on when all of them wait."""
+from __future__ import annotations
+
+import heapq
+from collections import deque
+from typing import Any, Callable, Deque, List, Optional, Tuple
+
+import greenlet
+
+
+class Task(greenlet.greenlet):
+    """One thread of a node.
+
+    Attributes:
+        owner: whose it is; what it starts belongs to the same.
+        waits: counts its waits: what was meant to end an earlier one ends none.
+    """
+
+    owner: Any = None
+    waits = 0
+
+
+class Scheduler:
+    """Runs tasks one at a time, in an order that depends on nothing but their own doing.
+
+    Attributes:
+        now_ns: the time [ns].
+        closed: the run is over, every task is being ended.
+    """
+
+    def __init__(self, start_ns: int) -> None:
+        self.now_ns = start_ns
+        self.closed = False
+        self._hub = greenlet.getcurrent()
+        self._ready: Deque[Tuple[Task, int]] = deque()
+        self._timed: List[Tuple[int, int, Task, int]] = []
+        self._later: List[Tuple[int, int, Callable[[], None]]] = []
+        self._count = 0
+        self._tasks: List[Task] = []
+        self._fault: Optional[BaseException] = None
+
+    def spawn(self, work: Callable[[], Any], owner: Any = None) -> Task:
+        """Begins a task at the next turn. A fault of it is a fault of the run."""
+        task = Task(lambda *_: self._guarded(work), parent=self._hub)
+        task.owner = owner if owner is not None else getattr(greenlet.getcurrent(), "owner", None)
+        if len(self._tasks) > 2000:
+            self._tasks = [known for known in self._tasks if not known.dead]
+        self._tasks.append(task)
+        self._ready.append((task, 0))
+        return task
+
+    def _guarded(self, work: Callable[[], Any]) -> None:
+        try:
+            work()
+        except greenlet.GreenletExit:
+            pass
+        except BaseException as error:
+            self.fault(error)
+
+    def fault(self, error: BaseException) -> None:
+        """Ends the run with an error."""
+        if self._fault is None and not self.closed:
+            self._fault = error
+
+    def wait(self, timeout_ns: Optional[int] = None) -> bool:
+        """Lets others go on until `wake`, or for a time [ns]; whether it was woken."""
+        task = greenlet.getcurrent()
+        if not isinstance(task, Task):
+            raise RuntimeError("only a node can wait in a run within one process")
+        if self.closed:
+            raise greenlet.GreenletExit
+        task.waits += 1
+        if timeout_ns is not None:
+            self._count += 1
+            heapq.heappush(self._timed, (self.now_ns + max(int(timeout_ns), 0), self._count, task, task.waits))
+        return bool(self._hub.switch())
+
+    def wake(self, task: Task) -> None:
+        """Lets a task that waits go on at its next turn."""
+        self._ready.append((task, task.waits))
+
+    def later(self, delay_ns: int, work: Callable[[], None]) -> None:
+        """Does something short after a time [ns]; it must not wait."""
+        self._count += 1
+        heapq.heappush(self._later, (self.now_ns + delay_ns, self._count, work))
+
+    def run(self, over: Callable[[], bool], until_ns: int) -> None:
+        """Goes on until something is over or a time [ns] is reached.
+
+        Raises:
+            what a task raised.
+        """
+        while not over() and self.now_ns < until_ns:
+            if self._ready:
+                task, waits = self._ready.popleft()
+                self._resume(task, waits, True)
+            elif self._later and (not self._timed or self._later[0][:2] <= self._timed[0][:2]):
+                self.now_ns, _, work = heapq.heappop(self._later)
+                work()
+            elif self._timed:
+                due, _, task, waits = heapq.heappop(self._timed)
+                if not task.dead and task.waits == waits:
+                    self.now_ns = due
+                    self._resume(task, waits, False)
+            else:
+                return
+            if self._fault is not None:
+                raise self._fault
+
+    def _resume(self, task: Task, waits: int, woken: bool) -> None:
+        if not task.dead and task.waits == waits:
+            task.waits += 1  # whatever else was to end this wait comes too late
+            task.switch(woken)
+
+    def close(self) -> None:
+        """Ends every task."""
+        self.closed = True
+        for task in self._tasks:
+            while not task.dead:
+                task.throw(greenlet.GreenletExit)
+        self._tasks.clear()

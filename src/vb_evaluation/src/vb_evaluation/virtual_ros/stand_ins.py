@@ -1,0 +1,282 @@
+"""What stands in for threading, time and queue in modules of nodes, while they run within one process."""
+from __future__ import annotations
+
+import contextlib
+import queue as real_queue
+import sys
+import threading as real_threading
+import time as real_time
+from collections import deque
+from typing import Any, Callable, Deque, Dict, Iterator, Optional, Tuple
+
+import greenlet
+
+from vb_evaluation.virtual_ros.scheduler import Scheduler, Task
+
+_LIBRARIES = ("tf2_ros", "actionlib", "dynamic_reconfigure")
+_REAL = {"threading": real_threading, "time": real_time, "queue": real_queue}
+
+
+def _ns(seconds: Optional[float]) -> Optional[int]:
+    return None if seconds is None or seconds < 0 else int(round(seconds * 1e9))
+
+
+class StandIns:
+    """The three modules, as far as nodes use them; everything else is the real one's.
+
+    Args:
+        scheduler: whose time and tasks they are.
+    """
+
+    def __init__(self, scheduler: Scheduler) -> None:
+        self._replaced: list = []
+        self._stand_ins = {
+            "threading": _Threading(scheduler), "time": _Time(scheduler), "queue": _Queues(scheduler)}
+
+    def replace(self) -> None:
+        """Puts them into every module of nodes that has been imported so far."""
+        for name, module in list(sys.modules.items()):
+            package = name.split(".")[0]
+            if package not in _LIBRARIES and (not package.startswith("vb_") or package == "vb_evaluation"):
+                continue
+            for attribute, real in _REAL.items():
+                if module is not None and module.__dict__.get(attribute) is real:
+                    setattr(module, attribute, self._stand_ins[attribute])
+                    self._replaced.append((module, attribute, real))
+
+    def restore(self) -> None:
+        """Gives the modules back what they had."""
+        for module, attribute, real in self._replaced:
+            setattr(module, attribute, real)
+        self._replaced.clear()
+
+
+class _Module:
+    """A module some of whose names are replaced."""
+
+    def __init__(self, real: Any, **names: Any) -> None:
+        self._real = real
+        self.__dict__.update(names)
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._real, name)
+
+
+def _Time(scheduler: Scheduler) -> _Module:
+    def seconds() -> float:
+        return scheduler.now_ns * 1e-9
+
+    return _Module(real_time, time=seconds, monotonic=seconds, perf_counter=seconds, time_ns=lambda: scheduler.now_ns,
+                   sleep=lambda duration: scheduler.wait(_ns(max(duration, 0.0))))
+
+
+def _Threading(scheduler: Scheduler) -> _Module:
+    return _Module(
+        real_threading, Lock=lambda: Lock(scheduler), RLock=lambda: Lock(scheduler, True), Event=lambda: Event(scheduler),
+        Condition=lambda lock=None: Condition(scheduler, lock),
+        Thread=lambda *given, **named: Thread(scheduler, *given, **named), get_ident=lambda: id(greenlet.getcurrent()))
+
+
+def _Queues(scheduler: Scheduler) -> _Module:
+    return _Module(real_queue, Queue=lambda maxsize=0: Queue(scheduler))
+
+
+class Lock:
+    """threading.Lock, or RLock."""
+
+    def __init__(self, scheduler: Scheduler, again: bool = False) -> None:
+        self._scheduler, self._again = scheduler, again
+        self._holder: Any = None
+        self._depth = 0
+        self._waiting: Deque[Task] = deque()
+
+    def acquire(self, blocking: bool = True, timeout: float = -1) -> bool:
+        """Takes it, waiting for whoever has it."""
+        current = greenlet.getcurrent()
+        if self._again and self._holder is current:
+            self._depth += 1
+            return True
+        end = None if timeout < 0 else self._scheduler.now_ns + int(timeout * 1e9)
+        while self._holder is not None:
+            if not blocking or (end is not None and self._scheduler.now_ns >= end):
+                return False
+            self._waiting.append(current)
+            self._scheduler.wait(None if end is None else end - self._scheduler.now_ns)
+        self._holder, self._depth = current, 1
+        return True
+
+    def release(self) -> None:
+        """Gives it to the next one."""
+        self._depth -= 1
+        if self._depth <= 0:
+            self._holder = None
+            if self._waiting:
+                self._scheduler.wake(self._waiting.popleft())
+
+    def locked(self) -> bool:
+        """Whether somebody has it."""
+        return self._holder is not None
+
+    def __enter__(self) -> bool:
+        return self.acquire()
+
+    def __exit__(self, *_: Any) -> None:
+        self.release()
+
+
+class Condition:
+    """threading.Condition."""
+
+    def __init__(self, scheduler: Scheduler, lock: Optional[Lock] = None) -> None:
+        self._scheduler = scheduler
+        self._lock = lock or Lock(scheduler, True)
+        self._waiting: Deque[Task] = deque()
+        self.acquire, self.release = self._lock.acquire, self._lock.release
+
+    def wait(self, timeout: Optional[float] = None) -> bool:
+        """Gives the lock away until it is notified."""
+        task, depth = greenlet.getcurrent(), self._lock._depth
+        self._waiting.append(task)
+        self._lock._depth = 1
+        self._lock.release()
+        try:
+            woken = self._scheduler.wait(_ns(timeout))
+        finally:
+            with contextlib.suppress(ValueError):
+                self._waiting.remove(task)
+            if not self._scheduler.closed:
+                self._lock.acquire()
+            self._lock._depth = depth
+        return woken
+
+    def wait_for(self, predicate: Callable[[], Any], timeout: Optional[float] = None) -> Any:
+        """Waits until something holds."""
+        end = None if timeout is None else self._scheduler.now_ns + int(timeout * 1e9)
+        while not predicate() and (end is None or self._scheduler.now_ns < end):
+            self.wait(None if end is None else (end - self._scheduler.now_ns) * 1e-9)
+        return predicate()
+
+    def notify(self, count: int = 1) -> None:
+        """Lets some that wait go on."""
+        for _ in range(min(count, len(self._waiting))):
+            self._scheduler.wake(self._waiting.popleft())
+
+    def notify_all(self) -> None:
+        """Lets all go on."""
+        self.notify(len(self._waiting))
+
+    notifyAll = notify_all
+
+    def __enter__(self) -> bool:
+        return self._lock.acquire()
+
+    def __exit__(self, *_: Any) -> None:
+        self._lock.release()
+
+
+class Event:
+    """threading.Event."""
+
+    def __init__(self, scheduler: Scheduler) -> None:
+        self._scheduler = scheduler
+        self._set = False
+        self._waiting: Deque[Task] = deque()
+
+    def is_set(self) -> bool:
+        """Whether it was set."""
+        return self._set
+
+    def set(self) -> None:
+        """Lets all that wait go on."""
+        self._set = True
+        while self._waiting:
+            self._scheduler.wake(self._waiting.popleft())
+
+    def clear(self) -> None:
+        """Makes others wait again."""
+        self._set = False
+
+    def wait(self, timeout: Optional[float] = None) -> bool:
+        """Waits until it is set."""
+        if not self._set:
+            task = greenlet.getcurrent()
+            self._waiting.append(task)
+            woken = self._scheduler.wait(_ns(timeout))
+            if not woken:
+                with contextlib.suppress(ValueError):
+                    self._waiting.remove(task)
+            return woken or self._set
+        return True
+
+
+class Thread:
+    """threading.Thread."""
+
+    def __init__(self, scheduler: Scheduler, group: None = None, target: Optional[Callable] = None, name: str = "",
+                 args: Tuple = (), kwargs: Optional[Dict[str, Any]] = None, daemon: Optional[bool] = None) -> None:
+        self._scheduler = scheduler
+        self._work = lambda: target(*args, **(kwargs or {})) if target is not None else None
+        self._over = Event(scheduler)
+        self._started = False
+        self.name, self.daemon = name, daemon
+
+    def start(self) -> None:
+        """Begins."""
+        self._started = True
+        self._scheduler.spawn(self._run)
+
+    def _run(self) -> None:
+        try:
+            self._work()
+        finally:
+            self._over.set()
+
+    def join(self, timeout: Optional[float] = None) -> None:
+        """Waits for its end."""
+        if not self._scheduler.closed:
+            self._over.wait(timeout)
+
+    def is_alive(self) -> bool:
+        """Whether it has begun and not ended."""
+        return self._started and not self._over.is_set()
+
+
+class Queue:
+    """queue.Queue without a limit."""
+
+    def __init__(self, scheduler: Scheduler) -> None:
+        self._condition = Condition(scheduler)
+        self._items: Deque[Any] = deque()
+
+    def put(self, item: Any, *_: Any, **__: Any) -> None:
+        """Adds an item."""
+        with self._condition:
+            self._items.append(item)
+            self._condition.notify()
+
+    def get(self, block: bool = True, timeout: Optional[float] = None) -> Any:
+        """Takes the oldest item.
+
+        Raises:
+            queue.Empty: after `timeout` [s].
+        """
+        with self._condition:
+            if block:
+                self._condition.wait_for(lambda: self._items, timeout)
+            if not self._items:
+                raise real_queue.Empty
+            return self._items.popleft()
+
+
+@contextlib.contextmanager
+def replaced(targets: Dict[Any, Dict[str, Any]]) -> Iterator[None]:
+    """Replaces attributes of modules or classes, and gives them back at the end."""
+    before = [(target, name, getattr(target, name)) for target, names in targets.items() for name in names]
+    try:
+        for target, names in targets.items():
+            for name, value in names.items():
+                setattr(target, name, value)
+        yield
+    finally:
+        for target, name, value in before:
+            setattr(target, name, value)

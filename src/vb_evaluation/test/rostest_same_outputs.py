@@ -1,0 +1,133 @@
+#!/usr/bin/env python3
+"""The same spots and commands through the nodes over ROS and in one process: the same border, map and answers, to the bit."""
+import json
+import tempfile
+import unittest
+from pathlib import Path
+
+import numpy as np
+import rospy
+import rostest
+from rosgraph_msgs.msg import Clock
+
+from vb_core import names
+from vb_core.grid_map import GridMap
+from vb_core.ros import commands
+from vb_core.ros.messages import OccupancyGridArray, array_from_points, grid_from_message, message_from_grid
+from vb_evaluation.study.config import top
+from vb_evaluation.virtual_ros.graph import Graph, Node
+from vb_evaluation.virtual_ros.launching import start_launch
+from vb_evaluation.virtual_ros.scheduler import Scheduler
+from vb_msgs.msg import BorderProgress, InteractionState, LaserSpot, VirtualBorderArray
+from vb_sim.hand import styles
+
+RATE = 50.0
+
+
+def recorded_spots():
+    """(N, 2) [m] a rectangle as one person of the recorded strokes drew it, with noise of fixed draws."""
+    corners = np.array([[1.0, 1.0], [3.0, 1.0], [3.0, 2.5], [1.0, 2.5], [1.0, 1.0]])
+    rng, sides = np.random.default_rng(3), styles()[0].sides
+    points = []
+    for index, (begin, end) in enumerate(zip(corners, corners[1:])):
+        along = np.linspace(0.0, 1.0, 40)
+        lateral = np.interp(along, np.linspace(0.0, 1.0, len(sides[0].lateral)), sides[index % len(sides)].lateral)
+        across = np.array([-(end - begin)[1], (end - begin)[0]])
+        points.append(begin + along[:, None] * (end - begin) + lateral[:, None] * across)
+    points = np.vstack(points)
+    return points + rng.normal(0.0, 0.01, points.shape)
+
+
+class Session:
+    """Gives commands and spots as rospy lets it, and keeps what the nodes say."""
+
+    def __init__(self):
+        self.state = self.progress = self.borders = self.grid = None
+        self.answers = []
+        self.spots = rospy.Publisher(names.SPOTS, LaserSpot, queue_size=500)
+        self.map = rospy.Publisher(names.PHYSICAL_MAP, OccupancyGridArray, queue_size=1, latch=True)
+        rospy.Subscriber(names.STATE, InteractionState, lambda message: setattr(self, "state", message))
+        rospy.Subscriber(names.PROGRESS, BorderProgress, lambda message: setattr(self, "progress", message))
+        rospy.Subscriber(names.BORDERS, VirtualBorderArray, lambda message: setattr(self, "borders", message))
+        rospy.Subscriber(names.VIRTUAL_MAP, OccupancyGridArray, lambda message: setattr(self, "grid", message))
+
+    def wait_until(self, holds):
+        """Waits in ROS time."""
+        until = rospy.get_time() + 20.0
+        while not holds():
+            if rospy.get_time() > until:
+                raise AssertionError("waited in vain")
+            rospy.sleep(0.02)
+
+    def say(self, command):
+        """Gives a command."""
+        answer = commands.send(commands.order(command, "test", 10.0))
+        self.answers.append((command, answer.success, answer.code))
+
+    def show(self, points):
+        """Shows the laser at places, at a fixed rate from when the state was entered."""
+        begin, count = self.state.entered.to_sec() + 0.1, 0
+        for point in points:
+            message = LaserSpot(camera="red", confidence=0.9)
+            message.header.stamp = rospy.Time.from_sec(begin + count / RATE)
+            message.header.frame_id = names.MAP_FRAME
+            message.position.x, message.position.y = point
+            self.wait_until(lambda: rospy.Time.now() >= message.header.stamp)
+            self.spots.publish(message)
+            count += 1
+
+    def run(self):
+        """A whole interaction; what came out."""
+        self.wait_until(lambda: self.state is not None and self.spots.get_num_connections() > 0)
+        self.map.publish(message_from_grid(GridMap(np.zeros((100, 120), np.int8), 0.05, (0.0, 0.0, 0.0)), rospy.Time.now()))
+        self.wait_until(lambda: self.grid is not None)
+        border, seed = recorded_spots(), np.tile([2.0, 1.7], (25, 1))
+        self.say("define_border")
+        self.wait_until(lambda: self.state.name == "border")
+        self.show(border)
+        self.wait_until(lambda: self.progress is not None and self.progress.border_spots == len(border))
+        self.say("define_seed")
+        self.wait_until(lambda: self.state.name == "seed")
+        self.show(seed)
+        self.wait_until(lambda: self.progress.seed_spots == len(seed))
+        self.say("save")
+        self.wait_until(lambda: self.borders is not None and self.borders.borders and grid_from_message(self.grid).data.any())
+        saved = self.borders.borders[0]
+        return {
+            "answers": self.answers, "points": array_from_points(saved.points).tolist(), "kind": saved.kind,
+            "seed": (saved.seed.x, saved.seed.y), "area": saved.area_m2,
+            "map": grid_from_message(self.grid).data.tobytes().hex(),
+        }
+
+
+def in_one_process():
+    """The session with the same launch file, without a ROS master."""
+    scheduler, results = Scheduler(1_000_000_000_000), []
+    graph = Graph(scheduler, {})
+
+    def clock():
+        publisher = rospy.Publisher("/clock", Clock, queue_size=1)
+        while True:
+            publisher.publish(Clock(rospy.Time(scheduler.now_ns // 10**9, scheduler.now_ns % 10**9)))
+            scheduler.wait(10_000_000)
+
+    with tempfile.TemporaryDirectory() as state, graph.installed():
+        graph.start(Node("/clock", {}), clock)
+        start_launch(graph, top() / "launch" / "parts" / "borders.launch", {"state": state, "robot_frame": "", "record": "false"})
+        graph.start(Node("/test", {}), lambda: results.append(Session().run()))
+        scheduler.run(lambda: bool(results), scheduler.now_ns + 120 * 10**9)
+    return results[0]
+
+
+class SameOutputsTest(unittest.TestCase):
+    def test_a_drawing_gives_the_same_over_ros_and_in_one_process(self):
+        alone = in_one_process()
+        rospy.init_node("same_outputs")
+        live = Session().run()
+        self.assertEqual([code for _, _, code in live["answers"]], ["draw_border", "point_seed", "saved"])
+        self.assertGreater(len(live["points"]), 3)
+        self.assertEqual(json.dumps(live), json.dumps(alone))
+
+
+if __name__ == "__main__":
+    rostest.rosrun("vb_evaluation", "same_outputs", SameOutputsTest)

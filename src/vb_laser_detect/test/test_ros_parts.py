@@ -1,0 +1,107 @@
+"""What the nodes make of messages, without a master: descriptions of cameras, depth, other cameras, other clocks."""
+import threading
+import time
+
+import numpy as np
+import pytest
+import rospy
+from diagnostic_msgs.msg import DiagnosticStatus
+from diagnostic_updater import DiagnosticStatusWrapper
+from sensor_msgs.msg import Image
+from std_msgs.msg import Header
+
+from vb_core.camera_model import CameraModel
+from vb_core.errors import CodedError
+from vb_core.ros import cameras
+from vb_laser_detect import clock_check_node
+from vb_laser_detect.clock_offset import ClockOffset
+from vb_laser_detect.ros import placing
+from vb_laser_detect.ros.report import Report
+from vb_laser_detect.spot_detector_node import is_rectified
+from vb_msgs.msg import DetectorStatus
+
+
+class Faults:
+    """A report that keeps what it is told."""
+
+    def __init__(self):
+        self.codes = []
+
+    def fault(self, error):
+        self.codes.append(error.code)
+
+
+@pytest.fixture(autouse=True)
+def no_master(monkeypatch):
+    monkeypatch.setattr(rospy, "Subscriber", lambda *_args, **_named: None)
+
+
+def info_of(distortion, **changes):
+    """camera_info of a lens whose images were rectified with another focal length."""
+    lens = CameraModel(640, 480, CameraModel.ideal(640, 480, 400.0).matrix, np.array(distortion))
+    message = cameras.info_from_camera(lens, rospy.Time(1), "lens")
+    message.P = [350.0, 0, 319.5, 0, 0, 350.0, 239.5, 0, 0, 0, 1, 0]
+    for name, value in changes.items():
+        setattr(message, name, value)
+    return message
+
+
+def test_rectified_images_are_not_undistorted_again():
+    assert is_rectified("/hall/image_rect_color") and is_rectified("/hall/image_rect")
+    assert not is_rectified("/rect/image_raw") and not is_rectified("/hall/image_raw")
+    models = {}
+    for rectified in (False, True):
+        topic = placing.InfoTopic("/hall/camera_info", Faults(), rectified)
+        topic._on_info(info_of([-0.33, 0.12, 0.0, 0.0, 0.0]))
+        models[rectified] = topic.fitting((480, 640))
+    assert models[False].distorted and not models[True].distorted
+    assert models[True].matrix[0, 0] == 350.0
+
+
+def test_a_fisheye_and_a_region_that_is_the_whole_image_are_accepted():
+    topic, report = placing.InfoTopic, Faults()
+    whole = info_of([-0.02, 0.004, 0.0, 0.0], distortion_model="equidistant")
+    whole.roi.width, whole.roi.height = 640, 480
+    info = topic("/hall/camera_info", report)
+    info._on_info(whole)
+    assert info.fitting((480, 640)).fisheye and not report.codes
+    part = info_of([0.0] * 5)
+    part.roi.width, part.roi.height = 320, 240
+    info._on_info(part)
+    assert report.codes == ["unsupported_camera"]
+    with pytest.raises(CodedError):
+        info.fitting((480, 640))
+
+
+def test_depth_of_another_frame_is_not_used():
+    report = Faults()
+    topic = placing.DepthTopic("/depth/image_raw", "/depth/camera_info", report)
+    depth = np.full((48, 64), 1500, np.uint16)
+    topic._on_image(Image(Header(stamp=rospy.Time(5), frame_id="depth_frame"), 48, 64, "16UC1", 0, 128, depth.tobytes()))
+    assert topic.near(rospy.Time(5), 0.1, "colour_frame") == (None, None)
+    assert report.codes == ["depth_not_registered"]
+    assert topic.near(rospy.Time(5), 0.1, "depth_frame")[0].shape == (48, 64)
+
+
+def test_ceiling_cameras_that_share_a_frame_are_named():
+    def report_of(mobile):
+        report = Report.__new__(Report)
+        report._camera, report._mobile, report._others, report._lock = "red", mobile, {}, threading.Lock()
+        for camera, robots in (("green", False), ("robot", True), ("red", False)):
+            report.hear(DetectorStatus(camera=camera, mobile=robots, frame_id="head_camera"))
+        return report
+
+    error = report_of(False).shared_frame("head_camera")
+    assert error.code == "shared_frame" and "green, red" in str(error) and "robot" not in str(error)
+    assert report_of(False).shared_frame("red_optical_frame") is None
+    assert report_of(True).shared_frame("head_camera") is None
+
+
+def test_a_clock_that_was_right_says_nothing_once_its_computer_is_silent():
+    node = clock_check_node.ClockCheckNode.__new__(clock_check_node.ClockCheckNode)
+    node._params, node._lock = clock_check_node.ClockCheckParams(nodes="red", period_s=10.0), threading.Lock()
+    levels = []
+    for age in (1.0, 60.0):
+        node._offsets, node._measured = {"red": ClockOffset(0.001, 0.001)}, {"red": time.monotonic() - age}
+        levels.append(node._diagnose(DiagnosticStatusWrapper(), "red").level)
+    assert levels == [DiagnosticStatus.OK, DiagnosticStatus.WARN]
