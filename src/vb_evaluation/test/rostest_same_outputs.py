@@ -3,7 +3,6 @@
 import json
 import tempfile
 import unittest
-from pathlib import Path
 
 import numpy as np
 import rospy

@@ -208,6 +208,12 @@ def test_the_request_overrides_the_rule():
     assert not extract_border(carpet(0.1), ExtractionParams.robust(kind="curve")).closed
 
 
+def test_a_straight_line_is_no_polygon_even_on_request():
+    line = np.column_stack([np.linspace(0, 2, 200), np.zeros(200)])
+    chain = extract_border(line, ExtractionParams.robust(kind="polygon"))
+    assert not chain.closed and chain.code == "open_two_points"
+
+
 # ----------------------------------------------------------------- no strokes
 @pytest.mark.parametrize("params", [ExtractionParams.paper(), ExtractionParams.robust()], ids=["paper", "robust"])
 @pytest.mark.parametrize(
@@ -316,6 +322,17 @@ def line_spots(ways, speed=0.4, rate=25.0, seed=0, noise=0.005, cameras=1, start
     points = np.vstack([dense + rng.normal(0, noise, dense.shape) for _ in range(cameras)])
     stamps = np.concatenate([start + (np.arange(len(dense)) + 0.3 * k) / rate for k in range(cameras)])
     return points, stamps, np.repeat(np.arange(cameras), len(dense))
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_stroke_that_ends_with_a_quick_leg_after_a_rest_is_kept_whole(seed):
+    """People rest at a corner and are quick on the side: hardly anything is seen of it."""
+    slow = line_spots([[0, 0], [1.5, 0], [1.5, 1.0]], cameras=2, seed=seed)
+    rest = np.tile([1.5, 1.0], (20, 1)), 6.3 + np.arange(20) / 25.0, np.zeros(20, int)
+    quick = line_spots([[1.5, 1.0], [0.9, 1.2]], speed=4.0, cameras=2, seed=seed + 9, start=7.1)
+    points, stamps, cameras = (np.concatenate(parts) for parts in zip(slow, rest, quick))
+    chain = extract_border(points, stamps=stamps, cameras=cameras)
+    assert np.linalg.norm(chain.points[-1] - [0.9, 1.2]) < 0.08
 
 
 def test_a_robot_that_is_lost_for_a_second_does_not_move_the_border():

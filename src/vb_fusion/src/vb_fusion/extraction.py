@@ -129,6 +129,8 @@ def _robust(seen: Sights, params: ExtractionParams) -> BorderChain:
     if decision.closed:
         kept = slice(decision.first, decision.last + 1)
         line, _ = fit_line(Stroke(stroke.points[kept], stroke.trust[kept]), True, params.eps)
+        if len(line) < 3:
+            decision = closing.decide(line)  # a straight line, though a polygon was asked for
     chain = _simplified(line, decision.closed, params.tolerance)
     stages = {"cluster": drawn.points, "placed": placed.points, "thinned": stroke.points}
     return _result(chain, decision, left_out.points, int(round(left_out.weights.sum())), stages)

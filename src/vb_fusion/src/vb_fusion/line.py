@@ -91,7 +91,7 @@ def fit_line(stroke: Stroke, closed: bool, widest_gap: float) -> Tuple[np.ndarra
         order = np.roll(np.arange(len(stroke.points)), -_sharpest(stroke, starts))
         stroke = Stroke(stroke.points[order], stroke.trust[order])
         starts = _divide(stroke)
-    return _refined(stroke, starts, joined)
+    return _refined(stroke, starts, joined and len(starts) > 2)
 
 
 def _divide(stroke: Stroke) -> List[int]:

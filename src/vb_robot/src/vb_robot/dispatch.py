@@ -2,8 +2,8 @@
 
 The idea: each robot that can offers the cheapest place from which it would see what is to be seen; where it stands
 already costs nothing. The best offer is taken, the least failures first, then the least metres of way. The robot that
-serves is asked again only when its place has been unfit for a while, and what it offers counts as SWITCH_GAIN cheaper, so
-that two do not take turns. A place that failed is offered by nobody for a while: so the next best is tried.
+serves is asked again only when its place has been unfit for a while, and what it offers counts as SWITCH_GAIN cheaper,
+so that two do not take turns. A place that failed is offered by nobody for a while: so the next best is tried.
 """
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ PATIENCE = 0.6  # [s] the present goal must have been unfit for that long to be 
 MIN_SPOT_MOVE = 0.3  # [m] the spot must have gone so far since the goal was chosen
 MIN_GAIN = 0.25  # [m] a new place must differ by so much from the present goal
 FAILED_RADIUS, FAILED_MEMORY = 0.3, 20.0  # [m, s] round a place that failed nothing is tried for that long
-# [s, m] a robot that stands where it should see the spot, and nobody does, goes elsewhere by at least this, so often until
-# somebody sees it again: the laser may be off
+# [s, m] a robot that stands where it should see the spot, and nobody does, goes elsewhere by at least this, so often
+# until somebody sees it again: the laser may be off
 BLIND_AFTER, BLIND_RADIUS, BLIND_TRIES = 3.0, 0.5, 2
 MAX_FAILURES, FAILURE_PAUSE = 5, 8.0  # so many in a row, then a rest [s]
 YIELD_PAUSE = 15.0  # [s] after somebody else sent the robot elsewhere

@@ -81,7 +81,7 @@ class RobotDriverNode:
         /virtual_borders/drivers (vb_msgs/DriverState): who drives, and why
         /virtual_borders/notices (vb_msgs/NoticeArray)
         /virtual_borders/plans (visualization_msgs/MarkerArray): navigation's path of a robot with a name, for 5 s
-            after it was planned. RViz cannot subscribe to a path per robot without knowing their names; this topic it can
+            after it was planned; RViz would have to know the robots' names to subscribe to each one's path
     Parameters:
         ~* DriverParams; robot_profile (in the robot's namespace)
     """

@@ -185,8 +185,8 @@ class Terrain:
 class Ways:
     """The shortest ways from one start, searched once. Made by `Terrain.ways`.
 
-    The start is a node of its own, joined to the free cell beside it; outside a window, to the free cells of the window's
-    edge, and the bee line stands for the way up to there.
+    The start is a node of its own, joined to the free cell beside it; outside a window, to the free cells of the
+    window's edge, and the bee line stands for the way up to there.
     """
 
     def __init__(self, terrain: Terrain, start: np.ndarray, others: np.ndarray) -> None:
@@ -204,7 +204,8 @@ class Ways:
         gates, gaps = self._gates(cells)
         graph = csr_matrix((np.concatenate([length, gaps]),
                             (np.concatenate([begin, np.full(len(gates), size)]),
-                             np.concatenate([end, gates[:, 0] * way.shape[1] + gates[:, 1]]))), shape=(size + 1, size + 1))
+                             np.concatenate([end, gates[:, 0] * way.shape[1] + gates[:, 1]]))),
+                           shape=(size + 1, size + 1))
         lengths, before = dijkstra(graph, directed=False, indices=size, return_predecessors=True)
         self._lengths = lengths[:size].reshape(way.shape)
         self._before = np.where((before[:size] < 0) | (before[:size] == size), -1, before[:size])
@@ -272,7 +273,8 @@ class Ways:
         terrain = self._terrain
         # a cell of the ways is as free as its freest part
         slack = 0.75 * terrain.step * terrain.grid.resolution
-        needed, apart = terrain.radius + terrain.travel_margin - slack, 2.0 * terrain.radius + terrain.travel_margin - slack
+        needed = terrain.radius + terrain.travel_margin - slack
+        apart = needed + terrain.radius
         kept, last = [0], len(points) - 1
         while kept[-1] < last:
             here = points[kept[-1]]

@@ -165,7 +165,7 @@ class Condition:
         """Lets all go on."""
         self.notify(len(self._waiting))
 
-    notifyAll = notify_all
+    notifyAll = notify_all  # noqa: N815 (threading.Condition still has it)
 
     def __enter__(self) -> bool:
         return self._lock.acquire()
