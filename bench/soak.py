@@ -6,7 +6,8 @@
 
 Real nodes (point set, interaction, map integrator, lab monitor) run over a roscore of their own; this program is the
 clock, the cameras, the people and the trouble. After each event it compares the stack with a ledger of what was
-acknowledged, and the map with an oracle of its own (shapely). It writes out/bench/soak.json.
+acknowledged, and the map with an oracle of its own (shapely). It writes out/bench/soak.json,
+and the same as a page to read beside it.
 
 As root it lives in namespaces of its own: the camera "green" is on a second computer whose cable is pulled now and then,
 and the state folder is a small disk that fills up. Without root these two faults are left out, and the result says so.
@@ -701,8 +702,10 @@ class Soak:
         weights = [weight for _, weight in events]
         assert abs(sum(weights) - 1.0) < 1e-9
         nights, sampled = 0, -1.0
+        # each once, so that no life goes by without a rare fault; then as chance has it
+        first = [events[int(number)][0] for number in self.rng.permutation(len(events))]
         while self.lived < 3600.0 * self.hours:
-            event = events[int(self.rng.choice(len(events), p=weights))][0]
+            event = first.pop() if first else events[int(self.rng.choice(len(events), p=weights))][0]
             try:
                 event()
                 self.check()
@@ -753,6 +756,28 @@ class Soak:
             "state_kib": [round(sample["state_kib"]) for sample in self.samples[:: max(1, len(self.samples) // 12)]],
             "last_sample": self.samples[-1] if self.samples else None,
         }
+
+
+def page(result: Dict[str, Any]) -> str:
+    """The result as Markdown."""
+    from datetime import date
+
+    from result_table import revision
+
+    def table(counts: Dict[str, Any], first: str, second: str) -> List[str]:
+        return ["", f"| {first} | {second} |", "|---|---|", *(f"| {key} | {value} |" for key, value in sorted(counts.items()))]
+
+    lines = [
+        f"# A simulated life of {result['hours']:g} hours", "",
+        f"`{result['command']}`, {date.today()}, revision {revision()}; {result['wall_s'] / 60:.0f} minutes of wall time; two "
+        f"computers and a small disk: {'yes' if result['two computers and a small disk'] else 'no'}.", "",
+        f"Invariants that did not hold: {len(result['faults'])}.", *(f"- {fault}" for fault in result["faults"]), "",
+        f"A fault was told after {result['camera_notice_s']['largest']} s at most (n = {result['camera_notice_s']['n']}; 5 s are "
+        f"wanted). The state folder grows by {result['state_slope_kib_per_hour']} KiB per hour.",
+        *table(result["memory_slope_mib_per_hour"], "node", "memory, MiB per hour"), *table(result["events"], "event", "how often"),
+        *table(result["answers"], "command: answer", "how often"),
+    ]
+    return "\n".join(lines) + "\n"
 
 
 def _points(border: Any) -> Any:
@@ -833,6 +858,7 @@ def main() -> int:
     result = {**soak.result(time.monotonic() - began), "command": f"bench/soak.py --hours {chosen.hours:g} --seed {chosen.seed}"}
     chosen.out.parent.mkdir(parents=True, exist_ok=True)
     chosen.out.write_text(json.dumps(result, indent=1))
+    chosen.out.with_suffix(".md").write_text(page(result))
     print(json.dumps(result, indent=1))
     if result["faults"]:
         print(f"the logs are in {folder}")

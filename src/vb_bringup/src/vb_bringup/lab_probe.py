@@ -130,7 +130,9 @@ def probe(seconds: float, folder: str) -> List[Line]:
     lines += check_cameras(cameras)
     lines += check_map(_map(graph, streams))
     for robot in robots:
-        lines += check_robot(_robot(robot, streams, transforms))
+        # robot:=false: one that merely navigates is asked about its navigation only
+        if rospy.get_param("/interaction_manager/robot", True):
+            lines += check_robot(_robot(robot, streams, transforms))
         move_base = _within(robot, "move_base")
         lines += check_navigation(_navigation(graph, move_base))
     voice = any(node.split("/")[-1] == "voice_commands" for node in graph.nodes)

@@ -79,6 +79,12 @@ class NavigationCheck:
             CodedError: "no_map", "no_transform", "no_planner", "no_way" or "short_way" if there is nothing to check
                 with; "refused" if the map integrator does not take the border.
         """
+        service = f"{self._move_base}/make_plan"
+        try:
+            # that of a running move_base is there at once
+            rospy.wait_for_service(service, timeout=2.0)
+        except rospy.ROSException:
+            raise CodedError("no_planner", f"nobody offers {service}: start move_base, or name it with --move-base") from None
         if not wait_until(lambda: self._observer.posterior is not None, 10.0):
             raise CodedError("no_map", f"nothing on {names.VIRTUAL_MAP}: does map_integrator run, and is there a /map?")
         self._start = geometry.transform_pose2d(self._pose(self._base_frame))
@@ -190,6 +196,7 @@ def main() -> None:
     options = parser.parse_args(rospy.myargv()[1:])
     rospy.init_node("check_navigation", anonymous=True)
     console = Console()
+    console.print("Asks move_base for plans, with and without a border; half a minute. The robot does not drive.")
     try:
         checks = NavigationCheck(tuple(options.goal), options.size, options.move_base, options.base_frame).run()
     except CodedError as error:

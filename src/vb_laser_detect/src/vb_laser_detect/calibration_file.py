@@ -111,7 +111,7 @@ def load(path: Path) -> CameraPose:
     try:
         content = yaml.safe_load(path.read_text())
     except FileNotFoundError:
-        raise CodedError("no_calibration", f"there is no '{path}': calibrate the camera (calibrate_camera)") from None
+        raise CodedError("no_calibration", f"there is no '{path}': run calibrate_camera") from None
     except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
         raise CodedError("bad_calibration", f"cannot read '{path}': {error}") from None
     try:
