@@ -1,7 +1,6 @@
 """The nodes of a launch file, as roslaunch would start them."""
 from __future__ import annotations
 
-import runpy
 from functools import lru_cache
 from pathlib import Path
 from typing import Any, Callable, Collection, Dict, List, Mapping, NamedTuple, Tuple
@@ -60,7 +59,10 @@ def start_launch(
 
 def _script(package: str, kind: str) -> Callable[[], Any]:
     path = _package(package) / "scripts" / kind
-    return lambda: runpy.run_path(str(path), run_name="__main__")
+    code = compile(path.read_text(encoding="utf-8"), str(path), "exec")
+    # not runpy: it puts the script in the place of this process's own __main__, until the node ends, and what
+    # multiprocessing starts meanwhile would start the node once more
+    return lambda: exec(code, {"__name__": "__main__", "__file__": str(path)})
 
 
 @lru_cache(maxsize=None)
