@@ -29,7 +29,7 @@ _KEPT_DEPTHS = 4
 
 @dataclass
 class CameraCounts:
-    """What one camera saw: images, images in which today's detector finds a spot, and spots that were recorded."""
+    """What one camera saw: images, spots that today's detector finds in them, and spots that were recorded."""
 
     images: int = 0
     today: int = 0
@@ -166,7 +166,7 @@ def _search(
                 if error.code in ("no_transform", "no_camera_info"):
                     continue  # the first images of a recording come before what they need
                 raise
-            count.today += bool(spots)
+            count.today += len(spots)  # some are given only once what follows has confirmed them
             yield from spots
 
 
