@@ -49,7 +49,7 @@ GRID = room()
 
 
 def start(folder: Path) -> MapIntegrator:
-    keeper = MapIntegrator(IntegratorParams(check_ways=False), folder)
+    keeper = MapIntegrator(IntegratorParams(check_reachability=False), folder)
     keeper.set_map(GRID)
     return keeper
 

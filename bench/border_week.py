@@ -96,7 +96,7 @@ def week(seed: int, rows: Dict[str, Dict[str, int]]) -> None:
     with tempfile.TemporaryDirectory() as folder:
         asked = 0
         for kind in WEEK:
-            keeper = MapIntegrator(IntegratorParams(check_ways=False), Path(folder))
+            keeper = MapIntegrator(IntegratorParams(check_reachability=False), Path(folder))
             for floor, grid, truth in maps_of(kind, ground, upstairs, random, seed):
                 keeper.set_map(grid)
                 row = rows[kind]

@@ -62,7 +62,7 @@ class Observer:
         self.factor = 0.0
         rospy.Subscriber(names.SPOTS, LaserSpot, self.on_spot, queue_size=100, tcp_nodelay=True)
         rospy.Subscriber(names.MARKERS, MarkerArray, self.on_markers, queue_size=100, tcp_nodelay=True)
-        rospy.Subscriber(names.VIRTUAL_MAP, OccupancyGridArray, lambda _: self.maps.append(time.monotonic()))
+        rospy.Subscriber(names.MAP_WITH_BORDERS, OccupancyGridArray, lambda _: self.maps.append(time.monotonic()))
         rospy.Subscriber(RESTRICTED, OccupancyGridArray, lambda _: self.stripes.append(time.monotonic()))
         rospy.Subscriber(names.PREVIEW, BorderPreview, self.previews.append)
         rospy.Subscriber(names.LAB_STATE, LabState, self.on_lab, queue_size=1)

@@ -85,7 +85,7 @@ def keeper_times(grid: GridMap, random: np.random.Generator) -> Dict[str, Any]:
         result["take_map_ms"] = round(timed(lambda: keeper.set_map(grid)), 3)
         keeper.close()
         # the first borders are added one by one; the many are there to be in the way
-        fast = MapIntegrator(IntegratorParams(check_ways=False), Path(folder))
+        fast = MapIntegrator(IntegratorParams(check_reachability=False), Path(folder))
         added = 0
         for count in COUNTS:
             fast.set_map(grid)
@@ -110,7 +110,7 @@ def keeper_times(grid: GridMap, random: np.random.Generator) -> Dict[str, Any]:
                 "store_write_ms": median(store_times(keeper)),
             })
             keeper.close()
-            fast = MapIntegrator(IntegratorParams(check_ways=False), Path(folder))
+            fast = MapIntegrator(IntegratorParams(check_reachability=False), Path(folder))
         fast.close()
     return result
 
@@ -136,7 +136,7 @@ def many_times(count: int = 10_000) -> Dict[str, Any]:
             database.take_over(place, borders, f"floor {floor}")
         database.close()
         started = time.perf_counter()
-        keeper = MapIntegrator(IntegratorParams(check_ways=False), Path(folder))
+        keeper = MapIntegrator(IntegratorParams(check_reachability=False), Path(folder))
         opened = time.perf_counter()
         keeper.set_map(grid)
         shown = time.perf_counter()
@@ -156,7 +156,7 @@ def node_times(grid: GridMap, random: np.random.Generator) -> Dict[str, float]:
     arrived: "queue.Queue[float]" = queue.Queue()
     started_at = time.monotonic()
     subscriber = rospy.Subscriber(
-        names.VIRTUAL_MAP, messages.OccupancyGridArray, lambda _: arrived.put(time.perf_counter()), buff_size=2**24
+        names.MAP_WITH_BORDERS, messages.OccupancyGridArray, lambda _: arrived.put(time.perf_counter()), buff_size=2**24
     )
     with tempfile.TemporaryDirectory() as folder:
         script = TOP / "src" / "vb_map_integration" / "scripts" / "map_integrator"

@@ -46,7 +46,7 @@ def close(keeper):
     if hasattr(keeper, "close"):
         keeper.close()
 
-fast = MapIntegrator(IntegratorParams(check_ways=False), folder)
+fast = MapIntegrator(IntegratorParams(check_reachability=False), folder)
 fast.set_map(grid)
 for number in range(there):
     fast.add(polygon(grid, random, 0.1), 1.0 + number)

@@ -4,7 +4,7 @@
     python3 bench/robot_choice.py
 
 Rooms of 6 m with doors, furniture in some of them, on maps of several sizes; in each place a line half drawn, and a robot
-some metres away in the same room or the next one, or 40 m away. Each time the window is cut out and prepared afresh: the
+some metres away in the same room or the next one, or 40 m away. Each time the window is cut out and prepared again: the
 worst case, since it serves for as long as the spot stays in it. Writes docs/results/robots_choice.md.
 """
 import subprocess
@@ -60,7 +60,7 @@ def main() -> None:
     revision = subprocess.run(["git", "describe", "--always", "--dirty"], cwd=str(TOP), stdout=subprocess.PIPE,
                               universal_newlines=True).stdout.strip()
     lines = ["# What choosing a place to look from costs", "", f"`python3 bench/robot_choice.py`, {time.strftime('%Y-%m-%d', time.gmtime())}, "
-             f"revision {revision}. Processor time of one choice with a window that is cut and prepared afresh; {TIMES} lines and "
+             f"revision {revision}. Processor time of one choice with a window that is cut and prepared again; {TIMES} lines and "
              "robots at random. On a computer that is busy with other things processor time grows, too.", "",
              "| map | cells | robot | median | 95 % | longest |", "|---|---|---|---|---|---|"]
     for cells, resolution in ((480, 0.025), (1000, 0.05), (4000, 0.05)):

@@ -194,7 +194,7 @@ def watch(judge: Judge) -> list:
 
     return [
         rospy.Subscriber(names.PHYSICAL_MAP, OccupancyGridArray, on_map, "physical"),
-        rospy.Subscriber(names.VIRTUAL_MAP, OccupancyGridArray, on_map, "posterior"),
+        rospy.Subscriber(names.MAP_WITH_BORDERS, OccupancyGridArray, on_map, "posterior"),
         rospy.Subscriber(names.STATE, InteractionState, lambda m: setattr(judge, "state", m.name)),
         rospy.Subscriber(names.SPOTS, LaserSpot, lambda m: judge.spot_seen(m.header.stamp.to_sec())),
         rospy.Subscriber(names.LAB_STATE, LabState, on_lab),

@@ -204,7 +204,7 @@ class Soak:
         self.statuses = rospy.Publisher(names.DETECTORS, DetectorStatus, queue_size=10)
         for key, topic, kind in (
             ("state", names.STATE, InteractionState), ("progress", names.PROGRESS, BorderProgress),
-            ("borders", names.BORDERS, VirtualBorderArray), ("posterior", names.VIRTUAL_MAP, OccupancyGridArray),
+            ("borders", names.BORDERS, VirtualBorderArray), ("posterior", names.MAP_WITH_BORDERS, OccupancyGridArray),
         ):
             rospy.Subscriber(topic, kind, keep(key), queue_size=5)
         rospy.Subscriber(names.NOTICES, NoticeArray, self._on_notices, queue_size=50)

@@ -37,7 +37,7 @@ from vb_laser_detect.training import Examples, Frame, collect, fit, load_example
 VARIANTS = {"stationary": ("plain",), "window": ("plain",)}
 NEAR_FRAMES, FIRST_FRAMES = 8, 60  # of long clips those near a shot, and the first ones, tell enough
 SCENE_REACH_PX = 14.0
-UNLABELLED = {  # pulses that nobody labelled, looked at one by one (docs/detection.md): frames that say nothing
+UNLABELLED = {  # pulses that nobody labelled, looked at one by one (docs/explanation/detection.md): frames that say nothing
     "logitech-indoor-tree-green.mp4": (43, 44, 70, 71, 87, 88, 126, 127, 222, 223),
 }
 

@@ -51,12 +51,12 @@ def _judge(plan: speech.Plan) -> Optional[dict]:
         return None
     started = time.process_time()
     endpointer = Endpointer(_recognizer.endpointing)
-    findings, deciding = [], 0.0
+    issues, deciding = [], 0.0
     for at in range(0, len(spoken.pcm), RATE // 20):
         for utterance in endpointer.push(spoken.pcm[at : at + RATE // 20]):
             # CPU time: how busy the machine is with other things is not the recogniser's merit or fault
             before = time.process_time()
-            findings.append(_recognizer.classify(utterance))
+            issues.append(_recognizer.classify(utterance))
             deciding = max(deciding, time.process_time() - before)
     return {
         "kind": plan.kind,
@@ -64,7 +64,7 @@ def _judge(plan: speech.Plan) -> Optional[dict]:
         "text": plan.text,
         "voice": plan.voice[1],
         "noise": plan.noise,
-        "found": [(finding.best, finding.confidence, finding.unclear) for finding in findings],
+        "found": [(issue.best, issue.confidence, issue.unclear) for issue in issues],
         "answer_s": deciding + _recognizer.endpointing.end_silence,
         "cpu_s": time.process_time() - started,
         "audio_s": len(spoken.pcm) / RATE,

@@ -32,7 +32,7 @@ GROUPS = ("calibration", "development", "evaluation")
 RIVALS_SAID = 45  # near misses per command that are shared out among the groups
 RECORDINGS = TOP / "out" / "bench" / "recordings"
 
-from vb_voice_wizard import wording  # noqa: E402
+from vb_voice_wizard import command_grammar  # noqa: E402
 from vb_voice_wizard.acoustic_model import embedded_model  # noqa: E402
 from vb_voice_wizard.rivals import PHONES, Lexicon  # noqa: E402
 
@@ -124,9 +124,9 @@ def _rivals() -> List[str]:
     """Texts that sound like commands, all commands in turn, the worst first."""
     folder = embedded_model().parent
     lexicon = Lexicon(folder / "cmudict-en-us.dict", folder / "en-us.lm.bin")
-    files = [wording.find("dictionary", "", "commands.dict")]
+    files = [command_grammar.find("dictionary", "", "commands.dict")]
     words = {word for text in COMMANDS.values() for word in text.split()}
-    sounds = wording.read_dictionary(files[0], words, PHONES)
+    sounds = command_grammar.read_dictionary(files[0], words, PHONES)
     lists = []
     for text in COMMANDS.values():
         variants = list(itertools.product(*(sounds[word] for word in text.split())))

@@ -220,8 +220,8 @@ def _measure(plan: speech.Plan) -> List[Tuple[str, str, str, Tuple[float, ...]]]
     spoken = plan.speak()
     if spoken is None:
         return []
-    findings = [finding for finding in _recognizer.examine(spoken.pcm) if finding.measures]
-    return [(plan.kind, plan.command, finding.best, tuple(finding.measures)) for finding in findings]
+    issues = [issue for issue in _recognizer.examine(spoken.pcm) if issue.measures]
+    return [(plan.kind, plan.command, issue.best, tuple(issue.measures)) for issue in issues]
 
 
 def train_decision(processes: int, output: Path, takes: int) -> None:

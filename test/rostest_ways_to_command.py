@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Whoever gives the commands, and however: the same drawing makes the same border."""
+"""The same drawing makes the same border, no matter who gives the commands, and how."""
 import json
 import shutil
 import sys
@@ -62,7 +62,7 @@ class WaysToCommand(unittest.TestCase):
         cls.progress = Newest(names.PROGRESS, BorderProgress)
         cls.preview = Newest(names.PREVIEW, BorderPreview)
         cls.borders = Newest(names.BORDERS, VirtualBorderArray)
-        cls.maps = Newest(names.VIRTUAL_MAP, OccupancyGridArray)
+        cls.maps = Newest(names.MAP_WITH_BORDERS, OccupancyGridArray)
         cls.set_time(cls.now)
         cls.map.publish(message_from_grid(room(), rospy.Time.from_sec(cls.now)))
         cls.maps.wait(lambda message: True, "the first map")

@@ -1,4 +1,4 @@
-"""Rules that hold across all packages (docs/architecture.md)."""
+"""Rules that hold across all packages (docs/explanation/architecture.md)."""
 import ast
 import re
 import subprocess
@@ -88,7 +88,7 @@ def test_requirements_are_pinned():
 # ------------------------------------------------------------ pure modules
 ROS = ("rospy", "roslib", "rosgraph", "rosbag", "roslaunch", "tf2_ros", "cv_bridge", "actionlib", "dynamic_reconfigure",
        "interactive_markers", "message_filters")
-# what other programs may import on a machine without ROS (docs/architecture.md)
+# what other programs may import on a machine without ROS (docs/explanation/architecture.md)
 PROMISED = ("vb_core.grid_map", "vb_laser_detect.detector", "vb_fusion.extraction", "vb_map_integration.border",
             "vb_map_integration.integration", "vb_voice_wizard.recognizer", "vb_voice_wizard.interaction",
             "vb_evaluation.metrics")
@@ -137,7 +137,7 @@ def test_pure_modules_load_without_ros(package):
     assert done.returncode == 0, done.stderr
 
 
-# ------------------------------------------------------------ docs/architecture.md
+# ------------------------------------------------------------ docs/explanation/architecture.md
 FIXED_NAME = re.compile(r"/(?:virtual_borders|sim)/[a-z_/]+")
 
 
@@ -161,21 +161,56 @@ def test_what_was_removed_from_a_launch_file_is_gone_at_the_next_start():
     assert not kept
 
 
-def test_architecture_names_every_executable():
-    text = (TOP / "docs" / "architecture.md").read_text(encoding="utf-8")
-    executables = sorted(path.name for path in TOP.glob("src/*/scripts/*") if path.is_file())
-    assert len(executables) > 30
-    missing = [name for name in executables if f"`{name}`" not in text]
-    assert not missing, f"docs/architecture.md has no entry for {missing}"
+def test_reference_is_that_of_the_code():
+    done = subprocess.run([sys.executable, str(TOP / "scripts" / "reference"), "--check"],
+                          stdout=subprocess.PIPE, universal_newlines=True)
+    assert done.returncode == 0, done.stdout
 
 
-def test_architecture_names_every_fixed_topic_and_service():
-    text = (TOP / "docs" / "architecture.md").read_text(encoding="utf-8")
+def test_reference_names_every_fixed_topic_and_service():
+    text = (TOP / "docs" / "reference" / "nodes.md").read_text(encoding="utf-8")
     names = fixed_names()
     assert len(names) > 30
-    # "`/virtual_borders/undo`, `redo`" names both: the rest of a row leaves the namespace out
-    missing = {
-        name: str(module) for name, module in names.items()
-        if f"`{name}`" not in text and f"`{name.split('/', 2)[2]}`" not in text
-    }
-    assert not missing, f"docs/architecture.md has no entry for {missing}"
+    missing = {name: str(module) for name, module in names.items() if f"`{name}`" not in text and f"`{name}/" not in text}
+    assert not missing, f"no node's docstring names {missing}"
+
+
+# ------------------------------------------------------------ words
+def read_glossary():
+    """The words that docs/glossary.md replaces."""
+    table = (TOP / "docs" / "glossary.md").read_text(encoding="utf-8").split("| not | but |")[1]
+    cells = [line.split("|")[1] for line in table.splitlines() if line.startswith("| ")]
+    return [word.strip() for cell in cells for word in cell.split(",")]
+
+
+def texts():
+    """What people read: code, interfaces, documentation, messages."""
+    found = subprocess.run(["git", "ls-files", "*.py", "*.md", "*.yaml", "*.launch", "*.msg", "*.srv", "scripts", "src/*/scripts"],
+                           cwd=str(TOP), stdout=subprocess.PIPE, universal_newlines=True, check=True).stdout.split()
+    return [TOP / name for name in found
+            if "/de/" not in name and not name.startswith(("docs/glossary", "CHANGELOG", "docs/results")) and (TOP / name).is_file()]
+
+
+def test_replaced_words_stay_away():
+    words = read_glossary()
+    assert len(words) > 8
+    pattern = re.compile(rf"\b({'|'.join(words)})\b", re.I)
+    found = [f"{path.relative_to(TOP)}:{number}: {match.group(0)}" for path in texts()
+             for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), 1) for match in [pattern.search(line)] if match]
+    assert not found, "\n".join(["docs/glossary.md says what to write instead", *found])
+
+
+def test_links_lead_somewhere():
+    broken = []
+    for path in texts():
+        for target in re.findall(r"\]\(([^)#\s]+)(?:#[^)\s]*)?\)", path.read_text(encoding="utf-8")) if path.suffix == ".md" else ():
+            if not re.match(r"[a-z]+:", target) and not (path.parent / target).exists():
+                broken.append(f"{path.relative_to(TOP)}: {target}")
+    assert not broken, broken
+
+
+@pytest.mark.parametrize("module", PROMISED)
+def test_examples_run(module):
+    script = f"import doctest, importlib, sys; done = doctest.testmod(importlib.import_module('{module}')); sys.exit(done.failed or not done.attempted)"
+    done = subprocess.run([sys.executable, "-c", script], stdout=subprocess.PIPE, universal_newlines=True)
+    assert done.returncode == 0, done.stdout

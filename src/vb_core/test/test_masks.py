@@ -19,9 +19,9 @@ def test_arrays_of_every_size_are_compared_with_a_number(kind, operation):
         for width in range(1, 6):
             values = rng.integers(0, 5, (height, width)).astype(kind)
             expected = np.where(OPERATIONS[operation](values, 2), 255, 0)
-            mask = masks.compare(values, 2, operation)
+            mask = masks.threshold_mask(values, 2, operation)
             assert mask.dtype == np.uint8 and (mask == expected).all(), (height, width)
             framed = np.full((height + 2, width + 2), 7, np.uint8)
-            masks.compare(values, 2, operation, dst=framed[1:-1, 1:-1])
+            masks.threshold_mask(values, 2, operation, dst=framed[1:-1, 1:-1])
             assert (framed[1:-1, 1:-1] == expected).all(), (height, width)
             assert (framed[0] == 7).all() and (framed[:, 0] == 7).all()

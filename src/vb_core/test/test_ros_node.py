@@ -117,7 +117,7 @@ print(before, len(asked))
 
 
 def test_a_node_that_logs_while_it_ends_does_not_end_its_successor():
-    # each line logged was a registration under the node's name, upon which the master ended whoever else had that name
+    # each line logged was a registration under the node's name, upon which the master ended the other node with that name
     done = subprocess.run([sys.executable, "-c", LOGGING], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     assert (done.returncode, done.stdout) == (0, "1 1\n"), done.stderr
 
@@ -126,7 +126,7 @@ def test_kept_memory_is_used_again():
     program = """
 import resource
 from vb_core.ros import node
-node.keep_memory()
+node.disable_heap_trimming()
 image = b"x" * (6 << 20)
 before = resource.getrusage(resource.RUSAGE_SELF).ru_minflt
 for _ in range(20):

@@ -9,7 +9,7 @@ from dynamic_reconfigure.encoding import decode_description, encode_description
 
 from vb_core.errors import CodedError
 from vb_core.parameters import Parameters, param
-from vb_core.ros import tuning
+from vb_core.ros import reconfigure
 
 
 @dataclass(frozen=True)
@@ -28,7 +28,7 @@ class Params(Parameters):
 
 
 def test_description_is_made_of_the_fields():
-    description = tuning.describe(Params(low=2.0), fixed=("fixed",))
+    description = reconfigure.describe(Params(low=2.0), fixed=("fixed",))
     entries = {entry["name"]: entry for entry in description.config_description["parameters"]}
     assert list(entries) == ["low", "high", "count", "switch"]
     assert entries["low"]["type"] == "double" and entries["low"]["description"] == "the smaller one [m]"
@@ -52,7 +52,7 @@ class FakeServer:
 @pytest.fixture
 def tuned(monkeypatch):
     stored, applied, warned = {}, [], []
-    monkeypatch.setattr(tuning, "Server", FakeServer)
+    monkeypatch.setattr(reconfigure, "Server", FakeServer)
     monkeypatch.setattr(rospy, "set_param", stored.__setitem__)
     monkeypatch.setattr(rospy, "resolve_name", lambda name: "/node" + name.replace("~", "/"))
     monkeypatch.setattr(rospy, "loginfo", lambda *_: None)
@@ -63,7 +63,7 @@ def tuned(monkeypatch):
             raise CodedError("unlucky", "no")
         applied.append(params)
 
-    return tuning.Tuning(Params(), "~limits", apply), stored, applied, warned
+    return reconfigure.ReconfigureServer(Params(), "~limits", apply), stored, applied, warned
 
 
 def test_a_change_is_applied_once(tuned):

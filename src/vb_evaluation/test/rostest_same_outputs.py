@@ -48,7 +48,7 @@ class Session:
         rospy.Subscriber(names.STATE, InteractionState, lambda message: setattr(self, "state", message))
         rospy.Subscriber(names.PROGRESS, BorderProgress, lambda message: setattr(self, "progress", message))
         rospy.Subscriber(names.BORDERS, VirtualBorderArray, lambda message: setattr(self, "borders", message))
-        rospy.Subscriber(names.VIRTUAL_MAP, OccupancyGridArray, lambda message: setattr(self, "grid", message))
+        rospy.Subscriber(names.MAP_WITH_BORDERS, OccupancyGridArray, lambda message: setattr(self, "grid", message))
 
     def wait_until(self, holds):
         """Waits in ROS time."""

@@ -21,7 +21,7 @@ from vb_map_integration.border import VirtualBorder
 from vb_map_integration.integration import integrate
 from vb_map_integration.recording import Recording as MapRecording
 from vb_voice_wizard.interaction import Interaction
-from vb_voice_wizard.memory import append_line, record_line
+from vb_voice_wizard.persistence import append_line, record_line
 
 
 def room():

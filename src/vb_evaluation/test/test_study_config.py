@@ -114,7 +114,7 @@ def test_the_marks_are_the_same_for_everybody_and_beside_the_map():
         assert marks == STUDY.marks(key) and marks != STUDY.marks("elsewhere")
         meant = [personal_scenario(STUDY.world, asked, STUDY.traits(number), grid, marks).border for number in (1, 2)]
         assert 0.002 < np.linalg.norm(meant[0] - asked.border, axis=1).max() < 0.2
-        assert np.allclose(*meant) != asked.closed  # whoever draws round something keeps a margin of his own
+        assert np.allclose(*meant) != asked.closed  # people who draw round something keep a margin
 
 
 def test_people_stand_off_the_line_on_free_floor():
@@ -190,7 +190,7 @@ def test_borders_grow_with_their_regions():
 
 
 def test_the_examples_of_the_documentation_work(tmp_path):
-    text = (config.top() / "docs" / "study-extending.md").read_text(encoding="utf-8")
+    text = (config.top() / "docs" / "how-to" / "extend-the-study.md").read_text(encoding="utf-8")
     studies = []
     for number, document in enumerate(re.findall(r"```yaml\n(.*?)```", text, re.S)):
         (tmp_path / f"{number}.yaml").write_text(document)

@@ -22,9 +22,9 @@ from vb_core.ros.messages import BorderPreviewArray, OccupancyGridArray, message
 from vb_core.notices import Notice, Severity  # noqa: E402
 from vb_core.ros.notices import message_from_notice  # noqa: E402
 from vb_feedback.layout import Box, fit  # noqa: E402
-from vb_feedback.restricted import PREVIEW  # noqa: E402
+from vb_feedback.restriction_overlay import PREVIEW  # noqa: E402
 from vb_msgs.msg import (  # noqa: E402
-    BorderProgress, Finding, InteractionState, LaserSpot, NoticeArray, VirtualBorder, VirtualBorderArray,
+    BorderProgress, BorderIssue, InteractionState, LaserSpot, NoticeArray, VirtualBorder, VirtualBorderArray,
 )
 from visualization_msgs.msg import Marker, MarkerArray  # noqa: E402
 
@@ -145,7 +145,7 @@ class DisplayMarkersTest(unittest.TestCase):
         cells[50:70, 20:60] = 100
         preview = BorderPreviewArray(
             interaction_id="i8", available=True, success=True, area_m2=2.0,
-            findings=[Finding(severity=Finding.WARNING, code="splits", message="the free space would fall into 2 parts")],
+            issues=[BorderIssue(severity=BorderIssue.WARNING, code="splits", message="the free space would fall into 2 parts")],
             region=message_from_grid(self.grid.with_data(cells), rospy.Time.now()),
         )
         self.preview.publish(preview)

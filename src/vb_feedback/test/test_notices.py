@@ -6,7 +6,7 @@ import numpy as np
 from vb_core.grid_map import GridMap
 from vb_core.notices import Notice as Held
 from vb_core.notices import Severity
-from vb_feedback.notices import Finding, Preview, of_others, of_preview, of_spot
+from vb_feedback.notices import Issue, Preview, of_others, preview_notices, coverage_notices
 
 
 def texts(found):
@@ -14,16 +14,16 @@ def texts(found):
 
 
 def test_what_save_would_do():
-    assert of_preview(None, "en") == []
-    assert texts(of_preview(Preview(True, area_m2=2.5), "en")) == [("Save would restrict 2.50 m\u00b2.", False)]
-    found = (Finding(False, "of_the_integrator", (), "it parts the room."), Finding(False, "more"))
-    mind = of_preview(Preview(True, findings=found, area_m2=8.0), "en")
+    assert preview_notices(None, "en") == []
+    assert texts(preview_notices(Preview(True, area_m2=2.5), "en")) == [("Save would restrict 2.50 m\u00b2.", False)]
+    found = (Issue(False, "of_the_integrator", (), "it parts the room."), Issue(False, "more"))
+    mind = preview_notices(Preview(True, issues=found, area_m2=8.0), "en")
     assert texts(mind)[1] == ("Mind: it parts the room.", True)
-    errors = (Finding(False, "a"), Finding(True, "b", (), "the seed is on a wall."))
-    refused = of_preview(Preview(False, Finding(True, "c"), errors), "en")
+    errors = (Issue(False, "a"), Issue(True, "b", (), "the seed is on a wall."))
+    refused = preview_notices(Preview(False, Issue(True, "c"), errors), "en")
     assert texts(refused) == [("Save would be refused: the seed is on a wall.", True)]
-    why = Finding(True, "no_service", (("who", "$map_integrator"),), "in English")
-    assert texts(of_preview(Preview(False, why), "de")) == [
+    why = Issue(True, "no_service", (("who", "$map_integrator"),), "in English")
+    assert texts(preview_notices(Preview(False, why), "de")) == [
         ("Speichern w\u00fcrde abgelehnt: Die Kartenverwaltung l\u00e4uft nicht.", True)
     ]
 
@@ -46,13 +46,13 @@ def test_a_spot_that_nobody_sees():
     corner = covered.data.copy()
     corner[:10, :10] = 0
     partly = covered.with_data(corner)
-    assert of_spot("default", (), (1.0, 1.0), partly, True, (), "en") == of_spot("border", ("red",), (1.0, 1.0), partly, True, (), "en") == []
-    assert of_spot("border", (), None, partly, True, (), "en") == []
-    assert texts(of_spot("border", (), (1.2, 0.5), partly, True, (), "en")) == [("No camera sees this place: a robot will be sent.", True)]
+    assert coverage_notices("default", (), (1.0, 1.0), partly, True, (), "en") == coverage_notices("border", ("red",), (1.0, 1.0), partly, True, (), "en") == []
+    assert coverage_notices("border", (), None, partly, True, (), "en") == []
+    assert texts(coverage_notices("border", (), (1.2, 0.5), partly, True, (), "en")) == [("No camera sees this place: a robot will be sent.", True)]
     # where cameras see all the floor it was switched off
-    assert of_spot("seed", (), (1.2, 0.5), covered, True, (), "en") == of_spot("seed", (), (6.0, 4.0), partly, True, (), "en") == []
-    assert texts(of_spot("seed", (), (1.2, 0.5), None, True, (), "en")) == [("No camera sees a spot. Keep pointing: a robot comes.", False)]
+    assert coverage_notices("seed", (), (1.2, 0.5), covered, True, (), "en") == coverage_notices("seed", (), (6.0, 4.0), partly, True, (), "en") == []
+    assert texts(coverage_notices("seed", (), (1.2, 0.5), None, True, (), "en")) == [("No camera sees a spot. Keep pointing: a robot comes.", False)]
     for coverage in (None, partly):
-        assert "robot" not in texts(of_spot("seed", (), (1.2, 0.5), coverage, False, (), "en"))[0][0]
+        assert "robot" not in texts(coverage_notices("seed", (), (1.2, 0.5), coverage, False, (), "en"))[0][0]
     # a dispatcher that says so itself knows better
-    assert of_spot("border", (), (1.2, 0.5), partly, True, [Held("spot_unseen_robot_comes")], "en") == []
+    assert coverage_notices("border", (), (1.2, 0.5), partly, True, [Held("spot_unseen_robot_comes")], "en") == []

@@ -7,8 +7,8 @@ import numpy as np
 
 from vb_feedback import colours, scene
 from vb_feedback.layout import Box, fit
-from vb_feedback.restricted import CLEAR, PREVIEW, STRIPE, overlay
-from vb_feedback.words import Talk, words
+from vb_feedback.restriction_overlay import CLEAR, PREVIEW, STRIPE, overlay
+from vb_feedback.text_panel import PanelContent, words
 
 COMMANDS = ("save", "define_border", "define_seed", "guide_robot", "cancel")
 LONG = "The map integrator refuses this border because it would part the kitchen from the rest of the home, " * 2
@@ -85,11 +85,11 @@ def test_drawing_needs_no_camera_names():
 
 def test_only_changes_are_sent():
     layout = fit(Box(0, 0, 8, 5), 16 / 9)
-    first = words(layout, Talk("border", 1.0, COMMANDS[:2], True, "Draw."))
+    first = words(layout, PanelContent("border", 1.0, COMMANDS[:2], True, "Draw."))
     shown = {shape.key: shape for shape in first}
     assert len(shown) == len(first)
     assert scene.changes(shown, first) == ([], [])
-    later = words(layout, Talk("border", 2.0, COMMANDS[:1], True, "Draw."))
+    later = words(layout, PanelContent("border", 2.0, COMMANDS[:1], True, "Draw."))
     changed, gone = scene.changes(shown, later)
     assert [shape.namespace for shape in changed] == ["words/elapsed"]
     assert {namespace for namespace, _ in gone} == {"words/say/1"}
@@ -97,7 +97,7 @@ def test_only_changes_are_sent():
 
 def test_every_shape_has_its_own_key():
     layout = fit(Box(0, 0, 8, 5), 16 / 9)
-    shapes = words(layout, Talk("border", 1.0, COMMANDS[:4], True, LONG, ("red", "blue", "green")))
+    shapes = words(layout, PanelContent("border", 1.0, COMMANDS[:4], True, LONG, ("red", "blue", "green")))
     shapes += scene.borders(layout, [border(), border(name="Room two")]) + scene.robot("base_link", 0, 0.18)
     shapes += scene.drawing(layout, scene.Drawing(((1, 1),), ("red",), ((1, 1), (2, 2)), False, (3, 3)))
     assert len({shape.key for shape in shapes}) == len(shapes)

@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 
 from vb_core.errors import CodedError
 from vb_feedback.audio_sink import AudioSink
-from vb_feedback.playlist import Playlist
-from vb_feedback.synthesis import RATE, SOUNDS, samples
+from vb_feedback.playlist import SoundQueue
+from vb_feedback.tone_synthesis import RATE, SOUNDS, samples
 
 
 def pitch(pcm):
@@ -40,7 +40,7 @@ def test_sounds_are_told_apart():
     for one, other in itertools.combinations(SOUNDS, 2):
         notes = [[(note.frequency, round(note.seconds, 2)) for note in SOUNDS[name]] for name in (one, other)]
         assert notes[0] != notes[1]
-    # states end at least a minor third apart, whoever has no absolute pitch hears that; a refusal is below all
+    # states end at least a minor third apart, which people without absolute pitch hear; a refusal is below all
     ends = sorted(SOUNDS[name][-1].frequency for name in ("border", "seed", "guide", "default"))
     assert all(high / low > 1.18 for low, high in zip(ends, ends[1:]))
     assert max(note.frequency for note in SOUNDS["refusal"]) * 2 < min(ends)
@@ -64,7 +64,7 @@ def test_a_tick_is_soft_and_volume_counts():
 
 # ----------------------------------------------------------------- which are played
 def test_ticks_give_way():
-    playlist = Playlist(0.4, 1.0)
+    playlist = SoundQueue(0.4, 1.0)
     assert playlist.add("tick", 0.0) and playlist.add("border", 0.1) and not playlist.add("tick", 0.5)
     assert playlist.take(0.5) == "border" and playlist.take(0.5) is None
     assert not playlist.add("tick", 0.39) and playlist.add("tick", 0.6) and playlist.take(0.6) == "tick"
@@ -72,7 +72,7 @@ def test_ticks_give_way():
 
 
 def test_old_sounds_are_dropped():
-    playlist = Playlist(0.4, 1.0)
+    playlist = SoundQueue(0.4, 1.0)
     for number, name in enumerate(["border", "refusal", "seed", "guide", "success"]):
         playlist.add(name, 0.1 * number)
     # the first had to go since five are too many; the next two are too old
@@ -82,7 +82,7 @@ def test_old_sounds_are_dropped():
 @settings(max_examples=40, deadline=None)
 @given(st.lists(st.tuples(st.sampled_from(sorted(SOUNDS)), st.floats(0.0, 0.5)), max_size=40))
 def test_whatever_comes_ticks_keep_their_distance(events):
-    playlist, now, ticks = Playlist(0.4, 1.0), 0.0, []
+    playlist, now, ticks = SoundQueue(0.4, 1.0), 0.0, []
     for name, pause in events:
         now += pause
         playlist.add(name, now)

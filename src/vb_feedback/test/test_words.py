@@ -9,7 +9,7 @@ import pytest
 from vb_feedback import colours
 from vb_feedback.layout import Box, fit
 from vb_feedback.scene import PLATE, TEXT, text_boxes
-from vb_feedback.words import Notice, Talk, words
+from vb_feedback.text_panel import Notice, PanelContent, words
 
 COMMANDS = ("save", "define_border", "define_seed", "guide_robot", "cancel")
 LONG = "The map integrator refuses this border because it would part the kitchen from the rest of the home, " * 2
@@ -26,7 +26,7 @@ def test_words_overlap_neither_map_nor_each_other(extent, aspect, state):
     for commands, seeing, message, notices in itertools.product(
         ((), COMMANDS[:4]), ((), many), ("Ok.", LONG), ((), NOTICES)
     ):
-        shapes = words(layout, Talk(state, 3599.0, commands, False, message, seeing, notices))
+        shapes = words(layout, PanelContent(state, 3599.0, commands, False, message, seeing, notices))
         for kind in (TEXT, PLATE):
             boxes = text_boxes([shape for shape in shapes if shape.kind == kind])
             for one, other in itertools.combinations(boxes, 2):
@@ -52,7 +52,7 @@ def arc_minutes(size, layout):
 def test_letters_can_be_read_from_three_metres(extent, message, notices, least):
     layout = fit(extent, 16 / 9)
     angle = {}
-    for shape in words(layout, Talk("border", 10.0, COMMANDS[:4], True, message, ("red", "robot"), notices)):
+    for shape in words(layout, PanelContent("border", 10.0, COMMANDS[:4], True, message, ("red", "robot"), notices)):
         if shape.kind == TEXT:
             angle[shape.namespace] = arc_minutes(shape.size[0], layout)
     assert angle["words/state"] > 22.0
@@ -71,7 +71,7 @@ def said(shapes):
 
 def test_state_and_commands_are_said():
     layout = fit(LAB, 16 / 9)
-    found = said(words(layout, Talk("seed", 65.0, ("save", "cancel"), True, "Yes.", ("red",), NOTICES[:1])))
+    found = said(words(layout, PanelContent("seed", 65.0, ("save", "cancel"), True, "Yes.", ("red",), NOTICES[:1])))
     assert found == {
         "words/state": "Seed", "words/elapsed": "1:05", "words/say": "You can say", "words/say/0": "save",
         "words/say/1": "cancel", "words/seen": "Spot seen by", "words/seen/0": "red", "words/answer": "Yes.",
@@ -81,7 +81,7 @@ def test_state_and_commands_are_said():
 
 def test_a_refusal_stands_out_for_every_eye():
     layout = fit(LAB, 16 / 9)
-    good, bad = (words(layout, Talk("seed", 1.0, (), success, "Why not.")) for success in (True, False))
+    good, bad = (words(layout, PanelContent("seed", 1.0, (), success, "Why not.")) for success in (True, False))
     assert not [shape for shape in good if shape.kind == PLATE]
     plate = [shape for shape in bad if shape.kind == PLATE][0]
     answer = [shape for shape in bad if shape.namespace == "words/answer"]
@@ -93,5 +93,5 @@ def test_a_refusal_stands_out_for_every_eye():
 def test_a_usual_sentence_is_not_cut():
     layout = fit(LAB, 16 / 9)
     sentence = " ".join(["word"] * 34)
-    found = said(words(layout, Talk("seed", 1.0, (), True, sentence, (), NOTICES[:1])))
+    found = said(words(layout, PanelContent("seed", 1.0, (), True, sentence, (), NOTICES[:1])))
     assert found["words/answer"] == sentence

@@ -14,7 +14,7 @@ import rostest
 
 from vb_core import names
 from vb_msgs.msg import BorderProgress, InteractionState, LaserSpot, VirtualBorder
-from vb_msgs.srv import GetCandidate
+from vb_msgs.srv import GetDrawnBorder
 
 NODE = "/border_fusion"
 DEADLINE = 20.0  # [s] for a loaded machine
@@ -35,7 +35,7 @@ class BorderFusionTest(unittest.TestCase):
         self.spots = rospy.Publisher(names.SPOTS, LaserSpot, queue_size=1000)
         self.subscriber = rospy.Subscriber(names.PROGRESS, BorderProgress, self.progress.append)
         self.connected()
-        self.candidate = rospy.ServiceProxy(names.CANDIDATE, GetCandidate)
+        self.candidate = rospy.ServiceProxy(names.CANDIDATE, GetDrawnBorder)
 
     def tearDown(self) -> None:
         for end in (self.state, self.spots, self.subscriber):

@@ -242,7 +242,7 @@ class CalibrateCameraTest(unittest.TestCase):
         self.addCleanup(poses.wait)
         self.addCleanup(poses.terminate)
         self.check_transform("blue_optical_frame", POSE)
-        # a camera that is calibrated later, or anew, is taken at once
+        # a camera that is calibrated later, or again, is taken at once
         path = calibration_file.calibration_path(self.folder.name, "blue")
         later = path.with_name("green.yaml")
         later.write_text(path.read_text().replace("blue", "green"))

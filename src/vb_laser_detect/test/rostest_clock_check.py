@@ -65,7 +65,7 @@ class ClockCheckTest(unittest.TestCase):
         self.wait(lambda: self.warned, "the log")
         # said once, until it changes
         self.assertEqual(len(self.warned), 1)
-        # answers that take long say nothing: neither that the clock is right, nor anew that it is wrong
+        # answers that take long say nothing: neither that the clock is right, nor again that it is wrong
         self.slow = 0.2
         self.wait(lambda: "takes too long" in self.found["other"].message, "answers that are too slow")
         self.slow = 0.0

@@ -29,7 +29,7 @@ class Scene:
         floor[:: max(60, height // 5)] *= 0.6
         floor[:, :: max(60, width // 7)] *= 0.6
         self.floor = floor[:, :, None] * np.array([0.86, 0.97, 1.04], np.float32)
-        # drawn once and taken from another place for each image: drawing it anew is what would take the time
+        # drawn once and taken from another place for each image: drawing it again is what would take the time
         self._noise = self._random.normal(0.0, noise, (2 * height * width * 3,)).astype(np.float32)
 
     def render(

@@ -195,7 +195,7 @@ def test_while_a_spot_is_drawn_nothing_else_is_looked_at():
     assert left_out[20:30] == [1] * 10
     # held still it may be a thing that was laid down: all is looked at again, and the more certain one is told
     assert all(len(spots) == 1 for spots in drawn[45:]) and "less_certain" in [c.refusal for c in detector.candidates]
-    # and whoever looks for several spots gets them
+    # and a search for several spots finds them
     several = SpotDetector(DetectorParams.stationary(max_spots=2))
     feed(several, [scene.render(bayer=True) for _ in range(8)])
     both = [several.detect(scene.render([(80 + 6.0 * i, 200), other], bayer=True), 0.4 + PERIOD * i) for i in range(20)]

@@ -84,7 +84,7 @@ def test_the_motion_is_the_camera_s_and_not_a_thing_s():
     motion = registration.motion_to(moved)
     assert np.abs(motion - truth)[:2, :2].max() < 0.004 and np.abs(motion - truth)[:2, 2].max() < 0.6
     moved[120:200, 200:330] = 160
-    assert np.array_equal(registration.motion_to(moved), np.eye(3))  # it stands, whoever walks
+    assert np.array_equal(registration.motion_to(moved), np.eye(3))  # it does not move, though people walk
     # a wall without anything on it tells nothing
     blank = Registration()
     blank.motion_to(np.full((240, 320), 90, np.uint8))

@@ -136,7 +136,7 @@ class MapIntegratorTest(unittest.TestCase):
                 border.kind = 9
             answer = self.call("add_border", border, frame, "test")
             self.assertEqual((answer.success, answer.code), (False, code))
-            self.assertTrue(answer.message and answer.findings[-1].code == code)
+            self.assertTrue(answer.message and answer.issues[-1].code == code)
             if code != "id_not_empty":  # a preview with an id asks what an update would do
                 answer = self.call("preview_border", border, frame, [])
                 self.assertEqual((answer.success, answer.code), (False, code))
@@ -159,7 +159,7 @@ class MapIntegratorTest(unittest.TestCase):
         self.assertEqual((answer.free_parts, list(answer.unreachable_goals)), (2, [1]))
         self.assertAlmostEqual(answer.area_m2, 98 * 20 * 0.05**2, places=4)
         self.assertEqual(sum(np.frombuffer(np.array(answer.region.data, np.int8), np.int8) == 100), 98 * 20)
-        self.assertEqual({f.code for f in answer.findings}, {"outside_map", "splits_free_space"})
+        self.assertEqual({f.code for f in answer.issues}, {"outside_map", "splits_free_space"})
         self.assertEqual(self.maps.count, count)
         refused = self.call("preview_border", polygon(x=50.0), "", [])
         self.assertEqual((refused.success, refused.code), (False, "seed_outside_map"))
@@ -167,12 +167,12 @@ class MapIntegratorTest(unittest.TestCase):
     def test_warnings_for_the_robot_and_for_soft_borders(self):
         # the transform may still be under way
         def codes():
-            return [found.code for found in self.call("preview_border", polygon(x=-2.5, y=-1.5), "", []).findings]
+            return [found.code for found in self.call("preview_border", polygon(x=-2.5, y=-1.5), "", []).issues]
 
         wait_until(lambda: "robot_inside" in codes(), "the warning that the robot is inside")
         answer = self.call("add_border", polygon(occupancy=0.75), "", "test")
         self.assertTrue(answer.success)
-        self.assertEqual([f.code for f in answer.findings], ["soft_border_ignored"])
+        self.assertEqual([f.code for f in answer.issues], ["soft_border_ignored"])
         wait_until(lambda: (self.cells() == 75).sum() == 400, "soft cells")
 
     def test_a_border_that_expires(self):

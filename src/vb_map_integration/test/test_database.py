@@ -87,7 +87,7 @@ def test_undo_and_redo_survive_a_restart(tmp_path):
 
 def test_the_history_is_bounded(tmp_path, monkeypatch):
     monkeypatch.setattr(module, "MAX_CHANGES", 5)
-    keeper = integrator(check_ways=False)
+    keeper = integrator(check_reachability=False)
     for number in range(9):
         keeper.add(square(10 + number, 10), 1.0 + number)
     for _ in range(5):
@@ -212,7 +212,7 @@ import sys
 sys.path.insert(0, {test!r})
 from pathlib import Path
 from test_database import command, integrator
-keeper = integrator(Path({root!r}), check_ways=False)
+keeper = integrator(Path({root!r}), check_reachability=False)
 while True:
     number = int(keeper._database.fact("number") or 0)
     command(keeper, number)
@@ -232,7 +232,7 @@ def test_a_kill_at_any_moment_loses_nothing_that_was_answered(tmp_path):
         process.send_signal(signal.SIGKILL)
         rest = process.communicate()[0].split()
         said = int(rest[-1]) if rest else said
-        keeper = integrator(tmp_path, check_ways=False)
+        keeper = integrator(tmp_path, check_reachability=False)
         assert said <= keeper.revision <= said + 2 and codes(keeper) == []
         keeper.close()
 

@@ -17,10 +17,10 @@ from keepers import GRID, at, integrator, square  # noqa: E402
 from oracle import ROOMS, world  # noqa: E402
 
 PACKAGE = Path(__file__).resolve().parents[1]
-DOCUMENT = PACKAGE.parents[1] / "docs" / "map-integration.md"
+DOCUMENT = PACKAGE.parents[1] / "docs" / "explanation" / "map-integration.md"
 RAISED = "|".join([
     r'(?:IntegrationError|CodedError)\(\s*"(\w+)"',
-    r'(?:_warn\(findings|WARNING), "(\w+)"',
+    r'(?:_warn\(issues|WARNING), "(\w+)"',
     r'_coordinates\([^,]+, "(\w+)"',
 ])
 
@@ -30,7 +30,7 @@ def test_the_documentation_names_every_code():
     for path in (PACKAGE / "src" / "vb_map_integration").glob("*.py"):
         for groups in re.findall(RAISED, path.read_text()):
             codes.update(group for group in groups if group)
-    assert {"separates_nothing", "splits_free_space", "bad_points", "soft_border_ignored"} <= codes
+    assert {"no_separation", "splits_free_space", "bad_points", "soft_border_ignored"} <= codes
     documented = set(re.findall(r"`(\w+)`", DOCUMENT.read_text()))
     assert codes - documented == {"bad_parameter"}  # a start-up error, not an answer
 
@@ -39,7 +39,7 @@ def codes_of(points, seed, places=None, boxes=(), room="rectangle", **options):
     prior, _ = world(ROOMS[room], (0.0, 0.0, 0.0), boxes)
     before = prior.data.copy()
     try:
-        found = [one.code for one in integrate(prior, VirtualBorder(points, seed, **options), places=places).findings]
+        found = [one.code for one in integrate(prior, VirtualBorder(points, seed, **options), places=places).issues]
     except CodedError as error:
         found = [error.code]
     assert np.array_equal(prior.data, before)
@@ -54,20 +54,20 @@ def test_a_curve_within_a_closed_box_separates_nothing_for_a_seed_outside():
     data[22:38, 72:88] = 0
     with pytest.raises(CodedError) as caught:
         integrate(GridMap(data, 0.05), VirtualBorder([(4.0, 1.2), (4.0, 1.8)], (6.0, 3.0), closed=False))
-    assert caught.value.code == "separates_nothing"
+    assert caught.value.code == "no_separation"
 
 
 def test_a_dock_inside_is_said():
     keeper = integrator(dock=at((20, 20))[0].tolist())
-    assert [found.code for found in keeper.add(square(10, 10), 1.0).findings] == ["dock_inside"]
-    assert [found.code for found in keeper.add(square(60, 10), 2.0).findings] == []
+    assert [found.code for found in keeper.add(square(10, 10), 1.0).issues] == ["dock_inside"]
+    assert [found.code for found in keeper.add(square(60, 10), 2.0).issues] == []
 
 
 def test_nothing_left_for_the_robot_is_said():
     keeper = integrator()
     everything = VirtualBorder(at((-5, -5), (170, -5), (170, 130), (-5, 130)), at((80, 60))[0], closed=True)
-    found = [one.code for one in keeper.add(everything, 1.0).findings]
-    assert {"outside_map", "nearly_everything", "nothing_left"} == set(found)
+    found = [one.code for one in keeper.add(everything, 1.0).issues]
+    assert {"outside_map", "nearly_everything", "no_free_space_left"} == set(found)
 
 
 @pytest.mark.parametrize("occupancy, code", [(0.0, "no_effect"), (0.01, None), (1.0, None)])
@@ -87,7 +87,7 @@ def test_both_ends_in_unknown_space_are_said():
     data = prior.data.copy()
     data[data == 100] = -1  # a room whose walls nobody has seen
     result = integrate(prior.with_data(data), VirtualBorder([(4, 1), (4, 4)], (6, 2), closed=False))
-    assert [found.code for found in result.findings] == ["no_wall_found", "no_wall_found"]
+    assert [found.code for found in result.issues] == ["no_wall_found", "no_wall_found"]
 
 
 def test_no_answer_is_given_for_a_map_without_free_space():
@@ -96,4 +96,4 @@ def test_no_answer_is_given_for_a_map_without_free_space():
         try:
             integrate(grid, border)
         except CodedError as error:
-            assert error.code in ("seed_on_obstacle", "separates_nothing")
+            assert error.code in ("seed_on_obstacle", "no_separation")

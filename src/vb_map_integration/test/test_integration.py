@@ -49,7 +49,7 @@ def inside_point(random, shape, margin=0.06):
 
 
 def codes(result):
-    return [found.code for found in result.findings]
+    return [found.code for found in result.issues]
 
 
 @SETTINGS
@@ -202,7 +202,7 @@ def test_invariants_on_noisy_maps(seed, occupancy, closed):
         point = prior.grid_to_world([random.uniform(5, 75, 2)])[0]
         result = integrate(prior, VirtualBorder(points, point, occupancy, closed))
     except IntegrationError as error:
-        assert error.findings[-1].code == error.code
+        assert error.issues[-1].code == error.code
         assert np.array_equal(prior.data, data)
         return
     after = result.posterior.data
@@ -258,7 +258,7 @@ def room_border(points, seed, **options):
         ("seed_outside_map", [(4, 1), (4, 4)], (9.0, 1.0), False),
         ("outside_map", [(14, 1), (14, 4)], (1.0, 1.0), False),
         ("empty_region", [(12, 1), (13, 1), (13, 2)], (1.0, 1.0), True),
-        ("separates_nothing", [(2.2, 2.2), (2.8, 2.8)], (1.0, 1.0), False),
+        ("no_separation", [(2.2, 2.2), (2.8, 2.8)], (1.0, 1.0), False),
     ],
 )
 def test_refusals_are_coded(code, points, seed, closed):
@@ -267,7 +267,7 @@ def test_refusals_are_coded(code, points, seed, closed):
     with pytest.raises(IntegrationError) as caught:
         run()
     assert caught.value.code == code
-    assert caught.value.message and caught.value.findings[-1].code == caught.value.code
+    assert caught.value.message and caught.value.issues[-1].code == caught.value.code
     assert np.array_equal(prior.data, before)
 
 
@@ -276,7 +276,7 @@ def test_a_curve_in_another_room_separates_nothing():
     prior, _ = world(room, (0.0, 0.0, 0.0))
     with pytest.raises(IntegrationError) as caught:
         integrate(prior, VirtualBorder([(1.0, 2.5), (3.0, 2.5)], (6.0, 1.0), closed=False))
-    assert caught.value.code == "separates_nothing"
+    assert caught.value.code == "no_separation"
 
 
 def test_warnings_are_coded():
@@ -364,7 +364,7 @@ def test_the_kind_is_decided_from_the_gap():
 
 
 def test_parameters_are_checked():
-    for bad in ({"occupied_from": 0}, {"fit_length_m": 0.0}, {"seed_radius_m": -1.0}, {"unheard_of": 1}):
+    for bad in ({"occupied_threshold": 0}, {"fit_length_m": 0.0}, {"seed_radius_m": -1.0}, {"unheard_of": 1}):
         with pytest.raises(CodedError) as caught:
             IntegrationParams.from_mapping(bad)
         assert next(iter(bad)) in caught.value.message

@@ -24,7 +24,7 @@ COMMANDS = st.lists(
 @settings(max_examples=25, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
 @given(COMMANDS)
 def test_any_history_gives_the_map_of_the_borders_that_are_left(commands):
-    keeper = integrator(check_ways=False)
+    keeper = integrator(check_reachability=False)
     states = [()]
     undone = []
     for now, (command, column, row) in enumerate(commands, 1):
@@ -114,10 +114,10 @@ def test_preview_changes_nothing_and_names_what_is_out_of_reach():
     band = VirtualBorder(at((70, -5), (90, -5), (90, 125), (70, 125)), at((80, 60))[0], closed=True)
     check = keeper.check(band, {"robot": at((20, 60))[0]}, at((30, 30), (130, 30), (80, 60), (900, 0)))
     assert check.ways.free_parts == 2 and check.ways.unreachable == (1, 2, 3)
-    assert "splits_free_space" in [found.code for found in check.findings]
+    assert "splits_free_space" in [found.code for found in check.issues]
     assert np.array_equal(keeper.posterior.data, before) and keeper.borders == ()
     outcome = keeper.add(band, 1.0)
-    assert "splits_free_space" in [found.code for found in outcome.findings]
+    assert "splits_free_space" in [found.code for found in outcome.issues]
     # replacing the band by a small square joins the parts again
     check = keeper.check(square(70, 50, id=outcome.ids[0]), None, [at((130, 30))[0]])
     assert check.ways.free_parts == 1 and check.ways.unreachable == ()
@@ -150,7 +150,7 @@ def test_the_hundredth_border_touches_no_other(monkeypatch):
     """Not a measurement: adding one paints one region, whatever else is there."""
     from vb_map_integration import composition
 
-    keeper = integrator(check_ways=False)
+    keeper = integrator(check_reachability=False)
     painted = []
     original = composition.Region.paint
     monkeypatch.setattr(composition.Region, "paint", lambda self, *args: (painted.append(1), original(self, *args)))

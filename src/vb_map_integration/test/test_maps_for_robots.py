@@ -9,7 +9,7 @@ from keepers import GRID, integrator, square  # noqa: E402
 
 
 def test_each_robot_has_the_borders_that_name_it_or_nobody():
-    keeper = integrator(check_ways=False)
+    keeper = integrator(check_reachability=False)
     keeper.add(square(30, 30), 1.0)
     common = keeper.posterior.data.copy()
     keeper.add(square(80, 30, robots=("ada",)), 2.0)

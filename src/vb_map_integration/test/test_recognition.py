@@ -226,12 +226,12 @@ def test_undo_and_expiry_keep_what_does_not_act():
     keeper.set_map(walled)
     keeper.confirm(True, "", 2.0)
     outcome = keeper.undo()
-    assert [found.code for found in outcome.findings] == ["does_not_act"]
+    assert [found.code for found in outcome.issues] == ["inactive_on_this_map"]
     border = keeper.borders[0]
     assert border.enabled and keeper.status(border) == (False, "does_not_fit")
     assert "does_not_fit" in [notice.code for notice in keeper.notices]
-    assert keeper.enable("b1", False, 3.0, expires=5.0).findings == ()
-    assert [found.code for found in keeper.expire(6.0).findings] == ["does_not_act"]
+    assert keeper.enable("b1", False, 3.0, expires=5.0).issues == ()
+    assert [found.code for found in keeper.expire(6.0).issues] == ["inactive_on_this_map"]
     # it is switched and renamed all the same, by whatever service
     assert keeper.rename("b1", "old rug", 7.0).ids == ("b1",)
     keeper.update(keeper.borders[0].replace(enabled=False), 8.0)
@@ -323,7 +323,7 @@ def test_a_schedule_switches_a_border():
 
 
 def test_borders_of_one_home_stay_with_it_when_another_has_hundreds(tmp_path):
-    keeper = integrator(tmp_path, flat(), check_ways=False)
+    keeper = integrator(tmp_path, flat(), check_reachability=False)
     for number in range(3):
         keeper.add(keep_out(name=f"{number}"), 1.0 + number)
     keeper.set_map(GRID)

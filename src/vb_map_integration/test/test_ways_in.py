@@ -12,7 +12,7 @@ from vb_core.errors import CodedError
 from vb_map_integration import editing
 from vb_map_integration.border import MAX_POINTS, VirtualBorder
 from vb_map_integration.clicks import ClickParams, Clicks
-from vb_map_integration.costmap_settings import soft_value_finding
+from vb_map_integration.costmap_settings import soft_value_issue
 from vb_map_integration.geojson import borders_from_geojson, borders_to_geojson
 
 sys.path.insert(0, str(Path(__file__).resolve().parent))
@@ -190,9 +190,9 @@ def test_bad_geojson_is_refused(code, document):
 def test_a_trinary_costmap_is_blind_to_soft_values():
     layers = [{"name": "walls", "type": "costmap_2d::StaticLayer"}, {"name": "x", "type": "costmap_2d::InflationLayer"}]
     good = {"plugins": layers, "walls": {"trinary_costmap": False}}
-    assert soft_value_finding(75, {"global_costmap": good, "local_costmap": None}) is None
-    assert soft_value_finding(100, {"global_costmap": {}}) is None
-    found = soft_value_finding(75, {"global_costmap": {"plugins": layers}, "local_costmap": good})
+    assert soft_value_issue(75, {"global_costmap": good, "local_costmap": None}) is None
+    assert soft_value_issue(100, {"global_costmap": {}}) is None
+    found = soft_value_issue(75, {"global_costmap": {"plugins": layers}, "local_costmap": good})
     assert found.code == "soft_border_ignored" and "global_costmap" in found.message and "local" not in found.message
     for odd in ({"plugins": None}, {"plugins": ["x"], "static_layer": 3}, "x"):
-        soft_value_finding(50, {"global_costmap": odd})
+        soft_value_issue(50, {"global_costmap": odd})

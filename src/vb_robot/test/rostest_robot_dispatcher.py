@@ -66,7 +66,7 @@ class DispatcherTest(unittest.TestCase):
         self.stimulus.spot = None
         self.stimulus.spot_frame = "map"
         self.stimulus.set_state(DEFAULT)
-        # whatever an earlier test left running is called off by the state
+        # whatever an earlier test left running is cancelled by the state
         self.assertTrue(wait_until(lambda: not self.navigation.server.is_active()))
         self.stimulus.pose = (5.0, 0.7, 0.0)
         self.navigation.goals.clear()
@@ -91,7 +91,7 @@ class DispatcherTest(unittest.TestCase):
         self.assertEqual(len(self.navigation.goals), 1, "a spot that stays needs one goal")
         gather.unregister()
         self.stimulus.set_state(DEFAULT)
-        self.assertTrue(wait_until(lambda: self.navigation.preempted == 1), "the goal is called off with the state")
+        self.assertTrue(wait_until(lambda: self.navigation.preempted == 1), "the goal is cancelled with the state")
 
     def test_aborted_goal_is_followed_by_another_place(self):
         self.navigation.behaviour = "abort"

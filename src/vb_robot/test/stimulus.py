@@ -70,7 +70,7 @@ class Stimulus(Body):
         self.spot_frame = "map"
         self.scan_range = None  # [m] what a scanner in the robot's middle sees straight ahead; None: no scans
         self._broadcaster = tf2_ros.TransformBroadcaster()
-        self._map = rospy.Publisher(names.VIRTUAL_MAP, OccupancyGridArray, queue_size=1, latch=True)
+        self._map = rospy.Publisher(names.MAP_WITH_BORDERS, OccupancyGridArray, queue_size=1, latch=True)
         self._physical = rospy.Publisher(names.PHYSICAL_MAP, OccupancyGridArray, queue_size=1, latch=True)
         self._state = rospy.Publisher(names.STATE, InteractionState, queue_size=1, latch=True)
         self.spots = rospy.Publisher(names.SPOTS, LaserSpot, queue_size=10)

@@ -340,7 +340,7 @@ def test_robot_that_sees_the_spot_stays_and_may_try_anew_when_it_is_lost_again()
     assert len(stand(bench, 60)) == 2
     bench.run(4, silent=0.0)
     bench.now += FAILED_MEMORY
-    assert stand(bench, 20), "the tries count anew"
+    assert stand(bench, 20), "the tries count again"
 
 
 def test_robot_that_still_drives_is_not_blind():
@@ -362,7 +362,7 @@ def test_lost_spot_is_not_a_matter_of_patience():
 def test_next_interaction_begins_afresh_even_if_no_decision_fell_between():
     bench = Bench([place(1)], seen=lambda pose: pose[0] == 1)
     bench.step()
-    bench.robot.goal = GoalStatus.NONE  # called off with the state
+    bench.robot.goal = GoalStatus.NONE  # cancelled with the state
     assert bench.step(key=("b", 1)).kind is Kind.SEND
 
 

@@ -44,7 +44,7 @@ class NavigationTest(unittest.TestCase):
         cls.costmap = Latest("/move_base/global_costmap/costmap", OccupancyGridArray)
         cls.updates = Latest("/move_base/global_costmap/costmap_updates", OccupancyGridUpdate)
         cls.plan = Latest("/move_base/NavfnROS/plan", Path)
-        cls.maps = rospy.Publisher(names.VIRTUAL_MAP, OccupancyGridArray, queue_size=1, latch=True)
+        cls.maps = rospy.Publisher(names.MAP_WITH_BORDERS, OccupancyGridArray, queue_size=1, latch=True)
         cls.simple = rospy.Publisher("/move_base_simple/goal", PoseStamped, queue_size=1)
         cls.client = actionlib.SimpleActionClient("move_base", MoveBaseAction)
         assert cls.client.wait_for_server(rospy.Duration(60.0))

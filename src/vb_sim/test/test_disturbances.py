@@ -8,7 +8,7 @@ import pytest
 from vb_core import geometry
 from vb_sim import pixels
 from vb_sim.ceiling_view import CeilingView
-from vb_sim.disturbances import Bystander, Glint, Surroundings
+from vb_sim.disturbances import Bystander, Glint, SceneConditions
 from vb_sim.floor_texture import render_floor
 from vb_sim.lab_history import Snapshot
 from vb_sim.mesh import world_mesh
@@ -49,25 +49,25 @@ def level(picture, pixel):
 
 
 def test_nothing_unusual_is_the_default(views):
-    pictures, _ = render(views, (1.5, 1.0, 0.0), Surroundings())
-    again, _ = render(views, (1.5, 1.0, 0.0), Surroundings(light=0.4, sun=SUN, glints=(Glint((1.5, 1.0, 0.0)),)))
-    after, _ = render(views, (1.5, 1.0, 0.0), Surroundings())
+    pictures, _ = render(views, (1.5, 1.0, 0.0), SceneConditions())
+    again, _ = render(views, (1.5, 1.0, 0.0), SceneConditions(light=0.4, sun=SUN, glints=(Glint((1.5, 1.0, 0.0)),)))
+    after, _ = render(views, (1.5, 1.0, 0.0), SceneConditions())
     for before, changed, later in zip(pictures, again, after):
         assert (before != changed).any() and (before == later).all()
 
 
-@pytest.mark.parametrize("around", [Surroundings(light=0.5), Surroundings(exposure=1.5)])
+@pytest.mark.parametrize("around", [SceneConditions(light=0.5), SceneConditions(exposure=1.5)])
 def test_lamps_and_exposure(views, around):
-    plain, places = render(views, (1.5, 1.0, 0.0), Surroundings())
+    plain, places = render(views, (1.5, 1.0, 0.0), SceneConditions())
     lit, _ = render(views, (1.5, 1.0, 0.0), around)
     for before, after, pixel in zip(plain, lit, places):
         assert level(after, pixel) == pytest.approx(around.light * around.exposure * level(before, pixel), abs=1.5)
 
 
 def test_sun_lights_its_polygon_only(views):
-    around = Surroundings(sun=SUN, sun_gain=1.6)
+    around = SceneConditions(sun=SUN, sun_gain=1.6)
     for place, gain in (((1.5, 1.0, 0.0), 1.6), ((1.5, 1.35, 0.0), 1.0), ((1.1, 1.0, 0.0), 1.0)):
-        plain, places = render(views, place, Surroundings())
+        plain, places = render(views, place, SceneConditions())
         lit, _ = render(views, place, around)
         for before, after, pixel in zip(plain, lit, places):
             assert level(after, pixel) == pytest.approx(gain * level(before, pixel), abs=1.5)
@@ -75,8 +75,8 @@ def test_sun_lights_its_polygon_only(views):
 
 def test_a_glint_is_where_it_should_be(views):
     place = (1.4, 1.1, 0.06)
-    plain, places = render(views, place, Surroundings())
-    shiny, _ = render(views, place, Surroundings(glints=(Glint(place, 0.02, 150.0),)))
+    plain, places = render(views, place, SceneConditions())
+    shiny, _ = render(views, place, SceneConditions(glints=(Glint(place, 0.02, 150.0),)))
     for before, after, pixel in zip(plain, shiny, places):
         more = cv2.absdiff(after, before).sum(axis=2, dtype=float)
         rows, columns = np.indices(more.shape)
@@ -86,7 +86,7 @@ def test_a_glint_is_where_it_should_be(views):
 def test_bystanders_wear_what_they_wear(views):
     # a ceiling camera sees shirts, the robot's camera sees shoes
     dark, white = (
-        render(views, (1.5, 1.0, 0.0), Surroundings(bystanders=(Bystander((1.5, 1.0, 0.3), (tone,) * 3, (tone,) * 3),)))[0]
+        render(views, (1.5, 1.0, 0.0), SceneConditions(bystanders=(Bystander((1.5, 1.0, 0.3), (tone,) * 3, (tone,) * 3),)))[0]
         for tone in (40, 240)
     )
     assert all((cv2.absdiff(a, b) > 60).any(axis=2).sum() > 300 for a, b in zip(dark, white))

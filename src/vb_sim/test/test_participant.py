@@ -17,7 +17,7 @@ from vb_sim.models_participant import ParticipantModel
 from vb_sim.participant import Percept, Person
 from vb_sim.participant_nrs import NetworkRobotSystemScript
 from vb_sim.participant_robot_only import RobotOnlyScript
-from vb_sim.rehearsal import best_order, orders
+from vb_sim.stroke_order import best_order, orders
 from vb_sim.world import load_world
 
 sys.path.insert(0, str(Path(__file__).parent))
@@ -106,17 +106,17 @@ def test_a_refused_seed_is_shown_again():
 
 
 def test_a_refused_border_is_cancelled_and_drawn_again():
-    sim = system("room", refuse_saves=["separates_nothing"])
+    sim = system("room", refuse_saves=["no_separation"])
     assert sim.run(120.0) == "saved"
     assert [command for command, _, _ in sim.commands] == ["define_border", "define_seed", "save", "cancel"] + [
         "define_border", "define_seed", "save"]
 
 
 def test_the_person_gives_up_after_some_tries():
-    sim = system("room", refuse_saves=["separates_nothing"] * 9, model=ParticipantModel(tries=2))
+    sim = system("room", refuse_saves=["no_separation"] * 9, model=ParticipantModel(tries=2))
     assert sim.run(200.0) == "gave_up"
     assert [command for command, _, _ in sim.commands].count("save") == 2
-    assert "separates_nothing" in sim.script.reason
+    assert "no_separation" in sim.script.reason
 
 
 @pytest.mark.parametrize("method", ["nrs", "robot_only"])

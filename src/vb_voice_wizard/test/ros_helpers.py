@@ -11,8 +11,8 @@ from vb_msgs.msg import VirtualBorder
 from vb_msgs.srv import (
     AddBorder,
     AddBorderResponse,
-    GetCandidate,
-    GetCandidateResponse,
+    GetDrawnBorder,
+    GetDrawnBorderResponse,
     ListBorders,
     ListBordersResponse,
     PreviewBorder,
@@ -81,7 +81,7 @@ class StubNeighbours:
     """border_fusion and map_integrator, as far as this package needs them."""
 
     def __init__(self) -> None:
-        self.candidate = GetCandidateResponse(success=True, code="ok")
+        self.candidate = GetDrawnBorderResponse(success=True, code="ok")
         self.candidate.border.points = [rospy_point(0, 0), rospy_point(1, 0), rospy_point(1, 1)]
         self.candidate.border.seed = rospy_point(0.5, 0.5)
         self.add = AddBorderResponse(success=True, code="ok", id="b1")
@@ -97,7 +97,7 @@ class StubNeighbours:
         if preview:
             self.services.append(rospy.Service("/virtual_borders/preview_border", PreviewBorder, self._on_preview))
         if candidate:
-            self.services.append(rospy.Service("/virtual_borders/get_candidate", GetCandidate, self._on_candidate))
+            self.services.append(rospy.Service("/virtual_borders/get_drawn_border", GetDrawnBorder, self._on_candidate))
         if add:
             self.services.append(rospy.Service("/virtual_borders/add_border", AddBorder, self._on_add))
 

@@ -20,9 +20,9 @@ sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
 from ros_helpers import Newest, Process, StubNeighbours, rospy_point, wait_until  # noqa: E402
 
 from vb_msgs.msg import (  # noqa: E402
-    BorderPreview, BorderProgress, Finding, InteractionState, NoticeArray, VirtualBorderArray,
+    BorderPreview, BorderProgress, RecognitionResult, InteractionState, NoticeArray, VirtualBorderArray,
 )
-from vb_msgs.srv import AddBorderResponse, Command, GetCandidateResponse, PreviewBorderResponse  # noqa: E402
+from vb_msgs.srv import AddBorderResponse, Command, GetDrawnBorderResponse, PreviewBorderResponse  # noqa: E402
 
 FOLDER = tempfile.mkdtemp(prefix="vb_interaction_")
 LOG = os.path.join(FOLDER, "interactions.jsonl")
@@ -116,13 +116,13 @@ class InteractionManagerTest(unittest.TestCase):
         self.assertEqual((first.header.frame_id, list(first.region.data)), ("map", [100, 0]))
         self.assertEqual(len(first.border.points), 3)
         self.assertEqual(self.stub.previews[-1].border.points, first.border.points)
-        # a moved seed is looked at anew, and so are borders that others change
-        refusal = PreviewBorderResponse(success=False, code="separates_nothing", message="It separates nothing.")
-        refusal.findings = [Finding(severity=Finding.ERROR, code="separates_nothing", message="It separates nothing.")]
+        # a moved seed is looked at again, and so are borders that others change
+        refusal = PreviewBorderResponse(success=False, code="no_separation", message="It separates nothing.")
+        refusal.issues = [RecognitionResult(severity=RecognitionResult.ERROR, code="no_separation", message="It separates nothing.")]
         good, self.stub.preview = self.stub.preview, refusal
         self.draw(identity, dx=0.2)
-        refused = self.preview.wait(lambda message: message.code == "separates_nothing", "the refusal")
-        self.assertEqual((refused.available, refused.success, len(refused.findings)), (True, False, 1))
+        refused = self.preview.wait(lambda message: message.code == "no_separation", "the refusal")
+        self.assertEqual((refused.available, refused.success, len(refused.issues)), (True, False, 1))
         self.stub.preview = good
         self.borders.publish(revision=77)
         self.preview.wait(lambda message: message.success, "the preview in another map")
@@ -175,14 +175,14 @@ class InteractionManagerTest(unittest.TestCase):
         self.command("define_seed")
         identity = self.in_state("seed").interaction_id
         good = self.stub.candidate
-        self.stub.candidate = GetCandidateResponse(success=False, code="too_few", message="Draw more.")
+        self.stub.candidate = GetDrawnBorderResponse(success=False, code="too_few", message="Draw more.")
         answer = self.command("save")
         self.assertEqual((answer.success, answer.code, answer.message), (False, "too_few", "Draw more."))
         self.stub.candidate = good
-        self.stub.add = AddBorderResponse(success=False, code="separates_nothing", message="It separates nothing.")
+        self.stub.add = AddBorderResponse(success=False, code="no_separation", message="It separates nothing.")
         answer = self.command("save")
-        self.assertEqual((answer.code, answer.message), ("separates_nothing", sentences.say("separates_nothing")))
-        state = self.state.wait(lambda message: message.last_code == "separates_nothing", "the refusal in the state")
+        self.assertEqual((answer.code, answer.message), ("no_separation", sentences.say("no_separation")))
+        state = self.state.wait(lambda message: message.last_code == "no_separation", "the refusal in the state")
         self.assertEqual((state.name, state.interaction_id, state.last_success), ("seed", identity, False))
 
     def test_neighbours_that_are_away_lose_nothing(self):
@@ -289,12 +289,12 @@ class InteractionManagerTest(unittest.TestCase):
         self.state.wait(lambda message: message.confirm_save, "the question")
         self.command("define_seed")
         self.state.wait(lambda message: not message.confirm_save, "the end of the question")
-        self.stub.preview.findings = [Finding(severity=Finding.WARNING, code="robot_inside", message="Mind.")]
+        self.stub.preview.issues = [RecognitionResult(severity=RecognitionResult.WARNING, code="robot_inside", message="Mind.")]
         self.draw(identity, dx=0.7)
-        self.preview.wait(lambda message: message.interaction_id == identity and message.findings, "the finding")
+        self.preview.wait(lambda message: message.interaction_id == identity and message.issues, "the issue")
         self.assertEqual(self.command("save").code, "confirm_save")
         self.assertEqual(self.command("save").code, "saved")
-        self.stub.preview.findings = []
+        self.stub.preview.issues = []
 
     def test_a_command_as_text(self):
         wait_until(lambda: self.text.get_num_connections(), "the subscriber")

@@ -18,7 +18,7 @@ from ros_helpers import Newest, Process, wait_until  # noqa: E402
 from speech import RATE, say  # noqa: E402
 
 from std_msgs.msg import Float32  # noqa: E402
-from vb_msgs.msg import Audio, Heard, NoticeArray, Sound  # noqa: E402
+from vb_msgs.msg import Audio, SpeechCommand, NoticeArray, Sound  # noqa: E402
 from vb_msgs.srv import Command, CommandResponse  # noqa: E402
 
 HEARD = "/virtual_borders/voice/heard"
@@ -42,7 +42,7 @@ class VoiceCommandsTest(unittest.TestCase):
             # what the test says follows at once: it must not fall into the answer to what it said before
             "_sounds/understood:=0.0", "_sounds/refusal:=0.0", "_service_answer:=60.0",
         )
-        cls.heard = Newest(HEARD, Heard)
+        cls.heard = Newest(HEARD, SpeechCommand)
         cls.sounds = Newest("/virtual_borders/sound", Sound)
         wait_until(cls.audio.get_num_connections, "the node's ear")
         wait_until(cls.heard.subscriber.get_num_connections, "the node's report")

@@ -26,7 +26,7 @@ def drawing():
     view.seeing, view.cameras = ("red",), ("red", "robot")
     view.robot = "x 2.10 m, y 0.43 m, drives"
     view.preview, view.preview_good = "the border would restrict 2.50 m2", True
-    view.findings = (("The robot stands inside the new border.", False),)
+    view.issues = (("The robot stands inside the new border.", False),)
     view.borders = (BorderRow("b1", "Nursery", 8.0, True), BorderRow("b2", "Old carpet", 1.0, False, 0.5))
     view.say("10:00:00", "wizard, define border: Draw the border.", GOOD)
     return view
@@ -51,7 +51,7 @@ def test_any_size_can_be_drawn(width, height):
 def test_long_answers_are_read_to_their_end():
     view = drawing()
     view.say("10:00:01", "word " * 30 + "end", BAD)
-    view.preview, view.preview_good, view.findings = "It separates nothing: " + "so " * 40 + "redraw", False, ()
+    view.preview, view.preview_good, view.issues = "It separates nothing: " + "so " * 40 + "redraw", False, ()
     text = screen(view)
     assert " end" in text and "redraw" in text and "\u2026" not in text
 
@@ -59,7 +59,7 @@ def test_long_answers_are_read_to_their_end():
 def test_a_refused_preview_is_not_said_twice():
     view = drawing()
     view.preview, view.preview_good = "It separates nothing.", False
-    view.findings = (("It separates nothing.", True),)
+    view.issues = (("It separates nothing.", True),)
     assert screen(view).count("It separates nothing.") == 1
 
 

@@ -102,9 +102,9 @@ def test_every_state_and_command_pair_is_answered(way, command):
 
 @pytest.mark.parametrize("way", list(situations()))
 def test_sensible_commands_are_accepted_and_lead_on(way):
-    for command in after(*way).sensible_commands():
+    for command in after(*way).suggested_commands():
         assert after(*way).command(command, "test", 10.0).success
-    sensible = after(*way).sensible_commands()
+    sensible = after(*way).suggested_commands()
     assert len(set(sensible)) == len(sensible)
     assert (CANCEL in sensible) == bool(way)
     assert (SAVE in sensible) == (DEFINE_BORDER in way and DEFINE_SEED in way)
@@ -246,7 +246,7 @@ def test_a_damaged_memory_is_refused(damage):
     damage(memory)
     with pytest.raises(CodedError) as caught:
         Interaction.from_mapping(memory)
-    assert caught.value.code == "bad_memory"
+    assert caught.value.code == "bad_state_file"
 
 
 def test_no_memory_is_refused():
@@ -264,9 +264,9 @@ def test_stop_holds_until_resume_whatever_else_is_said(way):
         if interaction.pending:
             interaction.finish(Answer(True, "borders_changed"), 11.0)
         assert interaction.stopped and interaction.stopped_by == "voice"
-        assert interaction.sensible_commands()[0] == RESUME
+        assert interaction.suggested_commands()[0] == RESUME
     assert interaction.command(RESUME, "wizard", 12.0).success
-    assert not interaction.stopped and STOP in interaction.sensible_commands()
+    assert not interaction.stopped and STOP in interaction.suggested_commands()
 
 
 def test_guide_while_stopped_says_so():
@@ -367,6 +367,6 @@ def test_without_a_robot_nobody_is_offered_to_guide_one():
     for step, command in enumerate(("", "define_border", "define_seed", "save")):
         if command:
             interaction.command(command, "test", float(step))
-        assert "guide_robot" not in interaction.sensible_commands()
+        assert "guide_robot" not in interaction.suggested_commands()
     answer = Interaction(InteractionParams(robot=False)).command("guide robot", "test", 1.0)
     assert (answer.success, answer.code) == (False, "no_robot_to_guide")

@@ -1,4 +1,4 @@
-"""When a preview is made anew."""
+"""When a preview is made again."""
 from __future__ import annotations
 
 import dataclasses
@@ -9,32 +9,32 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from vb_core.errors import ParameterError
-from vb_voice_wizard.preview_pace import PreviewPace, PreviewParams, Situation
+from vb_voice_wizard.preview_scheduler import PreviewScheduler, PreviewParams, PreviewInputs
 
 PARAMS = PreviewParams(period=0.5, retry=2.0, tolerance=0.02, share=0.25)
-DRAWN = Situation("i1", np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0]]), np.array([[0.5, 0.5]]), (7.0, 3))
+DRAWN = PreviewInputs("i1", np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0]]), np.array([[0.5, 0.5]]), (7.0, 3))
 
 
-def changed(**changes) -> Situation:
+def changed(**changes) -> PreviewInputs:
     return dataclasses.replace(DRAWN, **changes)
 
 
-def shown(situation: Situation = DRAWN, started: float = 100.0, took: float = 0.0, answered: bool = True) -> PreviewPace:
-    pace = PreviewPace(PARAMS)
+def shown(situation: PreviewInputs = DRAWN, started: float = 100.0, took: float = 0.0, answered: bool = True) -> PreviewScheduler:
+    pace = PreviewScheduler(PARAMS)
     pace.done(situation, started, started + took, answered)
     return pace
 
 
 def test_the_first_one_is_due_at_once():
-    assert PreviewPace(PARAMS).wait_s(Situation(), 0.0) == 0.0
-    assert PreviewPace(PARAMS).wait_s(DRAWN, 0.0) == 0.0
+    assert PreviewScheduler(PARAMS).wait_s(PreviewInputs(), 0.0) == 0.0
+    assert PreviewScheduler(PARAMS).wait_s(DRAWN, 0.0) == 0.0
 
 
 def test_nothing_is_done_while_nothing_changes():
     assert shown().wait_s(DRAWN, 1e9) is None
     assert shown().wait_s(changed(chain=DRAWN.chain + 0.01, seed=DRAWN.seed - 0.01), 1e9) is None
     # without border and seed the borders in the map are no matter
-    assert shown(Situation("i1")).wait_s(Situation("i1", borders=(8.0, 4)), 1e9) is None
+    assert shown(PreviewInputs("i1")).wait_s(PreviewInputs("i1", borders=(8.0, 4)), 1e9) is None
 
 
 @pytest.mark.parametrize(
@@ -59,7 +59,7 @@ def test_slow_changes_add_up():
 
 
 def test_another_interaction_is_shown_at_once():
-    assert shown().wait_s(Situation(), 100.0) == 0.0
+    assert shown().wait_s(PreviewInputs(), 100.0) == 0.0
     assert shown().wait_s(changed(interaction_id="i2"), 100.0) == 0.0
 
 

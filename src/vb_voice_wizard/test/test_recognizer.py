@@ -100,8 +100,8 @@ def test_alignment_prefers_what_was_drawn():
 
 @pytest.mark.parametrize("text", ["council", "castle", "say", "shave", "saves", "five", "we do", "resumed", "and you"])
 def test_near_misses_are_never_acted_on_unasked(recognizer, text):
-    for finding in recognizer.examine(say(text)):
-        assert finding.command is None or finding.unclear, f"{text} is surely {finding.command}"
+    for issue in recognizer.examine(say(text)):
+        assert issue.command is None or issue.unclear, f"{text} is surely {issue.command}"
 
 
 COMMANDS = {
@@ -144,12 +144,12 @@ def test_a_short_vocal_tract_gets_a_second_look(recognizer):
     """Played faster, pitch and formants rise alike: what was understood stays understood, and more is."""
     texts = [text for text, _ in COMMANDS.values()]
     short = [np.rint(resample_poly(say(text).astype(float), 66, 100)).astype(np.int16) for text in texts]
-    once = CommandRecognizer(RecognizerParams(second_look=1.0))
+    once = CommandRecognizer(RecognizerParams(rescore_threshold=1.0))
     first, both = ([listener.recognize(pcm) for pcm in short] for listener in (once, recognizer))
     assert all(one in (None, two) for one, two in zip(first, both))
     # what was doubted at first is asked about, however sure the second look is
-    looked = [finding for pcm, before in zip(short, first) if before is None for finding in recognizer.examine(pcm)]
-    assert all(finding.unclear for finding in looked if finding.command)
+    looked = [issue for pcm, before in zip(short, first) if before is None for issue in recognizer.examine(pcm)]
+    assert all(issue.unclear for issue in looked if issue.command)
     right = [sum(found == command for found, command in zip(each, COMMANDS)) for each in (first, both)]
     assert right[1] >= right[0] and right[1] >= 3
 
@@ -168,13 +168,13 @@ def test_warped_bands_meet_moved_tones():
 
 
 def test_what_was_made_of_it_can_be_seen(recognizer):
-    (finding,) = recognizer.examine(say("define border"))
-    assert finding.command == finding.best == "define_border" and finding.reason == "ok"
-    assert 0.5 <= finding.confidence <= 1.0 and len(finding.measures) == len(MEASURES) and finding.heard
-    (finding,) = recognizer.examine(say("has anyone seen my glasses"))
-    assert finding.command is None and finding.best and finding.confidence < 0.5
+    (issue,) = recognizer.examine(say("define border"))
+    assert issue.command == issue.best == "define_border" and issue.reason == "ok"
+    assert 0.5 <= issue.confidence <= 1.0 and len(issue.measures) == len(MEASURES) and issue.heard
+    (issue,) = recognizer.examine(say("has anyone seen my glasses"))
+    assert issue.command is None and issue.best and issue.confidence < 0.5
     long = say("this sentence goes on and on and on for much longer than any command could ever take")
-    assert [finding.reason for finding in recognizer.examine(long)] == ["too_long"]
+    assert [issue.reason for issue in recognizer.examine(long)] == ["too_long"]
 
 
 def test_only_sound_of_the_expected_kind(recognizer):

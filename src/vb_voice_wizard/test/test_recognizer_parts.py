@@ -12,7 +12,7 @@ import pytest
 
 from vb_core.errors import CodedError, ParameterError
 from vb_core.ros.node import start_thread
-from vb_voice_wizard import wording
+from vb_voice_wizard import command_grammar
 from vb_voice_wizard.audio_sources import Microphone, Resampler, level_db, read_wav, to_model_rate
 from vb_voice_wizard.endpointing import CHUNK, Endpointer, EndpointParams, utterances
 
@@ -115,20 +115,20 @@ def grammar(tmp_path, text):
 )
 def test_bad_grammars(tmp_path, text, word):
     with pytest.raises(ParameterError, match=word):
-        wording.read_grammar(grammar(tmp_path, text))
+        command_grammar.read_grammar(grammar(tmp_path, text))
 
 
 def test_phrases_in_every_pronunciation(tmp_path):
     words = tmp_path / "a.dict"
     words.write_text("# comment\nsave S EY V\nsave(2) S EY\nborder B AO R D ER # why\n")
-    found = wording.phrases({"save": ["save border"]}, "", [words], PHONES)
+    found = command_grammar.phrases({"save": ["save border"]}, "", [words], PHONES)
     assert [phrase.words for phrase in found] == [
         (("S", "EY", "V"), ("B", "AO", "R", "D", "ER")),
         (("S", "EY"), ("B", "AO", "R", "D", "ER")),
     ]
     other = tmp_path / "b.dict"
     other.write_text("save S\nrobot R\n")
-    found = wording.phrases({"save": ["save"]}, "robot", [words, other], PHONES)
+    found = command_grammar.phrases({"save": ["save"]}, "robot", [words, other], PHONES)
     assert [phrase.words for phrase in found] == [(("R",), ("S", "EY", "V")), (("R",), ("S", "EY"))]
 
 
@@ -136,11 +136,11 @@ def test_unknown_words_and_phones_are_named(tmp_path):
     words = tmp_path / "a.dict"
     words.write_text("save S EY V\nseed S IY D\n")
     with pytest.raises(ParameterError, match="'frobnicate'"):
-        wording.phrases({"save": ["frobnicate"]}, "", [words], PHONES)
+        command_grammar.phrases({"save": ["frobnicate"]}, "", [words], PHONES)
     with pytest.raises(ParameterError, match="'seed'.*IY"):
-        wording.phrases({"save": ["seed"]}, "", [words], PHONES)
+        command_grammar.phrases({"save": ["seed"]}, "", [words], PHONES)
     with pytest.raises(ParameterError, match="no file"):
-        wording.find("grammar", str(tmp_path / "none"), "commands.yaml")
+        command_grammar.find("grammar", str(tmp_path / "none"), "commands.yaml")
 
 
 # ------------------------------------------------------------------ sound

@@ -53,7 +53,7 @@ class PageTest(unittest.TestCase):
     def setUpClass(cls):
         rospy.init_node("rostest_page")
         cls.heard = {}
-        for topic, kind in ((names.BORDERS, VirtualBorderArray), (names.STATE, InteractionState), (names.VIRTUAL_MAP, OccupancyGridArray),
+        for topic, kind in ((names.BORDERS, VirtualBorderArray), (names.STATE, InteractionState), (names.MAP_WITH_BORDERS, OccupancyGridArray),
                             (names.PHYSICAL_MAP, OccupancyGridArray), (names.STOP, Bool), (names.STUDY_EVENTS, StudyEvent)):
             rospy.Subscriber(topic, kind, lambda message, topic=topic: cls.heard.__setitem__(topic, message))
         cls.said = {}
@@ -126,7 +126,7 @@ class PageTest(unittest.TestCase):
     def test_1_a_border_round_the_carpet_from_the_phone(self):
         border = self.draw_carpet("Küche 厨房")
         self.assertEqual((border.name, border.kind), ("Küche 厨房", VirtualBorder.POLYGON))
-        prior, posterior = (grid_from_message(self.heard[topic]) for topic in (names.PHYSICAL_MAP, names.VIRTUAL_MAP))
+        prior, posterior = (grid_from_message(self.heard[topic]) for topic in (names.PHYSICAL_MAP, names.MAP_WITH_BORDERS))
         cells = np.argwhere(posterior.data > prior.data)
         places = posterior.cell_to_world(cells)
         self.assertLess(np.abs(places.min(axis=0) - CARPET[0]).max(), 0.1)
@@ -148,7 +148,7 @@ class PageTest(unittest.TestCase):
         until(lambda: self.borders()[0].name == "Rug", "the new name")
         self.browser.click("#borders .switch")
         until(lambda: not self.borders()[0].enabled, "the border to be off")
-        until(lambda: (self.heard[names.VIRTUAL_MAP].data == self.heard[names.PHYSICAL_MAP].data).all(), "the map without it")
+        until(lambda: (self.heard[names.MAP_WITH_BORDERS].data == self.heard[names.PHYSICAL_MAP].data).all(), "the map without it")
         self.browser.wait_text("#borders", "Switched off")
         # the history says it all
         for part in ("Küche 厨房 was added", "Rug has a new name", "Rug was switched off"):

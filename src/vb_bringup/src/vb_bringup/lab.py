@@ -269,7 +269,7 @@ def check_navigation(seen: NavigationSeen) -> List[Line]:
     if not seen.running:
         return [Line(seen.name, State.WARNING, "lab_navigation_missing", values)]
     lines = []
-    if not any(topic.endswith(names.VIRTUAL_MAP) for topic in seen.maps):
+    if not any(topic.endswith(names.MAP_WITH_BORDERS) for topic in seen.maps):
         lines.append(Line(seen.name, State.ERROR, "lab_navigation_without_borders", values))
     elif names.PHYSICAL_MAP in seen.maps:
         lines.append(Line(seen.name, State.ERROR, "lab_navigation_physical_map", values))

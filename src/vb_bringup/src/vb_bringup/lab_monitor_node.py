@@ -25,9 +25,9 @@ class LabMonitorParams(Parameters):
 class LabMonitorNode:
     """Watches the detectors' reports.
 
-    Subscribes:
+    Subscribed topics:
         /virtual_borders/detectors (vb_msgs/DetectorStatus)
-    Publishes:
+    Published topics:
         /virtual_borders/notices (vb_msgs/NoticeArray): camera_silent, camera_no_pose, camera_no_lens, detector_missing
     Parameters:
         ~* LabMonitorParams

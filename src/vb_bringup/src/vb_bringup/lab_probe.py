@@ -118,7 +118,7 @@ def probe(seconds: float, folder: str) -> List[Line]:
         streams[_within(robot, "scan")] = Stream(_within(robot, "scan"), LaserScan)
         for name in ("camera/rgb/image_raw", "camera/depth_registered/image_raw"):
             streams.setdefault(_within(robot, name), Stream(_within(robot, name), Image))
-    for topic, kind in ((names.PHYSICAL_MAP, OccupancyGrid), (names.VIRTUAL_MAP, OccupancyGrid),
+    for topic, kind in ((names.PHYSICAL_MAP, OccupancyGrid), (names.MAP_WITH_BORDERS, OccupancyGrid),
                         (names.BORDERS, VirtualBorderArray)):
         streams[topic] = Stream(topic, kind)
     rospy.rostime.wallsleep(seconds)
@@ -302,7 +302,7 @@ def _navigation(graph: Graph, node: str) -> NavigationSeen:
 
 
 def _map(graph: Graph, streams: Mapping[str, Stream]) -> MapSeen:
-    physical, virtual = streams[names.PHYSICAL_MAP].message(), streams[names.VIRTUAL_MAP].message()
+    physical, virtual = streams[names.PHYSICAL_MAP].message(), streams[names.MAP_WITH_BORDERS].message()
     borders = streams[names.BORDERS].message()
     publishers = graph.publishers.get(names.PHYSICAL_MAP, [])
     if physical is None:

@@ -76,7 +76,7 @@ _DETECTOR = """\
 
 _NETWORK = """\
 # To be sourced before roslaunch, on each computer of this lab:  . network.sh
-# One computer: leave both lines out, ROS then stays on it. Several: see docs/network.md for who else can listen.
+# One computer: leave both lines out, ROS then stays on it. Several: see docs/how-to/protect-the-network.md for who else can listen.
 # export ROS_MASTER_URI=http://ROBOT:11311
 # export ROS_IP=ADDRESS_OF_THIS_COMPUTER
 """

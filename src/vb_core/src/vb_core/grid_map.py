@@ -1,4 +1,10 @@
-"""The 2D occupancy grid map (OGM) as numpy sees it."""
+"""The 2D occupancy grid map (OGM) as numpy sees it.
+
+>>> import numpy as np
+>>> grid = GridMap(np.zeros((40, 60), np.int8), resolution=0.05, origin=(-1.0, 0.0, 0.0))
+>>> grid.shape, grid.world_to_cell([0.0, 1.0])[0].tolist()   # (x, y) [m] to (row, column)
+((40, 60), [20, 20])
+"""
 from __future__ import annotations
 
 import math

@@ -12,7 +12,7 @@ _OPERATIONS = {
 }
 
 
-def compare(values: np.ndarray, limit: float, operation: int, dst: Optional[np.ndarray] = None) -> np.ndarray:
+def threshold_mask(values: np.ndarray, limit: float, operation: int, dst: Optional[np.ndarray] = None) -> np.ndarray:
     """(H, W) uint8: 255 where the comparison with a number holds; `cv2.compare` for every size.
 
     OpenCV takes an array of a single element for a number too, and refuses to compare two numbers.

@@ -3,7 +3,7 @@
 MAP_FRAME = "map"
 
 PHYSICAL_MAP = "/map"
-VIRTUAL_MAP = "/virtual_borders/map"
+MAP_WITH_BORDERS = "/virtual_borders/map"
 SPOTS = "/virtual_borders/spots"
 STATE = "/virtual_borders/state"
 PROGRESS = "/virtual_borders/progress"
@@ -25,7 +25,7 @@ PROJECTOR = "/virtual_borders/projector"
 STUDY_EVENTS = "/virtual_borders/study_events"
 
 COMMAND = "/virtual_borders/command"
-CANDIDATE = "/virtual_borders/get_candidate"
+CANDIDATE = "/virtual_borders/get_drawn_border"
 ADD_BORDER = "/virtual_borders/add_border"
 UPDATE_BORDER = "/virtual_borders/update_border"
 REMOVE_BORDER = "/virtual_borders/remove_border"

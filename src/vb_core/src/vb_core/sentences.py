@@ -1,6 +1,6 @@
 """The sentences that people read or hear, by code and language.
 
-Messages carry a code and values. A sentence is looked up here, in the language of whoever reads it:
+Messages carry a code and values. A sentence is looked up here, in the language of the person who reads it:
 languages/<language>/<topic>.yaml maps each code to one sentence with the values' names in braces:
 
     seed_missing: "{border} has no seed: point at the side that the robot should keep out of."

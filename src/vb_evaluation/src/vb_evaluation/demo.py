@@ -32,14 +32,14 @@ from vb_core.geometry import chain_length
 from vb_core.ros import messages
 from vb_evaluation import metrics, pictures
 from vb_evaluation.goal_runs import Driven, GoalRunner
-from vb_evaluation.narration import Narrator, live_line, result_table
+from vb_evaluation.progress_log import ProgressLog, live_line, result_table
 from vb_evaluation.observer import CameraAlbum, Observer, wait_until
 from vb_evaluation.processes import Child, find_window, free_port, screenshot, start_screen
 from vb_feedback import fit_display
 from vb_msgs.msg import VirtualBorder
 from vb_msgs.srv import SaveMap
 from vb_sim import floor_plan
-from vb_sim.world import Proof, Scenario, World, load_world
+from vb_sim.world import DetourCheck, Scenario, World, load_world
 
 METHODS = ("nrs", "robot_only")
 NAVIGATIONS = ("standin", "move_base")
@@ -126,7 +126,7 @@ class Demo:
     def __init__(self, options: Options, console: Console) -> None:
         self.options = options
         self.console = console
-        self._narrator = Narrator(console)
+        self._narrator = ProgressLog(console)
         self._stack = contextlib.ExitStack()
         self.display: Optional[str] = None
         self.virtual_screen = False
@@ -306,7 +306,7 @@ class Demo:
                 counts["delay_median_ms"], counts["delay_p95_ms"] = np.median(delays, axis=0).round(1).tolist()
         return {"real_time_factor": ros / wall if wall > 0 else math.nan, "frames": frames, "duration_s": ros}
 
-    def _plan_after(self, observer, proof: Proof, region: np.ndarray) -> np.ndarray:
+    def _plan_after(self, observer, proof: DetourCheck, region: np.ndarray) -> np.ndarray:
         """The way after the border, as soon as move_base's costmap has it (at most 5 s)."""
         after = np.zeros((0, 2))
 
@@ -318,7 +318,7 @@ class Demo:
         wait_until(respected, 5.0, 0.25)
         return after
 
-    def _drive(self, proof: Proof) -> Driven:
+    def _drive(self, proof: DetourCheck) -> Driven:
         """Sends the robot to where the proof begins, and from there to its goal; gives the second drive."""
         runner = GoalRunner()
         with self._narrator.status("the robot drives to the start of the proof"):

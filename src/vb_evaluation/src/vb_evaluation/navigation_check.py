@@ -29,10 +29,10 @@ from vb_msgs.srv import AddBorder, AddBorderRequest, RemoveBorder, RemoveBorderR
 WATCHED = 2.0  # [s] for which plans are asked for after the costmaps were cleared
 STILL = 0.05  # [m] by which map -> odom may move while nothing but a border changes
 SOFT = 0.75  # delta of the soft border
-# where move_base keeps them, below its own name; docs/lab-setup.md says why these values
+# where move_base keeps them, below its own name; docs/tutorials/first-border-in-your-lab.md says why these values
 WANTED = {
-    "global_costmap/static_layer/map_topic": names.VIRTUAL_MAP,
-    "local_costmap/static_layer/map_topic": names.VIRTUAL_MAP,
+    "global_costmap/static_layer/map_topic": names.MAP_WITH_BORDERS,
+    "local_costmap/static_layer/map_topic": names.MAP_WITH_BORDERS,
     "global_costmap/static_layer/trinary_costmap": False,
     "local_costmap/static_layer/trinary_costmap": False,
     "make_plan_clear_costmap": False,
@@ -86,7 +86,7 @@ class NavigationCheck:
         except rospy.ROSException:
             raise CodedError("no_planner", f"nobody offers {service}: start move_base, or name it with --move-base") from None
         if not wait_until(lambda: self._observer.posterior is not None, 10.0):
-            raise CodedError("no_map", f"nothing on {names.VIRTUAL_MAP}: does map_integrator run, and is there a /map?")
+            raise CodedError("no_map", f"nothing on {names.MAP_WITH_BORDERS}: does map_integrator run, and is there a /map?")
         self._start = geometry.transform_pose2d(self._pose(self._base_frame))
         way = self._plan()
         if not len(way):

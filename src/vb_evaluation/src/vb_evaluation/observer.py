@@ -49,7 +49,7 @@ class Observer:
             rospy.Subscriber(names.PROGRESS, BorderProgress, lambda m: setattr(self, "progress", m)),
             rospy.Subscriber(names.BORDERS, VirtualBorderArray, lambda m: setattr(self, "borders", m.borders)),
             rospy.Subscriber(names.PHYSICAL_MAP, messages.OccupancyGridArray, lambda m: self._on_map("prior", m)),
-            rospy.Subscriber(names.VIRTUAL_MAP, messages.OccupancyGridArray, lambda m: self._on_map("posterior", m)),
+            rospy.Subscriber(names.MAP_WITH_BORDERS, messages.OccupancyGridArray, lambda m: self._on_map("posterior", m)),
             rospy.Subscriber(names.LAB_STATE, LabState, lambda m: setattr(self, "lab", m), queue_size=1),
             rospy.Subscriber(names.DETECTORS, DetectorStatus, self._on_detector),
             rospy.Subscriber(names.SPOTS, LaserSpot, self._on_spot),

@@ -40,7 +40,7 @@ class Scene:
     spots: Tuple[Tuple[str, float, float], ...] = ()
     region: Optional[np.ndarray] = None
     area_m2: float = 0.0
-    findings: Tuple[Notice, ...] = ()
+    issues: Tuple[Notice, ...] = ()
     path: Tuple[Tuple[float, float], ...] = ()
     notices: Tuple[Notice, ...] = ()
 
@@ -81,7 +81,7 @@ def scenes(world: World) -> List[Scene]:
     )
     return [
         default, border, seed,
-        replace(seed, name="seed_mind", findings=(Notice("preview_parts", values={"parts": "2"}),)),
+        replace(seed, name="seed_mind", issues=(Notice("preview_parts", values={"parts": "2"}),)),
         guide,
         replace(default, name="saved", posterior=after, borders=all_kept, code="saved"),
         replace(

@@ -39,7 +39,7 @@ from vb_evaluation.screenshot_scenes import Scene, scenes
 from vb_feedback import fit_display, rviz_fonts
 from vb_feedback.layout import plain
 from vb_msgs.msg import (
-    BorderProgress, Finding, InteractionState, LaserSpot, NoticeArray, VirtualBorder, VirtualBorderArray,
+    BorderProgress, Issue, InteractionState, LaserSpot, NoticeArray, VirtualBorder, VirtualBorderArray,
 )
 from vb_sim import floor_plan
 from vb_sim.world import load_world
@@ -167,7 +167,7 @@ class Stage:
         self._said: Dict[Tuple[str, int], str] = {}
         latched: Dict[str, Any] = {"queue_size": 1, "latch": True}
         self._map = rospy.Publisher(names.PHYSICAL_MAP, OccupancyGridArray, **latched)
-        self._posterior = rospy.Publisher(names.VIRTUAL_MAP, OccupancyGridArray, **latched)
+        self._posterior = rospy.Publisher(names.MAP_WITH_BORDERS, OccupancyGridArray, **latched)
         self._state = rospy.Publisher(names.STATE, InteractionState, **latched)
         self._progress = rospy.Publisher(names.PROGRESS, BorderProgress, **latched)
         self._preview = rospy.Publisher(names.PREVIEW, BorderPreviewArray, **latched)
@@ -239,9 +239,9 @@ class Stage:
         region = self._grid.with_data(np.where(scene.region, 100, 0).astype(np.int8))
         return BorderPreviewArray(
             interaction_id=scene.name, available=True, success=True, area_m2=scene.area_m2,
-            findings=[
-                Finding(severity=Finding.WARNING, code=found.code, message=found.sentence(), values=values_from_mapping(found.values))
-                for found in scene.findings
+            issues=[
+                Issue(severity=Issue.WARNING, code=found.code, message=found.sentence(), values=values_from_mapping(found.values))
+                for found in scene.issues
             ],
             region=message_from_grid(region, rospy.Time.now()),
         )

@@ -6,7 +6,7 @@ import subprocess
 import numpy as np
 
 from vb_core.errors import CodedError
-from vb_feedback.synthesis import RATE
+from vb_feedback.tone_synthesis import RATE
 
 # [s] beyond a sound's own length, then the device counts as stuck
 _PATIENCE_S = 3.0

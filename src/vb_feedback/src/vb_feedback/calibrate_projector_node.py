@@ -41,11 +41,11 @@ class CalibrationParams(Parameters):
 class CalibrateProjector:
     """Asks for four clicks, writes the calibration, shows the map's grid for checking, and ends.
 
-    Subscribes to:
+    Subscribed topics:
         /clicked_point (geometry_msgs/PointStamped): RViz's tool "Publish Point", in the map frame, on the map where the
             bright marker is seen on the floor.
 
-    Publishes:
+    Published topics:
         /virtual_borders/projector (sensor_msgs/Image, rgb8, latched): the markers, then a grid of 0.5 m.
 
     Args:

@@ -24,10 +24,10 @@ from vb_msgs.msg import (
 )
 from visualization_msgs.msg import Marker, MarkerArray
 
-from vb_feedback import display_messages, notices, restricted, scene
+from vb_feedback import display_messages, notices, restriction_overlay, scene
 from vb_feedback.display_messages import marker_from_shape
 from vb_feedback.layout import Box, Layout, fit
-from vb_feedback.words import Notice, words
+from vb_feedback.text_panel import Notice, words
 
 _REFRESH_S = 2.0
 # [s] a spot that nobody has seen for so long is lost; a hand that hides it for a moment does not count
@@ -69,7 +69,7 @@ class _Known:
 class DisplayMarkers:
     """Draws state, words, borders, drawing and spots as markers, and restricted areas as a grid.
 
-    Subscribes to:
+    Subscribed topics:
         /map, /virtual_borders/map (nav_msgs/OccupancyGrid): the layout, and where borders restrict.
         /virtual_borders/state (vb_msgs/InteractionState)
         /virtual_borders/progress (vb_msgs/BorderProgress)
@@ -79,7 +79,7 @@ class DisplayMarkers:
         /virtual_borders/notices (vb_msgs/NoticeArray): what any node has to say.
         /virtual_borders/coverage (nav_msgs/OccupancyGrid): 0 where no stationary camera sees the floor.
 
-    Publishes:
+    Published topics:
         /virtual_borders/markers (visualization_msgs/MarkerArray): only what changed; live spots as they come, at
             most ~spot_rate times a second, the rest ~max_rate times; everything to a subscriber that has just come.
         /virtual_borders/display/restricted (nav_msgs/OccupancyGrid, latched): stripes where borders
@@ -116,7 +116,7 @@ class DisplayMarkers:
         self._markers = rospy.Publisher(names.MARKERS, MarkerArray, self._on_subscriber(), queue_size=20)
         self._full_due = self._refreshed = 0.0
         node.Worker(self._wake, lambda _woken: self._work())
-        for topic, which in ((names.PHYSICAL_MAP, "physical"), (names.VIRTUAL_MAP, "posterior"), (names.COVERAGE, "coverage")):
+        for topic, which in ((names.PHYSICAL_MAP, "physical"), (names.MAP_WITH_BORDERS, "posterior"), (names.COVERAGE, "coverage")):
             rospy.Subscriber(topic, OccupancyGridArray, self._on_grid, which, queue_size=1)
         rospy.Subscriber(names.STATE, InteractionState, self._on_state, queue_size=5)
         rospy.Subscriber(names.PROGRESS, BorderProgress, self._store, "_progress", queue_size=1)
@@ -271,7 +271,7 @@ class DisplayMarkers:
             except CodedError as error:
                 rospy.logwarn_throttle(5.0, f"display_markers: the preview: {error}")
         stripe = max(1, int(round(self._params.stripe / posterior.resolution)))
-        cells = restricted.overlay(physical.data, posterior.data, stripe, wanted)
+        cells = restriction_overlay.overlay(physical.data, posterior.data, stripe, wanted)
         self._restricted.publish(message_from_grid(posterior.with_data(cells), rospy.Time.now()))
 
     @staticmethod
@@ -312,15 +312,15 @@ class DisplayMarkers:
             lost = (last.x, last.y) if now - last.stamp > _LOST_S else None
         language = self._params.language
         said = notices.of_others(known.held, language)
-        said += notices.of_preview(display_messages.preview_from_message(preview) if preview is not None else None, language)
+        said += notices.preview_notices(display_messages.preview_from_message(preview) if preview is not None else None, language)
         if lost is not None and preview is None and known.state is not None:
-            said += notices.of_spot(
+            said += notices.coverage_notices(
                 known.state.name, seeing, lost, known.coverage, bool(self._params.robots), known.held, language
             )
         return said
 
     def _part(self, name: str, inputs: Tuple[Any, ...], make: Callable[[], List[scene.Shape]]) -> List[scene.Shape]:
-        """Shapes of one part, made anew only if what they depend on has changed."""
+        """Shapes of one part, made again only if what they depend on has changed."""
         before = self._made.get(name)
         if before is None or before[0] != inputs:
             before = self._made[name] = (inputs, make())

@@ -9,12 +9,12 @@ from geometry_msgs.msg import Point
 from std_msgs.msg import ColorRGBA
 from vb_core import names, sentences
 from vb_core.ros.messages import array_from_points, mapping_from_values
-from vb_msgs.msg import BorderPreview, BorderProgress, Finding, InteractionState, VirtualBorder
+from vb_msgs.msg import BorderPreview, BorderProgress, BorderIssue, InteractionState, VirtualBorder
 from visualization_msgs.msg import Marker
 
 from vb_feedback import notices, scene
 from vb_feedback.notices import Preview
-from vb_feedback.words import Notice, Talk
+from vb_feedback.text_panel import Notice, PanelContent
 
 _KINDS = {
     scene.LINES: Marker.LINE_LIST,
@@ -62,17 +62,17 @@ def removal(namespace: str, number: int) -> Marker:
 
 def talk_from_state(
     state: Optional[InteractionState], seeing: Sequence[str], said: Sequence[Notice], has_map: bool, language: str
-) -> Talk:
+) -> PanelContent:
     """The words' contents; without a map nothing else matters but that robots are stopped."""
     stopped = state is not None and state.stopped
     if not has_map:
-        return Talk(message=sentences.say("display_waiting_map", {}, language), stopped=stopped, language=language)
+        return PanelContent(message=sentences.say("display_waiting_map", {}, language), stopped=stopped, language=language)
     if state is None:
-        return Talk(language=language)
+        return PanelContent(language=language)
     message = state.last_message
     if state.last_code:
         message = sentences.say(state.last_code, mapping_from_values(state.last_values), language, message)
-    return Talk(
+    return PanelContent(
         state.name,
         # whole seconds, as they are shown: less is no change
         float(int(state.guide_s + state.border_s + state.seed_s)),
@@ -118,12 +118,12 @@ def border_from_message(border: VirtualBorder) -> scene.Border:
 
 def preview_from_message(preview: BorderPreview) -> Preview:
     """Preview message to plain values, without its region."""
-    why = notices.Finding(True, preview.code, _items(preview.values), preview.message)
-    findings = tuple(
-        notices.Finding(found.severity == Finding.ERROR, found.code, _items(found.values), found.message)
-        for found in preview.findings
+    why = notices.Issue(True, preview.code, _items(preview.values), preview.message)
+    issues = tuple(
+        notices.Issue(found.severity == BorderIssue.ERROR, found.code, _items(found.values), found.message)
+        for found in preview.issues
     )
-    return Preview(preview.success, why, findings, preview.area_m2)
+    return Preview(preview.success, why, issues, preview.area_m2)
 
 
 def _items(values: Sequence[KeyValue]) -> Tuple[Tuple[str, str], ...]:

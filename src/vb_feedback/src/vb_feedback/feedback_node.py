@@ -12,7 +12,7 @@ from vb_core.ros import node, parameters
 from vb_msgs.msg import InteractionState, LaserSpot, Sound
 
 from vb_feedback import colours
-from vb_feedback.tones import Tones
+from vb_feedback.sound_events import SoundEvents
 
 
 @dataclass(frozen=True)
@@ -25,11 +25,11 @@ class FeedbackParams(Parameters):
 class Feedback:
     """Light and sound for the person (paper, Sect. 4.2: colored light and non-speech audio sound).
 
-    Subscribes to:
+    Subscribed topics:
         /virtual_borders/state (vb_msgs/InteractionState)
         /virtual_borders/spots (vb_msgs/LaserSpot)
 
-    Publishes:
+    Published topics:
         /virtual_borders/led (std_msgs/ColorRGBA, latched): one colour per state, red while robots are stopped.
         /virtual_borders/sound (vb_msgs/Sound): a tone's name per change of state, "success", "refusal",
             "asked", "stopped", and "tick" per accepted spot, at most one every ~tick_period.
@@ -40,7 +40,7 @@ class Feedback:
 
     def __init__(self, params: FeedbackParams) -> None:
         self._lock = threading.Lock()
-        self._tones = Tones(params.tick_period)
+        self._tones = SoundEvents(params.tick_period)
         self._lit = ""
         self._led = rospy.Publisher(names.LED, ColorRGBA, queue_size=1, latch=True)
         self._sound = rospy.Publisher(names.SOUND, Sound, queue_size=10)

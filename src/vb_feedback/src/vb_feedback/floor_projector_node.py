@@ -26,7 +26,7 @@ from vb_feedback.scene import Border, Drawing
 FRAME = "projector"
 # [s] a spot that nobody has seen for so long is gone
 _SPOT_S = 0.5
-# [m] the spot must have gone so far for the picture to be drawn anew; less than what is left dark about it
+# [m] the spot must have gone so far for the picture to be drawn again; less than what is left dark about it
 _SPOT_STEP = 0.1
 
 
@@ -45,12 +45,12 @@ class ProjectorParams(Parameters):
 class FloorProjector:
     """Shows borders, the drawing, what save would restrict, and the state, where one looks: on the floor.
 
-    Subscribes to:
+    Subscribed topics:
         /virtual_borders/state (vb_msgs/InteractionState), /virtual_borders/progress (vb_msgs/BorderProgress),
         /virtual_borders/preview (vb_msgs/BorderPreview), /virtual_borders/borders (vb_msgs/VirtualBorderArray),
         /virtual_borders/spots (vb_msgs/LaserSpot)
 
-    Publishes:
+    Published topics:
         /virtual_borders/projector (sensor_msgs/Image, rgb8, latched): the projector's picture, only when it changes,
             at most ~max_rate times a second.
 
@@ -116,7 +116,7 @@ class FloorProjector:
             return FloorContent(borders=borders), None
         drawing = Drawing()
         if progress is not None and progress.interaction_id == interaction:
-            # the points come with every message anew, and only the chain is shown
+            # the points come with every message again, and only the chain is shown
             drawing = replace(drawing_from_progress(progress), points=(), point_cameras=())
         if preview is None or preview.interaction_id != interaction or not preview.available or not preview.success:
             preview = None

@@ -16,10 +16,10 @@ from vb_feedback.kobuki import KobukiParams
 class KobukiFeedback:
     """Tells states by a LED of the base, sounds by its beeper.
 
-    Subscribes to:
+    Subscribed topics:
         /virtual_borders/state (vb_msgs/InteractionState), /virtual_borders/sound (vb_msgs/Sound)
 
-    Publishes:
+    Published topics:
         <led_topic> (kobuki_msgs/Led, latched), <sound_topic> (kobuki_msgs/Sound)
 
     Args:

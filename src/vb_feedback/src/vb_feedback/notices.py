@@ -9,7 +9,7 @@ from typing import List, Mapping, Optional, Sequence, Tuple
 
 from vb_core import notices, sentences
 from vb_core.grid_map import GridMap
-from vb_feedback.words import Notice
+from vb_feedback.text_panel import Notice
 
 # more sentences than this nobody reads from across the room, and letters would get too small
 _MOST = 3
@@ -18,7 +18,7 @@ _ABOUT_THE_SPOT = ("spot_unseen_robot_comes", "spot_unseen_no_robot", "spot_ahea
 
 
 @dataclass(frozen=True)
-class Finding:
+class Issue:
     """What the check of a border found; `message` is its own English sentence."""
 
     is_error: bool
@@ -36,12 +36,12 @@ class Preview:
     """What saving now would do."""
 
     success: bool
-    why: Finding = Finding(True, "")
-    findings: Tuple[Finding, ...] = ()
+    why: Issue = Issue(True, "")
+    issues: Tuple[Issue, ...] = ()
     area_m2: float = 0.0
 
 
-def of_preview(preview: Optional[Preview], language: str) -> List[Notice]:
+def preview_notices(preview: Optional[Preview], language: str) -> List[Notice]:
     """Why save would be refused, or what it would restrict and what to mind."""
     if preview is None:
         return []
@@ -50,11 +50,11 @@ def of_preview(preview: Optional[Preview], language: str) -> List[Notice]:
         return sentences.say(code, values, language)
 
     if not preview.success:
-        errors = [finding for finding in preview.findings if finding.is_error]
+        errors = [issue for issue in preview.issues if issue.is_error]
         why = (errors or [preview.why])[0].sentence(language)
         return [Notice(say("preview_refused", {"why": why}), warning=True)]
     said = [Notice(say("preview_restricts", {"area": f"{preview.area_m2:.2f}"}))]
-    warnings = [finding for finding in preview.findings if not finding.is_error]
+    warnings = [issue for issue in preview.issues if not issue.is_error]
     if warnings:
         said.append(Notice(say("preview_mind", {"what": warnings[0].sentence(language)}), warning=True))
     return said
@@ -74,7 +74,7 @@ def of_others(held: Sequence[notices.Notice], language: str) -> List[Notice]:
 _NEAR = 0.6
 
 
-def of_spot(
+def coverage_notices(
     state: str, seeing: Sequence[str], lost: Optional[Tuple[float, float]], coverage: Optional[GridMap], robots: bool,
     held: Sequence[notices.Notice], language: str,
 ) -> List[Notice]:

@@ -4,10 +4,10 @@ from __future__ import annotations
 from collections import deque
 from typing import Deque, Optional, Tuple
 
-from vb_feedback.synthesis import SOUNDS, TICK
+from vb_feedback.tone_synthesis import SOUNDS, TICK
 
 
-class Playlist:
+class SoundQueue:
     """Sounds that wait. Not thread safe.
 
     A tick plays only if nothing else waits and the last one is long enough ago; other sounds keep their order.

@@ -60,7 +60,7 @@ def _fitted(params: SmartDisplayParams) -> str:
     except (OSError, yaml.YAMLError) as error:
         raise CodedError("bad_config", f"cannot read the RViz config '{params.config}': {error}") from None
     fitted = fit_config(config, extent, *params.size(), aspect=rospy.get_param(_ASPECT, None))
-    # one per node, written anew at each start: RViz reads it when this process is no more
+    # one per node, written again at each start: RViz reads it when this process is no more
     path = os.path.join(rospkg.get_ros_home(), f"{rospy.get_name().strip('/').replace('/', '_')}.rviz")
     try:
         os.makedirs(os.path.dirname(path), exist_ok=True)

@@ -13,9 +13,9 @@ from vb_core.parameters import Parameters, param
 from vb_core.ros import node, parameters
 from vb_msgs.msg import Sound
 
-from vb_feedback import synthesis
+from vb_feedback import tone_synthesis
 from vb_feedback.audio_sink import AudioSink
-from vb_feedback.playlist import Playlist
+from vb_feedback.playlist import SoundQueue
 
 
 @dataclass(frozen=True)
@@ -33,8 +33,8 @@ class SoundParams(Parameters):
 class SoundPlayer:
     """Plays sounds on this computer. Without a sound device it says so once and stays quiet.
 
-    Subscribes to:
-        /virtual_borders/sound (vb_msgs/Sound): names of sounds; see synthesis.SOUNDS for what they sound like.
+    Subscribed topics:
+        /virtual_borders/sound (vb_msgs/Sound): names of sounds; see tone_synthesis.SOUNDS for what they sound like.
 
     Args:
         params: see config/sound_player.yaml.
@@ -44,7 +44,7 @@ class SoundPlayer:
     def __init__(self, params: SoundParams, sink: AudioSink) -> None:
         self._params = params
         self._sink = sink
-        self._playlist = Playlist(params.tick_period, params.max_age)
+        self._playlist = SoundQueue(params.tick_period, params.max_age)
         self._condition = threading.Condition()
         self._closed = False
         self._silent_until = 0.0
@@ -60,7 +60,7 @@ class SoundPlayer:
 
     # on a steady clock: a loudspeaker does not follow simulated time
     def _on_sound(self, message: Sound) -> None:
-        if message.name not in synthesis.SOUNDS:
+        if message.name not in tone_synthesis.SOUNDS:
             rospy.logwarn_throttle(10.0, f"sound_player: no sound is called '{message.name}'")
             return
         with self._condition:
@@ -80,7 +80,7 @@ class SoundPlayer:
         if time.monotonic() < self._silent_until:
             return
         try:
-            self._sink.play(synthesis.samples(name, self._params.volume))
+            self._sink.play(tone_synthesis.samples(name, self._params.volume))
         except CodedError as error:
             # a device may be plugged in later: tried again now and then, without a second word
             self._silent_until = time.monotonic() + self._params.retry

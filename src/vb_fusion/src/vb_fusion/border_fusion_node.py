@@ -23,7 +23,7 @@ from vb_fusion.extraction import ExtractionParams
 from vb_fusion.journal import Journal
 from vb_fusion.live import Candidate, LiveCandidate, evenly, extract_chain, extract_seed_of
 from vb_msgs.msg import BorderProgress, InteractionState, LaserSpot, VirtualBorder
-from vb_msgs.srv import GetCandidate, GetCandidateResponse
+from vb_msgs.srv import GetDrawnBorder, GetDrawnBorderResponse
 
 _STATES = {
     InteractionState.DEFAULT: "default",
@@ -48,16 +48,16 @@ class FusionParams(Parameters):
 class BorderFusionNode:
     """Collects the spots of an interaction and extracts border and seed.
 
-    Subscribes:
+    Subscribed topics:
         /virtual_borders/spots (vb_msgs/LaserSpot): of every camera.
         /virtual_borders/state (vb_msgs/InteractionState, latched): spots are collected in Border and Seed only.
-    Publishes:
+    Published topics:
         /virtual_borders/progress (vb_msgs/BorderProgress, latched): at ~rate while spots come in Border and Seed, at
             ~idle_rate while none come, and on each change of state. After the interaction the last one stays.
         /virtual_borders/notices (vb_msgs/NoticeArray, latched): what was left out, what cannot be kept on disk, and
             what else went wrong; whatever it is, the node goes on.
-    Serves:
-        /virtual_borders/get_candidate (vb_msgs/GetCandidate): the border of everything drawn in an interaction; an
+    Services:
+        /virtual_borders/get_drawn_border (vb_msgs/GetDrawnBorder): the border of everything drawn in an interaction; an
             empty interaction_id means the present one. The last interaction can be asked for until the next begins.
     Parameters: config/border_fusion.yaml.
     """
@@ -87,7 +87,7 @@ class BorderFusionNode:
         self._spot_subscriber = rospy.Subscriber(
             names.SPOTS, LaserSpot, self._on_spot, queue_size=400, tcp_nodelay=True
         )
-        self._service = rospy.Service(names.CANDIDATE, GetCandidate, self._on_candidate)
+        self._service = rospy.Service(names.CANDIDATE, GetDrawnBorder, self._on_candidate)
         self._worker = threading.Thread(target=self._work, daemon=True)
         self._worker.start()
 
@@ -248,10 +248,10 @@ class BorderFusionNode:
             message.values = values_from_mapping(missing.values)
         return message
 
-    def _on_candidate(self, request) -> GetCandidateResponse:
+    def _on_candidate(self, request) -> GetDrawnBorderResponse:
         with self._lock:
             collection = self._collector.collection()
-        response = GetCandidateResponse()
+        response = GetDrawnBorderResponse()
         wanted = request.interaction_id or collection.interaction_id
         try:
             if not wanted or wanted != collection.interaction_id:

@@ -1,6 +1,6 @@
 """Stage 4: polygon or separating curve, as people mean it.
 
-Whoever means a closed figure leads the pointer back to where it began. So the gap between the ends is compared with
+People who mean a closed figure lead the pointer back to where it began. So the gap between the ends is compared with
 the figure's own size, its largest width: ends that come back by more than half of it are meant to meet. Ends that lie
 side by side like the legs of a U leave an opening on purpose, unless it is small: in between, the angle decides by
 which the line would turn to close. Ends that cross or run past each other are cut there.

@@ -79,7 +79,7 @@ class LiveCandidate:
         self.candidate = Candidate()
 
     def reset(self) -> None:
-        """Starts afresh, for a new interaction."""
+        """Starts again, for a new interaction."""
         self._not_before = 0.0
         self._border_total = self._seed_total = -1
         self.candidate = Candidate()

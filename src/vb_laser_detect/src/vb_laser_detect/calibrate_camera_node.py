@@ -1,4 +1,4 @@
-"""Guides a person through the calibration of a ceiling camera, in a terminal; see docs/calibration.md."""
+"""Guides a person through the calibration of a ceiling camera, in a terminal; see docs/how-to/calibrate-cameras.md."""
 from __future__ import annotations
 
 import argparse
@@ -52,7 +52,7 @@ def tuned_params(camera: str) -> DetectorParams:
 class CameraInput:
     """One camera's images and model.
 
-    Subscribes:
+    Subscribed topics:
         <image> (sensor_msgs/Image) or <image>/compressed (sensor_msgs/CompressedImage), <camera_info>
     """
 
@@ -105,7 +105,7 @@ class CameraInput:
 class Inputs:
     """What the person does: lines typed, and points clicked in RViz, in their order.
 
-    Subscribes:
+    Subscribed topics:
         /clicked_point (geometry_msgs/PointStamped): RViz' tool "Publish Point", fixed frame map.
     """
 
@@ -328,7 +328,7 @@ def check(arguments: argparse.Namespace) -> int:
     say(
         f"cameras agree to {arguments.limit:g} cm"
         if worst <= limit
-        else f"cameras do NOT agree to {arguments.limit:g} cm: calibrate the one anew that is off in most lines"
+        else f"cameras do NOT agree to {arguments.limit:g} cm: calibrate the one again that is off in most lines"
     )
     return 0 if worst <= limit else 1
 

@@ -350,7 +350,7 @@ class _Fit:
         self._board_sigma = np.array([self._placement_sigma(group) for group in self._groups]).reshape(-1, 3)
         # points that agree with the pose can still be off: soft_l1 lets those beyond 2 sigma weigh less
         x0 = np.zeros(6 + 3 * len(self._groups))
-        from scipy.optimize import least_squares  # whoever only reads calibrations does without its 20 MiB
+        from scipy.optimize import least_squares  # programs that only read calibrations do without its 20 MiB
 
         solution = least_squares(self._residuals, x0, method="trf", loss="soft_l1", f_scale=2.0, x_scale="jac")
         self.T_map_camera = _moved(start, solution.x[:6])

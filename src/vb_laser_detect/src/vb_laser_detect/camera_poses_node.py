@@ -28,7 +28,7 @@ class CameraPosesNode:
 
     A camera without a file, or with a broken one, is named in a warning; its last good pose stays.
 
-    Publishes:
+    Published topics:
         tf_static: the frames that the files name, usually map -> <camera>_optical_frame
     Parameters:
         ~* CameraPosesParams

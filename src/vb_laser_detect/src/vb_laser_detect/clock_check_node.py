@@ -37,9 +37,9 @@ class ClockCheckNode:
     A spot is stamped by the clock of its camera's computer and matched with transforms of the robot's: 10 ms are 5 mm
     at 0.5 m/s, and with 100 ms a detector would wait for each transform in vain.
 
-    Calls:
+    Services called:
         <node>/get_time (vb_msgs/GetTime), which each detector offers
-    Publishes:
+    Published topics:
         /diagnostics (diagnostic_msgs/DiagnosticArray): one status per detector
     Parameters:
         ~* ClockCheckParams
@@ -114,7 +114,7 @@ class ClockCheckNode:
             offset = self._offsets[name]
             age = time.monotonic() - self._measured.get(name, -math.inf)
         if age > 2.0 * self._params.period_s + _PATIENCE_S:
-            # whoever asks a computer whose cable was pulled waits for ever, and its last answer says nothing any more
+            # a request to a computer whose cable was pulled waits for ever, and its last answer says nothing any more
             offset = None
         limit = self._params.limit_ms / 1e3
         if offset is None:

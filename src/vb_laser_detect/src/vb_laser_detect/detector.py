@@ -3,6 +3,14 @@
 Five stages that share nothing but what they hand on: `image_format` says what the numbers mean, `proposals` where a
 closer look is worth it, `features` what is there, `classifier` whether that is a spot, and `tracking` which spot it is and
 whether it counts.
+
+>>> import numpy as np
+>>> detector = SpotDetector(DetectorParams.stationary())
+>>> floor = np.full((480, 640, 3), 90, np.uint8)
+>>> for frame in range(50):                                         # two seconds of an empty floor
+...     spots = detector.detect(floor, stamp=0.04 * frame)
+>>> spots
+[]
 """
 from __future__ import annotations
 
@@ -163,7 +171,7 @@ class SpotDetector:
 
         Args:
             image: (H, W, 3) bgr (or rgb: colours are only compared with each other) or (H, W) mono or Bayer, uint8.
-            stamp: [s] when it was taken. A stamp before the last one's starts anew.
+            stamp: [s] when it was taken. A stamp before the last one's starts again.
 
         Returns:
             Confirmed spots, the most certain first.
@@ -185,8 +193,8 @@ class SpotDetector:
         view = self._proposer.look(image, mosaic, p.min_rise, p.max_candidates, self._white, expected)
         self._white = max(self._white, view.white)
         camera = Camera(self._white, diagonal, mosaic, view.moved)
-        findings, left_out = self._look(view, camera)
-        found = sorted((f for f in findings if not f.refusal), key=lambda f: (not f.certain, -f.confidence))
+        found_spots, left_out = self._look(view, camera)
+        found = sorted((f for f in found_spots if not f.refusal), key=lambda f: (not f.certain, -f.confidence))
         spots, refusals = self._confirm(found, camera)
         # a pause must not make one frame outweigh all that was learnt before
         kept = [(f.blob.u, f.blob.v, f.blob.diameter) for f in found
@@ -196,27 +204,27 @@ class SpotDetector:
                 # a robot's first image: whatever is pale belongs to the floor, a lamp more likely than a spot
                 or (not view.known and (not p.moving_camera or _is_vivid(f.blob, camera)))]
         self._proposer.learn(view, kept, min(elapsed, 1.0))
-        self.candidates = [_candidate(f, refusals.get(id(f), f.refusal)) for f in findings] + left_out
+        self.candidates = [_candidate(f, refusals.get(id(f), f.refusal)) for f in found_spots] + left_out
         return spots
 
     def _look(self, view: View, camera: Camera) -> Tuple[List[_Finding], List[Candidate]]:
         """What is measured in a view's proposals, and those that were not looked at."""
-        findings: List[_Finding] = []
+        found_spots: List[_Finding] = []
         left_out = [_unmeasured(proposal, proposal.refusal) for proposal in view.proposals if proposal.refusal]
         proposals = [proposal for proposal in view.proposals if not proposal.refusal]
         for number, (proposal, metre) in enumerate(zip(proposals, self._metres_in(proposals))):
-            finding = self._examine(proposal, metre, view, camera)
+            issue = self._examine(proposal, metre, view, camera)
             one = proposal.expected
-            if one is not None and one.published and one.trusted and one.holds(finding.blob.u, finding.blob.v):
-                finding = replace(finding, told=True)
-            if not _is_double(finding, findings):
-                findings.append(finding)
-            if (self.params.max_spots == 1 and one is not None and one.published and one.moves and finding.certain
-                    and not finding.refusal and one.holds(finding.blob.u, finding.blob.v)):
+            if one is not None and one.published and one.trusted and one.holds(issue.blob.u, issue.blob.v):
+                issue = replace(issue, told=True)
+            if not _is_double(issue, found_spots):
+                found_spots.append(issue)
+            if (self.params.max_spots == 1 and one is not None and one.published and one.moves and issue.certain
+                    and not issue.refusal and one.holds(issue.blob.u, issue.blob.v)):
                 # the one spot is drawn with, and found where it is expected: nothing else can take its place
                 left_out += [_unmeasured(other, "not_looked_at") for other in proposals[number + 1 :]]
                 break
-        return findings, left_out
+        return found_spots, left_out
 
     def _examine(self, proposal: Proposal, metre: Optional[float], view: View, camera: Camera) -> _Finding:
         """Measures and judges one proposal."""
@@ -227,19 +235,19 @@ class SpotDetector:
         elif camera.mosaic and one.published and one.trusted and self.params.confirm_frames > 1:
             chroma_floor = None  # a spot that is told has shown its colour, and in a mosaic that takes longest to tell
         blob = features.measure(view.image, view.reference, proposal.region, largest, least_chroma=chroma_floor)
-        finding = self._judge(blob, metre, view, camera, False)
-        if one is None or not one.trusted or not finding.refusal:
-            return finding
+        issue = self._judge(blob, metre, view, camera, False)
+        if one is None or not one.trusted or not issue.refusal:
+            return issue
         if one.holds(blob.u, blob.v) and not blob.problem:
-            finding = self._judge(blob, metre, view, camera, True)
-        if finding.refusal:
+            issue = self._judge(blob, metre, view, camera, True)
+        if issue.refusal:
             # it has come to a bright line, or to the edge of more that became brighter: its core stands out of that
             for edge in (features.CORE, features.CORE_OF_MORE):
                 core = features.measure(view.image, view.reference, proposal.part, largest, edge)
                 again = self._judge(core, metre, view, camera, True)
                 if not again.refusal and one.holds(core.u, core.v):
                     return again
-        return finding
+        return issue
 
     def _judge(self, blob: Blob, metre: Optional[float], view: View, camera: Camera, expected: bool) -> _Finding:
         refusal = blob.problem or self._wrong_size(blob, metre)
@@ -327,9 +335,9 @@ def _is_vivid(blob: Blob, camera: Camera) -> bool:
     return coloured and chroma(blob.tint) >= _VIVID
 
 
-def _candidate(finding: _Finding, refusal: str) -> Candidate:
-    blob = finding.blob
-    return Candidate(blob.u, blob.v, blob.diameter, finding.confidence, refusal)
+def _candidate(issue: _Finding, refusal: str) -> Candidate:
+    blob = issue.blob
+    return Candidate(blob.u, blob.v, blob.diameter, issue.confidence, refusal)
 
 
 def _unmeasured(proposal: Proposal, refusal: str) -> Candidate:
@@ -337,10 +345,10 @@ def _unmeasured(proposal: Proposal, refusal: str) -> Candidate:
     return Candidate((left + right) / 2.0, (top + bottom) / 2.0, float(right - left), refusal=refusal)
 
 
-def _is_double(finding: _Finding, others: List[_Finding]) -> bool:
+def _is_double(issue: _Finding, others: List[_Finding]) -> bool:
     """Two regions can lead to the same blob; the first stays."""
-    b = finding.blob
-    return any(math.hypot(b.u - o.blob.u, b.v - o.blob.v) < 2.0 and bool(o.refusal) == bool(finding.refusal)
+    b = issue.blob
+    return any(math.hypot(b.u - o.blob.u, b.v - o.blob.v) < 2.0 and bool(o.refusal) == bool(issue.refusal)
                for o in others)
 
 

@@ -18,7 +18,7 @@ from vb_core.errors import CodedError, ParameterError
 from vb_core.parameters import Parameters, param
 from vb_core.ros import messages, node, parameters
 from vb_core.ros.node import Mailbox, Worker
-from vb_core.ros.tuning import Tuning
+from vb_core.ros.reconfigure import ReconfigureServer
 from vb_laser_detect import projection
 from vb_laser_detect.debug_image import draw
 from vb_laser_detect.detector import DetectorParams, Spot, SpotDetector
@@ -58,13 +58,13 @@ class NodeParams(Parameters):
 class SpotDetectorNode:
     """One camera's spot detector. The newest image wins: what comes while one is searched is replaced, and counted.
 
-    Subscribes:
+    Subscribed topics:
         <image> (sensor_msgs/Image), or <image>/compressed (sensor_msgs/CompressedImage)
         <camera_info> (sensor_msgs/CameraInfo): may come late and change
         <depth> (sensor_msgs/Image, 16UC1 [mm] or 32FC1 [m]), <depth_info>: only if a depth topic is set
         /map (nav_msgs/OccupancyGrid): optional; spots outside it are refused
         tf: <optical frame> to map, at the image's time for a moving camera
-    Publishes:
+    Published topics:
         /virtual_borders/spots (vb_msgs/LaserSpot), stamped with the image's time. The spots that a stroke began with
             follow when it is confirmed, in their order and with their own times
         /virtual_borders/detectors (vb_msgs/DetectorStatus), once a second
@@ -80,7 +80,7 @@ class SpotDetectorNode:
     def __init__(self, params: NodeParams, detector: DetectorParams, projection_params: ProjectionParams) -> None:
         # one process per camera: threads within each would only fight for the cores
         cv2.setNumThreads(1)
-        node.keep_memory()
+        node.disable_heap_trimming()
         if not params.camera:
             raise ParameterError(rospy.resolve_name("~camera"), "the camera's name must be set")
         self._params = params
@@ -101,9 +101,9 @@ class SpotDetectorNode:
         rospy.Subscriber(names.DETECTORS, DetectorStatus, self._report.hear, queue_size=20)
         rospy.Subscriber(names.PHYSICAL_MAP, messages.OccupancyGridArray, self._on_map, queue_size=1)
         self._tunings = [
-            Tuning(params, "~", self._retune),
-            Tuning(detector, "~detector", self._retune_detector, fixed=("moving_camera",)),
-            Tuning(projection_params, "~projection", self._retune_projection),
+            ReconfigureServer(params, "~", self._retune),
+            ReconfigureServer(detector, "~detector", self._retune_detector, fixed=("moving_camera",)),
+            ReconfigureServer(projection_params, "~projection", self._retune_projection),
         ]
         self._compressed = params.image_transport == "compressed"
         kind, topic = (CompressedImage, image + "/compressed") if self._compressed else (Image, image)

@@ -1,4 +1,9 @@
-"""The virtual border V = (P, s, delta) of the paper, Sect. 3."""
+"""The virtual border V = (P, s, delta) of the paper, Sect. 3.
+
+>>> border = VirtualBorder(points=[(1.0, 1.0), (2.0, 1.0), (2.0, 2.0), (1.0, 2.0)], seed=(1.5, 1.5), closed=True)
+>>> border.zone, border.enabled, border.points.shape
+('keep_out', True, (4, 2))
+"""
 from __future__ import annotations
 
 import dataclasses
@@ -9,7 +14,7 @@ from typing import Optional, Tuple
 import numpy as np
 
 from vb_core import geometry
-from vb_map_integration.findings import IntegrationError
+from vb_map_integration.issues import IntegrationError
 from vb_map_integration.registration import Transform
 from vb_map_integration.schedule import parse_schedule
 
@@ -37,7 +42,7 @@ class VirtualBorder:
         id, name: for the store and for people.
         enabled: whether it acts.
         created, modified: [s] ROS time.
-        expires: [s] ROS time at which `enabled` turns over by itself; 0: never.
+        expires: [s] ROS time at which `enabled` toggles by itself; 0: never.
         robots: names of the robots that it is for; empty: all.
         wall: a virtual wall: the open chain itself may not be crossed, both sides stay usable, the seed is not used.
         zone: KEEP_OUT; AVOID, where robots go only if the way round is long; or SLOW, where they go slowly.

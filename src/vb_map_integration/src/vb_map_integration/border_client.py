@@ -22,8 +22,8 @@ from vb_core.errors import CodedError
 from vb_core.ros import services
 from vb_core.ros.messages import PreviewBorderArray
 from vb_map_integration.border import VirtualBorder
-from vb_map_integration.border_messages import findings_from_messages, message_from_border
-from vb_map_integration.findings import Finding
+from vb_map_integration.border_messages import issues_from_messages, message_from_border
+from vb_map_integration.issues import Issue
 
 # [s] a preview of 16 million cells takes half a second on a busy computer
 _PATIENCE_S = 20.0
@@ -34,7 +34,7 @@ class Answer(NamedTuple):
 
     Attributes:
         success, code, message: as in the services.
-        findings: of the check.
+        issues: of the check.
         id: of the border.
         area_m2: [m^2] that it restricts, where that was asked.
     """
@@ -42,7 +42,7 @@ class Answer(NamedTuple):
     success: bool
     code: str
     message: str
-    findings: Tuple[Finding, ...] = ()
+    issues: Tuple[Issue, ...] = ()
     id: str = ""
     area_m2: float = 0.0
 
@@ -114,7 +114,7 @@ class BorderClient:
             response.success,
             getattr(response, "code", ""),
             response.message,
-            findings_from_messages(getattr(response, "findings", ())),
+            issues_from_messages(getattr(response, "issues", ())),
             getattr(response, "id", ""),
             getattr(response, "area_m2", 0.0),
         )

@@ -55,11 +55,13 @@ class BorderEditorNode:
     handle is let go the preview's answer is written beside the seed. One more ball, which may be dragged anywhere, has
     a menu that makes new borders.
 
-    Serves:
+    Services:
         /virtual_borders/edit/{update,update_full,feedback}: RViz's InteractiveMarkers display. Names of markers:
             ID, ID/VERTEX, ID/seed, ID/line, where ID is "new" for one that is not stored yet; "tool".
-    Subscribes:
-        /virtual_borders/borders (vb_msgs/VirtualBorderArray).
+    Subscribed topics:
+        /virtual_borders/borders (vb_msgs/VirtualBorderArray)
+    Published topics:
+        /virtual_borders/edit (visualization_msgs/InteractiveMarkerUpdate): handles of borders.
     Parameters:
         those of `EditorParams`; see config/border_editor.yaml.
     """
@@ -182,7 +184,7 @@ class BorderEditorNode:
 
     # ------------------------------------------------------------- drafts
     def _replace(self, key: str, draft: VirtualBorder) -> None:
-        """Takes a draft with another number of vertices: all its handles are made anew."""
+        """Takes a draft with another number of vertices: all its handles are made again."""
         self._erase(key)
         if key not in self._drafts:
             self._seen[key] = 0 if key == NEW else self._revision
@@ -251,7 +253,7 @@ class BorderEditorNode:
         answer = self._answers.get(key)
         markers = [draft_markers.chain_marker(draft.points, draft.closed, draft_markers.DRAFT)]
         if answer is not None:
-            text = "; ".join([answer.message] + [found.message for found in answer.findings if answer.success])
+            text = "; ".join([answer.message] + [found.message for found in answer.issues if answer.success])
             colour = draft_markers.DRAFT if answer.success else draft_markers.REFUSED
             markers.append(draft_markers.text_marker(text, draft.seed, colour))
         self._insert(f"{key}/line", (0.0, 0.0), [_control(InteractiveMarkerControl.NONE, markers)])

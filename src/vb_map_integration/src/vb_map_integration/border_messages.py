@@ -1,15 +1,15 @@
-"""Borders and findings as messages."""
+"""Borders and issues as messages."""
 from __future__ import annotations
 
 from typing import Iterable, List, Sequence, Tuple
 
 import rospy
-from vb_msgs.msg import Finding as FindingMessage
+from vb_msgs.msg import BorderIssue
 from vb_msgs.msg import VirtualBorder as BorderMessage
 
 from vb_core.ros import messages
 from vb_map_integration.border import AVOID, KEEP_OUT, SLOW, VirtualBorder
-from vb_map_integration.findings import ERROR, WARNING, Finding, IntegrationError
+from vb_map_integration.issues import ERROR, WARNING, Issue, IntegrationError
 
 # whether the chain is closed, by kind
 KINDS = {
@@ -17,7 +17,7 @@ KINDS = {
     BorderMessage.VIRTUAL_WALL: False,
 }
 ZONES = {BorderMessage.KEEP_OUT: KEEP_OUT, BorderMessage.AVOID: AVOID, BorderMessage.SLOW: SLOW}
-_SEVERITIES = {WARNING: FindingMessage.WARNING, ERROR: FindingMessage.ERROR}
+_SEVERITIES = {WARNING: BorderIssue.WARNING, ERROR: BorderIssue.ERROR}
 
 
 def border_from_message(message: BorderMessage) -> VirtualBorder:
@@ -77,21 +77,21 @@ def message_from_border(
     return message
 
 
-def finding_messages(findings: Sequence[Finding]) -> List[FindingMessage]:
-    """Findings to messages; inverse of `findings_from_messages`."""
+def issue_messages(issues: Sequence[Issue]) -> List[BorderIssue]:
+    """Findings to messages; inverse of `issues_from_messages`."""
     return [
-        FindingMessage(
+        BorderIssue(
             severity=_SEVERITIES[one.severity], code=one.code, message=one.message,
             values=messages.values_from_mapping(one.values),
         )
-        for one in findings
+        for one in issues
     ]
 
 
-def findings_from_messages(found: Iterable[FindingMessage]) -> Tuple[Finding, ...]:
-    """Messages to findings; inverse of `finding_messages`."""
+def issues_from_messages(found: Iterable[BorderIssue]) -> Tuple[Issue, ...]:
+    """Messages to issues; inverse of `issue_messages`."""
     severities = {value: key for key, value in _SEVERITIES.items()}
     return tuple(
-        Finding(severities.get(one.severity, ERROR), one.code, one.message, messages.mapping_from_values(one.values))
+        Issue(severities.get(one.severity, ERROR), one.code, one.message, messages.mapping_from_values(one.values))
         for one in found
     )

@@ -33,10 +33,10 @@ class NodeParams(Parameters):
 class ClickedBorderNode:
     """Makes borders of clicked points: chain, its end, seed; then preview, and if that finds no error, add.
 
-    Subscribes:
+    Subscribed topics:
         /clicked_point (geometry_msgs/PointStamped): clicks in any frame that tf connects with the map's. The rule
             for what a click means is that of `Clicks`.
-    Publishes:
+    Published topics:
         ~status (std_msgs/String, latched): what came of the last click, and what the next one does.
         ~markers (visualization_msgs/MarkerArray, latched): the chain so far.
     Services (std_srvs/Trigger):
@@ -96,7 +96,7 @@ class ClickedBorderNode:
 
     def _save(self, border: VirtualBorder) -> None:
         answer = self._client.save(border)
-        warnings = "; ".join(found.message for found in answer.findings) if answer.success else ""
+        warnings = "; ".join(found.message for found in answer.issues) if answer.success else ""
         word = "added" if answer.success else f"refused [{answer.code}]"
         text = f"{word}: {answer.message}" + (f" ({warnings})" if warnings else "")
         with self._lock:

@@ -3,10 +3,10 @@ from __future__ import annotations
 
 from typing import Any, List, Mapping, Optional, Tuple
 
-from vb_map_integration.findings import WARNING, Finding
+from vb_map_integration.issues import WARNING, Issue
 
 
-def soft_value_finding(value: int, costmaps: Mapping[str, Any]) -> Optional[Finding]:
+def soft_value_issue(value: int, costmaps: Mapping[str, Any]) -> Optional[Issue]:
     """A warning if a costmap takes a soft occupancy for free space; None if all is well or nothing is known.
 
     Args:
@@ -20,7 +20,7 @@ def soft_value_finding(value: int, costmaps: Mapping[str, Any]) -> Optional[Find
         return None
     what = f"move_base takes an occupancy of {value} for free space"
     remedy = f"set trinary_costmap to false in the static layer of its {' and '.join(blind)}"
-    return Finding(WARNING, "soft_border_ignored", f"{what}: {remedy}")
+    return Issue(WARNING, "soft_border_ignored", f"{what}: {remedy}")
 
 
 def _is_trinary(settings: Mapping[str, Any]) -> bool:

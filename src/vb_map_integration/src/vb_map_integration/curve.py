@@ -210,7 +210,7 @@ def _cut(
         slice(max(top - 2, 0), min(top + depth, cells.shape[0] - 2)),
         slice(max(left - 2, 0), min(left + width, cells.shape[1] - 2)),
     )
-    region = masks.compare(cells[1:-1, 1:-1][window], _FILLED, cv2.CMP_EQ)
+    region = masks.threshold_mask(cells[1:-1, 1:-1][window], _FILLED, cv2.CMP_EQ)
     vertex_arc = np.cumsum(steps[:-1])
     between = chain[1:-1][(vertex_arc > trace.arc[start]) & (vertex_arc < trace.arc[end])]
     line = np.concatenate([trace.points[start : start + 1], between, trace.points[end : end + 1]])

@@ -2,6 +2,13 @@
 
 M_posterior is M_prior with the area on the seed's side of the border raised to delta. Physical obstacles keep
 their value; the prior itself is never changed.
+
+>>> import numpy as np
+>>> room = GridMap(np.zeros((60, 60), np.int8), resolution=0.05)      # 3 m x 3 m of free floor
+>>> border = VirtualBorder([(1.0, 1.0), (2.0, 1.0), (2.0, 2.0), (1.0, 2.0)], seed=(1.5, 1.5), closed=True)
+>>> result = integrate(room, border)
+>>> round(result.area_m2, 2), int(result.posterior.data[30, 30]), int(result.posterior.data[10, 10])
+(1.0, 100, 0)
 """
 from __future__ import annotations
 
@@ -17,10 +24,10 @@ from vb_core.grid_map import GridMap
 from vb_core.parameters import Parameters, param
 from vb_map_integration import curve, raster
 from vb_map_integration.border import SLOW, VirtualBorder
-from vb_map_integration.findings import ERROR, WARNING, Finding, IntegrationError
+from vb_map_integration.issues import ERROR, WARNING, Issue, IntegrationError
 
 __all__ = [
-    "ERROR", "WARNING", "Area", "Finding", "Integration", "IntegrationError", "IntegrationParams", "integrate",
+    "ERROR", "WARNING", "Area", "Issue", "Integration", "IntegrationError", "IntegrationParams", "integrate",
     "restricted_area",
 ]
 # positions [m] of things that had better not be inside, by name
@@ -31,7 +38,7 @@ Places = Mapping[str, Sequence[float]]
 class IntegrationParams(Parameters):
     """What the integration goes by."""
 
-    occupied_from: int = param(65, low=1, high=100, doc="occupancy from which on a cell is an obstacle; map_server's")
+    occupied_threshold: int = param(65, low=1, high=100, doc="occupancy from which on a cell is an obstacle; map_server's")
     fit_length_m: float = param(0.3, "m", above=0.0, doc="length of a curve's end that gives its extension's direction")
     overshoot_m: float = param(0.2, "m", low=0.0, doc="how far a drawn end may reach beyond the wall it belongs to")
     seed_radius_m: float = param(0.2, "m", low=0.0, doc="how far a seed on an obstacle or on the line is moved")
@@ -56,7 +63,7 @@ class Area:
         over_unknown: whether unknown cells are raised too.
         area_m2: [m^2].
         line: (M, 2) [m] map frame, the border as it acts: a curve with its extensions.
-        findings: warnings.
+        issues: warnings.
     """
 
     window: raster.Window
@@ -65,7 +72,7 @@ class Area:
     over_unknown: bool
     area_m2: float
     line: np.ndarray
-    findings: Tuple[Finding, ...]
+    issues: Tuple[Issue, ...]
 
     def region(self, shape: Tuple[int, int]) -> np.ndarray:
         """(H, W) bool, the cells that the border restricts."""
@@ -81,7 +88,7 @@ class Integration:
     Attributes:
         posterior: the map with the border.
         region: (H, W) bool, the cells that the border restricts; obstacles are not among them.
-        findings: warnings.
+        issues: warnings.
         area_m2: [m^2] of the region.
         closed: polygon or separating curve.
         line: (M, 2) [m] map frame, the border as it acts: a curve with its extensions.
@@ -91,7 +98,7 @@ class Integration:
 
     posterior: GridMap
     region: np.ndarray
-    findings: Tuple[Finding, ...]
+    issues: Tuple[Issue, ...]
     area_m2: float
     closed: bool
     line: np.ndarray
@@ -121,7 +128,7 @@ def integrate(
     return Integration(
         posterior=prior.with_data(posterior),
         region=area.region(prior.shape),
-        findings=area.findings,
+        issues=area.issues,
         area_m2=area.area_m2,
         closed=bool(border.closed),
         line=area.line,
@@ -147,81 +154,81 @@ def restricted_area(
         prior, border, places: as for `integrate`.
 
     Raises:
-        IntegrationError: "separates_nothing", "seed_on_both_sides", "empty_region", "outside_map",
+        IntegrationError: "no_separation", "seed_on_both_sides", "empty_region", "outside_map",
             "seed_outside_map", "seed_on_obstacle", "too_complex".
     """
     params = params or _DEFAULT
-    findings: List[Finding] = []
+    issues: List[Issue] = []
     grid = prior.world_to_grid(np.concatenate([border.points, [border.seed]]))
     points, seed = grid[:-1], grid[-1]
     # as bytes unknown is 255: one comparison finds obstacles and unknown
     cells = np.ascontiguousarray(prior.data).view(np.uint8)
     try:
-        _check_shape(prior, border, points, seed, findings)
+        _check_shape(prior, border, points, seed, issues)
         if border.wall:
             window, mask = _wall(prior, points, cells, params)
             line = border.points
         elif border.closed:
-            window, mask = _polygon(prior, points, seed, cells, params, findings)
+            window, mask = _polygon(prior, points, seed, cells, params, issues)
             line = border.points
         else:
-            window, mask, line = _curve(prior, points, seed, cells, params, findings)
+            window, mask, line = _curve(prior, points, seed, cells, params, issues)
         restricted = cv2.countNonZero(mask)
         if restricted == 0:
             raise IntegrationError("empty_region", "there is no free cell in the area: draw it larger or elsewhere")
-        if restricted > params.nearly_everything * _count_free(cells, params.occupied_from):
+        if restricted > params.nearly_everything * _count_free(cells, params.occupied_threshold):
             text = "the area covers nearly all of the free space: is the seed on the right side?"
-            _warn(findings, "nearly_everything", text)
+            _warn(issues, "nearly_everything", text)
         if border.value == 0 and border.zone != SLOW:
-            _warn(findings, "no_effect", "an occupancy of 0 restricts nothing")
+            _warn(issues, "no_effect", "an occupancy of 0 restricts nothing")
         for name, place in (places or {}).items():
             row, column = prior.world_to_cell(place)[0] - (window[0].start, window[1].start)
             if 0 <= row < mask.shape[0] and 0 <= column < mask.shape[1] and mask[row, column]:
-                _warn(findings, f"{name}_inside", f"the {name} stands in the area: it may find no way out")
+                _warn(issues, f"{name}_inside", f"the {name} stands in the area: it may find no way out")
     except IntegrationError as error:
-        raise IntegrationError(error.code, error.message, findings) from None
+        raise IntegrationError(error.code, error.message, issues) from None
     return Area(
         window=window,
         mask=mask,
         value=border.value,
-        over_unknown=border.closed is True and border.value >= params.occupied_from,
+        over_unknown=border.closed is True and border.value >= params.occupied_threshold,
         area_m2=restricted * prior.resolution**2,
         line=line,
-        findings=tuple(findings),
+        issues=tuple(issues),
     )
 
 
-def _count_free(cells: np.ndarray, occupied_from: int) -> int:
+def _count_free(cells: np.ndarray, occupied_threshold: int) -> int:
     """How many cells are neither obstacles nor unknown."""
     parts = (cells[block] for block in raster.row_blocks(cells.shape))
-    return sum(cv2.countNonZero(masks.compare(part, occupied_from, cv2.CMP_LT)) for part in parts)
+    return sum(cv2.countNonZero(masks.threshold_mask(part, occupied_threshold, cv2.CMP_LT)) for part in parts)
 
 
-def _framed(cells: np.ndarray, occupied_from: int) -> np.ndarray:
+def _framed(cells: np.ndarray, occupied_threshold: int) -> np.ndarray:
     """(H + 2, W + 2) uint8 mask of what no fill may enter: obstacles, unknown, and a frame round the map."""
     framed = raster.filled((cells.shape[0] + 2, cells.shape[1] + 2), 255)
-    masks.compare(cells, occupied_from - 1, cv2.CMP_GT, dst=framed[1:-1, 1:-1])
+    masks.threshold_mask(cells, occupied_threshold - 1, cv2.CMP_GT, dst=framed[1:-1, 1:-1])
     return framed
 
 
-def _warn(findings: List[Finding], code: str, message: str) -> None:
-    findings.append(Finding(WARNING, code, message))
+def _warn(issues: List[Issue], code: str, message: str) -> None:
+    issues.append(Issue(WARNING, code, message))
 
 
 def _check_shape(
-    prior: GridMap, border: VirtualBorder, points: np.ndarray, seed: np.ndarray, findings: List[Finding]
+    prior: GridMap, border: VirtualBorder, points: np.ndarray, seed: np.ndarray, issues: List[Issue]
 ) -> None:
     rows, columns = prior.shape
     limit = np.array([columns, rows]) - 0.5
     outside = int(((points < -0.5) | (points >= limit)).any(axis=1).sum())
     if outside:
         text = f"{outside} of {len(points)} points lie outside the map: the border was clipped to it"
-        _warn(findings, "outside_map", text)
+        _warn(issues, "outside_map", text)
     if not border.wall and ((seed < -0.5) | (seed >= limit)).any():
         raise IntegrationError("seed_outside_map", "the seed point lies outside the map")
     chain = np.concatenate([border.points, border.points[:1]]) if border.closed else border.points
     if not border.wall and not shapely.linestrings(chain).is_simple:
-        _warn(findings, "self_crossing", "the border crosses itself: everything that it encloses counts as inside")
+        _warn(issues, "self_crossing", "the border crosses itself: everything that it encloses counts as inside")
 
 
 def _polygon(
@@ -230,7 +237,7 @@ def _polygon(
     seed: np.ndarray,
     cells: np.ndarray,
     params: IntegrationParams,
-    findings: List[Finding],
+    issues: List[Issue],
 ) -> Tuple[raster.Window, np.ndarray]:
     """The area on the seed's side of a polygon: a window, and a (h, w) uint8 mask of it."""
     window, inner = raster.polygon_mask(points, prior.shape)
@@ -244,23 +251,23 @@ def _polygon(
     if is_inner:
         mask, part = inner, cells[window]
         for block in raster.row_blocks(mask.shape):  # less the obstacles; unknown, 255, stays
-            cv2.subtract(mask[block], cv2.inRange(part[block], params.occupied_from, 127), dst=mask[block])
-        if params.occupied_from <= cells[row, column] <= 127:
+            cv2.subtract(mask[block], cv2.inRange(part[block], params.occupied_threshold, 127), dst=mask[block])
+        if params.occupied_threshold <= cells[row, column] <= 127:
             barred = raster.filled(prior.shape, 255)
             np.invert(mask, out=barred[window])
-            _free_cell(barred, seed, prior, params, findings)
+            _free_cell(barred, seed, prior, params, issues)
         return window, mask
     # the outer area is all that hangs together with the seed, also behind the polygon
     start = row, column
-    blocked = masks.compare(cells, params.occupied_from - 1, cv2.CMP_GT)
+    blocked = masks.threshold_mask(cells, params.occupied_threshold - 1, cv2.CMP_GT)
     if blocked[start]:
         barred = blocked.copy()
         barred[window] = np.bitwise_or(barred[window], inner)
-        start = _free_cell(barred, seed, prior, params, findings)
+        start = _free_cell(barred, seed, prior, params, issues)
     _, _, _, (left, top, width, depth) = cv2.floodFill(blocked, None, start[::-1], _FILLED, flags=4)
     blocked[window] = cv2.subtract(blocked[window], inner)
     outer = slice(top, top + depth), slice(left, left + width)
-    return outer, masks.compare(blocked[outer], _FILLED, cv2.CMP_EQ)
+    return outer, masks.threshold_mask(blocked[outer], _FILLED, cv2.CMP_EQ)
 
 
 def _wall(
@@ -279,7 +286,7 @@ def _wall(
     mask[rows - top, columns - left] = 255
     if reach:
         mask = cv2.dilate(mask, np.ones((2 * reach + 1, 2 * reach + 1), np.uint8))
-    return window, cv2.bitwise_and(mask, masks.compare(cells[window], params.occupied_from, cv2.CMP_LT))
+    return window, cv2.bitwise_and(mask, masks.threshold_mask(cells[window], params.occupied_threshold, cv2.CMP_LT))
 
 
 def _curve(
@@ -288,15 +295,15 @@ def _curve(
     seed: np.ndarray,
     cells: np.ndarray,
     params: IntegrationParams,
-    findings: List[Finding],
+    issues: List[Issue],
 ) -> Tuple[raster.Window, np.ndarray, np.ndarray]:
     """The area on the seed's side of a separating curve: a window, a (h, w) uint8 mask of it, and the line [m]."""
 
     def find_seed(barred: np.ndarray, away: Optional[np.ndarray]) -> Tuple[int, int]:
-        return _free_cell(barred, seed, prior, params, findings, away)
+        return _free_cell(barred, seed, prior, params, issues, away)
 
     fit, overshoot = params.fit_length_m / prior.resolution, params.overshoot_m / prior.resolution
-    framed = _framed(cells, params.occupied_from)
+    framed = _framed(cells, params.occupied_threshold)
     cut = curve.separate(framed, points, fit, overshoot, seed, find_seed)
     if cut is None:
         raise IntegrationError("outside_map", "the curve lies outside the map")
@@ -306,13 +313,13 @@ def _curve(
         )
     if not cut.separates:
         raise IntegrationError(
-            "separates_nothing", "the curve parts no area round the seed from the rest: draw it across free floor"
+            "no_separation", "the curve parts no area round the seed from the rest: draw it across free floor"
         )
     for row, column in cut.stops:
         on_map = 0 <= row < prior.shape[0] and 0 <= column < prior.shape[1]
         if not on_map or cells[row, column] > 127:
             where = "in unknown space" if on_map else "at the map's edge"
-            _warn(findings, "no_wall_found", f"the curve's extension found no wall, it ended {where}")
+            _warn(issues, "no_wall_found", f"the curve's extension found no wall, it ended {where}")
     return cut.window, cut.region, prior.grid_to_world(cut.line)
 
 
@@ -321,7 +328,7 @@ def _free_cell(
     seed: np.ndarray,
     prior: GridMap,
     params: IntegrationParams,
-    findings: List[Finding],
+    issues: List[Issue],
     away: Optional[np.ndarray] = None,
 ) -> Tuple[int, int]:
     """The cell (row, column) of the seed, or the nearest one that is not barred, in a direction if one is given.
@@ -346,7 +353,7 @@ def _free_cell(
         raise IntegrationError("seed_on_obstacle", text)
     best = int(np.argmin(distance))
     moved = distance[best] * prior.resolution
-    _warn(findings, "seed_moved", f"the seed point was not on free floor and was moved by {moved:.2f} m")
+    _warn(issues, "seed_moved", f"the seed point was not on free floor and was moved by {moved:.2f} m")
     return int(rows[best] + top), int(columns[best] + left)
 
 

@@ -22,7 +22,7 @@ from vb_map_integration.border import SLOW, VirtualBorder
 from vb_map_integration.border_files import borders_to_yaml
 from vb_map_integration.composition import Composition, Region
 from vb_map_integration.database import Change, Database, Entry, StoredMap, fingerprint
-from vb_map_integration.findings import WARNING, Finding, IntegrationError
+from vb_map_integration.issues import WARNING, Issue, IntegrationError
 from vb_map_integration.integration import Area, IntegrationParams, restricted_area
 from vb_map_integration.legacy_folders import read_folders
 from vb_map_integration.map_picture import map_picture
@@ -37,8 +37,8 @@ class IntegratorParams(IntegrationParams):
     """What the map integrator goes by."""
 
     robot_radius_m: float = param(0.18, "m", low=0.0, doc="robot's radius, for what it can reach; TurtleBot 2")
-    least_part_m2: float = param(0.1, "m^2", low=0.0, doc="smaller parts of the free space are not counted")
-    check_ways: bool = param(True, doc="whether saving looks for free space that falls into parts")
+    min_component_m2: float = param(0.1, "m^2", low=0.0, doc="smaller parts of the free space are not counted")
+    check_reachability: bool = param(True, doc="whether saving looks for free space that falls into parts")
     dock: list = param([], "m", doc="x and y of the robot's dock; empty: none")
     robot_name: str = param("", doc="whose map this is: borders for other robots are left out; empty: all act")
     robots: list = param([], doc="names of the robots that borders may name; empty: any")
@@ -56,13 +56,13 @@ class Check:
 
     Attributes:
         area: what it would restrict.
-        findings: warnings, those of the integration first.
+        issues: warnings, those of the integration first.
         ways: parts of the free space and goals out of reach; None if they were not asked for.
         composition: the map with it.
     """
 
     area: Area
-    findings: Tuple[Finding, ...]
+    issues: Tuple[Issue, ...]
     ways: Optional[Ways]
     composition: Composition
 
@@ -73,12 +73,12 @@ class Outcome:
 
     Attributes:
         ids: of the borders that changed.
-        findings: warnings.
+        issues: warnings.
         message: a sentence for the person.
     """
 
     ids: Tuple[str, ...]
-    findings: Tuple[Finding, ...]
+    issues: Tuple[Issue, ...]
     message: str
 
 
@@ -415,7 +415,7 @@ class MapIntegrator:
             goals: (N, 2) [m], places whose reachability is asked about.
 
         Raises:
-            CodedError: "no_map", or an IntegrationError with all findings.
+            CodedError: "no_map", or an IntegrationError with all issues.
         """
         before = self._ready()
         self._check_robots(border)
@@ -424,24 +424,24 @@ class MapIntegrator:
             places["dock"] = self.params.dock
         area = restricted_area(before.physical, border, self.params, places)
         after = before.changed({border.id: None if border.zone == SLOW else Region.of(area)})
-        findings = list(area.findings)
+        issues = list(area.issues)
         found: Optional[Ways] = None
-        if goals is not None or self.params.check_ways:
+        if goals is not None or self.params.check_reachability:
             options = {
                 "robot": places.get("robot"),
                 "radius_m": self.params.robot_radius_m,
-                "least_part_m2": self.params.least_part_m2,
-                "occupied_from": self.params.occupied_from,
+                "min_component_m2": self.params.min_component_m2,
+                "occupied_threshold": self.params.occupied_threshold,
             }
             if self._parts is None:
                 self._parts = ways(before.posterior, **options).free_parts
             found = ways(after.posterior, () if goals is None else goals, **options)
             if found.free_parts > self._parts:
                 text = f"the free space would fall into {found.free_parts} parts, not {self._parts}"
-                findings.append(Finding(WARNING, "splits_free_space", text))
+                issues.append(Issue(WARNING, "splits_free_space", text))
             if found.free_parts == 0 and self._parts > 0:
-                findings.append(Finding(WARNING, "nothing_left", "no free space would be left for the robot"))
-        return Check(area, tuple(findings), found, after)
+                issues.append(Issue(WARNING, "no_free_space_left", "no free space would be left for the robot"))
+        return Check(area, tuple(issues), found, after)
 
     def _check_robots(self, border: VirtualBorder) -> None:
         known = self.params.robots
@@ -452,7 +452,7 @@ class MapIntegrator:
             )
 
     # ------------------------------------------------------------- changes
-    # `expected` is the revision that whoever asks has seen; 0: any
+    # `expected` is the revision that the caller has seen; 0: any
     def add(
         self,
         border: VirtualBorder,
@@ -476,7 +476,7 @@ class MapIntegrator:
         self._check_confirmed()
         self._keep_map()
         self._commit(self._verdict.place, (Entry(new.id, None, self._at_home(new)),), "new", now, request_id, check)
-        return Outcome((new.id,), check.findings, f"'{new.name}' restricts {check.area.area_m2:.2f} m2")
+        return Outcome((new.id,), check.issues, f"'{new.name}' restricts {check.area.area_m2:.2f} m2")
 
     def update(
         self,
@@ -505,8 +505,8 @@ class MapIntegrator:
             self._check_confirmed()
             self._keep_map()
             after = self._at_home(after)
-        findings = self._commit(place, (Entry(border.id, before, after),), "new", now, "", check)
-        return Outcome((border.id,), check.findings if check else findings, f"'{after.name}' was changed")
+        issues = self._commit(place, (Entry(border.id, before, after),), "new", now, "", check)
+        return Outcome((border.id,), check.issues if check else issues, f"'{after.name}' was changed")
 
     def enable(self, border_id: str, enabled: bool, now: float, expires: float = 0.0, expected: int = 0) -> Outcome:
         """Turns a border of any map on or off, for ever or until `expires` [s]; raises CodedError."""
@@ -602,13 +602,13 @@ class MapIntegrator:
         return "" if self._database.place_named(self.params.map_name) else self.params.map_name
 
     def _plain(self, change: Change, kind: str, what: str, now: float, place: int = 0) -> Outcome:
-        findings = self._commit(place or self._verdict.place, change, kind, now)
+        issues = self._commit(place or self._verdict.place, change, kind, now)
         names = ", ".join(f"'{(entry.after or entry.before).name}'" for entry in change)  # type: ignore[union-attr]
-        return Outcome(tuple(entry.id for entry in change), findings, f"{what}: {names}")
+        return Outcome(tuple(entry.id for entry in change), issues, f"{what}: {names}")
 
     def _commit(
         self, place: int, change: Change, kind: str, now: float, request_id: str = "", check: Optional[Check] = None
-    ) -> Tuple[Finding, ...]:
+    ) -> Tuple[Issue, ...]:
         """Makes a change, all of it or, with a CodedError, nothing; gives warnings about borders that do not act."""
         ready = self._ready()
         self._database.commit(place, change, kind, request_id)
@@ -621,7 +621,7 @@ class MapIntegrator:
             self._parts = check.ways.free_parts
         found = [self._moved[border.id] for border in stored if border.id in self._reasons]
         values = [{"border": border.name, "why": self._reasons[border.id]} for border in found]
-        return tuple(Finding(WARNING, "does_not_act", sentences.say("does_not_act", one), one) for one in values)
+        return tuple(Issue(WARNING, "inactive_on_this_map", sentences.say("inactive_on_this_map", one), one) for one in values)
 
     # ------------------------------------------------------------- files
     def save(self, folder: Path, name: str, raw: bool) -> List[Path]:

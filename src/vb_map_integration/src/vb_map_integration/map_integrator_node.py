@@ -40,9 +40,9 @@ from vb_core.ros import messages, node, parameters, robot_profile
 from vb_core.ros.notices import NoticePublisher
 from vb_core.ros.transforms import TransformLookup
 from vb_map_integration.border import VirtualBorder
-from vb_map_integration.border_messages import border_from_message, finding_messages, message_from_border
-from vb_map_integration.costmap_settings import soft_value_finding
-from vb_map_integration.findings import ERROR, Finding, IntegrationError
+from vb_map_integration.border_messages import border_from_message, issue_messages, message_from_border
+from vb_map_integration.costmap_settings import soft_value_issue
+from vb_map_integration.issues import ERROR, Issue, IntegrationError
 from vb_map_integration.integrator import IntegratorParams, MapIntegrator, Outcome
 from vb_map_integration.registration import Transform
 
@@ -66,21 +66,29 @@ class NodeParams(Parameters):
 class MapIntegratorNode:
     """Integrates virtual borders into the physical map.
 
-    Subscribes:
+    Subscribed topics:
         /map (nav_msgs/OccupancyGrid): the physical map.
-    Publishes, latched, with the same stamp for the same state:
+    Published topics, latched, with the same stamp for the same state:
         /virtual_borders/borders (vb_msgs/VirtualBorderArray): all borders of the present map; with every change.
         /virtual_borders/speed_limits (nav_msgs/OccupancyGrid): highest speeds in slow zones [cm/s], 0: no limit; once
             there is or was one, with every change.
         <robot>/virtual_borders/map (nav_msgs/OccupancyGrid): the same with those borders that hold for one of ~robots.
         /virtual_borders/map (nav_msgs/OccupancyGrid): the physical map with all enabled borders; as soon as
             there is a map, and whole with every change.
-    Publishes:
+    Published topics:
         /virtual_borders/notices (vb_msgs/NoticeArray): what is wrong with map, borders or files.
-    Services, all below /virtual_borders/:
-        add_border, update_border, remove_border, preview_border, list_borders, save_map (vb_msgs);
-        set_border_enabled, rename_border, confirm_map, adopt_borders (vb_msgs); undo, redo, clear (std_srvs/Trigger).
-        Refusals come as code and message, and change nothing.
+    Services (a request that fails answers with code and message, and changes nothing):
+        /virtual_borders/add_border (vb_msgs/AddBorder)
+        /virtual_borders/update_border (vb_msgs/UpdateBorder)
+        /virtual_borders/remove_border (vb_msgs/RemoveBorder)
+        /virtual_borders/preview_border (vb_msgs/PreviewBorder)
+        /virtual_borders/list_borders (vb_msgs/ListBorders)
+        /virtual_borders/set_border_enabled (vb_msgs/SetBorderEnabled): also for a border that does not fit the map.
+        /virtual_borders/rename_border (vb_msgs/RenameBorder): likewise.
+        /virtual_borders/confirm_map (vb_msgs/ConfirmMap): which place the present map shows.
+        /virtual_borders/adopt_borders (vb_msgs/AdoptBorders): borders of another map, moved by a transform.
+        /virtual_borders/undo, /virtual_borders/redo, /virtual_borders/clear (std_srvs/Trigger)
+        /virtual_borders/save_map (vb_msgs/SaveMap): writes files as map_server does, borders beside them.
     Parameters:
         those of `NodeParams`, `IntegratorParams` and `IntegrationParams`; see config/map_integrator.yaml.
     """
@@ -88,8 +96,8 @@ class MapIntegratorNode:
     def __init__(self, params: NodeParams, integrator_params: IntegratorParams) -> None:
         self._params = params
         self._map_dir = Path(params.map_dir).expanduser()
-        if rospy.resolve_name(names.PHYSICAL_MAP) == rospy.resolve_name(names.VIRTUAL_MAP):
-            raise ParameterError(names.VIRTUAL_MAP, "the physical and the virtual map need different topics")
+        if rospy.resolve_name(names.PHYSICAL_MAP) == rospy.resolve_name(names.MAP_WITH_BORDERS):
+            raise ParameterError(names.MAP_WITH_BORDERS, "the physical and the virtual map need different topics")
         root = Path(params.store_dir).expanduser() if params.store_dir else None
         self._integrator = MapIntegrator(integrator_params, root)
         self._lock = threading.RLock()
@@ -100,10 +108,10 @@ class MapIntegratorNode:
         self._last_stamp = rospy.Time(0)
         self._transforms = TransformLookup() if params.robot_frame else None
 
-        self._map_out = rospy.Publisher(names.VIRTUAL_MAP, messages.OccupancyGridArray, queue_size=1, latch=True)
+        self._map_out = rospy.Publisher(names.MAP_WITH_BORDERS, messages.OccupancyGridArray, queue_size=1, latch=True)
         self._robot_maps = {
             str(name): rospy.Publisher(
-                f"/{name}{names.VIRTUAL_MAP}", messages.OccupancyGridArray, queue_size=1, latch=True
+                f"/{name}{names.MAP_WITH_BORDERS}", messages.OccupancyGridArray, queue_size=1, latch=True
             )
             for name in integrator_params.robots
         }
@@ -145,7 +153,7 @@ class MapIntegratorNode:
             self._integrator.close()
 
     def _wait_for_map(self) -> None:
-        # wall time: whoever forgot map_server may have forgotten /clock too
+        # wall time: a lab without map_server may have no /clock either
         waited = 0.0
         while not self._closing.wait(_MAP_PATIENCE_S) and not self._integrator.has_map:
             waited += _MAP_PATIENCE_S
@@ -244,20 +252,20 @@ class MapIntegratorNode:
             return {}  # where the robot is makes a warning at most
         return {"robot": (pose[0, 3], pose[1, 3])}
 
-    def _soft_findings(self, border: VirtualBorder) -> Tuple[Finding, ...]:
+    def _soft_issues(self, border: VirtualBorder) -> Tuple[Issue, ...]:
         """Warns if a running move_base takes every soft value for free (its default, trinary_costmap)."""
         if border.value in (0, 100):
             return ()
         base = self._params.move_base.rstrip("/")
         costmaps = {name: rospy.get_param(f"{base}/{name}", None) for name in ("global_costmap", "local_costmap")}
-        found = soft_value_finding(border.value, costmaps)
+        found = soft_value_issue(border.value, costmaps)
         return (found,) if found else ()
 
     def _watch_move_base(self, _event: Any) -> None:
         """move_base may have come, or come back otherwise, after the soft border was made."""
         with self._lock:
             soft = [border for border in self._integrator.borders if border.enabled and border.value not in (0, 100)]
-        for found in self._soft_findings(soft[0]) if soft else ():
+        for found in self._soft_issues(soft[0]) if soft else ():
             rospy.logwarn("%s: '%s': %s [%s]", rospy.get_name(), soft[0].name, found.message, found.code)
 
     def _refused(self, response: Any, error: CodedError) -> Any:
@@ -267,19 +275,19 @@ class MapIntegratorNode:
             response.values = messages.values_from_mapping(error.values)
         if hasattr(response, "revision"):
             response.revision = self._integrator.revision
-        if hasattr(response, "findings"):
+        if hasattr(response, "issues"):
             values = {key: str(value) for key, value in error.values.items()}
-            plain = (Finding(ERROR, error.code, error.message, values),)
-            response.findings = finding_messages(error.findings if isinstance(error, IntegrationError) else plain)
+            plain = (Issue(ERROR, error.code, error.message, values),)
+            response.issues = issue_messages(error.issues if isinstance(error, IntegrationError) else plain)
         return response
 
-    def _done(self, response: Any, outcome: Outcome, extra: Sequence[Finding] = ()) -> Any:
-        for found in (*outcome.findings, *extra):
+    def _done(self, response: Any, outcome: Outcome, extra: Sequence[Issue] = ()) -> Any:
+        for found in (*outcome.issues, *extra):
             rospy.logwarn("%s: %s [%s]", rospy.get_name(), found.message, found.code)
         rospy.loginfo("%s: %s", rospy.get_name(), outcome.message)
         response.success, response.code, response.message = True, "ok", outcome.message
-        if hasattr(response, "findings"):
-            response.findings = finding_messages((*outcome.findings, *extra))
+        if hasattr(response, "issues"):
+            response.issues = issue_messages((*outcome.issues, *extra))
         if hasattr(response, "revision"):
             response.revision = self._integrator.revision
         return response
@@ -298,7 +306,7 @@ class MapIntegratorNode:
         response = AddBorderResponse()
         try:
             border = self._requested(request).replace(enabled=not request.disabled)
-            extra = self._soft_findings(border)
+            extra = self._soft_issues(border)
             with self._lock:
                 outcome = self._integrator.add(
                     border, self._now().to_sec(), self._places(), request.expected_revision, request.request_id
@@ -313,7 +321,7 @@ class MapIntegratorNode:
         response = UpdateBorderResponse()
         try:
             border = self._requested(request)
-            extra = self._soft_findings(border)
+            extra = self._soft_issues(border)
             with self._lock:
                 outcome = self._integrator.update(
                     border, self._now().to_sec(), self._places(), request.expected_revision
@@ -386,7 +394,7 @@ class MapIntegratorNode:
             response.unreachable_goals = np.array(check.ways.unreachable, np.uint32)
         response.success, response.code = True, "ok"
         response.message = f"the border would restrict {check.area.area_m2:.2f} m2"
-        response.findings = finding_messages((*check.findings, *self._soft_findings(border)))
+        response.issues = issue_messages((*check.issues, *self._soft_issues(border)))
         return response
 
     def _list(self, _request: Any) -> ListBordersResponse:

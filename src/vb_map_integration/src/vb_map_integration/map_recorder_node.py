@@ -29,7 +29,7 @@ class MapRecorderNode:
     """Stores each new posterior map as map_server files, with the borders, time and trigger; the oldest ones go once
     the folder has grown to `recording.MAX_BYTES`.
 
-    Subscribes:
+    Subscribed topics:
         /virtual_borders/map (nav_msgs/OccupancyGrid), /virtual_borders/borders (vb_msgs/VirtualBorderArray): the
             integrator gives both the same stamp for the same state. A map whose borders do not come is stored
             after ~wait_s with those that came last.
@@ -49,7 +49,7 @@ class MapRecorderNode:
         self._work: "node.Queue[Any]" = node.Queue()
         self._worker = node.Worker(self._work, self._record)
         rospy.Subscriber(names.BORDERS, VirtualBorderArray, self._on_borders, queue_size=10)
-        rospy.Subscriber(names.VIRTUAL_MAP, messages.OccupancyGridArray, self._on_map, queue_size=10, buff_size=2**24)
+        rospy.Subscriber(names.MAP_WITH_BORDERS, messages.OccupancyGridArray, self._on_map, queue_size=10, buff_size=2**24)
         rospy.Timer(rospy.Duration(params.wait_s), self._on_timer, reset=True)
 
     def close(self) -> None:

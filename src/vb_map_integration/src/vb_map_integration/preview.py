@@ -34,8 +34,8 @@ def ways(
     goals: Sequence[Sequence[float]] = (),
     robot: Optional[Sequence[float]] = None,
     radius_m: float = 0.18,
-    least_part_m2: float = 0.1,
-    occupied_from: int = OCCUPIED_FROM,
+    min_component_m2: float = 0.1,
+    occupied_threshold: int = OCCUPIED_FROM,
 ) -> Ways:
     """The parts of the free space, and the goals that lie in another one than the robot.
 
@@ -43,9 +43,9 @@ def ways(
         goals: (N, 2) [m].
         robot: (x, y) [m]; None: goals are measured against the largest part.
         radius_m: [m] the robot's.
-        least_part_m2: [m^2] smaller parts, measured for the robot's centre, are not counted.
+        min_component_m2: [m^2] smaller parts, measured for the robot's centre, are not counted.
     """
-    free = masks.compare(np.ascontiguousarray(grid.data).view(np.uint8), occupied_from, cv2.CMP_LT)
+    free = masks.threshold_mask(np.ascontiguousarray(grid.data).view(np.uint8), occupied_threshold, cv2.CMP_LT)
     radius = radius_m / grid.resolution
     factor = int(np.ceil(np.sqrt(free.size / MAX_CELLS)))
     if factor > 1:
@@ -55,10 +55,10 @@ def ways(
         radius = max(0.0, radius / factor - 0.5)
     if radius > 1.0:
         framed = cv2.copyMakeBorder(free, 1, 1, 1, 1, cv2.BORDER_CONSTANT, value=0)
-        free = masks.compare(cv2.distanceTransform(framed, cv2.DIST_L2, 3)[1:-1, 1:-1], radius, cv2.CMP_GT)
+        free = masks.threshold_mask(cv2.distanceTransform(framed, cv2.DIST_L2, 3)[1:-1, 1:-1], radius, cv2.CMP_GT)
     _, labels, stats, _ = cv2.connectedComponentsWithStats(free, connectivity=4)
     areas = stats[1:, cv2.CC_STAT_AREA]
-    parts = int((areas * grid.resolution**2 >= least_part_m2).sum())
+    parts = int((areas * grid.resolution**2 >= min_component_m2).sum())
     if len(areas) == 0:
         return Ways(0, tuple(range(len(goals))))
     home = int(np.argmax(areas)) + 1
@@ -76,7 +76,7 @@ def _coarser(free: np.ndarray, factor: int) -> np.ndarray:
     padded = cv2.copyMakeBorder(
         free, 0, rows * factor - free.shape[0], 0, columns * factor - free.shape[1], cv2.BORDER_CONSTANT, value=0
     )
-    return masks.compare(cv2.resize(padded, (columns, rows), interpolation=cv2.INTER_AREA), 254, cv2.CMP_GT)
+    return masks.threshold_mask(cv2.resize(padded, (columns, rows), interpolation=cv2.INTER_AREA), 254, cv2.CMP_GT)
 
 
 def _labels_near(grid: GridMap, labels: np.ndarray, point: Sequence[float], radius: float) -> np.ndarray:

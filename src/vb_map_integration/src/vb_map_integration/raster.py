@@ -11,7 +11,7 @@ from typing import Iterator, Tuple
 
 import numpy as np
 
-from vb_map_integration.findings import IntegrationError
+from vb_map_integration.issues import IntegrationError
 
 # rows and columns of a part of a map
 Window = Tuple[slice, slice]

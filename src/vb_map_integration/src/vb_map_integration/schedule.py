@@ -6,7 +6,7 @@ import re
 from functools import lru_cache
 from typing import List, NamedTuple, Tuple
 
-from vb_map_integration.findings import IntegrationError
+from vb_map_integration.issues import IntegrationError
 
 DAYS = ("mon", "tue", "wed", "thu", "fri", "sat", "sun")
 _PART = re.compile(r"(?:([a-z]{3}(?:-[a-z]{3})?(?:,[a-z]{3}(?:-[a-z]{3})?)*|daily) )?(\d\d?):(\d\d)-(\d\d?):(\d\d)")

@@ -44,13 +44,13 @@ class CameraCoverageParams(Parameters):
 
 
 class CameraCoverageNode:
-    """Works out anew only when the map, a camera's calibration or its pose changes.
+    """Works out again only when the map, a camera's calibration or its pose changes.
 
-    Subscribes:
+    Subscribed topics:
         /map (nav_msgs/OccupancyGrid): where floor is, and what stands on it
         <camera>/camera_info (sensor_msgs/CameraInfo): for one message now and then
         tf: <camera's optical frame> to map
-    Publishes, latched, in the geometry of /map:
+    Published topics, latched, in the geometry of /map:
         /virtual_borders/coverage (nav_msgs/OccupancyGrid): how many cameras see each cell; 0: none; -1: no free floor
         /virtual_borders/coverage/<camera> (nav_msgs/OccupancyGrid): 100: it sees the cell; 0: not; -1: no free floor
         /virtual_borders/coverage/outlines (visualization_msgs/MarkerArray): the edge of each camera's area, its name

@@ -81,7 +81,7 @@ class RobotStatus:
         server: whether its navigation is there.
         goal: what became of the last goal that was sent to it.
         busy: whether it drives to a goal that somebody else gave.
-        goal_place: (x, y) [m] where it drives to, whoever gave the goal.
+        goal_place: (x, y) [m] where it drives to, no matter who gave the goal.
     """
 
     pose: Optional[Pose]
@@ -141,7 +141,7 @@ class Record:
         return None if status.pose is not None else Decision(Kind.KEEP, "the robot is not localised")
 
     def _follow_up(self, now: float, status: RobotStatus) -> str:
-        """Takes note of how the goal goes; gives why it is to be called off, or nothing."""
+        """Takes note of how the goal goes; gives why it is to be cancelled, or nothing."""
         if status.goal is GoalStatus.SENT and now - self._sent > ACK_TIMEOUT:
             self._fail(now)
             return "navigation did not accept the goal in time"
@@ -288,14 +288,14 @@ class Fleet:
                 decisions[name] = decision or Decision(Kind.KEEP, "there is nothing to look at yet")
         if self.serving is not None and (moment.key != self._before.key or not moment.wanted) \
                 and self.records[self.serving].goal is None:
-            self.serving = None  # whoever was under way goes on
+            self.serving = None  # a robot that is under way goes on
         self._before = moment
         if able:
             decisions.update(self._choose(moment, robots, able))
         return decisions
 
     def _choose(self, moment: Moment, robots, able: Mapping[str, Tuple[RobotStatus, Outlook]]) -> Dict[str, Decision]:
-        """What those that are able do; whoever takes over also calls off one that is not."""
+        """What those that are able do; the one that takes over also cancels one that is not able."""
         now, serving = moment.now, self.serving if self.serving in able else None
         stays = self.records[serving].settled(moment, *able[serving]) if serving is not None else ""
         decisions = {name: self.records[name].release(status) for name, (status, _) in able.items() if name != serving}

@@ -55,7 +55,7 @@ class DispatchedRobot:
         navigation = self.navigation
         server = navigation.alive()
         if server and navigation.cancel_leftovers():
-            rospy.logwarn("%s: called off a goal that %s had from before a restart", rospy.get_name(), self.who)
+            rospy.logwarn("%s: cancelled a goal that %s had from before a restart", rospy.get_name(), self.who)
         pose = self._pose() if wanted else None
         return RobotStatus(pose, server, navigation.status(), navigation.busy(), navigation.goal_place())
 

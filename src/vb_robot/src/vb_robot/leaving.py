@@ -27,7 +27,7 @@ MAP_MARGIN = 0.05  # [m] from mapped obstacles on the way
 MIN_AREA = 0.3  # [m^2] less room for the robot's middle is a gap between border and wall, no place to end
 PATIENCE = 15.0  # [s] without progress it gives up and says why
 TIMEOUT = 90.0  # [s] of driving: 18 m
-RETRY = 20.0  # [s] after it gave up: whoever stood in the way may have gone
+RETRY = 20.0  # [s] after it gave up: the person in the way may have gone
 WINDOW = 10.0  # [m] about the robot: no way out is that long
 PROGRESS = 0.05  # [m] less is none; a turn of 1 rad counts as 0.2 m
 

@@ -69,7 +69,7 @@ class NavigationClient:
             self._handle.cancel()
 
     def cancel_leftovers(self) -> int:
-        """Calls off goals that an earlier process of this node sent before it died; gives how many."""
+        """Cancels goals that an earlier process of this node sent before it died; gives how many."""
         status = self._client.last_status_msg
         if status is None:
             return 0
@@ -91,7 +91,7 @@ class NavigationClient:
             entry.status in running and entry.goal_id.id not in self._known for entry in status.status_list)
 
     def goal_place(self) -> Optional[Tuple[float, float]]:
-        """(x, y) [m], map frame, where it drives to, whoever gave the goal; None if nowhere that is known."""
+        """(x, y) [m], map frame, where it drives to, no matter who gave the goal; None if nowhere that is known."""
         goal, status = self._newest_goal, self._client.last_status_msg
         if goal is None or status is None:
             return None

@@ -31,17 +31,17 @@ PERIOD = 0.25  # [s] between two decisions: the spot moves 0.1 m in that time at
 class RobotDispatcherNode:
     """Watches spot and state, and gives goals to the navigation of one robot at a time.
 
-    Subscribes:
+    Subscribed topics:
         /virtual_borders/spots (vb_msgs/LaserSpot), /virtual_borders/state (vb_msgs/InteractionState),
         /virtual_borders/progress (vb_msgs/BorderProgress)
         /virtual_borders/map, /map (nav_msgs/OccupancyGrid): where a robot may stand, what hides the spot
         <robot>/virtual_borders/map (nav_msgs/OccupancyGrid): what holds for a robot with a name, once it comes
         [<robot>/]camera_info (sensor_msgs/CameraInfo), tf: what its camera sees of the floor
         /virtual_borders/coverage (nav_msgs/OccupancyGrid): optional; floor that no stationary camera sees
-    Publishes:
+    Published topics:
         ~viewpoint (geometry_msgs/PoseStamped, latched): where a robot was sent last
         /virtual_borders/notices (vb_msgs/NoticeArray): when no camera sees the spot, and what comes of it
-    Action client:
+    Actions called:
         [<robot>/]move_base (move_base_msgs/MoveBaseAction)
     Parameters:
         ~* WatchParams; robot_profile in each robot's namespace
@@ -49,7 +49,7 @@ class RobotDispatcherNode:
 
     def __init__(self, dispatcher: Dispatcher, profiles: Mapping[str, RobotProfile]) -> None:
         self._dispatcher = dispatcher
-        self._goals = threading.Lock()  # held while goals are given or called off with the state
+        self._goals = threading.Lock()  # held while goals are given or cancelled with the state
         self._refused_spots = 0
         self._reasons: Dict[str, str] = {}
         transforms = TransformLookup()
@@ -59,12 +59,12 @@ class RobotDispatcherNode:
             DispatchedRobot(name, profiles[name], transforms, dispatcher.set_view) for name in dispatcher.robots
         ]
         grids = [
-            (names.VIRTUAL_MAP, dispatcher.set_map),
+            (names.MAP_WITH_BORDERS, dispatcher.set_map),
             (names.PHYSICAL_MAP, dispatcher.set_physical_map),
             (names.COVERAGE, dispatcher.set_coverage),
         ]
         for name in filter(None, dispatcher.robots):
-            grids.append((f"{name}{names.VIRTUAL_MAP}", functools.partial(dispatcher.set_map, robot=name)))
+            grids.append((f"{name}{names.MAP_WITH_BORDERS}", functools.partial(dispatcher.set_map, robot=name)))
         self._subscribers = [
             *(rospy.Subscriber(topic, OccupancyGridArray, self._on_grid, take, queue_size=1) for topic, take in grids),
             rospy.Subscriber(names.STATE, InteractionState, self._on_state, queue_size=10),
@@ -74,7 +74,7 @@ class RobotDispatcherNode:
         self._timer = rospy.Timer(rospy.Duration(PERIOD), self._on_timer, reset=True)
 
     def close(self) -> None:
-        """Calls off every goal: nobody would watch over it any more."""
+        """Cancels every goal: nobody would watch over it any more."""
         self._timer.shutdown()
         self._notices.close()
         for robot in self._robots:

@@ -65,7 +65,7 @@ class DriverParams(Parameters):
 class RobotDriverNode:
     """Arbitrates who drives a robot, and gates every command. See `Driver`.
 
-    Subscribes:
+    Subscribed topics:
         cmd_vel/navigation, cmd_vel/teleop (geometry_msgs/Twist)
         /virtual_borders/state (vb_msgs/InteractionState), /virtual_borders/stop (std_msgs/Bool)
         /virtual_borders/spots (vb_msgs/LaserSpot), /virtual_borders/progress (vb_msgs/BorderProgress)
@@ -75,7 +75,7 @@ class RobotDriverNode:
         move_base/status (actionlib_msgs/GoalStatusArray), move_base/goal (move_base_msgs/MoveBaseActionGoal)
         move_base/NavfnROS/plan (nav_msgs/Path): for robots with a name
         cmd_vel (geometry_msgs/Twist): whether somebody else commands the base
-    Publishes:
+    Published topics:
         cmd_vel (geometry_msgs/Twist): while somebody drives, one zero when that ends, zeros while stopped
         move_base/cancel (actionlib_msgs/GoalID): while it follows the spot or leaves a border
         /virtual_borders/drivers (vb_msgs/DriverState): who drives, and why
@@ -118,7 +118,7 @@ class RobotDriverNode:
             listen(names.SPOTS, LaserSpot, self._on_spot, queue_size=100),
             listen(names.PROGRESS, BorderProgress,
                    lambda message: self._driver.contributed(message.interaction_id, message.cameras), queue_size=1),
-            listen(names.VIRTUAL_MAP, OccupancyGridArray, self._on_map, "borders", queue_size=1),
+            listen(names.MAP_WITH_BORDERS, OccupancyGridArray, self._on_map, "borders", queue_size=1),
             listen(names.PHYSICAL_MAP, OccupancyGridArray, self._on_map, "physical", queue_size=1),
             listen(names.SPEED_LIMITS, OccupancyGridArray, self._on_map, "speed", queue_size=1),
             listen(names.BORDERS, VirtualBorderArray, self._on_borders, queue_size=1),

@@ -186,7 +186,7 @@ class Ways:
     """The shortest ways from one start, searched once. Made by `Terrain.ways`.
 
     The start is a node of its own, joined to the free cell beside it; outside a window, to the free cells of the
-    window's edge, and the bee line stands for the way up to there.
+    window's edge, and the straight line stands for the way up to there.
     """
 
     def __init__(self, terrain: Terrain, start: np.ndarray, others: np.ndarray) -> None:

@@ -34,10 +34,10 @@ from vb_sim.world import CeilingCamera, World, load_world
 class CeilingCamerasNode:
     """Renders what a world's ceiling cameras see.
 
-    Subscribes:
+    Subscribed topics:
         /sim/lab_state (vb_msgs/LabState): what moves. While nobody publishes it the lab is empty.
         /virtual_borders/projector (sensor_msgs/Image): what the world's projector shows on the floor, if it has one.
-    Publishes, for each camera, at its own rate, the cameras' frames spread evenly:
+    Published topics, for each camera, at its own rate, the cameras' frames spread evenly:
         /<camera>/image_raw (sensor_msgs/Image), /<camera>/camera_info (sensor_msgs/CameraInfo): stamp
             is the middle of the exposure; delivered `optics/latency_ms` later.
         /sim/cameras (diagnostic_msgs/DiagnosticArray, latched, 1 Hz): one status per camera, name = the
@@ -143,7 +143,7 @@ class CeilingCamerasParams(Parameters):
 def build() -> CeilingCamerasNode:
     """Reads the parameters."""
     cv2.setNumThreads(1)
-    node.keep_memory()
+    node.disable_heap_trimming()
     parameters.required("~world")
     params = parameters.read(CeilingCamerasParams)
     world = load_world(params.world)

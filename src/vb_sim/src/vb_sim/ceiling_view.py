@@ -269,7 +269,7 @@ class CeilingView:
             cv2.fillConvexPoly(color, outer[index][hull], dark[index], cv2.LINE_8, _SHIFT)
             cv2.fillConvexPoly(color, inner[index][hull], light[index], cv2.LINE_8, _SHIFT)
             cv2.fillConvexPoly(inverse, outer[index][hull], 1.0 / depth, cv2.LINE_8, _SHIFT)
-        opacity = masks.compare(inverse, 0.0, cv2.CMP_GT)
+        opacity = masks.threshold_mask(inverse, 0.0, cv2.CMP_GT)
         # soft edges; both alike, since the colour is what is added to what shines through
         color, opacity = cv2.blur(color, (3, 3)), cv2.blur(opacity, (3, 3))
         rows, columns = slice(low[1], high[1]), slice(low[0], high[0])
@@ -291,7 +291,7 @@ class CeilingView:
         keep = cv2.multiply(lit, cv2.bitwise_not(opacity), scale=1.0 / 255.0)
         keep = cv2.resize(keep, (shape[1] * 2, shape[0] * 2), interpolation=cv2.INTER_LINEAR)
         # a shadow alone keeps more
-        solid = masks.compare(keep, 127, cv2.CMP_LT)
+        solid = masks.threshold_mask(keep, 127, cv2.CMP_LT)
         pattern = pixels.encode_doubled(color, self.encoding)
         if self._noisy:
             darker = cv2.subtract(pattern, np.full(pattern.shape, _NOISE_OFFSET, np.uint8))

@@ -61,7 +61,7 @@ class Glint:
 
 
 @dataclass(frozen=True)
-class Surroundings:
+class SceneConditions:
     """The state of a room at one time; by default nothing is unusual.
 
     Attributes:
@@ -84,7 +84,7 @@ class Surroundings:
         return self.light * self.exposure != 1.0 or bool(self.sun)
 
 
-def relight(picture: np.ndarray, around: Surroundings, camera: CameraModel, T_map_optical: np.ndarray) -> None:
+def relight(picture: np.ndarray, around: SceneConditions, camera: CameraModel, T_map_optical: np.ndarray) -> None:
     """Applies lamps, exposure and sun to a picture without laser, (H, W) or (H, W, 3) uint8, in place."""
     if around.sun:
         outline = geometry.resample_chain(np.array([*around.sun, around.sun[0]], dtype=float), 0.05)

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 from typing import Deque, Dict, Optional, Tuple
 
 from vb_core.geometry import wrap_angle
-from vb_sim.disturbances import Surroundings
+from vb_sim.disturbances import SceneConditions
 
 Pose2 = Tuple[float, float, float]
 Point2 = Tuple[float, float]
@@ -35,7 +35,7 @@ class Snapshot:
     laser_color: str = "red"
     laser_velocity: Point2 = (0.0, 0.0)
     person: Optional[Pose2] = None
-    around: Surroundings = Surroundings()
+    around: SceneConditions = SceneConditions()
 
 
 class History:
@@ -75,7 +75,7 @@ class History:
         first, second = snapshots[after - 1], snapshots[after]
         interval = second.stamp - first.stamp
         if interval > self._stale_s:
-            # whoever described the scene was away: nothing moved steadily in between
+            # the node that describes the scene was away: nothing moved steadily in between
             return replace(second if stamp >= second.stamp else first, stamp=stamp)
         at = min(max(stamp, first.stamp), second.stamp + self._ahead_s)
         return _between(first, second, (at - first.stamp) / interval, interval, stamp)

@@ -67,11 +67,11 @@ class LabSimulatorNode:
     With /use_sim_time it publishes /clock, paced to at most real time; without it, it steps in wall time.
     A robot's topics are below its namespace; the first robot usually has none.
 
-    Subscribes:
+    Subscribed topics:
         <robot>/cmd_vel (geometry_msgs/Twist)
         <robot>/initialpose (geometry_msgs/PoseWithCovarianceStamped): re-initialises the estimate only
         /sim/participant (vb_msgs/ParticipantState)
-    Publishes:
+    Published topics:
         /clock (rosgraph_msgs/Clock): `rate`, only with /use_sim_time
         /sim/lab_state (vb_msgs/LabState): `rate`, ground truth
         <robot>/odom (nav_msgs/Odometry), /tf: map -> odom -> base_link, `rate / pose_divisor`

@@ -29,7 +29,7 @@ class MapServerParams(Parameters):
 class MapServerNode:
     """Serves one map that never changes.
 
-    Publishes:
+    Published topics:
         /map (nav_msgs/OccupancyGrid, latched)
     Services:
         /static_map (nav_msgs/GetMap)

@@ -33,7 +33,7 @@ class MeshBuilder:
         self._normals: List[np.ndarray] = []
 
     def face(self, corners: np.ndarray, color: Sequence[float], shaded: bool = True) -> None:
-        """A flat convex face, corners (K, 3) [m] counter-clockwise for whoever sees it."""
+        """A flat convex face, corners (K, 3) [m] counter-clockwise as seen from outside."""
         corners = np.asarray(corners, dtype=float)
         normal = np.cross(corners[1] - corners[0], corners[2] - corners[0])
         length = float(np.linalg.norm(normal))
@@ -261,7 +261,7 @@ class DepthBuffer:
         self.normals[self._count] = normal
         inverse = self.inverse[rows, columns]
         if plane[0] == 0.0 and plane[1] == 0.0:
-            nearer = masks.compare(inverse, float(plane[2]), cv2.CMP_LT)
+            nearer = masks.threshold_mask(inverse, float(plane[2]), cv2.CMP_LT)
             cv2.bitwise_and(mask, nearer, dst=mask)
             inverse[mask > 0] = plane[2]
         else:

@@ -46,16 +46,16 @@ class NavigationParams(NavigatorParams):
 class NavigationNode:
     """Plans on the map with the virtual borders and drives.
 
-    Subscribes:
+    Subscribed topics:
         /virtual_borders/map (nav_msgs/OccupancyGrid): the static map of both costmaps
         scan (sensor_msgs/LaserScan): only while driving
         move_base_simple/goal (geometry_msgs/PoseStamped)
         tf: map -> base_link
-    Serves:
+    Services:
         move_base (move_base_msgs/MoveBaseAction)
         ~make_plan (nav_msgs/GetPlan): refuses while a goal is active; no plan is an empty one
         ~clear_costmaps (std_srvs/Empty): forgets what the scanner saw, never the map or a border
-    Publishes:
+    Published topics:
         cmd_vel (geometry_msgs/Twist): only while a goal is active, and one zero at its end
         ~NavfnROS/plan (nav_msgs/Path)
         ~global_costmap/costmap (nav_msgs/OccupancyGrid, latched), ~global_costmap/costmap_updates (map_msgs/OccupancyGridUpdate)
@@ -83,7 +83,7 @@ class NavigationNode:
         self._goals = rospy.Publisher("move_base/goal", MoveBaseActionGoal, queue_size=1)
         self._maps: node.Mailbox = node.Mailbox()
         self._worker = node.Worker(self._maps, self._take_map)
-        rospy.Subscriber(names.VIRTUAL_MAP, messages.OccupancyGridArray, self._maps.put, queue_size=1, buff_size=2**24)
+        rospy.Subscriber(names.MAP_WITH_BORDERS, messages.OccupancyGridArray, self._maps.put, queue_size=1, buff_size=2**24)
         rospy.Service("~make_plan", GetPlan, self._on_make_plan)
         rospy.Service("~clear_costmaps", Empty, self._on_clear)
         self._server = actionlib.SimpleActionServer("move_base", MoveBaseAction, self._execute, auto_start=False)
@@ -260,7 +260,7 @@ class NavigationNode:
         try:
             rospy.sleep(period)
         except rospy.ROSTimeMovedBackwardsException:
-            pass  # the clock was started afresh: go on with the next cycle
+            pass  # the clock was started again: go on with the next cycle
 
 
 def path_message(path: np.ndarray, goal_yaw: float) -> Path:

@@ -1,4 +1,4 @@
-"""Driving to a goal as move_base does, without ROS: plan, follow, plan anew, give up."""
+"""Driving to a goal as move_base does, without ROS: plan, follow, plan again, give up."""
 from __future__ import annotations
 
 import threading

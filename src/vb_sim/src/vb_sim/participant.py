@@ -109,11 +109,11 @@ class Action:
     outcome: str = ""
 
 
-class GivesUp(Exception):
+class ParticipantGaveUp(Exception):
     """The person has had enough; the message says why."""
 
 
-class Slips(Exception):
+class DrawingSlip(Exception):
     """The drawing went wrong, and the person has noticed."""
 
 
@@ -256,8 +256,8 @@ class Person:
         """Gives a command again while nobody answers or the system is busy.
 
         Raises:
-            GivesUp: if it stays without a good answer.
-            Slips: if another command came out and changed something.
+            ParticipantGaveUp: if it stays without a good answer.
+            DrawingSlip: if another command came out and changed something.
         """
         yield from self._maybe_wrong_word(command, source)
         for _ in range(times):
@@ -265,13 +265,13 @@ class Person:
             if self.last_answer.success:
                 return
             yield from self.wait(1.0)
-        raise GivesUp(f"{command} was not taken: {self.last_answer.message} [{self.last_answer.code}]")
+        raise ParticipantGaveUp(f"{command} was not taken: {self.last_answer.message} [{self.last_answer.code}]")
 
     def _maybe_wrong_word(self, command: str, source: str) -> Step:
         """Now and then another command is said, understood or pressed; the person sees on the display what it did.
 
         Raises:
-            Slips: if the state is another one now, so that the person starts over.
+            DrawingSlip: if the state is another one now, so that the person starts over.
         """
         others = [word for word in WORDS if word != command]
         wrong, other = self._slips_of_the_tongue.random() < self.model.wrong_word, self._slips_of_the_tongue.integers(len(others))
@@ -282,7 +282,7 @@ class Person:
         yield from self.look()
         yield from self.react()
         if self.percept.state != before:
-            raise Slips()
+            raise DrawingSlip()
 
     def look(self) -> Step:
         """Looks at the display before going on."""
@@ -308,7 +308,7 @@ class Person:
         """Once in a lifetime, at some place of the stroke, the hand goes wrong.
 
         Raises:
-            Slips: when the person has noticed.
+            DrawingSlip: when the person has noticed.
         """
         if self._slip is None or arc < self._slip[0] * stroke.length:
             return
@@ -319,7 +319,7 @@ class Person:
         yield from self.move_spot(aside if self.is_floor(aside)[0] else stroke.at(arc), speed)
         yield from self.react()
         self.spot = None
-        raise Slips()
+        raise DrawingSlip()
 
     def see_and_wait(self, seconds: float, patience: float, by_robot: bool = False) -> Step:
         """Holds the spot until it has been seen for some time in all, or patience ends."""
@@ -370,10 +370,10 @@ class ParticipantScript:
         try:
             for _ in course:
                 if person.percept.now - self._began > person.model.time_limit:
-                    raise GivesUp(f"it took longer than {person.model.time_limit:g} s")
+                    raise ParticipantGaveUp(f"it took longer than {person.model.time_limit:g} s")
                 yield
             outcome = "saved"
-        except GivesUp as reason:
+        except ParticipantGaveUp as reason:
             course.close()
             outcome, self.reason = "gave_up", str(reason)
             person.spot = None
@@ -405,18 +405,18 @@ class ParticipantScript:
                 if (yield from self._attempt()):
                     return
                 refusal = person.last_answer
-            except Slips:
+            except DrawingSlip:
                 refusal = Answer(False, "slipped", "it went wrong")
             if person.percept.state != DEFAULT:
                 person.doing, person.spot = "starts over", None
                 yield from person.insist("cancel", self.source)
-        raise GivesUp(f"not saved: {refusal.message} [{refusal.code}]")
+        raise ParticipantGaveUp(f"not saved: {refusal.message} [{refusal.code}]")
 
     def _attempt(self) -> Generator[None, None, bool]:
         """Draws, shows the seed and saves once; whether a border was saved.
 
         Raises:
-            Slips: the person has noticed that something went wrong.
+            DrawingSlip: the person has noticed that something went wrong.
         """
         person = self.person
         yield from self.prepare()
@@ -441,7 +441,7 @@ class ParticipantScript:
                 continue
             if self.person.last_answer.code not in ("busy", "no_service", "no_answer", "save_unanswered"):
                 return
-            # whoever should answer is being restarted; perhaps the border was saved all the same
+            # the node that should answer is being restarted; perhaps the border was saved all the same
             yield from self.person.wait(1.5)
             if self.person.last_answer.code in ("no_answer", "save_unanswered") and self.person.percept.state == DEFAULT:
                 self.person.last_answer = Answer(True, "ok", "the display says that nothing is under way")

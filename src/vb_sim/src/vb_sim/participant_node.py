@@ -43,20 +43,20 @@ class ParticipantParams(Parameters):
 class ParticipantNode:
     """One person who carries out one scenario.
 
-    Subscribes:
+    Subscribed topics:
         /sim/lab_state (vb_msgs/LabState): where the robot is, and the beat of the person's life
         /virtual_borders/spots (vb_msgs/LaserSpot): only whether the spot is seen, as sound and LED tell it
         /virtual_borders/progress (vb_msgs/BorderProgress): whether the display shows a seed
         /virtual_borders/state (vb_msgs/InteractionState): what the display calls the state
         /virtual_borders/notices (vb_msgs/NoticeArray): what it says about the robots
-    Publishes:
+    Published topics:
         /sim/participant (vb_msgs/ParticipantState): 50 Hz with the lab's clock, 5 Hz once everything is over
         /sim/participant_done (std_msgs/String, latched): JSON with outcome ("saved", "gave_up", "failed"), reason,
             scenario, method, seed, tries, started, ended [s]
-    Calls:
+    Services called:
         /virtual_borders/command (vb_msgs/Command)
     Services:
-        ~start (std_srvs/Trigger): begins, or begins anew
+        ~start (std_srvs/Trigger): begins, or begins again
     Parameters: see `ParticipantParams` and config/participant.yaml. A participant that is killed in the middle
         cancels and starts over; one that had finished says so again.
     """

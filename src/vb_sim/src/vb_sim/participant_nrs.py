@@ -64,7 +64,7 @@ class NetworkRobotSystemScript(ParticipantScript):
                 arc = max((seen_at - GO_BACK * sign) * sign, begin * sign) * sign
                 person.doing = "draws"
                 yield from person.move_spot(stroke.at(arc), person.drawing_speed)
-                # the way back counts as feedback: what follows is judged afresh
+                # the way back counts as feedback: what follows is judged again
                 yield from person.see_and_wait(0.1, 2.0)
                 seen_at = arc
             yield from person.may_slip(stroke, arc, person.drawing_speed)
@@ -97,7 +97,7 @@ class NetworkRobotSystemScript(ParticipantScript):
         while person.unseen_for() > FEEDBACK_GAP and person.percept.now - began < person.model.patience:
             told = person.percept.now - person.percept.told_to_hold < person.model.patience
             if not aside and not told and person.percept.now - began > 2.0 and person.spot is not None:
-                # perhaps one's own body is in the way; whoever was told to wait for the robot knows better
+                # perhaps one's own body is in the way; a person who was told to wait for the robot knows better
                 aside = True
                 person.step_aside(person.spot, stroke.points)
             yield

@@ -11,7 +11,7 @@ from vb_core import geometry
 from vb_sim.hand import Stroke
 from vb_sim.legs import distance_to_chain
 from vb_sim.participant import FEEDBACK_GAP, ParticipantScript, Step
-from vb_sim.rehearsal import best_order
+from vb_sim.stroke_order import best_order
 
 LOST = 1.5  # [s] without feedback after which the robot has lost the spot
 SIDE = math.radians(24.0)  # off the robot's axis, where the camera's image is about to end
@@ -178,7 +178,7 @@ class RobotOnlyScript(ParticipantScript):
             # a robot that does not come after some time will not come; as long as the spot is seen one goes on
             return 0.0 if person.percept.now - self._lags_since < person.model.patience / 2.0 else 0.5
         if bearing > SIDE and distance > 0.3:
-            # the robot is turning; whoever still hears it see goes on with care
+            # the robot is turning; a person who still hears that it sees goes on with care
             return 0.25
         return 1.0 if distance > 0.5 else 0.6
 

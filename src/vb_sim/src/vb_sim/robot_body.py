@@ -71,7 +71,7 @@ class RobotBody:
             self._command_time = now
 
     def reset(self) -> None:
-        """Puts the robot back to its start and localises it afresh, as an operator would."""
+        """Puts the robot back to its start and localises it again, as an operator would."""
         self.pose = self._start
         self.velocity = (0.0, 0.0)
         self._command_time = -math.inf
@@ -89,7 +89,7 @@ class RobotBody:
         distance, turn = speed * dt, turn_rate * dt
         after = advance(self.pose, distance, turn)
         room = self._clearance(after[0], after[1])
-        # whoever already touches something may still back away from it
+        # a robot that already touches something may still back away from it
         if room < self._radius and room < self._clearance(self.pose[0], self.pose[1]) + 1e-9 and distance != 0.0:
             if not self._touching:
                 self.collisions += 1

@@ -32,11 +32,11 @@ from vb_sim.world import Robot, World, load_world
 class RobotCameraNode:
     """Renders what the camera of one robot sees, from the robot's true pose.
 
-    Subscribes:
+    Subscribed topics:
         /sim/lab_state (vb_msgs/LabState): what moves, this robot included. While nobody publishes it the
             robot stays where it was and the lab is empty.
         /virtual_borders/projector (sensor_msgs/Image): what the world's projector shows on the floor, if it has one.
-    Publishes (relative names: a namespace works):
+    Published topics (relative names: a namespace works):
         camera/rgb/image_raw (sensor_msgs/Image, 640 x 480 rgb8), camera/rgb/camera_info
         camera/depth_registered/image_raw (sensor_msgs/Image, 160 x 120 16UC1 [mm], 0 = none),
         camera/depth_registered/camera_info: with every `robot_camera/depth_every`-th colour image, same stamp.
@@ -144,7 +144,7 @@ class RobotCameraParams(Parameters):
 def build() -> RobotCameraNode:
     """Reads the parameters."""
     cv2.setNumThreads(1)
-    node.keep_memory()
+    node.disable_heap_trimming()
     parameters.required("~world")
     params = parameters.read(RobotCameraParams)
     world = load_world(params.world)

@@ -226,7 +226,7 @@ class Robot(Parameters):
 
 
 @dataclass(frozen=True)
-class Proof(Parameters):
+class DetourCheck(Parameters):
     """A way through the region, for showing that the border acts."""
 
     start: Tuple[float, float, float] = param((0.0, 0.0, 0.0), "m, m, deg")
@@ -255,7 +255,7 @@ class Scenario:
     region: np.ndarray
     stand: np.ndarray
     guide: np.ndarray
-    proof: Proof
+    proof: DetourCheck
 
 
 @dataclass(frozen=True)
@@ -422,7 +422,7 @@ def _scenario(key: str, entry: Any, room: Room) -> Scenario:
     region = _points(entry["region"], f"{where}/region", room, 3)
     if not Polygon(region).is_valid:
         raise ParameterError(f"{where}/region", "the outline crosses itself")
-    proof = Proof.from_mapping(entry["proof"], f"{where}/proof")
+    proof = DetourCheck.from_mapping(entry["proof"], f"{where}/proof")
     for name in ("start", "goal"):
         _points([getattr(proof, name)[:2]], f"{where}/proof/{name}", room)
     return Scenario(

@@ -30,11 +30,11 @@ class ButtonsParams(Parameters):
 class Buttons:
     """Commands by buttons: the baseline method's way to switch states, or a presenter.
 
-    Subscribes to:
+    Subscribed topics:
         joy (sensor_msgs/Joy): a command is given when a button goes down, never while it is held.
         /virtual_borders/state (vb_msgs/InteractionState): for buttons whose meaning depends on it.
 
-    Calls:
+    Services called:
         /virtual_borders/command (vb_msgs/Command).
 
     Args:

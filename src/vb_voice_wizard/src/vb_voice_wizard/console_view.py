@@ -47,7 +47,7 @@ class View:
     robot: str = ""
     preview: str = ""  # what saving now would do, "": there is nothing to save yet
     preview_good: bool = False
-    findings: Tuple[Tuple[str, bool], ...] = ()  # of the preview: what, and whether it forbids saving
+    issues: Tuple[Tuple[str, bool], ...] = ()  # of the preview: what, and whether it forbids saving
     borders: Tuple[BorderRow, ...] = ()
     stopped: bool = False
     stopped_by: str = ""
@@ -185,7 +185,7 @@ def _borders(view: View, room: int) -> Panel:
 def _preview(view: View, width: int) -> Panel:
     good = GOOD if view.preview_good else BAD
     lines = [Text(line, style=good) for line in _wrapped(view.preview, width)] if view.preview else []
-    for what, forbids in view.findings:
+    for what, forbids in view.issues:
         if what not in view.preview:
             lines += [Text(line, style="bold red" if forbids else BAD) for line in _wrapped(f"! {what}", width)]
     if not lines:

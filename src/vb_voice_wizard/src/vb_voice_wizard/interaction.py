@@ -4,6 +4,12 @@ Four states and nine commands. Every command is answered in every state; a comma
 where the person left off and erases nothing. Only `cancel`, a completed `save` and a long silence end an
 interaction. `stop` comes before everything else and holds until `resume`.
 Time is injected, in seconds, and may pause or jump back.
+
+>>> interaction = Interaction()
+>>> interaction.command(DEFINE_BORDER, source="console", now=0.0).success
+True
+>>> interaction.state.name, interaction.suggested_commands()
+('BORDER', ['define_seed', 'guide_robot', 'cancel', 'stop'])
 """
 from __future__ import annotations
 
@@ -176,7 +182,7 @@ class Interaction:
             source: who gives it, for the record.
             now: [s].
             unclear: whether it may have been misunderstood, as a spoken near miss.
-            doubtful_border: whether the preview of what would be saved has findings.
+            doubtful_border: whether the preview of what would be saved has issues.
         """
         self.advance(now)
         name = normalise(name)
@@ -301,7 +307,7 @@ class Interaction:
         wanted = (("border", State.BORDER), ("seed", State.SEED))
         return [word for word, state in wanted if state not in self._visited]
 
-    def sensible_commands(self) -> List[str]:
+    def suggested_commands(self) -> List[str]:
         """The commands that bring a person further now, the most likely one first; `stop` is always one."""
         last = [RESUME] if self.stopped else [STOP]
         guide = [GUIDE_ROBOT] if self._params.robot else []
@@ -398,7 +404,7 @@ class Interaction:
         Whether robots are stopped is not part of it: that outlives every interaction.
 
         Raises:
-            CodedError: "bad_memory" if this is no memory of an interaction.
+            CodedError: "bad_state_file" if this is no memory of an interaction.
         """
         self = cls(params, new_id)
         try:
@@ -419,12 +425,12 @@ class Interaction:
             self.last_answered = float(mapping["last_answered"])
             self.last_outcome, self.last_border_id = str(mapping["last_outcome"]), str(mapping["last_border_id"])
         except (KeyError, TypeError, ValueError, AttributeError) as error:
-            raise CodedError("bad_memory", f"this is no memory of an interaction: {error!r}") from None
+            raise CodedError("bad_state_file", f"this is no memory of an interaction: {error!r}") from None
         numbers = [self.started, self.entered, self._active, self._counted_until, self.last_answered]
         if not all(map(math.isfinite, [*numbers, *self._durations.values()])) or min(self._durations.values()) < 0:
-            raise CodedError("bad_memory", "this is no memory of an interaction: times must be finite")
+            raise CodedError("bad_state_file", "this is no memory of an interaction: times must be finite")
         if (self.state == State.DEFAULT) != (self.interaction_id == ""):
-            raise CodedError("bad_memory", "this is no memory of an interaction: state and id do not fit")
+            raise CodedError("bad_state_file", "this is no memory of an interaction: state and id do not fit")
         return self
 
     # ------------------------------------------------------------------ inside

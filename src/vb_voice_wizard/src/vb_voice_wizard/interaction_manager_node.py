@@ -19,13 +19,13 @@ from vb_core.ros.notices import NoticePublisher
 from vb_msgs.msg import BorderProgress, InteractionState, VirtualBorderArray
 from vb_msgs.srv import Command, CommandRequest, CommandResponse
 
-from vb_voice_wizard import memory
+from vb_voice_wizard import persistence
 from vb_voice_wizard.interaction import (
     REDO, RESUME, SAVE, STOP, UNDO, Answer, Interaction, InteractionParams, State, normalise,
 )
-from vb_voice_wizard.neighbours import UNANSWERED, Neighbours
+from vb_voice_wizard.border_services import UNANSWERED, BorderServices
 from vb_voice_wizard.once import Once
-from vb_voice_wizard.preview_pace import PreviewParams
+from vb_voice_wizard.preview_scheduler import PreviewParams
 from vb_voice_wizard.previewer import Previewer
 
 # [s] wall time: half a second after the last state robots rest, see vb_msgs/InteractionState
@@ -53,7 +53,7 @@ class ManagerParams(InteractionParams):
 class InteractionManager:
     """Takes commands, owns the state, and saves the border when the person says so.
 
-    Subscribes to:
+    Subscribed topics:
         /virtual_borders/command_text (std_msgs/String): a command as text, "define_border" or "define border";
             its answer is in the state.
         /virtual_borders/stop (std_msgs/Bool): true stops every robot, false lets them drive; from anybody.
@@ -61,27 +61,27 @@ class InteractionManager:
             seed so far, for the preview; whether somebody still draws.
         /virtual_borders/borders (vb_msgs/VirtualBorderArray): to see whether the preview is still right.
 
-    Publishes:
+    Published topics:
         /virtual_borders/state (vb_msgs/InteractionState, latched): on each change, and every 0.1 s of wall time.
         /virtual_borders/stop (std_msgs/Bool, latched): on `stop` and `resume`, before anything else.
         /virtual_borders/notices (vb_msgs/NoticeArray): robots_stopped, stop_memory_lost, interaction_ends_soon.
         /virtual_borders/preview (vb_msgs/BorderPreview, latched): what saving now would do, as soon as there are
             border and seed, and again when they, the map or the borders in it change.
 
-    Offers:
+    Services:
         /virtual_borders/command (vb_msgs/Command): one with an id is carried out once, however often it is sent;
             one that comes after its time is refused ("expired"). `stop` is always carried out.
 
-    Calls on "save":
-        /virtual_borders/get_candidate (vb_msgs/GetCandidate), then /virtual_borders/add_border (vb_msgs/AddBorder)
+    Services called on "save":
+        /virtual_borders/get_drawn_border (vb_msgs/GetDrawnBorder), then /virtual_borders/add_border (vb_msgs/AddBorder)
         with the interaction's id, so that a save which is repeated adds one border. No lock is held meanwhile; other
         commands are answered with "busy", but not `stop` and `resume`.
 
-    Calls on "undo" and "redo":
+    Services called on "undo" and "redo":
         /virtual_borders/undo, /virtual_borders/redo (std_srvs/Trigger), /virtual_borders/list_borders before and after.
 
-    Calls for the preview, from a thread of its own:
-        /virtual_borders/get_candidate, then /virtual_borders/preview_border (vb_msgs/PreviewBorder).
+    Services called for the preview, from a thread of its own:
+        /virtual_borders/get_drawn_border, then /virtual_borders/preview_border (vb_msgs/PreviewBorder).
 
     Args:
         params, preview: see config/interaction_manager.yaml.
@@ -90,8 +90,8 @@ class InteractionManager:
 
     def __init__(self, params: ManagerParams, preview: PreviewParams, run_id: str) -> None:
         self._params = params
-        self._log_file = memory.writable("~log_file", params.log_file)
-        self._state_file = memory.StateFile(memory.writable("~state_file", params.state_file), run_id)
+        self._log_file = persistence.writable("~log_file", params.log_file)
+        self._state_file = persistence.StateFile(persistence.writable("~state_file", params.state_file), run_id)
         self._lock = threading.Lock()
         self._interaction = Interaction(params)
         # a save asks two neighbours, undo three times one
@@ -104,7 +104,7 @@ class InteractionManager:
         self._beaten, self._revived = time.monotonic(), float("-inf")
         self._recall()
 
-        self._neighbours = Neighbours(
+        self._neighbours = BorderServices(
             params.border_name, params.occupancy, params.service_wait, params.service_answer
         )
         self._preview = Previewer(preview, self._neighbours)
@@ -272,10 +272,10 @@ class InteractionManager:
         record = self._interaction.take_record()
         if record is not None:
             cameras = self._cameras if self._cameras_of == record.interaction_id else []
-            line = memory.record_line(record, self._params.method, cameras)
+            line = persistence.record_line(record, self._params.method, cameras)
             rospy.loginfo("interaction %s %s after %.1f s", record.interaction_id, record.outcome, record.total_s)
             try:
-                memory.append_line(self._log_file, line)
+                persistence.append_line(self._log_file, line)
             except OSError as error:
                 rospy.logwarn("interaction_manager: cannot write %s: %s", self._log_file, error)
         self._remember()
@@ -298,7 +298,7 @@ class InteractionManager:
                 self._interaction = Interaction.from_mapping(remembered.get("interaction"), self._params)
                 self._once = Once(self._patience_s, remembered.get("answers") or ())
         except (CodedError, TypeError, ValueError) as error:
-            rospy.logwarn("interaction_manager: starting afresh: %s", error)
+            rospy.logwarn("interaction_manager: starting again: %s", error)
         self._interaction.stopped, self._interaction.stopped_by = stopped, stopped_by
         self._interaction.advance(rospy.get_time())
         if self._interaction.state != State.DEFAULT:
@@ -340,7 +340,7 @@ class InteractionManager:
         message.stopped, message.stopped_by = interaction.stopped, interaction.stopped_by
         message.ends = rospy.Time.from_sec(interaction.ends)
         message.confirm_save = interaction.confirm_save
-        message.commands = interaction.sensible_commands()
+        message.commands = interaction.suggested_commands()
         message.last_command = interaction.last_command
         message.last_source = interaction.last_source
         message.last_success = interaction.last_answer.success

@@ -14,8 +14,8 @@ from vb_core.ros import node
 from vb_core.ros.messages import BorderPreviewArray, array_from_points, mapping_from_values, values_from_mapping
 from vb_msgs.msg import BorderProgress, VirtualBorderArray
 
-from vb_voice_wizard.neighbours import UNANSWERED, Neighbours
-from vb_voice_wizard.preview_pace import PreviewPace, PreviewParams, Situation
+from vb_voice_wizard.border_services import UNANSWERED, BorderServices
+from vb_voice_wizard.preview_scheduler import PreviewScheduler, PreviewParams, PreviewInputs
 
 
 class Previewer:
@@ -28,11 +28,11 @@ class Previewer:
         neighbours: who is asked.
     """
 
-    def __init__(self, params: PreviewParams, neighbours: Neighbours) -> None:
+    def __init__(self, params: PreviewParams, neighbours: BorderServices) -> None:
         self._neighbours = neighbours
-        self._pace = PreviewPace(params)
+        self._pace = PreviewScheduler(params)
         self._condition = threading.Condition()
-        self._situation = Situation()
+        self._situation = PreviewInputs()
         self._progress: Optional[BorderProgress] = None
         self._held = False
         self._closed = False
@@ -46,7 +46,7 @@ class Previewer:
         with self._condition:
             self._held = saving
             if interaction_id != self._situation.interaction_id:
-                self._situation = Situation(interaction_id, borders=self._situation.borders)
+                self._situation = PreviewInputs(interaction_id, borders=self._situation.borders)
                 self._take_progress()
             self._condition.notify()
 
@@ -84,7 +84,7 @@ class Previewer:
         )
 
     # ------------------------------------------------------------------ work
-    def take(self) -> Optional[Situation]:
+    def take(self) -> Optional[PreviewInputs]:
         """Waits for a situation that has to be looked at; None once closed. For the worker alone."""
         with self._condition:
             while not self._closed:
@@ -100,7 +100,7 @@ class Previewer:
             self._closed = True
             self._condition.notify()
 
-    def _make(self, situation: Situation) -> None:
+    def _make(self, situation: PreviewInputs) -> None:
         started, answered = time.monotonic(), True
         preview = self._empty(situation, situation.code, situation.message, dict(situation.values))
         if situation.complete:
@@ -113,24 +113,24 @@ class Previewer:
             # an interaction that ended or is being saved meanwhile has nothing to show any more
             if self._situation.interaction_id == situation.interaction_id and not self._held:
                 self._publisher.publish(preview)
-                doubtful = preview.available and preview.success and preview.findings
+                doubtful = preview.available and preview.success and preview.issues
                 self._doubtful_of = situation.interaction_id if doubtful else ""
                 self._pace.done(situation, started, time.monotonic(), answered)
 
-    def _look(self, situation: Situation) -> BorderPreviewArray:
+    def _look(self, situation: PreviewInputs) -> BorderPreviewArray:
         border = self._neighbours.candidate(situation.interaction_id)
         answer = self._neighbours.preview(border)
         border.area_m2 = answer.area_m2
         preview = self._empty(situation, answer.code, answer.message)
         preview.values = answer.values
         preview.available, preview.success = True, answer.success
-        preview.findings = answer.findings
+        preview.issues = answer.issues
         preview.border, preview.region = border, answer.region
         preview.area_m2, preview.free_parts = answer.area_m2, answer.free_parts
         return preview
 
     @staticmethod
-    def _empty(situation: Situation, code: str, message: str, values: Mapping[str, Any] = {}) -> BorderPreviewArray:
+    def _empty(situation: PreviewInputs, code: str, message: str, values: Mapping[str, Any] = {}) -> BorderPreviewArray:
         preview = BorderPreviewArray(interaction_id=situation.interaction_id, code=code, message=message)
         preview.values = values_from_mapping(values)
         preview.header.stamp = rospy.Time.now()

@@ -5,6 +5,12 @@
 3. The candidate is compared with what else it could have been: the words of the dictionary that sound most like it
    (rivals) and the other commands, a loop over all phones, its rhythm, speech left over beside it. A logistic function of these measures, with weights made by bench/voice_training.py, gives the confidence.
 4. What is doubted is looked at once more as if said by a shorter vocal tract, a child's for instance.
+
+>>> import numpy as np
+>>> recognizer = CommandRecognizer()
+>>> silence = np.zeros(16000, np.int16)                             # one second at 16 kHz
+>>> recognizer.recognize(silence) is None
+True
 """
 from __future__ import annotations
 
@@ -18,7 +24,7 @@ import yaml
 from vb_core.errors import ParameterError
 from vb_core.parameters import Parameters, param
 
-from vb_voice_wizard import wording
+from vb_voice_wizard import command_grammar
 from vb_voice_wizard.acoustic_model import SILENCE, AcousticModel, embedded_model
 from vb_voice_wizard.endpointing import EndpointParams, Utterance, utterances
 from vb_voice_wizard.interaction import RESUME
@@ -92,14 +98,14 @@ class RecognizerParams(Parameters):
     threshold: float = param(0.3, "", low=0.0, high=1.0)
     decision: str = param("")
     network: str = param("")
-    second_look: float = param(0.0025, "", low=0.0, high=1.0)
-    second_warp: float = param(1.18, "", low=0.7, high=1.4)
+    rescore_threshold: float = param(0.0025, "", low=0.0, high=1.0)
+    rescore_warp: float = param(1.18, "", low=0.7, high=1.4)
     gaussian_weight: float = param(0.4, "", low=0.0, high=5.0)
     phone_penalty: float = param(-5.0, "", low=-100.0, high=0.0)
 
 
 @dataclass(frozen=True)
-class Finding:
+class RecognitionResult:
     """What became of one utterance.
 
     Attributes:
@@ -120,7 +126,7 @@ class Finding:
     measures: Sequence[float] = ()
     unclear: bool = False
 
-    def refused(self, reason: str) -> "Finding":
+    def refused(self, reason: str) -> "RecognitionResult":
         """The same, not accepted after all."""
         return replace(self, command=None, reason=reason)
 
@@ -147,18 +153,18 @@ class CommandRecognizer:
         self.phrases = self._read_phrases(folder)
         self._scorer = PhraseScorer(self._phones, [phrase.words for phrase in self.phrases])
         self._rivals = self._find_rivals(folder.parent)
-        self._network = PhoneNetwork(wording.find("network", self.params.network, "phones.npz"))
+        self._network = PhoneNetwork(command_grammar.find("network", self.params.network, "phones.npz"))
         if self._network.phones != [*self._phones.names, SILENCE]:
             raise ParameterError("network", "its phones are not those of the speech model")
-        self._decision = Decision.read(wording.find("decision", self.params.decision, "decision.yaml"))
+        self._decision = Decision.read(command_grammar.find("decision", self.params.decision, "decision.yaml"))
 
-    def _read_phrases(self, folder: Path) -> List[wording.Phrase]:
-        grammar = wording.read_grammar(wording.find("grammar", self.params.grammar, "commands.yaml"))
+    def _read_phrases(self, folder: Path) -> List[command_grammar.Phrase]:
+        grammar = command_grammar.read_grammar(command_grammar.find("grammar", self.params.grammar, "commands.yaml"))
         dictionaries = [
-            wording.find("dictionary", self.params.dictionary, "commands.dict"),
+            command_grammar.find("dictionary", self.params.dictionary, "commands.dict"),
             folder.parent / "cmudict-en-us.dict",
         ]
-        return wording.phrases(grammar, self.params.wake_word, dictionaries, self._phones.names)
+        return command_grammar.phrases(grammar, self.params.wake_word, dictionaries, self._phones.names)
 
     def _find_rivals(self, folder: Path) -> List[PhraseScorer]:
         lexicon = Lexicon(folder / "cmudict-en-us.dict", folder / "en-us.lm.bin")
@@ -180,43 +186,43 @@ class CommandRecognizer:
         Returns:
             The command's name, or None if there is none.
         """
-        for finding in self.examine(pcm):
-            if finding.command:
-                return finding.command
+        for issue in self.examine(pcm):
+            if issue.command:
+                return issue.command
         return None
 
-    def examine(self, pcm: np.ndarray) -> List[Finding]:
+    def examine(self, pcm: np.ndarray) -> List[RecognitionResult]:
         """What became of each utterance in a recording, (N,) int16, 16 kHz, mono."""
         pcm = np.asarray(pcm)
         if pcm.ndim != 1 or pcm.dtype != np.int16:
             raise ValueError(f"expected (N,) int16 samples, got {pcm.shape} {pcm.dtype}")
         return [self.classify(utterance) for utterance in utterances(pcm, self.endpointing)]
 
-    def classify(self, utterance: Utterance) -> Finding:
+    def classify(self, utterance: Utterance) -> RecognitionResult:
         """What became of one utterance."""
         if utterance.too_long:
-            return Finding(reason="too_long")
+            return RecognitionResult(reason="too_long")
         spectrum = clean_spectrum(utterance.pcm)
         if len(spectrum) < _FEWEST_FRAMES:
-            return Finding(reason="too_short")
-        finding = self._decide(spectrum)
-        if self.params.second_look <= finding.confidence < self.params.threshold:
+            return RecognitionResult(reason="too_short")
+        issue = self._decide(spectrum)
+        if self.params.rescore_threshold <= issue.confidence < self.params.threshold:
             # the models were trained on grown-ups; what is clearly no command is not worth the time
-            again = self._decide(clean_spectrum(utterance.pcm, self.params.second_warp))
+            again = self._decide(clean_spectrum(utterance.pcm, self.params.rescore_warp))
             # what was doubted first may be understood, but is never sure
-            finding = max(finding, replace(again, unclear=True), key=lambda one: one.confidence)
-        return finding
+            issue = max(issue, replace(again, unclear=True), key=lambda one: one.confidence)
+        return issue
 
-    def _decide(self, spectrum: np.ndarray) -> Finding:
-        finding = self._measure(spectrum)
-        confidence = self._decision.confidence(finding.measures)
+    def _decide(self, spectrum: np.ndarray) -> RecognitionResult:
+        issue = self._measure(spectrum)
+        confidence = self._decision.confidence(issue.measures)
         if confidence < self.params.threshold:
-            return replace(finding, confidence=confidence, reason="unlike_a_command")
-        unclear = confidence < self._decision.sure or finding.best in ALWAYS_UNCLEAR
-        return replace(finding, command=finding.best, confidence=confidence, unclear=unclear)
+            return replace(issue, confidence=confidence, reason="unlike_a_command")
+        unclear = confidence < self._decision.sure or issue.best in ALWAYS_UNCLEAR
+        return replace(issue, command=issue.best, confidence=confidence, unclear=unclear)
 
     # ------------------------------------------------------------------ measures
-    def _measure(self, spectrum: np.ndarray) -> Finding:
+    def _measure(self, spectrum: np.ndarray) -> RecognitionResult:
         posteriors = self._network.log_posteriors(spectrum)
         likelihoods = self._phones.likelihoods(
             dynamic(cepstra(spectrum)), self.params.gaussian_weight, self._network.scaled_likelihoods(posteriors)
@@ -226,13 +232,13 @@ class CommandRecognizer:
         command = self.phrases[row].command
         if alignments.scores[row] < -1e9:
             # fewer frames than the shortest phrase has states
-            return Finding(best=command, measures=(-100.0,) * len(MEASURES))
+            return RecognitionResult(best=command, measures=(-100.0,) * len(MEASURES))
         winner = alignments.trace(row)
         margin = winner.score - float(self._rivals[row].align(likelihoods).scores.max())
         loop, heard = phone_loop(self._phones, likelihoods, self.params.phone_penalty)
         measures = _compare(winner, margin, posteriors, loop, heard, self._phones.index)
         names = [name for name, _, _ in heard if name != SILENCE]
-        return Finding(best=command, heard=" ".join(names), measures=tuple(measures))
+        return RecognitionResult(best=command, heard=" ".join(names), measures=tuple(measures))
 
 
 def _compare(

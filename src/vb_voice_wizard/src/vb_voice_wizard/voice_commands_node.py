@@ -17,12 +17,12 @@ from vb_core.parameters import Parameters, param
 from vb_core.ros import commands, node, parameters
 from vb_core.ros.messages import values_from_mapping
 from vb_core.ros.notices import NoticePublisher
-from vb_msgs.msg import Audio, Heard, Sound
+from vb_msgs.msg import Audio, SpeechCommand, Sound
 from vb_msgs.srv import CommandRequest, CommandResponse
 
 from vb_voice_wizard.audio_sources import Microphone, Resampler, arecord, level_db, read_wav
 from vb_voice_wizard.endpointing import Endpointer, EndpointParams, Utterance
-from vb_voice_wizard.recognizer import CommandRecognizer, Finding, RecognizerParams
+from vb_voice_wizard.recognizer import CommandRecognizer, RecognitionResult, RecognizerParams
 from vb_voice_wizard.speech_features import SAMPLE_RATE
 
 AUDIO = "/virtual_borders/voice/audio"
@@ -59,21 +59,21 @@ class VoiceParams(Parameters):
 class VoiceCommands:
     """Recognises spoken commands and gives them to the interaction.
 
-    Sound is handled as it comes: whoever speaks does so in wall time, whatever /clock says.
+    Sound is handled as it comes: people speak in wall time, whatever /clock says.
 
-    Subscribes to:
+    Subscribed topics:
         /virtual_borders/sound (vb_msgs/Sound): while one of ~sounds plays, nothing is listened to.
-        ~audio_topic (vb_msgs/Audio): the sound, if ~source is "topic".
+        /virtual_borders/voice/audio (vb_msgs/Audio): the sound, if ~source is "topic" (~audio_topic).
 
-    Publishes:
-        ~heard_topic (vb_msgs/Heard): every utterance, accepted or not, and how its command was answered.
+    Published topics:
+        /virtual_borders/voice/heard (vb_msgs/SpeechCommand, ~heard_topic): every utterance, accepted or not, and how its command was answered.
         /virtual_borders/voice/level (std_msgs/Float32): of the microphone [dB], full scale is 0, four times a second.
         /virtual_borders/notices (vb_msgs/NoticeArray): microphone_missing, microphone_silent.
         /virtual_borders/sound (vb_msgs/Sound): ~understood_sound as soon as a command is understood; ~refusal_sound
             for what was nearly one, and for a command that nobody answers. How the interaction answers the command,
             the feedback node tells.
 
-    Calls:
+    Services called:
         /virtual_borders/command (vb_msgs/Command) with source "voice".
 
     Args:
@@ -94,7 +94,7 @@ class VoiceCommands:
         self._mute_lock = threading.Lock()
         self._last_command = ""
         self._last_time = 0.0
-        # 20 s of sound: whoever falls behind further should not act on what was said long ago
+        # 20 s of sound: a node that falls further behind should not act on what was said long ago
         self._sound: node.Queue = node.Queue(400)
         self._microphone: Optional[Microphone] = None
         self._resampler = Resampler()
@@ -105,7 +105,7 @@ class VoiceCommands:
         self._level = rospy.Publisher(names.VOICE_LEVEL, Float32, queue_size=2)
         self._notices = NoticePublisher()
         self._watch = node.Beat(_LEVEL_S)
-        self._heard = rospy.Publisher(params.heard_topic, Heard, queue_size=10)
+        self._heard = rospy.Publisher(params.heard_topic, SpeechCommand, queue_size=10)
         self._beeper = rospy.Publisher(names.SOUND, Sound, queue_size=10)
         # a command's answer may take seconds; listening goes on meanwhile
         self._orders = commands.Orders("voice", self._on_answer, params.service_wait, params.service_answer, size=4)
@@ -202,7 +202,7 @@ class VoiceCommands:
         pcm, when = piece
         if self._muted(when):
             if self._endpointer.speaking:
-                self._publish(Finding(reason="muted"), 0.0, 0.0)
+                self._publish(RecognitionResult(reason="muted"), 0.0, 0.0)
             self._endpointer.reset()
             # the noise goes on being learnt from what is no sound of ours
             return
@@ -211,24 +211,24 @@ class VoiceCommands:
 
     def _handle(self, utterance: Utterance, when: float) -> None:
         """One utterance that ended; `when` is when its last piece of sound came in."""
-        finding = self._recognizer.classify(utterance)
-        if finding.command and self._muted(time.monotonic()):
-            finding = finding.refused("muted")
+        issue = self._recognizer.classify(utterance)
+        if issue.command and self._muted(time.monotonic()):
+            issue = issue.refused("muted")
         now = time.monotonic()
-        if finding.command and finding.command == self._last_command and now - self._last_time < self._params.repeat_after:
-            finding = finding.refused("repeated")
+        if issue.command and issue.command == self._last_command and now - self._last_time < self._params.repeat_after:
+            issue = issue.refused("repeated")
         silence = 0.0 if utterance.too_long else self._recognizer.endpointing.end_silence
         answer_s = now - when + silence
-        if not finding.command:
-            if finding.reason == "unlike_a_command" and finding.confidence >= self._params.doubt:
+        if not issue.command:
+            if issue.reason == "unlike_a_command" and issue.confidence >= self._params.doubt:
                 self._beep(self._params.refusal_sound)
-            self._publish(finding, utterance.end - utterance.start, answer_s)
+            self._publish(issue, utterance.end - utterance.start, answer_s)
             return
         self._beep(self._params.understood_sound)
-        self._last_command, self._last_time = finding.command, now
-        heard = (finding, utterance.end - utterance.start, answer_s)
-        if not self._orders.put(finding.command, heard, finding.unclear):
-            self._publish(finding.refused("busy"), utterance.end - utterance.start, answer_s)
+        self._last_command, self._last_time = issue.command, now
+        heard = (issue, utterance.end - utterance.start, answer_s)
+        if not self._orders.put(issue.command, heard, issue.unclear):
+            self._publish(issue.refused("busy"), utterance.end - utterance.start, answer_s)
 
     def _on_answer(
         self, request: CommandRequest, beside: Any, answer: Optional[CommandResponse], error: Optional[CodedError]
@@ -242,15 +242,15 @@ class VoiceCommands:
         self._publish(*beside, answer)
 
     def _publish(
-        self, finding: Finding, duration: float, answer_s: float, answer: Optional[CommandResponse] = None
+        self, issue: RecognitionResult, duration: float, answer_s: float, answer: Optional[CommandResponse] = None
     ) -> None:
         answer = answer or CommandResponse()
-        heard = Heard(
-            command=finding.best,
-            accepted=bool(finding.command),
-            unclear=finding.unclear,
-            confidence=finding.confidence,
-            reason=finding.reason,
+        heard = SpeechCommand(
+            command=issue.best,
+            accepted=bool(issue.command),
+            unclear=issue.unclear,
+            confidence=issue.confidence,
+            reason=issue.reason,
             duration_s=duration,
             answer_s=answer_s,
             success=answer.success,
@@ -261,7 +261,7 @@ class VoiceCommands:
         heard.header.stamp = rospy.Time.now()
         rospy.loginfo(
             "heard %s (%s, confidence %.2f, %.1f s, answered after %.2f s) %s",
-            finding.best or "something", finding.reason, finding.confidence, duration, answer_s, answer.message,
+            issue.best or "something", issue.reason, issue.confidence, duration, answer_s, answer.message,
         )
         self._heard.publish(heard)
 

@@ -25,7 +25,7 @@ from vb_core.ros.messages import BorderPreviewArray, mapping_from_values
 from vb_core.ros.notices import notice_from_message
 from vb_core.ros.transforms import TransformLookup
 from vb_msgs.msg import (
-    BorderProgress, DetectorStatus, Finding, Heard, InteractionState, NoticeArray, VirtualBorder, VirtualBorderArray,
+    BorderProgress, DetectorStatus, RecognitionResult, SpeechCommand, InteractionState, NoticeArray, VirtualBorder, VirtualBorderArray,
 )
 from vb_msgs.srv import (
     CommandRequest, CommandResponse, RemoveBorder, RemoveBorderRequest, UpdateBorder, UpdateBorderRequest,
@@ -77,7 +77,7 @@ class WizardConsole:
         self._borders: Dict[str, VirtualBorder] = {}
         self._transforms: Optional[TransformLookup] = None
         self._robot_at: Optional[Tuple[float, float]] = None
-        # a master that was restarted knows nothing of this process: it must register anew
+        # a master that was restarted knows nothing of this process: it must register again
         self._master_pid: Optional[int] = None
         self.stale = False
         self._master = rosgraph.Master("/wizard_console_watch")
@@ -184,7 +184,7 @@ class WizardConsole:
         rospy.Subscriber(names.PROGRESS, BorderProgress, self._on_progress, queue_size=1)
         rospy.Subscriber(names.PREVIEW, BorderPreviewArray, self._on_preview, queue_size=1)
         rospy.Subscriber(names.BORDERS, VirtualBorderArray, self._on_borders, queue_size=1)
-        rospy.Subscriber(names.HEARD, Heard, self._on_heard, queue_size=5)
+        rospy.Subscriber(names.HEARD, SpeechCommand, self._on_heard, queue_size=5)
         rospy.Subscriber(names.NOTICES, NoticeArray, self._on_notices, queue_size=20)
         rospy.Subscriber(names.DETECTORS, DetectorStatus, self._on_detector, queue_size=10)
         rospy.Subscriber(names.VOICE_LEVEL, Float32, self._on_level, queue_size=1)
@@ -233,9 +233,9 @@ class WizardConsole:
                     view.preview += " " + view.words("preview_parts", parts=message.free_parts)
             else:
                 view.preview = self._words_of(message.code, message.values, message.message)
-            view.findings = tuple(
-                (self._words_of(found.code, found.values, found.message), found.severity == Finding.ERROR)
-                for found in message.findings
+            view.issues = tuple(
+                (self._words_of(found.code, found.values, found.message), found.severity == RecognitionResult.ERROR)
+                for found in message.issues
             )
             self._changed.set()
 
@@ -261,7 +261,7 @@ class WizardConsole:
             # full scale itself would be 0, which is none
             self._view.level_db, self._level_at = min(-0.1, message.data), time.monotonic()
 
-    def _on_heard(self, message: Heard) -> None:
+    def _on_heard(self, message: SpeechCommand) -> None:
         # what was understood comes with the state, as any command
         if not message.accepted and message.confidence >= _WORTH_TELLING:
             self._tell(
@@ -319,7 +319,7 @@ class WizardConsole:
         answer = services.call(service, kind, request, "$map_integrator", 1.0, 5.0)
         said = self._words_of(answer.code, answer.values, answer.message or self._view.words("console_done"))
         self._say(said, GOOD if answer.success else BAD)
-        for found in getattr(answer, "findings", ()):
+        for found in getattr(answer, "issues", ()):
             if found.message not in answer.message:
                 self._say(self._words_of(found.code, found.values, found.message), BAD)
 
@@ -351,7 +351,7 @@ class WizardConsole:
 
     # ------------------------------------------------------------------ screen
     def run(self) -> bool:
-        """Shows the screen until it is left; gives whether to start anew because the master did."""
+        """Shows the screen until it is left; gives whether to start again because the master did."""
         console = Console()
         keyboard = sys.stdin.fileno()
         before = termios.tcgetattr(keyboard)
@@ -402,7 +402,7 @@ def run(arguments: Optional[List[str]] = None) -> int:
         print("wizard_console needs a terminal; for scripts there is 'rosrun vb_voice_wizard command'", file=sys.stderr)
         return 1
     if WizardConsole(chosen.source, chosen.robot_frame, chosen.note, chosen.language).run():
-        # rospy cannot register twice in one process: this one starts afresh in the same terminal
+        # rospy cannot register twice in one process: this one starts again in the same terminal
         sys.stdout.flush()
         again = ["--source", chosen.source, "--robot-frame", chosen.robot_frame, "--language", chosen.language]
         again += ["--note", "console_master_restarted"]

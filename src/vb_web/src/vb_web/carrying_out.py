@@ -176,6 +176,6 @@ def _answer(response: Any) -> Dict[str, Any]:
         "ok": bool(response.success), "code": response.code or ("ok" if response.success else "page_not_done"),
         "values": mapping_from_values(response.values), "message": response.message,
     }
-    if hasattr(response, "findings"):
-        found["findings"] = findings_section(response.findings)
+    if hasattr(response, "issues"):
+        found["issues"] = findings_section(response.issues)
     return found

@@ -100,15 +100,15 @@ class Journal:
 class PageNode(Backend):
     """Shows the system to browsers and carries out what operators ask for.
 
-    Subscribes:
+    Subscribed topics:
         /map, /virtual_borders/map (nav_msgs/OccupancyGrid); /virtual_borders/ borders, state, progress, preview, spots,
         notices, detectors (vb_msgs); /diagnostics (diagnostic_msgs/DiagnosticArray); tf for the robots' poses.
         While somebody looks: <detector>/debug_image, /<camera>/image_raw, /<camera>/camera_info (sensor_msgs).
-    Publishes:
+    Published topics:
         /virtual_borders/stop (std_msgs/Bool): true for stop, false for resume; robots hear it without any other node.
         /virtual_borders/study_events (vb_msgs/StudyEvent): the operator's marks and notes.
         /virtual_borders/notices (vb_msgs/NoticeArray): address and code, for the smart display, while nobody draws.
-    Calls:
+    Services called:
         /virtual_borders/command; add, update, remove, preview, rename_border, set_border_enabled; undo, redo.
     Parameters:
         those of `PageParams`; see config/page.yaml.
@@ -175,7 +175,7 @@ class PageNode(Backend):
             topic: rospy.Subscriber(topic, kind, callback, **options)
             for topic, kind, callback, options in (
                 (names.PHYSICAL_MAP, OccupancyGridArray, self._on_grid, large),
-                (names.VIRTUAL_MAP, OccupancyGridArray, self._on_grid, large),
+                (names.MAP_WITH_BORDERS, OccupancyGridArray, self._on_grid, large),
                 (names.BORDERS, VirtualBorderArray, self._on_borders, {"queue_size": 2, **small}),
                 (names.STATE, InteractionState, self._on_state, {"queue_size": 10, **small}),
                 (names.PROGRESS, BorderProgress, self._on_progress, {"queue_size": 1, **small}),
@@ -194,7 +194,7 @@ class PageNode(Backend):
 
     def _draw_maps(self) -> None:
         found = {topic: messages.grid_from_message(message) for topic, message in list(self._grids.items())}
-        prior, posterior = (found.get(rospy.resolve_name(name)) for name in (names.PHYSICAL_MAP, names.VIRTUAL_MAP))
+        prior, posterior = (found.get(rospy.resolve_name(name)) for name in (names.PHYSICAL_MAP, names.MAP_WITH_BORDERS))
         prior = prior or posterior
         if prior is None:
             return

@@ -9,7 +9,7 @@ from typing import Any, Dict, Iterable, List, Optional
 
 import numpy as np
 from geometry_msgs.msg import Point
-from vb_msgs.msg import BorderPreview, BorderProgress, DetectorStatus, Finding, InteractionState, LaserSpot
+from vb_msgs.msg import BorderPreview, BorderProgress, DetectorStatus, BorderIssue, InteractionState, LaserSpot
 from vb_msgs.msg import VirtualBorder, VirtualBorderArray
 
 from vb_core.notices import Notice
@@ -38,9 +38,9 @@ def said(message: Any) -> Dict[str, Any]:
     return {"code": message.code, "values": mapping_from_values(message.values), "message": message.message}
 
 
-def findings_section(findings: Iterable[Finding]) -> List[Dict[str, Any]]:
+def findings_section(issues: Iterable[BorderIssue]) -> List[Dict[str, Any]]:
     """What a check reported."""
-    return [{"severity": int(found.severity), **said(found)} for found in findings]
+    return [{"severity": int(found.severity), **said(found)} for found in issues]
 
 
 def state_section(message: InteractionState) -> Dict[str, Any]:
@@ -99,7 +99,7 @@ def preview_section(message: BorderPreview) -> Dict[str, Any]:
         "ok": bool(message.success),
         "area": number(message.area_m2, 2),
         "parts": int(message.free_parts),
-        "findings": findings_section(message.findings),
+        "issues": findings_section(message.issues),
         "region": region_uri(message.region),
         **said(message),
     }

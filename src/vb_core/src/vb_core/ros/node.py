@@ -80,7 +80,7 @@ def fail(error: CodedError) -> None:
 _M_TRIM_THRESHOLD, _M_MMAP_THRESHOLD = -1, -3  # malloc.h
 
 
-def keep_memory() -> None:
+def disable_heap_trimming() -> None:
     """Makes this process keep the memory of an image for the next one; for nodes that handle many images.
 
     As delivered glibc returns blocks of that size to the system, which then clears the next image's pages one by one:
@@ -126,7 +126,7 @@ class Mailbox(Generic[T]):
             return item
 
     def close(self) -> None:
-        """Wakes up whoever waits; from now on `take` gives None."""
+        """Wakes up the waiting thread; from now on `take` gives None."""
         with self._condition:
             self._closed = True
             self._item = None

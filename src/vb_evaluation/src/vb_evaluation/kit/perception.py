@@ -102,7 +102,7 @@ class RecordedCamera:
 def events(
     recording: Recording, cameras: Sequence[str], robots: Sequence[str]
 ) -> Tuple[List[Event], Dict[str, CameraCounts]]:
-    """(states and spots in the order of arrival, counts by camera); the spots are found anew in the images.
+    """(states and spots in the order of arrival, counts by camera); the spots are found again in the images.
 
     Args:
         cameras: names of the ceiling cameras.

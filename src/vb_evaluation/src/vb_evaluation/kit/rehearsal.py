@@ -23,7 +23,7 @@ from vb_evaluation.study.result import Result, Task
 from vb_map_integration.border import VirtualBorder
 from vb_map_integration.recording import Recording as MapRecording
 from vb_sim import floor_plan
-from vb_voice_wizard.memory import append_line
+from vb_voice_wizard.persistence import append_line
 
 
 def person(study: Study, outcomes: List[bool]) -> Callable[[Planned], Callable[[], None]]:

@@ -21,7 +21,7 @@ from vb_evaluation.provenance import revision
 # everything that tells what happened; images are asked for by themselves, they are a thousand times as large
 TOPICS = (
     names.PHYSICAL_MAP,
-    names.VIRTUAL_MAP,
+    names.MAP_WITH_BORDERS,
     names.SPOTS,
     names.STATE,
     names.PROGRESS,

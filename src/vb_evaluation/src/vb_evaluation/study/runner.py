@@ -73,7 +73,7 @@ class _Observer:
         self.false_spots = self.goals = 0
         self.path: List[Tuple[float, float]] = []
         self._history = History()
-        rospy.Subscriber(names.VIRTUAL_MAP, OccupancyGridArray, self._on_map)
+        rospy.Subscriber(names.MAP_WITH_BORDERS, OccupancyGridArray, self._on_map)
         rospy.Subscriber(names.BORDERS, VirtualBorderArray, self._on_borders)
         rospy.Subscriber(names.SPOTS, LaserSpot, self._on_spot)
         rospy.Subscriber(names.LAB_STATE, LabState, self._on_lab)

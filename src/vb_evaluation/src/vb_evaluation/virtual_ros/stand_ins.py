@@ -91,7 +91,7 @@ class Lock:
         self._waiting: Deque[Task] = deque()
 
     def acquire(self, blocking: bool = True, timeout: float = -1) -> bool:
-        """Takes it, waiting for whoever has it."""
+        """Takes it, waiting until it is free."""
         current = greenlet.getcurrent()
         if self._again and self._holder is current:
             self._depth += 1

@@ -202,7 +202,7 @@ function drawReview() {
   fill(box, [
     element("h2", {}, say(draft.border ? "page_title_edit" : "page_title_review")),
     check === null ? element("p", { class: "muted" }, say("page_checking")) : refused ? element("p", { class: "issue error" }, words.tell(check)) : draft.kind === "wall" ? null : figures(check.area, check.parts),
-    ...issues(refused ? [] : check && check.findings),
+    ...issues(refused ? [] : check && check.issues),
     element("div", { class: "row" }, button("page_discard", () => setMode("look")), Object.assign(button("page_save", save, "primary"), { disabled: !check || refused })),
     element("label", {}, element("span", {}, say("page_name")), name),
     select("page_zone", draft.zone, ["keep_out", "avoid", "slow"], (value) => { draft.zone = value; examine(); }),
@@ -332,7 +332,7 @@ function confirmSave() {
     $("dialog").close();
   }, "primary");
   show(say("page_confirm_title"), preview.ok ? figures(preview.area, preview.parts) : element("p", { class: "issue error" }, words.tell(preview)),
-    ...issues(preview.findings), element("div", { class: "row" }, closeButton("page_back"), go));
+    ...issues(preview.issues), element("div", { class: "row" }, closeButton("page_back"), go));
 }
 
 function drawState() {
@@ -354,7 +354,7 @@ function drawState() {
     type: "button", "data-key": one, "data-command": one, class: one === "save" || (one === "define_seed" && !given.has("save")) || (one === "define_border" && state.name !== "default") ? "primary" : "", onclick: () => command(one),
   }, one === "save" && state.confirm ? say("page_save_again") : commandName(one))));
   const preview = there && state && state.name !== "default" && view.preview && view.preview.available ? view.preview : null;
-  fill($("preview"), preview ? [preview.ok ? figures(preview.area, preview.parts) : element("p", { class: "issue error" }, words.tell(preview)), ...issues(preview.ok ? preview.findings : [])] : []);
+  fill($("preview"), preview ? [preview.ok ? figures(preview.area, preview.parts) : element("p", { class: "issue error" }, words.tell(preview)), ...issues(preview.ok ? preview.issues : [])] : []);
   if (mode === "look") map.picture("region", preview && preview.region ? preview.region : "");
 }
 

@@ -1,0 +1,110 @@
+"""Parameters that are changed while a node runs, with dynamic_reconfigure (rqt_reconfigure, dynparam).
+
+The parameter class stays the only source of names, limits, units and explanations: the description that
+dynamic_reconfigure wants is made of its fields, not of a .cfg file.
+"""
+from __future__ import annotations
+
+import dataclasses
+import types
+from typing import Any, Callable, Dict, Generic, List, Sequence, TypeVar
+
+import rospy
+from dynamic_reconfigure.server import Server
+
+from vb_core.errors import CodedError
+from vb_core.parameters import Parameters
+
+P = TypeVar("P", bound=Parameters)
+
+_KINDS = {bool: "bool", int: "int", float: "double"}
+_LIMIT = {bool: (False, True), int: (-(2**31), 2**31 - 1), float: (-1e9, 1e9)}
+
+
+def describe(params: Parameters, fixed: Sequence[str] = ()) -> Any:
+    """What a compiled .cfg file would be, of a parameter class: its numbers and switches.
+
+    Args:
+        params: their present values become the defaults.
+        fixed: names of fields that cannot be changed while the node runs.
+    """
+    entries: List[Dict[str, Any]] = []
+    for field in dataclasses.fields(params):
+        value = getattr(params, field.name)
+        kind = type(value)
+        if kind not in _KINDS or field.name in fixed:
+            continue
+        limits = field.metadata
+        low = limits["low"] if limits["low"] is not None else limits["above"]
+        lowest, highest = _LIMIT[kind]
+        unit = f" [{limits['unit']}]" if limits["unit"] else ""
+        entries.append(
+            {
+                "name": field.name,
+                "type": _KINDS[kind],
+                "default": value,
+                "min": kind(lowest if low is None else low),
+                "max": kind(highest if limits["high"] is None else limits["high"]),
+                "level": 1,
+                "description": f"{limits['doc'] or field.name.replace('_', ' ')}{unit}",
+                "edit_method": "",
+            }
+        )
+    group = {"name": "Default", "type": "", "id": 0, "parent": 0, "state": True, "cstate": "true", "groups": []}
+    group["parameters"] = entries
+    columns = {
+        key: {entry["name"]: entry[key] for entry in entries} for key in ("default", "min", "max", "level", "type")
+    }
+    return types.SimpleNamespace(
+        config_description=group,
+        defaults=columns["default"],
+        min=columns["min"],
+        max=columns["max"],
+        level=columns["level"],
+        type=columns["type"],
+        all_level=1,
+    )
+
+
+class ReconfigureServer(Generic[P]):
+    """Serves the numbers and switches of a parameter class for reconfiguration.
+
+    dynamic_reconfigure pulls single values into their limits. What the class itself refuses then, for instance a
+    smallest size above the largest one, changes nothing: the old values stay and are sent back, with one warning that
+    says why.
+
+    Services:
+        <namespace>/set_parameters (dynamic_reconfigure/Reconfigure)
+    Publishes:
+        <namespace>/parameter_descriptions, <namespace>/parameter_updates (latched)
+
+    Args:
+        params: the values at the start.
+        namespace: "~" or for instance "~detector", where `vb_core.ros.parameters.read` read them.
+        apply: takes the new parameters, in a service's thread; a CodedError of it refuses them.
+        fixed: names of fields that cannot be changed while the node runs.
+    """
+
+    def __init__(self, params: P, namespace: str, apply: Callable[[P], None], fixed: Sequence[str] = ()) -> None:
+        self._params = params
+        self._apply = apply
+        self._where = rospy.resolve_name(namespace if namespace != "~" else "~set_parameters")
+        description = describe(params, fixed)
+        # the server takes its values from the parameter server, as they are there: a 3 for a 3.0 would change its type
+        for name, value in description.defaults.items():
+            rospy.set_param(f"{namespace}{name}" if namespace == "~" else f"{namespace}/{name}", value)
+        self._server = Server(description, self._change, "" if namespace == "~" else namespace)
+
+    def _change(self, config: Any, _level: int) -> Any:
+        names = {field.name for field in dataclasses.fields(self._params)}
+        wanted = {name: value for name, value in config.items() if name in names}
+        try:
+            changed = self._params.replace(**wanted)
+            if changed != self._params:
+                self._apply(changed)
+                rospy.loginfo("%s: %s", self._where, changed.describe())
+            self._params = changed
+        except CodedError as error:
+            rospy.logwarn("%s: not changed: %s", self._where, error)
+            config.update({name: getattr(self._params, name) for name in wanted})
+        return config

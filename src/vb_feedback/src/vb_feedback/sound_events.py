@@ -1,0 +1,72 @@
+"""Which sound to make when."""
+from __future__ import annotations
+
+from typing import List, Optional
+
+TICK = "tick"
+SUCCESS = "success"
+REFUSAL = "refusal"
+STOPPED = "stopped"
+ASKED = "asked"
+
+# codes of answers that are a question, not a refusal
+_QUESTIONS = ("confirm_save", "confirm_command")
+
+
+class SoundEvents:
+    """Turns states and spots into the names of sounds.
+
+    A tone per change of state, one for a save that worked, one for a refusal, one for a question and for a drawing that
+    is about to be dropped, one for a stop, and a soft tick per accepted spot, at most every `tick_period` seconds.
+    Time may jump back.
+    """
+
+    def __init__(self, tick_period: float) -> None:
+        self._tick_period = tick_period
+        self._state: Optional[str] = None
+        self._stopped = False
+        self._ending = False
+        self._answer: Optional[tuple] = None
+        self._last_tick: Optional[float] = None
+
+    def on_state(
+        self, name: str, success: bool, outcome: str, answer: tuple, code: str = "", stopped: bool = False,
+        ending: bool = False,
+    ) -> List[str]:
+        """A state message.
+
+        Args:
+            name: the state's name.
+            success: whether the last command was accepted.
+            outcome: of the interaction before: "saved" or "cancelled".
+            answer: anything that changes when a command was answered and not when the message is
+                only repeated.
+            code: of the last answer.
+            stopped: whether robots are stopped.
+            ending: whether the interaction ends by itself soon.
+
+        Returns:
+            Names of sounds, in the order they are to be played. The first message makes none: it tells
+            where the interaction stands, not that something happened.
+        """
+        sounds: List[str] = []
+        if self._state is not None:
+            if stopped and not self._stopped:
+                sounds.append(STOPPED)
+            elif name != self._state:
+                sounds.append(SUCCESS if name == "default" and outcome == "saved" else name)
+            elif answer != self._answer and not success:
+                sounds.append(ASKED if code in _QUESTIONS else REFUSAL)
+            if ending and not self._ending:
+                sounds.append(ASKED)
+        self._state, self._answer, self._stopped, self._ending = name, answer, stopped, ending
+        return sounds
+
+    def on_spot(self, now: float) -> List[str]:
+        """A spot at a time [s]: a tick, if spots are wanted and the last one is long enough ago."""
+        if self._state not in ("border", "seed"):
+            return []
+        if self._last_tick is not None and 0.0 <= now - self._last_tick < self._tick_period:
+            return []
+        self._last_tick = now
+        return [TICK]

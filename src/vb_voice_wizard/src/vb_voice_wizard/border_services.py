@@ -1,0 +1,82 @@
+"""What the interaction manager asks of border_fusion and map_integrator, each within a known time."""
+from __future__ import annotations
+
+from typing import Any, Dict, Type
+
+from std_srvs.srv import Trigger, TriggerRequest
+from vb_core import names
+from vb_core.errors import CodedError
+from vb_core.ros import messages, services
+from vb_msgs.msg import VirtualBorder
+from vb_msgs.srv import (
+    AddBorder, AddBorderRequest, GetDrawnBorder, GetDrawnBorderRequest, ListBorders, ListBordersRequest, PreviewBorderRequest,
+)
+
+from vb_voice_wizard.interaction import UNDO
+
+_INTEGRATOR = "$map_integrator"
+
+UNANSWERED = ("no_service", "no_answer")  # codes of a neighbour that is away; any other is its own refusal
+
+
+class BorderServices:
+    """Asks the neighbours.
+
+    Args:
+        border_name, occupancy: of every border.
+        wait_s, answer_s: [s] wall time, how long a neighbour that is away, and its answer, are waited for.
+
+    Every method raises CodedError: "no_service" if the neighbour is away (nothing was sent), "no_answer" if it
+    did not answer (the request may have been done or not), or the neighbour's own refusal.
+    """
+
+    def __init__(self, border_name: str, occupancy: float, wait_s: float, answer_s: float) -> None:
+        self._border_name = border_name
+        self._occupancy = occupancy
+        self._wait_s = wait_s
+        self._answer_s = answer_s
+
+    def candidate(self, interaction_id: str) -> VirtualBorder:
+        """The border as drawn, ready to be added."""
+        request = GetDrawnBorderRequest(interaction_id=interaction_id)
+        response = self._ask(names.CANDIDATE, GetDrawnBorder, request, "$border_fusion")
+        _check(response)
+        border = response.border
+        border.id = ""
+        border.name = self._border_name
+        border.occupancy = self._occupancy
+        border.enabled = True
+        return border
+
+    def add(self, border: VirtualBorder, source: str, interaction_id: str) -> str:
+        """Adds the border of an interaction to the map, once however often it is sent; gives its id."""
+        request = AddBorderRequest(border=border, frame_id=names.MAP_FRAME, source=source, request_id=interaction_id)
+        response = self._ask(names.ADD_BORDER, AddBorder, request, _INTEGRATOR)
+        _check(response)
+        return response.id
+
+    def change(self, command: str) -> None:
+        """Takes back the newest change of the borders ("undo"), or makes it again ("redo")."""
+        name = names.UNDO if command == UNDO else names.REDO
+        response = self._ask(name, Trigger, TriggerRequest(), _INTEGRATOR)
+        if not response.success:
+            # a Trigger has no code of its own
+            raise CodedError("not_changed", command=command, reason=response.message)
+
+    def borders(self) -> Dict[str, str]:
+        """The names of all borders, by their ids."""
+        response = self._ask(names.LIST_BORDERS, ListBorders, ListBordersRequest(), _INTEGRATOR)
+        return {border.id: border.name or border.id for border in response.borders.borders}
+
+    def preview(self, border: VirtualBorder) -> messages.PreviewBorderArrayResponse:
+        """What adding the border would do; a refusal is in the response."""
+        request = PreviewBorderRequest(border=border, frame_id=names.MAP_FRAME)
+        return self._ask(names.PREVIEW_BORDER, messages.PreviewBorderArray, request, _INTEGRATOR)
+
+    def _ask(self, name: str, service: Type, request: Any, who: str) -> Any:
+        return services.call(name, service, request, who, self._wait_s, self._answer_s)
+
+
+def _check(response: Any) -> None:
+    if not response.success:
+        raise CodedError(response.code, response.message, **messages.mapping_from_values(response.values))

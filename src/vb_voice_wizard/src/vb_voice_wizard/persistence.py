@@ -1,0 +1,100 @@
+"""What the interaction manager keeps in files: the interaction under way, and the record of those that ended."""
+from __future__ import annotations
+
+import dataclasses
+import json
+import os
+from typing import Any, Dict, Optional, Sequence
+
+from vb_core.errors import CodedError, ParameterError
+from vb_voice_wizard.interaction import Record
+
+
+def writable(key: str, path: str) -> str:
+    """The path with ~ expanded, its folder made.
+
+    Raises:
+        ParameterError: names the key if nothing can be written there.
+    """
+    full = os.path.abspath(os.path.expanduser(path))
+    folder = os.path.dirname(full)
+    try:
+        os.makedirs(folder, exist_ok=True)
+    except OSError as error:
+        raise ParameterError(key, f"cannot make the folder {folder}: {error.strerror}") from None
+    target = full if os.path.exists(full) else folder
+    if os.path.isdir(full) or not os.access(target, os.W_OK):
+        raise ParameterError(key, f"cannot write {full}")
+    return full
+
+
+class StateFile:
+    """A small JSON file, replaced as a whole so that a reader never finds half of it.
+
+    Args:
+        path: the file.
+        run_id: names the run of the roscore; what another run left behind is nobody's interaction any more.
+    """
+
+    def __init__(self, path: str, run_id: str) -> None:
+        self._path = path
+        self._run_id = run_id
+
+    def write(self, memory: Dict[str, Any]) -> None:
+        """Replaces the file.
+
+        Raises:
+            OSError: if it cannot be written.
+        """
+        temporary = f"{self._path}.{os.getpid()}.new"
+        with open(temporary, "w", encoding="utf-8") as file:
+            json.dump({"run_id": self._run_id, **memory}, file)
+        os.replace(temporary, self._path)
+
+    def read(self) -> Optional[Dict[str, Any]]:
+        """What this run of the roscore has remembered; None if nothing. Raises as `read_any`."""
+        memory = self.read_any()
+        # without an id of the run (a bare rosmaster) nothing tells an old file from a new one
+        if memory is None or not self._run_id or memory.get("run_id") != self._run_id:
+            return None
+        return memory
+
+    def read_any(self) -> Optional[Dict[str, Any]]:
+        """What was remembered last, by whatever run; None if there is no file.
+
+        Raises:
+            CodedError: "bad_state_file" if the file is no memory.
+        """
+        try:
+            with open(self._path, encoding="utf-8") as file:
+                memory = json.load(file)
+        except FileNotFoundError:
+            return None
+        except (OSError, ValueError) as error:
+            raise CodedError("bad_state_file", f"cannot read {self._path}: {error}") from None
+        if not isinstance(memory, dict):
+            raise CodedError("bad_state_file", f"{self._path} holds no memory of an interaction")
+        return memory
+
+
+def record_line(record: Record, method: str, cameras: Sequence[str]) -> str:
+    """One interaction as one line of JSON, without the line's end; times in seconds."""
+    fields = dataclasses.asdict(record)
+    fields["sources"] = list(record.sources)
+    for key, value in fields.items():
+        if isinstance(value, float):
+            fields[key] = round(value, 3)
+    return json.dumps({**fields, "method": method, "cameras": list(cameras)})
+
+
+def append_line(path: str, line: str) -> None:
+    """Adds a line to a file in one write, so that two writers never mix theirs.
+
+    Raises:
+        OSError: if it cannot be written.
+    """
+    descriptor = os.open(path, os.O_WRONLY | os.O_APPEND | os.O_CREAT, 0o644)
+    try:
+        os.write(descriptor, (line + "\n").encode("utf-8"))
+    finally:
+        os.close(descriptor)

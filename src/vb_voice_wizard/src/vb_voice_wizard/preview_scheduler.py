@@ -1,0 +1,97 @@
+"""When what saving would do has to be looked at again; no ROS."""
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Optional, Tuple
+
+import numpy as np
+
+from vb_core.parameters import Parameters, param
+
+
+@dataclass(frozen=True)
+class PreviewParams(Parameters):
+    """How often, and after what change; config/interaction_manager.yaml says why."""
+
+    period: float = param(0.5, "s", above=0.0, high=10.0)
+    retry: float = param(2.0, "s", above=0.0, high=60.0)
+    tolerance: float = param(0.02, "m", low=0.0, high=1.0)
+    share: float = param(0.25, above=0.0, high=1.0)
+
+
+def _nothing() -> np.ndarray:
+    return np.zeros((0, 2))
+
+
+@dataclass(frozen=True, eq=False)
+class PreviewInputs:
+    """What a preview depends on.
+
+    Attributes:
+        interaction_id: of the interaction under way; "": none.
+        chain: (N, 2) float64 [m] the border so far, map frame; (0, 2): none.
+        seed: (1, 2) float64 [m] the seed so far; (0, 2): none.
+        borders: changes with every change of the map or the borders in it.
+        code, message, values: why there is no border or no seed, where that is known.
+    """
+
+    interaction_id: str = ""
+    chain: np.ndarray = field(default_factory=_nothing)
+    seed: np.ndarray = field(default_factory=_nothing)
+    borders: Tuple[float, int] = (0.0, 0)
+    code: str = ""
+    message: str = ""
+    values: Tuple[Tuple[str, str], ...] = ()
+
+    @property
+    def complete(self) -> bool:
+        """Whether there is something to look at."""
+        return bool(self.interaction_id) and len(self.chain) > 0 and len(self.seed) > 0
+
+    def like(self, other: "PreviewInputs", tolerance: float) -> bool:
+        """Whether a preview of the other one would look the same.
+
+        Args:
+            tolerance: [m] by which every point may have moved.
+        """
+        if self.interaction_id != other.interaction_id or self.complete != other.complete:
+            return False
+        if not self.complete:
+            return (self.code, self.message, self.values) == (other.code, other.message, other.values)
+        return self.borders == other.borders and all(
+            mine.shape == others.shape and bool(np.abs(mine - others).max() <= tolerance)
+            for mine, others in ((self.chain, other.chain), (self.seed, other.seed))
+        )
+
+
+class PreviewScheduler:
+    """Decides when the next preview is due.
+
+    The pace is in wall time: what is limited is how much of the computer previews take.
+    """
+
+    def __init__(self, params: PreviewParams) -> None:
+        self._params = params
+        self._shown: Optional[PreviewInputs] = None
+        self._not_before = float("-inf")
+        self._retry_at: Optional[float] = None
+
+    def wait_s(self, situation: PreviewInputs, now: float) -> Optional[float]:
+        """[s] until this situation has to be looked at; 0: now; None: not at all while it stays as it is."""
+        if self._shown is None or situation.interaction_id != self._shown.interaction_id:
+            return 0.0
+        if situation.like(self._shown, self._params.tolerance):
+            return None if self._retry_at is None else max(0.0, self._retry_at - now)
+        return max(0.0, self._not_before - now)
+
+    def done(self, situation: PreviewInputs, started: float, now: float, answered: bool) -> None:
+        """A preview was made.
+
+        Args:
+            situation: of what.
+            started, now: [s] when work on it began and ended.
+            answered: False if a neighbour did not answer: it is tried again.
+        """
+        self._shown = situation
+        self._retry_at = None if answered else now + self._params.retry
+        self._not_before = max(started + self._params.period, now + (now - started) * (1.0 / self._params.share - 1.0))
