@@ -22,7 +22,7 @@ from spot_versions import other_detector  # noqa: E402
 from vb_core import geometry  # noqa: E402
 from vb_laser_detect import projection  # noqa: E402
 from vb_laser_detect.detector import DetectorParams, Spot, SpotDetector  # noqa: E402
-from vb_laser_detect.frame import Frame, search  # noqa: E402
+from vb_laser_detect.image_geometry import Frame, search  # noqa: E402
 from vb_laser_detect.projection import FloorProjector, ProjectionParams  # noqa: E402
 from vb_sim.camera_calibration import calibrated_pose  # noqa: E402
 from vb_sim.ceiling_view import CeilingView  # noqa: E402
@@ -190,7 +190,7 @@ class Camera:
         snapshot, self._model = frame.snapshot, frame.model
         spots = self.search(self.detector, image, t, frame)
         outcome.frames += 1
-        for earlier in self.detector.recalled:
+        for earlier in self.detector.backfilled:
             if self._count(earlier.spot, earlier.stamp, earlier.tag, outcome) and earlier.stamp in self._missed:
                 outcome.missed[self._missed.pop(earlier.stamp)] -= 1
                 outcome.found += 1

@@ -31,7 +31,7 @@ from spot_versions import other_detector  # noqa: E402
 from vb_core import geometry  # noqa: E402
 from vb_core.camera_model import CameraModel  # noqa: E402
 from vb_laser_detect.detector import DetectorParams, SpotDetector  # noqa: E402
-from vb_laser_detect.frame import search  # noqa: E402
+from vb_laser_detect.image_geometry import search  # noqa: E402
 from vb_laser_detect.projection import floor_points  # noqa: E402
 
 HEIGHT_M, NEAR_PX = 2.95, 5.0
@@ -117,7 +117,7 @@ def measure(row: Row, role: str, other: Optional[Path]) -> Dict[str, Dict[str, A
             detector.encoding = "bayer_rggb8" if row.bayer else "bgr8"
             spots, count = find(detector, image, t, None), counts[version]
             count["images"] += spot is not None
-            for at, one in [(t, one) for one in spots] + [(earlier.stamp, earlier.spot) for earlier in detector.recalled]:
+            for at, one in [(t, one) for one in spots] + [(earlier.stamp, earlier.spot) for earlier in detector.backfilled]:
                 where = truth[at]
                 if where is None or math.hypot(one.u - where[0], one.v - where[1]) > NEAR_PX * max(1.0, row.width / 640.0):
                     count["false"] += 1

@@ -18,7 +18,7 @@ def other_detector(source: Path) -> Tuple[Tuple[Any, Any], Callable]:
     sys.path[:0] = [str(source / package / "src") for package in ("vb_core", "vb_laser_detect")]
     try:
         detector = importlib.import_module("vb_laser_detect.detector")
-        found = (detector.DetectorParams, detector.SpotDetector), importlib.import_module("vb_laser_detect.frame").search
+        found = (detector.DetectorParams, detector.SpotDetector), importlib.import_module("vb_laser_detect.image_geometry").search
         return found
     finally:
         del sys.path[:2]

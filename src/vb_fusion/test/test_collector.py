@@ -6,8 +6,8 @@ import pytest
 
 from vb_fusion.collector import Collector, CollectorParams, Spot
 from vb_fusion.extraction import ExtractionParams
-from vb_fusion.journal import Journal
-from vb_fusion.live import LiveCandidate
+from vb_fusion.spot_log import SpotLog
+from vb_fusion.live_extraction import LiveExtractor
 
 
 def spot(stamp, x=0.0, y=0.0, camera="red"):
@@ -85,24 +85,24 @@ def test_seeing():
 
 def test_journal_gives_back_what_was_collected(tmp_path):
     path = tmp_path / "folder" / "journal.jsonl"
-    journal = Journal(path)
+    journal = SpotLog(path)
     assert journal.start("a") == []
     journal.append("border", spot(1.5, 0.25, -1.0))
     journal.append("seed", spot(2.5, 1.0, 2.0, "green"))
     journal.flush()
     with open(str(path), "a") as file:
         file.write('["border", 3.0, 0.')  # killed while writing
-    again = Journal(path)
+    again = SpotLog(path)
     assert again.start("a") == [("border", spot(1.5, 0.25, -1.0)), ("seed", spot(2.5, 1.0, 2.0, "green"))]
     again.append("border", spot(4.0))
     again.close()
-    assert len(Journal(path).read("a")) == 3
-    assert Journal(path).start("b") == []
-    assert Journal(path).read("a") == []
+    assert len(SpotLog(path).read("a")) == 3
+    assert SpotLog(path).start("b") == []
+    assert SpotLog(path).read("a") == []
 
 
 def test_journal_is_bounded_removed_and_optional(tmp_path):
-    journal = Journal(tmp_path / "j", limit=3)
+    journal = SpotLog(tmp_path / "j", limit=3)
     journal.start("a")
     for k in range(10):
         journal.append("border", spot(float(k)))
@@ -111,7 +111,7 @@ def test_journal_is_bounded_removed_and_optional(tmp_path):
     journal.discard()
     journal.discard()
     assert not (tmp_path / "j").exists()
-    nothing = Journal(None)
+    nothing = SpotLog(None)
     assert nothing.start("a") == []
     nothing.append("border", spot(1.0))
     nothing.discard()
@@ -121,12 +121,12 @@ def test_journal_is_bounded_removed_and_optional(tmp_path):
 def test_journal_that_is_no_journal(tmp_path, text):
     path = tmp_path / "j"
     path.write_text(text)
-    assert Journal(path).start("a") == []
+    assert SpotLog(path).start("a") == []
 
 
 def test_journal_in_an_impossible_folder_says_so_and_the_drawing_goes_on(tmp_path):
     (tmp_path / "file").write_text("")
-    journal = Journal(tmp_path / "file" / "folder" / "j")
+    journal = SpotLog(tmp_path / "file" / "folder" / "j")
     assert journal.start("a") == []
     assert journal.problem.code == "journal_unwritable"
     journal.append("border", spot(1.0))
@@ -138,7 +138,7 @@ def test_journal_in_an_impossible_folder_says_so_and_the_drawing_goes_on(tmp_pat
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs the device that is always full")
 def test_a_full_disk_says_so_and_the_drawing_goes_on(tmp_path):
     (tmp_path / "j").symlink_to("/dev/full")
-    journal = Journal(tmp_path / "j")
+    journal = SpotLog(tmp_path / "j")
     journal.start("a")
     for k in range(5000):
         journal.append("border", spot(float(k)))
@@ -149,7 +149,7 @@ def test_a_full_disk_says_so_and_the_drawing_goes_on(tmp_path):
 
 def test_a_damaged_journal_gives_what_it_still_has(tmp_path):
     path = tmp_path / "j"
-    journal = Journal(path)
+    journal = SpotLog(path)
     journal.start("a")
     for k in range(3):
         journal.append("border", spot(float(k)))
@@ -157,7 +157,7 @@ def test_a_damaged_journal_gives_what_it_still_has(tmp_path):
     lines = path.read_bytes().split(b"\n")
     lines[2] = b"\xff\xfe damaged"
     path.write_bytes(b"\n".join(lines))
-    again = Journal(path)
+    again = SpotLog(path)
     assert [entry[1].stamp for entry in again.start("a")] == [0.0, 2.0]
     assert again.problem.code == "journal_damaged" and again.problem.values == {"lines": 1}
 
@@ -168,7 +168,7 @@ def test_live_candidate_keeps_to_its_share():
     for k in range(100):
         collector.add(spot(0.04 * k, x=0.02 * k))
     ticks = iter(np.arange(0.0, 1000.0, 0.5))
-    live = LiveCandidate(ExtractionParams.robust(), share=0.1)
+    live = LiveExtractor(ExtractionParams.robust(), share=0.1)
     first = live.update(collector.collection(), lambda: next(ticks))
     assert first.chain is not None and first.seed is None and first.no_seed.code == "no_spots"
     assert live.update(collector.collection(), lambda: next(ticks)) is first  # nothing new

@@ -114,7 +114,7 @@ class SpotDetectorTest(unittest.TestCase):
             errors.append(np.hypot(spot.position.x - truth[0], spot.position.y - truth[1]))
             self.assertTrue(0.0 < spot.confidence <= 1.0)
             self.assertTrue(0.005 < spot.diameter_m < 0.08, spot.diameter_m)
-        # those that are recalled once a stroke is confirmed come before the one that confirms it
+        # those that are backfilled once a stroke is confirmed come before the one that confirms it
         stamps = [spot.header.stamp.to_nsec() for spot in spots]
         self.assertEqual(stamps, sorted(set(stamps)))
         self.assertLess(np.median(errors), limit)

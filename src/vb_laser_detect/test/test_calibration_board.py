@@ -19,7 +19,7 @@ from vb_laser_detect.calibration_board import (
     write_board,
 )
 from vb_laser_detect.calibration_session import BoardSession
-from vb_laser_detect.camera_agreement import agreement
+from vb_laser_detect.camera_consistency import agreement
 from vb_laser_detect.projection import floor_points, pixels_of
 
 BOARD = BoardParams.for_paper("A3")

@@ -290,15 +290,15 @@ def test_one_flash_is_not_confirmed_but_a_drawn_spot_is():
 def test_a_confirmed_stroke_gives_back_its_first_spots():
     scene, detector = Scene(), SpotDetector(DetectorParams.stationary(confirm_frames=3))
     feed(detector, [scene.render() for _ in range(6)])
-    recalled = []
+    backfilled = []
     for i in range(5):
         detector.tag = f"image {i}"
         detector.detect(scene.render([(300 + 4 * i, 200)]), 0.3 + PERIOD * i)
-        recalled.append([(earlier.tag, round(earlier.stamp, 2), round(earlier.spot.u)) for earlier in detector.recalled])
-    assert recalled == [[], [], [("image 0", 0.3, 300), ("image 1", 0.34, 304)], [], []]
+        backfilled.append([(earlier.tag, round(earlier.stamp, 2), round(earlier.spot.u)) for earlier in detector.backfilled])
+    assert backfilled == [[], [], [("image 0", 0.3, 300), ("image 1", 0.34, 304)], [], []]
     detector.retune(DetectorParams.stationary(confirm_frames=1))
     detector.detect(scene.render([(100, 100)]), 0.6)
-    assert detector.recalled == []
+    assert detector.backfilled == []
 
 
 def test_sizes_count_in_millimetres_where_the_pose_is_known():
@@ -426,7 +426,7 @@ def test_slow_and_fast_cameras_yield_spots(rate, preset):
     count = 12
     for i in range(4 + count):
         spots = detector.detect(scene.render([(60.0 + 12.0 * i, 100.0)] if i >= 4 else []), 10.0 + i / rate)
-        found += len(spots) + len(detector.recalled)
+        found += len(spots) + len(detector.backfilled)
     assert found == count
 
 
@@ -473,12 +473,12 @@ def test_light_without_colour_counts_once_it_was_followed_for_longer_than_a_step
         feed(detector, [scene.render() for _ in range(8)])
         places = [(100 + 8.0 * i, 150) for i in range(images)]
         spots = feed(detector, [scene.render([place], colour=colour) for place in places], 8 * PERIOD)
-        return [bool(found) for found in spots], len(detector.recalled)
+        return [bool(found) for found in spots], len(detector.backfilled)
 
     assert not any(told(white, 12)[0])
-    spots, recalled = told(white, 17)
+    spots, backfilled = told(white, 17)
     # what was drawn until then is not lost
-    assert spots == [False] * 15 + [True] * 2 or spots == [False] * 16 + [True] and recalled >= 15
+    assert spots == [False] * 15 + [True] * 2 or spots == [False] * 16 + [True] and backfilled >= 15
     assert told(GREEN, 12)[0] == [False] * 2 + [True] * 10
 
 
@@ -503,5 +503,5 @@ def test_a_camera_of_two_images_a_second_sees_a_stroke(params):
     for i in range(6):
         detector.detect(scene.render(), 0.5 * i)
     for i in range(6, 16):
-        told += len(detector.detect(scene.render([(40 + 30.0 * i, 200)]), 0.5 * i)) + len(detector.recalled)
+        told += len(detector.detect(scene.render([(40 + 30.0 * i, 200)]), 0.5 * i)) + len(detector.backfilled)
     assert told >= 9

@@ -97,5 +97,5 @@ def test_a_lamp_that_was_there_from_the_beginning_is_no_spot_and_what_moves_is()
     assert not any(lamp)
     told = 0
     for i in range(40, 70):
-        told += len(detector.detect(view.at(i, (200.0 + 1.5 * (i - 40), 150.0)), 0.04 * i)) + len(detector.recalled)
+        told += len(detector.detect(view.at(i, (200.0 + 1.5 * (i - 40), 150.0)), 0.04 * i)) + len(detector.backfilled)
     assert told >= 20

@@ -17,7 +17,7 @@ from vb_laser_detect.blocks import block_maxima, mask_of_blocks, max_channel, re
 from vb_laser_detect.debug_image import draw
 
 from vb_laser_detect.projection import ProjectionParams
-from vb_laser_detect.statistics import Statistics
+from vb_laser_detect.detector_counts import DetectorCounts
 
 PACKAGE = Path(__file__).resolve().parents[1]
 
@@ -108,7 +108,7 @@ def test_regions_part_a_bright_spot_from_what_it_touches():
 
 
 def test_statistics():
-    statistics = Statistics()
+    statistics = DetectorCounts()
     assert math.isnan(statistics.summary(0.0).latency_ms)
     for i in range(50):
         statistics.frame(10 + 0.04 * i, 10 + 0.04 * i - 0.02, 0.002, i % 2)

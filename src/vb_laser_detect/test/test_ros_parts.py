@@ -15,8 +15,8 @@ from vb_core.errors import CodedError
 from vb_core.ros import cameras
 from vb_laser_detect import clock_check_node
 from vb_laser_detect.clock_offset import ClockOffset
-from vb_laser_detect.ros import placing
-from vb_laser_detect.ros.report import Report
+from vb_laser_detect.ros import camera_geometry
+from vb_laser_detect.ros.diagnostics import DetectorDiagnostics
 from vb_laser_detect.spot_detector_node import is_rectified
 from vb_msgs.msg import DetectorStatus
 
@@ -51,7 +51,7 @@ def test_rectified_images_are_not_undistorted_again():
     assert not is_rectified("/rect/image_raw") and not is_rectified("/hall/image_raw")
     models = {}
     for rectified in (False, True):
-        topic = placing.InfoTopic("/hall/camera_info", Faults(), rectified)
+        topic = camera_geometry.InfoTopic("/hall/camera_info", Faults(), rectified)
         topic._on_info(info_of([-0.33, 0.12, 0.0, 0.0, 0.0]))
         models[rectified] = topic.fitting((480, 640))
     assert models[False].distorted and not models[True].distorted
@@ -59,7 +59,7 @@ def test_rectified_images_are_not_undistorted_again():
 
 
 def test_a_fisheye_and_a_region_that_is_the_whole_image_are_accepted():
-    topic, report = placing.InfoTopic, Faults()
+    topic, report = camera_geometry.InfoTopic, Faults()
     whole = info_of([-0.02, 0.004, 0.0, 0.0], distortion_model="equidistant")
     whole.roi.width, whole.roi.height = 640, 480
     info = topic("/hall/camera_info", report)
@@ -75,7 +75,7 @@ def test_a_fisheye_and_a_region_that_is_the_whole_image_are_accepted():
 
 def test_depth_of_another_frame_is_not_used():
     report = Faults()
-    topic = placing.DepthTopic("/depth/image_raw", "/depth/camera_info", report)
+    topic = camera_geometry.DepthTopic("/depth/image_raw", "/depth/camera_info", report)
     depth = np.full((48, 64), 1500, np.uint16)
     topic._on_image(Image(Header(stamp=rospy.Time(5), frame_id="depth_frame"), 48, 64, "16UC1", 0, 128, depth.tobytes()))
     assert topic.near(rospy.Time(5), 0.1, "colour_frame") == (None, None)
@@ -85,7 +85,7 @@ def test_depth_of_another_frame_is_not_used():
 
 def test_ceiling_cameras_that_share_a_frame_are_named():
     def report_of(mobile):
-        report = Report.__new__(Report)
+        report = DetectorDiagnostics.__new__(DetectorDiagnostics)
         report._camera, report._mobile, report._others, report._lock = "red", mobile, {}, threading.Lock()
         for camera, robots in (("green", False), ("robot", True), ("red", False)):
             report.hear(DetectorStatus(camera=camera, mobile=robots, frame_id="head_camera"))

@@ -31,7 +31,7 @@ def test_a_stroke_is_confirmed_and_keeps_its_number_at_every_rate(rate):
     for i in range(20):
         told += film.see(sighting(0.4 * i / rate, content=i))
     assert [one.published for one in told] == [False, False] + [True] * 18
-    assert [content for _, content in told[2].recalled] == [0, 1]
+    assert [content for _, content in told[2].backfilled] == [0, 1]
     assert len({one.track for one in told}) == 1
 
 
@@ -41,7 +41,7 @@ def test_it_may_be_missing_in_two_images_and_then_is_another_one(rate):
     for _ in range(5):
         first = film.see(sighting(0.0))[0]
     film.see(), film.see()
-    assert film.see(sighting(0.01))[0] == first._replace(recalled=())
+    assert film.see(sighting(0.01))[0] == first._replace(backfilled=())
     for _ in range(30):
         film.see()
     assert not film.see(sighting(0.01))[0].published
@@ -56,7 +56,7 @@ def test_a_newcomer_takes_nobodys_place():
     # not even while the laser is hidden; when it is lost the other one is told, with nothing of what came before
     assert not film.see(sighting(0.6, 0.5))[0].published
     told = [film.see(sighting(0.6, 0.5))[0] for _ in range(20)]
-    assert told[-1].published and not any(one.recalled for one in told)
+    assert told[-1].published and not any(one.backfilled for one in told)
 
 
 def test_jumps_that_no_hand_makes_are_other_spots():
@@ -90,7 +90,7 @@ def test_what_was_there_from_the_beginning_has_to_move_first():
         assert not film.see(sighting(0.0, proven=False, content=i))[0].published
     told = [film.see(sighting(0.01 * i, proven=i > 3, content=20 + i))[0] for i in range(6)]
     assert [one.published for one in told] == [False] * 4 + [True] * 2
-    assert sum(len(one.recalled) for one in told) >= 20
+    assert sum(len(one.backfilled) for one in told) >= 20
 
 
 def test_the_mean_colour_is_asked():

@@ -143,7 +143,7 @@ def test_a_large_map_is_looked_at_in_coarser_cells(monkeypatch):
     goals = [(7.0, 2.5), (3.95, 1.0)]
     fine = ways(grid, goals, (1.0, 1.0))
     monkeypatch.setattr(preview, "MAX_CELLS", 2000)
-    assert ways(grid, goals, (1.0, 1.0)) == fine == preview.Ways(1, (1,))
+    assert ways(grid, goals, (1.0, 1.0)) == fine == preview.Reachability(1, (1,))
 
 
 def test_the_hundredth_border_touches_no_other(monkeypatch):

@@ -6,7 +6,7 @@ import pytest
 
 from vb_core.grid_map import GridMap
 from vb_robot.dispatch import GoalStatus, Kind
-from vb_robot.dispatcher import Dispatcher, Grounds, Progress, RobotStatus, WatchParams
+from vb_robot.dispatcher import Dispatcher, RobotMap, Progress, RobotStatus, WatchParams
 from vb_robot.drawing import Drawing
 from vb_robot.spots import BORDER, Sighting
 from vb_robot.view import FloorView, ViewParams, to_base
@@ -146,7 +146,7 @@ def test_what_people_are_told():
 
 
 def look(grid, drawing, robot):
-    grounds = Grounds(0.18)
+    grounds = RobotMap(0.18)
     grounds.set_map(grid)
     grounds.view = VIEW
     return grounds.outlook(drawing, RobotStatus(robot), None, [])

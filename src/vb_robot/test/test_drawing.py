@@ -3,8 +3,8 @@ import numpy as np
 import pytest
 
 from vb_core.grid_map import GridMap
-from vb_robot.drawing import AHEAD, Drawing, UnseenFloor
-from vb_robot.terrain import Terrain
+from vb_robot.drawing import AHEAD, Drawing, BlindSpots
+from vb_robot.clearance_map import ClearanceMap
 
 NO_CHAIN = np.zeros((0, 2))
 RIGHT = np.array([1.0, 0.0])
@@ -18,7 +18,7 @@ def room():
     coverage = np.where(data > 0, np.int8(-1), np.int8(1))
     coverage[1:-1, 120:-1] = 0
     coverage[1:-1, 60:62] = 0
-    return Terrain(GridMap(data, 0.05), 0.18), UnseenFloor(GridMap(coverage, 0.05))
+    return ClearanceMap(GridMap(data, 0.05), 0.18), BlindSpots(GridMap(coverage, 0.05))
 
 
 TERRAIN, UNSEEN = room()
@@ -36,8 +36,8 @@ def focus(*args, **kwargs):
 def test_unseen_floor_is_known_to_a_cell_and_narrow_shadows_do_not_count():
     assert UNSEEN.at(np.array([[6.03, 2.5], [7.9, 4.9], [5.97, 2.5], [3.05, 2.5], [20.0, 0.0]])).tolist() == [
         True, True, False, False, False]
-    assert not UnseenFloor(GridMap(np.ones((5, 5), np.int8), 0.1)).mask.any()
-    assert UnseenFloor(GridMap(np.zeros((5, 5), np.int8), 0.1)).mask.all()
+    assert not BlindSpots(GridMap(np.ones((5, 5), np.int8), 0.1)).mask.any()
+    assert BlindSpots(GridMap(np.zeros((5, 5), np.int8), 0.1)).mask.all()
 
 
 def test_looks_where_the_line_ahead_leaves_what_cameras_see():

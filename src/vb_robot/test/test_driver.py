@@ -15,7 +15,7 @@ from vb_robot.safety import Scan
 from vb_robot.servoing import BACK_TO_DISTANCE, FAR_DISTANCE, MAX_SPEED, MAX_TURN, NEAR_DISTANCE
 from vb_robot.spots import BORDER, DEFAULT, GUIDE, SEED, Sighting, Sightings
 from vb_robot.view import FloorView, ViewParams, to_base
-from vb_robot.workspace import Workspace
+from vb_robot.border_monitor import BorderMonitor
 
 DT, PROFILE, VIEW = 0.05, RobotProfile(), FloorView.at(ViewParams())
 
@@ -46,7 +46,7 @@ class Rig:
         self._said, self._stood = -math.inf, 0.0
 
     def set_grid(self, grid):
-        self.driver.set_maps(grid, empty(), Workspace(grid, empty(), [], PROFILE.radius))
+        self.driver.set_maps(grid, empty(), BorderMonitor(grid, empty(), [], PROFILE.radius))
 
     def set_state(self, state, interaction="a"):
         self.state, self._said = (state, interaction if state else "", self.now), -math.inf

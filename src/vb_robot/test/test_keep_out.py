@@ -1,4 +1,4 @@
-"""Ways keep off what is being drawn: invariants against shapely's geometry."""
+"""Paths avoid what is being drawn: invariants against shapely's geometry."""
 import math
 
 import numpy as np
@@ -9,7 +9,7 @@ from shapely.geometry import LineString, Point, Polygon
 
 from vb_core.grid_map import GridMap
 from vb_robot.drawing import Drawing
-from vb_robot.terrain import Terrain
+from vb_robot.clearance_map import ClearanceMap
 from vb_robot.view import FloorView, ViewParams
 from vb_robot.viewpoint import Outlook
 
@@ -25,7 +25,7 @@ def open_room():
     return GridMap(data, 0.05)
 
 
-TERRAIN = Terrain(open_room(), 0.18)
+TERRAIN = ClearanceMap(open_room(), 0.18)
 CARPET = np.array([[3.1, 1.6], [5.1, 1.6], [5.1, 2.9], [3.1, 2.9]])
 
 

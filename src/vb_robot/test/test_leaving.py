@@ -1,4 +1,4 @@
-"""Ways out of a border and the driving, closed with a unicycle."""
+"""Paths out of a border, driven in a closed loop with a unicycle."""
 import math
 
 import numpy as np
@@ -10,9 +10,9 @@ from vb_core.grid_map import GridMap
 from vb_core.robot_profile import RobotProfile
 from vb_robot.driver import RATE, Driver
 from vb_robot.following import Frames
-from vb_robot.leaving import MARGIN, WayOut
-from vb_robot.safety import ForbiddenGround, Scan
-from vb_robot.workspace import Workspace
+from vb_robot.border_exit import MARGIN, ExitPlanner
+from vb_robot.safety import KeepoutMap, Scan
+from vb_robot.border_monitor import BorderMonitor
 
 RADIUS, DT = 0.18, 1.0 / RATE
 OPEN = np.full(360, math.inf)
@@ -44,7 +44,7 @@ class Rig:
 
     def __init__(self, posterior, physical, pose, ranges=OPEN):
         self.driver = Driver(RobotProfile(), leaves=True)
-        self.driver.set_maps(posterior, physical, Workspace(posterior, physical, [], RADIUS))
+        self.driver.set_maps(posterior, physical, BorderMonitor(posterior, physical, [], RADIUS))
         self.pose, self.ranges, self.now, self.poses, self.state, self.said = pose, ranges, 100.0, [pose], 0, set()
 
     def step(self):
@@ -65,10 +65,10 @@ class Rig:
 def drive(posterior, physical, pose, ranges=OPEN, seconds=90.0):
     """(whether the robot became free, the poses, what held it or why it gave up)."""
     rig = Rig(posterior, physical, pose, ranges)
-    watch = Workspace(posterior, physical, [], RADIUS)
+    watch = BorderMonitor(posterior, physical, [], RADIUS)
     for _ in range(int(seconds / DT)):
         rig.step()
-        if watch.hard_gap(rig.pose[:2]) >= RADIUS + MARGIN - 1e-6:
+        if watch.distance_to_keepout(rig.pose[:2]) >= RADIUS + MARGIN - 1e-6:
             return True, np.array(rig.poses), ""
         if rig.driver.gave_up_leaving:
             return False, np.array(rig.poses), rig.driver.leave_failed
@@ -94,7 +94,7 @@ def test_everything_but_a_corner_is_restricted():
     free, poses, why = drive(posterior, physical, (2.0, 1.0, 2.0))
     assert free, why
     assert poses[-1, 0] > 4.2 and poses[-1, 1] > 3.6
-    gap = ForbiddenGround(physical, RADIUS).clearance_at(poses[:, :2]).min()
+    gap = KeepoutMap(physical, RADIUS).clearance_at(poses[:, :2]).min()
     assert gap >= RADIUS, "it does not touch the wall"
 
 
@@ -102,16 +102,16 @@ def test_gap_between_border_and_wall_is_no_place_to_end():
     physical = room()
     # 0.6 m are left to the right wall: the robot fits in, but out of there nothing leads
     posterior = restricted(physical, square(physical, 3.0, 0.0, 5.35, 5.0))
-    route = WayOut(posterior, physical, RADIUS, (5.1, 2.5)).route((5.1, 2.5))
+    route = ExitPlanner(posterior, physical, RADIUS, (5.1, 2.5)).route((5.1, 2.5))
     assert route is not None and route[-1, 0] < 3.0
 
 
 def test_no_allowed_floor_and_no_way():
     physical = room()
-    assert WayOut(restricted(physical, np.ones(physical.shape, bool)), physical, RADIUS, (1, 1)).route((1, 1)) is None
+    assert ExitPlanner(restricted(physical, np.ones(physical.shape, bool)), physical, RADIUS, (1, 1)).route((1, 1)) is None
     shut = physical.with_data(np.where(np.arange(120) == 60, 100, physical.data).astype(np.int8))
     posterior = restricted(shut, square(shut, 3.05, 0.0, 6.0, 5.0))
-    assert WayOut(posterior, shut, RADIUS, (4.0, 2.0)).route((4.0, 2.0)) is None
+    assert ExitPlanner(posterior, shut, RADIUS, (4.0, 2.0)).route((4.0, 2.0)) is None
 
 
 def swallowed(ranges=OPEN, pose=(4.5, 1.5, 0.0)):

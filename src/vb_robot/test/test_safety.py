@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from vb_core.grid_map import GridMap
 from vb_core.robot_profile import Limits
-from vb_robot.safety import ForbiddenGround, Keep, Scan, SpeedLimits, arc, safe_speed, stop_distance
+from vb_robot.safety import KeepoutMap, Keep, Scan, SpeedLimits, arc, safe_speed, stop_distance
 
 LIMITS, RADIUS, KEEP = Limits(), 0.18, Keep(0.12, 0.04, 0.05)
 
@@ -48,13 +48,13 @@ def test_a_hole_in_the_scan_is_not_free():
 def test_nearer_than_the_scanner_can_measure_is_an_obstacle(value):
     ranges = np.full(360, math.inf)
     ranges[170:190] = value
-    assert scan(ranges).free_way(0.2, 0.0, RADIUS, KEEP) <= 0.0
-    assert scan(ranges).free_way(-0.2, 0.0, RADIUS, KEEP) == math.inf
+    assert scan(ranges).free_distance(0.2, 0.0, RADIUS, KEEP) <= 0.0
+    assert scan(ranges).free_distance(-0.2, 0.0, RADIUS, KEEP) == math.inf
 
 
 def test_a_scanner_that_says_0_for_no_echo():
     ranges = np.zeros(360)
-    assert scan(ranges, zero_is_nothing=True).free_way(0.2, 0.0, RADIUS, KEEP) == math.inf
+    assert scan(ranges, zero_is_nothing=True).free_distance(0.2, 0.0, RADIUS, KEEP) == math.inf
     assert scan(ranges, zero_is_nothing=True).sees_way(0.2, 0.0, RADIUS, 0.05)
 
 
@@ -62,28 +62,28 @@ def test_free_way_to_a_wall_and_round_a_post():
     angles = np.radians(np.arange(360) - 179.5)
     with np.errstate(divide="ignore"):
         wall = np.where(np.cos(angles) > 0.2, 1.0 / np.cos(angles), math.inf)
-    assert scan(wall).free_way(0.2, 0.0, RADIUS, KEEP) == pytest.approx(1.0 - RADIUS - KEEP.ahead, abs=0.01)
-    assert scan(wall).free_way(-0.2, 0.0, RADIUS, KEEP) == math.inf
+    assert scan(wall).free_distance(0.2, 0.0, RADIUS, KEEP) == pytest.approx(1.0 - RADIUS - KEEP.ahead, abs=0.01)
+    assert scan(wall).free_distance(-0.2, 0.0, RADIUS, KEEP) == math.inf
     post = np.full(360, math.inf)
     post[178:182] = 0.6  # straight ahead
-    assert scan(post).free_way(0.2, 0.0, RADIUS, KEEP) < 0.35
-    assert scan(post).free_way(0.2, 0.4, RADIUS, KEEP) == math.inf, "an arc of 0.5 m leads past it"
+    assert scan(post).free_distance(0.2, 0.0, RADIUS, KEEP) < 0.35
+    assert scan(post).free_distance(0.2, 0.4, RADIUS, KEEP) == math.inf, "an arc of 0.5 m leads past it"
 
 
 def test_the_robots_own_parts_are_no_obstacle():
     ranges = np.full(360, math.inf)
     ranges[180] = 0.085
-    assert scan(ranges, range_min=0.05).free_way(0.2, 0.0, RADIUS, KEEP) == math.inf
+    assert scan(ranges, range_min=0.05).free_distance(0.2, 0.0, RADIUS, KEEP) == math.inf
 
 
 def test_ground_lets_a_robot_out_but_not_further_in():
     data = empty().data.copy()
     data[:, 160:] = 100  # x = 4 m and more
-    ground = ForbiddenGround(empty().with_data(data), RADIUS)
-    assert ground.free_way((3.0, 2.5, 0.0), 0.2, 0.0, 0.05) == pytest.approx(1.0 - RADIUS - 0.05, abs=0.04)
-    assert ground.free_way((3.9, 2.5, 0.0), 0.2, 0.0, 0.05) <= 0.04
-    assert ground.free_way((3.9, 2.5, 0.0), -0.2, 0.0, 0.05) == math.inf
-    assert ForbiddenGround(empty(), RADIUS).free_way((3.0, 2.5, 0.0), 0.2, 0.1, 0.05) == math.inf
+    ground = KeepoutMap(empty().with_data(data), RADIUS)
+    assert ground.free_distance((3.0, 2.5, 0.0), 0.2, 0.0, 0.05) == pytest.approx(1.0 - RADIUS - 0.05, abs=0.04)
+    assert ground.free_distance((3.9, 2.5, 0.0), 0.2, 0.0, 0.05) <= 0.04
+    assert ground.free_distance((3.9, 2.5, 0.0), -0.2, 0.0, 0.05) == math.inf
+    assert KeepoutMap(empty(), RADIUS).free_distance((3.0, 2.5, 0.0), 0.2, 0.1, 0.05) == math.inf
 
 
 def test_speed_limits_count_where_the_robot_is_and_where_it_drives_to():

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from vb_core import geometry
 from vb_core.grid_map import GridMap
 from vb_robot.drawing import Drawing
-from vb_robot.terrain import STAND_MARGIN, Terrain, clearance_grid
+from vb_robot.clearance_map import STAND_MARGIN, ClearanceMap, clearance_grid
 from vb_robot.view import FloorView, ViewParams, to_base, to_map
 from vb_robot.viewpoint import IMAGE_MARGIN, LINE_MARGIN, MAX_DISTANCE, MIN_DISTANCE, Outlook
 
@@ -29,7 +29,7 @@ def two_rooms(door=True):
     return GridMap(data, 0.025)
 
 
-TERRAIN = Terrain(two_rooms(), 0.18)
+TERRAIN = ClearanceMap(two_rooms(), 0.18)
 
 
 # ------------------------------------------------------------------ view
@@ -73,7 +73,7 @@ def test_ways_lead_through_the_doorway_and_nowhere_without_one():
     least = math.dist(start, (4.0, 3.7)) + math.dist((4.0, 3.7), goal[0])
     # eight-connected ways are up to 8 % too long, and they keep off the doorposts
     assert least <= way <= 1.15 * least
-    shut = Terrain(two_rooms(door=False), 0.18)
+    shut = ClearanceMap(two_rooms(door=False), 0.18)
     assert shut.ways(start).lengths_to(goal)[0] == np.inf
 
 
@@ -81,7 +81,7 @@ def test_narrow_doorway_is_no_way():
     grid = two_rooms()
     data = grid.data.copy()
     data[146:160, 158:162] = 100  # 0.35 m are left, the robot needs 0.42 m
-    narrow = Terrain(grid.with_data(data), 0.18)
+    narrow = ClearanceMap(grid.with_data(data), 0.18)
     assert narrow.ways((1.0, 1.0)).lengths_to(np.array([[7.0, 1.0]]))[0] == np.inf
 
 
@@ -89,10 +89,10 @@ def test_borders_hide_nothing_but_walls_do():
     grid = two_rooms()
     data = grid.data.copy()
     data[:, 200:210] = 100
-    terrain = Terrain(grid.with_data(data), 0.18, physical=grid)
+    terrain = ClearanceMap(grid.with_data(data), 0.18, physical=grid)
     assert terrain.line_of_sight(np.array([[4.5, 1.0]]), (6.0, 1.0))[0]
     assert not terrain.line_of_sight(np.array([[3.5, 1.0]]), (4.8, 1.0))[0]
-    assert not Terrain(grid.with_data(data), 0.18).line_of_sight(np.array([[4.5, 1.0]]), (6.0, 1.0))[0]
+    assert not ClearanceMap(grid.with_data(data), 0.18).line_of_sight(np.array([[4.5, 1.0]]), (6.0, 1.0))[0]
 
 
 def test_sides_of_polygon_and_curve():
@@ -192,7 +192,7 @@ def test_ways_lead_round_other_robots_and_not_through_a_doorway_that_one_stands_
 
 
 def test_unreachable_spot_has_no_viewpoint():
-    shut = Terrain(two_rooms(door=False), 0.18)
+    shut = ClearanceMap(two_rooms(door=False), 0.18)
     assert list(offers(shut, (1.0, 1.0, 0.0), Drawing(np.array([7.0, 2.0]), NO_CHAIN))) == []
 
 

@@ -1,8 +1,8 @@
-"""Standing of a footprint and names of borders."""
+"""How a footprint touches borders, and the names of borders."""
 import numpy as np
 
 from vb_core.grid_map import GridMap
-from vb_robot.workspace import KnownBorder, Standing, Workspace
+from vb_robot.border_monitor import KnownBorder, BorderContact, BorderMonitor
 
 
 def workspace(borders, *squares, value=100):
@@ -12,7 +12,7 @@ def workspace(borders, *squares, value=100):
     data = data.copy()
     for y0, y1, x0, x1 in squares:
         data[int(y0 * 20):int(y1 * 20), int(x0 * 20):int(x1 * 20)] = value
-    return Workspace(physical.with_data(data), physical, borders, 0.18)
+    return BorderMonitor(physical.with_data(data), physical, borders, 0.18)
 
 
 def square(name, x0, y0, x1, y1, seed=None):
@@ -25,12 +25,12 @@ CARPET, CORNER = square("carpet", 0.5, 0.5, 1.5, 1.5), square("corner", 4.0, 4.0
 
 def test_standing():
     here = workspace([CARPET], (0.5, 1.5, 0.5, 1.5))
-    assert here.standing((1.0, 1.0)) is Standing.INSIDE
-    assert here.standing((1.62, 1.0)) is Standing.TOUCHES
-    assert here.standing((1.8, 1.0)) is Standing.FREE
-    assert here.standing((3.0, 3.0)) is Standing.FREE, "a wall is no border"
-    assert here.standing((50.0, 3.0)) is Standing.FREE
-    assert workspace([]).standing((1.0, 1.0)) is Standing.FREE
+    assert here.standing((1.0, 1.0)) is BorderContact.INSIDE
+    assert here.standing((1.62, 1.0)) is BorderContact.TOUCHES
+    assert here.standing((1.8, 1.0)) is BorderContact.FREE
+    assert here.standing((3.0, 3.0)) is BorderContact.FREE, "a wall is no border"
+    assert here.standing((50.0, 3.0)) is BorderContact.FREE
+    assert workspace([]).standing((1.0, 1.0)) is BorderContact.FREE
 
 
 def test_names():
@@ -57,5 +57,5 @@ def test_separating_curve_has_the_name_of_its_seed():
 
 def test_soft_borders_are_not_hard():
     here = workspace([CARPET], (0.5, 1.5, 0.5, 1.5), value=75)
-    assert here.standing((1.0, 1.0)) is Standing.INSIDE and not here.is_hard((1.0, 1.0))
+    assert here.standing((1.0, 1.0)) is BorderContact.INSIDE and not here.is_hard((1.0, 1.0))
     assert workspace([CARPET], (0.5, 1.5, 0.5, 1.5)).is_hard((1.0, 1.0))

@@ -20,8 +20,8 @@ from vb_core.ros.messages import points_from_array, values_from_mapping
 from vb_core.ros.notices import NoticePublisher
 from vb_fusion.collector import BORDER, SEED, Collector, CollectorParams, Spot
 from vb_fusion.extraction import ExtractionParams
-from vb_fusion.journal import Journal
-from vb_fusion.live import Candidate, LiveCandidate, evenly, extract_chain, extract_seed_of
+from vb_fusion.spot_log import SpotLog
+from vb_fusion.live_extraction import DrawnBorder, LiveExtractor, evenly, extract_chain, extract_seed_of
 from vb_msgs.msg import BorderProgress, InteractionState, LaserSpot, VirtualBorder
 from vb_msgs.srv import GetDrawnBorder, GetDrawnBorderResponse
 
@@ -66,9 +66,9 @@ class BorderFusionNode:
         self._params = params
         self._extraction = extraction
         self._collector = Collector(collecting)
-        self._live = LiveCandidate(extraction, params.live_share)
+        self._live = LiveExtractor(extraction, params.live_share)
         path = Path(params.journal).expanduser() if params.journal else None
-        self._journal = Journal(path, collecting.max_spots)
+        self._journal = SpotLog(path, collecting.max_spots)
         self._lock = threading.Lock()
         self._changed = threading.Event()  # wakes the publisher on a change of state
         self._closing = False
@@ -217,7 +217,7 @@ class BorderFusionNode:
                 self._collector.forget()
                 self._forget = False
 
-    def _progress_message(self, collection, candidate: Candidate) -> BorderProgress:
+    def _progress_message(self, collection, candidate: DrawnBorder) -> BorderProgress:
         now = rospy.get_rostime()
         border, seed, ignored = self._collector.counts
         message = BorderProgress()

@@ -30,7 +30,7 @@ from shapely.validation import make_valid
 
 from vb_core import geometry
 from vb_core.parameters import Parameters, param
-from vb_fusion import closing
+from vb_fusion import chain_closure
 from vb_fusion.chain import BorderChain, ExtractionError
 from vb_fusion.line import Stroke, fit_line, make_stroke
 from vb_fusion.observations import TREMBLE, Sights, gather
@@ -59,7 +59,7 @@ class ExtractionParams(Parameters):
     thinning_dist: float = param(0.1, "m", above=0.0, high=1.0, doc="thinning: maxNeighborDist; paper mode only")
     polygon_dist: float = param(0.5, "m", above=0.0, high=5.0, doc="polygon generation: maxNeighborDist; paper only")
     tolerance: float = param(0.005, "m", low=0.0, high=0.1, doc="vertices that change less are left out; robust only")
-    kind: str = param("decide", choices=("decide", "polygon", "curve"), doc="overrides the rule of closing.py")
+    kind: str = param("decide", choices=("decide", "polygon", "curve"), doc="overrides the rule of chain_closure.py")
 
     @classmethod
     def paper(cls, **changes) -> "ExtractionParams":
@@ -119,7 +119,7 @@ def _paper(seen: Sights, params: ExtractionParams) -> BorderChain:
     chain = thinned[generate_poly(thinned, params.polygon_dist)]
     if len(chain) < 2:
         raise _no_line(seen, params)
-    decision = closing.decide(chain, params.kind)
+    decision = chain_closure.decide(chain, params.kind)
     return _result(chain, decision, np.zeros((0, 2)), 0, {"cluster": seen.points[cluster], "thinned": thinned})
 
 
@@ -132,12 +132,12 @@ def _robust(seen: Sights, params: ExtractionParams) -> BorderChain:
     if len(stroke.points) < 2:
         raise _no_line(seen, params)
     line, on_line = fit_line(stroke, False, params.eps)
-    decision = closing.decide(on_line, params.kind)
+    decision = chain_closure.decide(on_line, params.kind)
     if decision.closed:
         kept = slice(decision.first, decision.last + 1)
         line, _ = fit_line(Stroke(stroke.points[kept], stroke.trust[kept]), True, params.eps)
         if len(line) < 3:
-            decision = closing.decide(line)  # a straight line, though a polygon was asked for
+            decision = chain_closure.decide(line)  # a straight line, though a polygon was asked for
     chain = _simplified(line, decision.closed, params.tolerance)
     stages = {"cluster": drawn.points, "placed": placed.points, "thinned": stroke.points}
     return _result(chain, decision, left_out.points, int(round(left_out.weights.sum())), stages)
@@ -209,7 +209,7 @@ def _untangled(polygon: Polygon) -> Polygon:
     return Polygon(joined.exterior)
 
 
-def _result(chain: np.ndarray, decision: closing.Closing, left_out: np.ndarray, spots: int, stages) -> BorderChain:
+def _result(chain: np.ndarray, decision: chain_closure.Closing, left_out: np.ndarray, spots: int, stages) -> BorderChain:
     length = geometry.chain_length(chain, decision.closed)
     return BorderChain(
         chain, decision.closed, decision.code, length, decision.gap, decision.values, left_out, spots, stages

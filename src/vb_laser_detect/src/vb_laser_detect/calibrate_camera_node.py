@@ -25,7 +25,7 @@ from vb_laser_detect import calibration_file
 from vb_laser_detect.calibration import CalibrationParams
 from vb_laser_detect.calibration_board import BoardParams, BoardView, find_board, write_board
 from vb_laser_detect.calibration_session import BoardSession, HeldSpot, SpotSession, describe, parse_numbers
-from vb_laser_detect.camera_agreement import Sighting, agreement
+from vb_laser_detect.camera_consistency import Sighting, agreement
 from vb_laser_detect.detector import DetectorParams, SpotDetector
 from vb_laser_detect.image_format import PixelReader
 from vb_laser_detect.pixels import to_grey

@@ -66,7 +66,7 @@ class Spot:
 
 
 @dataclass(frozen=True)
-class Recalled:
+class BackfilledSpot:
     """A spot of an earlier frame that a later one confirmed.
 
     Attributes:
@@ -106,9 +106,9 @@ class SpotDetector:
     """Finds the spots of one camera; keeps what it knows of the scene between frames.
 
     Attributes:
-        tag: whatever belongs to the next frame; it comes back with those of its spots that are recalled later.
+        tag: whatever belongs to the next frame; it comes back with those of its spots that are backfilled later.
         candidates: what the last frame held, spots and refused ones, for debug images.
-        recalled: spots of earlier frames that the last one confirmed, the oldest first: what a stroke began with.
+        backfilled: spots of earlier frames that the last one confirmed, the oldest first: what a stroke began with.
         encoding: of the images, as in sensor_msgs/Image; empty: a Bayer mosaic is told by its pixels.
     """
 
@@ -154,7 +154,7 @@ class SpotDetector:
         """Forgets the scene; the next frame is learnt as it is."""
         p = self.params
         self.candidates: List[Candidate] = []
-        self.recalled: List[Recalled] = []
+        self.backfilled: List[BackfilledSpot] = []
         self._stamp: Optional[float] = None
         self._mosaic = False
         self._shape: Optional[Tuple[int, ...]] = None
@@ -281,12 +281,12 @@ class SpotDetector:
         tracked = self._tracker.update(
             sightings, lambda sighting, tint, followed_s: self._agrees(sighting, tint, followed_s, camera))
         told, refusals = [], {}
-        self.recalled = []
+        self.backfilled = []
         for f, spot, track in zip(found, spots, tracked):
             if track.published:
                 told.append(replace(spot, track=track.track))
-                self.recalled += [Recalled(replace(content[0], track=track.track), *content[1:3])
-                                  for _, content in track.recalled]
+                self.backfilled += [BackfilledSpot(replace(content[0], track=track.track), *content[1:3])
+                                  for _, content in track.backfilled]
             else:
                 refusals[id(f)] = "less_certain" if track.confirmed else "unconfirmed"
         return told, refusals

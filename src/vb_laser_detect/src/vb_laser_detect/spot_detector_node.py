@@ -22,11 +22,11 @@ from vb_core.ros.reconfigure import ReconfigureServer
 from vb_laser_detect import projection
 from vb_laser_detect.debug_image import draw
 from vb_laser_detect.detector import DetectorParams, Spot, SpotDetector
-from vb_laser_detect.frame import Frame, placed, search
+from vb_laser_detect.image_geometry import Frame, placed, search
 from vb_laser_detect.image_format import PixelReader
 from vb_laser_detect.projection import FloorPoint, FloorProjector, ProjectionParams
-from vb_laser_detect.ros.placing import DepthTopic, InfoTopic, Placing
-from vb_laser_detect.ros.report import Report
+from vb_laser_detect.ros.camera_geometry import DepthTopic, InfoTopic, CameraGeometry
+from vb_laser_detect.ros.diagnostics import DetectorDiagnostics
 from vb_laser_detect.ros.time_server import TimeServer
 from vb_msgs.msg import DetectorStatus, LaserSpot
 
@@ -91,7 +91,7 @@ class SpotDetectorNode:
         self._reader = PixelReader()
         self._last_debug: Optional[rospy.Time] = None
         self._mailbox: Mailbox = Mailbox()
-        self._report = Report(params.camera, self._mailbox, self._mobile)
+        self._report = DetectorDiagnostics(params.camera, self._mailbox, self._mobile)
         self._spots = rospy.Publisher(names.SPOTS, LaserSpot, queue_size=20, tcp_nodelay=True)
         self._debug = rospy.Publisher("~debug_image", Image, queue_size=1)
         image = rospy.resolve_name(params.image or f"{params.camera}/image_raw")
@@ -111,7 +111,7 @@ class SpotDetectorNode:
         # the buffer must hold a whole image, else rospy hands over images that are older than the newest one
         rospy.Subscriber(topic, kind, self._mailbox.put, queue_size=1, buff_size=2**24, tcp_nodelay=True)
 
-    def _make_placing(self, image: str) -> Placing:
+    def _make_placing(self, image: str) -> CameraGeometry:
         p, depth = self._params, None
         # image_rect, image_rect_color: the lens' distortion was undone before
         rectified = is_rectified(image)
@@ -119,7 +119,7 @@ class SpotDetectorNode:
         if p.depth:
             topic = rospy.resolve_name(p.depth)
             depth = DepthTopic(topic, rospy.resolve_name(p.depth_info or beside(topic, "camera_info")), self._report)
-        placing = Placing(self._mobile, info, depth, self._projector)
+        placing = CameraGeometry(self._mobile, info, depth, self._projector)
         placing.tf_wait_s, placing.pose_refresh_s, placing.depth_age_s = p.tf_wait_s, p.pose_refresh_s, p.depth_age_s
         return placing
 
@@ -185,7 +185,7 @@ class SpotDetectorNode:
             self._report.fault(unplaced)
         elif shared is not None:
             self._report.fault(shared)
-            unplaced, spots, frame, self._detector.recalled = shared, [], None, []
+            unplaced, spots, frame, self._detector.backfilled = shared, [], None, []
         self._report.standing("" if unplaced is None else str(unplaced))
         for candidate in self._detector.candidates:
             # these are everyday events: counted, but not worth a warning

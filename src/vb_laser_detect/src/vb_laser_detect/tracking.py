@@ -36,7 +36,7 @@ class Sighting(NamedTuple):
         certain: False if it was taken for a spot only since one was expected there.
         proven: False on ground that was never seen without it: it may be a lamp, until it is seen on other ground.
         tint: what `colour.tint_of` said; None if its colour does not matter.
-        content: anything; comes back when it is recalled.
+        content: anything; comes back when it is backfilled.
     """
 
     pixel: Tuple[float, float]
@@ -76,7 +76,7 @@ class Tracked(NamedTuple):
     track: int
     confirmed: bool
     published: bool
-    recalled: Tuple[Tuple[float, Any], ...]
+    backfilled: Tuple[Tuple[float, Any], ...]
 
 
 @dataclass(eq=False)
@@ -186,7 +186,7 @@ class SpotTracker:
         if sightings and metric != self._metric:
             self._tracks, self._metric = [], metric
         tracks = self._assign(sightings)
-        recalled = []
+        backfilled = []
         for sighting, track in zip(sightings, tracks):
             self._see(track, sighting)
             if not track.confirmed and track.hits >= self._confirm_frames and track.proven:
@@ -197,13 +197,13 @@ class SpotTracker:
                 track.waiting.popleft()
         self._choose(tracks, sightings)
         for sighting, track in zip(sightings, tracks):
-            recalled.append(())
+            backfilled.append(())
             if track.published:
-                recalled[-1] = tuple(track.waiting)
+                backfilled[-1] = tuple(track.waiting)
                 track.waiting.clear()
             elif not track.confirmed:
                 track.waiting.append((self._stamp, sighting.content))
-        return [Tracked(t.number, t.confirmed, t.published, told) for t, told in zip(tracks, recalled)]
+        return [Tracked(t.number, t.confirmed, t.published, told) for t, told in zip(tracks, backfilled)]
 
     def _assign(self, sightings: Sequence[Sighting]) -> List[_Track]:
         places = [np.array(s.floor if s.floor is not None else s.pixel, float) for s in sightings]

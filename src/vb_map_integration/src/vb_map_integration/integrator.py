@@ -26,7 +26,7 @@ from vb_map_integration.issues import WARNING, Issue, IntegrationError
 from vb_map_integration.integration import Area, IntegrationParams, restricted_area
 from vb_map_integration.legacy_folders import read_folders
 from vb_map_integration.map_picture import map_picture
-from vb_map_integration.preview import Ways, ways
+from vb_map_integration.preview import Reachability, ways
 from vb_map_integration.recognition import Recognizer, Verdict
 from vb_map_integration.registration import Registration, Transform, register
 from vb_map_integration.schedule import is_scheduled
@@ -63,7 +63,7 @@ class Check:
 
     area: Area
     issues: Tuple[Issue, ...]
-    ways: Optional[Ways]
+    ways: Optional[Reachability]
     composition: Composition
 
 
@@ -425,7 +425,7 @@ class MapIntegrator:
         area = restricted_area(before.physical, border, self.params, places)
         after = before.changed({border.id: None if border.zone == SLOW else Region.of(area)})
         issues = list(area.issues)
-        found: Optional[Ways] = None
+        found: Optional[Reachability] = None
         if goals is not None or self.params.check_reachability:
             options = {
                 "robot": places.get("robot"),

@@ -17,7 +17,7 @@ OCCUPIED_FROM = 65
 
 
 @dataclass(frozen=True)
-class Ways:
+class Reachability:
     """Where a robot can go in a map.
 
     Attributes:
@@ -36,7 +36,7 @@ def ways(
     radius_m: float = 0.18,
     min_component_m2: float = 0.1,
     occupied_threshold: int = OCCUPIED_FROM,
-) -> Ways:
+) -> Reachability:
     """The parts of the free space, and the goals that lie in another one than the robot.
 
     Args:
@@ -60,14 +60,14 @@ def ways(
     areas = stats[1:, cv2.CC_STAT_AREA]
     parts = int((areas * grid.resolution**2 >= min_component_m2).sum())
     if len(areas) == 0:
-        return Ways(0, tuple(range(len(goals))))
+        return Reachability(0, tuple(range(len(goals))))
     home = int(np.argmax(areas)) + 1
     if robot is not None:
         found = _labels_near(grid, labels, robot, radius)
         if len(found) == 0:
-            return Ways(parts, tuple(range(len(goals))))
+            return Reachability(parts, tuple(range(len(goals))))
         home = int(found[0])
-    return Ways(parts, tuple(i for i, goal in enumerate(goals) if home not in _labels_near(grid, labels, goal, radius)))
+    return Reachability(parts, tuple(i for i, goal in enumerate(goals) if home not in _labels_near(grid, labels, goal, radius)))
 
 
 def _coarser(free: np.ndarray, factor: int) -> np.ndarray:

@@ -13,9 +13,9 @@ from vb_core.notices import Notice, Severity
 from vb_core.parameters import Parameters, param
 from vb_robot import spots
 from vb_robot.dispatch import Decision, Fleet, Moment, RobotStatus
-from vb_robot.drawing import NOTHING, Drawing, UnseenFloor
+from vb_robot.drawing import NOTHING, Drawing, BlindSpots
 from vb_robot.spots import LOST_AFTER, Sighting, Sightings
-from vb_robot.terrain import Terrain, Window, around, window_of
+from vb_robot.clearance_map import ClearanceMap, Window, around, window_of
 from vb_robot.view import FloorView
 from vb_robot.viewpoint import Outlook
 
@@ -50,7 +50,7 @@ class Progress:
     cameras: Tuple[str, ...] = ()
 
 
-class Grounds:
+class RobotMap:
     """The map that holds for one robot of a radius [m], and what its camera sees of the floor."""
 
     def __init__(self, radius: float) -> None:
@@ -59,7 +59,7 @@ class Grounds:
         self._own = False
         self._map: Optional[GridMap] = None
         self._physical: Optional[GridMap] = None
-        self._terrain: Optional[Tuple[Window, Terrain]] = None
+        self._terrain: Optional[Tuple[Window, ClearanceMap]] = None
 
     def set_map(self, grid: GridMap, own: bool = False) -> None:
         """Takes a map with borders; one of the robot's own is not replaced by the common one."""
@@ -70,17 +70,17 @@ class Grounds:
         """Takes the map without borders."""
         self._physical, self._terrain = grid, None
 
-    def terrain(self, window: Window) -> Optional[Terrain]:
+    def terrain(self, window: Window) -> Optional[ClearanceMap]:
         """The map in a window, prepared for questions; None before there is one."""
         if self._map is None:
             return None
         if self._terrain is None or self._terrain[0] != window:
             physical = around(self._physical, window) if self._physical is not None else None
-            self._terrain = (window, Terrain(around(self._map, window), self._radius, physical, edge=False))
+            self._terrain = (window, ClearanceMap(around(self._map, window), self._radius, physical, edge=False))
         return self._terrain[1]
 
     def outlook(
-        self, drawing: Drawing, status: RobotStatus, unseen: Optional[UnseenFloor], others: Sequence
+        self, drawing: Drawing, status: RobotStatus, unseen: Optional[BlindSpots], others: Sequence
     ) -> Optional[Outlook]:
         """What the robot can see of a drawing from where it is and could go; None before that can be told."""
         if self.view is None or status.pose is None:
@@ -104,11 +104,11 @@ class Dispatcher:
 
     def __init__(self, watch: WatchParams = WatchParams(), radii: Mapping[str, float] = {}) -> None:
         self._fleet = Fleet(watch.robots or [""])
-        self._grounds = {name: Grounds(radii.get(name, 0.18)) for name in self._fleet.records}
+        self._grounds = {name: RobotMap(radii.get(name, 0.18)) for name in self._fleet.records}
         self._lock = threading.RLock()
         self._sightings = Sightings(mobile_cameras=(*watch.mobile_cameras, *watch.robots))
         self._progress: Optional[Progress] = None
-        self._unseen: Optional[UnseenFloor] = None
+        self._unseen: Optional[BlindSpots] = None
         self.notice: Optional[Notice] = None
 
     @property
@@ -135,7 +135,7 @@ class Dispatcher:
 
     def set_coverage(self, coverage: GridMap) -> None:
         """Takes how many stationary cameras see each cell; see camera_coverage_node."""
-        unseen = UnseenFloor(coverage)
+        unseen = BlindSpots(coverage)
         with self._lock:
             self._unseen = unseen
 
@@ -211,7 +211,7 @@ class Dispatcher:
         seeding = known.state == spots.SEED
         return Drawing(target, chain, known.direction(), closed, seeding, ordered, known.watched(now))
 
-    def _notice(self, lost: bool, drawing: Drawing, unseen: Optional[UnseenFloor], able: bool) -> Optional[Notice]:
+    def _notice(self, lost: bool, drawing: Drawing, unseen: Optional[BlindSpots], able: bool) -> Optional[Notice]:
         """What people should know: that no camera sees the spot, or will not see it soon, and what comes of it."""
         serving = self._fleet.serving
         comes = serving is not None and self._fleet.records[serving].goal is not None

@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 
 from vb_core.grid_map import GridMap, distance_to
-from vb_robot.terrain import Terrain, clearance_grid, sample
+from vb_robot.clearance_map import ClearanceMap, clearance_grid, sample
 
 STEP = 0.05  # [m] between places of a line that is thought on
 HORIZON = 2.0  # [m] how far the line is thought straight on to where no stationary camera sees it
@@ -70,7 +70,7 @@ class Drawing:
             length = max(length, float(np.dot(self.look_at - spot, self.direction)))
         return spot + np.linspace(0.0, length, 6)[:, None] * self.direction
 
-    def aimed(self, terrain: Terrain, unseen: Optional["UnseenFloor"]) -> "Drawing":
+    def aimed(self, terrain: ClearanceMap, unseen: Optional["BlindSpots"]) -> "Drawing":
         """The same with what a robot is to look at.
 
         While stationary cameras see the spot: the stretch on which they will lose it if it goes straight on, or else
@@ -92,7 +92,7 @@ class Drawing:
         place = unseen.nearest(spot) if self.watched and unseen is not None else None
         return self if place is None else replace(self, focus=place)
 
-    def expected_area(self, terrain: Terrain) -> Optional[np.ndarray]:
+    def expected_area(self, terrain: ClearanceMap) -> Optional[np.ndarray]:
         """(H, W) bool: what the border will probably restrict or run through; None if that cannot be told yet.
 
         While the seed is shown: the seed's side. Before: the line and what it encloses together with the straight line
@@ -116,7 +116,7 @@ class Drawing:
         return canvas.astype(bool) if canvas.any() else None
 
 
-class UnseenFloor:
+class BlindSpots:
     """Floor that no stationary camera sees, without narrow shadows.
 
     Args:
@@ -159,7 +159,7 @@ class UnseenFloor:
 class KeepOut:
     """Judges ways by an area (H, W) bool that the robot's footprint is not to come to."""
 
-    def __init__(self, terrain: Terrain, area: np.ndarray) -> None:
+    def __init__(self, terrain: ClearanceMap, area: np.ndarray) -> None:
         self._grid = terrain.grid
         self._gap = clearance_grid(area, terrain.grid.resolution, edge=False)
         # along an edge the cells make the gap tremble

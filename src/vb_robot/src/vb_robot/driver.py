@@ -20,20 +20,20 @@ from typing import Dict, Iterable, List, Optional, Tuple
 from vb_core.grid_map import GridMap
 from vb_core.robot_profile import RobotProfile
 from vb_robot.following import Following, Frames
-from vb_robot.leaving import MAP_MARGIN, MARGIN, RETRY, Leaving, WayOut
+from vb_robot.border_exit import MAP_MARGIN, MARGIN, RETRY, BorderExit, ExitPlanner
 from vb_robot.navigation_parameters import PATH_MARGIN
-from vb_robot.safety import (LEAP, ForbiddenGround, Keep, Scan, SpeedLimits, leap, safe_speed, stop_distance)
+from vb_robot.safety import (LEAP, KeepoutMap, Keep, Scan, SpeedLimits, pose_jump, safe_speed, stop_distance)
 from vb_robot.servoing import MAX_SPEED, Wish
 from vb_robot.spots import DEFAULT, Sighting, Sightings
 from vb_robot.view import FloorView
 from vb_robot.viewpoint import Pose
-from vb_robot.workspace import Standing, Workspace
+from vb_robot.border_monitor import BorderContact, BorderMonitor
 
 RATE = 20.0  # [1/s] what is late is noticed that soon
 STOP_WITHIN = 0.5  # [s] after the last scan, state, pose or command the robot rests
 BASE_DELAY = 0.02  # [s] from a command to the wheels
 AHEAD = 0.5  # [s] what is dated farther ahead comes from another clock, and its age is not known
-POSE_DOUBT = 1.0  # [s] after a leap of the localisation nobody knows where the borders are
+POSE_DOUBT = 1.0  # [s] after a jump of the localization nobody knows where the borders are
 OTHER_LIMIT = 1.0  # [s] after a command by somebody else nothing is let through: two drivers at one wheel
 CANCEL_EACH = 1.0  # [s] navigation's goals are cancelled again while somebody else drives
 PINCHED_AFTER = 1.5  # [s] navigation has a goal and moves nothing: beside something it may have no way to plan from here
@@ -87,10 +87,10 @@ class Driver:
         self._lock = threading.RLock()
         self._spots = Sightings(mobile_cameras=(*mobile_cameras, camera))
         self._following = Following()
-        self._leaving: Optional[Leaving] = None
+        self._leaving: Optional[BorderExit] = None
         self._grids: Optional[Tuple[GridMap, GridMap]] = None  # with and without borders
         self._retry_at = -math.inf
-        self._pinched: Optional[Leaving] = None
+        self._pinched: Optional[BorderExit] = None
         self._idle_since = -math.inf  # since when navigation has had a goal and moved nothing
         self._swallowed: Optional[bool] = None  # whether the newest map put a border where the robot is; None: to be seen
         self._stamps: Dict[str, float] = {}  # [s] of the newest scan, state and pose
@@ -99,9 +99,9 @@ class Driver:
         self._scan: Optional[Scan] = None
         self._pose: Optional[Tuple[float, Pose]] = None
         self._doubt_until = -math.inf
-        self._ground: Optional[ForbiddenGround] = None
-        self._physical: Optional[ForbiddenGround] = None
-        self._workspace: Optional[Workspace] = None
+        self._ground: Optional[KeepoutMap] = None
+        self._physical: Optional[KeepoutMap] = None
+        self._workspace: Optional[BorderMonitor] = None
         self._speed_limits: Optional[SpeedLimits] = None
         self._contacts: Dict[str, bool] = {}
         self._others: Dict[str, float] = {}  # who else commanded this robot, and when
@@ -163,7 +163,7 @@ class Driver:
             self._pose = (stamp, pose)
             since = stamp - before[0] if before is not None else math.inf
             # after a pause a robot may be anywhere
-            if before is not None and 0.0 <= since < 1.0 and leap(before[1], pose, since) > LEAP:
+            if before is not None and 0.0 <= since < 1.0 and pose_jump(before[1], pose, since) > LEAP:
                 self._doubt_until = stamp + POSE_DOUBT
 
     def set_clock(self, age: float) -> None:
@@ -171,12 +171,12 @@ class Driver:
         with self._lock:
             self._clock_age = age
 
-    def set_maps(self, borders: GridMap, physical: Optional[GridMap], workspace: Optional[Workspace]) -> None:
+    def set_maps(self, borders: GridMap, physical: Optional[GridMap], workspace: Optional[BorderMonitor]) -> None:
         """Takes the map with borders, the one without, and what is known about the borders between them."""
         radius = self.profile.radius
         same = physical is not None and physical.same_geometry(borders)
-        ground = ForbiddenGround(borders, radius)
-        beneath = ForbiddenGround(physical, radius) if physical is not None else None
+        ground = KeepoutMap(borders, radius)
+        beneath = KeepoutMap(physical, radius) if physical is not None else None
         with self._lock:
             self._ground, self._physical, self._workspace = ground, beneath, workspace
             self._grids = (borders, physical) if same and physical is not None else None
@@ -281,7 +281,7 @@ class Driver:
         pinched = self._pinch(now, pose)
         if pinched is not None or not self._leaves:
             return pinched
-        room = self._workspace.hard_gap(pose[:2])
+        room = self._workspace.distance_to_keepout(pose[:2])
         if self._swallowed is None:
             self._swallowed = room < self.profile.radius and self._workspace.is_hard(pose[:2])
         if not self._swallowed:
@@ -292,7 +292,7 @@ class Driver:
         if self._spots.state != DEFAULT or (self._leaving is None and 0.0 <= self._retry_at - now <= RETRY):
             return None
         if self._leaving is None:
-            self._leaving = Leaving(WayOut(*self._grids, self.profile.radius, pose[:2]))
+            self._leaving = BorderExit(ExitPlanner(*self._grids, self.profile.radius, pose[:2]))
         if self._goal_runs:
             self._leaving.pause()
             return Wish(0.0, 0.0, "goal_cancelled")
@@ -315,7 +315,7 @@ class Driver:
         if self._pinched is None:
             if not -self.profile.radius < room < PATH_MARGIN + 0.02 or not 0.0 <= now - self._idle_since >= PINCHED_AFTER:
                 return None
-            self._pinched = Leaving(WayOut(*self._grids, self.profile.radius, pose[:2]))
+            self._pinched = BorderExit(ExitPlanner(*self._grids, self.profile.radius, pose[:2]))
         if room >= MARGIN or self._pinched.failed:
             self._idle_since, self._pinched = now, None
             return None
@@ -422,7 +422,7 @@ class Driver:
         blind = self._scan is None or not self.profile.scanner.present
         if not blind:
             assert self._scan is not None
-            found.append((safe_speed(self._scan.free_way(v, w, radius, keep), limits), "obstacle"))
+            found.append((safe_speed(self._scan.free_distance(v, w, radius, keep), limits), "obstacle"))
             blind = not self._scan.sees_way(v, w, radius, stop_distance(v, limits))
             if blind and driver != TELEOP:
                 found.append((0.0, "unseen_floor"))
@@ -431,22 +431,22 @@ class Driver:
         pose = self.pose(now)
         if pose is not None:
             ground = self._physical if driver == LEAVE else self._ground
-            if driver == NAVIGATION and self._workspace is not None and self._workspace.hard_gap(pose[:2]) <= 0.0:
+            if driver == NAVIGATION and self._workspace is not None and self._workspace.distance_to_keepout(pose[:2]) <= 0.0:
                 found.append((0.0, "inside_border"))
             if ground is not None:
-                found.append((safe_speed(ground.free_way(pose, v, w, keep.cells), limits), "border"))
+                found.append((safe_speed(ground.free_distance(pose, v, w, keep.cells), limits), "border"))
             if self._speed_limits is not None:
                 found.append((self._speed_limits.at(pose, v, w, stop_distance(v, limits)), "speed_zone"))
         return min(found, key=lambda entry: entry[0])
 
     # ------------------------------------------------------------- for people
-    def standing(self, now: float) -> Tuple[Standing, list, bool]:
+    def standing(self, now: float) -> Tuple[BorderContact, list, bool]:
         """How the robot lies to the borders, those borders' names, and whether one of them may not be entered."""
         pose, workspace = self.pose(now), self._workspace
         if pose is None or workspace is None:
-            return Standing.FREE, [], False
+            return BorderContact.FREE, [], False
         standing = workspace.standing(pose[:2])
-        if standing is Standing.FREE:
+        if standing is BorderContact.FREE:
             return standing, [], False
         return standing, workspace.names_at(pose[:2]), workspace.is_hard(pose[:2])
 

@@ -29,7 +29,7 @@ class Frames:
 class Following:
     """Visual servoing on the spot that the robot's own camera sees.
 
-    The spot is kept in the odom frame: there it stays where it is on the floor while the robot moves, and a leap of
+    The spot is kept in the odom frame: there it stays where it is on the floor while the robot moves, and a pose_jump of
     the localisation does not move it.
     """
 

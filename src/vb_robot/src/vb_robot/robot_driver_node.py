@@ -37,7 +37,7 @@ from vb_robot.following import Frames
 from vb_robot.safety import Scan
 from vb_robot.spots import FOLLOW, Sighting
 from vb_robot.view import FloorView
-from vb_robot.workspace import KnownBorder, Standing, Workspace
+from vb_robot.border_monitor import KnownBorder, BorderContact, BorderMonitor
 
 SLOW_LOCALISATION = 0.15  # [s] for an older spot localisation's newest answer is taken: that is near enough
 STATE_EACH = 0.5  # [s] who drives is said that often even if nothing changes
@@ -95,7 +95,7 @@ class RobotDriverNode:
         self._lock = threading.Lock()
         self._maps: Dict[str, GridMap] = {}
         self._borders: List[KnownBorder] = []
-        self._workspace: Optional[Workspace] = None
+        self._workspace: Optional[BorderMonitor] = None
         self._mounts: Dict[str, np.ndarray] = {}
         self._info: Optional[CameraInfo] = None
         self._bad_goal: Optional[Notice] = None
@@ -240,7 +240,7 @@ class RobotDriverNode:
                 return
             workspace = None
             if physical is not None and physical.same_geometry(borders):
-                workspace = Workspace(borders, physical, self._borders, self._profile.radius)
+                workspace = BorderMonitor(borders, physical, self._borders, self._profile.radius)
             self._workspace = workspace
             self._driver.set_maps(borders, physical, workspace)
 
@@ -249,7 +249,7 @@ class RobotDriverNode:
         if target.header.frame_id.lstrip("/") != names.MAP_FRAME or workspace is None:
             return
         x, y, _ = pose_to_2d(target.pose)
-        if workspace.standing((x, y)) is not Standing.FREE and workspace.is_hard((x, y)):
+        if workspace.standing((x, y)) is not BorderContact.FREE and workspace.is_hard((x, y)):
             borders = _quoted(workspace.names_at((x, y)))
             self._bad_goal = self._notice("goal_in_border", Severity.WARNING, border=borders)
             self._bad_goal_until = rospy.get_time() + GOAL_NOTICE
@@ -325,8 +325,8 @@ class RobotDriverNode:
     def _said(self, command: Command, now: float) -> List[Notice]:
         found = []
         standing, borders, hard = self._driver.standing(now)
-        if standing is not Standing.FREE:
-            inside = standing is Standing.INSIDE
+        if standing is not BorderContact.FREE:
+            inside = standing is BorderContact.INSIDE
             code = "robot_inside_border" if inside else "robot_touches_border"
             severity = Severity.ERROR if inside and hard else Severity.WARNING
             found.append(self._notice(code, severity, border=_quoted(borders)))

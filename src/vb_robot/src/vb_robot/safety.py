@@ -13,7 +13,7 @@ import numpy as np
 from vb_core import geometry
 from vb_core.grid_map import GridMap
 from vb_core.robot_profile import Limits
-from vb_robot.terrain import clearance_grid, sample
+from vb_robot.clearance_map import clearance_grid, sample
 from vb_robot.view import to_map
 from vb_robot.viewpoint import Pose
 
@@ -89,7 +89,7 @@ class Scan:
             return False
         return bool((np.diff(off) <= self._gap).all())
 
-    def free_way(self, v: float, w: float, radius: float, keep: Keep) -> float:
+    def free_distance(self, v: float, w: float, radius: float, keep: Keep) -> float:
         """[m] along the arc of (v, w) [m/s, rad/s] before the robot comes too near to a point; inf if it never does."""
         x, y = math.copysign(1.0, v) * self.points[:, 0], self.points[:, 1]
         bend = math.copysign(1.0, v) * w / abs(v)
@@ -118,7 +118,7 @@ class Scan:
         return self.covers(bearing, math.atan2(radius, radius + HORIZON))
 
 
-class ForbiddenGround:
+class KeepoutMap:
     """The cells of a map that the footprint never enters.
 
     Args:
@@ -136,7 +136,7 @@ class ForbiddenGround:
         """(N,) [m] from points (N, 2) to the next forbidden cell; 0 off the map."""
         return sample(self.grid, self._clearance, points)
 
-    def free_way(self, pose: Pose, v: float, w: float, margin: float) -> float:
+    def free_distance(self, pose: Pose, v: float, w: float, margin: float) -> float:
         """[m] the robot can drive along the arc of (v, w) before it comes nearer to a cell than `margin` [m].
 
         A robot that is too near already may move so that it does not come nearer; one that a new border has
@@ -163,7 +163,7 @@ class SpeedLimits:
         return float(values.min()) / 100.0 if len(values) else math.inf
 
 
-def leap(before: Pose, after: Pose, seconds: float) -> float:
+def pose_jump(before: Pose, after: Pose, seconds: float) -> float:
     """[m] by which a pose changed beyond what a robot can drive (1 m/s, 3 rad/s); a turn of 1 rad counts as 0.5 m."""
     moved = max(0.0, math.dist(before[:2], after[:2]) - seconds)
     turned = max(0.0, abs(math.remainder(after[2] - before[2], 2.0 * math.pi)) - 3.0 * seconds)

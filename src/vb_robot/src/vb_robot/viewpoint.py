@@ -15,7 +15,7 @@ import numpy as np
 
 from vb_core import geometry
 from vb_robot.drawing import Drawing, KeepOut
-from vb_robot.terrain import STAND_MARGIN, Terrain, Ways, clearance_grid, sample
+from vb_robot.clearance_map import STAND_MARGIN, ClearanceMap, ShortestPaths, clearance_grid, sample
 from vb_robot.view import FloorView
 
 Pose = Tuple[float, float, float]
@@ -74,7 +74,7 @@ class Outlook:
         others: (K, 2) [m] where other robots stand or drive to.
     """
 
-    def __init__(self, terrain: Terrain, view: FloorView, drawing: Drawing, others: Iterable = ()) -> None:
+    def __init__(self, terrain: ClearanceMap, view: FloorView, drawing: Drawing, others: Iterable = ()) -> None:
         self.terrain, self.view, self.drawing = terrain, view, drawing
         self._others = np.asarray(list(others), dtype=float).reshape(-1, 2)
         side = terrain.side_of(drawing.spot, drawing.chain, drawing.closed) if drawing.seeding else None
@@ -153,7 +153,7 @@ class Outlook:
         return self.view.sees(in_base.reshape(-1, 2), margin).reshape(len(places), len(points))
 
     # ------------------------------------------------------------- candidates
-    def _in_order(self, robot: Pose, ways: Ways, avoid: Iterable) -> List[Viewpoint]:
+    def _in_order(self, robot: Pose, ways: ShortestPaths, avoid: Iterable) -> List[Viewpoint]:
         """The poses that show what is to be looked at and can be reached, the cheapest first."""
         look_at = self.drawing.look_at
         places, yaws, distances = _poses_round(look_at, robot)
@@ -190,7 +190,7 @@ class Outlook:
         hull = cv2.convexHull(points.astype(np.float32))
         return np.array([float(cv2.pointPolygonTest(hull, (float(x), float(y)), False) >= 0) for x, y in places])
 
-    def _retreat(self, ways: Ways, robot: Pose) -> Optional[Viewpoint]:
+    def _retreat(self, ways: ShortestPaths, robot: Pose) -> Optional[Viewpoint]:
         """The nearest place off the side to be restricted, if the robot stands on it."""
         terrain, spot = self.terrain, self.drawing.spot
         if self._off_side is None or sample(terrain.grid, self._off_side, np.array([robot[:2]]))[0] > 0:

@@ -20,7 +20,7 @@ from vb_evaluation.kit.session import ROBOT_IMAGES
 from vb_fusion.collector import Spot
 from vb_laser_detect.detector import DetectorParams, SpotDetector
 from vb_laser_detect.detector import Spot as DetectedSpot
-from vb_laser_detect.frame import Frame, placed, search
+from vb_laser_detect.image_geometry import Frame, placed, search
 from vb_laser_detect.image_format import PixelReader
 from vb_laser_detect.projection import FloorProjector, ProjectionParams
 

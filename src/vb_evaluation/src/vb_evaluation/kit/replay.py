@@ -14,7 +14,7 @@ from vb_evaluation import metrics
 from vb_evaluation.kit.recording import Recording
 from vb_fusion.collector import Collection, Collector, CollectorParams, Spot
 from vb_fusion.extraction import ExtractionParams
-from vb_fusion.live import extract_chain, extract_seed_of
+from vb_fusion.live_extraction import extract_chain, extract_seed_of
 from vb_map_integration.border import VirtualBorder
 from vb_map_integration.integration import IntegrationParams, integrate
 

@@ -14,7 +14,7 @@ import rospy
 from move_base_msgs.msg import MoveBaseActionGoal
 from nav_msgs.msg import OccupancyGrid
 
-import vb_fusion.live
+import vb_fusion.live_extraction
 from vb_core import names
 from vb_core.errors import CodedError
 from vb_core.grid_map import GridMap
@@ -140,7 +140,7 @@ class LiveRun:
         scheduler = Scheduler(START_NS)
         graph = Graph(scheduler, {
             names.COMMAND: timing.command_s, names.CANDIDATE: timing.save_s, names.SPOTS: timing.spot_s})
-        live_chain = vb_fusion.live.extract_chain
+        live_chain = vb_fusion.live_extraction.extract_chain
 
         def extract_chain(*given: Any) -> Any:
             try:
@@ -149,7 +149,7 @@ class LiveRun:
                 scheduler.wait(int(timing.extraction_s * 1e9))
 
         with tempfile.TemporaryDirectory() as state, graph.installed(), \
-                replaced({vb_fusion.live: {"extract_chain": extract_chain}}):
+                replaced({vb_fusion.live_extraction: {"extract_chain": extract_chain}}):
             watching: List[_Observer] = []
             graph.start(Node("/study", {}), lambda: (watching.append(_Observer(self._robots)), watch()))
             cameras = self._method.cameras(self._world)

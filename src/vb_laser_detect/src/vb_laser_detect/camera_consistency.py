@@ -14,7 +14,7 @@ Sighting = Tuple[str, float, float, float]  # camera, stamp [s], x [m], y [m]
 
 
 @dataclass(frozen=True)
-class Agreement:
+class CameraConsistency:
     """What two cameras say of the same spot.
 
     Attributes:
@@ -41,7 +41,7 @@ class Agreement:
         )
 
 
-def agreement(sightings: Iterable[Sighting], max_gap_s: float = 0.1, least: int = 20) -> List[Agreement]:
+def agreement(sightings: Iterable[Sighting], max_gap_s: float = 0.1, least: int = 20) -> List[CameraConsistency]:
     """Compares every two cameras that saw the spot at the same time.
 
     Cameras do not take their images at the same time, and a spot moves: the second one's place is interpolated to the
@@ -72,7 +72,7 @@ def agreement(sightings: Iterable[Sighting], max_gap_s: float = 0.1, least: int 
         distance = np.linalg.norm(off, axis=1)
         x, y = (float(value) for value in off.mean(axis=0))
         found.append(
-            Agreement(first, second, len(off), (x, y), float(np.median(distance)), float(np.percentile(distance, 95)))
+            CameraConsistency(first, second, len(off), (x, y), float(np.median(distance)), float(np.percentile(distance, 95)))
         )
     if not found:
         raise CodedError(

@@ -14,7 +14,7 @@ from vb_core import names
 from vb_core.errors import CodedError
 from vb_core.ros.node import Mailbox
 from vb_laser_detect.blocks import sample_blocks
-from vb_laser_detect.statistics import Statistics
+from vb_laser_detect.detector_counts import DetectorCounts
 from vb_msgs.msg import DetectorStatus
 
 _SILENCE_S = 2.0  # without an image for so long, diagnostics call the camera silent
@@ -26,7 +26,7 @@ _HEARD_S = 5.0  # a detector that said nothing for so long is gone
 _TOO_BRIGHT = 0.05  # part of the image that is saturated: no spot can be seen there
 
 
-class Report:
+class DetectorDiagnostics:
     """Counts what a detector does, and says what is wrong with its input.
 
     Publishes:
@@ -49,7 +49,7 @@ class Report:
         self._others: Dict[str, Tuple[str, float]] = {}  # frame of each other stationary camera, and when it was told
         self.colour = True
         self._mailbox = mailbox
-        self._statistics = Statistics()
+        self._statistics = DetectorCounts()
         self._lock = threading.Lock()
         self._faults: Dict[str, Tuple[rospy.Time, str]] = {}
         self._warned: Dict[str, rospy.Time] = {}

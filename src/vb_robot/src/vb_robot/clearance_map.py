@@ -74,7 +74,7 @@ def sample(grid: GridMap, layer: np.ndarray, points: np.ndarray, outside: float 
     return values
 
 
-class Terrain:
+class ClearanceMap:
     """A map prepared for questions about places and ways. Made once per map and window.
 
     Args:
@@ -142,9 +142,9 @@ class Terrain:
             edges.append((index[here][both], index[there][both], length))
         self.edges = tuple(np.concatenate(column) for column in zip(*edges))  # (from, to, length [m])
 
-    def ways(self, start, others=()) -> "Ways":
+    def ways(self, start, others=()) -> "ShortestPaths":
         """The shortest ways from a start (2,) [m] to every place, round other robots (K, 2) [m] of the same size."""
-        return Ways(self, np.asarray(start, dtype=float), np.asarray(others, dtype=float).reshape(-1, 2))
+        return ShortestPaths(self, np.asarray(start, dtype=float), np.asarray(others, dtype=float).reshape(-1, 2))
 
     # ------------------------------------------------------------- sides
     def side_of(self, seed, chain: np.ndarray, closed: bool) -> Optional[np.ndarray]:
@@ -182,14 +182,14 @@ class Terrain:
         return points[hits[0]] if len(hits) else points[-1]
 
 
-class Ways:
-    """The shortest ways from one start, searched once. Made by `Terrain.ways`.
+class ShortestPaths:
+    """The shortest ways from one start, searched once. Made by `ClearanceMap.ways`.
 
     The start is a node of its own, joined to the free cell beside it; outside a window, to the free cells of the
     window's edge, and the straight line stands for the way up to there.
     """
 
-    def __init__(self, terrain: Terrain, start: np.ndarray, others: np.ndarray) -> None:
+    def __init__(self, terrain: ClearanceMap, start: np.ndarray, others: np.ndarray) -> None:
         self._terrain, self._start, self._others = terrain, start, others
         way, (begin, end, length) = terrain.way, terrain.edges
         cells = np.argwhere(way)

@@ -16,7 +16,7 @@ from vb_fusion.extraction import BorderChain, ExtractionError, ExtractionParams,
 
 
 @dataclass(frozen=True)
-class Candidate:
+class DrawnBorder:
     """Chain and seed of one interaction, as far as there are any; the errors say what is missing."""
 
     chain: Optional[BorderChain] = None
@@ -62,7 +62,7 @@ def evenly(rows: np.ndarray, limit: int) -> np.ndarray:
     return rows[np.linspace(0, len(rows) - 1, limit).astype(int)] if limit else rows[:0]
 
 
-class LiveCandidate:
+class LiveExtractor:
     """Extracts again when there is something new, and seldom enough to stay within a share of one core.
 
     Args:
@@ -76,15 +76,15 @@ class LiveCandidate:
         self._not_before = 0.0
         self._border_total = -1
         self._seed_total = -1
-        self.candidate = Candidate()
+        self.candidate = DrawnBorder()
 
     def reset(self) -> None:
         """Starts again, for a new interaction."""
         self._not_before = 0.0
         self._border_total = self._seed_total = -1
-        self.candidate = Candidate()
+        self.candidate = DrawnBorder()
 
-    def update(self, collection: Collection, clock: Callable[[], float], force: bool = False) -> Candidate:
+    def update(self, collection: Collection, clock: Callable[[], float], force: bool = False) -> DrawnBorder:
         """The candidate; a new one if there are new spots and it is time.
 
         Args:
@@ -109,7 +109,7 @@ class LiveCandidate:
                 seed, no_seed = extract_seed_of(collection), None
             except ExtractionError as error:
                 seed, no_seed = None, error
-        self.candidate = Candidate(chain, seed, no_chain, no_seed)
+        self.candidate = DrawnBorder(chain, seed, no_chain, no_seed)
         self._border_total, self._seed_total = collection.border_total, collection.seed_total
         finished = clock()
         self._not_before = finished + (finished - started) * (1.0 / self._share - 1.0)

@@ -15,9 +15,9 @@ from vb_core.camera_model import CameraModel
 from vb_core.errors import CodedError
 from vb_core.ros import messages
 from vb_core.ros.transforms import TransformLookup
-from vb_laser_detect.frame import Frame
+from vb_laser_detect.image_geometry import Frame
 from vb_laser_detect.projection import FloorProjector
-from vb_laser_detect.ros.report import Report
+from vb_laser_detect.ros.diagnostics import DetectorDiagnostics
 
 
 _TF_LATE = rospy.Duration(0.5)  # a pose of so long ago has come by now, if any comes
@@ -35,7 +35,7 @@ class InfoTopic:
         rectified: the images' distortion was undone before.
     """
 
-    def __init__(self, topic: str, report: Report, rectified: bool = False) -> None:
+    def __init__(self, topic: str, report: DetectorDiagnostics, rectified: bool = False) -> None:
         self._report, self._rectified = report, rectified
         self._lock = threading.Lock()
         self._key: Any = None
@@ -94,7 +94,7 @@ class DepthTopic:
         <topic> (sensor_msgs/Image, 16UC1 [mm] or 32FC1 [m]), <info_topic> (sensor_msgs/CameraInfo)
     """
 
-    def __init__(self, topic: str, info_topic: str, report: Report) -> None:
+    def __init__(self, topic: str, info_topic: str, report: DetectorDiagnostics) -> None:
         self._report = report
         self._lock = threading.Lock()
         self._images: Deque[Image] = deque(maxlen=12)  # a busy computer searches an image late
@@ -148,7 +148,7 @@ def depth_array(message: Image) -> np.ndarray:
     return depth
 
 
-class Placing:
+class CameraGeometry:
     """Gives each image its geometry.
 
     Subscribes:

@@ -91,7 +91,7 @@ def search(
 ) -> List[Spot]:
     """Searches one image; each spot's place is `frame.point(spot.u, spot.v)`.
 
-    The frames of earlier spots that this image confirmed are the tags in `detector.recalled`.
+    The frames of earlier spots that this image confirmed are the tags in `detector.backfilled`.
 
     Args:
         stamp: [s] when the image was taken.
@@ -115,5 +115,5 @@ def placed(detector: SpotDetector, spots: List[Spot], frame: Optional[Frame]) ->
     Args:
         spots: what `search` found in the image of `frame`.
     """
-    recalled = [(earlier.tag, earlier.spot) for earlier in detector.recalled if earlier.tag is not None]
-    return recalled if frame is None else recalled + [(frame, spot) for spot in spots]
+    backfilled = [(earlier.tag, earlier.spot) for earlier in detector.backfilled if earlier.tag is not None]
+    return backfilled if frame is None else backfilled + [(frame, spot) for spot in spots]

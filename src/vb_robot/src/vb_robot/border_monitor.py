@@ -10,7 +10,7 @@ import numpy as np
 
 from vb_core.grid_map import GridMap
 from vb_robot.safety import HARD
-from vb_robot.terrain import clearance_grid, sample
+from vb_robot.clearance_map import clearance_grid, sample
 
 
 
@@ -24,7 +24,7 @@ class KnownBorder:
     polygon: bool
 
 
-class Standing(enum.Enum):
+class BorderContact(enum.Enum):
     """How a footprint lies to the borders; the later, the worse."""
 
     FREE = 0
@@ -32,7 +32,7 @@ class Standing(enum.Enum):
     INSIDE = 2
 
 
-class Workspace:
+class BorderMonitor:
     """Compares the posterior with the physical map: what is occupied more than before is restricted by borders.
 
     The maps decide what is restricted, so that this always agrees with navigation. The borders only lend names.
@@ -61,15 +61,15 @@ class Workspace:
         """Takes the borders that lend their names."""
         self._borders = list(borders)
 
-    def standing(self, place) -> Standing:
+    def standing(self, place) -> BorderContact:
         """How the round footprint at a place (2,) [m] lies to the restricted area."""
         point = np.asarray(place, dtype=float).reshape(1, 2)
         if sample(self._grid, self.restricted, point)[0] > 0:
-            return Standing.INSIDE
+            return BorderContact.INSIDE
         gap = sample(self._grid, self._gap, point, outside=np.inf)[0]
-        return Standing.TOUCHES if gap < self._radius else Standing.FREE
+        return BorderContact.TOUCHES if gap < self._radius else BorderContact.FREE
 
-    def hard_gap(self, place) -> float:
+    def distance_to_keepout(self, place) -> float:
         """[m] from a place (2,) [m] to the area that may not be entered at all; 0 within it."""
         return float(sample(self._grid, self._hard_gap, np.asarray(place, dtype=float).reshape(1, 2), np.inf)[0])
 

@@ -18,7 +18,7 @@ from vb_fusion.collector import Spot
 Entry = Tuple[str, Spot]
 
 
-class Journal:
+class SpotLog:
     """Appends spots, and reads them back. No method raises for what the disk does.
 
     Args:

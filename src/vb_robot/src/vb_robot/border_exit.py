@@ -15,7 +15,7 @@ from vb_core import geometry
 from vb_core.grid_map import GridMap
 from vb_robot.safety import HARD
 from vb_robot.servoing import MAX_TURN, TURN_GAIN, Wish
-from vb_robot.terrain import Terrain, around, clearance_grid
+from vb_robot.clearance_map import ClearanceMap, around, clearance_grid
 from vb_robot.viewpoint import Pose
 
 MAX_SPEED = 0.2  # [m/s] nobody asked for this drive: as slow as while a person guides it
@@ -32,7 +32,7 @@ WINDOW = 10.0  # [m] about the robot: no way out is that long
 PROGRESS = 0.05  # [m] less is none; a turn of 1 rad counts as 0.2 m
 
 
-class WayOut:
+class ExitPlanner:
     """Where allowed floor is, and the shortest way to it.
 
     Args:
@@ -48,7 +48,7 @@ class WayOut:
         room = MARGIN + 0.03 + posterior.resolution
         # the robot cuts corners by some centimetres; only where there is no room for that it is to keep to the way
         self._terrains = [
-            Terrain(physical, radius, travel_margin=MAP_MARGIN + spare, occupied=HARD) for spare in (0.08, 0.02)
+            ClearanceMap(physical, radius, travel_margin=MAP_MARGIN + spare, occupied=HARD) for spare in (0.08, 0.02)
         ]
         beyond = self._terrains[0].clearance
         clearance = clearance_grid((posterior.data >= HARD) | (posterior.data < 0), posterior.resolution)
@@ -72,14 +72,14 @@ class WayOut:
         return None
 
 
-class Leaving:
+class BorderExit:
     """Drives a robot out of a border. Its caller ends it when the robot is free.
 
     Attributes:
         failed: why it gave up, as a code; empty while it has not.
     """
 
-    def __init__(self, way_out: WayOut) -> None:
+    def __init__(self, way_out: ExitPlanner) -> None:
         self._way_out = way_out
         self._route: Optional[np.ndarray] = None
         self._last: Optional[float] = None

@@ -25,7 +25,7 @@ class Summary:
     search_ms: float = float("nan")
 
 
-class Statistics:
+class DetectorCounts:
     """Written by the worker, read by a timer."""
 
     def __init__(self) -> None:
