@@ -7,6 +7,10 @@ from typing import Any, Callable, Deque, List, Optional, Tuple
 
 import greenlet
 
+# [ns] no wait is shorter. A thread that waits for what rounding left of its last wait (2e-13 s) would otherwise do so
+# for ever: simulated time goes on only when all wait.
+SHORTEST_NS = 1000
+
 
 class Task(greenlet.greenlet):
     """One thread of a node.
@@ -72,7 +76,7 @@ class Scheduler:
         task.waits += 1
         if timeout_ns is not None:
             self._count += 1
-            heapq.heappush(self._timed, (self.now_ns + max(int(timeout_ns), 0), self._count, task, task.waits))
+            heapq.heappush(self._timed, (self.now_ns + max(int(timeout_ns), SHORTEST_NS), self._count, task, task.waits))
         return bool(self._hub.switch())
 
     def wake(self, task: Task) -> None:
