@@ -15,7 +15,7 @@ import numpy as np
 
 from vb_core.grid_map import GridMap
 from vb_robot.dispatch import RobotStatus
-from vb_robot.dispatcher import Grounds
+from vb_robot.dispatcher import RobotMap
 from vb_robot.drawing import Drawing
 from vb_robot.view import FloorView, ViewParams
 
@@ -46,7 +46,7 @@ def choice(grid: GridMap, rng: np.random.Generator, far: bool, view: FloorView) 
     chain = spot - np.linspace(2.0, 0.0, 30)[:, None] * direction + 0.4 * np.sin(np.linspace(0, 3, 30))[:, None] * side
     place = spot + (40.0 if far else rng.uniform(1.5, 5.0)) * np.array([np.cos(rng.uniform(0, 6.28)), 0.3])
     robot = (float(place[0]), float(place[1]), float(rng.uniform(-3, 3)))
-    grounds = Grounds(0.18)
+    grounds = RobotMap(0.18)
     grounds.view = view
     grounds.set_map(grid)
     began = time.process_time()

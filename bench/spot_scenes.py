@@ -26,7 +26,7 @@ from vb_laser_detect.image_geometry import Frame, search  # noqa: E402
 from vb_laser_detect.projection import FloorProjector, ProjectionParams  # noqa: E402
 from vb_sim.camera_calibration import calibrated_pose  # noqa: E402
 from vb_sim.ceiling_view import CeilingView  # noqa: E402
-from vb_sim.disturbances import Bystander, Glint, Surroundings  # noqa: E402
+from vb_sim.disturbances import Bystander, Glint, SceneConditions  # noqa: E402
 from vb_sim.floor_plan import physical_map  # noqa: E402
 from vb_sim.floor_texture import FloorTexture, render_floor  # noqa: E402
 from vb_sim.lab_history import Snapshot  # noqa: E402
@@ -64,7 +64,7 @@ class Scene:
     laser_at: Callable[[float], Place]
     worlds: Tuple[World, ...]
     world_at: Callable[[float], int] = lambda t: 0
-    around_at: Callable[[float], Surroundings] = lambda t: Surroundings()
+    around_at: Callable[[float], SceneConditions] = lambda t: SceneConditions()
     color: str = "red"
     mobile: bool = False
     camera: str = "green"
@@ -261,7 +261,7 @@ def course(scene: Scene, quiet_s: float = QUIET_S, draw_s: float = 0.0) -> Itera
             # beside what is drawn, so that neither the body nor its shadow is always in the way
             target = laser or scene.laser_at(0.0)
             person = (4.6, 2.9, math.atan2(target[1] - 2.9, target[0] - 4.6))
-        around = scene.around_at(t) if t >= LEARN_S else Surroundings()
+        around = scene.around_at(t) if t >= LEARN_S else SceneConditions()
         snapshot = Snapshot(t, {"robot": scene.robot_at(t)}, laser, scene.color, velocity, person, around)
         yield t, scene.world_at(t) if t >= LEARN_S else 0, snapshot
 
@@ -345,12 +345,12 @@ class Walk:
         return who, (Glint(toe, 0.012, self._glint),)
 
 
-def walking(*walks: Walk) -> Callable[[float], Surroundings]:
+def walking(*walks: Walk) -> Callable[[float], SceneConditions]:
     """Several people."""
 
-    def at(t: float) -> Surroundings:
+    def at(t: float) -> SceneConditions:
         states = [walk.at(t) for walk in walks]
-        return Surroundings(bystanders=tuple(who for who, _ in states), glints=sum((glints for _, glints in states), ()))
+        return SceneConditions(bystanders=tuple(who for who, _ in states), glints=sum((glints for _, glints in states), ()))
 
     return at
 
@@ -396,16 +396,16 @@ def ceiling_scenes(room: World) -> List[Scene]:
         for name, color, contrast in (("bright", (195, 192, 186), 0.06), ("overexposed", (228, 226, 220), 0.06), ("dark", (38, 34, 32), 0.2), ("black", (16, 15, 15), 0.2))
     }
 
-    def sun(t: float) -> Surroundings:
+    def sun(t: float) -> SceneConditions:
         edge = 2.9 + 0.05 * t
-        return Surroundings(sun=((edge, 1.0), (edge + 1.2, 1.1), (edge + 1.3, 2.3), (edge + 0.1, 2.2)))
+        return SceneConditions(sun=((edge, 1.0), (edge + 1.2, 1.1), (edge + 1.3, 2.3), (edge + 0.1, 2.2)))
 
     scenes = [
         Scene("nothing else", border, (room,)),
         Scene("moved chair", border, (room, moved), every(4.0, 0, 1), walking(walkers[0])),
-        Scene("light switched", border, (room,), around_at=every(3.0, Surroundings(), Surroundings(light=0.4))),
+        Scene("light switched", border, (room,), around_at=every(3.0, SceneConditions(), SceneConditions(light=0.4))),
         Scene("exposure step", border, (room,), around_at=every(
-            3.0, Surroundings(), Surroundings(exposure=1.5), Surroundings(exposure=0.7))),
+            3.0, SceneConditions(), SceneConditions(exposure=1.5), SceneConditions(exposure=0.7))),
         Scene("sun patch, moving edge", border, (room,), around_at=sun),
         Scene("walking people", border, (room,), around_at=walking(*walkers)),
         Scene("printed dots, always there", border, (printed,)),
@@ -413,7 +413,7 @@ def ceiling_scenes(room: World) -> List[Scene]:
         Scene("white dots, laid down and taken away", border, (room, whites), every(4.0, 1, 0)),
         Scene("shiny shoes", border, (room,), around_at=walking(*shiny)),
         Scene("lamp's reflection, comes and goes", border, (room,), around_at=every(
-            1.5, Surroundings(), Surroundings(glints=(lamp,)))),
+            1.5, SceneConditions(), SceneConditions(glints=(lamp,)))),
         Scene("held still", still(3.6, 2.2), (room,)),
         Scene("held in a hand", still(3.6, 2.2, 0.007), (room,)),
     ]
@@ -461,7 +461,7 @@ def mobile_scenes(room: World) -> List[Scene]:
             ((5.9, 1.2), (5.6, 0.8), (5.3, 1.1)), ((235, 30, 40), (40, 230, 60), (250, 250, 250)))), robot_at=turn),
         common("lamp's reflection", ahead(1.2), lab(lights=lights), robot_at=turn),
         common("walking people, shiny shoes", ahead(1.2), around_at=walking(*people)),
-        common("light switched", ahead(1.2), around_at=every(3.0, Surroundings(), Surroundings(light=0.4))),
+        common("light switched", ahead(1.2), around_at=every(3.0, SceneConditions(), SceneConditions(light=0.4))),
     ]
     return scenes
 

@@ -20,7 +20,7 @@ sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
 from ros_helpers import Newest, Process, StubNeighbours, rospy_point, wait_until  # noqa: E402
 
 from vb_msgs.msg import (  # noqa: E402
-    BorderPreview, BorderProgress, RecognitionResult, InteractionState, NoticeArray, VirtualBorderArray,
+    BorderPreview, BorderProgress, BorderIssue, InteractionState, NoticeArray, VirtualBorderArray,
 )
 from vb_msgs.srv import AddBorderResponse, Command, GetDrawnBorderResponse, PreviewBorderResponse  # noqa: E402
 
@@ -118,7 +118,7 @@ class InteractionManagerTest(unittest.TestCase):
         self.assertEqual(self.stub.previews[-1].border.points, first.border.points)
         # a moved seed is looked at again, and so are borders that others change
         refusal = PreviewBorderResponse(success=False, code="no_separation", message="It separates nothing.")
-        refusal.issues = [RecognitionResult(severity=RecognitionResult.ERROR, code="no_separation", message="It separates nothing.")]
+        refusal.issues = [BorderIssue(severity=BorderIssue.ERROR, code="no_separation", message="It separates nothing.")]
         good, self.stub.preview = self.stub.preview, refusal
         self.draw(identity, dx=0.2)
         refused = self.preview.wait(lambda message: message.code == "no_separation", "the refusal")
@@ -289,7 +289,7 @@ class InteractionManagerTest(unittest.TestCase):
         self.state.wait(lambda message: message.confirm_save, "the question")
         self.command("define_seed")
         self.state.wait(lambda message: not message.confirm_save, "the end of the question")
-        self.stub.preview.issues = [RecognitionResult(severity=RecognitionResult.WARNING, code="robot_inside", message="Mind.")]
+        self.stub.preview.issues = [BorderIssue(severity=BorderIssue.WARNING, code="robot_inside", message="Mind.")]
         self.draw(identity, dx=0.7)
         self.preview.wait(lambda message: message.interaction_id == identity and message.issues, "the issue")
         self.assertEqual(self.command("save").code, "confirm_save")

@@ -22,7 +22,7 @@ from std_srvs.srv import Trigger, TriggerResponse  # noqa: E402
 from vb_msgs.msg import (  # noqa: E402
     BorderPreview,
     BorderProgress,
-    RecognitionResult,
+    BorderIssue,
     InteractionState,
     VirtualBorder,
     VirtualBorderArray,
@@ -134,7 +134,7 @@ class WizardConsoleTest(unittest.TestCase):
         preview = rospy.Publisher("/virtual_borders/preview", BorderPreview, queue_size=1, latch=True)
         preview.publish(
             available=True, success=False, message="It separates nothing.", free_parts=1,
-            issues=[RecognitionResult(severity=RecognitionResult.WARNING, code="robot_inside", message="The robot stands inside.")],
+            issues=[BorderIssue(severity=BorderIssue.WARNING, code="robot_inside", message="The robot stands inside.")],
         )
         terminal = self.terminal
         # the manager that runs publishes a preview of its own, of nothing: ours is said again

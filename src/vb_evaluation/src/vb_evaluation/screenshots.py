@@ -39,7 +39,7 @@ from vb_evaluation.screenshot_scenes import Scene, scenes
 from vb_feedback import fit_display, rviz_fonts
 from vb_feedback.layout import plain
 from vb_msgs.msg import (
-    BorderProgress, Issue, InteractionState, LaserSpot, NoticeArray, VirtualBorder, VirtualBorderArray,
+    BorderProgress, BorderIssue, InteractionState, LaserSpot, NoticeArray, VirtualBorder, VirtualBorderArray,
 )
 from vb_sim import floor_plan
 from vb_sim.world import load_world
@@ -240,7 +240,7 @@ class Stage:
         return BorderPreviewArray(
             interaction_id=scene.name, available=True, success=True, area_m2=scene.area_m2,
             issues=[
-                Issue(severity=Issue.WARNING, code=found.code, message=found.sentence(), values=values_from_mapping(found.values))
+                BorderIssue(severity=BorderIssue.WARNING, code=found.code, message=found.sentence(), values=values_from_mapping(found.values))
                 for found in scene.issues
             ],
             region=message_from_grid(region, rospy.Time.now()),

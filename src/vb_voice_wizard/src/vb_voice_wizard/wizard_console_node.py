@@ -25,7 +25,7 @@ from vb_core.ros.messages import BorderPreviewArray, mapping_from_values
 from vb_core.ros.notices import notice_from_message
 from vb_core.ros.transforms import TransformLookup
 from vb_msgs.msg import (
-    BorderProgress, DetectorStatus, RecognitionResult, SpeechCommand, InteractionState, NoticeArray, VirtualBorder, VirtualBorderArray,
+    BorderProgress, DetectorStatus, BorderIssue, SpeechCommand, InteractionState, NoticeArray, VirtualBorder, VirtualBorderArray,
 )
 from vb_msgs.srv import (
     CommandRequest, CommandResponse, RemoveBorder, RemoveBorderRequest, UpdateBorder, UpdateBorderRequest,
@@ -234,7 +234,7 @@ class WizardConsole:
             else:
                 view.preview = self._words_of(message.code, message.values, message.message)
             view.issues = tuple(
-                (self._words_of(found.code, found.values, found.message), found.severity == RecognitionResult.ERROR)
+                (self._words_of(found.code, found.values, found.message), found.severity == BorderIssue.ERROR)
                 for found in message.issues
             )
             self._changed.set()
