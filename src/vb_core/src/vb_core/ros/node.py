@@ -250,8 +250,8 @@ def await_input(what: str, arrived: Callable[[], bool], give_up_s: Optional[floa
     Args:
         what: for the log: "the map on /map".
         arrived: whether it is there.
-        give_up_s: [s] of wall time after which the node ends with "waited_in_vain", so that roslaunch restarts it; None:
-            never, because the node is useful without it or a restart would not help.
+        give_up_s: [s] of wall time after which the node ends with "waited_in_vain", so that roslaunch restarts it;
+            None: never, because the node is useful without it or a restart would not help.
     """
     threading.Thread(target=_await, args=(what, arrived, give_up_s), daemon=True).start()
 
