@@ -2,9 +2,9 @@
 
 The sights, in the order in which they were drawn, become stations a hand's tremble apart: a spot held still is one
 station, however long. The stations are divided into sides, exactly, by dynamic programming: a corner is worth it if
-leaving it out would lose a detail that is larger than what a hand trembles, and sooner where the pointer stopped.
+leaving it out would lose a detail larger than a hand's tremble, and sooner where the pointer stopped.
 Then the corners are moved to where the line is as near as it can be to all stations, which puts them where the sides
-meet, also where nobody saw them.
+meet, even where no camera saw them.
 """
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class Stroke:
 
 
 def make_stroke(sights: np.ndarray, trust: np.ndarray) -> Stroke:
-    """The stations of sights (N, 2) [m] with weights (N,), N >= 3; what was drawn over again at the end is merged."""
+    """The stations of sights (N, 2) [m] with weights (N,), N >= 3; what was drawn twice at the end is merged."""
     # what two cameras see in turn is not a movement: a mean over five sights
     window = np.clip(np.arange(len(sights))[:, None] + np.arange(-2, 3), 0, len(sights) - 1)
     calm = (sights[window] * trust[window][..., None]).sum(axis=1) / trust[window].sum(axis=1)[:, None]
@@ -119,7 +119,7 @@ def _divide(stroke: Stroke) -> List[int]:
 
 
 def _misfit(sums: np.ndarray) -> np.ndarray:
-    """[m^3] squared distance from the best straight line, times the way, for sums (..., 6)."""
+    """[m^3] squared distance from the best straight line, times the length, for sums (..., 6)."""
     w = np.maximum(sums[..., 0], 1e-12)
     xx = sums[..., 3] - sums[..., 1] ** 2 / w
     yy = sums[..., 4] - sums[..., 2] ** 2 / w

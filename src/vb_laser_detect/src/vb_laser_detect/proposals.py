@@ -178,7 +178,7 @@ class Proposer:
 
 
 def _fill(window: np.ndarray, floor: np.ndarray, width: int, mosaic: bool) -> None:
-    """Puts the median of each place's surroundings, this wide [px], into `floor`; the places of a mosaic have their own."""
+    """Puts the median of each place's surroundings, this wide [px], into `floor`; a mosaic's places have their own."""
     # a median removes the spot and keeps the edges of carpets, next to which spots are drawn
     if not mosaic:
         floor[:] = cv2.medianBlur(np.ascontiguousarray(window), min(width, 255))
