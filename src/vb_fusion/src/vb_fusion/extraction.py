@@ -86,7 +86,7 @@ def extract_border(
     Args:
         points: (N, 2) float [m], map frame, any order. Non-finite ones are left out.
         params: `ExtractionParams.robust()` if None.
-        stamps: (N,) [s] when each spot was seen. Robust mode needs them; without, the order is found in space.
+        stamps: (N,) [s] when each spot was seen. Robust mode is meant for them; without, the order is found in space.
         cameras: (N,) which camera saw it: names or numbers.
         confidences: (N,) 0 .. 1.
         mobile: (N,) true for a camera on a robot, whose pose is less certain.

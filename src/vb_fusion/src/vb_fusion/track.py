@@ -5,7 +5,7 @@ place; the track is the sequence of places that explains the most floor with the
 
     gain  = the floor that a place adds while something is there: staying for long adds nothing more, so that what
             stays, a hand that rests or a bright thing, counts once; coming back counts again
-    cost  = distance^2 / (time * BRISK) between two places: a jump is expensive, a gap that was crossed at the speed of a
+    cost  = distance^2 / (time * BRISK) between places: a jump is expensive, a gap that was crossed at the speed of a
             hand is cheap, a pause is free
 
 The best track is a shortest path: each place is either on the track, or costs the floor that it would have added.

@@ -311,7 +311,7 @@ class SpotDetector:
         return metres_per_pixel(self._to_floor, middles)
 
     def _largest(self, metre: Optional[float], camera: Camera) -> float:
-        """[px] the largest extent of a spot where a pixel is this long; larger things, like clothes, are not measured."""
+        """[px] the largest extent of a spot where a pixel is this long; anything larger, as clothes, is skipped."""
         widest = _WIDEST * camera.diagonal
         return _LONGEST * (self.params.max_diameter_mm / 1e3 / metre + _SMEAR_PX if metre else widest)
 

@@ -105,7 +105,7 @@ class Registration:
         return cv2.invert(shrink)[1] @ motion @ shrink
 
     def _explains(self, motion: np.ndarray) -> bool:
-        """Whether the images differ less after the motion than before: objects that move together are not the camera."""
+        """Whether the images differ less after the motion than before: objects that move together do not count."""
         now, before = (cv2.resize(picture, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA)
                        for picture in (self._latest, self._reference))
         moved = cv2.warpPerspective(before, _HALF @ motion @ np.diag((2.0, 2.0, 1.0)), now.shape[::-1],

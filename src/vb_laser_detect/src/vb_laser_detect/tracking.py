@@ -71,7 +71,7 @@ class Expected(NamedTuple):
 
 
 class Tracked(NamedTuple):
-    """What became of a sighting: its track's number, whether it is confirmed and published, what it recalls, oldest first."""
+    """A sighting's track number, whether it is confirmed and published, and what it recalls, oldest first."""
 
     track: int
     confirmed: bool

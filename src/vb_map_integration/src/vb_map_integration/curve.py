@@ -4,8 +4,8 @@ Paper, Sect. 3: "its first and last line segments are linearly extended to the p
 environment to allow the separation of the area".
 
 What makes a curve separate is topology: blocked cells (obstacles, unknown, everything off the map) form
-connected pieces, and a curve parts the free space round it exactly if both its ends meet the same piece. A
-table leg is a piece of its own, so an extension that meets one goes on.
+connected pieces, and a curve divides the free space round it exactly if both its ends meet the same piece. A
+table leg is a separate piece, so an extension that meets one goes on.
 """
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ import numpy as np
 from vb_core import masks
 from vb_map_integration import raster
 
-# share of the samples beside the curve from which on the restricted area counts as touching a side
+# share of the samples beside the curve from which the restricted area counts as touching a side
 TOUCHES = 0.1
 # where on the end of a chain, as shares of the fitted length, its direction is sampled
 _SAMPLES = np.linspace(0.0, 1.0, 16)
@@ -86,7 +86,7 @@ def separate(
         fit_length: [cells] how much of the chain's ends gives the extensions' direction.
         overshoot: [cells] how far a drawn end may reach beyond the wall that it belongs to.
         seed: (2,) (column, row).
-        find_seed: gives the (row, column) where the fill begins, for a mask (H, W) of barred cells, those of the curve
+        find_seed: gets the (row, column) where the fill begins, for a mask (H, W) of barred cells, those of the curve
             among them, and, for a seed in one of these, the direction (2,) that leads away from the curve.
 
     Returns:
@@ -186,7 +186,7 @@ def _cut(
 
     away = None
     hit = np.flatnonzero((columns == math.floor(seed[0] + 0.5)) & (rows == math.floor(seed[1] + 0.5)))
-    if len(hit):  # within a cell of the curve, yet on one side of it
+    if len(hit):  # within a cell of the curve, but on one side of it
         crossed = segment[hit[0]]
         side = float((seed - chain[crossed]) @ normal[crossed])
         away = math.copysign(1.0, side) * normal[crossed] if abs(side) > 0.01 else None

@@ -1,4 +1,4 @@
-"""Node: stores each new posterior map on the disk, for evaluation."""
+"""Node: stores each new posterior map on disk, for evaluation."""
 from __future__ import annotations
 
 import datetime
@@ -19,7 +19,7 @@ from vb_map_integration.recording import Recording
 
 @dataclass(frozen=True)
 class RecorderParams(Parameters):
-    """What the recorder goes by."""
+    """The recorder's parameters."""
 
     directory: str = param("~/.ros/virtual_borders/recordings")
     wait_s: float = param(2.0, "s", above=0.0)
@@ -95,7 +95,7 @@ class MapRecorderNode:
             grid.header.stamp.to_sec(),
             {
                 "revision": array.revision,
-                # for people who look for a session; nothing goes by it
+                # for people who look for a session; no program uses it
                 "wall_time": datetime.datetime.now().astimezone().isoformat(timespec="milliseconds"),
             },
         )

@@ -1,8 +1,8 @@
 """Polygons, chains and regions on the cells of a grid.
 
-Coordinates are (column, row) as `GridMap.world_to_grid` gives them: whole numbers are the centres of cells.
-Masks are uint8, 0 or 255, as OpenCV wants them; most belong to a window of the map, as the less is touched of a
-large map the better.
+Coordinates are (column, row) as from `GridMap.world_to_grid`: whole numbers are the centres of cells.
+Masks are uint8, 0 or 255, as OpenCV uses them; most belong to a window of the map, as the less of a large map is
+touched the better.
 """
 from __future__ import annotations
 

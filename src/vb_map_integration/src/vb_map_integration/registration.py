@@ -1,6 +1,6 @@
 """Where an old map lies in a new one: the transform between two maps of the same place, and how sure it is.
 
-The idea: walls decide. Wherever both maps know the floor, a wall of the one has to be a wall of the other; what only
+The idea: walls decide. Wherever both maps know the floor, a wall in one must be a wall in the other; what only
 one of them has seen says nothing. Long connected walls carry the evidence, since furniture is moved and walls are not.
 
 1. A coarse search over all rotations finds where the walls of both maps fit best: one correlation by FFT per angle.
@@ -24,7 +24,7 @@ import numpy as np
 from vb_core.grid_map import GridMap
 
 OCCUPIED_FROM = 65
-# [m] a wall is found again if one is so near: two cells of a usual map, and SLAM's bends of a few centimetres
+# [m] a wall is found again if one is this near: two cells of a usual map, and SLAM's bends of a few centimetres
 TOLERANCE_M = 0.12
 # [m] connected obstacles that extend farther are walls, smaller ones furniture: a double bed's diagonal is 2.7 m
 STRUCTURE_M = 3.0
@@ -231,7 +231,7 @@ def register(old: GridMap, new: GridMap, guesses: Sequence[Transform] = (IDENTIT
     """Finds the old map in the new one.
 
     Args:
-        guesses: transforms that are looked at in any case.
+        guesses: transforms that are checked in any case.
 
     Returns:
         The best hypothesis; None if one of the maps has no walls.
@@ -260,7 +260,7 @@ def register_shapes(
 
 
 def measure_at(old: Shape, new: Shape, transform: Transform) -> Registration:
-    """How well the maps agree at one transform; the margin is 0, as nothing else was looked at."""
+    """How well the maps agree at one transform; the margin is 0, as nothing else was checked."""
     found = _explained(old, new, transform)
     return Registration(transform, found.agreement, found.overlap, found.walls_m, 0.0)
 
