@@ -85,7 +85,7 @@ def _values(gap: float, length: float) -> Dict[str, str]:
 def _without_overhang(points: np.ndarray, length: float) -> Tuple[int, int]:
     """The points of the first and the last third of the line between which it is closed.
 
-    What is cut off must bring the ends nearer by half of its own length: else the ends stay as they are.
+    What is cut off must bring the ends nearer by half of its length: else the ends stay as they are.
     """
     arc = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
     head = np.flatnonzero(arc <= length / 3.0)

@@ -33,7 +33,7 @@ class Stroke:
 
     @property
     def weights(self) -> np.ndarray:
-        """(K,) [m] of the line that each station stands for."""
+        """(K,) [m] of the line that each station represents."""
         steps = np.minimum(np.linalg.norm(np.diff(self.points, axis=0), axis=1), 2.0 * TREMBLE)
         return 0.5 * (np.append(steps, 0.0) + np.append(0.0, steps)) + 0.1 * TREMBLE
 
@@ -175,7 +175,7 @@ def _refined(stroke: Stroke, starts: List[int], joined: bool) -> Tuple[np.ndarra
         reach = np.maximum(np.linalg.norm(move, axis=1), 1e-12)
         vertices = middle + move * np.minimum(1.0, room / reach)[:, None]
     if not joined:
-        # half a station of the line lies beyond the middle of the last one
+        # half a station of the line is beyond the middle of the last one
         for corner, inner in ((0, 1), (count - 1, count - 2)):
             outwards = vertices[corner] - vertices[inner]
             vertices[corner] += 0.5 * TREMBLE * outwards / max(float(np.linalg.norm(outwards)), 1e-9)

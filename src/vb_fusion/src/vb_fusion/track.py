@@ -24,7 +24,7 @@ from scipy.spatial import cKDTree
 from vb_fusion.observations import TREMBLE, Sights
 
 MOMENT = 0.1  # [s] a hand's pointer moves by centimetres within it, and cameras with 10 images/s see it
-FLOOR = 2.0 * TREMBLE  # [m] width of the floor that a place stands for
+FLOOR = 2.0 * TREMBLE  # [m] width of the floor that a place covers
 BRISK = 6.0  # [m/s] at this speed an unseen path costs as much floor as it crosses
 BLINK = 3.0 * MOMENT  # [s] a pointer that moves is seen again within it
 ABSENCE = 10.0 * MOMENT  # [s] what is seen again after this has come back
@@ -112,7 +112,7 @@ def _new_floor(points: np.ndarray, times: np.ndarray) -> np.ndarray:
 def _swept(points: np.ndarray, times: np.ndarray) -> np.ndarray:
     """(P,) [m] of floor between a place and its neighbours in time, where the three are passed at one speed.
 
-    A quick hand is seen so seldom that the places alone are less than the line. Strays do not lie in such rows.
+    A quick hand is seen so seldom that the places alone are less than the line. Strays do not form such rows.
     """
     swept = np.zeros(len(points))
     for back in (1, 2):

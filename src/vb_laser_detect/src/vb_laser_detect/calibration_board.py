@@ -100,7 +100,7 @@ def find_board(board: BoardParams, image: np.ndarray) -> BoardView:
     parameters = cv2.aruco.DetectorParameters()
     # relative to the image's longer side; OpenCV's default of 0.03 means 15 px per side at 1920
     parameters.minMarkerPerimeterRate = 0.01
-    # markers that lie on a floor are small: more samples of each module, from a smoother outline
+    # markers on a floor are small: more samples of each module, from a smoother outline
     parameters.perspectiveRemovePixelPerCell = 8
     parameters.adaptiveThreshWinSizeMax = 33
     design = board.opencv()

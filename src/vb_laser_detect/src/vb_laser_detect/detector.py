@@ -70,7 +70,7 @@ class BackfilledSpot:
     """A spot of an earlier frame that a later one confirmed.
 
     Attributes:
-        stamp: [s] of its own frame.
+        stamp: [s] of its frame.
         tag: what `SpotDetector.tag` was then.
     """
 
@@ -241,7 +241,7 @@ class SpotDetector:
         if one.holds(blob.u, blob.v) and not blob.problem:
             issue = self._judge(blob, metre, view, camera, True)
         if issue.refusal:
-            # it has come to a bright line, or to the edge of more that became brighter: its core stands out of that
+            # it has come to a bright line, or to the edge of a larger brighter area: its core exceeds that
             for edge in (features.CORE, features.CORE_OF_MORE):
                 core = features.measure(view.image, view.reference, proposal.part, largest, edge)
                 again = self._judge(core, metre, view, camera, True)

@@ -43,7 +43,7 @@ class DetectorCounts:
         """Counts a searched image.
 
         Args:
-            now, stamp: [s] the present and the image's time, on the same clock.
+            now, stamp: [s] the current and the image's time, on the same clock.
             search_s: [s] of the search itself.
             spots: published for this image.
         """

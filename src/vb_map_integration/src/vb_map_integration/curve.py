@@ -35,11 +35,11 @@ class Cut:
     """A separating curve cut into the map.
 
     Attributes:
-        window: the part of the map that the region lies in.
+        window: the part of the map that the region is in.
         region: (h, w) uint8 mask of that window, the free cells on the seed's side.
         left, right: share of the free cells beside the drawn curve that the region holds; NaN if there are none.
         line: (M, 2) (column, row) the curve with its extensions.
-        stops: for each end, the (row, column) of the blocked cell where it ends; may lie one beyond the map's rim.
+        stops: for each end, the (row, column) of the blocked cell where it ends; may be one beyond the map's rim.
     """
 
     window: raster.Window
@@ -51,7 +51,7 @@ class Cut:
 
     @property
     def separates(self) -> bool:
-        """Whether the region lies on one side of the curve only, and there is something on the other."""
+        """Whether the region is on one side of the curve only, and there is something on the other."""
         sides = sorted((self.left, self.right))
         return not any(math.isnan(side) for side in sides) and sides[1] > 0.0 and sides[0] < TOUCHES
 
@@ -115,10 +115,10 @@ def separate(
 def _stops(shut: np.ndarray, where: np.ndarray, outwards: int) -> np.ndarray:
     """Indices at which the trace, followed outwards, runs into something blocked; the nearest one first.
 
-    The outermost cell lies beyond the map's rim, so there always is one.
+    The outermost cell is beyond the map's rim, so there always is one.
     """
     indices = np.flatnonzero(where)[::outwards]
-    if len(indices) == 0:  # the whole end lies off the map
+    if len(indices) == 0:  # the whole end is off the map
         return np.array([0 if outwards < 0 else len(shut) - 1])
     hit = shut[indices]
     hit[1:] &= ~hit[:-1]
@@ -128,7 +128,7 @@ def _stops(shut: np.ndarray, where: np.ndarray, outwards: int) -> np.ndarray:
 def _common_piece(
     cells: np.ndarray, trace: raster.Trace, arc: np.ndarray, starts: np.ndarray, ends: np.ndarray, drawn_length: float
 ) -> Optional[Tuple[int, int]]:
-    """The nearest stops of both ends that lie on one and the same connected piece of blocked cells.
+    """The nearest stops of both ends on one and the same connected piece of blocked cells.
 
     Both extensions grow at the same pace; each piece that one of them meets is marked.
     """

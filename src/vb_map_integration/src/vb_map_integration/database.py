@@ -403,7 +403,7 @@ class Database:
         return 0 if row is None else int(row[0])
 
     def rename_place(self, place: int, name: str) -> None:
-        """Gives a place a name; raises CodedError "name_taken"."""
+        """Names a place; raises CodedError "name_taken"."""
         row = self._main.execute(f"SELECT {', '.join(_MAP_COLUMNS)} FROM maps WHERE id = ?", (place,)).fetchone()
         if row is None or row[2] == name:
             return
@@ -570,7 +570,7 @@ def restore(folder: Path, source: Path) -> None:
     """
     if check_file(source)[0] is None:
         raise CodedError("damaged_copy", what=str(source))
-    database = Database(folder)  # nobody else writes while it is open
+    database = Database(folder)  # no other process writes while it is open
     copy = folder / "restore.new"
     try:
         _delete(copy)

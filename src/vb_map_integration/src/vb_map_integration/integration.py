@@ -57,7 +57,7 @@ class Area:
     """What a border restricts on a map.
 
     Attributes:
-        window: the part of the map that it lies in.
+        window: the part of the map that it is in.
         mask: (h, w) uint8 of that window; obstacles are not among the cells.
         value: 0 .. 100, what the cells are raised to.
         over_unknown: whether unknown cells are raised too.
@@ -117,7 +117,7 @@ def integrate(
     Args:
         prior: the map; it stays as it is.
         border: the border.
-        places: things whose being inside is worth a warning, for instance {"robot": (x, y)} [m] gives "robot_inside".
+        places: things whose being inside is worth a warning, for instance {"robot": (x, y)} [m] for "robot_inside".
 
     Raises:
         IntegrationError: those of `restricted_area`.

@@ -88,7 +88,7 @@ class Proposal:
 
     Attributes:
         place: number of their place.
-        transform: from the frame of that place to the present map's.
+        transform: from the frame of that place to the current map's.
         registration: what it rests on; None if it was given, or nothing was found.
         picture: PNG of both maps and the moved borders.
     """
@@ -126,7 +126,7 @@ class MapIntegrator:
         self._verdict = Verdict()
         self._map_id = ""
         self._parts: Optional[int] = None
-        # by border: as it is in the present map, whether it is due, why it does not act, what a slow zone covers
+        # by border: as it is in the current map, whether it is due, why it does not act, what a slow zone covers
         self._moved: Dict[str, VirtualBorder] = {}
         self._due: Dict[str, bool] = {}
         self._reasons: Dict[str, str] = {}
@@ -189,7 +189,7 @@ class MapIntegrator:
 
     @property
     def borders(self) -> Tuple[VirtualBorder, ...]:
-        """All borders of the present map, in its frame, the oldest first."""
+        """All borders of the current map, in its frame, oldest first."""
         if not self.has_map:
             return ()
         return tuple(self._moved[border.id] for border in self._database.borders(self._verdict.place))
@@ -201,7 +201,7 @@ class MapIntegrator:
 
     @property
     def map_id(self) -> str:
-        """The present map's fingerprint."""
+        """The current map's fingerprint."""
         return self._map_id
 
     @property
@@ -211,7 +211,7 @@ class MapIntegrator:
 
     @property
     def needs_confirmation(self) -> bool:
-        """Whether the present map may show another place than that of the borders in force."""
+        """Whether the current map may show another place than that of the borders in force."""
         return not self._verdict.sure
 
     @property
@@ -331,7 +331,7 @@ class MapIntegrator:
         """Adopts a person's answer about what the current map shows.
 
         Args:
-            same: the place whose borders are in force, moved as they are now; else a place of its own, without borders.
+            same: the place whose borders are in force, moved as they are now; else a new place, without borders.
             name: for the place; empty: as it is.
 
         Raises:
@@ -361,7 +361,7 @@ class MapIntegrator:
 
         Args:
             which: the fingerprint or the name of their map; empty: of the place whose borders are in force.
-            transform: from that place's frame to the present map's; None: by registration.
+            transform: from that place's frame to the current map's; None: by registration.
 
         Raises:
             CodedError: "no_map", "unknown_map".
@@ -513,7 +513,7 @@ class MapIntegrator:
         return self._adjust(border_id, now, expected, enabled=enabled, expires=expires)
 
     def rename(self, border_id: str, name: str, now: float, expected: int = 0) -> Outcome:
-        """Gives a border of any map another name; raises CodedError."""
+        """Renames a border of any map; raises CodedError."""
         return self._adjust(border_id, now, expected, name=name)
 
     def _adjust(self, border_id: str, now: float, expected: int, **changes: Any) -> Outcome:
@@ -532,7 +532,7 @@ class MapIntegrator:
         return self._plain((Entry(border_id, before, None),), "new", "removed", now, place)
 
     def clear(self, now: float = 0.0) -> Outcome:
-        """Removes all borders of the present map; raises CodedError "nothing_to_clear"."""
+        """Removes all borders of the current map; raises CodedError "nothing_to_clear"."""
         stored = self._database.borders(self._verdict.place)
         if not stored:
             raise CodedError("nothing_to_clear", "there are no borders")
@@ -585,7 +585,7 @@ class MapIntegrator:
             raise CodedError("already_expired", text)
 
     def _at_home(self, border: VirtualBorder) -> VirtualBorder:
-        """A border of the present map in the frame of its place."""
+        """A border of the current map in the frame of its place."""
         return border.moved(self._verdict.transform.inverse)
 
     def _keep_map(self) -> None:

@@ -31,7 +31,7 @@ class MapRecorderNode:
 
     Subscribed topics:
         /virtual_borders/map (nav_msgs/OccupancyGrid), /virtual_borders/borders (vb_msgs/VirtualBorderArray): the
-            integrator gives both the same stamp for the same state. A map whose borders do not come is stored
+            integrator gives both the same stamp for the same state. A map whose borders do not arrive is stored
             after ~wait_s with those that came last.
     Parameters:
         ~directory (str): where to; numbering goes on where an earlier recording there ended.

@@ -19,7 +19,7 @@ from vb_map_integration.registration import (
 
 # this many of a place's maps are compared: the first and the newest ones
 _COMPARED = 3
-# below it a registration is no hint at where the borders lie
+# below it a registration says nothing about where the borders are
 _PLAUSIBLE_AGREEMENT = 0.8
 # shares of agreement that mean nothing between hypotheses none of which is sure
 _DOUBT = 0.15
@@ -59,7 +59,7 @@ class Recognizer:
 
     Args:
         database: it is only read.
-        name: of the place, as the launch file gives it; empty: any.
+        name: of the place, from the launch file; empty: any.
     """
 
     def __init__(self, database: Database, name: str = "") -> None:
@@ -110,7 +110,7 @@ class Recognizer:
         return self._shapes[one.fingerprint]
 
     def _agrees(self, maps: List[StoredMap], shape: Shape, transform: Transform) -> bool:
-        """Whether a map fits one at which borders were drawn, where it is expected to lie."""
+        """Whether a map fits one at which borders were drawn, where it is expected to be."""
         for one in maps:
             reference = self._shape_of(one)
             if reference is None:
@@ -160,7 +160,7 @@ class Recognizer:
 
 
 def continues(before: GridMap, after: GridMap) -> bool:
-    """Whether a map is the one before it, grown: the cells lie on the same lattice, and obstacles are still there."""
+    """Whether a map is the one before it, grown: the cells are on the same lattice, and obstacles are still there."""
     if abs(before.resolution - after.resolution) > 1e-6 or abs(before.origin[2] - after.origin[2]) > 1e-9:
         return False
     offset = after.world_to_grid(before.cell_to_world([[0, 0]]))[0]

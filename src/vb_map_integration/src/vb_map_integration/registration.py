@@ -1,4 +1,4 @@
-"""Where an old map lies in a new one: the transform between two maps of the same place, and how sure it is.
+"""Where an old map is in a new one: the transform between two maps of the same place, and how sure it is.
 
 The idea: walls decide. Wherever both maps know the floor, a wall in one must be a wall in the other; what only
 one of them has seen says nothing. Long connected walls carry the evidence, since furniture is moved and walls are not.
@@ -61,7 +61,7 @@ class Transform(NamedTuple):
     yaw: float = 0.0
 
     def apply(self, points: np.ndarray) -> np.ndarray:
-        """(N, 2) [m] moved; the identity gives the very same numbers."""
+        """(N, 2) [m] moved; the identity returns the same numbers."""
         points = np.asarray(points, dtype=float).reshape(-1, 2)
         if not any(self):
             return points
@@ -154,7 +154,7 @@ class Shape:
         extent[0] = 0.0
         self.is_structure = extent[labels[rows, columns]] >= STRUCTURE_M
         self._surface = surface
-        # what the map knows: free floor, and what lies beside it
+        # what the map knows: free floor, and what is beside it
         self._known = cv2.dilate(free, np.ones((5, 5), np.uint8))
 
     @cached_property
@@ -222,7 +222,7 @@ class Shape:
         return (points.min(axis=0) + points.max(axis=0)) / 2.0 if len(points) else np.zeros(2)
 
     def radius(self, centre: np.ndarray) -> float:
-        """[m] within which all of it lies."""
+        """[m] within which all of it is."""
         points = np.concatenate([self.walls, self.floor])
         return float(np.linalg.norm(points - centre, axis=1).max()) if len(points) else 1.0
 
@@ -298,7 +298,7 @@ def _search(old: Shape, new: Shape) -> List[Transform]:
     chosen: List[Transform] = []
     for _, yaw, column, row in found:
         shift = np.array([value if value < size - len(a) else value - size for value in (column, row)])
-        # the old map's centre comes to lie here in the new map
+        # the old map's centre is here in the new map
         place = new.centre + (shift + middle - len(b) // 2) * cell
         turned = Transform(0.0, 0.0, yaw).apply(old.centre)[0]
         transform = Transform(*(place - turned).tolist(), math.remainder(yaw, 2.0 * math.pi))
@@ -318,7 +318,7 @@ def _sample(shape: Shape) -> np.ndarray:
 
 
 def _refine(old: Shape, new: Shape, start: Transform) -> Transform:
-    """The transform nearby at which the walls of both maps lie on each other."""
+    """The transform nearby at which the walls of both maps coincide."""
     forward, backward = _sample(old), _sample(new)
     centre = old.centre  # turning about the middle keeps turn and shift apart
     place = start.apply(centre)[0]

@@ -25,7 +25,7 @@ def describe(params: Parameters, fixed: Sequence[str] = ()) -> Any:
     """A parameter class's numbers and switches, as a compiled .cfg file describes them.
 
     Args:
-        params: their present values become the defaults.
+        params: their current values become the defaults.
         fixed: names of fields that cannot be changed while the node runs.
     """
     entries: List[Dict[str, Any]] = []
