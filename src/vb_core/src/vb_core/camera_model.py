@@ -10,7 +10,7 @@ import numpy as np
 
 from vb_core.errors import CodedError
 
-# from so many points on numpy distorts them sooner than OpenCV, whose calls cost less and whose points cost more
+# from this many points on numpy is faster than OpenCV, whose calls cost less and whose points cost more
 _MANY = 64
 _ORIGIN = np.zeros(3)
 
@@ -22,12 +22,12 @@ class CameraModel:
     Attributes:
         width, height: image size [px].
         matrix: (3, 3) intrinsic matrix K [px].
-        distortion: (4,), (5,) or (8,) coefficients of OpenCV's plumb_bob or rational_polynomial model; (4,) of a fisheye's.
+        distortion: (4,), (5,) or (8,) coefficients of OpenCV's plumb_bob or rational_polynomial model; (4,) for a fisheye.
         fisheye: the distortion is OpenCV's fisheye model, which ROS calls equidistant. Rays have z = 1, so nothing is
             seen at 90 degrees from the axis or more.
 
     Raises:
-        CodedError: "bad_camera_info" if the values cannot be a camera's.
+        CodedError: "bad_camera_info" if no camera can have these values.
     """
 
     width: int
@@ -66,7 +66,7 @@ class CameraModel:
             pixels: (N, 2) columns and rows [px], the centre of the first pixel is (0, 0).
 
         Returns:
-            (N, 3) in the optical frame, z = 1; distortion is undone for these pixels alone.
+            (N, 3) in the optical frame, z = 1; only these pixels are undistorted.
         """
         pixels = np.asarray(pixels, dtype=float).reshape(-1, 2)
         result = np.ones((len(pixels), 3))
@@ -101,14 +101,14 @@ class CameraModel:
         depths = points[:, 2:]
         if not depths.min() > 0:
             depths = np.where(depths > 0, depths, np.nan)
-        # operation by operation what OpenCV does, to the last bit
+        # the same operations as in OpenCV, bit for bit
         normalised = points[:, :2] * (1.0 / depths)
         focal, middle = self._pinhole
         return (self._distort(normalised) if self.distorted else normalised) * focal + middle
 
     @cached_property
     def distorted(self) -> bool:
-        """Whether the lens bends anything; a fisheye does with coefficients of 0 too."""
+        """Whether the lens distorts; a fisheye does even with coefficients of 0."""
         return self.fisheye or bool(self.distortion.any())
 
     @cached_property
@@ -122,14 +122,14 @@ class CameraModel:
             return np.ones((0, 3))
         normalised = cv2.fisheye.undistortPoints(pixels[:, None], self.matrix, self.distortion)[:, 0]
         result = np.column_stack([normalised, np.ones(len(pixels))])
-        # OpenCV marks what it cannot undo by a huge number, and folds what lies beyond 90 degrees back into the front
+        # OpenCV marks what it cannot undo with a huge number, and folds what is beyond 90 degrees back to the front
         with np.errstate(invalid="ignore"):
             again = cv2.fisheye.distortPoints(normalised[:, None], self.matrix, self.distortion)[:, 0]
             result[~(np.abs(again - pixels).max(axis=1) < 0.5)] = np.nan
         return result
 
     def _distort(self, normalised: np.ndarray) -> np.ndarray:
-        """Normalised image coordinates (N, 2) as the lens bends them."""
+        """Distorts normalised image coordinates (N, 2)."""
         k1, k2, p1, p2, k3, k4, k5, k6 = np.concatenate([self.distortion, np.zeros(4)])[:8]
         x, y = normalised.T
         r2 = x * x + y * y
@@ -144,7 +144,7 @@ class CameraModel:
         return bent
 
     def contains(self, pixels: np.ndarray) -> np.ndarray:
-        """(N,) bool: which pixels (N, 2) lie within the image."""
+        """(N,) bool: which pixels (N, 2) are in the image."""
         pixels = np.asarray(pixels, dtype=float).reshape(-1, 2)
         with np.errstate(invalid="ignore"):
             return (
@@ -162,6 +162,6 @@ class CameraModel:
     def scaled_to(self, width: int, height: int) -> "CameraModel":
         """The model of the same camera for an image of another size, for instance a coarser depth image."""
         sx, sy = width / self.width, height / self.height
-        # pixel centres are whole numbers: the image's edge lies at -0.5 in both sizes
+        # pixel centres are whole numbers: the image's edge is at -0.5 in both sizes
         scale = np.array([[sx, 0, sx / 2 - 0.5], [0, sy, sy / 2 - 0.5], [0, 0, 1]])
         return CameraModel(width, height, scale @ self.matrix, self.distortion, self.fisheye)

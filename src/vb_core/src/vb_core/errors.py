@@ -11,9 +11,9 @@ class CodedError(Exception):
 
     Args:
         code: lower-case words joined by underscores, stable across releases.
-        message: one English sentence that says what is wrong and what to do; left out: the sentence that
-            vb_core/languages/en has for this code.
-        values: what the sentence names, for that and for sentences in other languages.
+        message: one English sentence that says what is wrong and what to do; by default the one for
+            this code in vb_core/languages/en.
+        values: the values in the sentence, also for other languages.
     """
 
     def __init__(self, code: str, message: str = "", **values: Any) -> None:

@@ -1,4 +1,4 @@
-"""Files that are replaced as a whole."""
+"""Writing files atomically."""
 from __future__ import annotations
 
 import os
@@ -9,7 +9,7 @@ from vb_core.errors import CodedError
 
 
 def write_atomically(path: Path, content: bytes) -> None:
-    """Writes a file so that at any moment either the old or the new content is there, whole.
+    """Writes a file so that it always has either the old or the new content, complete.
 
     Raises:
         CodedError: "cannot_write".

@@ -1,6 +1,6 @@
 """Rigid transforms, planes and polygonal chains.
 
-Transforms are 4x4 float64 matrices; `T_a_b` takes coordinates in frame b to coordinates in frame a.
+Transforms are 4x4 float64 matrices; `T_a_b` maps coordinates in frame b to frame a.
 Quaternions are in ROS's order (x, y, z, w).
 """
 from __future__ import annotations
@@ -82,7 +82,7 @@ def rotation_from_rpy(roll: float, pitch: float, yaw: float) -> np.ndarray:
 
 
 def transform(rotation: np.ndarray, translation) -> np.ndarray:
-    """A 4x4 transform of a (3, 3) rotation and a (3,) translation [m]."""
+    """A 4x4 transform from a (3, 3) rotation and (3,) translation [m]."""
     result = np.eye(4)
     result[:3, :3] = rotation
     result[:3, 3] = translation
@@ -99,19 +99,19 @@ def invert(T: np.ndarray) -> np.ndarray:
 
 
 def apply(T: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """(N, 3) or (3,) points [m] through a 4x4 transform; the same shape comes back."""
+    """Applies a 4x4 transform to points (N, 3) or (3,) [m]; the shape stays."""
     points = np.asarray(points, dtype=float)
     return points @ T[:3, :3].T + T[:3, 3]
 
 
 def pose2d_transform(x: float, y: float, yaw: float) -> np.ndarray:
-    """A 4x4 transform of a pose in the plane [m, m, rad]; inverse of `transform_pose2d`."""
+    """A 4x4 transform from a planar pose [m, m, rad]; inverse of `transform_pose2d`."""
     c, s = math.cos(yaw), math.sin(yaw)
     return np.array([[c, -s, 0, x], [s, c, 0, y], [0, 0, 1, 0], [0, 0, 0, 1]], dtype=float)
 
 
 def transform_pose2d(T: np.ndarray) -> Tuple[float, float, float]:
-    """(x, y, yaw) [m, m, rad] of a transform in the plane; inverse of `pose2d_transform`."""
+    """(x, y, yaw) [m, m, rad] of a planar transform; inverse of `pose2d_transform`."""
     return float(T[0, 3]), float(T[1, 3]), math.atan2(T[1, 0], T[0, 0])
 
 
@@ -121,7 +121,7 @@ def optical_rotation() -> np.ndarray:
 
 
 def intersect_floor(origin: np.ndarray, directions: np.ndarray, height: float = 0.0) -> np.ndarray:
-    """Cuts rays with the plane z = height.
+    """Intersects rays with plane z = height.
 
     Args:
         origin: (3,) [m] where the rays start.

@@ -24,16 +24,16 @@ UNKNOWN = -1
 def distance_to(cells: np.ndarray) -> np.ndarray:
     """(H, W) float32: the distance of each cell's centre to that of the nearest marked cell, in cells.
 
-    The same bits for the same mask every time, up to 1400 cells: OpenCV's exact transform takes its square
-    roots with vector instructions or without, as the rows happen to lie in memory, and the last bit
-    follows. Squares of distances between cells are whole numbers, which undoes that.
+    The same mask yields the same bits every time, up to 1400 cells: OpenCV's exact transform uses vector
+    instructions for square roots or not, depending on where the rows are in memory, which changes the last
+    bit. Squares of distances between cells are whole numbers, which undoes that.
 
     Args:
         cells: mask (H, W) bool. If nothing is marked, every distance is inf.
     """
     if not cells.any():
         return np.full(cells.shape, np.inf, np.float32)
-    import cv2  # most nodes that have a map never ask for distances, and OpenCV takes 20 MiB of each process
+    import cv2  # most nodes with a map never need distances, and OpenCV takes 20 MiB per process
 
     distance = cv2.distanceTransform((~cells).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
     np.multiply(distance, distance, out=distance)
@@ -51,7 +51,7 @@ class GridMap:
         origin: (x, y, yaw) [m, m, rad] of the outer corner of cell (0, 0) in the map frame.
 
     Raises:
-        CodedError: "bad_map" if shape, resolution or origin cannot be a map's.
+        CodedError: "bad_map" if shape, resolution or origin are invalid.
     """
 
     data: np.ndarray
@@ -117,9 +117,9 @@ class GridMap:
         return (cells + 0.5) * self.resolution @ self._turn.T + self._corner
 
     def world_to_cell(self, points: np.ndarray) -> np.ndarray:
-        """The cells (N, 2), int (row, column), that hold points (N, 2) [m]; they may lie outside the map."""
+        """The cells (N, 2), int (row, column), that hold points (N, 2) [m]; they may be outside the map."""
         grid = np.floor(self.world_to_grid(points) + 0.5)
-        # numpy's own clip takes several times as long for the few points that one mostly asks for
+        # numpy's own clip is several times slower for the few points in a usual call
         return np.minimum(np.maximum(grid, -(2.0**31)), 2.0**31).astype(np.int64)[:, ::-1]
 
     def cell_to_world(self, rows_columns: np.ndarray) -> np.ndarray:
@@ -127,7 +127,7 @@ class GridMap:
         return self.grid_to_world(np.asarray(rows_columns).reshape(-1, 2)[:, ::-1])
 
     def contains_cells(self, rows_columns: np.ndarray) -> np.ndarray:
-        """(N,) bool: which cells (N, 2), (row, column), lie in the map."""
+        """(N,) bool: which cells (N, 2), (row, column), are in the map."""
         cells = np.asarray(rows_columns).reshape(-1, 2)
         rows, columns = cells[:, 0], cells[:, 1]
         return (rows >= 0) & (columns >= 0) & (rows < self.shape[0]) & (columns < self.shape[1])

@@ -1,4 +1,4 @@
-"""Maps as files that map_server reads: an image and a YAML file beside it.
+"""Map files as map_server reads them: an image with a YAML file beside it.
 
 Trinary files know free, occupied and unknown. Raw ones keep soft values: the pixel is the occupancy, 255 is
 unknown. (A soft value written by map_saver comes back as 100, unknown or 0.)
@@ -26,7 +26,7 @@ _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9 _.-]{0,99}")
 
 
 def safe_path(folder: Path, name: str) -> Path:
-    """The path without ending that a file name from a request stands for; it cannot lie outside the folder.
+    """The path, without extension, for a file name from a request; it is never outside the folder.
 
     Raises:
         CodedError: "bad_name".
@@ -115,7 +115,7 @@ def read_map(path: Path) -> GridMap:
         grey = _grey(image, colours_only=False)
         cells = np.where(grey <= 100, grey, UNKNOWN)
     else:
-        # map_server takes opacity for a fourth colour, except in scale mode
+        # map_server counts alpha as a fourth colour, except in scale mode
         grey = _grey(image, colours_only=mode == "scale")
         darkness = grey / 255.0 if negate else (255.0 - grey) / 255.0
         high, low = number("occupied_thresh", OCCUPIED_THRESH), number("free_thresh", FREE_THRESH)
@@ -151,7 +151,7 @@ def _read_image(path: Path) -> np.ndarray:
         raise _bad(path, error.strerror) from None
     try:
         image: Optional[np.ndarray] = cv2.imdecode(content, cv2.IMREAD_UNCHANGED) if content.size else None
-    except cv2.error:  # for instance larger than OpenCV takes
+    except cv2.error:  # for instance too large for OpenCV
         image = None
     if image is None:
         raise _bad(path, "it is no image, or a damaged one")

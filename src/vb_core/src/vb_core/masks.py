@@ -1,4 +1,4 @@
-"""Masks of images and grids, (H, W) uint8 with 0 and 255, as OpenCV wants them."""
+"""Masks of images and grids, (H, W) uint8 with 0 and 255, as OpenCV uses them."""
 from __future__ import annotations
 
 from typing import Optional
@@ -15,10 +15,10 @@ _OPERATIONS = {
 def threshold_mask(values: np.ndarray, limit: float, operation: int, dst: Optional[np.ndarray] = None) -> np.ndarray:
     """(H, W) uint8: 255 where the comparison with a number holds; `cv2.compare` for every size.
 
-    OpenCV takes an array of a single element for a number too, and refuses to compare two numbers.
+    OpenCV treats an array of one element as a number too, and cannot compare two numbers.
 
     Args:
-        values: (H, W) of any type that OpenCV knows.
+        values: (H, W) of any type in OpenCV.
         operation: cv2.CMP_LT and the like.
         dst: where to write the mask.
     """

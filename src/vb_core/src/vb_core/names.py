@@ -1,4 +1,4 @@
-"""The fixed names that other programs call: frames, topics and services of the stack."""
+"""The fixed names that other programs use: frames, topics and services of the stack."""
 
 MAP_FRAME = "map"
 

@@ -1,4 +1,4 @@
-"""What people should know now: each node says all of it at once, and readers keep what still holds."""
+"""Notices for people: each node publishes all of its own at once, and readers keep those that still hold."""
 from __future__ import annotations
 
 import enum
@@ -7,12 +7,12 @@ from typing import Dict, Iterable, List, Mapping, Tuple
 
 from vb_core import sentences
 
-REPEATED_AFTER = 1.0  # [s] a node says its notices again
-FORGOTTEN_AFTER = 5.0  # [s] what a node said holds no longer once it has been silent for five repetitions
+REPEATED_AFTER = 1.0  # [s] a node repeats its notices
+FORGOTTEN_AFTER = 5.0  # [s] a node's notices expire once it has been silent for five repetitions
 
 
 class Severity(enum.IntEnum):
-    """The numbers are those of vb_msgs/Notice."""
+    """Severities, as in vb_msgs/Notice."""
 
     INFO = 0
     WARNING = 1
@@ -32,21 +32,21 @@ class Notice:
     message: str = ""
 
     def sentence(self, language: str = sentences.ENGLISH) -> str:
-        """What people read."""
+        """The text to show."""
         return sentences.say(self.code, self.values, language, self.message)
 
 
 class NoticeBook:
-    """The notices of all nodes that hold now. Not thread safe."""
+    """The current notices of all nodes. Not thread safe."""
 
     def __init__(self) -> None:
         self._said: Dict[str, Tuple[float, List[Notice]]] = {}
 
     def hear(self, source: str, notices: Iterable[Notice], now: float) -> None:
-        """All that a node has to say at a time [s]; replaces what it said before."""
+        """Adopts a node's notices at a time [s]; replaces its former ones."""
         self._said[source] = (now, list(notices))
 
     def current(self, now: float) -> List[Notice]:
-        """What holds at a time [s], the most severe first; time that jumped back forgets nothing."""
+        """Notices that hold at a time [s], most severe first; a jump back in time drops none."""
         held = [notice for heard, notices in self._said.values() if now - heard <= FORGOTTEN_AFTER for notice in notices]
         return sorted(held, key=lambda notice: (-notice.severity, notice.code, notice.robot, notice.border_id))

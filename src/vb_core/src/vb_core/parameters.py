@@ -6,7 +6,7 @@ A parameter class lists its values with `param`, which carries unit and limits:
     class DriveParams(Parameters):
         speed: float = param(0.2, "m/s", low=0.0, high=1.0)
 
-`DriveParams.from_mapping({"speed": 0.1})` takes what YAML or the parameter server gives. An unknown
+`DriveParams.from_mapping({"speed": 0.1})` reads values from YAML or the parameter server. An unknown
 key, a wrong type or a value out of range is a `ParameterError` that names the key.
 """
 from __future__ import annotations
@@ -32,7 +32,7 @@ def param(
     """A dataclass field with a unit and limits.
 
     Args:
-        default: its value when nothing else is said; its type is the parameter's type.
+        default: its value unless set; its type is the parameter's type.
         low, high: the smallest and largest value allowed, both included.
         above: a limit that the value must exceed.
         choices: the only values allowed.
@@ -54,7 +54,7 @@ class Parameters:
 
     @classmethod
     def from_mapping(cls: Type[P], mapping: Optional[Mapping[str, Any]], where: str = "") -> P:
-        """Makes parameters of a mapping; what it leaves out keeps its default.
+        """Makes parameters from a mapping; missing keys keep their defaults.
 
         Args:
             mapping: for instance a YAML document; None is an empty one.
@@ -108,7 +108,7 @@ def _default(field: dataclasses.Field) -> Any:
 
 
 def check(key: str, value: Any, default: Any, limits: Mapping[str, Any]) -> Any:
-    """The value as the type of the default, or a ParameterError that says what was expected."""
+    """The value, in the default's type, or a ParameterError that says what was expected."""
     unit = limits.get("unit") or ""
     if isinstance(default, bool):
         if not isinstance(value, bool):
@@ -132,7 +132,7 @@ def check(key: str, value: Any, default: Any, limits: Mapping[str, Any]) -> Any:
             kind = "a list" if isinstance(default, list) else "keys and values"
             raise ParameterError(key, f"expected {kind}, got {value!r}")
     low, high, above, choices = (limits.get(name) for name in ("low", "high", "above", "choices"))
-    # a list's limits are those of each of its numbers
+    # a list's limits apply to each of its numbers
     for number in value if isinstance(value, (list, tuple)) else [value]:
         if not isinstance(number, (int, float)) or isinstance(number, bool):
             continue

@@ -1,7 +1,7 @@
-"""What a robot type is, told once: shape, limits, sensors, topics and frames.
+"""A robot type, described once: shape, limits, sensors, topics and frames.
 
-The idea: every program that needs to know something about a robot reads the same file (robots/<type>.yaml), and what
-can be derived from it is derived, so that another robot is another file and nothing else.
+The idea: every program that needs to know something about a robot reads the same file (robots/<type>.yaml), and
+derives from it what it can, so that another robot needs only another file.
 """
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class Limits(Parameters):
 
 @dataclass(frozen=True)
 class Scanner(Parameters):
-    """The laser scanner, or a depth camera that passes for one. What it covers is in its messages."""
+    """The laser scanner, or a depth camera used as one. Its coverage is in its messages."""
 
     topic: str = param("scan")
     present: bool = param(True, doc="false: the robot is driven by its map alone, and slowly")
@@ -54,7 +54,7 @@ class Camera(Parameters):
 
 @dataclass(frozen=True)
 class Contact(Parameters):
-    """A bumper, a cliff sensor or a wheel that has dropped: a field of a message, and when it means danger."""
+    """A bumper, a cliff sensor or a wheel drop sensor: a field of a message, and when it means danger."""
 
     topic: str = param("")
     type: str = param("", doc="for instance kobuki_msgs/BumperEvent")
@@ -89,7 +89,7 @@ class RobotProfile:
 
     @classmethod
     def from_mapping(cls, mapping: Mapping[str, Any], where: str = "robot_profile") -> "RobotProfile":
-        """Reads a profile as YAML or the parameter server gives it; what it leaves out keeps its default.
+        """Reads a profile from YAML or parameter server values; missing keys keep their defaults.
 
         Raises:
             ParameterError: for an unknown key, a wrong type, a value out of range.
@@ -115,7 +115,7 @@ class RobotProfile:
         """Reads a profile's file.
 
         Raises:
-            ParameterError: if it cannot be read, is no YAML file, or as `from_mapping`.
+            ParameterError: if it cannot be read, is not YAML, or as `from_mapping`.
         """
         path = Path(path)
         try:

@@ -23,7 +23,7 @@ FOLDER = Path(__file__).resolve().parent / "languages"
 
 
 def languages() -> List[str]:
-    """The languages there are, by their two letters."""
+    """The available languages, by their two letters."""
     return sorted(path.name for path in FOLDER.iterdir() if path.is_dir())
 
 
@@ -44,12 +44,12 @@ def catalogue(language: str = ENGLISH) -> Dict[str, str]:
 
 
 def placeholders(sentence: str) -> List[str]:
-    """The names of the values that a sentence names, each once, sorted."""
+    """The names of the values in a sentence, each once, sorted."""
     return sorted({field for _, field, _, _ in string.Formatter().parse(sentence) if field})
 
 
 class _Shown(dict):
-    """Shows a value that is missing by its name: a sentence is never lost for want of one."""
+    """Shows a missing value by its name: no sentence is lost for lack of one."""
 
     def __missing__(self, key: str) -> str:
         return f"({key})"
@@ -59,7 +59,7 @@ def say(code: str, values: Mapping[str, Any] = {}, language: str = ENGLISH, othe
     """The sentence for a code; English where the language has none.
 
     Args:
-        values: what the sentence names.
+        values: those in the sentence.
         otherwise: said if no language knows the code, for instance a message's own English sentence; if that is
             empty too, the code's words.
     """

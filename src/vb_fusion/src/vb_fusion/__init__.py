@@ -1,1 +1,1 @@
-"""Makes one polygonal chain and a seed point of the spots that all cameras saw."""
+"""Makes a polygonal chain and a seed point from the spots of all cameras."""

@@ -58,7 +58,7 @@ class BorderFusionNode:
             what else went wrong; whatever it is, the node goes on.
     Services:
         /virtual_borders/get_drawn_border (vb_msgs/GetDrawnBorder): the border of everything drawn in an interaction; an
-            empty interaction_id means the present one. The last interaction can be asked for until the next begins.
+            empty interaction_id means the current one. The last interaction is available until the next begins.
     Parameters: config/border_fusion.yaml.
     """
 
@@ -73,10 +73,10 @@ class BorderFusionNode:
         self._changed = threading.Event()  # wakes the publisher on a change of state
         self._closing = False
         self._dirty = False
-        self._forget = False  # the interaction was cancelled; what it collected goes once it was shown
+        self._forget = False  # the interaction was cancelled; its spots go once they were shown
         self._wrong_frame = 0
         self._wrong_camera = ""
-        self._failure: Optional[CodedError] = None  # of the last attempt to work out a border
+        self._failure: Optional[CodedError] = None  # of the last attempt to extract a border
         self._bad_message: Optional[CodedError] = None
         self._published = -np.inf
 
@@ -119,7 +119,7 @@ class BorderFusionNode:
         self._changed.set()
 
     def _restore(self, interaction_id: str) -> None:
-        """A node that came back in the middle of an interaction takes up what it had collected."""
+        """Restores what was collected if the node restarts in the middle of an interaction."""
         entries = self._journal.start(interaction_id)
         for state, spot in entries:
             self._collector.restore(state, spot)
@@ -160,10 +160,10 @@ class BorderFusionNode:
 
     # ------------------------------------------------------------ output
     def _work(self) -> None:
-        """Publishes while there is something to say.
+        """Publishes while there is news.
 
-        The pace is in wall time: what is limited is how often people and processors are asked, and simulated time
-        that stands still or jumps must not stop it.
+        The pace is in wall time: it limits the load on people and processors, and simulated time that pauses or
+        jumps must not stop it.
         """
         while not rospy.is_shutdown() and not self._closing:
             state_changed = self._changed.wait(1.0 / self._params.rate)
@@ -180,7 +180,7 @@ class BorderFusionNode:
             self._say()
 
     def _say(self) -> None:
-        """Tells people what went wrong and still matters."""
+        """Publishes notices of what is still wrong."""
         with self._lock:
             problems = [self._failure, self._bad_message, self._journal.problem]
             if self._wrong_frame:
@@ -207,7 +207,7 @@ class BorderFusionNode:
                 return
             collection = self._collector.collection()
         self._published = now
-        # a change of state is shown with the chain as it stands then
+        # a change of state is shown with the chain as it is then
         candidate = self._live.update(collection, time.monotonic, force=state_changed)
         with self._lock:
             if collection.interaction_id != self._collector.interaction_id:

@@ -1,4 +1,4 @@
-"""What an extraction gives, and the errors it refuses with."""
+"""The result of an extraction, and its errors."""
 from __future__ import annotations
 
 from dataclasses import dataclass, field
@@ -27,8 +27,8 @@ class BorderChain:
         code: why it is closed or open, and its values.
         length: [m] of the chain, with its closing segment if it is closed.
         gap: [m] between the ends where the drawing left them.
-        left_out: (L, 2) [m] what was drawn and belongs to no part of the chain.
-        left_out_spots: how many spots that is.
+        left_out: (L, 2) [m] drawn spots that belong to no part of the chain.
+        left_out_spots: how many these are.
         stages: the point sets between the stages, for figures.
     """
 

@@ -1,6 +1,6 @@
-"""Stage 4: polygon or separating curve, as people mean it.
+"""Stage 4: polygon or separating curve, as the person means it.
 
-People who mean a closed figure lead the pointer back to where it began. So the gap between the ends is compared with
+People who mean a closed figure return the pointer to where it began. So the gap between the ends is compared with
 the figure's own size, its largest width: ends that come back by more than half of it are meant to meet. Ends that lie
 side by side like the legs of a U leave an opening on purpose, unless it is small: in between, the angle decides by
 which the line would turn to close. Ends that cross or run past each other are cut there.
@@ -85,7 +85,7 @@ def _values(gap: float, length: float) -> Dict[str, str]:
 def _without_overhang(points: np.ndarray, length: float) -> Tuple[int, int]:
     """The points of the first and the last third of the line between which it is closed.
 
-    What is cut off must bring the ends nearer by half of its own length: else the ends stay as they are.
+    What is cut off must bring the ends nearer by half of its length: else the ends stay as they are.
     """
     arc = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
     head = np.flatnonzero(arc <= length / 3.0)
@@ -98,7 +98,7 @@ def _without_overhang(points: np.ndarray, length: float) -> Tuple[int, int]:
 
 
 def _closing_turn(points: np.ndarray, gap: float) -> float:
-    """How far [deg] the line turns on the way from its end to its start."""
+    """How far [deg] the line turns from its end to its start."""
     dense = geometry.resample_chain(points, geometry.chain_length(points) / SAMPLES)
     tenth = len(dense) // 10
     if gap == 0.0 or tenth == 0:

@@ -67,7 +67,7 @@ class SpotStore:
         self.total += 1
 
     def clear(self) -> None:
-        """Forgets all."""
+        """Drops all."""
         self.kept = self.total = 0
 
     @property
@@ -78,7 +78,7 @@ class SpotStore:
 
 @dataclass(frozen=True)
 class Collection:
-    """What was collected so far; the arrays belong to the caller."""
+    """The spots so far; the arrays belong to the caller."""
 
     interaction_id: str
     border: np.ndarray  # (K, 6): stamp [s], x [m], y [m], confidence, index of the camera, 1 if it is a mobile one
@@ -91,8 +91,8 @@ class Collection:
 class Collector:
     """Collects spots in the states Border and Seed of one interaction.
 
-    A change of state is known later than it happens, and spots take their time from image to here: what counts is
-    the spot's own stamp against the stamps at which states were entered. No clock is read.
+    A change of state arrives late, and so do spots: what counts is the spot's own stamp against the stamps at
+    which states were entered. No clock is read.
     """
 
     def __init__(self, params: Optional[CollectorParams] = None) -> None:
@@ -106,7 +106,7 @@ class Collector:
         self._stores = {BORDER: SpotStore(self._params.max_spots), SEED: SpotStore(self._params.max_spots)}
 
     def set_state(self, state: str, interaction_id: str, entered: float) -> bool:
-        """Takes a new state over; True if a new interaction began.
+        """Adopts a new state; True if a new interaction began.
 
         Args:
             state: "default", "border", "seed" or "guide".
@@ -125,7 +125,7 @@ class Collector:
         return fresh
 
     def add(self, spot: Spot) -> str:
-        """Takes a spot in.
+        """Adds a spot.
 
         Returns:
             "" if it was collected, else why it was ignored: "not_finite", "state" (no spots are wanted) or
@@ -141,7 +141,7 @@ class Collector:
         return ""
 
     def restore(self, state: str, spot: Spot) -> None:
-        """Takes in a spot that was collected in "border" or "seed" before, whatever the state is now."""
+        """Adds a spot that was collected in "border" or "seed" before, whatever the state is now."""
         if state not in self._stores:
             return
         if spot.camera not in self._cameras:

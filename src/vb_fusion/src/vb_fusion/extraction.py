@@ -4,7 +4,7 @@
 
     observations   the spots, checked and put in the order of time
     track          which of them are the pointer's: the one feasible path through time that explains most floor
-    placement      where the pointer really was: the cameras' offsets taken out
+    placement      where the pointer really was: the cameras' offsets removed
     line           the fewest straight sides that keep every detail larger than a tremble, and their corners
     closing        polygon or separating curve
 
@@ -81,12 +81,12 @@ def extract_border(
     confidences: Optional[Sequence[float]] = None,
     mobile: Optional[Sequence[bool]] = None,
 ) -> BorderChain:
-    """The polygonal chain that was drawn.
+    """Extracts the drawn polygonal chain.
 
     Args:
-        points: (N, 2) float [m], map frame, any order. What is not finite is left out.
+        points: (N, 2) float [m], map frame, any order. Non-finite ones are left out.
         params: `ExtractionParams.robust()` if None.
-        stamps: (N,) [s] when each spot was seen. Robust mode is made for them; without, the order is found in space.
+        stamps: (N,) [s] when each spot was seen. Robust mode is meant for them; without, the order is found in space.
         cameras: (N,) which camera saw it: names or numbers.
         confidences: (N,) 0 .. 1.
         mobile: (N,) true for a camera on a robot, whose pose is less certain.
@@ -111,7 +111,7 @@ def _no_line(seen: Sights, params: ExtractionParams) -> ExtractionError:
 
 
 def _paper(seen: Sights, params: ExtractionParams) -> BorderChain:
-    """Sect. 4.3.2, the three stages one after the other; only closed or open is decided, which the paper does not."""
+    """Sect. 4.3.2, the three stages in turn; it also decides on closed or open, which the paper does not."""
     cluster = clustering(seen.points, params.eps, params.min_pts, params.min_exp, params.max_exp, params.min_size)
     if cluster.size == 0:
         raise _no_line(seen, params)
@@ -180,7 +180,7 @@ def _simplified(chain: np.ndarray, closed: bool, tolerance: float) -> np.ndarray
     """Stage 5: fewer vertices, and a polygon that does not cross itself.
 
     Raises:
-        ExtractionError: "crosses_itself" if what it encloses does not hang together.
+        ExtractionError: "crosses_itself" if what it encloses is not connected.
     """
     if not closed or len(chain) < 3:
         return np.asarray(LineString(chain).simplify(tolerance).coords) if len(chain) > 2 else chain
@@ -192,7 +192,7 @@ def _simplified(chain: np.ndarray, closed: bool, tolerance: float) -> np.ndarray
 
 
 def _untangled(polygon: Polygon) -> Polygon:
-    """All that a line which crosses itself encloses, as one simple polygon; loops that are slips of the hand go.
+    """All that a self-crossing line encloses, as one simple polygon; loops that are slips of the hand go.
 
     The lobes of an 8 meet in a point; they are joined by a neck.
     """

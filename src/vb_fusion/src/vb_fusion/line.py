@@ -2,9 +2,9 @@
 
 The sights, in the order in which they were drawn, become stations a hand's tremble apart: a spot held still is one
 station, however long. The stations are divided into sides, exactly, by dynamic programming: a corner is worth it if
-leaving it out would lose a detail that is larger than what a hand trembles, and sooner where the pointer stopped.
+leaving it out would lose a detail larger than a hand's tremble, and sooner where the pointer stopped.
 Then the corners are moved to where the line is as near as it can be to all stations, which puts them where the sides
-meet, also where nobody saw them.
+meet, even where no camera saw them.
 """
 from __future__ import annotations
 
@@ -33,13 +33,13 @@ class Stroke:
 
     @property
     def weights(self) -> np.ndarray:
-        """(K,) [m] of the line that each station stands for."""
+        """(K,) [m] of the line that each station represents."""
         steps = np.minimum(np.linalg.norm(np.diff(self.points, axis=0), axis=1), 2.0 * TREMBLE)
         return 0.5 * (np.append(steps, 0.0) + np.append(0.0, steps)) + 0.1 * TREMBLE
 
 
 def make_stroke(sights: np.ndarray, trust: np.ndarray) -> Stroke:
-    """The stations of sights (N, 2) [m] with weights (N,), N >= 3; what was drawn over again at the end is merged."""
+    """The stations of sights (N, 2) [m] with weights (N,), N >= 3; what was drawn twice at the end is merged."""
     # what two cameras see in turn is not a movement: a mean over five sights
     window = np.clip(np.arange(len(sights))[:, None] + np.arange(-2, 3), 0, len(sights) - 1)
     calm = (sights[window] * trust[window][..., None]).sum(axis=1) / trust[window].sum(axis=1)[:, None]
@@ -119,7 +119,7 @@ def _divide(stroke: Stroke) -> List[int]:
 
 
 def _misfit(sums: np.ndarray) -> np.ndarray:
-    """[m^3] squared distance from the best straight line, times the way, for sums (..., 6)."""
+    """[m^3] squared distance from the best straight line, times the length, for sums (..., 6)."""
     w = np.maximum(sums[..., 0], 1e-12)
     xx = sums[..., 3] - sums[..., 1] ** 2 / w
     yy = sums[..., 4] - sums[..., 2] ** 2 / w
@@ -175,7 +175,7 @@ def _refined(stroke: Stroke, starts: List[int], joined: bool) -> Tuple[np.ndarra
         reach = np.maximum(np.linalg.norm(move, axis=1), 1e-12)
         vertices = middle + move * np.minimum(1.0, room / reach)[:, None]
     if not joined:
-        # half a station of the line lies beyond the middle of the last one
+        # half a station of the line is beyond the middle of the last one
         for corner, inner in ((0, 1), (count - 1, count - 2)):
             outwards = vertices[corner] - vertices[inner]
             vertices[corner] += 0.5 * TREMBLE * outwards / max(float(np.linalg.norm(outwards)), 1e-9)

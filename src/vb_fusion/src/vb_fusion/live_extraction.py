@@ -1,4 +1,4 @@
-"""The border so far, kept up to date while somebody draws, within a share of one core.
+"""The border so far, kept up to date while a person draws, within a share of one core.
 
 It is the same extraction as at the end, of at most LIVE_SPOTS spots: a drawing that has more is seen so densely, or
 lasts so long, that evenly chosen ones show it.
@@ -17,7 +17,7 @@ from vb_fusion.extraction import BorderChain, ExtractionError, ExtractionParams,
 
 @dataclass(frozen=True)
 class DrawnBorder:
-    """Chain and seed of one interaction, as far as there are any; the errors say what is missing."""
+    """Chain and seed of one interaction, as far as there are any; errors say what is missing."""
 
     chain: Optional[BorderChain] = None
     seed: Optional[np.ndarray] = None
@@ -29,7 +29,7 @@ LIVE_SPOTS = 4000
 
 
 def extract_chain(collection: Collection, params: ExtractionParams, limit: Optional[int] = None) -> BorderChain:
-    """The chain of the border spots, with all that is known of them.
+    """Extracts the chain from all that is known of the border spots.
 
     Args:
         limit: the most spots to use, evenly chosen; None for all.
@@ -42,7 +42,7 @@ def extract_chain(collection: Collection, params: ExtractionParams, limit: Optio
 
 
 def extract_seed_of(collection: Collection) -> np.ndarray:
-    """The seed of all seed spots, with the border's as what was seen before.
+    """Extracts the seed from all seed spots; the border's spots were seen before.
 
     Raises:
         ExtractionError
@@ -63,7 +63,7 @@ def evenly(rows: np.ndarray, limit: int) -> np.ndarray:
 
 
 class LiveExtractor:
-    """Extracts again when there is something new, and seldom enough to stay within a share of one core.
+    """Extracts again when there are new spots, but within a share of one core.
 
     Args:
         params: of the extraction.
@@ -85,7 +85,7 @@ class LiveExtractor:
         self.candidate = DrawnBorder()
 
     def update(self, collection: Collection, clock: Callable[[], float], force: bool = False) -> DrawnBorder:
-        """The candidate; a new one if there are new spots and it is time.
+        """The border so far; a new one if there are new spots and it is time.
 
         Args:
             clock: reads a monotonic clock [s].

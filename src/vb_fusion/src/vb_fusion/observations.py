@@ -1,4 +1,4 @@
-"""Stage 0: the spots as they came, checked and put in the order of time.
+"""Stage 0: the spots as they came, checked and sorted by time.
 
 Everything after this works on sights. A sight is what one camera saw of one place within 20 ms: at 25 or 30 images
 per second that is one spot, and a million spots become some ten thousand sights.
@@ -12,8 +12,8 @@ import numpy as np
 
 from vb_fusion.chain import ExtractionError
 
-TREMBLE = 0.05  # [m] a hand that holds still wanders within it, and cameras agree to within it
-QUANTUM = 0.02  # [s] shorter than the time between two images of a usual camera
+TREMBLE = 0.05  # [m] a hand that holds still stays within it, and cameras agree within it
+QUANTUM = 0.02  # [s] less than the time between two images of a usual camera
 MOBILE_TRUST = 0.25  # weight of a camera whose own pose is estimated: localisation is about twice as far off
 FARTHEST = 1e5  # [m] from the origin: no floor is larger
 
@@ -57,7 +57,7 @@ def gather(
     confidences: Optional[Sequence[float]] = None,
     mobile: Optional[Sequence[bool]] = None,
 ) -> Sights:
-    """Checks spots and makes sights of them; rows that are not finite, or are off every floor, are left out.
+    """Checks spots and merges them to sights; rows that are not finite, or are off any floor, are left out.
 
     Raises:
         ExtractionError: "bad_points" if the shapes do not fit.
@@ -77,7 +77,7 @@ def gather(
     count = len(array)
     known = np.zeros(count, dtype=int) if cameras is None else np.unique(np.asarray(cameras), return_inverse=True)[1]
     moving = np.zeros(count, dtype=bool) if mobile is None else np.asarray(mobile, dtype=bool)
-    # a detector that says 0 still saw something
+    # a detector that reports 0 still saw something
     trust = np.ones(count) if confidences is None else np.clip(np.nan_to_num(np.asarray(confidences, float)), 0.1, 1.0)
     trust = np.where(moving, MOBILE_TRUST, 1.0) * trust
     times = None if stamps is None else np.asarray(stamps, dtype=float)

@@ -1,8 +1,8 @@
-"""Bare points, without stamps: an order in space in the place of the order in time.
+"""Bare points, without stamps: an order in space instead of the order in time.
 
 The points are gathered into sites on a lattice; lonely sites go. The sites' minimum spanning tree follows the line,
 and its longest path is the stroke: a ring is opened at its widest gap. Legs closer than two sites cannot be told
-apart, and something bright beside the line is not told from a piece of it: with stamps both can.
+apart, and something bright beside the line may pass for a part of it: with stamps both can.
 """
 from __future__ import annotations
 

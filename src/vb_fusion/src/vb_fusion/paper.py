@@ -1,7 +1,7 @@
-"""Algorithms 1 to 3 of the paper as they are written (Sect. 4.3.2), on bare points.
+"""Algorithms 1 to 3 of the paper as written (Sect. 4.3.2), on bare points.
 
 Where the paper leaves a choice open, the first point is taken. All pairs of neighbours are held in memory, as usual
-implementations of DBSCAN do; so many points that these would not fit are refused. The default mode has no such limit.
+implementations of DBSCAN do; too many points for that are refused. The default mode has no such limit.
 """
 from __future__ import annotations
 

@@ -18,7 +18,7 @@ LOCALISATION = 0.15  # [m] what a robot's pose may be off, differently every sec
 
 
 def without_offsets(seen: Sights) -> Sights:
-    """The sights with their cameras' offsets taken out; what all cameras have in common cannot be known."""
+    """The sights without their cameras' offsets; an offset common to all cameras cannot be known."""
     groups, of_sight, mobile = _offsets_to_find(seen)
     if groups < 2:
         return seen
@@ -42,7 +42,7 @@ def without_offsets(seen: Sights) -> Sights:
     starts = np.flatnonzero(np.diff(key[order], prepend=-1))
     for run in np.split(order, starts[1:]):
         a, b = divmod(int(key[run[0]]), groups)
-        # the tremor is the same for both cameras only if they look at once: neighbours in time are no new evidence
+        # cameras share the tremor only if they look at once: neighbours in time are not new evidence
         require(a, b, np.median(difference[run], axis=0), 0.5 * TREMBLE / np.sqrt(len(run)))
     for group in range(groups):
         require(group, -1, (0.0, 0.0), LOCALISATION if mobile[group] else 0.5 * TREMBLE)

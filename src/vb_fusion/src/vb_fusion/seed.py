@@ -1,6 +1,6 @@
 """The seed point: the last place where the pointer dwelt.
 
-It is found in the same places of each moment as the border's track (track.py). On the way to its place the pointer is
+It is found in the same places of each moment as the border's track (track.py). On its path the pointer dwells
 nowhere for long, strays are alone, and something bright was there before the pointer came.
 """
 from __future__ import annotations
@@ -41,7 +41,7 @@ def extract_seed(
     mobile: Optional[Sequence[bool]] = None,
     before: Optional[np.ndarray] = None,
 ) -> np.ndarray:
-    """The seed point s (paper, Sect. 3): where the pointer dwelt longest; a later place counts up to twice.
+    """Finds the seed point s (paper, Sect. 3): where the pointer dwelt longest; later places count up to twice.
 
     A place that was seen before already counts less: something bright, or the end of the border. Of two places that
     are seen together one is not the pointer: it is the one that fewer cameras see, else the one that was there first.

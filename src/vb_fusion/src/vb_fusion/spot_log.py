@@ -19,7 +19,7 @@ Entry = Tuple[str, Spot]
 
 
 class SpotLog:
-    """Appends spots, and reads them back. No method raises for what the disk does.
+    """Appends spots, and reads them back. No method raises an error of the disk.
 
     Args:
         path: the file; its folder is made. None: nothing is written.
@@ -78,7 +78,7 @@ class SpotLog:
             return [], 0
         try:
             with open(str(self._path), "rb") as file:
-                # whatever lies there: no more than a journal can hold is read
+                # whatever is there: no more than a journal can hold is read
                 lines = file.read(200 * self._limit + 1000).decode("utf-8", errors="replace").split("\n")
         except OSError:
             return [], 0
@@ -121,7 +121,7 @@ class SpotLog:
             self._give_up(error)
 
     def _give_up(self, error: Exception) -> None:
-        """Nothing more is written in this interaction."""
+        """Stops writing for this interaction."""
         self.problem = CodedError("journal_unwritable", what=getattr(error, "strerror", None) or str(error))
         file, self._file = self._file, None
         try:

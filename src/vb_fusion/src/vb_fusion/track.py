@@ -5,7 +5,7 @@ place; the track is the sequence of places that explains the most floor with the
 
     gain  = the floor that a place adds while something is there: staying for long adds nothing more, so that what
             stays, a hand that rests or a bright thing, counts once; coming back counts again
-    cost  = way^2 / (time * BRISK) between two places: a jump is expensive, a gap that was crossed at the speed of a
+    cost  = distance^2 / (time * BRISK) between places: a jump is expensive, a gap that was crossed at the speed of a
             hand is cheap, a pause is free
 
 The best track is a shortest path: each place is either on the track, or costs the floor that it would have added.
@@ -24,10 +24,10 @@ from scipy.spatial import cKDTree
 from vb_fusion.observations import TREMBLE, Sights
 
 MOMENT = 0.1  # [s] a hand's pointer moves by centimetres within it, and cameras with 10 images/s see it
-FLOOR = 2.0 * TREMBLE  # [m] width of the floor that a place stands for
-BRISK = 6.0  # [m/s] at this speed unseen way costs as much floor as it crosses
+FLOOR = 2.0 * TREMBLE  # [m] width of the floor that a place covers
+BRISK = 6.0  # [m/s] at this speed an unseen path costs as much floor as it crosses
 BLINK = 3.0 * MOMENT  # [s] a pointer that moves is seen again within it
-ABSENCE = 10.0 * MOMENT  # [s] what is seen again after it has come back
+ABSENCE = 10.0 * MOMENT  # [s] what is seen again after this has come back
 STRAY = 0.02  # of the spots of the strongest place of the same moment: the rest of a moment with hundreds of spots
 LOOK_BACK = 40  # places among which a predecessor is looked for: 4 s, less where more than one thing is seen
 
@@ -112,7 +112,7 @@ def _new_floor(points: np.ndarray, times: np.ndarray) -> np.ndarray:
 def _swept(points: np.ndarray, times: np.ndarray) -> np.ndarray:
     """(P,) [m] of floor between a place and its neighbours in time, where the three are passed at one speed.
 
-    A quick hand is seen so seldom that the places alone are less than the line. Strays do not lie in such rows.
+    A quick hand is seen so seldom that the places alone are less than the line. Strays do not form such rows.
     """
     swept = np.zeros(len(points))
     for back in (1, 2):

@@ -1,1 +1,1 @@
-"""Sees laser spots in camera images and projects them to the floor."""
+"""Finds laser spots in camera images and projects them to the floor."""

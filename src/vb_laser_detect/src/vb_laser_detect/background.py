@@ -1,4 +1,4 @@
-"""What a stationary camera sees without a spot, learnt slowly and never from a spot."""
+"""What a stationary camera sees without a spot: a background updated slowly, never from a spot."""
 from __future__ import annotations
 
 import math
@@ -10,13 +10,13 @@ import numpy as np
 from vb_laser_detect.blocks import BLOCK, Region, block_maxima, blocks_around, mask_of_blocks, max_channel, sample_blocks
 
 _DARKER = 20  # [grey levels] a pixel that became darker by more than this has changed
-_NOISE_DEVIATIONS = 6.0  # how far a rise must stand out of a block's own noise
-_NOISE_TIME = 1.0  # [s] in which a block's noise is learnt
+_NOISE_DEVIATIONS = 6.0  # how far a rise must exceed a block's own noise
+_NOISE_TIME = 1.0  # [s] over which a block's noise is averaged
 _CYCLE_S = 1.0  # every pixel is blended in once in this time
-_ABSORB_S = 1.5  # a change that lasts so long belongs to the background
+_ABSORB_S = 1.5  # a change that lasts this long belongs to the background
 _WEIGHT = 0.25  # of a frame whenever a strip is blended in
-_ABSORB_MOVING = 6  # [images] while the camera moves: what is left of an edge by a motion that was not exact goes on so long
-_MARGIN = 24  # [px] about a region that is looked at closely
+_ABSORB_MOVING = 6  # [images] while the camera moves: what an inexact motion leaves of an edge lasts this long
+_MARGIN = 24  # [px] around a region that is examined
 _SQUARE = np.ones((3, 3), np.uint8)
 _EVEN = np.zeros((5, 5), np.uint8)  # the same for the places of a Bayer pattern
 _EVEN[::2, ::2] = 1
@@ -26,12 +26,12 @@ class Background:
     """The background of one camera at full resolution, and each block's noise.
 
     The image is blended in strip by strip, so that every frame costs the same. Blocks that changed are left out
-    until they stayed changed for 1.5 s; then they are taken over in one step. Blocks that show a spot are
-    left out for `hold_s`.
+    until the change has lasted 1.5 s; then they are adopted in one step. Blocks that show a spot are left
+    out for `hold_s`.
 
     Args:
         image: (H, W) or (H, W, C) uint8, the first image.
-        hold_s: [s] how long a spot may shine on the same place before it is taken for a lamp.
+        hold_s: [s] how long a spot may shine in the same place before it counts as a lamp.
 
     Attributes:
         image: the background itself.
@@ -50,7 +50,7 @@ class Background:
         self._nothing = np.zeros(blocks, np.float32)
         self._held_s = np.zeros(blocks, np.float32)
         self._guessed = np.zeros(blocks, np.uint8)
-        self._limit: Optional[np.ndarray] = None  # of a rise that stands out of the noise, once that is known
+        self._limit: Optional[np.ndarray] = None  # of a rise that exceeds the noise, once that is known
         self._noise_s = 0.0
         self._holding = False
         self._row = 0
@@ -59,10 +59,10 @@ class Background:
         self.moved = False
 
     def move(self, motion: Optional[np.ndarray], image: np.ndarray, mosaic: bool) -> None:
-        """Takes the background along with a camera that moved; what was out of sight is taken from the image.
+        """Moves the background with the camera; what was out of view is taken from the image.
 
         Args:
-            motion: (3, 3) maps the background's pixels to the image's; None: the camera stands still.
+            motion: (3, 3) maps the background's pixels to the image's; None: the camera is stationary.
         """
         self.moved = motion is not None
         self.reference = self.image
@@ -78,13 +78,13 @@ class Background:
             setattr(self, name, cv2.warpPerspective(
                 values, of_blocks, size, flags=cv2.INTER_NEAREST, borderMode=cv2.BORDER_CONSTANT, borderValue=border))
         self._limit = None
-        # no motion is known to less than a part of a pixel: a pixel is compared with the brightest beside it
+        # motion is only known to a fraction of a pixel: a pixel is compared with its brightest neighbour
         around = _EVEN if mosaic else _SQUARE
         self.reference = cv2.dilate(self.image, around)
         self._sample = sample_blocks(cv2.erode(self.image, around))
 
     def refine(self, regions: Sequence[Region], image: np.ndarray) -> None:
-        """Takes the background along exactly about regions that are looked at closely: to do so everywhere costs most."""
+        """Moves the background exactly around examined regions only: everywhere, this would be the main cost."""
         if not self.moved or self._before is None:
             return
         for left, top, right, bottom in regions:
@@ -95,8 +95,8 @@ class Background:
             self.reference[part] = cv2.dilate(self.image[part], _SQUARE)
 
     def rise(self, image: np.ndarray) -> np.ndarray:
-        """(H // 8, W // 8) uint8: by how much each block's brightest change is above the background."""
-        # a colour image carries so much data that every second row has to do: spots cover several
+        """(H // 8, W // 8) uint8: each block's largest rise above the background."""
+        # a colour image has so much data that every second row must do: spots cover several
         return block_maxima(image, self.reference, row_step=1 if image.ndim == 2 else 2, brightest=True)
 
     def darker_blocks(self, image: np.ndarray) -> np.ndarray:
@@ -104,21 +104,21 @@ class Background:
         return max_channel(cv2.subtract(self._sample, sample_blocks(image))) > _DARKER
 
     def learn_noise(self, maxima: np.ndarray) -> None:
-        """Takes the whole scene's noise for each block's; to be called with the second frame's rise."""
+        """Sets each block's noise to the whole scene's; call it with the second frame's rise."""
         middle = float(np.median(maxima))
         self._noise[:] = middle
         self._deviation[:] = max(1.5, 1.5 * float(np.median(np.abs(maxima - middle))))
         self._limit = None
 
     def hot_blocks(self, maxima: np.ndarray, least: float) -> np.ndarray:
-        """(rows, columns) bool: blocks whose rise is at least `least` and stands out of the block's own noise."""
+        """(rows, columns) bool: blocks whose rise is at least `least` and exceeds the block's own noise."""
         if self._limit is None:
-            # whole grey levels, as the rise has: bytes are compared four times as quickly
+            # whole grey levels, as the rise has: comparing bytes is four times faster
             self._limit = np.ceil(np.minimum(255.0, self._noise + _NOISE_DEVIATIONS * self._deviation)).astype(np.uint8)
         return cv2.compare(maxima, cv2.max(self._limit, math.ceil(least)), cv2.CMP_GE) > 0
 
     def guess(self, floor: np.ndarray, u: float, v: float, diameter: float) -> None:
-        """Puts a guess of the floor (H, W) or (H, W, C) where something shines that was there from the beginning."""
+        """Inserts a guess of the floor (H, W) or (H, W, C) where something has shone from the beginning."""
         reach = int(0.75 * diameter) + 4
         top, left = max(0, int(v) - reach), max(0, int(u) - reach)
         part = (slice(top, int(v) + reach), slice(left, int(u) + reach))
@@ -127,12 +127,12 @@ class Background:
         self._guessed[blocks_around(self._guessed.shape, u, v, reach)] = 1
 
     def is_guessed(self, u: float, v: float) -> bool:
-        """Whether the floor about a pixel was never seen."""
-        # a motion by parts of a block moves the marks by whole ones: those beside it count too
+        """Whether the floor at a pixel was never seen."""
+        # a motion by part of a block moves marks by whole blocks: neighbours count too
         return bool(self._guessed[blocks_around(self._guessed.shape, u, v, BLOCK)].any())
 
     def learn(self, image: np.ndarray, rise: np.ndarray, changed: np.ndarray, spots: np.ndarray, dt: float) -> None:
-        """Takes a frame in.
+        """Adds a frame.
 
         Args:
             rise: (rows, columns) of the blocks.
@@ -151,7 +151,7 @@ class Background:
         cv2.copyTo(self._nothing, (steady | held).view(np.uint8), self._changed_s)
         self._noise_s += dt
         if self._noise_s >= _NOISE_TIME / 8:
-            # noise changes slowly: it is not asked in each image
+            # noise changes slowly: not updated with each image
             weight, mask = 1.0 - math.exp(-self._noise_s / _NOISE_TIME), steady.view(np.uint8)
             values = rise.astype(np.float32)
             cv2.accumulateWeighted(values, self._noise, weight, mask)
@@ -196,7 +196,7 @@ class Background:
 
 
 def _warped(background: np.ndarray, motion: np.ndarray, image: np.ndarray, mosaic: bool, how: int) -> np.ndarray:
-    """A background as the camera sees it now, where it was not seen before the image itself.
+    """The background as the camera sees it now; the image itself where nothing was seen before.
 
     Args:
         how: OpenCV's interpolation; linear would blur what a spot hides, image by image, until a bright thing stood out.

@@ -19,8 +19,8 @@ def block_maxima(
     Args:
         image: (H, W) or (H, W, C) uint8, contiguous. Pixels right of and below the last whole block are left out.
         background: of the same shape; then the largest rise over it, which is never stored at full size.
-        row_step: 2 looks at every second row only, for half the time; rows of a Bayer image differ in colour.
-        brightest: the largest channel alone, which is cheaper to find on the way than afterwards.
+        row_step: 2 reads only every second row, in half the time; rows of a Bayer image differ in colour.
+        brightest: the largest channel alone, which is cheaper to find here than afterwards.
 
     Returns:
         (H // 8, W // 8), or (H // 8, W // 8, C) of a colour image unless `brightest`, uint8.
@@ -77,7 +77,7 @@ def max_channel(image: np.ndarray) -> np.ndarray:
 
 
 def blocks_around(shape: Tuple[int, ...], u: float, v: float, reach: float) -> Tuple[slice, slice]:
-    """The rows and columns of a grid (rows, columns) of blocks that lie within `reach` of a place [px]."""
+    """The rows and columns of a grid (rows, columns) of blocks within `reach` of a place [px]."""
     top, bottom = int(max(0.0, v - reach)) // BLOCK, int(v + reach) // BLOCK + 1
     left, right = int(max(0.0, u - reach)) // BLOCK, int(u + reach) // BLOCK + 1
     return slice(top, min(shape[0], bottom)), slice(left, min(shape[1], right))
@@ -102,7 +102,7 @@ def regions(maxima: np.ndarray, hot: np.ndarray, most: int, large: float) -> Lis
     A region larger than `large` [blocks] is cut down to the parts above 60 % of its peak: a spot beside a person
     must not be lost in the person's region.
     """
-    # few blocks are hot, and they lie together: all that follows is done where they are
+    # few blocks are hot, and they are close together: the rest is done only there
     x, y, wide, high = cv2.boundingRect(hot.view(np.uint8))
     hot, maxima = (np.ascontiguousarray(blocks[y : y + high, x : x + wide]) for blocks in (hot, maxima))
     if not hot.size:

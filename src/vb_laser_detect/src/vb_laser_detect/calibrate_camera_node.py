@@ -39,12 +39,12 @@ _SPOT_PATIENCE_S = 4.0  # [s] for the spot to be seen and still
 
 
 def say(text: str) -> None:
-    """A line for the person, at once, whatever the output is."""
+    """Prints a line for the person, unbuffered."""
     print(text, flush=True)
 
 
 def tuned_params(camera: str) -> DetectorParams:
-    """The parameters that a camera's running detector has, else those of any stationary camera."""
+    """The parameters of a camera's running detector, else those of any stationary camera."""
     values = rospy.get_param(f"/spot_detector_{camera}/detector", {})
     return DetectorParams.from_mapping(values, "detector") if values else DetectorParams.stationary()
 
@@ -83,10 +83,10 @@ class CameraInput:
         self._handle(image, "bgr8" if self._compressed else message.encoding, message.header.stamp.to_sec())
 
     def wait(self, patience_s: float) -> CameraModel:
-        """The camera's model, once images and camera_info came, which may take so long.
+        """The camera's model, once images and camera_info have come.
 
         Raises:
-            CodedError: "no_camera" if they do not come; "bad_camera_info" if they do not fit each other, or the lens
+            CodedError: "no_camera" if they do not come; "bad_camera_info" if they do not match, or the lens
                 is not calibrated.
         """
         with self._ready:
@@ -103,7 +103,7 @@ class CameraInput:
 
 
 class Inputs:
-    """What the person does: lines typed, and points clicked in RViz, in their order.
+    """The person's input: lines typed and points clicked in RViz, in order.
 
     Subscribed topics:
         /clicked_point (geometry_msgs/PointStamped): RViz' tool "Publish Point", fixed frame map.
@@ -137,7 +137,7 @@ class Inputs:
 
 
 class Guide:
-    """The dialogue that both ways of calibrating share."""
+    """The dialogue that both calibration methods share."""
 
     help = ""
 
@@ -154,13 +154,13 @@ class Guide:
         self.session: Any = None
 
     def on_image(self, image: np.ndarray, encoding: str, stamp: float) -> None:
-        """Each image, in a thread of its own."""
+        """Each image, in a separate thread."""
 
     def measured(self, values: List[float]) -> None:
-        """Takes places of the map that were typed or clicked."""
+        """Adds map points that were typed or clicked."""
 
     def run(self) -> int:
-        """Until the person is done; gives the process's exit status."""
+        """Until the person is done; returns the exit status."""
         say(self.help)
         clicked: List[float] = []
         wanted = self.numbers
@@ -220,7 +220,7 @@ def _same_folder(first: str, second: str) -> bool:
 
 
 class SpotGuide(Guide):
-    """Laser spots that are held still on places which are known in the map."""
+    """Laser spots that are held still at known places of the map."""
 
     help = """
 Hold the spot still on a place that you know in the map, for two seconds, then
@@ -261,7 +261,7 @@ Four places are needed, six to eight are good: near the corners of what the came
 
 
 class BoardGuide(Guide):
-    """A printed ChArUco board that is laid on places which are known in the map."""
+    """A printed ChArUco board that is laid at known places of the map."""
 
     help = """
 Lay the board flat on the floor, with P1 and P2 on two places that you know in the map. Step back, then
@@ -309,7 +309,7 @@ Lay it on three or four places that are far from each other in the image.
 
 
 def check(arguments: argparse.Namespace) -> int:
-    """Measures how well cameras that overlap agree, on live spots or on those of a recorded bag."""
+    """Measures how well overlapping cameras agree, on live spots or those of a recorded bag."""
     if arguments.bag:
         sightings = _from_bag(arguments.bag)
     else:
@@ -334,7 +334,7 @@ def check(arguments: argparse.Namespace) -> int:
 
 
 def _sighting(message: LaserSpot) -> Optional[Sighting]:
-    # a camera on a robot carries the robot's localisation error: it says nothing about the ceiling's cameras
+    # a camera on a robot carries the robot's localisation error: it says nothing about the ceiling cameras
     if message.mobile:
         return None
     return message.camera, message.header.stamp.to_sec(), message.position.x, message.position.y
@@ -395,7 +395,7 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def main() -> int:
-    """The command; --help says what it takes."""
+    """The command; see --help."""
     arguments = _parser().parse_args(rospy.myargv()[1:])
     cv2.setNumThreads(1)
     try:

@@ -2,7 +2,7 @@
 
 Consensus over minimal sets of four points finds what fits together (RANSAC; Fischler and Bolles, 1981), each set solved
 by IPPE (Collins and Bartoli, 2014). Least squares over everything that fits gives the pose, and its covariance says how
-far a spot on the floor can be wrong for it. Input that does not determine a pose is refused.
+far off a spot on the floor can be. Input that does not determine a pose is refused.
 """
 from __future__ import annotations
 
@@ -26,12 +26,12 @@ _PROMISING = 10  # of them are solved again, more exactly
 _SAME_PLACE = 0.005  # of the image's diagonal; points nearer to each other are one place, seen twice
 _SAME_PLACE_M = 0.01
 _SAME_TURN = math.radians(2.0)  # solutions that differ by less are one
-_LIKELY = 9.0  # difference of chi square within which two poses are both believable: 3 sigma
+_LIKELY = 9.0  # difference of chi square within which two poses are both plausible: 3 sigma
 
 
 @dataclass(frozen=True)
 class CalibrationParams(Parameters):
-    """How exact the measurements are, and what result is good enough."""
+    """Accuracy of the measurements, and required quality of the result."""
 
     pixel_sigma: float = param(0.3, "px", above=0.0, high=20.0, doc="of a point in the image")
     point_sigma: float = param(0.015, "m", low=0.0, high=0.5, doc="of a point in the map that is measured by itself")
@@ -50,7 +50,7 @@ class Observations:
     Attributes:
         pixels: (N, 2) [px]
         points: (N, 2) [m], map frame.
-        placements: (N,) which points share one measured place, for instance the corners of one board where it lay;
+        placements: (N,) which points share one measured place, for instance the corners of a board laid once;
             -1 for points that were measured one by one.
     """
 
@@ -72,14 +72,14 @@ class Observations:
 
     @staticmethod
     def boards(placed: Sequence[Tuple[np.ndarray, np.ndarray]]) -> "Observations":
-        """(pixels, points) of a board in each place where it lay."""
+        """(pixels, points) of a board in each of its places."""
         if not placed:
             return Observations.single(np.zeros((0, 2)), np.zeros((0, 2)))
         pixels, points = (np.vstack([np.asarray(part[i], float).reshape(-1, 2) for part in placed]) for i in (0, 1))
         return Observations(pixels, points, np.concatenate([np.full(len(p), i) for i, (_, p) in enumerate(placed)]))
 
     def select(self, mask: np.ndarray) -> "Observations":
-        """Some of them."""
+        """A subset."""
         return Observations(self.pixels[mask], self.points[mask], self.placements[mask])
 
     def __len__(self) -> int:
@@ -97,7 +97,7 @@ class PoseEstimate:
         errors_m: (N,) [m] the same on the floor.
         position_sigma: (3,) [m] standard deviations along the map's axes.
         angle_sigma: (3,) [rad] standard deviations about the camera's axes.
-        floor_sigma: (middle, worst) [m] standard deviation of a spot on the floor for the pose's uncertainty, in the
+        floor_sigma: (middle, worst) [m] standard deviation of a spot on the floor from the pose's uncertainty, in the
             middle of the image and at the worst place of it.
     """
 
@@ -111,19 +111,19 @@ class PoseEstimate:
 
     @property
     def rms_px(self) -> float:
-        """[px] of the points that are used."""
+        """[px] of the points used."""
         return float(np.sqrt(np.mean(self.errors_px[self.used] ** 2)))
 
     @property
     def rms_m(self) -> float:
-        """[m] on the floor, of the points that are used."""
+        """[m] on the floor, of the points used."""
         return float(np.sqrt(np.mean(self.errors_m[self.used] ** 2)))
 
 
 def estimate_pose(
     camera: CameraModel, observed: Observations, params: Optional[CalibrationParams] = None
 ) -> PoseEstimate:
-    """The pose that explains where the camera sees the points.
+    """Finds the pose from where the camera sees the points.
 
     Raises:
         CodedError: "bad_points", "outside_image", "too_few_points", "collinear", "clustered" for points that cannot
@@ -178,7 +178,7 @@ def estimate_pose(
 
 
 def check_points(camera: CameraModel, observed: Observations, params: CalibrationParams) -> None:
-    """Refuses points that cannot determine a pose, whatever it is.
+    """Refuses points that cannot determine any pose.
 
     Raises:
         CodedError: "bad_points", "outside_image", "too_few_points", "collinear", "clustered".
@@ -231,7 +231,7 @@ def _off_floor(T_map_camera: np.ndarray, rays: np.ndarray, points: np.ndarray, h
 def floor_uncertainty(
     camera: CameraModel, T_map_camera: np.ndarray, covariance: np.ndarray, height: float
 ) -> Tuple[float, float]:
-    """(middle, worst) [m] standard deviation of a floor point, along its worst direction, for a pose's uncertainty.
+    """(middle, worst) [m] standard deviation of a floor point, in its worst direction, from a pose's uncertainty.
 
     Args:
         covariance: (6, 6) of a rotation vector and a shift, both in the camera's frame [rad, m].
@@ -270,17 +270,17 @@ def _project(camera: CameraModel, T_map_camera: np.ndarray, points: np.ndarray, 
 def _planar_poses(rays: np.ndarray, points: np.ndarray, height: float, polish: bool = False) -> List[np.ndarray]:
     """T_map_camera of the one or two poses from which points (N, 2) of the floor lie on rays (N, 3).
 
-    IPPE goes by a homography, which is loose where three of four points are nearly in line; `polish` adds steps of
-    least squares, at twenty times the cost.
+    IPPE uses a homography, which is poorly determined if three of four points are nearly collinear; `polish` adds
+    least-squares steps, at twenty times the cost.
     """
-    # the solver wants its plane at z = 0 and the points round the origin
+    # the solver needs its plane at z = 0 and the points around the origin
     centre = np.array([*points.mean(axis=0), height])
     plane = np.column_stack([points - centre[:2], np.zeros(len(points))])
     try:
         found, rotations, shifts, _ = cv2.solvePnPGeneric(
             plane, rays[:, None, :2], np.eye(3), np.zeros(5), flags=cv2.SOLVEPNP_IPPE
         )
-    except cv2.error:  # points that are no plane after all
+    except cv2.error:  # points that are not planar after all
         return []
     poses = []
     for rotation, shift in zip(rotations, shifts) if found else ():
@@ -324,13 +324,13 @@ def _minimal_sets(observed: Observations) -> List[np.ndarray]:
         return [np.array(chosen) for chosen in itertools.combinations(range(count), 4)]
     random = np.random.default_rng(0)
     sets = [random.choice(count, 4, replace=False) for _ in range(4 * _MOST_SETS)]
-    # the wider a set is spread, the less does its own noise weigh
+    # the wider a set is spread, the less its own noise matters
     spread = [cv2.contourArea(cv2.convexHull(observed.points[chosen].astype(np.float32))) for chosen in sets]
     return [sets[i] for i in np.argsort(spread)[::-1][:_MOST_SETS]]
 
 
 class _Fit:
-    """Least squares: the pose, and where each board really lay, weighed by how exactly things are measured.
+    """Least squares for the pose and each board's true place, weighted by the measurements' accuracy.
 
     Attributes:
         T_map_camera: (4, 4)
@@ -348,7 +348,7 @@ class _Fit:
         per_metre = self._pixels_per_metre()
         self._sigma = np.hypot(params.pixel_sigma, np.where(alone, params.point_sigma * per_metre, 0.0))
         self._board_sigma = np.array([self._placement_sigma(group) for group in self._groups]).reshape(-1, 3)
-        # points that agree with the pose can still be off: soft_l1 lets those beyond 2 sigma weigh less
+        # points that agree with the pose can still be off: soft_l1 gives those beyond 2 sigma less weight
         x0 = np.zeros(6 + 3 * len(self._groups))
         from scipy.optimize import least_squares  # programs that only read calibrations do without its 20 MiB
 
@@ -356,7 +356,7 @@ class _Fit:
         self.T_map_camera = _moved(start, solution.x[:6])
         self.chi_square = float(2.0 * solution.cost)
         freedom = 2 * len(observed) - 6
-        # measurements worse than they are said to be make the pose less certain; better ones prove nothing
+        # measurements worse than stated make the pose less certain; better ones prove nothing
         factor = max(1.0, self.chi_square / freedom)
         information = solution.jac.T @ solution.jac
         self.covariance = factor * np.linalg.pinv(information)[:6, :6]

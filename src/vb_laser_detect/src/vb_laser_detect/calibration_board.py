@@ -1,7 +1,7 @@
-"""A printed ChArUco board on the floor: how it is printed, found in an image, and where its corners lie in the map.
+"""A printed ChArUco board on the floor: how it is printed, found in an image, and where its corners are in the map.
 
 Seen from above, the board's point P1 is its upper left corner and P2 its upper right one. The person lays them on two
-places that are known in the map.
+known places of the map.
 """
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ class BoardParams(Parameters):
 
     @classmethod
     def for_paper(cls, paper: str) -> "BoardParams":
-        """The largest board that a sheet takes.
+        """The largest board that fits a sheet.
 
         Raises:
             CodedError: "unknown_paper".
@@ -57,7 +57,7 @@ class BoardParams(Parameters):
         return self.squares_x * self.square, self.squares_y * self.square
 
     def opencv(self) -> "cv2.aruco.CharucoBoard":
-        """The board as OpenCV knows it."""
+        """The board as OpenCV's object."""
         dictionary = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_4X4_50)
         count = self.squares_x * self.squares_y // 2
         if count > 50:
@@ -70,7 +70,7 @@ class BoardParams(Parameters):
 
 @dataclass(frozen=True)
 class BoardView:
-    """A board's corners as an image shows them.
+    """A board's corners as seen in an image.
 
     Attributes:
         pixels: (N, 2) [px]
@@ -98,9 +98,9 @@ def find_board(board: BoardParams, image: np.ndarray) -> BoardView:
     """
     grey = cv2.cvtColor(image, cv2.COLOR_BGR2GRAY) if image.ndim == 3 else image
     parameters = cv2.aruco.DetectorParameters()
-    # relative to the image's longer side; OpenCV's default of 0.03 asks for 15 px per side at 1920
+    # relative to the image's longer side; OpenCV's default of 0.03 means 15 px per side at 1920
     parameters.minMarkerPerimeterRate = 0.01
-    # markers that lie on a floor are small: more samples of each module, from a smoother outline
+    # markers on a floor are small: more samples of each module, from a smoother outline
     parameters.perspectiveRemovePixelPerCell = 8
     parameters.adaptiveThreshWinSizeMax = 33
     design = board.opencv()
@@ -160,7 +160,7 @@ def merge_views(views: Sequence[BoardView]) -> BoardView:
 
 
 def corners_on_map(board: BoardParams, corners: np.ndarray, p1: Sequence[float], p2: Sequence[float]) -> np.ndarray:
-    """(N, 2) [m] of a board's corners in the map, where P1 and P2 lie on two places of the map [m].
+    """(N, 2) [m] of a board's corners in the map, with P1 and P2 at two places of the map [m].
 
     Raises:
         CodedError: "placement_mismatch" if the places are not as far apart as the points on the board.
@@ -182,7 +182,7 @@ def corners_on_map(board: BoardParams, corners: np.ndarray, p1: Sequence[float],
 
 
 def write_board(board: BoardParams, paper: str, path: str) -> List[str]:
-    """Writes the board at true size as PDF or PNG, after the path's ending; gives lines that say what to do with it.
+    """Writes the board at true size as PDF or PNG, by the path's extension; returns instructions for its use.
 
     Raises:
         CodedError: "unknown_paper", "bad_file".

@@ -1,4 +1,4 @@
-"""A calibrated camera's file: its pose, which the launch file publishes, and what it was worked out from."""
+"""A calibrated camera's file: its pose, which the launch file publishes, and what it was computed from."""
 from __future__ import annotations
 
 import os
@@ -23,7 +23,7 @@ _HEAD = """\
 
 @dataclass(frozen=True)
 class CameraPose:
-    """What a calibration file is read for.
+    """What is read from a calibration file.
 
     Attributes:
         camera: its name.
@@ -38,7 +38,7 @@ class CameraPose:
 
 
 def calibration_path(folder: str, camera: str) -> Path:
-    """Where a camera's file lies."""
+    """The path of a camera's file."""
     return Path(os.path.expanduser(folder)) / f"{camera}.yaml"
 
 
@@ -84,7 +84,7 @@ def document(
 
 
 def save(path: Path, content: Mapping[str, Any]) -> None:
-    """Writes a calibration file, whole or not at all; a former one is kept beside it as *.old.
+    """Writes a calibration file, atomically; the previous one is kept beside it as *.old.
 
     Raises:
         CodedError: "bad_file" if it cannot be written.
@@ -128,7 +128,7 @@ def load(path: Path) -> CameraPose:
 
 
 def require_own_frame(folder: str, camera: str, frame: str) -> None:
-    """Refuses an optical frame that another camera's calibration in the folder has: a frame has one pose.
+    """Refuses an optical frame that another calibration in the folder uses: a frame has one pose.
 
     Raises:
         CodedError: "shared_frame", naming the cameras.

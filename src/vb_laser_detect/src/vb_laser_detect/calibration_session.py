@@ -1,4 +1,4 @@
-"""What a person collects for a calibration, point by point, and what is said about it. No ROS, no terminal."""
+"""What a person collects for a calibration, point by point, and its progress. No ROS, no terminal."""
 from __future__ import annotations
 
 import math
@@ -13,20 +13,20 @@ from vb_core.errors import CodedError
 from vb_laser_detect.calibration import LEAST_POINTS, CalibrationParams, Observations, PoseEstimate, estimate_pose
 from vb_laser_detect.calibration_board import BoardParams, BoardView, corners_on_map, merge_views
 
-_HOLD_S = 2.0  # a spot is held so long before a point is taken
+_HOLD_S = 2.0  # a spot is held this long before a point is taken
 _LEAST_SIGHTINGS = 5
 _STILL_PX = 3.0
 
 
 class HeldSpot:
-    """Where a laser spot that is held still lies in the image."""
+    """Where a laser spot that is held still is in the image."""
 
     def __init__(self) -> None:
         self._sightings: Deque[Tuple[float, float, float]] = deque(maxlen=500)
         self._newest = -math.inf
 
     def see(self, stamp: float, spots: Sequence[Tuple[float, float]]) -> None:
-        """Takes in what was detected in an image [s], [px]; nothing, too."""
+        """Adds an image's detections [s], [px], even if there are none."""
         if stamp < self._newest:
             self._sightings.clear()
         self._newest = stamp
@@ -36,7 +36,7 @@ class HeldSpot:
         """(u, v) [px] of the spot in the images of the last two seconds.
 
         Raises:
-            CodedError: "no_spot" if it was not seen often enough, "spot_moves" if it did not rest.
+            CodedError: "no_spot" if it was not seen often enough, "spot_moves" if it was not still.
         """
         recent = np.array([(u, v) for stamp, u, v in self._sightings if stamp >= self._newest - _HOLD_S])
         if len(recent) < _LEAST_SIGHTINGS:
@@ -49,7 +49,7 @@ class HeldSpot:
 
 
 class SpotSession:
-    """Pairs of where the held spot lies in the image and in the map."""
+    """Pairs of the held spot's places in the image and in the map."""
 
     method = "spots"
 
@@ -67,7 +67,7 @@ class SpotSession:
         return Observations.single(np.array(pixels), np.array(points))
 
     def add(self, pixel: Tuple[float, float], point: Tuple[float, float]) -> None:
-        """Takes a pair [px], [m].
+        """Adds a pair [px], [m].
 
         Raises:
             CodedError: "same_place" if it repeats one.
@@ -79,7 +79,7 @@ class SpotSession:
         self._pairs.append((pixel, point))
 
     def undo(self) -> bool:
-        """Takes the last pair back."""
+        """Removes the last pair."""
         return bool(self._pairs) and self._pairs.pop() is not None
 
     def solve(self) -> PoseEstimate:
@@ -109,7 +109,7 @@ class BoardSession:
         return Observations.boards(self._placed)
 
     def add(self, views: List[BoardView], p1: Tuple[float, float], p2: Tuple[float, float]) -> int:
-        """Takes views of the board that lies with its two points on two places of the map [m]; gives the corners seen.
+        """Adds views of the board with its two points at two places of the map [m]; returns the corners seen.
 
         Raises:
             CodedError: "no_board", "board_hidden", "board_moved", "placement_mismatch".
@@ -119,7 +119,7 @@ class BoardSession:
         return len(view.ids)
 
     def undo(self) -> bool:
-        """Takes the last place back."""
+        """Removes the last place."""
         return bool(self._placed) and self._placed.pop() is not None
 
     def solve(self) -> PoseEstimate:
@@ -132,7 +132,7 @@ class BoardSession:
 
 
 def progress(session: "SpotSession | BoardSession", least: int, one: str, many: str) -> str:
-    """What the points so far give, or what is still missing."""
+    """The result of the points so far, or what is missing."""
     count = f"{len(session)} {one if len(session) == 1 else many}"
     if len(session) < least:
         return f"{count}; at least {least} are needed"
@@ -150,7 +150,7 @@ def progress(session: "SpotSession | BoardSession", least: int, one: str, many: 
 
 
 def describe(estimate: PoseEstimate, observed: Observations) -> List[str]:
-    """The result for a person, in lines."""
+    """Lines that show the result to a person."""
     T = estimate.T_map_camera
     tilt = math.degrees(math.acos(max(-1.0, min(1.0, -float(T[2, 2])))))
     right = math.degrees(math.atan2(T[1, 0], T[0, 0]))
@@ -175,7 +175,7 @@ def describe(estimate: PoseEstimate, observed: Observations) -> List[str]:
 
 
 def parse_numbers(text: str, count: int) -> Optional[List[float]]:
-    """The numbers of a line that holds just so many, separated by spaces or commas; None otherwise."""
+    """The numbers of a line that has exactly this many, separated by spaces or commas; None otherwise."""
     try:
         values = [float(word) for word in text.replace(",", " ").split()]
     except ValueError:

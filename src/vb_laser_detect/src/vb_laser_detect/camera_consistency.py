@@ -1,4 +1,4 @@
-"""How well cameras that overlap agree: the same spot, seen by two of them, must lie on one place of the floor."""
+"""How well overlapping cameras agree: the same spot, seen by two of them, must be at one place on the floor."""
 from __future__ import annotations
 
 import itertools
@@ -15,7 +15,7 @@ Sighting = Tuple[str, float, float, float]  # camera, stamp [s], x [m], y [m]
 
 @dataclass(frozen=True)
 class CameraConsistency:
-    """What two cameras say of the same spot.
+    """Where two cameras see the same spot.
 
     Attributes:
         first, second: the cameras' names.
@@ -42,7 +42,7 @@ class CameraConsistency:
 
 
 def agreement(sightings: Iterable[Sighting], max_gap_s: float = 0.1, least: int = 20) -> List[CameraConsistency]:
-    """Compares every two cameras that saw the spot at the same time.
+    """Compares each pair of cameras that saw the spot at the same time.
 
     Cameras do not take their images at the same time, and a spot moves: the second one's place is interpolated to the
     first one's time, between two sightings that are not farther apart than `max_gap_s`. A camera that saw two spots at

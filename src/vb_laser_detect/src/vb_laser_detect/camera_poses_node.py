@@ -24,7 +24,7 @@ class CameraPosesParams(Parameters):
 
 
 class CameraPosesNode:
-    """Reads the files that calibrate_camera wrote, again whenever they change.
+    """Reads calibrate_camera's files, and again whenever they change.
 
     A camera without a file, or with a broken one, is named in a warning; its last good pose stays.
 

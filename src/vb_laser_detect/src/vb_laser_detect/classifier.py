@@ -1,8 +1,8 @@
 """Whether a blob is a laser spot: a sum of what each feature says for or against it.
 
 An additive logistic model. Each feature has a curve, linear between knots, whose value is what it adds to the logarithm of
-the odds; it is 0 for a usual spot, so the feature that takes most away is the reason of a refusal. The curves are learnt
-by bench/spot_training.py and stored as numbers.
+the odds; it is 0 for a usual spot, so the feature that lowers it most is the reason for a rejection. The curves are
+trained by bench/spot_training.py and stored as numbers.
 """
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ from vb_laser_detect.features import Blob
 
 VERSION = 1
 BUILT_IN = Path(__file__).resolve().parent / "spot_classifier.json"
-# what speaks of the surroundings says nothing against a spot that was seen until now and must be there; it has shown its
-# colour, which whatever light falls on it now may hide; and of its outline that light may leave a small and ragged core
+# features of the surroundings do not count against a spot that was seen until now and must be there; nor does colour,
+# which it has shown and other light may now hide; and such light may leave a small and ragged core of its outline
 _NOT_ASKED_AGAIN = ("surround", "contrast", "contrast_moved", "darker", "fall", "busy", "neighbours", "chroma_mosaic",
                     "smallness", "compactness")
 
 
 class Verdict(NamedTuple):
-    """How likely a blob is a spot, 0 ... 1, and the feature that takes most from it."""
+    """How likely a blob is a spot, 0 ... 1, and the feature that lowers it most."""
 
     probability: float
     against: str
@@ -44,11 +44,11 @@ class SpotClassifier:
     def __init__(self, curves: Dict[str, Tuple[np.ndarray, np.ndarray]], intercept: float) -> None:
         self._curves = curves
         self._intercept = intercept
-        # for one value after the other numpy's calls take longer than the work
+        # for single values numpy's calls take longer than the work
         self._lists = {name: (x.tolist(), y.tolist()) for name, (x, y) in curves.items()}
 
     def least_chroma(self, probability: float) -> float:
-        """The least colour with which a mosaic's blob can be so probable, were all else as good as it can be."""
+        """The least colour with which a mosaic's blob can be this probable if all else is ideal."""
         if "chroma_mosaic" not in self._curves:
             return 0.0
         x, y = self._curves["chroma_mosaic"]
@@ -66,7 +66,7 @@ class SpotClassifier:
         """How likely a blob with these features (`features.vector`) is a spot.
 
         Args:
-            blob: itself; the curves do not ask for it.
+            blob: itself; the curves do not use it.
             expected: a spot was seen until now and must be there.
         """
         parts = self.contributions(features)

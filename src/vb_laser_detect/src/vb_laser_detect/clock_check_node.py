@@ -1,4 +1,4 @@
-"""Watches whether the clocks of the computers that carry detectors agree with this one's."""
+"""Watches whether the clocks of the computers that run detectors agree with this one's."""
 from __future__ import annotations
 
 import math
@@ -32,7 +32,7 @@ class ClockCheckParams(Parameters):
 
 
 class ClockCheckNode:
-    """Measures how far the clocks of other computers are from this one's, and warns.
+    """Measures how far other computers' clocks are off from this one's, and warns.
 
     A spot is stamped by the clock of its camera's computer and matched with transforms of the robot's: 10 ms are 5 mm
     at 0.5 m/s, and with 100 ms a detector would wait for each transform in vain.
@@ -53,7 +53,7 @@ class ClockCheckNode:
         self._lock = threading.Lock()
         self._offsets: Dict[str, Optional[ClockOffset]] = {name: None for name in names}
         self._measured: Dict[str, float] = {}  # [s] monotonic, when each was compared last
-        self._wrong: Dict[str, bool] = {}  # what was said last of each clock
+        self._wrong: Dict[str, bool] = {}  # what each clock's last log line said
         self._closed = threading.Event()
         self._updater = diagnostic_updater.Updater()
         self._updater.setHardwareID("clocks")
@@ -76,7 +76,7 @@ class ClockCheckNode:
                 offset: Optional[ClockOffset] = self._measure(name)
                 self._judge(name, offset)
             except (rospy.ROSException, rospy.ServiceException, CodedError):
-                offset = None  # a detector that restarts, or is away: the diagnostics show it
+                offset = None  # a detector restarts or is down: the diagnostics show it
             with self._lock:
                 self._offsets[name], self._measured[name] = offset, time.monotonic()
             if self._closed.wait(self._params.period_s if offset is not None else min(2.0, self._params.period_s)):

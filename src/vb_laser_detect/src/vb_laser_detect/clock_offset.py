@@ -16,7 +16,7 @@ class ClockOffset:
 
     Attributes:
         offset: [s] positive if the other clock is ahead.
-        uncertainty: [s] the truth is not farther than this from `offset`, however the way there and back differ.
+        uncertainty: [s] the truth is not farther than this from `offset`, however the delays there and back differ.
     """
 
     offset: float
@@ -28,7 +28,7 @@ class ClockOffset:
 
 
 def clock_offset(exchanges: Sequence[Exchange]) -> ClockOffset:
-    """The offset by the exchange that took the shortest way: delays in a network only add.
+    """The offset by the quickest exchange: network delays only add.
 
     Raises:
         CodedError: "no_exchange" without one that can be true.

@@ -1,4 +1,4 @@
-"""Which colour a candidate's light has, in colour images and in a Bayer camera's mosaic."""
+"""The colour of a candidate's light, in colour images and in a Bayer camera's mosaic."""
 from __future__ import annotations
 
 from functools import lru_cache
@@ -7,8 +7,8 @@ from typing import Tuple
 import cv2
 import numpy as np
 
-_WHITE = 240.0  # [grey levels] a pixel whose weakest channel shows more tells nothing about colour
-_GREY = 0.85  # a floor is grey if its weakest channel has so much of the strongest
+_WHITE = 240.0  # [grey levels] a pixel whose weakest channel is above says nothing about colour
+_GREY = 0.85  # a floor is grey if its weakest channel has this share of the strongest
 _SQUARE, _QUAD = np.ones((3, 3), np.uint8), np.ones((2, 2), np.uint8)
 _HALO = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (5, 5))
 
@@ -31,10 +31,10 @@ def means_over(
 
 
 def tint_of(blob: np.ndarray, smooth: np.ndarray, image: np.ndarray, background: np.ndarray) -> np.ndarray:
-    """Each channel's part (C,) in a blob's light; 1 for the strongest, and for all of them if the light is white.
+    """Each channel's share (C,) of a blob's light; 1 for the strongest, and for all of them if the light is white.
 
     White paper on a brown floor rises most in blue, and still looks white: a laser's light rises most in its own colour
-    and has that colour. Where the core is white, since it saturates every channel, the light round it has to show the
+    and has that colour. Where the core is white, since it saturates every channel, the light around it must show the
     colour; that counts on a grey floor only, where white things rise evenly.
 
     Args:
@@ -63,7 +63,7 @@ def tint_of(blob: np.ndarray, smooth: np.ndarray, image: np.ndarray, background:
 
 
 def _shade(lit: np.ndarray, image: np.ndarray, background: np.ndarray) -> float:
-    """What is left of the floor's light, 0 ... 1: in somebody's shadow a white light would seem to rise unevenly."""
+    """What is left of the floor's light, 0 ... 1: in a person's shadow a white light would seem to rise unevenly."""
     beside = lit == 0
     if not beside.any():
         return 1.0

@@ -13,7 +13,7 @@ _SPOT, _REFUSED = (0, 220, 0), (0, 140, 255)
 
 
 def draw(image: np.ndarray, encoding: str, candidates: Iterable[Candidate]) -> np.ndarray:
-    """A bgr picture (H, W, 3) of the image, with a green ring round each spot and the reason beside refused ones.
+    """A bgr copy (H, W, 3) of the image, with a green ring round each spot and the reason beside rejected ones.
 
     Args:
         image: (H, W) or (H, W, 3) uint8.

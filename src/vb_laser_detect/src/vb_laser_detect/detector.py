@@ -1,6 +1,6 @@
 """Finds laser spots in a camera's images, one call per frame.
 
-Five stages that share nothing but what they hand on: `image_format` says what the numbers mean, `proposals` where a
+Five stages that share only what they pass on: `image_format` says what the numbers mean, `proposals` where a
 closer look is worth it, `features` what is there, `classifier` whether that is a spot, and `tracking` which spot it is and
 whether it counts.
 
@@ -31,19 +31,19 @@ from vb_laser_detect.image_format import is_mosaic
 from vb_laser_detect.proposals import Proposal, Proposer, View
 from vb_laser_detect.tracking import Sighting, SpotTracker
 
-_SMEAR_PX = 3.0  # optics and pixels smear every spot by so much, whatever its size
-_LONGEST = 2.0  # times its diameter: one that is drawn quickly is longer
+_SMEAR_PX = 3.0  # optics and pixels smear every spot by this, whatever its size
+_LONGEST = 2.0  # times its diameter: a fast one is elongated
 _WIDEST = 0.09  # of the image's diagonal, where no pose is known
 _LEAST_PX = 2.5  # smaller blobs are noise
 _LEAST_WHITE = 128.0  # [grey levels] no camera's white is darker
 _VIVID = 0.4  # chroma of a laser's light on a floor; webcams show less, but other bright things even less
-_ONE_MOSAIC = 0.75  # a small spot's colour in one mosaic depends on the places it falls on; in the mean of some not
-# [s] light that shows no colour is followed for longer before it counts: what shines on a shoe, a watch or a cup shines
-# for less than a step takes, half a second. Nothing is lost, for the spots until then are given back
+_ONE_MOSAIC = 0.75  # a small spot's colour in one mosaic depends on the places it falls on; in a mean it does not
+# [s] colourless light is followed for longer before it counts: a glint on a shoe, a watch or a cup lasts
+# less than a step, half a second. Nothing is lost, as the spots until then are backfilled
 _STEP_S = 0.6
 _CERTAIN = 0.9  # probability from which a spot that stays is kept out of the background: less, and it may be a ghost
-# part of a spot's surroundings that lost light. A laser adds light and takes none: what comes with so much darkness is
-# a thing, for instance a shirt with its wearer; a hand or a foot beside the spot darkens less
+# part of a spot's surroundings that lost light. A laser adds light and takes none: what darkens this much is
+# an object, for instance a person's shirt; a hand or a foot beside the spot darkens less
 _MAX_DARKER = 0.25
 
 
@@ -70,7 +70,7 @@ class BackfilledSpot:
     """A spot of an earlier frame that a later one confirmed.
 
     Attributes:
-        stamp: [s] of its own frame.
+        stamp: [s] of its frame.
         tag: what `SpotDetector.tag` was then.
     """
 
@@ -81,7 +81,7 @@ class BackfilledSpot:
 
 @dataclass(frozen=True)
 class Candidate:
-    """What became of a place that was looked at: `refusal` says why it is no spot, or ""."""
+    """The verdict on an examined place: `refusal` says why it is not a spot, or ""."""
 
     u: float
     v: float
@@ -92,7 +92,7 @@ class Candidate:
 
 @dataclass(frozen=True)
 class _Finding:
-    """A proposal that was measured; `told`: it continues a track that was published, and that the image alone shows."""
+    """A measured proposal; `told`: it continues a track that was published, and that the image alone shows."""
 
     blob: Blob
     numbers: Dict[str, float]
@@ -103,13 +103,13 @@ class _Finding:
 
 
 class SpotDetector:
-    """Finds the spots of one camera; keeps what it knows of the scene between frames.
+    """Finds the spots of one camera; keeps its knowledge of the scene between frames.
 
     Attributes:
         tag: whatever belongs to the next frame; it comes back with those of its spots that are backfilled later.
-        candidates: what the last frame held, spots and refused ones, for debug images.
+        candidates: the last frame's spots and rejected candidates, for debug images.
         backfilled: spots of earlier frames that the last one confirmed, the oldest first: what a stroke began with.
-        encoding: of the images, as in sensor_msgs/Image; empty: a Bayer mosaic is told by its pixels.
+        encoding: of the images, as in sensor_msgs/Image; empty: a Bayer mosaic is recognised by its pixels.
     """
 
     def __init__(self, params: Optional[DetectorParams] = None, judge: Optional[classifier.SpotClassifier] = None) -> None:
@@ -127,16 +127,16 @@ class SpotDetector:
     def look_from(
         self, to_floor: Optional[ToFloor], place_check: Optional[Callable[[float, float], str]] = None
     ) -> None:
-        """Says where the camera of the next frames is.
+        """Sets where the camera of the next frames is.
 
         Args:
-            to_floor: pixels (N, 2) to the floor [m], for sizes in millimetres and speeds in m/s. None: pixels it is.
+            to_floor: pixels (N, 2) to the floor [m], for sizes in millimetres and speeds in m/s. None: in pixels.
             place_check: a pixel (u, v) to the reason why no spot can be there, or "".
         """
         self._to_floor, self._place_check = to_floor, place_check
 
     def retune(self, params: DetectorParams) -> None:
-        """Goes on with other parameters; what was learnt of the scene stays.
+        """Changes the parameters; the background stays.
 
         Raises:
             ParameterError: for another `moving_camera`, which needs another detector.
@@ -151,7 +151,7 @@ class SpotDetector:
         self._proposer.retune(params.hold_s)
 
     def reset(self) -> None:
-        """Forgets the scene; the next frame is learnt as it is."""
+        """Forgets the scene; the next frame begins a new one."""
         p = self.params
         self.candidates: List[Candidate] = []
         self.backfilled: List[BackfilledSpot] = []
@@ -163,7 +163,7 @@ class SpotDetector:
 
     @property
     def confirmation_s(self) -> float:
-        """[s] from a spot's first image to the one that confirms it, at the present rate."""
+        """[s] from a spot's first image to the one that confirms it, at the current rate."""
         return (self.params.confirm_frames - 1) * self._tracker.period_s
 
     def detect(self, image: np.ndarray, stamp: float) -> List[Spot]:
@@ -177,7 +177,7 @@ class SpotDetector:
             Confirmed spots, the most certain first.
 
         Raises:
-            CodedError: "bad_image" if it is no such image.
+            CodedError: "bad_image" for any other image.
         """
         image = _checked(image)
         if self._stamp is not None and stamp < self._stamp or self._shape not in (None, image.shape):
@@ -196,9 +196,9 @@ class SpotDetector:
         found_spots, left_out = self._look(view, camera)
         found = sorted((f for f in found_spots if not f.refusal), key=lambda f: (not f.certain, -f.confidence))
         spots, refusals = self._confirm(found, camera)
-        # a pause must not make one frame outweigh all that was learnt before
+        # a pause must not make one frame outweigh all earlier ones
         kept = [(f.blob.u, f.blob.v, f.blob.diameter) for f in found
-                # whatever floor the light of a moment ago showed: a spot that was told is not floor
+                # whatever floor the light of a moment ago showed: a published spot is not floor
                 if (view.known and f.certain and f.confidence >= max(_CERTAIN, p.min_probability)
                     and (f.told or self._is_proven(f.blob, camera)))
                 # a robot's first image: whatever is pale belongs to the floor, a lamp more likely than a spot
@@ -208,7 +208,7 @@ class SpotDetector:
         return spots
 
     def _look(self, view: View, camera: Camera) -> Tuple[List[_Finding], List[Candidate]]:
-        """What is measured in a view's proposals, and those that were not looked at."""
+        """Measures a view's proposals; the second list are those not examined."""
         found_spots: List[_Finding] = []
         left_out = [_unmeasured(proposal, proposal.refusal) for proposal in view.proposals if proposal.refusal]
         proposals = [proposal for proposal in view.proposals if not proposal.refusal]
@@ -233,7 +233,7 @@ class SpotDetector:
         if camera.mosaic and one is None:
             chroma_floor = _ONE_MOSAIC * self._least_chroma
         elif camera.mosaic and one.published and one.trusted and self.params.confirm_frames > 1:
-            chroma_floor = None  # a spot that is told has shown its colour, and in a mosaic that takes longest to tell
+            chroma_floor = None  # a published spot has shown its colour, and in a mosaic that takes longest to measure
         blob = features.measure(view.image, view.reference, proposal.region, largest, least_chroma=chroma_floor)
         issue = self._judge(blob, metre, view, camera, False)
         if one is None or not one.trusted or not issue.refusal:
@@ -241,7 +241,7 @@ class SpotDetector:
         if one.holds(blob.u, blob.v) and not blob.problem:
             issue = self._judge(blob, metre, view, camera, True)
         if issue.refusal:
-            # it has come to a bright line, or to the edge of more that became brighter: its core stands out of that
+            # it has come to a bright line, or to the edge of a larger brighter area: its core exceeds that
             for edge in (features.CORE, features.CORE_OF_MORE):
                 core = features.measure(view.image, view.reference, proposal.part, largest, edge)
                 again = self._judge(core, metre, view, camera, True)
@@ -267,7 +267,7 @@ class SpotDetector:
         return _Finding(blob, numbers, verdict.probability, refusal, not expected)
 
     def _confirm(self, found: List[_Finding], camera: Camera) -> Tuple[List[Spot], Dict[int, str]]:
-        """The spots that are told, the most certain first; and why others are not."""
+        """The spots to publish, the most certain first; and why others are not."""
         sightings, spots = [], []
         floor = None
         if self._to_floor is not None and found:
@@ -292,7 +292,7 @@ class SpotDetector:
         return told, refusals
 
     def _is_proven(self, blob: Blob, camera: Camera) -> bool:
-        """Whether a blob is no lamp that was there before the camera looked; see `tracking.Sighting`."""
+        """Whether a blob is not a lamp that was there from the start; see `tracking.Sighting`."""
         return self._proposer.proven(blob.u, blob.v) or _is_vivid(blob, camera)
 
     def _agrees(self, sighting: Sighting, tint: Optional[np.ndarray], followed_s: float, camera: Camera) -> bool:
@@ -311,7 +311,7 @@ class SpotDetector:
         return metres_per_pixel(self._to_floor, middles)
 
     def _largest(self, metre: Optional[float], camera: Camera) -> float:
-        """[px] the largest extent of a spot where a pixel is so long; what is larger, as clothes, is not measured."""
+        """[px] the largest extent of a spot where a pixel is this long; anything larger, as clothes, is skipped."""
         widest = _WIDEST * camera.diagonal
         return _LONGEST * (self.params.max_diameter_mm / 1e3 / metre + _SMEAR_PX if metre else widest)
 
@@ -330,7 +330,7 @@ class SpotDetector:
 
 
 def _is_vivid(blob: Blob, camera: Camera) -> bool:
-    """Whether a blob is so coloured that nothing else than a laser's light is likely."""
+    """Whether a blob is so coloured that only a laser's light is likely."""
     coloured = blob.tint is not None and (camera.mosaic or len(blob.tint) == 3)
     return coloured and chroma(blob.tint) >= _VIVID
 

@@ -35,7 +35,7 @@ class DetectorCounts:
         self._processed = self._detected = self._spots = 0
 
     def refuse(self, code: str) -> None:
-        """Counts a refused image or spot."""
+        """Counts a rejected image or spot."""
         with self._lock:
             self._refusals[code] += 1
 
@@ -43,7 +43,7 @@ class DetectorCounts:
         """Counts a searched image.
 
         Args:
-            now, stamp: [s] the present and the image's time, on the same clock.
+            now, stamp: [s] the current and the image's time, on the same clock.
             search_s: [s] of the search itself.
             spots: published for this image.
         """
@@ -62,7 +62,7 @@ class DetectorCounts:
             self._spots += frames
 
     def summary(self, now: float) -> Summary:
-        """What happened so far."""
+        """The counts so far."""
         with self._lock:
             while self._frames and not now - _WINDOW_S <= self._frames[0][0] <= now:
                 self._frames.popleft()

@@ -1,4 +1,4 @@
-"""What a lab may want to set of a spot detector."""
+"""A spot detector's parameters that a lab may set."""
 from __future__ import annotations
 
 from dataclasses import dataclass

@@ -43,9 +43,9 @@ class Blob:
             outline is in the reference alone.
         darker: part of the surroundings that became darker than in a shadow; more than 0 where something moves in.
         fall: [grey levels] by how much the channel that lost most became darker; a light darkens none, paint does.
-        tint: (C,) each channel's part in its light, see `colour.tint_of`; of grey images it says nothing.
-        cut_off: the image ends there: what is seen of it may be a part.
-        problem: "too_large", "too_faint" or "not_coloured" if nothing more than the place was measured.
+        tint: (C,) each channel's part in its light, see `colour.tint_of`; meaningless for grey images.
+        cut_off: the image ends there: only part of it may be visible.
+        problem: "too_large", "too_faint" or "not_coloured" if only the place was measured.
     """
 
     u: float
@@ -94,7 +94,7 @@ def vector(blob: Blob, around: Surroundings, camera: Camera) -> Dict[str, float]
     # three channels, or the four places of a mosaic; a grey image has neither
     coloured = blob.tint is not None and (camera.mosaic or len(blob.tint) == 3)
     chroma = colour.chroma(blob.tint) if coloured else none
-    # the longer an outline, the less do noise and the edge of a table under the spot weigh in it
+    # the longer an outline, the less noise and a table's edge under the spot affect it
     large = float(np.interp(blob.diameter, (24.0, 48.0), (0.0, 1.0)))
     return {
         "peak": math.log(max(blob.peak, 1.0) / white),
@@ -138,8 +138,8 @@ def measure(
         seed: region that holds the peak.
         largest: [px] largest extent looked for.
         edge: the part of the peak that the rise exceeds in the blob.
-        least_chroma: what is less coloured is not described: most of what rises is white or grey, and the rest of the
-            work is most of the work. None: the colour is not asked for.
+        least_chroma: less coloured blobs are not described: most of what rises is white or grey, and describing
+            it is most of the work. None: colour is not checked.
 
     Returns:
         The blob; see its `problem`.
@@ -163,7 +163,7 @@ def measure(
         bx, by, bw, bh, _ = (int(value) for value in stats[label])
         if max(bw, bh) > largest:
             return replace(middle, problem="too_large")
-        # what surrounds the blob must lie in the window too
+        # the blob's surroundings must be in the window too
         pad = int(math.ceil(0.6 * max(bw, bh))) + 4
         missing = max(
             pad - bx if x0 > 0 else 0,
@@ -189,7 +189,7 @@ def _describe(
     blob: np.ndarray, smooth: np.ndarray, image: np.ndarray, rise: np.ndarray, background: np.ndarray,
     corner: Tuple[int, int], tint: Optional[np.ndarray], cut_off: bool,
 ) -> Blob:
-    # cv2 with masks, not numpy with indices: on patches this small the calls are what takes the time
+    # cv2 with masks, not numpy with indices: on patches this small the calls take the time
     peak = float(cv2.minMaxLoc(smooth, blob)[1])
     light = cv2.moments(cv2.copyTo(smooth, blob))
     area, long, short = _axes(blob)
@@ -206,7 +206,7 @@ def _describe(
     off = cv2.absdiff(before, colour.middle_of(before[blob > 0]))
     like = cv2.bitwise_and(ring, cv2.compare(off, max(12.0, 0.25 * rose), cv2.CMP_LT))
     alike = cv2.countNonZero(like)
-    # a shadow that passes over a spot leaves about half of the light; what hides the floor is another thing
+    # a shadow that passes over a spot leaves about half of the light; what hides the floor is an object
     hidden = cv2.compare(now, cv2.addWeighted(before, _SHADOW, before, 0.0, -4.0), cv2.CMP_LT)
     rim = cv2.subtract(cv2.dilate(blob, _SQUARE), cv2.erode(blob, _SQUARE))
     slope, slope_before = cv2.mean(_gradient(now), rim)[0], cv2.mean(_gradient(before), rim)[0]
@@ -235,7 +235,7 @@ def _axes(blob: np.ndarray) -> Tuple[float, float, float]:
     """Area [px] and the two axes, as standard deviations [px]."""
     moments = cv2.moments(blob, binaryImage=True)
     area = moments["m00"]
-    # a pixel is a square with second moments of its own: without them a single pixel would have no extent
+    # a pixel is a square with its own second moments: without them a single pixel would have no extent
     xx, yy, xy = moments["mu20"] / area + 1 / 12.0, moments["mu02"] / area + 1 / 12.0, moments["mu11"] / area
     half, mean = math.hypot((xx - yy) / 2.0, xy), (xx + yy) / 2.0
     return area, math.sqrt(mean + half), math.sqrt(max(mean - half, 1e-3))
@@ -243,7 +243,7 @@ def _axes(blob: np.ndarray) -> Tuple[float, float, float]:
 
 def _ring(blob: np.ndarray, diameter: float) -> np.ndarray:
     gap, thick = max(2, int(round(0.2 * diameter))), max(2, int(round(0.35 * diameter)))
-    # dilating with a disc would cost its area for each pixel, which a person's clothes make a hundred times dearer
+    # dilating with a disc would cost its area for each pixel, a hundred times more for a person's clothes
     away = cv2.distanceTransform(cv2.compare(blob, 0, cv2.CMP_EQ), cv2.DIST_L2, cv2.DIST_MASK_5)
     return cv2.inRange(away, gap + 0.5, gap + thick + 0.5)
 

@@ -1,4 +1,4 @@
-"""How long a pixel is on the floor."""
+"""The length of a pixel on the floor."""
 from __future__ import annotations
 
 import math

@@ -1,4 +1,4 @@
-"""What an image's numbers mean: pixels of 8 bit from any encoding that a camera sends, and whether they are a mosaic."""
+"""What an image's numbers mean: 8-bit pixels from any camera encoding, and whether they are a mosaic."""
 from __future__ import annotations
 
 import cv2
@@ -12,7 +12,7 @@ _YUV = {"yuv422": cv2.COLOR_YUV2BGR_UYVY, "yuv422_yuy2": cv2.COLOR_YUV2BGR_YUYV,
 
 
 class PixelReader:
-    """Makes 8-bit pixels of images as they come; remembers how many bits a camera really uses.
+    """Converts images to 8-bit pixels; remembers how many bits a camera really uses.
 
     A camera of 10 or 12 bits sends them in 16: the largest value so far tells how many there are.
     """
@@ -47,8 +47,8 @@ def is_mosaic(image: np.ndarray, encoding: str = "") -> bool:
     """Whether an image (H, W) comes from a Bayer camera: neighbouring pixels show different colours.
 
     Args:
-        encoding: as in sensor_msgs/Image. Empty: not known; then the pixels tell, and a camera that is balanced to white
-            over a floor without any colour is taken for a grey one.
+        encoding: as in sensor_msgs/Image. Empty: not known; then the pixels tell, and a white-balanced camera over
+            a colourless floor counts as a grey one.
     """
     if encoding or image.ndim != 2:
         return encoding.startswith("bayer")

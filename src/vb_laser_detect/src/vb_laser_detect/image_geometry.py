@@ -1,4 +1,4 @@
-"""One image's geometry: where its pixels lie on the floor, worked out only where a candidate asks for it."""
+"""One image's geometry: where its pixels are on the floor, computed only where a candidate needs it."""
 from __future__ import annotations
 
 from typing import Any, Callable, Dict, List, Optional, Tuple
@@ -19,13 +19,13 @@ class Frame:
     """Places the pixels of one image on the floor. Most images hold no candidate and cost nothing here.
 
     Attributes:
-        unplaced: why the pose that was asked for is not known; None while all is well.
+        unplaced: why the requested pose is not known; None while all is well.
 
     Args:
         camera: of the image.
-        pose: gives (4, 4) T_map_camera at the image's time; asked at most once. CodedError "no_transform" if unknown.
+        pose: returns (4, 4) T_map_camera at the image's time; asked at most once. CodedError "no_transform" if unknown.
         projector: the camera's.
-        depth: gives the depth image of that time; None: the floor is a plane.
+        depth: returns the depth image of that time; None: the floor is a plane.
         stamp: the image's, in whatever form the caller keeps it: seconds as a float lose its nanoseconds.
     """
 
@@ -65,7 +65,7 @@ class Frame:
         return np.full((len(pixels), 3), np.nan)
 
     def point(self, u: float, v: float) -> FloorPoint:
-        """The floor point of a pixel, worked out once; CodedError where there is none."""
+        """The floor point of a pixel, computed once; CodedError where there is none."""
         if (u, v) not in self._points:
             self._points[u, v] = self._project(u, v)
         return self._points[u, v]

@@ -1,4 +1,4 @@
-"""Pixels of any encoding that a camera sends, for the eye and for the board's detector."""
+"""Pixels of any camera encoding, for display and for the board's detector."""
 from __future__ import annotations
 
 import cv2
@@ -31,7 +31,7 @@ def to_bgr(image: np.ndarray, encoding: str) -> np.ndarray:
 
 
 def to_grey(image: np.ndarray, encoding: str) -> np.ndarray:
-    """(H, W) uint8 of the same."""
+    """(H, W) uint8 likewise."""
     if image.ndim == 2 and encoding[:10] not in _BAYER:
         return PixelReader().read(image, encoding)
     return cv2.cvtColor(to_bgr(image, encoding), cv2.COLOR_BGR2GRAY)

@@ -1,7 +1,7 @@
 """From a pixel to a point on the floor, in the map frame (Section 4: ground plane for stationary cameras, depth for
 mobile ones).
 
-Lens distortion is undone for the pixel alone, never for the image.
+Only the pixel is undistorted, never the image.
 """
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ class FloorPoint:
 
 
 def floor_points(camera: CameraModel, T_map_camera: np.ndarray, pixels: np.ndarray, height: float = 0.0) -> np.ndarray:
-    """Cuts the rays of pixels with the floor; inverse of `pixels_of`.
+    """Intersects pixels' rays with the floor; inverse of `pixels_of`.
 
     Args:
         camera: intrinsic parameters and distortion.
@@ -88,8 +88,8 @@ class FloorProjector:
 
     Args:
         params: limits.
-        floor: the physical map; points outside it are refused. None: any place is allowed.
-        ignored: polygons (N, 2) [m] in the map frame; points in them are refused.
+        floor: the physical map; points outside it are rejected. None: any place is allowed.
+        ignored: polygons (N, 2) [m] in the map frame; points in them are rejected.
 
     Raises:
         ParameterError: for a polygon with fewer than three corners.
@@ -191,9 +191,9 @@ def _polygon(corners: Sequence[Sequence[float]]) -> np.ndarray:
 
 
 def depth_at(depth: np.ndarray, pixel: np.ndarray, params: ProjectionParams) -> Optional[float]:
-    """Depth [m] at a pixel of the depth image, the median of its neighbourhood; None where there are holes only.
+    """Depth [m] at a pixel of the depth image, the median of its neighbourhood; None if there are only holes.
 
-    The floor is slanted in the image, so the median of a symmetric neighbourhood stands for its middle.
+    The floor is slanted in the image, so the median of a symmetric neighbourhood represents its middle.
     """
     if not np.isfinite(pixel).all():
         return None
@@ -214,7 +214,7 @@ def depth_at(depth: np.ndarray, pixel: np.ndarray, params: ProjectionParams) -> 
         return None
     values = part[good]
     middle = float(np.median(values))
-    # a plane seen at a slant has a constant gradient of inverse depth: fit it to what lies near the median,
+    # a plane seen at a slant has a constant gradient of inverse depth: fit it to what is near the median,
     # so that holes on one side and the pixel's place within its cell do not shift the result
     near = np.abs(values - middle) < max(0.05, 0.08 * middle)
     if near.sum() < 6 or rx == 0 or ry == 0:

@@ -1,9 +1,9 @@
-"""Where a closer look is worth it: what became brighter than the scene was, for every camera.
+"""Regions worth examining: what became brighter than the scene was, for every camera.
 
-One idea: a camera that moves is one that stands still, over a background that moves along. The background is learnt
-slowly, and never from a spot; a robot's camera has its motion told by `registration`, and the background is warped by
+One idea: a moving camera is a stationary one over a background that moves along. The background is updated
+slowly, and never from a spot; `registration` estimates a robot camera's motion, and the background is warped by
 it before the image is compared. In the first image of a scene, when nothing is known of the floor, the median of each
-place's surroundings stands for it; what shines there may be a lamp, and only its motion can tell (`tracking`).
+place's surroundings replaces it; what shines there may be a lamp, and only its motion can tell (`tracking`).
 """
 from __future__ import annotations
 
@@ -23,12 +23,12 @@ _NEAR = 6  # [blocks] whose changes count as nearby
 _LEAST_LEVEL = 0.74  # of the camera's white: a spot saturates, unless it is smaller than a pixel
 _SATURATED = 0.97
 _MAX_CHANGE = 0.3  # of the image became brighter, or twice as much darker: a light, nothing known holds any more
-_MAX_CHANGE_LOST = 0.12  # the same, for a moving camera whose motion could not be told
+_MAX_CHANGE_LOST = 0.12  # the same, for a moving camera whose motion is not known
 _LOCAL_RISE = 30.0  # [grey levels] over the median of the neighbouring blocks
 
 
 class Proposal(NamedTuple):
-    """A region [px] to look at; which of the expected spots may be in it, and in which part; refused without a look."""
+    """A region [px] to examine; which expected spot may be in it, and in which part; why it is not examined."""
 
     region: Region
     expected: Optional[Expected] = None
@@ -45,7 +45,7 @@ class View(NamedTuple):
         hot, changed: (rows, columns) bool, blocks that became brighter; and those, or darker.
         known: False in the first image of a scene: the reference is a guess.
         moved: the camera moved since the last image.
-        white: [grey levels] the brightest value of this image where it was looked at.
+        white: [grey levels] the brightest value of this image where it was examined.
     """
 
     image: np.ndarray
@@ -69,8 +69,8 @@ class Proposer:
     """Keeps the background of one camera.
 
     Args:
-        moving: whether the camera may move; then its motion is told from the images.
-        hold_s: [s] how long a spot may shine on one place before it is taken for a lamp.
+        moving: whether the camera may move; then its motion is found in the images.
+        hold_s: [s] how long a spot may shine in one place before it counts as a lamp.
     """
 
     def __init__(self, moving: bool, hold_s: float) -> None:
@@ -81,13 +81,13 @@ class Proposer:
         self._fresh = False
 
     def retune(self, hold_s: float) -> None:
-        """Goes on with another time."""
+        """Changes that time."""
         self._hold_s = hold_s
         if self._background is not None:
             self._background.hold_s = hold_s
 
     def motion(self, image: np.ndarray, mosaic: bool) -> Optional[np.ndarray]:
-        """(3, 3) how the camera moved since the last image; None if it stood still. To be called before `look`."""
+        """(3, 3) how the camera moved since the last image; None if it was stationary. Call it before `look`."""
         background, self._lost, self._fresh = self._background, False, False
         motion = np.eye(3) if self._registration is None else self._registration.motion_to(image)
         if background is None or background.image.shape != image.shape:
@@ -105,7 +105,7 @@ class Proposer:
 
         Args:
             mosaic: whether it is a Bayer camera's.
-            min_rise: [grey levels] of a block that is looked at.
+            min_rise: [grey levels] of a block to be examined.
             most: regions, twice as many where some are small.
             white: [grey levels] the brightest that the camera has shown.
             expected: where spots should be.
@@ -124,14 +124,14 @@ class Proposer:
                 background.refine([one.region for one in proposals if not one.refusal], image)
                 self._rise = rise
                 return View(image, background.reference, proposals, hot, hot | darker, True, background.moved, brightest)
-            # somebody close to the camera darkens much of the image too, and must not become its background
+            # a person close to the camera darkens much of the image too, and must not become its background
             self._start(image)
             if self._registration is not None:
                 self._registration.take()
         return self._first(image, mosaic, most, white, expected)
 
     def learn(self, view: View, spots: Sequence[Tuple[float, float, float]], elapsed: float) -> None:
-        """Takes an image in, but for the blobs (u, v, diameter) [px] of spots.
+        """Adds an image, except the blobs (u, v, diameter) [px] of spots.
 
         Args:
             elapsed: [s] since the last image.
@@ -146,14 +146,14 @@ class Proposer:
         self._background.learn(view.image, self._rise, view.changed, held, elapsed)
 
     def proven(self, u: float, v: float) -> bool:
-        """Whether the floor about a pixel was seen without what shines there now."""
+        """Whether the floor at a pixel was seen without what shines there now."""
         return not self._fresh and not self._background.is_guessed(u, v)
 
     def _start(self, image: np.ndarray) -> None:
         self._background, self._noise_known, self._fresh = Background(image, self._hold_s), False, True
 
     def _first(self, image: np.ndarray, mosaic: bool, most: int, white: float, expected: Sequence[Expected]) -> View:
-        """An image of a scene that nothing is known of: a robot's everywhere, else where spots should be."""
+        """The first image of an unknown scene: a robot's everywhere, else where spots should be."""
         maxima = block_maxima(image)
         # each channel by itself: a bright floor leaves a red spot hardly any room in red, its core rises in the others
         rise = max_channel(cv2.subtract(maxima, cv2.medianBlur(maxima, 7)))
@@ -178,7 +178,7 @@ class Proposer:
 
 
 def _fill(window: np.ndarray, floor: np.ndarray, width: int, mosaic: bool) -> None:
-    """Puts the median of each place's surroundings, so wide [px], into `floor`; the places of a mosaic have their own."""
+    """Puts the median of each place's surroundings, this wide [px], into `floor`; a mosaic's places have their own."""
     # a median removes the spot and keeps the edges of carpets, next to which spots are drawn
     if not mosaic:
         floor[:] = cv2.medianBlur(np.ascontiguousarray(window), min(width, 255))

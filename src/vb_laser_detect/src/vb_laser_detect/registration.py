@@ -1,8 +1,8 @@
-"""How a camera moved between two images: what stands still in the room tells it.
+"""How a camera moved between two images, judged by what is stationary in the room.
 
 Corners of a reference image are followed into the next image (sparse optical flow), and most of them agree on one
-motion; what moves by itself, people and the laser spot, does not agree and is left out (RANSAC). While the camera stands
-a few corners are enough to see that it still does.
+motion; what moves by itself, people and the laser spot, does not agree and is left out (RANSAC). While the camera is
+stationary a few corners are enough to see that.
 """
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ import numpy as np
 
 _WIDTH = 320  # [px] of the images in which corners are followed
 _CORNERS, _FEWEST = 60, 12  # looked for; needed to know a motion
-_FEW, _MOST_OF_FEW = 24, 0.75  # so many corners are looked at first while the camera stands; so many must not have moved
+_FEW, _MOST_OF_FEW = 24, 0.75  # corners checked first while the camera is stationary; share that must not have moved
 _AGREE_PX = 0.7  # [px of the small image] corners that are farther off do not agree
 _SHARE = 0.35  # of the corners have to agree
 _DIFFERS = 10  # [grey levels] a pixel differs
-_STILL_PX = 0.35  # [px] no place of the image moved farther: the camera stands still
+_STILL_PX = 0.35  # [px] no place of the image moved farther: the camera is stationary
 _FLOW_ENDS = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 12, 0.02)
 _HALF = np.diag((0.5, 0.5, 1.0))
 
@@ -34,7 +34,7 @@ class Registration:
         self._moved = False
 
     def motion_to(self, image: np.ndarray) -> Optional[np.ndarray]:
-        """(3, 3) maps pixels of the reference image to those of this one: np.eye(3) if none moved; None: it cannot be told.
+        """(3, 3) maps pixels of the reference image to those of this one: np.eye(3) if none moved; None: unknown.
 
         An image that shows a motion becomes the reference, as does the first one.
 
@@ -59,7 +59,7 @@ class Registration:
         return np.eye(3)
 
     def take(self) -> None:
-        """The image that was looked at last becomes the reference."""
+        """Makes the last image the reference."""
         self._reference, self._corners = self._latest, self._followed
         if self._corners is None or 3 * len(self._corners) < 2 * self._wanted:
             # where exactly a corner is does not matter
@@ -105,7 +105,7 @@ class Registration:
         return cv2.invert(shrink)[1] @ motion @ shrink
 
     def _explains(self, motion: np.ndarray) -> bool:
-        """Whether the images differ less after the motion than before: things that move together are no camera."""
+        """Whether the images differ less after the motion than before: objects that move together do not count."""
         now, before = (cv2.resize(picture, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA)
                        for picture in (self._latest, self._reference))
         moved = cv2.warpPerspective(before, _HALF @ motion @ np.diag((2.0, 2.0, 1.0)), now.shape[::-1],

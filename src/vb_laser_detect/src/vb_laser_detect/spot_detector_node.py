@@ -56,20 +56,20 @@ class NodeParams(Parameters):
 
 
 class SpotDetectorNode:
-    """One camera's spot detector. The newest image wins: what comes while one is searched is replaced, and counted.
+    """One camera's spot detector. The newest image wins: older ones that wait are dropped, and counted.
 
     Subscribed topics:
         <image> (sensor_msgs/Image), or <image>/compressed (sensor_msgs/CompressedImage)
         <camera_info> (sensor_msgs/CameraInfo): may come late and change
         <depth> (sensor_msgs/Image, 16UC1 [mm] or 32FC1 [m]), <depth_info>: only if a depth topic is set
-        /map (nav_msgs/OccupancyGrid): optional; spots outside it are refused
+        /map (nav_msgs/OccupancyGrid): optional; spots outside it are rejected
         tf: <optical frame> to map, at the image's time for a moving camera
     Published topics:
         /virtual_borders/spots (vb_msgs/LaserSpot), stamped with the image's time. The spots that a stroke began with
             follow when it is confirmed, in their order and with their own times
         /virtual_borders/detectors (vb_msgs/DetectorStatus), once a second
         /diagnostics (diagnostic_msgs/DiagnosticArray)
-        ~debug_image (sensor_msgs/Image): spots, and candidates with the reason of their refusal; only if listened to
+        ~debug_image (sensor_msgs/Image): spots, and candidates with the reason for rejection; only if listened to
     Services:
         ~get_time (vb_msgs/GetTime): this computer's clock, for clock_check
     Parameters:
@@ -113,7 +113,7 @@ class SpotDetectorNode:
 
     def _make_placing(self, image: str) -> CameraGeometry:
         p, depth = self._params, None
-        # image_rect, image_rect_color: the lens' distortion was undone before
+        # image_rect, image_rect_color: the images are already undistorted
         rectified = is_rectified(image)
         info = InfoTopic(rospy.resolve_name(p.camera_info or beside(image, "camera_info")), self._report, rectified)
         if p.depth:
@@ -158,7 +158,7 @@ class SpotDetectorNode:
             self._report.fault(error)
         except cv2.error as error:
             self._report.fault(CodedError("bad_image", f"cannot search the image: {error}"))
-        except Exception:  # a frame that shows a fault of ours must not silence the camera for good
+        except Exception:  # an image that reveals a bug must not silence the camera for good
             self._report.fault(CodedError("internal_error", traceback.format_exc()), severe=True)
 
     def _search_image(self, message: Any) -> None:
@@ -180,7 +180,7 @@ class SpotDetectorNode:
         took = time.perf_counter() - began
         shared = self._report.shared_frame(frame_id)
         if frame is not None and frame.unplaced is not None:
-            # the pose was asked for and is missing: what was found is counted and goes nowhere
+            # the pose was asked for and is missing: what was found is only counted
             unplaced = frame.unplaced
             self._report.fault(unplaced)
         elif shared is not None:

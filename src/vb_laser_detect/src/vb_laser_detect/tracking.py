@@ -1,8 +1,8 @@
-"""Spots over time: which sighting belongs to which spot, when it counts, and which one is told.
+"""Spots over time: which sighting belongs to which spot, when it counts, and which is published.
 
 The only part of the detector that knows time. A track moves on at a constant velocity, on the floor where the camera's
 pose is known, else in the image; every limit is given in seconds and holds for some images at least, so that a camera of
-two images a second works as one of sixty does. A track that is told stays the one that is told until it is lost.
+two images a second works as one of sixty does. A track that is published stays so until it is lost.
 """
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ from scipy.optimize import linear_sum_assignment
 
 SLACK_M, SLACK_PX = 0.05, 12.0  # what noise alone may move a spot between two images
 _GAP_PERIODS = 3.5  # a spot may be missing in two images of any camera
-_RECALL_S = 1.0  # older sightings of what is confirmed at last are not worth telling
-_TRUST_S = 0.5  # [s] so long a spot is followed through what it cannot be measured well in
-_MOVED_PX = 8.0  # a spot that is held still does not leave a place so far
+_RECALL_S = 1.0  # older sightings of a spot confirmed late are not published
+_TRUST_S = 0.5  # [s] how long a spot is followed while it cannot be measured well
+_MOVED_PX = 8.0  # a spot that is held still stays within this of a place
 _HELD_S = 0.6  # [s] a hand that draws leaves such a place sooner
-_DIAGONAL_M = 5.0  # without a pose an image's diagonal is taken for so much
+_DIAGONAL_M = 5.0  # without a pose an image's diagonal counts as this much
 _PERIODS = 15  # [images] whose median distance in time is the period
 
 
@@ -49,13 +49,13 @@ class Sighting(NamedTuple):
 
 
 class Expected(NamedTuple):
-    """Where a confirmed spot is in the next image if it goes on as it did.
+    """Where a confirmed spot is in the next image if it moves on as before.
 
     Attributes:
         reach: [px] about its place (u, v).
         trusted: it was measured well a short time ago.
-        moves: it is drawn with, not held still.
-        published: it is one of those that are told.
+        moves: it is drawing, not held still.
+        published: it is one of those published.
     """
 
     u: float
@@ -71,7 +71,7 @@ class Expected(NamedTuple):
 
 
 class Tracked(NamedTuple):
-    """What became of a sighting: its track's number, whether it is confirmed and told, what it recalls, oldest first."""
+    """A sighting's track number, whether it is confirmed and published, and what it recalls, oldest first."""
 
     track: int
     confirmed: bool
@@ -103,10 +103,10 @@ class SpotTracker:
     """Follows the spots of one camera.
 
     Args:
-        confirm_frames: a spot must be seen in so many images; 1: each image counts by itself.
+        confirm_frames: a spot must be seen in this many images; 1: each image counts by itself.
         max_speed: [m/s] of a spot on the floor.
-        max_gap_s: [s] it may be hidden so long; two images in any case.
-        max_spots: so many are told at most.
+        max_gap_s: [s] it may be hidden this long; two images in any case.
+        max_spots: published at most.
 
     Attributes:
         period_s: [s] from one image to the next, the median of the last ones; 0 before the second.
@@ -122,7 +122,7 @@ class SpotTracker:
         self.retune(confirm_frames, max_speed, max_gap_s, max_spots)
 
     def retune(self, confirm_frames: int, max_speed: float, max_gap_s: float, max_spots: int) -> None:
-        """Goes on with other limits."""
+        """Changes the limits."""
         self._confirm_frames, self._max_speed = confirm_frames, max_speed
         self._max_gap_s, self._max_spots = max_gap_s, max_spots
 
@@ -133,15 +133,15 @@ class SpotTracker:
         self.period_s = 0.0
 
     def begin(self, stamp: float, diagonal: float, motion: Optional[np.ndarray]) -> List[Expected]:
-        """Goes on to the next image; to be called before `update`.
+        """Begins the next image; call it before `update`.
 
         Args:
             stamp: [s] of the image, later than the last one's.
             diagonal: [px] of the image.
-            motion: (3, 3) from the last image's pixels to this one's; None: the camera stood still.
+            motion: (3, 3) from the last image's pixels to this one's; None: the camera was stationary.
 
         Returns:
-            Where confirmed spots should be by now, those that are told first.
+            Where confirmed spots should be by now, published ones first.
         """
         if self._stamp is not None:
             self._periods.append(stamp - self._stamp)
@@ -172,7 +172,7 @@ class SpotTracker:
         self, sightings: Sequence[Sighting],
         agrees: Callable[[Sighting, Optional[np.ndarray], float], bool] = lambda *_: True,
     ) -> List[Tracked]:
-        """Takes in the sightings of the image that was begun.
+        """Adds the sightings of the image that was begun.
 
         Args:
             agrees: asked when a track would be confirmed, with the mean tint of its sightings, and since when it is
@@ -249,7 +249,7 @@ class SpotTracker:
                 track.tint = sighting.tint if track.tint is None else track.tint + sighting.tint
 
     def _choose(self, tracks: Sequence[_Track], sightings: Sequence[Sighting]) -> None:
-        """Which of the confirmed tracks are told: those that were, then the most certain."""
+        """Chooses the confirmed tracks to publish: those that were, then the most certain."""
         seen = sorted(zip(tracks, sightings), key=lambda both: (not both[1].certain, -both[1].confidence))
         if self._confirm_frames <= 1:
             for track in self._tracks:

@@ -1,6 +1,6 @@
 """Learns the classifier's curves from images in which the spots are known.
 
-The detector itself proposes and measures; an oracle that knows the truth judges, so that the background takes in what a
+The detector itself proposes and measures; an oracle that knows the truth judges, so that the background adopts what a
 right classifier would leave to it. What was measured, and the truth, are the examples. Each feature is cut into ramps
 between knots, a logistic regression (scikit-learn) finds the height of each ramp, and the ramps add up to the curve.
 Needs scikit-learn; nothing at run time does.
@@ -64,7 +64,7 @@ class Examples(NamedTuple):
 
 
 class Oracle(SpotClassifier):
-    """Knows where the spots of the present frame are, and notes what it is asked about."""
+    """Knows where the spots of the current frame are, and notes what it is asked."""
 
     def __init__(self, reach: float) -> None:
         super().__init__({}, 0.0)

@@ -22,10 +22,10 @@ from vb_map_integration.schedule import parse_schedule
 MAX_POINTS = 5000
 # a chain whose ends are nearer to each other than this share of its length is meant to be closed
 CLOSING_SHARE = 0.15
-# farther from the origin than this no floor is: such numbers come from a fault
+# no floor is farther from the origin: such numbers come from a fault
 MAX_COORDINATE_M = 1e6
 
-# what a zone asks of robots
+# what a zone means for robots
 KEEP_OUT, AVOID, SLOW = "keep_out", "avoid", "slow"
 ZONES = (KEEP_OUT, AVOID, SLOW)
 
@@ -40,12 +40,12 @@ class VirtualBorder:
         occupancy: delta, 0 .. 1.
         closed: polygon (True) or separating curve (False); None decides by the gap between the chain's ends.
         id, name: for the store and for people.
-        enabled: whether it acts.
+        enabled: whether it is on.
         created, modified: [s] ROS time.
-        expires: [s] ROS time at which `enabled` toggles by itself; 0: never.
+        expires: [s] ROS time at which `enabled` toggles; 0: never.
         robots: names of the robots that it is for; empty: all.
         wall: a virtual wall: the open chain itself may not be crossed, both sides stay usable, the seed is not used.
-        zone: KEEP_OUT; AVOID, where robots go only if the way round is long; or SLOW, where they go slowly.
+        zone: KEEP_OUT; AVOID, where robots go only if the detour is long; or SLOW, where they go slowly.
         max_speed: [m/s] in a SLOW zone; 0 elsewhere.
         schedule: the weekly times at which it acts (see `parse_schedule`); empty: always.
 

@@ -1,4 +1,4 @@
-"""What every other way in does with a border: preview, then commit, by the map integrator's services."""
+"""What all other input methods do with a border: preview, then commit, by the map integrator's services."""
 from __future__ import annotations
 
 from typing import Any, NamedTuple, Tuple, Type
@@ -30,13 +30,13 @@ _PATIENCE_S = 20.0
 
 
 class Answer(NamedTuple):
-    """What the map integrator answered; a service that is not there is a refusal too.
+    """The map integrator's answer; an absent service counts as a failure too.
 
     Attributes:
         success, code, message: as in the services.
         issues: of the check.
         id: of the border.
-        area_m2: [m^2] that it restricts, where that was asked.
+        area_m2: [m^2] that it restricts, if requested.
     """
 
     success: bool
@@ -69,7 +69,7 @@ class BorderClient:
         """Preview, and if that finds no error, adds the border or, if it has an id, replaces the stored one.
 
         Args:
-            revision: of the borders that somebody saw when editing; it fails if there is another one. 0: any.
+            revision: of the borders that the person saw when editing; it fails if there is another one. 0: any.
         """
         checked = self.preview(border)
         if not checked.success:

@@ -1,4 +1,4 @@
-"""Node: borders with vertices that one drags in RViz."""
+"""Node: borders whose vertices are dragged in RViz."""
 from __future__ import annotations
 
 import threading
@@ -40,7 +40,7 @@ _DRAFT_MENU, _STORED_MENU, _TOOL_MENU = (SAVE, CANCEL), (EDIT, TOGGLE, DELETE), 
 
 @dataclass(frozen=True)
 class EditorParams(Parameters):
-    """What the editor goes by."""
+    """The editor's parameters."""
 
     frame_id: str = param(names.MAP_FRAME)
     tolerance_m: float = param(0.02, "m", low=0.0)
@@ -48,12 +48,12 @@ class EditorParams(Parameters):
 
 
 class BorderEditorNode:
-    """Interactive markers for all borders; what is changed goes through preview and commit.
+    """Interactive markers for all borders; changes go through preview and commit.
 
     Each stored border has a ball at its seed, with a menu: edit, enable or disable, delete. While it is edited each
     vertex and the seed have a handle to be dragged, with a menu: save, cancel, insert or remove a vertex. When a
-    handle is let go the preview's answer is written beside the seed. One more ball, which may be dragged anywhere, has
-    a menu that makes new borders.
+    handle is released the preview's answer is shown beside the seed. One more ball, which may be dragged anywhere,
+    has a menu to make new borders.
 
     Services:
         /virtual_borders/edit/{update,update_full,feedback}: RViz's InteractiveMarkers display. Names of markers:
@@ -184,7 +184,7 @@ class BorderEditorNode:
 
     # ------------------------------------------------------------- drafts
     def _replace(self, key: str, draft: VirtualBorder) -> None:
-        """Takes a draft with another number of vertices: all its handles are made again."""
+        """Adopts a draft with another number of vertices: all its handles are rebuilt."""
         self._erase(key)
         if key not in self._drafts:
             self._seen[key] = 0 if key == NEW else self._revision
@@ -248,7 +248,7 @@ class BorderEditorNode:
             self._insert(f"{key}/line", (0.0, 0.0), [_control(InteractiveMarkerControl.NONE, [line])])
 
     def _put_line(self, key: str) -> None:
-        """The line of a border that is edited, and what the last preview said."""
+        """The line of a border being edited, and the last preview's answer."""
         draft = self._drafts[key]
         answer = self._answers.get(key)
         markers = [draft_markers.chain_marker(draft.points, draft.closed, draft_markers.DRAFT)]

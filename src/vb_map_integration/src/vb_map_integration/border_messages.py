@@ -24,7 +24,7 @@ def border_from_message(message: BorderMessage) -> VirtualBorder:
     """A message to a border; inverse of `message_from_border`.
 
     Raises:
-        IntegrationError: if it is none.
+        IntegrationError: if it is invalid.
     """
     if message.kind not in KINDS:
         raise IntegrationError("bad_kind", f"the kind must be one of {sorted(KINDS)}, got {message.kind}")
@@ -78,7 +78,7 @@ def message_from_border(
 
 
 def issue_messages(issues: Sequence[Issue]) -> List[BorderIssue]:
-    """Findings to messages; inverse of `issues_from_messages`."""
+    """Issues to messages; inverse of `issues_from_messages`."""
     return [
         BorderIssue(
             severity=_SEVERITIES[one.severity], code=one.code, message=one.message,

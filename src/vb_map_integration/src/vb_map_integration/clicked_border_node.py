@@ -25,22 +25,22 @@ from vb_map_integration.clicks import ClickParams, Clicks
 
 @dataclass(frozen=True)
 class NodeParams(Parameters):
-    """What only the node needs, beside `ClickParams`."""
+    """The node's own parameters, beside `ClickParams`."""
 
     frame_id: str = param(names.MAP_FRAME)
 
 
 class ClickedBorderNode:
-    """Makes borders of clicked points: chain, its end, seed; then preview, and if that finds no error, add.
+    """Makes borders from clicked points: chain, its end, seed; then preview, and if that finds no error, add.
 
     Subscribed topics:
         /clicked_point (geometry_msgs/PointStamped): clicks in any frame that tf connects with the map's. The rule
             for what a click means is that of `Clicks`.
     Published topics:
-        ~status (std_msgs/String, latched): what came of the last click, and what the next one does.
+        ~status (std_msgs/String, latched): the result of the last click, and what the next one does.
         ~markers (visualization_msgs/MarkerArray, latched): the chain so far.
     Services (std_srvs/Trigger):
-        ~close, ~end: end the chain as a polygon, as a separating curve; ~remove_last: takes a click back;
+        ~close, ~end: end the chain as a polygon, as a separating curve; ~remove_last: undoes a click;
         ~cancel: forgets the chain.
     Parameters:
         those of `NodeParams` and `ClickParams`; see config/clicked_border.yaml.

@@ -13,7 +13,7 @@ from vb_map_integration.border import MAX_COORDINATE_M, MAX_POINTS, VirtualBorde
 
 @dataclass(frozen=True)
 class ClickParams(Parameters):
-    """What clicks go by."""
+    """Parameters of clicks."""
 
     closing_distance_m: float = param(0.15, "m", above=0.0, doc="a click so near to an end ends the chain")
     occupancy: float = param(1.0, low=0.0, high=1.0, doc="delta of the border")
@@ -36,12 +36,12 @@ class Clicks:
         self.closed: Optional[bool] = None
 
     def click(self, point: Sequence[float]) -> Optional[VirtualBorder]:
-        """Takes a click at (x, y) [m]; returns the border if it was the seed.
+        """Adds a click at (x, y) [m]; returns the border if it was the seed.
 
         The clicks are kept until `cancel`: if the border is refused, the next click is another seed.
 
         Raises:
-            CodedError: "bad_points" for what is no point, "too_many_points", or what `VirtualBorder` raises.
+            CodedError: "bad_points" for an invalid point, "too_many_points", or what `VirtualBorder` raises.
         """
         place = np.array(point, dtype=float)
         if place.shape != (2,) or not np.isfinite(place).all() or np.abs(place).max() > MAX_COORDINATE_M:
@@ -74,7 +74,7 @@ class Clicks:
         self.closed = closed
 
     def remove_last(self) -> None:
-        """Takes the chain's end, or else its last point, back.
+        """Undoes the chain's end, or else its last point.
 
         Raises:
             CodedError: "nothing_to_undo".

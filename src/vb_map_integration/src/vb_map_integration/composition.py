@@ -1,4 +1,4 @@
-"""The posterior map: the physical map and all regions that act, never anything computed before."""
+"""The posterior map, always computed from the physical map and all regions that act."""
 from __future__ import annotations
 
 from dataclasses import dataclass
@@ -16,7 +16,7 @@ class Region:
     """What one border does to the map; one bit for each cell of its window.
 
     Attributes:
-        window: the part of the map that it lies in.
+        window: the part of the map that it is in.
         bits: the packed mask of that window.
         value: 0 .. 100.
         over_unknown: whether it covers unknown cells.
@@ -59,10 +59,10 @@ class Region:
 
 
 class Composition:
-    """Physical map plus regions by border id. It never changes: `changed` gives another one.
+    """Physical map plus regions by border id. It never changes: `changed` returns a new one.
 
     The order of the regions does not matter, as none lowers a cell. Adding one costs the same however many there
-    are; taking one away looks only at those that overlap its window.
+    are; removing one checks only those that overlap its window.
 
     Attributes:
         physical: the map without borders.

@@ -1,4 +1,4 @@
-"""What a costmap of move_base makes of soft values, from its parameters."""
+"""How a costmap of move_base treats soft values, by its parameters."""
 from __future__ import annotations
 
 from typing import Any, List, Mapping, Optional, Tuple
@@ -11,7 +11,7 @@ def soft_value_issue(value: int, costmaps: Mapping[str, Any]) -> Optional[Issue]
 
     Args:
         value: 0 .. 100; 0 and 100 are not soft.
-        costmaps: the parameters of each costmap by its name, as `rosparam get` gives them; None: it has none.
+        costmaps: the parameters of each costmap by its name, as from `rosparam get`; None: it has none.
     """
     if value in (0, 100):
         return None

@@ -4,8 +4,8 @@ Paper, Sect. 3: "its first and last line segments are linearly extended to the p
 environment to allow the separation of the area".
 
 What makes a curve separate is topology: blocked cells (obstacles, unknown, everything off the map) form
-connected pieces, and a curve parts the free space round it exactly if both its ends meet the same piece. A
-table leg is a piece of its own, so an extension that meets one goes on.
+connected pieces, and a curve divides the free space round it exactly if both its ends meet the same piece. A
+table leg is a separate piece, so an extension that meets one goes on.
 """
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ import numpy as np
 from vb_core import masks
 from vb_map_integration import raster
 
-# share of the samples beside the curve from which on the restricted area counts as touching a side
+# share of the samples beside the curve from which the restricted area counts as touching a side
 TOUCHES = 0.1
 # where on the end of a chain, as shares of the fitted length, its direction is sampled
 _SAMPLES = np.linspace(0.0, 1.0, 16)
@@ -35,11 +35,11 @@ class Cut:
     """A separating curve cut into the map.
 
     Attributes:
-        window: the part of the map that the region lies in.
+        window: the part of the map that the region is in.
         region: (h, w) uint8 mask of that window, the free cells on the seed's side.
         left, right: share of the free cells beside the drawn curve that the region holds; NaN if there are none.
         line: (M, 2) (column, row) the curve with its extensions.
-        stops: for each end, the (row, column) of the blocked cell where it ends; may lie one beyond the map's rim.
+        stops: for each end, the (row, column) of the blocked cell where it ends; may be one beyond the map's rim.
     """
 
     window: raster.Window
@@ -51,7 +51,7 @@ class Cut:
 
     @property
     def separates(self) -> bool:
-        """Whether the region lies on one side of the curve only, and there is something on the other."""
+        """Whether the region is on one side of the curve only, and there is something on the other."""
         sides = sorted((self.left, self.right))
         return not any(math.isnan(side) for side in sides) and sides[1] > 0.0 and sides[0] < TOUCHES
 
@@ -86,7 +86,7 @@ def separate(
         fit_length: [cells] how much of the chain's ends gives the extensions' direction.
         overshoot: [cells] how far a drawn end may reach beyond the wall that it belongs to.
         seed: (2,) (column, row).
-        find_seed: gives the (row, column) where the fill begins, for a mask (H, W) of barred cells, those of the curve
+        find_seed: gets the (row, column) where the fill begins, for a mask (H, W) of barred cells, those of the curve
             among them, and, for a seed in one of these, the direction (2,) that leads away from the curve.
 
     Returns:
@@ -115,10 +115,10 @@ def separate(
 def _stops(shut: np.ndarray, where: np.ndarray, outwards: int) -> np.ndarray:
     """Indices at which the trace, followed outwards, runs into something blocked; the nearest one first.
 
-    The outermost cell lies beyond the map's rim, so there always is one.
+    The outermost cell is beyond the map's rim, so there always is one.
     """
     indices = np.flatnonzero(where)[::outwards]
-    if len(indices) == 0:  # the whole end lies off the map
+    if len(indices) == 0:  # the whole end is off the map
         return np.array([0 if outwards < 0 else len(shut) - 1])
     hit = shut[indices]
     hit[1:] &= ~hit[:-1]
@@ -128,7 +128,7 @@ def _stops(shut: np.ndarray, where: np.ndarray, outwards: int) -> np.ndarray:
 def _common_piece(
     cells: np.ndarray, trace: raster.Trace, arc: np.ndarray, starts: np.ndarray, ends: np.ndarray, drawn_length: float
 ) -> Optional[Tuple[int, int]]:
-    """The nearest stops of both ends that lie on one and the same connected piece of blocked cells.
+    """The nearest stops of both ends on one and the same connected piece of blocked cells.
 
     Both extensions grow at the same pace; each piece that one of them meets is marked.
     """
@@ -186,7 +186,7 @@ def _cut(
 
     away = None
     hit = np.flatnonzero((columns == math.floor(seed[0] + 0.5)) & (rows == math.floor(seed[1] + 0.5)))
-    if len(hit):  # within a cell of the curve, yet on one side of it
+    if len(hit):  # within a cell of the curve, but on one side of it
         crossed = segment[hit[0]]
         side = float((seed - chain[crossed]) @ normal[crossed])
         away = math.copysign(1.0, side) * normal[crossed] if abs(side) > 0.01 else None

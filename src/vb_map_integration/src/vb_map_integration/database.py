@@ -1,10 +1,10 @@
-"""The borders of all maps in one SQLite file, that nobody loses.
+"""The borders of all maps in one SQLite file, protected against loss.
 
 The idea: a change is made once it is committed, and everything that is kept is kept twice. Each change goes into the
 database and then into its twin beside it, row by row, so that a damaged file never costs what was acknowledged. Every
 row carries a checksum, and a checksum over all rows and the revision tells whether rows are missing, or are those of an
 older state (SQLite itself finds damaged pages, not changed values). At start both files are checked; the better one
-replaces the other, and what was done is said in `notices`. If both are damaged, the newest sound daily copy is taken.
+replaces the other, and `notices` says what was done. If both are damaged, the newest sound daily copy is taken.
 
     borders.db          maps, borders, changes (history), requests, facts; write-ahead log, synchronous
     borders.twin.db     the same
@@ -115,7 +115,7 @@ class StoredMap:
 
     @cached_property
     def grid(self) -> Optional[GridMap]:
-        """The map; None if its cells could not be taken over."""
+        """The map; None if its cells could not be imported."""
         if self._cells is None:
             return None
         data = np.frombuffer(zlib.decompress(self._cells), np.int8).reshape(self._shape)
@@ -147,11 +147,11 @@ class Database:
 
     Args:
         folder: where the files are; None keeps everything in memory.
-        today: gives the date, for the daily copies.
+        today: returns the date, for daily copies.
 
     Attributes:
-        revision: grows with every change, also over restarts.
-        notices: what was not as it should be at start, for people.
+        revision: grows with every change, across restarts.
+        notices: what was wrong at start, for people.
 
     Raises:
         CodedError: "database_in_use".
@@ -181,7 +181,7 @@ class Database:
             self._main, self._state = self._open_for_reading(error)
 
     def close(self) -> None:
-        """Ends the use of the files."""
+        """Closes the files."""
         for connection in (self._main, self._twin):
             if connection is not None:
                 with contextlib.suppress(sqlite3.Error):
@@ -255,7 +255,7 @@ class Database:
         return State(0, 1, 0)
 
     def _open_for_reading(self, error: Exception) -> Tuple[sqlite3.Connection, State]:
-        """What can be read from a disk that is full or cannot be written: borders act, and no change is taken."""
+        """Reads what it can from a disk that is full or read-only: borders act, and no change is accepted."""
         self._read_only = str(error)
         self._say("database_read_only", Severity.ERROR, what=str(self.folder), reason=self._read_only)
         best, state = _connect(":memory:"), State(0, 1, 0)
@@ -372,7 +372,7 @@ class Database:
         transform: Transform = IDENTITY,
         name: str = "",
     ) -> int:
-        """Keeps a map, as a place of its own (place 0) or as another map of one; gives the place's number."""
+        """Keeps a map, as a new place (place 0) or as another map of one; returns the place's number."""
         known = self.map_of(map_id)
         last = self._main.execute("SELECT coalesce(max(id), 0) FROM maps").fetchone()[0]
         number = known.id if known else int(last) + 1
@@ -403,7 +403,7 @@ class Database:
         return 0 if row is None else int(row[0])
 
     def rename_place(self, place: int, name: str) -> None:
-        """Gives a place a name; raises CodedError "name_taken"."""
+        """Names a place; raises CodedError "name_taken"."""
         row = self._main.execute(f"SELECT {', '.join(_MAP_COLUMNS)} FROM maps WHERE id = ?", (place,)).fetchone()
         if row is None or row[2] == name:
             return
@@ -414,7 +414,7 @@ class Database:
         self._write([(_PUT_MAP, (*new, digest))], self._digests("maps", "id = ?", (place,)), [digest])
 
     def remember_place(self, place: int) -> None:
-        """Notes which place was in force last."""
+        """Notes the last place in force."""
         if self.fact("last_place") != str(place):
             self._write([(_PUT_FACT, ("last_place", str(place)))])
 
@@ -456,7 +456,7 @@ class Database:
         return int(row[0]), border_from_mapping(json.loads(row[1]))
 
     def new_border(self, border: VirtualBorder, now: float) -> VirtualBorder:
-        """The border with an id, which is used up once it is committed, a name and its times.
+        """The border with an id, which is spent once committed, a name and its times.
 
         Raises:
             CodedError: "id_not_empty".
@@ -518,7 +518,7 @@ class Database:
         ]
 
     def _newest(self, place: int, kind: str) -> Tuple[int, Change]:
-        """The change that undo takes back, or redo makes again: its number, and what it did."""
+        """The change that undo reverts, or redo repeats: its number, and what it did."""
         undone, order = (0, "DESC") if kind == "undo" else (1, "ASC")
         row = self._main.execute(
             f"SELECT number, body FROM changes WHERE place = ? AND undone = ? ORDER BY number {order} LIMIT 1",
@@ -530,12 +530,12 @@ class Database:
         return int(row[0]), tuple(Entry(key, _border(before), _border(after)) for key, before, after in entries)
 
     def undoing(self, place: int) -> Change:
-        """The change that takes the last one back; raises CodedError "nothing_to_undo"."""
+        """The change that reverts the last one; raises CodedError "nothing_to_undo"."""
         _, change = self._newest(place, "undo")
         return tuple(Entry(entry.id, entry.after, entry.before) for entry in reversed(change))
 
     def redoing(self, place: int) -> Change:
-        """The change that makes again what was undone last; raises CodedError "nothing_to_redo"."""
+        """The change that repeats what was undone last; raises CodedError "nothing_to_redo"."""
         return self._newest(place, "redo")[1]
 
     def border_of_request(self, request_id: str) -> str:
@@ -544,7 +544,7 @@ class Database:
         return "" if row is None or not request_id else str(row[0])
 
     def take_over(self, place: int, borders: Iterable[VirtualBorder], note: str) -> Dict[str, str]:
-        """Adds borders of an older version, with their ids where these are free; gives the ids that had to change."""
+        """Adds borders of an older version, with their ids if these are free; returns the ids that had to change."""
         change: List[Entry] = []
         renamed: Dict[str, str] = {}
         number = max([self._state.next_number, *(_number_of(border.id) + 1 for border in borders)])
@@ -563,14 +563,14 @@ class Database:
 
 # ----------------------------------------------------------------- files
 def restore(folder: Path, source: Path) -> None:
-    """Goes back to a copy; the present files are set aside.
+    """Restores a copy; the current files are set aside.
 
     Raises:
         CodedError: "database_in_use", "damaged_copy", "cannot_write".
     """
     if check_file(source)[0] is None:
         raise CodedError("damaged_copy", what=str(source))
-    database = Database(folder)  # nobody else writes while it is open
+    database = Database(folder)  # no other process writes while it is open
     copy = folder / "restore.new"
     try:
         _delete(copy)
@@ -588,7 +588,7 @@ def restore(folder: Path, source: Path) -> None:
 
 
 def _try_to_write(folder: Path) -> None:
-    """Raises OSError on a disk that is full: on such a one a sound file looks damaged, and must not be set aside."""
+    """Raises OSError on a disk that is full: there a sound file looks damaged, and must not be set aside."""
     with tempfile.NamedTemporaryFile(dir=str(folder)) as stream:
         stream.write(bytes(_PROBE_BYTES))
         stream.flush()
@@ -665,7 +665,7 @@ def check_file(path: Path, options: str = "") -> Tuple[Optional[State], str]:
         if dict(_facts(state))["content"] != facts["content"]:
             return None, "its rows are not those of its revision"
         return state, ""
-    except Exception as error:  # whatever a damaged file brings about, it must not end the program
+    except Exception as error:  # whatever a damaged file causes, it must not end the program
         return None, str(error) or type(error).__name__
     finally:
         if connection is not None:

@@ -1,4 +1,4 @@
-"""How a border that is being made looks in RViz."""
+"""How an unfinished border looks in RViz."""
 from __future__ import annotations
 
 from typing import List, Sequence, Tuple

@@ -1,4 +1,4 @@
-"""Changes to a border's vertices, as a person makes them with a mouse. Each gives a new border, checked."""
+"""Changes to a border's vertices, as a person makes them with a mouse. Each returns a new, checked border."""
 from __future__ import annotations
 
 from typing import Sequence
@@ -23,7 +23,7 @@ def move_seed(border: VirtualBorder, point: Sequence[float]) -> VirtualBorder:
 
 
 def insert_vertex(border: VirtualBorder, index: int) -> VirtualBorder:
-    """The border with one more vertex, half way from a vertex to the next; behind a curve's last one, before it."""
+    """The border with one more vertex, half way from a vertex to the next; for a curve's last one, before it."""
     points = border.points
     if not border.closed and index == len(points) - 1:
         index -= 1
@@ -44,7 +44,7 @@ def remove_vertex(border: VirtualBorder, index: int) -> VirtualBorder:
 
 
 def simplified(border: VirtualBorder, tolerance: float) -> VirtualBorder:
-    """The border with as few vertices as stay within a distance [m] of what it was (Douglas and Peucker)."""
+    """The border with as few vertices as stay within a distance [m] of the original (Douglas and Peucker)."""
     points = border.points
     chain = np.concatenate([points, points[:1]]) if border.closed else points
     thinned = shapely.get_coordinates(shapely.linestrings(chain).simplify(tolerance))

@@ -1,8 +1,8 @@
 """Borders as GeoJSON (RFC 7946), in metres of the map frame instead of degrees on the earth.
 
-A Polygon is a polygon, a LineString a separating curve. The seed and all else are the feature's properties, named as
+A Polygon is a polygon, a LineString a separating curve. The seed and the rest are the feature's properties, named as
 in the YAML files; a polygon without a seed restricts its inside, and a LineString of kind "virtual_wall" needs none.
-Properties of other programs are left out; what is wrong with ours, or with the geometry, is an error.
+Properties of other programs are ignored; errors in ours, or in the geometry, are reported.
 """
 from __future__ import annotations
 

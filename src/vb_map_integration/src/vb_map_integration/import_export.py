@@ -49,9 +49,9 @@ def _stored_borders() -> List[VirtualBorder]:
 
 
 def import_borders(arguments: Optional[List[str]] = None) -> int:
-    """Adds each border of a file, or updates the one that it was exported from, and prints what was found.
+    """Adds each border of a file, or updates the one that it was exported from, and prints the issues.
 
-    Status 0: all were taken, 1: not all, 2: bad file.
+    Status 0: all were added, 1: not all, 2: bad file.
     """
     parser = argparse.ArgumentParser(prog="import_borders", description=import_borders.__doc__)
     parser.add_argument("file", type=Path, help="YAML as the store and save_map write it, or GeoJSON in metres")

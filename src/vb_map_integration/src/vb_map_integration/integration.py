@@ -30,13 +30,13 @@ __all__ = [
     "ERROR", "WARNING", "Area", "Issue", "Integration", "IntegrationError", "IntegrationParams", "integrate",
     "restricted_area",
 ]
-# positions [m] of things that had better not be inside, by name
+# positions [m] of things that should not be inside, by name
 Places = Mapping[str, Sequence[float]]
 
 
 @dataclass(frozen=True)
 class IntegrationParams(Parameters):
-    """What the integration goes by."""
+    """Parameters of the integration."""
 
     occupied_threshold: int = param(65, low=1, high=100, doc="occupancy from which on a cell is an obstacle; map_server's")
     fit_length_m: float = param(0.3, "m", above=0.0, doc="length of a curve's end that gives its extension's direction")
@@ -57,7 +57,7 @@ class Area:
     """What a border restricts on a map.
 
     Attributes:
-        window: the part of the map that it lies in.
+        window: the part of the map that it is in.
         mask: (h, w) uint8 of that window; obstacles are not among the cells.
         value: 0 .. 100, what the cells are raised to.
         over_unknown: whether unknown cells are raised too.
@@ -112,12 +112,12 @@ def integrate(
     params: Optional[IntegrationParams] = None,
     places: Optional[Places] = None,
 ) -> Integration:
-    """Integrates a border into a map; `restricted_area` says what is restricted, and what is raised.
+    """Integrates a border into a map; see `restricted_area` for what is restricted, and raised.
 
     Args:
         prior: the map; it stays as it is.
         border: the border.
-        places: things whose being inside is worth a warning, for instance {"robot": (x, y)} [m] gives "robot_inside".
+        places: things whose being inside is worth a warning, for instance {"robot": (x, y)} [m] for "robot_inside".
 
     Raises:
         IntegrationError: those of `restricted_area`.
@@ -145,7 +145,7 @@ def restricted_area(
 ) -> Area:
     """What a border restricts.
 
-    A polygon restricts its inside, unknown cells included, or all the free space outside that hangs together
+    A polygon restricts its inside, unknown cells included, or all the free space outside that is connected
     with the seed. A separating curve is extended to the physical borders and restricts what can be reached from
     the seed without crossing it. A virtual wall restricts a thin band along its chain. Unknown cells are raised only
     by a value that counts as an obstacle: a soft one would make them look freer than they were.
@@ -257,7 +257,7 @@ def _polygon(
             np.invert(mask, out=barred[window])
             _free_cell(barred, seed, prior, params, issues)
         return window, mask
-    # the outer area is all that hangs together with the seed, also behind the polygon
+    # the outer area is all that is connected with the seed, also behind the polygon
     start = row, column
     blocked = masks.threshold_mask(cells, params.occupied_threshold - 1, cv2.CMP_GT)
     if blocked[start]:

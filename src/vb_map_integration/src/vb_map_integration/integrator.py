@@ -1,7 +1,7 @@
 """Physical map, borders, their database and the posterior map, kept together.
 
 Borders are kept in the frame of the map at which their place's first one was drawn; here they are moved into the frame
-of the present map. Which borders act, and why others do not, is decided in one place: `_recompute`.
+of the current map. Which borders act, and why others do not, is decided in one place: `_recompute`.
 """
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ from vb_map_integration.schedule import is_scheduled
 
 @dataclass(frozen=True)
 class IntegratorParams(IntegrationParams):
-    """What the map integrator goes by."""
+    """The map integrator's parameters."""
 
     robot_radius_m: float = param(0.18, "m", low=0.0, doc="robot's radius, for what it can reach; TurtleBot 2")
     min_component_m2: float = param(0.1, "m^2", low=0.0, doc="smaller parts of the free space are not counted")
@@ -57,7 +57,7 @@ class Check:
     Attributes:
         area: what it would restrict.
         issues: warnings, those of the integration first.
-        ways: parts of the free space and goals out of reach; None if they were not asked for.
+        ways: parts of the free space and goals out of reach; None if not requested.
         composition: the map with it.
     """
 
@@ -84,11 +84,11 @@ class Outcome:
 
 @dataclass(frozen=True)
 class Proposal:
-    """Where borders of a known map would lie in the present one.
+    """Where borders of a known map would be in the current one.
 
     Attributes:
         place: number of their place.
-        transform: from the frame of that place to the present map's.
+        transform: from the frame of that place to the current map's.
         registration: what it rests on; None if it was given, or nothing was found.
         picture: PNG of both maps and the moved borders.
     """
@@ -100,7 +100,7 @@ class Proposal:
 
 
 class MapIntegrator:
-    """Physical map plus borders. Every change is checked, written to the disk and only then made.
+    """Physical map plus borders. Every change is checked, written to disk and only then made.
 
     Regions are always computed on the physical map, so what a border restricts does not depend on others.
 
@@ -126,18 +126,18 @@ class MapIntegrator:
         self._verdict = Verdict()
         self._map_id = ""
         self._parts: Optional[int] = None
-        # by border: as it is in the present map, whether it is due, why it does not act, what a slow zone covers
+        # by border: as it is in the current map, whether it is due, why it does not act, what a slow zone covers
         self._moved: Dict[str, VirtualBorder] = {}
         self._due: Dict[str, bool] = {}
         self._reasons: Dict[str, str] = {}
         self._slow: Dict[str, Tuple[Region, float]] = {}
 
     def close(self) -> None:
-        """Gives the database free."""
+        """Releases the database."""
         self._database.close()
 
     def _take_over(self, root: Path) -> None:
-        """Borders of older versions, once; their folders stay as they are."""
+        """Imports borders of older versions, once; their folders stay as they are."""
         for folder in read_folders(root):
             note = f"taken over: {folder.name}"
             if self._database.fact(note):
@@ -157,7 +157,7 @@ class MapIntegrator:
         return self._ready().posterior
 
     def posterior_for(self, robot: str) -> GridMap:
-        """The physical map with those borders that hold for one robot: they name it, or none."""
+        """The physical map with the borders for one robot: those that name it, or none."""
         others = {border.id: None for border in self.borders if border.robots and robot not in border.robots}
         return self._ready().changed(others).posterior if others else self.posterior
 
@@ -189,7 +189,7 @@ class MapIntegrator:
 
     @property
     def borders(self) -> Tuple[VirtualBorder, ...]:
-        """All borders of the present map, in its frame, the oldest first."""
+        """All borders of the current map, in its frame, oldest first."""
         if not self.has_map:
             return ()
         return tuple(self._moved[border.id] for border in self._database.borders(self._verdict.place))
@@ -201,17 +201,17 @@ class MapIntegrator:
 
     @property
     def map_id(self) -> str:
-        """The present map's fingerprint."""
+        """The current map's fingerprint."""
         return self._map_id
 
     @property
     def map_name(self) -> str:
-        """The name of the place that the present map shows; "" if nobody gave it one."""
+        """The name of the place that the current map shows; "" if it has none."""
         return self._database.name_of(self._verdict.place) if self._verdict.place else self.params.map_name
 
     @property
     def needs_confirmation(self) -> bool:
-        """Whether the present map may show another place than that of the borders in force."""
+        """Whether the current map may show another place than that of the borders in force."""
         return not self._verdict.sure
 
     @property
@@ -252,7 +252,7 @@ class MapIntegrator:
 
     # ------------------------------------------------------------- the physical map
     def set_map(self, grid: GridMap, now: float = 0.0) -> Tuple[bool, Tuple[str, ...]]:
-        """Takes the physical map; the first one, another one, or one that has grown.
+        """Adopts the physical map; the first one, another one, or one that has grown.
 
         Args:
             now: [s] decides what schedules say.
@@ -290,11 +290,11 @@ class MapIntegrator:
         gone: Sequence[str] = (),
         check: Optional[Check] = None,
     ) -> Composition:
-        """What borders do on the present map: the one place where it is decided which act, and why others do not.
+        """Applies borders to the current map: only here is it decided which act, and why others do not.
 
         Args:
             stored: borders in the frame of their place.
-            gone: ids of borders that are no more.
+            gone: ids of borders that were removed.
             check: of the only one of these borders, on the same composition; nothing is computed twice then.
         """
         regions: Dict[str, Optional[Region]] = {}
@@ -328,10 +328,10 @@ class MapIntegrator:
 
     # ------------------------------------------------------------- which place the map shows
     def confirm(self, same: bool, name: str, now: float) -> Outcome:
-        """Takes a person's word for what the present map shows.
+        """Adopts a person's answer about what the current map shows.
 
         Args:
-            same: the place whose borders are in force, moved as they are now; else a place of its own, without borders.
+            same: the place whose borders are in force, moved as they are now; else a new place, without borders.
             name: for the place; empty: as it is.
 
         Raises:
@@ -357,11 +357,11 @@ class MapIntegrator:
         return Outcome((), (), sentences.say("map_confirmed", {"count": len(self.borders)}))
 
     def propose(self, which: str, transform: Optional[Transform] = None) -> Proposal:
-        """Where the borders of a known map would lie in the present one; changes nothing.
+        """Where the borders of a known map would be in the current one; changes nothing.
 
         Args:
             which: the fingerprint or the name of their map; empty: of the place whose borders are in force.
-            transform: from that place's frame to the present map's; None: by registration.
+            transform: from that place's frame to the current map's; None: by registration.
 
         Raises:
             CodedError: "no_map", "unknown_map".
@@ -377,7 +377,7 @@ class MapIntegrator:
         return Proposal(source.place, transform, found, picture)
 
     def adopt(self, proposal: Proposal, now: float) -> Outcome:
-        """Takes the borders of another map into the present one; from now on both show the same place.
+        """Adopts the borders of another map in the current one; from now on both show the same place.
 
         Raises:
             CodedError: "place_has_borders", "cannot_write".
@@ -412,7 +412,7 @@ class MapIntegrator:
 
         Args:
             places: positions [m] by name ("robot"); being inside is a warning.
-            goals: (N, 2) [m], places whose reachability is asked about.
+            goals: (N, 2) [m], places whose reachability is checked.
 
         Raises:
             CodedError: "no_map", or an IntegrationError with all issues.
@@ -464,7 +464,7 @@ class MapIntegrator:
         """Adds a border; `now` is [s] ROS time. Raises CodedError if it is refused; then nothing changed.
 
         Args:
-            request_id: a repetition of the same request adds nothing and gives the first one's id.
+            request_id: a repetition of the same request adds nothing and returns the first one's id.
         """
         known = self._database.border_of_request(request_id)
         if known:
@@ -513,7 +513,7 @@ class MapIntegrator:
         return self._adjust(border_id, now, expected, enabled=enabled, expires=expires)
 
     def rename(self, border_id: str, name: str, now: float, expected: int = 0) -> Outcome:
-        """Gives a border of any map another name; raises CodedError."""
+        """Renames a border of any map; raises CodedError."""
         return self._adjust(border_id, now, expected, name=name)
 
     def _adjust(self, border_id: str, now: float, expected: int, **changes: Any) -> Outcome:
@@ -532,18 +532,18 @@ class MapIntegrator:
         return self._plain((Entry(border_id, before, None),), "new", "removed", now, place)
 
     def clear(self, now: float = 0.0) -> Outcome:
-        """Removes all borders of the present map; raises CodedError "nothing_to_clear"."""
+        """Removes all borders of the current map; raises CodedError "nothing_to_clear"."""
         stored = self._database.borders(self._verdict.place)
         if not stored:
             raise CodedError("nothing_to_clear", "there are no borders")
         return self._plain(tuple(Entry(border.id, border, None) for border in stored), "new", "removed", now)
 
     def undo(self, now: float = 0.0) -> Outcome:
-        """Takes the last change back; raises CodedError "nothing_to_undo"."""
+        """Undoes the last change; raises CodedError "nothing_to_undo"."""
         return self._plain(self._database.undoing(self._verdict.place), "undo", "changed back", now)
 
     def redo(self, now: float = 0.0) -> Outcome:
-        """Makes again what was undone last; raises CodedError "nothing_to_redo"."""
+        """Redoes what was undone last; raises CodedError "nothing_to_redo"."""
         return self._plain(self._database.redoing(self._verdict.place), "redo", "changed again", now)
 
     def expire(self, now: float) -> Optional[Outcome]:
@@ -574,7 +574,7 @@ class MapIntegrator:
             raise CodedError("changed_meanwhile")
 
     def _check_confirmed(self) -> None:
-        """What is drawn while nobody knows which place the map shows would belong to no place."""
+        """What is drawn while it is unknown which place the map shows would belong to no place."""
         if self.needs_confirmation:
             raise IntegrationError("confirm_map_first")
 
@@ -585,11 +585,11 @@ class MapIntegrator:
             raise CodedError("already_expired", text)
 
     def _at_home(self, border: VirtualBorder) -> VirtualBorder:
-        """A border of the present map in the frame of its place."""
+        """A border of the current map in the frame of its place."""
         return border.moved(self._verdict.transform.inverse)
 
     def _keep_map(self) -> None:
-        """Keeps the map at which somebody draws: later ones are compared with it."""
+        """Keeps the map on which a person draws: later ones are compared with it."""
         if self._database.map_of(self._map_id) is None:
             place = self._database.add_map(
                 self.physical, self._map_id, self._verdict.place, self._verdict.transform,
@@ -609,7 +609,7 @@ class MapIntegrator:
     def _commit(
         self, place: int, change: Change, kind: str, now: float, request_id: str = "", check: Optional[Check] = None
     ) -> Tuple[Issue, ...]:
-        """Makes a change, all of it or, with a CodedError, nothing; gives warnings about borders that do not act."""
+        """Makes a change, all of it or, with a CodedError, nothing; returns warnings about borders that do not act."""
         ready = self._ready()
         self._database.commit(place, change, kind, request_id)
         if place != self._verdict.place:

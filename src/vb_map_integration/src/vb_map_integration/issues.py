@@ -1,4 +1,4 @@
-"""What the check of a border finds, and the error that refuses one."""
+"""The issues that a border's check reports, and the error that refuses it."""
 from __future__ import annotations
 
 from dataclasses import dataclass, field
@@ -12,13 +12,13 @@ ERROR = 1
 
 @dataclass(frozen=True)
 class Issue:
-    """One thing that the check of a border found.
+    """An issue that a border's check reports.
 
     Attributes:
-        severity: WARNING (the border can be added all the same) or ERROR (it is refused).
+        severity: WARNING (the border can still be added) or ERROR (it is refused).
         code: machine readable, for instance "no_separation".
         message: a sentence that a person can act on.
-        values: what the sentence names.
+        values: those in the sentence.
     """
 
     severity: int

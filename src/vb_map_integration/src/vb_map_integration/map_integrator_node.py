@@ -46,12 +46,12 @@ from vb_map_integration.issues import ERROR, Issue, IntegrationError
 from vb_map_integration.integrator import IntegratorParams, MapIntegrator, Outcome
 from vb_map_integration.registration import Transform
 
-_MAP_PATIENCE_S = 5.0  # without a map for so long, a warning
+_MAP_PATIENCE_S = 5.0  # warns after this long without a map
 
 
 @dataclass(frozen=True)
 class NodeParams(Parameters):
-    """What only the node needs, beside `IntegratorParams`."""
+    """The node's own parameters, beside `IntegratorParams`."""
 
     frame_id: str = param(names.MAP_FRAME)
     store_dir: str = param("~/.ros/virtual_borders")
@@ -69,10 +69,10 @@ class MapIntegratorNode:
     Subscribed topics:
         /map (nav_msgs/OccupancyGrid): the physical map.
     Published topics, latched, with the same stamp for the same state:
-        /virtual_borders/borders (vb_msgs/VirtualBorderArray): all borders of the present map; with every change.
+        /virtual_borders/borders (vb_msgs/VirtualBorderArray): all borders of the current map; with every change.
         /virtual_borders/speed_limits (nav_msgs/OccupancyGrid): highest speeds in slow zones [cm/s], 0: no limit; once
             there is or was one, with every change.
-        <robot>/virtual_borders/map (nav_msgs/OccupancyGrid): the same with those borders that hold for one of ~robots.
+        <robot>/virtual_borders/map (nav_msgs/OccupancyGrid): the same with only the borders for one of ~robots.
         /virtual_borders/map (nav_msgs/OccupancyGrid): the physical map with all enabled borders; as soon as
             there is a map, and whole with every change.
     Published topics:
@@ -85,7 +85,7 @@ class MapIntegratorNode:
         /virtual_borders/list_borders (vb_msgs/ListBorders)
         /virtual_borders/set_border_enabled (vb_msgs/SetBorderEnabled): also for a border that does not fit the map.
         /virtual_borders/rename_border (vb_msgs/RenameBorder): likewise.
-        /virtual_borders/confirm_map (vb_msgs/ConfirmMap): which place the present map shows.
+        /virtual_borders/confirm_map (vb_msgs/ConfirmMap): which place the current map shows.
         /virtual_borders/adopt_borders (vb_msgs/AdoptBorders): borders of another map, moved by a transform.
         /virtual_borders/undo, /virtual_borders/redo, /virtual_borders/clear (std_srvs/Trigger)
         /virtual_borders/save_map (vb_msgs/SaveMap): writes files as map_server does, borders beside them.
@@ -146,7 +146,7 @@ class MapIntegratorNode:
         waiting.put(True)
 
     def close(self) -> None:
-        """Ends worker and wait, and gives the database free."""
+        """Ends worker and wait, and releases the database."""
         self._maps.close()
         self._closing.set()
         with self._lock:
@@ -187,7 +187,7 @@ class MapIntegratorNode:
         return rospy.Time.now()
 
     def _publish(self) -> None:
-        # with simulated time two changes may fall into one tick: each state gets a stamp of its own
+        # with simulated time two changes may fall into one tick: each state gets its own stamp
         stamp = self._now()
         if stamp == self._last_stamp:
             stamp = stamp + rospy.Duration(0, 1000)
@@ -253,7 +253,7 @@ class MapIntegratorNode:
         return {"robot": (pose[0, 3], pose[1, 3])}
 
     def _soft_issues(self, border: VirtualBorder) -> Tuple[Issue, ...]:
-        """Warns if a running move_base takes every soft value for free (its default, trinary_costmap)."""
+        """Warns if a running move_base treats every soft value as free (its default, trinary_costmap)."""
         if border.value in (0, 100):
             return ()
         base = self._params.move_base.rstrip("/")
@@ -262,7 +262,7 @@ class MapIntegratorNode:
         return (found,) if found else ()
 
     def _watch_move_base(self, _event: Any) -> None:
-        """move_base may have come, or come back otherwise, after the soft border was made."""
+        """Rechecks: move_base may have started, or changed, after the soft border was made."""
         with self._lock:
             soft = [border for border in self._integrator.borders if border.enabled and border.value not in (0, 100)]
         for found in self._soft_issues(soft[0]) if soft else ():

@@ -1,4 +1,4 @@
-"""A picture of two maps laid on each other, with the borders where they would come to lie."""
+"""An image of two maps laid on each other, with the borders where they would be."""
 from __future__ import annotations
 
 from typing import Iterable, Optional

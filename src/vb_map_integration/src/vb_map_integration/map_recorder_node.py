@@ -1,4 +1,4 @@
-"""Node: stores each new posterior map on the disk, for evaluation."""
+"""Node: stores each new posterior map on disk, for evaluation."""
 from __future__ import annotations
 
 import datetime
@@ -19,7 +19,7 @@ from vb_map_integration.recording import Recording
 
 @dataclass(frozen=True)
 class RecorderParams(Parameters):
-    """What the recorder goes by."""
+    """The recorder's parameters."""
 
     directory: str = param("~/.ros/virtual_borders/recordings")
     wait_s: float = param(2.0, "s", above=0.0)
@@ -31,7 +31,7 @@ class MapRecorderNode:
 
     Subscribed topics:
         /virtual_borders/map (nav_msgs/OccupancyGrid), /virtual_borders/borders (vb_msgs/VirtualBorderArray): the
-            integrator gives both the same stamp for the same state. A map whose borders do not come is stored
+            integrator gives both the same stamp for the same state. A map whose borders do not arrive is stored
             after ~wait_s with those that came last.
     Parameters:
         ~directory (str): where to; numbering goes on where an earlier recording there ended.
@@ -95,7 +95,7 @@ class MapRecorderNode:
             grid.header.stamp.to_sec(),
             {
                 "revision": array.revision,
-                # for people who look for a session; nothing goes by it
+                # for people who look for a session; no program uses it
                 "wall_time": datetime.datetime.now().astimezone().isoformat(timespec="milliseconds"),
             },
         )

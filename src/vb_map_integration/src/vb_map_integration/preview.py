@@ -1,4 +1,4 @@
-"""What a border would do to the ways of a robot."""
+"""What a border would do to a robot's paths."""
 from __future__ import annotations
 
 from dataclasses import dataclass
@@ -11,7 +11,7 @@ from vb_core import masks
 from vb_core.grid_map import GridMap
 
 
-# larger maps are looked at in coarser cells: the answer is about doors and rooms, and is wanted at once
+# larger maps are checked in coarser cells: the answer is about doors and rooms, and needed at once
 MAX_CELLS = 2_000_000
 OCCUPIED_FROM = 65
 
@@ -21,7 +21,7 @@ class Reachability:
     """Where a robot can go in a map.
 
     Attributes:
-        free_parts: into how many parts the free space falls, for a robot of this radius; crumbs do not count.
+        free_parts: number of parts of the free space, for a robot of this radius; tiny ones do not count.
         unreachable: indices of the goals that the robot cannot reach.
     """
 
@@ -37,7 +37,7 @@ def ways(
     min_component_m2: float = 0.1,
     occupied_threshold: int = OCCUPIED_FROM,
 ) -> Reachability:
-    """The parts of the free space, and the goals that lie in another one than the robot.
+    """The parts of the free space, and the goals in a different part than the robot.
 
     Args:
         goals: (N, 2) [m].

@@ -1,8 +1,8 @@
 """Polygons, chains and regions on the cells of a grid.
 
-Coordinates are (column, row) as `GridMap.world_to_grid` gives them: whole numbers are the centres of cells.
-Masks are uint8, 0 or 255, as OpenCV wants them; most belong to a window of the map, as the less is touched of a
-large map the better.
+Coordinates are (column, row) as from `GridMap.world_to_grid`: whole numbers are the centres of cells.
+Masks are uint8, 0 or 255, as OpenCV uses them; most belong to a window of the map, as the less of a large map is
+touched the better.
 """
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def row_blocks(shape: Tuple[int, int]) -> Iterator[slice]:
 
 
 def polygon_mask(vertices: np.ndarray, shape: Tuple[int, int]) -> Tuple[Window, np.ndarray]:
-    """The cells whose centre lies in a polygon, clipped to the map.
+    """The cells whose centre is in a polygon, clipped to the map.
 
     Where the outline crosses itself everything is inside that it winds round (nonzero rule), so that an
     overshoot at the closing point tears no hole.
@@ -88,7 +88,7 @@ class Trace:
         rows, columns: (K,) int64; cells up to one beyond the map's rim occur.
         points: (K, 2) (column, row), a point of the chain in the cell.
         segment: (K,) int64, which of the chain's segments it belongs to.
-        arc: (K,) [cells] where on the chain the point lies.
+        arc: (K,) [cells] where on the chain the point is.
     """
 
     rows: np.ndarray

@@ -1,8 +1,8 @@
-"""Which place a map shows, and where the borders of that place lie in it.
+"""Which place a map shows, and where that place's borders are in it.
 
-The idea: fail closed. A map is recognised by its exact fingerprint; else by the name that somebody gave it, and by
+The idea: fail closed. A map is recognised by its exact fingerprint; else by the name that a person gave it, and by
 registration against the maps at which the borders were drawn, never against the last one seen. Where that is not sure
-the borders of the likeliest place stay in force, and somebody is asked.
+the borders of the likeliest place stay in force, and a person is asked.
 """
 from __future__ import annotations
 
@@ -17,21 +17,21 @@ from vb_map_integration.registration import (
     IDENTITY, OCCUPIED_FROM, SURE_AGREEMENT, SURE_OVERLAP, Registration, Shape, Transform, measure_at, register_shapes,
 )
 
-# of a place's maps so many are compared: the first one and the newest ones
+# this many of a place's maps are compared: the first and the newest ones
 _COMPARED = 3
-# below it a registration is no hint at where the borders lie
+# below it a registration says nothing about where the borders are
 _PLAUSIBLE_AGREEMENT = 0.8
 # shares of agreement that mean nothing between hypotheses none of which is sure
 _DOUBT = 0.15
-# a map continues the one before if so many of its obstacles are in the very same cells
+# a map continues the one before if this share of its obstacles are in the same cells
 _CONTINUED = 0.95
-# a map of which nothing is sure is registered again once so much more floor is known
+# a map of which nothing is sure is registered again once this much more floor is known
 _GROWN = 1.25
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """What a map was taken for.
+    """What a map was recognised as.
 
     Attributes:
         place: its number in the database; 0: a new place, which has no borders.
@@ -55,11 +55,11 @@ class _Seen:
 
 
 class Recognizer:
-    """Recognises maps by what the database holds.
+    """Recognises maps by the database.
 
     Args:
         database: it is only read.
-        name: of the place, as the launch file gives it; empty: any.
+        name: of the place, from the launch file; empty: any.
     """
 
     def __init__(self, database: Database, name: str = "") -> None:
@@ -72,7 +72,7 @@ class Recognizer:
 
         Args:
             before: the map before it, while this program has been running.
-            verdict: what that was taken for; decides nothing but where to look first.
+            verdict: what that was recognised as; decides only where to look first.
         """
         known = self._database.map_of(map_id)
         if known is not None:
@@ -110,7 +110,7 @@ class Recognizer:
         return self._shapes[one.fingerprint]
 
     def _agrees(self, maps: List[StoredMap], shape: Shape, transform: Transform) -> bool:
-        """Whether a map fits one at which borders were drawn, where it is expected to lie."""
+        """Whether a map fits one at which borders were drawn, where it is expected to be."""
         for one in maps:
             reference = self._shape_of(one)
             if reference is None:
@@ -160,7 +160,7 @@ class Recognizer:
 
 
 def continues(before: GridMap, after: GridMap) -> bool:
-    """Whether a map is the one before it, grown: the cells lie on the same lattice, and obstacles are still there."""
+    """Whether a map is the one before it, grown: the cells are on the same lattice, and obstacles are still there."""
     if abs(before.resolution - after.resolution) > 1e-6 or abs(before.origin[2] - after.origin[2]) > 1e-9:
         return False
     offset = after.world_to_grid(before.cell_to_world([[0, 0]]))[0]

@@ -1,4 +1,4 @@
-"""Every posterior map on the disk, for evaluation (paper, Sect. "Implementation")."""
+"""Every posterior map on disk, for evaluation (paper, Sect. "Implementation")."""
 from __future__ import annotations
 
 import contextlib
@@ -23,7 +23,7 @@ MAX_BYTES = 500_000_000
 
 
 class Recording:
-    """A folder of numbered maps; a recording that exists is continued.
+    """A folder of numbered maps; an existing recording is continued.
 
     Each record is `NNNN.pgm`, `NNNN.yaml`, `NNNN.borders.yaml` and one line of JSON in `index.jsonl`. Maps with
     soft values are written raw, so that these survive. Beyond a size the oldest records are deleted.

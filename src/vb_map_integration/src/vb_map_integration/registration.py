@@ -1,6 +1,6 @@
-"""Where an old map lies in a new one: the transform between two maps of the same place, and how sure it is.
+"""Where an old map is in a new one: the transform between two maps of the same place, and how sure it is.
 
-The idea: walls decide. Wherever both maps know the floor, a wall of the one has to be a wall of the other; what only
+The idea: walls decide. Wherever both maps know the floor, a wall in one must be a wall in the other; what only
 one of them has seen says nothing. Long connected walls carry the evidence, since furniture is moved and walls are not.
 
 1. A coarse search over all rotations finds where the walls of both maps fit best: one correlation by FFT per angle.
@@ -24,7 +24,7 @@ import numpy as np
 from vb_core.grid_map import GridMap
 
 OCCUPIED_FROM = 65
-# [m] a wall is found again if one is so near: two cells of a usual map, and SLAM's bends of a few centimetres
+# [m] a wall is found again if one is this near: two cells of a usual map, and SLAM's bends of a few centimetres
 TOLERANCE_M = 0.12
 # [m] connected obstacles that extend farther are walls, smaller ones furniture: a double bed's diagonal is 2.7 m
 STRUCTURE_M = 3.0
@@ -61,7 +61,7 @@ class Transform(NamedTuple):
     yaw: float = 0.0
 
     def apply(self, points: np.ndarray) -> np.ndarray:
-        """(N, 2) [m] moved; the identity gives the very same numbers."""
+        """(N, 2) [m] moved; the identity returns the same numbers."""
         points = np.asarray(points, dtype=float).reshape(-1, 2)
         if not any(self):
             return points
@@ -154,7 +154,7 @@ class Shape:
         extent[0] = 0.0
         self.is_structure = extent[labels[rows, columns]] >= STRUCTURE_M
         self._surface = surface
-        # what the map knows: free floor, and what lies beside it
+        # what the map knows: free floor, and what is beside it
         self._known = cv2.dilate(free, np.ones((5, 5), np.uint8))
 
     @cached_property
@@ -222,7 +222,7 @@ class Shape:
         return (points.min(axis=0) + points.max(axis=0)) / 2.0 if len(points) else np.zeros(2)
 
     def radius(self, centre: np.ndarray) -> float:
-        """[m] within which all of it lies."""
+        """[m] within which all of it is."""
         points = np.concatenate([self.walls, self.floor])
         return float(np.linalg.norm(points - centre, axis=1).max()) if len(points) else 1.0
 
@@ -231,7 +231,7 @@ def register(old: GridMap, new: GridMap, guesses: Sequence[Transform] = (IDENTIT
     """Finds the old map in the new one.
 
     Args:
-        guesses: transforms that are looked at in any case.
+        guesses: transforms that are checked in any case.
 
     Returns:
         The best hypothesis; None if one of the maps has no walls.
@@ -260,7 +260,7 @@ def register_shapes(
 
 
 def measure_at(old: Shape, new: Shape, transform: Transform) -> Registration:
-    """How well the maps agree at one transform; the margin is 0, as nothing else was looked at."""
+    """How well the maps agree at one transform; the margin is 0, as nothing else was checked."""
     found = _explained(old, new, transform)
     return Registration(transform, found.agreement, found.overlap, found.walls_m, 0.0)
 
@@ -298,7 +298,7 @@ def _search(old: Shape, new: Shape) -> List[Transform]:
     chosen: List[Transform] = []
     for _, yaw, column, row in found:
         shift = np.array([value if value < size - len(a) else value - size for value in (column, row)])
-        # the old map's centre comes to lie here in the new map
+        # the old map's centre is here in the new map
         place = new.centre + (shift + middle - len(b) // 2) * cell
         turned = Transform(0.0, 0.0, yaw).apply(old.centre)[0]
         transform = Transform(*(place - turned).tolist(), math.remainder(yaw, 2.0 * math.pi))
@@ -318,7 +318,7 @@ def _sample(shape: Shape) -> np.ndarray:
 
 
 def _refine(old: Shape, new: Shape, start: Transform) -> Transform:
-    """The transform nearby at which the walls of both maps lie on each other."""
+    """The transform nearby at which the walls of both maps coincide."""
     forward, backward = _sample(old), _sample(new)
     centre = old.centre  # turning about the middle keeps turn and shift apart
     place = start.apply(centre)[0]

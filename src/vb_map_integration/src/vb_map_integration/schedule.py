@@ -14,7 +14,7 @@ _DAY, _WEEK = 24 * 60, 7 * 24 * 60
 
 
 class Span(NamedTuple):
-    """A part of the week in minutes after Monday 00:00; the end, which is not part of it, may lie in the next week."""
+    """A part of the week in minutes after Monday 00:00; the end, which is not part of it, may be in the next week."""
 
     start: int
     end: int
@@ -25,7 +25,7 @@ def parse_schedule(text: str) -> Tuple[Span, ...]:
     """The spans of a schedule; none for an empty one.
 
     Days are mon .. sun, lists ("mon,wed") and ranges ("sat-mon"), or "daily", which may be left out. An end at or
-    before the start lies on the next day: "daily 22:00-06:00".
+    before the start is on the next day: "daily 22:00-06:00".
 
     Raises:
         IntegrationError: "bad_schedule".

@@ -13,11 +13,11 @@ def camera_from_info(info: CameraInfo, rectified: bool = False) -> CameraModel:
     """CameraInfo to CameraModel; inverse of `info_from_camera`.
 
     Args:
-        rectified: for images whose distortion was undone already (image_rect, image_rect_color): they are described by P.
+        rectified: for images that are already undistorted (image_rect, image_rect_color): P describes them.
 
     Raises:
         CodedError: "bad_camera_info" if it describes no camera; "unsupported_camera" for binning, a part of the image
-            or a distortion model that nobody knows.
+            or an unknown distortion model.
     """
     models = ("", "plumb_bob", "rational_polynomial", "equidistant", "fisheye")
     if info.distortion_model not in models and not rectified:

@@ -1,4 +1,4 @@
-"""Giving commands to the interaction, the one way that everybody uses.
+"""Sends commands to the interaction; every input method uses this.
 
 Each command has an id, so that sending it again does no harm, and a time after which it must not be carried out:
 a person who was told "does not answer" does not expect it a minute later.
@@ -20,7 +20,7 @@ _STOP = "stop"
 
 
 def order(command: str, source: str, valid_s: float, unclear: bool = False) -> CommandRequest:
-    """A command with an id of its own that expires.
+    """A command with its own id that expires.
 
     Args:
         valid_s: [s] from now on, ROS time.
@@ -28,14 +28,14 @@ def order(command: str, source: str, valid_s: float, unclear: bool = False) -> C
     """
     request = CommandRequest(command=command, source=source, id=uuid.uuid4().hex, unclear=unclear)
     now = rospy.get_rostime()
-    # before simulated time has begun nothing can be said about when
+    # before simulated time has begun there is no time to expire at
     if not now.is_zero():
         request.expires = now + rospy.Duration.from_sec(valid_s)
     return request
 
 
 def send(request: CommandRequest, wait_s: float = 1.0, answer_s: float = 12.0) -> CommandResponse:
-    """Sends a command; if its answer is lost, for instance because the manager is restarted, once more.
+    """Sends a command, and again if its answer is lost, for instance because the manager restarts.
 
     Raises:
         CodedError: "no_service" or "no_answer", as `services.call`.
@@ -49,11 +49,11 @@ def send(request: CommandRequest, wait_s: float = 1.0, answer_s: float = 12.0) -
 
 
 class Orders:
-    """Gives commands one after the other from a thread of its own; `stop` waits for no other.
+    """Sends commands one after the other from a separate thread; `stop` waits for no other.
 
     Args:
-        source: who gives them, for the record.
-        on_answer: called from that thread with what was put beside the command, and either the answer or the error.
+        source: who sends them, for the record.
+        on_answer: called from that thread with the command's `beside`, and either the answer or the error.
         wait_s, answer_s: [s] wall time, how long the manager and its answer are waited for.
         size: how many may wait.
     """
@@ -71,7 +71,7 @@ class Orders:
             node.Worker(line, self._give)
 
     def put(self, command: str, beside: Any = None, unclear: bool = False) -> bool:
-        """A command to be given now; False if too many wait already, and it is lost."""
+        """Queues a command; False if too many wait already and it is dropped."""
         request = order(command, self._source, self._wait_s + self._answer_s, unclear)
         line = self._urgent if command == _STOP else self._waiting
         return line.put((request, beside))

@@ -1,6 +1,6 @@
 """Conversions between image messages and numpy.
 
-cv_bridge would do the same, but it loads a second OpenCV, with video and geography: 48 MiB in each process.
+cv_bridge would do the same, but it loads a second OpenCV, with video and geography: 48 MiB per process.
 """
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _KINDS = {"8U": "u1", "8S": "i1", "16U": "u2", "16S": "i2", "32S": "i4", "32F": 
 
 
 def _format(encoding: str) -> Tuple[np.dtype, int]:
-    """The type of a pixel's channel and their number."""
+    """The type and number of a pixel's channels."""
     kind, channels = _ENCODINGS.get(encoding, ("", 1))
     bayer, general = _BAYER.fullmatch(encoding), _GENERAL.fullmatch(encoding)
     if bayer:
@@ -39,7 +39,7 @@ def _format(encoding: str) -> Tuple[np.dtype, int]:
 
 
 def image_array(message: Image) -> np.ndarray:
-    """The image's pixels as they are: (H, W) or (H, W, C), no copy where the bytes' order allows it.
+    """The image's pixels as they are: (H, W) or (H, W, C), no copy where the byte order allows it.
 
     Raises:
         CodedError: "bad_image" for an empty image, an unknown encoding, or too few bytes.
@@ -73,7 +73,7 @@ def compressed_image_array(message: CompressedImage) -> np.ndarray:
 
     try:
         image = cv2.imdecode(np.frombuffer(message.data, np.uint8), cv2.IMREAD_UNCHANGED)
-    except cv2.error:  # no bytes at all, or more pixels than OpenCV takes
+    except cv2.error:  # no bytes at all, or too many pixels for OpenCV
         image = None
     if image is None:
         raise CodedError("bad_image", f"cannot decode a compressed image of format '{message.format}'")

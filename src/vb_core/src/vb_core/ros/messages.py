@@ -1,6 +1,6 @@
 """Conversions between ROS messages and numpy. Each has its inverse beside it where there is one.
 
-Images are in `images`, cameras in `cameras`: most nodes have neither, and OpenCV takes 20 MiB of each process.
+Images are in `images`, cameras in `cameras`: most nodes have neither, and OpenCV takes 20 MiB per process.
 """
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class PreviewBorderArray(PreviewBorder):
 
     _response_class = PreviewBorderArrayResponse
 
-# what stood here before; the module is loaded when somebody asks for it
+# what was here before; the module is loaded on first use
 _MOVED = {
     "image_array": "images", "compressed_image_array": "images", "image_message": "images",
     "camera_from_info": "cameras", "info_from_camera": "cameras",
@@ -50,7 +50,7 @@ def grid_from_message(message: OccupancyGrid) -> GridMap:
     """OccupancyGrid to GridMap; inverse of `message_from_grid`.
 
     Raises:
-        CodedError: "bad_map" if size and data do not fit or the origin is no pose in the plane.
+        CodedError: "bad_map" if size and data do not match or the origin is not a planar pose.
     """
     info = message.info
     data = np.asarray(message.data, dtype=np.int8)
@@ -58,7 +58,7 @@ def grid_from_message(message: OccupancyGrid) -> GridMap:
         raise CodedError("bad_map", f"the map says {info.width} x {info.height} cells but carries {data.size}")
     position, orientation = info.origin.position, info.origin.orientation
     q = (orientation.x, orientation.y, orientation.z, orientation.w)
-    # map_server of old leaves the orientation zero where there is no rotation
+    # older map_servers leave the orientation zero if there is no rotation
     yaw = 0.0 if not any(q) else geometry.yaw_from_quaternion(q)
     return GridMap(data.reshape(info.height, info.width), info.resolution, (position.x, position.y, yaw))
 
@@ -78,12 +78,12 @@ def message_from_grid(grid: GridMap, stamp: rospy.Time, frame_id: str = "map") -
 
 # ----------------------------------------------------------------- poses and points
 def values_from_mapping(values: Mapping[str, Any]) -> List[KeyValue]:
-    """What a sentence names, for a message; inverse of `mapping_from_values`."""
+    """A sentence's values, for a message; inverse of `mapping_from_values`."""
     return [KeyValue(key=key, value=str(value)) for key, value in values.items()]
 
 
 def mapping_from_values(values: Iterable[KeyValue]) -> Dict[str, str]:
-    """What a sentence names, from a message; inverse of `values_from_mapping`."""
+    """A sentence's values, from a message; inverse of `values_from_mapping`."""
     return {value.key: value.value for value in values}
 
 
@@ -93,7 +93,7 @@ def points_from_array(points: np.ndarray) -> List[Point]:
 
 
 def array_from_points(points: Iterable[Point]) -> np.ndarray:
-    """Points to (N, 2) float64 [m], z is left out; inverse of `points_from_array`."""
+    """Points to (N, 2) float64 [m], z is dropped; inverse of `points_from_array`."""
     return np.array([(p.x, p.y) for p in points], dtype=float).reshape(-1, 2)
 
 
@@ -103,7 +103,7 @@ def quaternion_message(quaternion) -> Quaternion:
 
 
 def pose_from_2d(x: float, y: float, yaw: float) -> Pose:
-    """A pose in the plane [m, m, rad]; inverse of `pose_to_2d`."""
+    """A planar pose [m, m, rad]; inverse of `pose_to_2d`."""
     return Pose(Point(float(x), float(y), 0.0), quaternion_message(geometry.quaternion_from_yaw(yaw)))
 
 

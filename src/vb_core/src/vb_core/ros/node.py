@@ -26,7 +26,7 @@ def run(name: str, build: Callable[[], Any]) -> None:
     Args:
         name: the node's default name.
         build: makes the node's object, whose class's docstring is the interface. A `CodedError` from it, for instance a bad parameter, is
-            logged as one line, and the process exits with status 1; so it does after `fail`.
+            logged as one line, and the process exits with status 1, as after `fail`.
     """
     if {"-h", "--help"} & set(sys.argv[1:]):
         print(_interface(name, build))
@@ -50,18 +50,18 @@ def run(name: str, build: Callable[[], Any]) -> None:
 
 
 def _log_without_registering() -> None:
-    """Keeps rospy from asking the ROS master for a parameter at each line that is logged.
+    """Keeps rospy from asking the ROS master for a parameter at each logged line.
 
     It does so by a subscription under the node's name, as long as the parameter is not set. A node that has been replaced
     by another of the same name and logs one more line while it ends is then taken for the newer of the two, and the
-    master ends the other one: about once in seventy replacements.
+    master stops the other one: about once in seventy replacements.
     """
     name = "/rosout_disable_topics_generation"
     get_param_server_cache().set(name, bool(rospy.get_param(name, False)))
 
 
 def _interface(name: str, build: Callable[[], Any]) -> str:
-    """What a person may know of a node without starting it: its class's docstring, and where its parameters are."""
+    """What is known of a node without starting it: its class's docstring, and where its parameters are."""
     # with postponed evaluation an annotation is the class's name
     returned = build.__annotations__.get("return", "")
     class_ = build.__globals__.get(returned) if isinstance(returned, str) else returned
@@ -71,7 +71,7 @@ def _interface(name: str, build: Callable[[], Any]) -> str:
 
 
 def fail(error: CodedError) -> None:
-    """Ends a running node that cannot do its work: one line, and `run` exits with status 1."""
+    """Ends a running node that cannot do its work: logs a line, and `run` exits with status 1."""
     rospy.logfatal("%s: %s", rospy.get_name(), error)
     _failures.append(error)
     rospy.signal_shutdown(error.code)
@@ -83,20 +83,20 @@ _M_TRIM_THRESHOLD, _M_MMAP_THRESHOLD = -1, -3  # malloc.h
 def disable_heap_trimming() -> None:
     """Makes this process keep the memory of an image for the next one; for nodes that handle many images.
 
-    As delivered glibc returns blocks of that size to the system, which then clears the next image's pages one by one:
+    By default glibc returns blocks of that size to the system, which then clears the next image's pages one by one:
     three quarters of the time that it takes to receive 1080p images. With another C library nothing changes.
     """
     try:
         mallopt = ctypes.CDLL(None).mallopt
     except (OSError, AttributeError):
         return
-    # the largest that glibc takes; rospy receives into buffers of half that size
+    # the largest glibc accepts; rospy receives into buffers of half that size
     mallopt(_M_MMAP_THRESHOLD, 32 << 20)
     mallopt(_M_TRIM_THRESHOLD, 128 << 20)
 
 
 class Mailbox(Generic[T]):
-    """A one-place mailbox: the newest item wins, what it replaces is counted as dropped.
+    """A mailbox for one item: the newest wins, the one it replaces counts as dropped.
 
     A subscriber's callback puts, a worker thread takes: slow work never makes a queue grow.
     """
@@ -109,7 +109,7 @@ class Mailbox(Generic[T]):
         self.dropped = 0
 
     def put(self, item: T) -> None:
-        """Leaves an item; one that still lies there is dropped."""
+        """Puts an item; one that is still there is dropped."""
         with self._condition:
             self.received += 1
             if self._item is not None:
@@ -126,7 +126,7 @@ class Mailbox(Generic[T]):
             return item
 
     def close(self) -> None:
-        """Wakes up the waiting thread; from now on `take` gives None."""
+        """Wakes up the waiting thread; `take` then returns None."""
         with self._condition:
             self._closed = True
             self._item = None
@@ -134,7 +134,7 @@ class Mailbox(Generic[T]):
 
 
 class Queue(Generic[T]):
-    """A queue for a worker: every item counts, they are taken in order, and only so many may wait."""
+    """A queue for a worker: no item is skipped, order is kept, the number is limited."""
 
     def __init__(self, size: int = 1000) -> None:
         self._condition = threading.Condition()
@@ -143,7 +143,7 @@ class Queue(Generic[T]):
         self._closed = False
 
     def put(self, item: T) -> bool:
-        """Adds an item; False if too many wait already, which the caller has to say."""
+        """Adds an item; False if too many wait already, which the caller must report."""
         with self._condition:
             if len(self._items) >= self._size:
                 return False
@@ -159,7 +159,7 @@ class Queue(Generic[T]):
             return self._items.popleft() if self._items else None
 
     def close(self) -> None:
-        """Ends it: what waits is still taken, then `take` gives None."""
+        """Closes it: waiting items are still taken, then `take` returns None."""
         with self._condition:
             self._closed = True
             self._condition.notify_all()
@@ -168,7 +168,7 @@ class Queue(Generic[T]):
 class Beat:
     """A clock for a worker: `take` returns when something was announced, or after a period of wall time.
 
-    A rospy.Timer follows simulated time, which may pause; what must not pause uses this.
+    A rospy.Timer follows simulated time, which may pause; work that must not pause uses this.
     """
 
     def __init__(self, period: float) -> None:
@@ -177,23 +177,23 @@ class Beat:
         self._closed = False
 
     def set(self) -> None:
-        """Announces something: the worker need not wait any longer."""
+        """Announces something: the worker stops waiting."""
         self._wake.set()
 
     def take(self) -> Optional[bool]:
-        """Waits; gives whether something was announced, None once closed."""
+        """Waits; returns whether something was announced, None once closed."""
         woken = not self._closed and self._wake.wait(self._period)
         self._wake.clear()
         return None if self._closed else woken
 
     def close(self) -> None:
-        """Wakes up the worker; from now on `take` gives None."""
+        """Wakes up the worker; `take` then returns None."""
         self._closed = True
         self._wake.set()
 
 
 def start_thread(work: Callable[..., None], *arguments: Any) -> threading.Thread:
-    """Does something in a thread of its own; a fault ends the node with a traceback, and roslaunch brings it back."""
+    """Runs work in a separate thread; a fault ends the node with a traceback, and roslaunch restarts it."""
 
     def run() -> None:
         sound = False
@@ -213,7 +213,7 @@ class Worker:
     """A thread that handles the items of a Mailbox, Queue or Beat one after the other, and survives a faulty item.
 
     A `CodedError` is a faulty item. Anything else is a fault of the node: it ends with a traceback, and roslaunch
-    brings it back; a node whose worker had died alone would go on deaf.
+    restarts it; a node whose worker alone had died would run on deaf.
     """
 
     def __init__(self, mailbox: Any, handle: Callable[[Any], None]) -> None:
@@ -240,18 +240,18 @@ class Worker:
                 return
 
 
-SAID_AFTER_S = 5.0  # [s] of wall time that somebody waits without a word, and between two words
+SAID_AFTER_S = 5.0  # [s] of wall time before the first log line about waiting, and the next
 GIVES_UP_AFTER_S = 60.0  # [s] of wall time
 
 
 def await_input(what: str, arrived: Callable[[], bool], give_up_s: Optional[float] = None) -> None:
-    """Watches, in a thread, whether what a node needs arrives: says what it waits for, and gives up if told to.
+    """Watches, in a thread, whether an input arrives: logs what the node waits for, and gives up if told to.
 
     Args:
         what: for the log: "the map on /map".
         arrived: whether it is there.
-        give_up_s: [s] of wall time after which the node ends with "waited_in_vain", so that roslaunch starts it again; None:
-            never, because the node is of use without it or starting again would not help.
+        give_up_s: [s] of wall time after which the node ends with "waited_in_vain", so that roslaunch restarts it;
+            None: never, because the node is useful without it or a restart would not help.
     """
     threading.Thread(target=_await, args=(what, arrived, give_up_s), daemon=True).start()
 
@@ -267,7 +267,7 @@ def _await(what: str, arrived: Callable[[], bool], give_up_s: Optional[float]) -
             return False
         if now - said > SAID_AFTER_S:
             rospy.logwarn("%s waits for %s", rospy.get_name(), what)
-            # twice as long between words each time: 5, 10, 20 s ...
+            # the pause doubles each time: 5, 10, 20 s ...
             said = now + max(0.0, now - began - SAID_AFTER_S)
         time.sleep(0.02)
     return True

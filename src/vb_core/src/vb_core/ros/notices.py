@@ -24,7 +24,7 @@ def message_from_notice(notice: Notice) -> NoticeMessage:
 
 
 def notice_from_message(message: NoticeMessage) -> Notice:
-    """A severity that is not known counts as an error: it may come from a newer version."""
+    """An unknown severity counts as an error: it may come from a newer version."""
     known = message.severity in tuple(Severity)
     return Notice(
         message.code, Severity(message.severity) if known else Severity.ERROR, message.robot, message.border_id,
@@ -33,7 +33,7 @@ def notice_from_message(message: NoticeMessage) -> Notice:
 
 
 class NoticePublisher:
-    """Says all that this node has to say on /virtual_borders/notices, at once and again every second."""
+    """Publishes this node's notices on /virtual_borders/notices, at once and again every second."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
@@ -43,7 +43,7 @@ class NoticePublisher:
         self._publish()
 
     def set(self, notices: Iterable[Notice]) -> None:
-        """Replaces what this node says; nothing is sent before the next repetition if that changes nothing."""
+        """Replaces this node's notices; if none changes, nothing is sent before the next repetition."""
         notices = list(notices)
         with self._lock:
             if notices == self._notices:
@@ -52,7 +52,7 @@ class NoticePublisher:
         self._publish()
 
     def close(self) -> None:
-        """Takes everything back."""
+        """Withdraws all notices."""
         self._timer.shutdown()
         self.set([])
 

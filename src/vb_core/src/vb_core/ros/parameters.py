@@ -17,7 +17,7 @@ def read(cls: Type[P], namespace: str = "~", ignore: Sequence[str] = ()) -> P:
     Args:
         cls: the class.
         namespace: "~" for the node's private parameters, or for instance "~stationary".
-        ignore: keys below the namespace that belong to somebody else (nested classes).
+        ignore: keys below the namespace that belong to nested classes.
 
     Raises:
         ParameterError: names the full key of what is unknown, of a wrong type or out of range.
@@ -31,7 +31,7 @@ def read(cls: Type[P], namespace: str = "~", ignore: Sequence[str] = ()) -> P:
     try:
         params = cls.from_mapping(values, where)
     except ParameterError as error:
-        # one that was removed from the launch file stays on the server until somebody takes it off
+        # one that was removed from the launch file stays on the server until it is deleted
         set_on_server = error.key.startswith("/") and rospy.has_param(error.key)
         raise error if not set_on_server else ParameterError(
             error.key, f"{error.message.split(': ', 1)[1]} (if no launch file sets it any longer: "

@@ -1,7 +1,7 @@
 """Parameters that are changed while a node runs, with dynamic_reconfigure (rqt_reconfigure, dynparam).
 
 The parameter class stays the only source of names, limits, units and explanations: the description that
-dynamic_reconfigure wants is made of its fields, not of a .cfg file.
+dynamic_reconfigure needs is made from its fields, not a .cfg file.
 """
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ _LIMIT = {bool: (False, True), int: (-(2**31), 2**31 - 1), float: (-1e9, 1e9)}
 
 
 def describe(params: Parameters, fixed: Sequence[str] = ()) -> Any:
-    """What a compiled .cfg file would be, of a parameter class: its numbers and switches.
+    """A parameter class's numbers and switches, as a compiled .cfg file describes them.
 
     Args:
-        params: their present values become the defaults.
+        params: their current values become the defaults.
         fixed: names of fields that cannot be changed while the node runs.
     """
     entries: List[Dict[str, Any]] = []
@@ -69,19 +69,19 @@ def describe(params: Parameters, fixed: Sequence[str] = ()) -> Any:
 class ReconfigureServer(Generic[P]):
     """Serves the numbers and switches of a parameter class for reconfiguration.
 
-    dynamic_reconfigure pulls single values into their limits. What the class itself refuses then, for instance a
+    dynamic_reconfigure clamps single values to their limits. What the class itself then refuses, for instance a
     smallest size above the largest one, changes nothing: the old values stay and are sent back, with one warning that
     says why.
 
     Services:
         <namespace>/set_parameters (dynamic_reconfigure/Reconfigure)
-    Publishes:
+    Published topics:
         <namespace>/parameter_descriptions, <namespace>/parameter_updates (latched)
 
     Args:
         params: the values at the start.
         namespace: "~" or for instance "~detector", where `vb_core.ros.parameters.read` read them.
-        apply: takes the new parameters, in a service's thread; a CodedError of it refuses them.
+        apply: adopts the new parameters, in a service's thread; its CodedError refuses them.
         fixed: names of fields that cannot be changed while the node runs.
     """
 

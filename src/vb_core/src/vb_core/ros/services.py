@@ -1,4 +1,4 @@
-"""Calling a neighbour's service without waiting for ever."""
+"""Calling other nodes' services without waiting for ever."""
 from __future__ import annotations
 
 import queue
@@ -11,9 +11,9 @@ from vb_core.errors import CodedError
 
 
 def call(name: str, service: Type, request: Any, who: str, wait_s: float = 1.0, answer_s: float = 5.0) -> Any:
-    """Calls a service; gives its response or a coded refusal within a known time.
+    """Calls a service; returns its response or raises an error within a known time.
 
-    rospy itself waits without limit for a process that took the connection and hangs. The limits are
+    rospy itself waits without limit for a process that accepts the connection and hangs. The limits are
     wall time on purpose: whether a process answers does not depend on simulated time, which may stand still.
 
     Args:
@@ -24,8 +24,8 @@ def call(name: str, service: Type, request: Any, who: str, wait_s: float = 1.0, 
         answer_s: [s] how long to wait for its response after that.
 
     Raises:
-        CodedError: "no_service" if nobody offers it: nothing was sent. "no_answer" if the request was
-            sent and no response came: what it asked for may have been done or not.
+        CodedError: "no_service" if no node offers it: nothing was sent. "no_answer" if the request was
+            sent and no response came: it may or may not have been carried out.
     """
     answers: "queue.Queue" = queue.Queue()
     sent = threading.Event()

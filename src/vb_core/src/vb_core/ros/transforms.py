@@ -1,4 +1,4 @@
-"""Looking up transforms at the time they are wanted for."""
+"""Looking up transforms at the time of a message."""
 from __future__ import annotations
 
 import numpy as np
@@ -10,7 +10,7 @@ from vb_core.ros.messages import matrix_from_transform
 
 
 class TransformLookup:
-    """tf2's buffer and listener; gives 4x4 matrices or a coded refusal."""
+    """tf2's buffer and listener; returns 4x4 matrices or raises an error."""
 
     def __init__(self, cache_s: float = 10.0) -> None:
         self._buffer = tf2_ros.Buffer(cache_time=rospy.Duration(cache_s))
@@ -26,7 +26,7 @@ class TransformLookup:
 
         Raises:
             CodedError: "no_transform" if there is none at that time, with tf's own reason;
-                "bad_transform" if it is no rotation.
+                "bad_transform" if its rotation is invalid.
         """
         try:
             found = self._buffer.lookup_transform(target, source, stamp, rospy.Duration(timeout_s))
@@ -42,7 +42,7 @@ class TransformLookup:
             return rospy.Time(0)
 
     def rest_on_static(self, target: str, source: str) -> bool:
-        """Stops listening to moving transforms if the way from source to target is a fixed one.
+        """Stops listening to moving transforms if the chain from source to target is static.
 
         A node beside a fixed camera would otherwise decode every robot's transforms for nothing. What is
         published later on /tf_static is still heard.
@@ -53,7 +53,7 @@ class TransformLookup:
             found = self._buffer.lookup_transform(target, source, rospy.Time(0))
         except (tf2_ros.TransformException, rospy.ROSException):
             return False
-        # tf2 gives the time zero to what holds at any time
+        # tf2 stamps static transforms with zero
         self._resting = found.header.stamp.is_zero()
         if self._resting:
             self._listener.tf_sub.unregister()

@@ -20,19 +20,19 @@ from vb_laser_detect.projection import FloorProjector
 from vb_laser_detect.ros.diagnostics import DetectorDiagnostics
 
 
-_TF_LATE = rospy.Duration(0.5)  # a pose of so long ago has come by now, if any comes
+_TF_LATE = rospy.Duration(0.5)  # a pose this old has arrived by now, if any does
 
 
 class InfoTopic:
     """The newest camera_info; it may come late, and change.
 
-    Subscribes:
+    Subscribed topics:
         <topic> (sensor_msgs/CameraInfo)
 
     Args:
         topic: its name.
-        report: is told of one that describes no camera.
-        rectified: the images' distortion was undone before.
+        report: called for one that describes no camera.
+        rectified: the images are already undistorted.
     """
 
     def __init__(self, topic: str, report: DetectorDiagnostics, rectified: bool = False) -> None:
@@ -90,7 +90,7 @@ class InfoTopic:
 class DepthTopic:
     """The last depth images, registered to the colour image.
 
-    Subscribes:
+    Subscribed topics:
         <topic> (sensor_msgs/Image, 16UC1 [mm] or 32FC1 [m]), <info_topic> (sensor_msgs/CameraInfo)
     """
 
@@ -106,7 +106,7 @@ class DepthTopic:
             self._images.append(message)
 
     def near(self, stamp: rospy.Time, age_s: float, colour_frame: str) -> Tuple[Optional[np.ndarray], Optional[CameraModel]]:
-        """The depth image (h, w) nearest to a time, and its camera's model; None for what there is not.
+        """The depth image (h, w) nearest to a time, and its camera's model; None for what is missing.
 
         Args:
             colour_frame: of the colour image; depth of another frame is not registered to it.
@@ -149,9 +149,9 @@ def depth_array(message: Image) -> np.ndarray:
 
 
 class CameraGeometry:
-    """Gives each image its geometry.
+    """Finds each image's geometry.
 
-    Subscribes:
+    Subscribed topics:
         tf: <optical frame> to map; at the image's time for a moving camera
 
     Args:
@@ -173,7 +173,7 @@ class CameraGeometry:
         """An image's geometry. A moving camera's pose is looked up only when it is asked for.
 
         Raises:
-            CodedError: "no_camera_info"; "no_transform", "bad_transform" if there is no way from the map to the camera at all.
+            CodedError: "no_camera_info"; "no_transform", "bad_transform" if tf does not connect map and camera at all.
         """
         camera = self._info.fitting(shape)
         if self._mobile:
@@ -185,7 +185,7 @@ class CameraGeometry:
         return Frame(camera, pose, self._projector, depth, stamp)
 
     def _check_reachable(self, frame_id: str, stamp: rospy.Time) -> None:
-        """Once in a while, whether there are poses at all: an image without candidates does not ask for one."""
+        """Checks now and then that poses exist at all: an image without candidates does not need one."""
         now = rospy.Time.now()
         if self._pose_at is None or abs((now - self._pose_at).to_sec()) >= self.pose_refresh_s or self._unreachable:
             self._pose_at, self._unreachable = now, True

@@ -1,4 +1,4 @@
-"""What one can see of a spot detector from outside: status, diagnostics, warnings."""
+"""A spot detector as seen from outside: status, diagnostics, warnings."""
 from __future__ import annotations
 
 import threading
@@ -17,19 +17,19 @@ from vb_laser_detect.blocks import sample_blocks
 from vb_laser_detect.detector_counts import DetectorCounts
 from vb_msgs.msg import DetectorStatus
 
-_SILENCE_S = 2.0  # without an image for so long, diagnostics call the camera silent
-_RECENT_S = 5.0  # a fault of its input stays in the diagnostics for so long
-_WARN_EVERY_S = 10.0  # and is logged so often, each kind for itself
+_SILENCE_S = 2.0  # without an image for this long, diagnostics call the camera silent
+_RECENT_S = 5.0  # a fault of its input stays in the diagnostics for this long
+_WARN_EVERY_S = 10.0  # and is logged at most this often, per kind
 _SATURATED = 250  # [grey levels]
 _SLOW_S = 1.0  # a spot that is confirmed later than this is worth a warning
-_HEARD_S = 5.0  # a detector that said nothing for so long is gone
+_HEARD_S = 5.0  # a detector that is silent for this long is gone
 _TOO_BRIGHT = 0.05  # part of the image that is saturated: no spot can be seen there
 
 
 class DetectorDiagnostics:
     """Counts what a detector does, and says what is wrong with its input.
 
-    Publishes:
+    Published topics:
         /virtual_borders/detectors (vb_msgs/DetectorStatus), once a second
         /diagnostics (diagnostic_msgs/DiagnosticArray), once a second
 
@@ -39,14 +39,14 @@ class DetectorDiagnostics:
         mobile: whether it is on a robot.
 
     Attributes:
-        debug_images: how many were drawn; none while nobody looks.
+        debug_images: how many were drawn; none without subscribers.
         colour: whether the images show colours.
     """
 
     def __init__(self, camera: str, mailbox: Mailbox, mobile: bool = False) -> None:
         self._camera, self._mobile = camera, mobile
         self._frame_id, self._confirmation_s = "", 0.0
-        self._others: Dict[str, Tuple[str, float]] = {}  # frame of each other stationary camera, and when it was told
+        self._others: Dict[str, Tuple[str, float]] = {}  # frame of each other stationary camera, and when it arrived
         self.colour = True
         self._mailbox = mailbox
         self._statistics = DetectorCounts()
@@ -65,11 +65,11 @@ class DetectorDiagnostics:
 
     # ------------------------------------------------------------- what the node tells
     def count(self, code: str) -> None:
-        """An everyday refusal: a candidate that is no spot."""
+        """An ordinary rejection: a candidate that is not a spot."""
         self._statistics.refuse(code)
 
     def fault(self, error: CodedError, severe: bool = False) -> None:
-        """Something is wrong with the input: counted, in the diagnostics, and logged once in a while."""
+        """Counts a fault of the input, shows it in the diagnostics, and logs it now and then."""
         self._statistics.refuse(error.code)
         now = rospy.Time.now()
         with self._lock:
@@ -82,12 +82,12 @@ class DetectorDiagnostics:
             (rospy.logerr if severe else rospy.logwarn)("%s: %s", rospy.get_name(), error)
 
     def standing(self, reason: str) -> None:
-        """Why no spot can be published at present; "" once all that is needed is there."""
+        """Why no spot can be published yet; "" once all inputs are available."""
         with self._lock:
             self._standing = reason
 
     def hear(self, message: DetectorStatus) -> None:
-        """What other detectors say of themselves."""
+        """Reads other detectors' status."""
         if message.camera != self._camera and not message.mobile and message.frame_id:
             with self._lock:
                 self._others[message.camera] = (message.frame_id, time.monotonic())
@@ -106,13 +106,13 @@ class DetectorDiagnostics:
     def frame(
         self, stamp: rospy.Time, search_s: float, spots: int, image: np.ndarray, frame_id: str, confirmation_s: float
     ) -> None:
-        """An image of a frame was searched; at the rate of the images a spot is confirmed after so long [s]."""
+        """Counts a searched image; at the images' rate a spot is confirmed after `confirmation_s`."""
         self._frame_id, self._confirmation_s = frame_id, confirmation_s
         self._statistics.frame(rospy.Time.now().to_sec(), stamp.to_sec(), search_s, spots)
         self._image = image
 
     def recall(self, frames: int) -> None:
-        """Spots of so many earlier images were published late, once they were confirmed."""
+        """Counts earlier images whose spots were published late, once confirmed."""
         self._statistics.recall(frames)
 
     # ------------------------------------------------------------- what goes out

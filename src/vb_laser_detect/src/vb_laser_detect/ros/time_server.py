@@ -1,4 +1,4 @@
-"""Tells this computer's clock to nodes that compare clocks."""
+"""Serves this computer's clock to nodes that compare clocks."""
 from __future__ import annotations
 
 import time
