@@ -1,7 +1,7 @@
 """The simulated person: what they perceive and do, and the skills that both methods share.
 
 A person is a script (a generator) that is resumed once per step. It knows only what a person in the room
-could know: where both are, the feedback that the spot is being seen, the answers to the commands,
+could know: where they and the robot are, the feedback that the spot is being seen, the answers to the commands,
 and whether the display shows a seed point.
 """
 from __future__ import annotations
