@@ -1,1 +1,1 @@
-"""The lab as a whole: whether it is ready, and a folder of one's own for it."""
+"""The lab as a whole: whether it is ready, and a separate folder for it."""

@@ -1,4 +1,4 @@
-"""Checks a running lab before people come: one line each, what is wrong and what cures it."""
+"""Checks a running lab before people come: one line each, what is wrong and how to fix it."""
 from __future__ import annotations
 
 import argparse

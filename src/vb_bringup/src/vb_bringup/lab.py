@@ -1,7 +1,7 @@
-"""Judges whether a lab is ready, from what was seen of it. No ROS.
+"""Judges whether a lab is ready, from what was observed. No ROS.
 
 Every check is one line: a subject, a state, and a code whose sentence (vb_core/languages, lab.yaml) says what is
-wrong and what cures it. `lab_probe` looks at the running lab; this module only judges.
+wrong and how to fix it. `lab_probe` observes the running lab; this module only judges.
 """
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ CLOCK_APART_S = 0.1
 TOO_BRIGHT = 0.05
 # room for a day of logs and recordings
 LITTLE_DISK_MB = 500
-# a robot that drives by its scan should see at least what lies ahead
+# a robot that drives by its scan should see at least what is ahead
 AHEAD_DEG = 60.0
 
 
@@ -45,7 +45,7 @@ class Line:
     values: Mapping[str, Any] = field(default_factory=dict)
 
     def sentence(self, language: str = sentences.ENGLISH) -> str:
-        """What a person reads."""
+        """The sentence that people read."""
         return sentences.say(self.code, self.values, language)
 
 
@@ -60,7 +60,7 @@ class CameraInfoSeen:
 
 @dataclass(frozen=True)
 class CameraSeen:
-    """What was seen of one camera and its detector.
+    """What was observed of one camera and its detector.
 
     Attributes:
         topic: of its images; publishers: nodes that publish it.
@@ -165,12 +165,12 @@ def _pose_faults(camera: CameraSeen, by_frame: Mapping[str, Sequence[str]], faul
 
 @dataclass(frozen=True)
 class RobotSeen:
-    """What was seen of one robot; `name` is "" for the only one.
+    """What was observed of one robot; `name` is "" for the only one.
 
     Attributes:
         pose_age: [s] of the newest map -> base_link; None: there is none.
-        scan_topic, scan_deg: [deg] what the scan covers; 0: no scan came.
-        depth_frame, color_frame: frames of its depth and colour images; "": no image came.
+        scan_topic, scan_deg: [deg] what the scan covers; 0: no scan arrived.
+        depth_frame, color_frame: frames of its depth and colour images; "": no image arrived.
     """
 
     name: str
@@ -201,10 +201,10 @@ def check_robot(robot: RobotSeen) -> List[Line]:
 
 @dataclass(frozen=True)
 class MapSeen:
-    """What was seen of the map and its borders.
+    """What was observed of the map and its borders.
 
     Attributes:
-        shape: (rows, columns) of /map; None: no map came.
+        shape: (rows, columns) of /map; None: no map arrived.
         publishers: nodes that publish /map; with_borders: whether /virtual_borders/map has the same geometry.
         borders, acting: how many there are, and how many are in force.
         message: of the borders as a whole.
@@ -250,11 +250,11 @@ def check_nodes(missing: Sequence[str]) -> List[Line]:
 
 @dataclass(frozen=True)
 class NavigationSeen:
-    """What was seen of one move_base.
+    """What was observed of one move_base.
 
     Attributes:
         maps: the maps that it subscribes to.
-        clears_plans: whether make_plan clears the costmap round the robot first, and borders with it.
+        clears_plans: whether make_plan clears the costmap around the robot first, and borders with it.
     """
 
     name: str
@@ -286,7 +286,7 @@ def check_disk(folder: str, free_mb: float) -> Line:
 
 
 def check_launch_arguments(given: Sequence[str], declared: Sequence[str]) -> List[Line]:
-    """Arguments that roslaunch was given and the launch file does not have: roslaunch ignores them silently."""
+    """Arguments passed to roslaunch that the launch file lacks: roslaunch ignores them silently."""
     return [
         Line("launch", State.ERROR, "lab_unknown_argument",
              {"argument": name, "nearest": _nearest(name, declared), "known": ", ".join(sorted(declared))})

@@ -1,6 +1,6 @@
-"""Watches the cameras while people work, and says in a notice what is wrong with one. No ROS.
+"""Watches the cameras while people work, and reports a faulty one in a notice. No ROS.
 
-Without it a camera that was unplugged looks to a person as if the laser were off.
+Without it, an unplugged camera looks to a person as if the laser were off.
 """
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from vb_core.notices import Notice, Severity
 
 # a detector reports each second; two reports may be late on a busy computer
 SILENT_S = 3.0
-# what a detector counts when it must drop a spot, to what people are told
+# a detector's count of dropped spots, to the code of the notice
 _REASONS = {"no_transform": "camera_no_pose", "no_camera_info": "camera_no_lens"}
 
 
@@ -25,7 +25,7 @@ class _Camera:
 
 
 class LabMonitor:
-    """What is wrong with the cameras now, by what their detectors report. Not thread safe.
+    """Finds the cameras' present faults from their detectors' reports. Not thread safe.
 
     Args:
         cameras: names of those that should be there; others are watched once they report.

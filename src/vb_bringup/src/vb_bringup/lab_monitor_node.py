@@ -1,4 +1,4 @@
-"""Tells people when a camera fails while they work."""
+"""Node: tells people when a camera fails while they work."""
 from __future__ import annotations
 
 import threading
@@ -23,7 +23,7 @@ class LabMonitorParams(Parameters):
 
 
 class LabMonitorNode:
-    """Watches the detectors' reports.
+    """Watches the detectors' status.
 
     Subscribed topics:
         /virtual_borders/detectors (vb_msgs/DetectorStatus)

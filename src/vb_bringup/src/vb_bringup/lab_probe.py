@@ -1,4 +1,4 @@
-"""Looks at the running lab: what its cameras, robots, maps and nodes send within some seconds."""
+"""Observes the running lab: what its cameras, robots, maps and nodes send within some seconds."""
 from __future__ import annotations
 
 import os
@@ -32,7 +32,7 @@ _IMAGE_TYPES = {"sensor_msgs/Image": Image, "sensor_msgs/CompressedImage": Compr
 
 
 class Graph:
-    """Which nodes run, and who publishes and subscribes what, at one moment."""
+    """Which nodes run, and their publications and subscriptions, at one moment."""
 
     def __init__(self) -> None:
         master = rosgraph.Master(rospy.get_name())
@@ -51,7 +51,7 @@ class Graph:
 
 
 class Stream:
-    """A topic listened to for a while: how often it came, its newest stamp, and one whole message."""
+    """A topic observed for a while: its message count, newest stamp, and one whole message."""
 
     def __init__(self, topic: str, kind: Any) -> None:
         self._kind = kind
@@ -72,7 +72,7 @@ class Stream:
             self._raw = message._buff
 
     def rate(self) -> float:
-        """[1/s]; 0 if nothing came."""
+        """[1/s]; 0 if nothing arrived."""
         with self._lock:
             if len(self._times) < 2:
                 return len(self._times) / (time.monotonic() - self._began)
@@ -83,14 +83,14 @@ class Stream:
         return self._age
 
     def message(self) -> Optional[Any]:
-        """The newest message; None if none came or it is not what it should be."""
+        """The newest message; None if none arrived or it is not of the right type."""
         with self._lock:
             raw = self._raw
         if raw is None:
             return None
         try:
             return self._kind().deserialize(raw)
-        except Exception:  # genpy raises what it likes at messages of another type
+        except Exception:  # genpy raises various errors for messages of another type
             return None
 
     def close(self) -> None:
@@ -149,7 +149,7 @@ def probe(seconds: float, folder: str) -> List[Line]:
 
 
 def launch_arguments(processes: Path = Path("/proc")) -> Tuple[List[str], List[str]]:
-    """The arguments that roslaunch processes on this computer were given, and those that their files declare."""
+    """The arguments passed to roslaunch processes on this computer, and those that their files declare."""
     import roslaunch.arg_dump
     import roslaunch.rlutil
 
@@ -160,7 +160,7 @@ def launch_arguments(processes: Path = Path("/proc")) -> Tuple[List[str], List[s
             words = [word.decode() for word in place.read_bytes().split(b"\0") if word]
             folder = os.readlink(str(place.parent / "cwd"))
         except (OSError, UnicodeDecodeError):
-            continue  # it has ended, or is somebody else's
+            continue  # it has ended, or belongs to another user
         start = next((k for k, word in enumerate(words[:3]) if os.path.basename(word) == "roslaunch"), None)
         if start is None or rosgraph.rosenv.get_master_uri() != _master_of(place.parent):
             continue
@@ -168,7 +168,7 @@ def launch_arguments(processes: Path = Path("/proc")) -> Tuple[List[str], List[s
         plain = [word for word in words if ":=" not in word]
         plain = [os.path.join(folder, word) if os.path.isfile(os.path.join(folder, word)) else word for word in plain]
         try:
-            # what is no file is an option's value
+            # what is not a file is an option's value
             files = [word for word in roslaunch.rlutil.resolve_launch_arguments(plain) if os.path.isfile(word)]
             found = roslaunch.arg_dump.get_args(files)
         except Exception:  # a launch file that cannot be read was reported by roslaunch itself

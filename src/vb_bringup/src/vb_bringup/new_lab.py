@@ -1,6 +1,6 @@
-"""Writes a folder for one's own lab: the only files that a lab edits, and keeps under version control.
+"""Writes a folder for your own lab: the only files that a lab edits, and keeps under version control.
 
-The stack itself stays as it is, so that a newer version never touches what a lab has set.
+The stack itself is unchanged, so that a newer version never touches a lab's settings.
 """
 from __future__ import annotations
 
@@ -112,7 +112,7 @@ The way to the first border:
 def write_lab(
     folder: Path, cameras: Sequence[str], robot: str, map_file: str, profiles: Path
 ) -> List[Path]:
-    """Writes the folder; gives the files.
+    """Writes the folder; returns the files.
 
     Args:
         folder: may exist, but must be empty.

@@ -2,8 +2,8 @@
 
     demo --scenario carpet --method nrs
 
-Starts everything with roslaunch under a master of its own, lets the simulated participant draw a
-border, asks move_base for the same way before and after, and has it drive the robot there. Leaves its results in out/demo.
+Starts everything with roslaunch under its own master, lets the simulated participant draw a
+border, asks move_base for the same path before and after, and has it drive the robot there. Leaves its results in out/demo.
 """
 from __future__ import annotations
 
@@ -46,18 +46,18 @@ NAVIGATIONS = ("standin", "move_base")
 DRIVE_S = 120.0  # [s] for one goal; move_base gives up one that is out of reach after 40 s
 METHOD_TITLES = {"nrs": "network robot system", "robot_only": "robot only"}
 READY_TIMEOUT_S = 90.0
-# of the page, if nobody else has it
+# of the page, if it is free
 PAGE_PORT = 8420
 INTERACTION_TIMEOUT_S = 900.0
 # software OpenGL pays for each pixel, and the cameras need the cores: the virtual screen is no larger than legible
 SCREEN = (1280, 720)
-# the picture of the drawing is taken once this part of the border is drawn
+# the screenshot of the drawing is taken once this part of the border is drawn
 DRAWN_FOR_PICTURE = 0.6
 
 
 @dataclass(frozen=True)
 class Options:
-    """What the command line asked for, checked."""
+    """The command line's options, checked."""
 
     world_path: Path
     world: World
@@ -107,7 +107,7 @@ def parse(arguments: Optional[List[str]], top: Path) -> Options:
 
 
 def main(arguments: Optional[List[str]] = None, top: Optional[Path] = None) -> int:
-    """Runs the demonstration; 0 if a border came out and the second way respects it."""
+    """Runs the demonstration; 0 if a border was saved and the second path respects it."""
     console = Console(highlight=False, soft_wrap=True)
     try:
         options = parse(arguments, top or Path.cwd())
@@ -268,7 +268,7 @@ class Demo:
 
     # ------------------------------------------------------------- while it runs
     def _follow(self, observer: Observer) -> None:
-        """Tells what happens until the participant is done."""
+        """Reports what happens until the participant is done."""
         pictured: List[threading.Thread] = []
         scenario = self.options.scenario
         wanted_m = DRAWN_FOR_PICTURE * chain_length(scenario.border, scenario.closed)
@@ -307,7 +307,7 @@ class Demo:
         return {"real_time_factor": ros / wall if wall > 0 else math.nan, "frames": frames, "duration_s": ros}
 
     def _plan_after(self, observer, proof: DetourCheck, region: np.ndarray) -> np.ndarray:
-        """The way after the border, as soon as move_base's costmap has it (at most 5 s)."""
+        """The path after the border, as soon as move_base's costmap has it (at most 5 s)."""
         after = np.zeros((0, 2))
 
         def respected() -> bool:
@@ -319,7 +319,7 @@ class Demo:
         return after
 
     def _drive(self, proof: DetourCheck) -> Driven:
-        """Sends the robot to where the proof begins, and from there to its goal; gives the second drive."""
+        """Sends the robot to where the proof begins, and from there to its goal; returns the second drive."""
         runner = GoalRunner()
         with self._narrator.status("the robot drives to the start of the proof"):
             first = runner.drive(_pose(proof.start), DRIVE_S)
@@ -341,7 +341,7 @@ class Demo:
             self._say(f"the map could not be saved: {reply.message}")
 
     def _start_screenshot(self, name: str) -> threading.Thread:
-        """Takes a picture without holding up the narration."""
+        """Takes a screenshot without delaying the narration."""
         thread = threading.Thread(target=self._take_screenshot, args=(name,), daemon=True)
         thread.start()
         return thread

@@ -1,4 +1,4 @@
-"""Who does what in which order; the simulated study and the one with people use the same plan."""
+"""Plans who does what in which order; the simulated study and the one with people use the same plan."""
 from __future__ import annotations
 
 import zlib

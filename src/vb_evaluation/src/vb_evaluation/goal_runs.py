@@ -1,4 +1,4 @@
-"""Sends a robot to a goal through move_base and keeps the path that it truly drove."""
+"""Sends a robot to a goal through move_base and records the path that it truly drove."""
 from __future__ import annotations
 
 import threading
@@ -23,12 +23,12 @@ OUTCOMES = {GoalStatus.SUCCEEDED: "reached", GoalStatus.ABORTED: "refused", Goal
 
 @dataclass(frozen=True)
 class Driven:
-    """What became of a goal.
+    """The outcome of a goal.
 
     Attributes:
         outcome: "reached", "refused", "cancelled", "time_is_up" or "no_navigation".
         text: navigation's own words.
-        path: (N, 2) [m] where the robot's middle truly was, map frame.
+        path: (N, 2) [m] where the robot's centre truly was, map frame.
         seconds: of simulated time.
     """
 
@@ -44,7 +44,7 @@ class Driven:
 
 
 class GoalRunner:
-    """Gives goals to one robot of the simulated lab, one at a time.
+    """Sends goals to one robot of the simulated lab, one at a time.
 
     Args:
         robot: its namespace; empty for the only one.
@@ -68,7 +68,7 @@ class GoalRunner:
                 path.append((pose.x, pose.y))
 
     def drive(self, goal: Tuple[float, float, float], limit_s: float, wall_s: float = 600.0) -> Driven:
-        """Sends the robot to a goal (x, y, yaw) [m, m, rad] and waits for what comes of it.
+        """Sends the robot to a goal (x, y, yaw) [m, m, rad] and waits for the outcome.
 
         Args:
             limit_s: [s] of simulated time, then the goal is cancelled; wall_s: the same of wall time.

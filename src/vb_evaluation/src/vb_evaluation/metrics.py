@@ -1,4 +1,4 @@
-"""The paper's measures (Sect. 5.5) and the proof that a border acts.
+"""Computes the paper's measures (Sect. 5.5) and the proof that a border acts.
 
 >>> import numpy as np
 >>> wanted, drawn = np.zeros((10, 10), bool), np.zeros((10, 10), bool)
@@ -55,7 +55,7 @@ def restricted_cells(prior: GridMap, posterior: GridMap) -> np.ndarray:
 
 @dataclass(frozen=True)
 class BoundaryError:
-    """Distances [m] between the boundary that was asked for and the one that the robot respects, both ways pooled."""
+    """Distances [m] between the requested boundary and the one that the robot respects, both directions pooled."""
 
     mean: float
     p95: float
@@ -63,7 +63,7 @@ class BoundaryError:
 
 
 def boundary_error(prior: GridMap, truth: np.ndarray, restricted: np.ndarray) -> Optional[BoundaryError]:
-    """Measures how far the restricted area's boundary lies from the one that was asked for.
+    """Measures how far the restricted area's boundary is from the requested one.
 
     A boundary consists of the edges between a cell inside and one outside, both of them free floor: where the area
     ends at a wall nobody drew anything. From each edge's middle the distance to the nearest edge of the other

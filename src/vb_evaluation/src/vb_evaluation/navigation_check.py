@@ -1,7 +1,7 @@
-"""Does a robot's navigation respect virtual borders? Asked of the running move_base before people rely on it.
+"""Checks that a robot's navigation respects virtual borders, on the running move_base before people rely on it.
 
-Puts a small border across the way between the robot and a goal, asks move_base for plans before and after, clears its
-costmaps, tries a soft border, and takes everything away again. The robot does not drive.
+Puts a small border across the path between the robot and a goal, asks move_base for plans before and after, clears its
+costmaps, tries a soft border, and removes everything again. The robot does not drive.
 """
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ WANTED = {
 
 @dataclass(frozen=True)
 class Check:
-    """One line of the result; `good` is None where it could not be told."""
+    """One line of the result; `good` is None where it could not be determined."""
 
     what: str
     good: Optional[bool]
@@ -49,15 +49,15 @@ class Check:
 
 
 class NavigationCheck:
-    """The checks, against the nodes map_integrator and move_base of a running system.
+    """Runs the checks against map_integrator and move_base of a running system.
 
     Args:
-        goal: (x, y) [m] in the map frame, somewhere the robot could drive to from where it stands.
-        size: [m] edge of the square border that is put on the way.
+        goal: (x, y) [m] in the map frame, somewhere the robot could drive to from where it is.
+        size: [m] edge of the square border that is put on the path.
         move_base: name of the node.
         base_frame: the robot's.
-        at_once: [s] after a border was added plans have to go round it.
-        patience: [s] after which something that does not come is given up.
+        at_once: [s] after a border was added until plans have to go around it.
+        patience: [s] to wait for anything before giving up.
     """
 
     def __init__(
@@ -77,7 +77,7 @@ class NavigationCheck:
 
         Raises:
             CodedError: "no_map", "no_transform", "no_planner", "no_way" or "short_way" if there is nothing to check
-                with; "refused" if the map integrator does not take the border.
+                with; "refused" if the map integrator rejects the border.
         """
         service = f"{self._move_base}/make_plan"
         try:
@@ -126,7 +126,7 @@ class NavigationCheck:
             call(f"{self._move_base}/clear_costmaps", Empty, EmptyRequest(), "move_base")
         except CodedError as error:
             return Check(what, None, str(error))
-        # the costmap is empty until its next cycle; what counts is that the border comes back by itself
+        # the costmap is empty until its next cycle; what counts is that the border returns on its own
         seconds = self._seconds_until(lambda: not self._crosses(self._plan(), square))
         if seconds is None or seconds > self._at_once:
             return self._timed(what, seconds, self._at_once)
@@ -149,7 +149,7 @@ class NavigationCheck:
         return self._observer.plan(self._start, self._goal, f"{self._move_base}/make_plan")
 
     def _square_on(self, way: np.ndarray) -> np.ndarray:
-        """(4, 2) [m] a square about the middle of the way, clear of the robot and of the goal."""
+        """(4, 2) [m] a square around the middle of the path, clear of the robot and of the goal."""
         dense = geometry.resample_chain(way, 0.02)
         middle = dense[len(dense) // 2]
         ends = np.array([self._start[:2], self._goal[:2]])
@@ -160,7 +160,7 @@ class NavigationCheck:
     def _crosses(self, way: np.ndarray, square: np.ndarray) -> bool:
         if not len(way):
             return False
-        # a cell inwards: a way may touch the border's edge
+        # a cell inwards: a path may touch the border's edge
         reach = 0.5 * self._size - self._observer.posterior.resolution
         return bool((np.abs(geometry.resample_chain(way, 0.01) - square.mean(axis=0)).max(axis=1) < reach).any())
 

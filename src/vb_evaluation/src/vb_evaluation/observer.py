@@ -22,7 +22,7 @@ from vb_msgs.msg import BorderProgress, DetectorStatus, InteractionState, LabSta
 
 
 class Observer:
-    """Subscribes what the stack tells about itself; every attribute is the newest value or None.
+    """Subscribes to what the stack publishes about itself; every attribute is the newest value or None.
 
     Must be made after `rospy.init_node`. Nothing here commands the system but `plan`, which asks
     move_base for a plan.
@@ -57,7 +57,7 @@ class Observer:
             rospy.Subscriber("/sim/cameras", DiagnosticArray, self._on_cameras),
         ]
 
-    # ------------------------------------------------------------- what comes in
+    # ------------------------------------------------------------- inputs
     def _on_map(self, which: str, message) -> None:
         try:
             setattr(self, which, messages.grid_from_message(message))
@@ -112,7 +112,7 @@ class Observer:
         return counts
 
     def delays(self, camera: str) -> np.ndarray:
-        """(N, 2) [ms] median and 95th percentile from image to search, each of some seconds, as the detector told."""
+        """(N, 2) [ms] median and 95th percentile from image to search, each over some seconds, as the detector reported."""
         return np.array(self._delays.get(camera, []), dtype=float).reshape(-1, 2)
 
     def trail(self, camera: str) -> np.ndarray:

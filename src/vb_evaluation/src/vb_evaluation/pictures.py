@@ -1,4 +1,4 @@
-"""The pictures of a run: ways before and after, and what each camera saw."""
+"""Draws the figures of a run: paths before and after, and what each camera saw."""
 from __future__ import annotations
 
 from pathlib import Path
@@ -13,7 +13,7 @@ from vb_core.grid_map import GridMap
 matplotlib.use("Agg")
 from matplotlib import pyplot as plt  # noqa: E402  (the backend must be chosen before)
 
-# colours that colour-blind people tell apart (Okabe and Ito)
+# colours that colour-blind people can distinguish (Okabe and Ito)
 BLUE, ORANGE, GREEN, VERMILION, GREY = "#0072B2", "#E69F00", "#009E73", "#D55E00", "#666666"
 
 
@@ -28,14 +28,14 @@ def before_after(
     driven: np.ndarray,
     title: str,
 ) -> None:
-    """Draws the map with the planned way before and after the border.
+    """Draws the map with the planned path before and after the border.
 
     Args:
         path: the PNG to write.
         prior: the physical map.
         region: (H, W) bool, what the border restricts.
-        truth: (H, W) bool, what was asked for; None if unknown.
-        path_before, path_after: (N, 2) [m]; an empty one means that there is no way.
+        truth: (H, W) bool, the requested region; None if unknown.
+        path_before, path_after: (N, 2) [m]; an empty one means that there is no path.
         driven: (K, 2) [m] what the robot drove with the border in force; empty if it did not.
         chain: (M, 2) [m] the border's chain, with its first point repeated at the end if it is closed.
     """

@@ -1,4 +1,4 @@
-"""Child processes of an experiment: a roslaunch with a master of its own, and a screen for RViz."""
+"""Child processes of an experiment: a roslaunch with its own master, and a screen for RViz."""
 from __future__ import annotations
 
 import os
@@ -14,9 +14,9 @@ from vb_core.errors import CodedError
 
 
 def free_port(wanted: int = 0) -> int:
-    """A TCP port on loopback that nobody uses now: the wanted one if it is free."""
+    """An unused TCP port on loopback: the wanted one if it is free."""
     with socket.socket() as probe:
-        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)  # what a closed server leaves behind is no user
+        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)  # the leftovers of a closed server do not count
         try:
             probe.bind(("127.0.0.1", wanted))
         except OSError:
@@ -25,7 +25,7 @@ def free_port(wanted: int = 0) -> int:
 
 
 class Child:
-    """A child process in a group of its own, so that all it started ends with it."""
+    """A child process in its own group, so that all it started ends with it."""
 
     def __init__(self, command: List[str], log: Path, env: Optional[Dict[str, str]] = None, pass_fds=()) -> None:
         self.log = log
@@ -97,7 +97,7 @@ def start_screen(log: Path, width: int, height: int) -> "tuple[Child, str]":
 
 
 def screenshot(display: str, path: Path, window: Optional[str] = None) -> bool:
-    """Takes a picture of a screen, or of one window by id; whether it worked."""
+    """Takes a screenshot of a screen, or of one window by id; returns whether it worked."""
     done = subprocess.run(
         ["import", "-window", window or "root", str(path)], env={**os.environ, "DISPLAY": display},
         stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, stdin=subprocess.DEVNULL,

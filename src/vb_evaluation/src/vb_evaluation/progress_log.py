@@ -1,4 +1,4 @@
-"""Tells on a terminal what happens in a running interaction."""
+"""Reports on a terminal what happens in a running interaction."""
 from __future__ import annotations
 
 import contextlib
@@ -12,7 +12,7 @@ from vb_core.geometry import chain_length
 from vb_core.ros import messages
 from vb_msgs.msg import BorderProgress
 
-# a line for so many more spots: a stroke of 6.5 m gives some hundreds
+# a line for this many more spots: a stroke of 6.5 m makes some hundreds
 _SPOTS_PER_LINE = 100
 
 

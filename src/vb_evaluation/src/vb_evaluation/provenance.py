@@ -1,4 +1,4 @@
-"""Which version of the program made something."""
+"""Finds which version of the program made something."""
 from __future__ import annotations
 
 import subprocess

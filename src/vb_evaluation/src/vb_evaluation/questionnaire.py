@@ -2,7 +2,7 @@
 
 One line per participant; the columns are `participant`, for each statement and method `s1_nrs` ... `s5_robot_only`
 with whole numbers from 1 to 5, `helped` with yes or no, and, if the UEQ-S was asked, `u1_nrs` ... `u8_robot_only` with the
-box that was ticked, 1 to 7 from left to right. An empty cell is an answer not given.
+box that was ticked, 1 to 7 from left to right. An empty cell is a missing answer.
 
 UEQ-S: Schrepp, Hinderks, Thomaschewski, "Design and Evaluation of a Short Version of the User Experience Questionnaire
 (UEQ-S)", IJIMAI 4(6), 2017: items 1 to 4 pragmatic, 5 to 8 hedonic quality, each the mean of items scaled to -3 .. 3.

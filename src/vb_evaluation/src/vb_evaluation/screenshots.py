@@ -1,8 +1,8 @@
-"""Pictures of the smart display in every state, for the docs: real RViz and display_markers, messages by a script.
+"""Takes screenshots of the smart display in every state, for the docs: real RViz and display_markers, scripted messages.
 
     scripts/screenshots [--out docs/images/display] [--world file] [--only seed]
 
-Starts a master of its own and a virtual screen for each size, so it needs neither ROS running nor a display.
+Starts its own master and a virtual screen for each size, so it needs neither ROS running nor a display.
 """
 from __future__ import annotations
 
@@ -49,13 +49,13 @@ SIZES = ((1920, 1080), (1280, 720))
 _PLAN = "/move_base/NavfnROS/plan"
 # [s] between two looks at the screen: several frames of RViz, also where software draws them
 _PAUSE_S = 1.0
-# share of pixels that may differ between two pictures of the same
+# share of pixels that may differ between two screenshots of the same
 _SAME = 0.0005
 _PATIENCE_S = 180.0
 
 
 def main(arguments: Optional[List[str]] = None, top: Optional[Path] = None) -> int:
-    """Takes the pictures; 0 if all could be taken."""
+    """Takes the screenshots; 0 if all could be taken."""
     top = top or Path.cwd()
     parser = argparse.ArgumentParser(prog="screenshots", description=__doc__.split("\n")[0])
     parser.add_argument("--world", default=str(top / "src/vb_sim/worlds/lab.yaml"), help="a world file")
@@ -126,7 +126,7 @@ def _start(command: List[str], log: Path, more: Optional[Dict[str, str]] = None)
 
 
 def _still_picture(display: str, path: Path, before: Optional[np.ndarray]) -> np.ndarray:
-    """Takes a picture once the screen stands still and shows something else than before; on a busy machine RViz lags.
+    """Takes a screenshot once the screen is still and differs from before; on a busy machine RViz lags.
 
     Raises:
         CodedError: "no_picture" if it cannot be taken, or if the screen does not change or does not come to rest.
@@ -152,13 +152,13 @@ def _difference(one: np.ndarray, other: np.ndarray) -> float:
 
 
 def _shrink(path: Path) -> None:
-    """A palette of 128 colours: a quarter of the size, and no eye sees it on a picture of flat colours."""
+    """A palette of 128 colours: a quarter of the size, and it is invisible in an image of flat colours."""
     if shutil.which("convert"):
         subprocess.run(["convert", str(path), "-strip", "-colors", "128", f"PNG8:{path}"], check=False)
 
 
 class Stage:
-    """Publishes scenes the way the system would."""
+    """Publishes scenes as the system would."""
 
     def __init__(self, grid: Any, language: str) -> None:
         self._grid = grid
@@ -183,7 +183,7 @@ class Stage:
         self._map.publish(message_from_grid(grid, rospy.Time.now()))
 
     def close(self) -> None:
-        """Ends what goes on by itself."""
+        """Ends the background activity."""
         self._running = False
         self._thread.join()
 

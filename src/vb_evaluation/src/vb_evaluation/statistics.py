@@ -1,6 +1,6 @@
-"""The paper's statistics of paired measurements (Sect. 5.8), with effect sizes and intervals beside p.
+"""Computes the paper's statistics of paired measurements (Sect. 5.8), with effect sizes and intervals beside p.
 
-The Wilcoxon signed-rank test is reported as SPSS and the paper do: zero differences are left out, ties share
+The Wilcoxon signed-rank test is reported as in SPSS and the paper: zero differences are dropped, ties share
 their mean rank and shrink the variance, Z has no continuity correction and is never above 0.
 """
 from __future__ import annotations
@@ -35,7 +35,7 @@ class SignedRank:
 
     Attributes:
         n: differences that are not zero, the ones that are ranked.
-        zeros: differences of zero, left out.
+        zeros: differences of zero, dropped.
         w_plus, w_minus: sums of the ranks of positive and of negative differences.
         z: of the smaller sum, at most 0; nan if nothing can be ranked.
         p: of Z by the normal approximation ("Asymp. Sig.").
@@ -63,12 +63,12 @@ class Interval:
 
 @dataclass(frozen=True)
 class PairedComparison:
-    """Everything that is said about two paired samples; differences are first minus second.
+    """All statistics of two paired samples; differences are first minus second.
 
     Attributes:
         n: pairs.
         normality: of the differences.
-        outliers: indices of pairs whose difference lies beyond the boxplot's whiskers.
+        outliers: indices of pairs whose difference is beyond the boxplot's whiskers.
         test: Wilcoxon.
         r: effect size |Z| / sqrt(number of observations), two per pair (Rosenthal 1991; Field 2009, Sect. 15.4).
         rank_biserial: (W+ - W-) / (W+ + W-), -1 .. 1 (Kerby 2014).
@@ -137,7 +137,7 @@ def signed_rank(differences: np.ndarray) -> SignedRank:
     ranks = stats.rankdata(np.abs(ranked))
     w_plus, w_minus = float(ranks[ranked > 0].sum()), float(ranks[ranked < 0].sum())
     with warnings.catch_warnings():
-        # SciPy says that the normal approximation is poor for n < 10; the exact p stands beside it
+        # SciPy says that the normal approximation is poor for n < 10; the exact p is reported beside it
         warnings.simplefilter("ignore", UserWarning)
         found = stats.wilcoxon(ranked, zero_method="wilcox", correction=False, mode="approx")
     p_exact = _exact_p(ranks, min(w_plus, w_minus)) if n <= EXACT_UP_TO else math.nan

@@ -1,4 +1,4 @@
-"""Plays samples through ALSA's aplay, the counterpart of the arecord that the voice recognition listens with."""
+"""Plays samples through ALSA's aplay, the counterpart of the voice recognition's arecord."""
 from __future__ import annotations
 
 import subprocess
@@ -17,7 +17,7 @@ class AudioSink:
 
     Args:
         device: ALSA's name of it, as `aplay -L` lists them.
-        program: aplay, or what takes the same arguments.
+        program: aplay, or one with the same arguments.
     """
 
     def __init__(self, device: str, program: str = "aplay") -> None:

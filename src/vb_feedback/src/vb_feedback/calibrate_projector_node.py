@@ -1,4 +1,4 @@
-"""Calibrates a projector over the floor: shows four markers one after the other, takes a click on each."""
+"""Calibrates a projector over the floor: shows four markers in turn and takes a click on each."""
 from __future__ import annotations
 
 import os

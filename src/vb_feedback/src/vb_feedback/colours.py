@@ -54,6 +54,6 @@ def camera_colour(name: str) -> Colour:
 
 
 def blend(colour: Colour, towards: Colour, share: float) -> Colour:
-    """A colour on its way to another; share 0 is the first, 1 the second."""
+    """A colour between two others; share 0 is the first, 1 the second."""
     share = min(1.0, max(0.0, share))
     return tuple((1.0 - share) * a + share * b for a, b in zip(colour, towards))  # type: ignore[return-value]

@@ -1,4 +1,4 @@
-"""The node that draws on the smart display."""
+"""Node: draws on the smart display."""
 from __future__ import annotations
 
 import collections
@@ -30,7 +30,7 @@ from vb_feedback.layout import Box, Layout, fit
 from vb_feedback.text_panel import Notice, words
 
 _REFRESH_S = 2.0
-# [s] a spot that nobody has seen for so long is lost; a hand that hides it for a moment does not count
+# [s] a spot that no camera has seen for this long is lost; a hand that hides it briefly does not count
 _LOST_S = 1.0
 
 RESTRICTED = "/virtual_borders/display/restricted"
@@ -53,7 +53,7 @@ class DisplayParams(Parameters):
 
 @dataclass(frozen=True)
 class _Known:
-    """What has been heard, as one piece of drawing takes it."""
+    """The messages received, as one drawing step uses them."""
 
     physical: Optional[GridMap]
     posterior: Optional[GridMap]
@@ -80,8 +80,8 @@ class DisplayMarkers:
         /virtual_borders/coverage (nav_msgs/OccupancyGrid): 0 where no stationary camera sees the floor.
 
     Published topics:
-        /virtual_borders/markers (visualization_msgs/MarkerArray): only what changed; live spots as they come, at
-            most ~spot_rate times a second, the rest ~max_rate times; everything to a subscriber that has just come.
+        /virtual_borders/markers (visualization_msgs/MarkerArray): only what changed; live spots as they arrive, at
+            most ~spot_rate times a second, the rest ~max_rate times; everything to a new subscriber.
         /virtual_borders/display/restricted (nav_msgs/OccupancyGrid, latched): stripes where borders
             restrict the map and where saving now would, for RViz's colour scheme "costmap".
 
@@ -130,7 +130,7 @@ class DisplayMarkers:
         owner = self
 
         class Listener(rospy.SubscribeListener):
-            """Notes who came, so that the worker sends them everything."""
+            """Notes new subscribers, so that the worker sends them everything."""
 
             def peer_subscribe(self, _topic: str, _publish: Any, peer_publish: Any) -> None:
                 with owner._lock:
@@ -152,7 +152,7 @@ class DisplayMarkers:
     def _on_state(self, message: InteractionState) -> None:
         with self._lock:
             before, self._state = self._state, message
-        # it is repeated all the time: only what a person waits for is urgent
+        # it is repeated constantly: only what a person waits for is urgent
         news = before is None or (before.last_answered, before.name, before.stopped) != (
             message.last_answered, message.name, message.stopped
         )
@@ -228,7 +228,7 @@ class DisplayMarkers:
             self._markers.publish(MarkerArray([marker_from_shape(shape) for shape in shapes]))
 
     def _draw(self) -> bool:
-        """Sends what changed; gives whether something goes on changing by itself."""
+        """Sends what changed; returns whether something goes on changing by itself."""
         with self._lock:
             known = self._known()
             newcomers, self._newcomers = self._newcomers, []
@@ -250,7 +250,7 @@ class DisplayMarkers:
             everything = MarkerArray([Marker(action=Marker.DELETEALL)])
             everything.markers += [marker_from_shape(shape) for shape in shapes]
             publish(everything)
-        # what fades is drawn again, and once more to take it away
+        # fading shapes are drawn again, and once more to remove them
         return any(shape.lifetime for shape in shapes)
 
     def _show_restricted(self, known: _Known) -> None:
@@ -276,7 +276,7 @@ class DisplayMarkers:
 
     @staticmethod
     def _current_preview(known: _Known) -> Optional[BorderPreview]:
-        """The preview, if it belongs to the interaction under way."""
+        """The preview, if it belongs to the current interaction."""
         state, preview = known.state, known.preview
         if state is None or preview is None or not preview.available or not state.interaction_id:
             return None

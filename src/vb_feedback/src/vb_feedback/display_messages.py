@@ -1,4 +1,4 @@
-"""Messages to what the display shows, and what it shows to markers."""
+"""Converts messages to the display's contents, and these to markers."""
 from __future__ import annotations
 
 from typing import Optional, Sequence, Tuple
@@ -74,7 +74,7 @@ def talk_from_state(
         message = sentences.say(state.last_code, mapping_from_values(state.last_values), language, message)
     return PanelContent(
         state.name,
-        # whole seconds, as they are shown: less is no change
+        # whole seconds, as they are shown: less is not a change
         float(int(state.guide_s + state.border_s + state.seed_s)),
         tuple(state.commands),
         state.last_success,

@@ -1,4 +1,4 @@
-"""The node that makes light and sound."""
+"""Node: makes light and sound."""
 from __future__ import annotations
 
 import threading
@@ -23,7 +23,7 @@ class FeedbackParams(Parameters):
 
 
 class Feedback:
-    """Light and sound for the person (paper, Sect. 4.2: colored light and non-speech audio sound).
+    """Gives the person light and sound (paper, Sect. 4.2: colored light and non-speech audio sound).
 
     Subscribed topics:
         /virtual_borders/state (vb_msgs/InteractionState)

@@ -14,7 +14,7 @@ from vb_feedback.rviz_config import fit_config
 
 
 def run(arguments: Optional[List[str]] = None) -> int:
-    """Reads a config, fits it, writes it; gives the exit status."""
+    """Reads a config, fits it, writes it; returns the exit status."""
     parser = argparse.ArgumentParser(
         prog="fit_display",
         description="Writes an RViz config whose top view is fitted to a map and a screen, for the smart display.",

@@ -2,7 +2,7 @@
 
 A projector adds light. Two things follow. Dark colours cannot be seen, so the palette is the display's brighter half.
 And the cameras see the light too: nothing here looks like a laser spot. Lines are long, the seed is a ring, nothing is
-as bright as a spot, and near the spot itself nothing changes: the drawing's newest piece waits until the spot has gone on.
+as bright as a spot, and near the spot itself nothing changes: the drawing's newest piece waits until the spot moves on.
 """
 from __future__ import annotations
 
@@ -18,22 +18,22 @@ from vb_feedback.colours import Colour
 from vb_feedback.projector_calibration import ProjectorCalibration, markers
 from vb_feedback.scene import Border, Drawing
 
-# [m] edge of a pixel of the drawing, before it is turned into the projector's picture
+# [m] edge of a pixel of the drawing, before it becomes the projector's image
 _RESOLUTION = 0.005
 _LINE, _SEED_RADIUS, _STRIPE = 0.03, 0.15, 0.10  # [m]
-# [m] the drawing's newest end is left out: light that grows beside the spot would disturb who looks for it
+# [m] the drawing's newest end is left out: light growing beside the spot would disturb the detectors
 _GAP = 0.35
 _SHIFT = 4
 
 
 @dataclass(frozen=True)
 class FloorContent:
-    """What there is to show.
+    """The content to show.
 
     Attributes:
         state: name of the interaction's state; active ones get a frame in their colour.
-        spot: (x, y) [m] where the laser spot is; None: nobody sees one.
-        region: what save would restrict, above 0; None: nothing. Not part of what makes contents equal.
+        spot: (x, y) [m] where the laser spot is; None: no camera sees one.
+        region: what save would restrict, above 0; None: nothing. Ignored when contents are compared.
     """
 
     state: str = "default"
@@ -44,7 +44,7 @@ class FloorContent:
 
 
 class FloorPicture:
-    """Renders a projector's picture.
+    """Renders a projector's image.
 
     Args:
         calibration: of the projector.
@@ -57,7 +57,7 @@ class FloorPicture:
         footprint = calibration.footprint()
         self._low = footprint.min(axis=0)
         columns, rows = np.maximum(2, np.ceil((footprint.max(axis=0) - self._low) / _RESOLUTION)).astype(int)
-        # a picture that spans a hall is drawn no finer than the projector can show it
+        # an image that spans a hall is drawn no finer than the projector can show it
         self._scale = 1.0 / _RESOLUTION * min(1.0, 4096.0 / max(columns, rows))
         self._shape = (int(rows * self._scale * _RESOLUTION) + 1, int(columns * self._scale * _RESOLUTION) + 1)
         to_floor = np.array([[1 / self._scale, 0, self._low[0]], [0, 1 / self._scale, self._low[1]], [0, 0, 1.0]])
@@ -80,7 +80,7 @@ class FloorPicture:
 
     # ------------------------------------------------------------- parts
     def _drawing(self, content: FloorContent) -> np.ndarray:
-        """What changes while somebody draws. Only this is left out about the spot: a border that stands there stays lit."""
+        """What changes during drawing. Only this is left out around the spot: a border there stays lit."""
         canvas, drawn = np.zeros((*self._shape, 3), np.uint8), content.drawing
         if len(drawn.chain) > 1:
             self._line(canvas, drawn.chain, drawn.closed, colours.ORANGE, 0.8)

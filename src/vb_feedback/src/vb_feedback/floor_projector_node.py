@@ -1,4 +1,4 @@
-"""The node that draws on the floor with a projector."""
+"""Node: draws on the floor with a projector."""
 from __future__ import annotations
 
 import threading
@@ -24,9 +24,9 @@ from vb_feedback.projector_window import ProjectorWindow
 from vb_feedback.scene import Border, Drawing
 
 FRAME = "projector"
-# [s] a spot that nobody has seen for so long is gone
+# [s] a spot that no camera has seen for this long is gone
 _SPOT_S = 0.5
-# [m] the spot must have gone so far for the picture to be drawn again; less than what is left dark about it
+# [m] how far the spot must move for the image to be drawn again; less than what stays dark around it
 _SPOT_STEP = 0.1
 
 
@@ -43,7 +43,7 @@ class ProjectorParams(Parameters):
 
 
 class FloorProjector:
-    """Shows borders, the drawing, what save would restrict, and the state, where one looks: on the floor.
+    """Shows borders, the drawing, what save would restrict, and the state, where people look: on the floor.
 
     Subscribed topics:
         /virtual_borders/state (vb_msgs/InteractionState), /virtual_borders/progress (vb_msgs/BorderProgress),
@@ -51,12 +51,12 @@ class FloorProjector:
         /virtual_borders/spots (vb_msgs/LaserSpot)
 
     Published topics:
-        /virtual_borders/projector (sensor_msgs/Image, rgb8, latched): the projector's picture, only when it changes,
+        /virtual_borders/projector (sensor_msgs/Image, rgb8, latched): the projector's image, only when it changes,
             at most ~max_rate times a second.
 
     Args:
         params: see config/floor_projector.yaml.
-        picture: renders.
+        picture: the renderer.
         window: shows; None: only the topic.
     """
 
@@ -65,7 +65,7 @@ class FloorProjector:
         self._window = window
         self._period = 1.0 / params.max_rate
         self._lock = threading.Lock()
-        # the spot's end is no message: look now and then while something is under way
+        # no message reports the spot's end: check now and then during an interaction
         self._wake = node.Beat(1.0)
         self._state: Optional[InteractionState] = None
         self._progress: Optional[BorderProgress] = None
@@ -107,7 +107,7 @@ class FloorProjector:
         rospy.rostime.wallsleep(max(0.0, self._period - (time.monotonic() - started)))
 
     def _content(self, now: float) -> Tuple[FloorContent, Optional[BorderPreview]]:
-        """What is to be shown at a time [s], and the preview that its region is from."""
+        """What to show at a time [s], and the preview that its region is from."""
         with self._lock:
             state, progress, preview = self._state, self._progress, self._preview
             borders, spot = self._borders, self._spot
@@ -116,14 +116,14 @@ class FloorProjector:
             return FloorContent(borders=borders), None
         drawing = Drawing()
         if progress is not None and progress.interaction_id == interaction:
-            # the points come with every message again, and only the chain is shown
+            # every message repeats the points, but only the chain is shown
             drawing = replace(drawing_from_progress(progress), points=(), point_cameras=())
         if preview is None or preview.interaction_id != interaction or not preview.available or not preview.success:
             preview = None
         return FloorContent(state.name, borders, drawing, self._steady_spot(spot, now)), preview
 
     def _steady_spot(self, spot: Optional[Tuple[float, float, float]], now: float) -> Optional[Tuple[float, float]]:
-        """Where the spot is, in steps: a picture for each of its moves would never stand still."""
+        """Where the spot is, in steps: an image for each of its moves would never rest."""
         if spot is None or not abs(now - spot[2]) <= _SPOT_S:
             self._spot_shown = None
         elif self._spot_shown is None or np.hypot(spot[0] - self._spot_shown[0], spot[1] - self._spot_shown[1]) > _SPOT_STEP:

@@ -1,4 +1,4 @@
-"""How states and sounds are told on a Kobuki base, the TurtleBot 2's: names to names, no ROS."""
+"""Maps states and sounds to those of a Kobuki base, the TurtleBot 2's: names to names, no ROS."""
 from __future__ import annotations
 
 from dataclasses import dataclass
@@ -19,7 +19,7 @@ class KobukiParams(Parameters):
     """Parameters of kobuki_feedback; config/kobuki_feedback.yaml says why.
 
     Raises:
-        ParameterError: names the entry of a mapping that is no state, sound or constant of Kobuki's.
+        ParameterError: names the entry of a mapping that is not a state, sound or constant of Kobuki's.
     """
 
     led_topic: str = param("mobile_base/commands/led1")

@@ -1,4 +1,4 @@
-"""Light and sound on a Kobuki base."""
+"""Node: light and sound on a Kobuki base."""
 from __future__ import annotations
 
 import importlib
@@ -14,7 +14,7 @@ from vb_feedback.kobuki import KobukiParams
 
 
 class KobukiFeedback:
-    """Tells states by a LED of the base, sounds by its beeper.
+    """Shows states by an LED of the base, plays sounds on its beeper.
 
     Subscribed topics:
         /virtual_borders/state (vb_msgs/InteractionState), /virtual_borders/sound (vb_msgs/Sound)
@@ -51,7 +51,7 @@ class KobukiFeedback:
 def _build() -> KobukiFeedback:
     params = parameters.read(KobukiParams)
     try:
-        # by name: the package is no dependency, only robots with this base have it
+        # by name: the package is not a dependency, only robots with this base have it
         messages = importlib.import_module("kobuki_msgs.msg")
     except ImportError:
         raise CodedError(

@@ -1,4 +1,4 @@
-"""Where things go on the smart display: the map, a panel at its right, a strip below it.
+"""The layout of the smart display: the map, a panel to its right, a strip below it.
 
 The view is a rectangle in the map frame with the screen's aspect. Sizes of letters are shares of its
 height, so that the same share is the same size on the screen whatever the map's size.
@@ -17,7 +17,7 @@ from vb_feedback.rviz_fonts import is_drawn
 
 PANEL = 0.5  # shares of the view's height: width of the panel, ...
 STRIP = 0.23  # ... height of the strip, ...
-MARGIN = 0.015  # ... and what is left free round the map
+MARGIN = 0.015  # ... and the free margin around the map
 PANEL_MOST = 0.38  # share of the view's width, for screens that are hardly wider than high
 LINE = 1.2  # distance of lines, in heights of a line's letters
 _GAP, _TOUCHING = 0.1, 1e-6  # between labels, in heights of the one that moves: usual, and where room is scarce
@@ -52,7 +52,7 @@ class Box:
         return self.x0 < other.x1 and other.x0 < self.x1 and self.y0 < other.y1 and other.y0 < self.y1
 
     def contains(self, other: "Box", tolerance: float = 1e-9) -> bool:
-        """Whether the other lies within this one."""
+        """Whether the other is within this one."""
         return (
             self.x0 - tolerance <= other.x0
             and self.y0 - tolerance <= other.y0
@@ -250,7 +250,7 @@ def _cut(lines: List[str], count: int, size: float, width: float) -> str:
 
 
 def place_labels(wanted: Sequence[Box], within: Box) -> List[Box]:
-    """Moves labels up or down, as little as needed to lie within a box and, if there is room, not on each other."""
+    """Moves labels up or down, as little as needed to be within a box and, if there is room, not on each other."""
     placed: List[Box] = []
     for box in wanted:
         wanted_x, wanted_y = box.centre

@@ -1,4 +1,4 @@
-"""What the display says beside the last answer: what others have to say, what saving would do, a spot nobody sees.
+"""What the display says beside the last answer: other nodes' notices, what saving would do, an unseen spot.
 
 Everything comes as a code with values; the sentence is looked up in the display's language, and no wording is read.
 """
@@ -11,15 +11,15 @@ from vb_core import notices, sentences
 from vb_core.grid_map import GridMap
 from vb_feedback.text_panel import Notice
 
-# more sentences than this nobody reads from across the room, and letters would get too small
+# more sentences cannot be read from across the room, and letters would get too small
 _MOST = 3
-# codes of a dispatcher that says itself that no camera sees the spot, and what comes of it
+# codes of a dispatcher that itself says that no camera sees the spot, and what follows
 _ABOUT_THE_SPOT = ("spot_unseen_robot_comes", "spot_unseen_no_robot", "spot_ahead_unseen")
 
 
 @dataclass(frozen=True)
 class Issue:
-    """What the check of a border found; `message` is its own English sentence."""
+    """An issue that the check of a border reported; `message` is its own English sentence."""
 
     is_error: bool
     code: str
@@ -27,7 +27,7 @@ class Issue:
     message: str = ""
 
     def sentence(self, language: str) -> str:
-        """What people read."""
+        """The sentence that people read."""
         return sentences.say(self.code, dict(self.values), language, self.message)
 
 
@@ -42,7 +42,7 @@ class Preview:
 
 
 def preview_notices(preview: Optional[Preview], language: str) -> List[Notice]:
-    """Why save would be refused, or what it would restrict and what to mind."""
+    """Why save would fail, or what it would restrict and what to mind."""
     if preview is None:
         return []
 
@@ -61,7 +61,7 @@ def preview_notices(preview: Optional[Preview], language: str) -> List[Notice]:
 
 
 def of_others(held: Sequence[notices.Notice], language: str) -> List[Notice]:
-    """What other nodes have to say, the most severe first; each sentence once, and no more than can be read."""
+    """Other nodes' notices, the most severe first; each sentence once, and no more than can be read."""
     said: List[Notice] = []
     for notice in held:
         shown = Notice(notice.sentence(language), notice.severity >= notices.Severity.WARNING)
@@ -78,7 +78,7 @@ def coverage_notices(
     state: str, seeing: Sequence[str], lost: Optional[Tuple[float, float]], coverage: Optional[GridMap], robots: bool,
     held: Sequence[notices.Notice], language: str,
 ) -> List[Notice]:
-    """What is said while spots are wanted and none is seen.
+    """What to say while spots are wanted and none is seen.
 
     Args:
         state: the interaction's.

@@ -1,4 +1,4 @@
-"""Which sounds are still worth playing: they come faster than they can be played, and old ones mislead."""
+"""Decides which sounds are still worth playing: they arrive faster than they can be played, and old ones mislead."""
 from __future__ import annotations
 
 from collections import deque
@@ -8,14 +8,14 @@ from vb_feedback.tone_synthesis import SOUNDS, TICK
 
 
 class SoundQueue:
-    """Sounds that wait. Not thread safe.
+    """Queue of sounds. Not thread safe.
 
     A tick plays only if nothing else waits and the last one is long enough ago; other sounds keep their order.
 
     Args:
-        tick_period: [s] between two ticks at least.
-        max_age: [s] a sound that waited longer is dropped: it would tell of something that is over.
-        most: sounds that wait at most; the oldest go first.
+        tick_period: [s] minimum between two ticks.
+        max_age: [s] a sound that waited longer is dropped: it would report something that is over.
+        most: maximum number of waiting sounds; the oldest are dropped.
     """
 
     def __init__(self, tick_period: float, max_age: float, most: int = 4) -> None:
@@ -37,7 +37,7 @@ class SoundQueue:
         return True
 
     def take(self, now: float) -> Optional[str]:
-        """The next sound to be played; None if there is none."""
+        """The next sound to play; None if there is none."""
         while self._waiting:
             name, since = self._waiting.popleft()
             if now - since <= self._max_age:

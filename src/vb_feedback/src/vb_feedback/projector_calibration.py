@@ -1,4 +1,4 @@
-"""Where on the floor each pixel of a projector's picture falls: a homography, from points that somebody clicked."""
+"""Where on the floor each pixel of a projector's image falls: a homography, from clicked points."""
 from __future__ import annotations
 
 from dataclasses import dataclass
@@ -11,7 +11,7 @@ import yaml
 
 from vb_core.errors import CodedError
 
-# markers lie so far from the picture's edges, as a share of its sides: near the corners, where they weigh most
+# the markers' distance from the image's edges, as a share of its sides: near the corners, where they weigh most
 _INSET = 0.12
 # [m] clicks nearer to each other, or three nearer to one line, are mistakes: the markers are decimetres apart
 _LEAST_M = 0.10
@@ -22,8 +22,8 @@ class ProjectorCalibration:
     """A projector over the floor.
 
     Attributes:
-        width, height: [px] of its picture.
-        matrix: (3, 3) homogeneous map coordinates [m] to (column, row) [px] of its picture.
+        width, height: [px] of its image.
+        matrix: (3, 3) homogeneous map coordinates [m] to (column, row) [px] of its image.
 
     Raises:
         CodedError: "bad_calibration" if size or matrix cannot be a projector's.
@@ -54,7 +54,7 @@ class ProjectorCalibration:
         return _transformed(np.linalg.inv(self.matrix), pixels)
 
     def footprint(self) -> np.ndarray:
-        """(4, 2) [m] where the picture's corners fall: upper left, upper right, lower right, lower left."""
+        """(4, 2) [m] where the image's corners fall: upper left, upper right, lower right, lower left."""
         return self.to_floor(_corners(self.width, self.height))
 
     def to_mapping(self) -> Dict[str, Any]:
@@ -63,7 +63,7 @@ class ProjectorCalibration:
 
     @classmethod
     def from_mapping(cls, mapping: Any) -> "ProjectorCalibration":
-        """What `to_mapping` gave.
+        """The inverse of `to_mapping`.
 
         Raises:
             CodedError: "bad_calibration".

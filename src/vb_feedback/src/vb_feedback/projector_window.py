@@ -1,4 +1,4 @@
-"""A picture that fills a projector's screen, by Tk: part of Python itself, and OpenCV's headless build has no window."""
+"""Shows an image on a projector's full screen, by Tk: part of Python itself; OpenCV's headless build has no window."""
 from __future__ import annotations
 
 import threading
@@ -8,16 +8,16 @@ import numpy as np
 
 from vb_core.errors import CodedError
 
-_LOOK_MS = 40  # how often the window looks for a newer picture; a still picture costs nothing else
+_LOOK_MS = 40  # how often the window checks for a newer image; a still image costs nothing else
 
 
 class ProjectorWindow:
-    """A window without frame, title and pointer. It lives in a thread of its own, since Tk wants one thread.
+    """A window without frame, title and pointer. It has its own thread, since Tk wants one thread.
 
     Args:
         x, y: [px] place on the desktop: where the projector's screen begins.
         width, height: [px].
-        start: starts a thread that does something, and takes care of its faults.
+        start: starts a thread and handles its faults.
 
     Raises:
         CodedError: "no_window" if Tk is not installed or there is no screen.
@@ -75,7 +75,7 @@ class ProjectorWindow:
         root.configure(background="black", cursor="none")
         label = tkinter.Label(root, borderwidth=0, highlightthickness=0, background="black")
         label.pack(fill="both", expand=True)
-        shown = []  # Tk shows a picture only as long as somebody holds it
+        shown = []  # Tk shows an image only as long as there is a reference to it
 
         def look() -> None:
             with self._lock:

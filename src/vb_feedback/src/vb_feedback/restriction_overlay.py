@@ -14,10 +14,10 @@ PREVIEW = 200 - 256
 def overlay(
     physical: np.ndarray, posterior: np.ndarray, stripe: int = 4, preview: Optional[np.ndarray] = None
 ) -> np.ndarray:
-    """Stripes where borders restrict the map: a pattern is told from walls by any eye.
+    """Stripes where borders restrict the map: any eye can tell a pattern from walls.
 
     Hard borders get stripes as broad as the gaps between them, soft ones narrower stripes. What saving now would
-    restrict is orange, and its stripes run the other way: no eye takes it for what is saved.
+    restrict is orange, and its stripes run the other way: nobody mistakes it for what is saved.
 
     Args:
         physical, posterior: (H, W) int8, without and with the virtual borders.

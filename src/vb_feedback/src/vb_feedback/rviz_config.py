@@ -17,7 +17,7 @@ def fit_config(
     The view is the one for which display_markers lays its words out, see `layout.fit`.
 
     Args:
-        config: an RViz config, as YAML gives it, with a TopDownOrtho view; it is not changed.
+        config: an RViz config, as parsed YAML, with a TopDownOrtho view; it is not changed.
         extent: of the map [m].
         width, height: of the screen [px].
         aspect: width by height for which display_markers lays out; the screen's own if None. On a screen of another

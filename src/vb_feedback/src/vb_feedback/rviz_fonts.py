@@ -1,9 +1,9 @@
-"""Letters that RViz can draw. No ROS.
+"""Lets RViz draw more letters. No ROS.
 
 RViz draws texts with Liberation Sans, but asks its font for the characters up to 166 alone (OGRE's default), and a text
-with another one is not drawn at all. The font itself has Latin, Greek and Cyrillic. So RViz is started with a folder of
-its own data before its package's: links to everything, and one font definition that asks for all of them.
-What the font has not, for instance Chinese or Arabic, is transliterated (`layout.plain`).
+with another one is not drawn at all. The font itself has Latin, Greek and Cyrillic. So RViz is started with a separate
+data folder before its package's: links to everything, and one font definition that asks for all of them.
+What the font lacks, for instance Chinese or Arabic, is transliterated (`layout.plain`).
 """
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def is_drawn(character: str) -> bool:
 
 
 def overlay(rviz: Path, folder: Path) -> Path:
-    """Makes a folder that stands for RViz's package, to be put before it in ROS_PACKAGE_PATH; gives what to put there.
+    """Makes a folder that replaces RViz's package; returns what to put before it in ROS_PACKAGE_PATH.
 
     Args:
         rviz: the package's own folder.

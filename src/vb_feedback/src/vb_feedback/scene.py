@@ -1,4 +1,4 @@
-"""What the smart display shows, as plain shapes in the map frame; no ROS.
+"""Makes what the smart display shows, as plain shapes in the map frame; no ROS.
 
 Each function makes the shapes of one part of the display from plain values. Shapes are compared with the
 ones shown before, so that only what changed is sent.
@@ -31,7 +31,7 @@ class Shape:
     """One marker. Shapes with the same namespace and number replace each other.
 
     Attributes:
-        kind: LINES between each two points, POINTS at all; DISC, PLATE (size is width, height), TEXT at the first one.
+        kind: LINES between pairs of points, POINTS at all; DISC, PLATE (size is width, height), TEXT at the first one.
         points: (x, y) [m] each.
         size: [m] width of a line, diameter of points and disc, (width, height) of a plate, height of letters.
         colours: one, or one per point.
@@ -53,7 +53,7 @@ class Shape:
 
     @property
     def key(self) -> Tuple[str, int]:
-        """What identifies it."""
+        """The identity of the shape."""
         return self.namespace, self.number
 
 
@@ -164,7 +164,7 @@ def border_colour(border: Border) -> Colour:
 # ----------------------------------------------------------------- drawing in progress
 @dataclass(frozen=True)
 class Drawing:
-    """What has been drawn in the present interaction."""
+    """What has been drawn in the current interaction."""
 
     points: Tuple[Tuple[float, float], ...] = ()
     point_cameras: Tuple[str, ...] = ()

@@ -51,7 +51,7 @@ class SmartDisplayParams(Parameters):
 
 
 def _fitted(params: SmartDisplayParams) -> str:
-    """Waits for the map and writes the configuration; gives its path."""
+    """Waits for the map and writes the configuration; returns its path."""
     rospy.loginfo("smart_display: RViz starts as soon as there is a map on %s", names.PHYSICAL_MAP)
     extent = Box.around(grid_from_message(rospy.wait_for_message(names.PHYSICAL_MAP, OccupancyGridArray)).corners())
     try:
@@ -60,7 +60,7 @@ def _fitted(params: SmartDisplayParams) -> str:
     except (OSError, yaml.YAMLError) as error:
         raise CodedError("bad_config", f"cannot read the RViz config '{params.config}': {error}") from None
     fitted = fit_config(config, extent, *params.size(), aspect=rospy.get_param(_ASPECT, None))
-    # one per node, written again at each start: RViz reads it when this process is no more
+    # one per node, written again at each start: RViz reads it when this process has ended
     path = os.path.join(rospkg.get_ros_home(), f"{rospy.get_name().strip('/').replace('/', '_')}.rviz")
     try:
         os.makedirs(os.path.dirname(path), exist_ok=True)
@@ -72,7 +72,7 @@ def _fitted(params: SmartDisplayParams) -> str:
 
 
 def _give_letters(name: str) -> None:
-    """Lets RViz draw more letters than its package asks for; without them it shows fewer, which is no reason to stay away."""
+    """Lets RViz draw more letters than its package asks for; without them it shows fewer, which is not a reason to fail."""
     try:
         rviz = Path(rospkg.RosPack().get_path("rviz"))
         folder = rviz_fonts.overlay(rviz, Path(rospkg.get_ros_home()) / "virtual_borders" / f"{name}_letters")
@@ -83,7 +83,7 @@ def _give_letters(name: str) -> None:
 
 
 def main() -> None:
-    """Runs the program; what roslaunch gave it for its name goes on to RViz."""
+    """Runs the program; the name from roslaunch is passed on to RViz."""
     rospy.init_node("smart_display")
     arguments: List[str] = sys.argv[1:]
     try:

@@ -1,4 +1,4 @@
-"""Which sound to make when."""
+"""Decides which sound to make when."""
 from __future__ import annotations
 
 from typing import List, Optional
@@ -9,14 +9,14 @@ REFUSAL = "refusal"
 STOPPED = "stopped"
 ASKED = "asked"
 
-# codes of answers that are a question, not a refusal
+# codes of answers that are a question, not an error
 _QUESTIONS = ("confirm_save", "confirm_command")
 
 
 class SoundEvents:
     """Turns states and spots into the names of sounds.
 
-    A tone per change of state, one for a save that worked, one for a refusal, one for a question and for a drawing that
+    A tone per change of state, one for a save that worked, one for an error, one for a question and for a drawing that
     is about to be dropped, one for a stop, and a soft tick per accepted spot, at most every `tick_period` seconds.
     Time may jump back.
     """
@@ -46,8 +46,8 @@ class SoundEvents:
             ending: whether the interaction ends by itself soon.
 
         Returns:
-            Names of sounds, in the order they are to be played. The first message makes none: it tells
-            where the interaction stands, not that something happened.
+            Names of sounds, in playing order. The first message makes none: it tells
+            the state of the interaction, not that something happened.
         """
         sounds: List[str] = []
         if self._state is not None:

@@ -1,4 +1,4 @@
-"""The node that plays the sounds."""
+"""Node: plays the sounds."""
 from __future__ import annotations
 
 import threading
@@ -38,7 +38,7 @@ class SoundPlayer:
 
     Args:
         params: see config/sound_player.yaml.
-        sink: what plays.
+        sink: the output.
     """
 
     def __init__(self, params: SoundParams, sink: AudioSink) -> None:

@@ -1,4 +1,4 @@
-"""The words on the smart display: a panel at the right of the map, a strip below it. No ROS."""
+"""The text on the smart display: a panel to the right of the map, a strip below it. No ROS."""
 from __future__ import annotations
 
 from dataclasses import dataclass
@@ -29,7 +29,7 @@ class Notice:
 
 @dataclass(frozen=True)
 class PanelContent:
-    """What the words on the display depend on."""
+    """What the text on the display depends on."""
 
     state: str = ""  # "": no state is known yet
     elapsed_s: float = 0.0
@@ -47,7 +47,7 @@ class PanelContent:
 
 
 def words(layout: Layout, talk: PanelContent) -> List[Shape]:
-    """State, time, what one can say, who sees the spot; the last answer and what else is to be said."""
+    """State, time, available commands, who sees the spot; the last answer and other notices."""
     return _panel(layout, talk) + _strip(layout, talk)
 
 
@@ -64,7 +64,7 @@ def _panel(layout: Layout, talk: PanelContent) -> List[Shape]:
 
     def line(name: str, text: str, down: float, share: float, *tints: Colour) -> None:
         size = share * unit
-        # what is too wide, for instance a camera's long name, gets smaller letters
+        # text that is too wide, for instance a camera's long name, is shrunk
         text = plain(text)
         size *= min(1.0, room / max(text_width(text, size), 1e-9))
         shapes.extend(write(f"words/{name}", text, centre, panel.y1 - down * unit, size, tints))

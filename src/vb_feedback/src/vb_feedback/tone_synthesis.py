@@ -1,4 +1,4 @@
-"""What the sounds sound like: notes to samples. No files, no ROS."""
+"""Synthesises the sounds: notes to samples. No files, no ROS."""
 from __future__ import annotations
 
 from dataclasses import dataclass
@@ -6,7 +6,7 @@ from typing import Dict, Tuple
 
 import numpy as np
 
-RATE = 48000  # [1/s] samples; what sound cards have without converting
+RATE = 48000  # [1/s] samples; native to sound cards
 
 # share of full scale of the loudest note: leaves room for whatever else plays
 _PEAK = 0.6
@@ -32,7 +32,7 @@ class Note:
 C5, E5, G5, C6, LOW = 523.25, 659.26, 783.99, 1046.50, 220.0
 _REST = Note(0.0, 0.05)
 
-# Going up: the interaction goes on; each active state ends on a tone of its own, a third or more from the next.
+# Going up: the interaction goes on; each active state ends on its own tone, a third or more from the next.
 # Going down: back to Default. A refusal is low and repeated, a success the longest run up: both are told without
 # knowing the others. A question is one tone twice; a stop falls from high to low. A spoken command that was understood is answered at once, short, before its own tone. A tick
 # is far above all of them and soft: it comes often.
@@ -50,7 +50,7 @@ SOUNDS: Dict[str, Tuple[Note, ...]] = {
 }
 TICK = "tick"
 
-# overtones, as shares of the fundamental: small speakers do not give the low ones' fundamental
+# overtones, as shares of the fundamental: small speakers do not reproduce the low ones' fundamental
 _OVERTONES = (1.0, 0.3, 0.12)
 
 

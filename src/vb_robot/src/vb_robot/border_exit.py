@@ -1,7 +1,7 @@
-"""The way out of a border that was put where the robot is, and driving it.
+"""Plans and drives the path out of a border that was saved where the robot is.
 
-Navigation plans nothing from inside an occupied area, so the robot is driven along the shortest way over floor
-without physical obstacles to floor that is allowed.
+Navigation plans nothing from inside an occupied area, so the robot is driven along the shortest path over floor
+without physical obstacles to allowed floor.
 """
 from __future__ import annotations
 
@@ -18,35 +18,35 @@ from vb_robot.servoing import MAX_TURN, TURN_GAIN, Wish
 from vb_robot.clearance_map import ClearanceMap, around, clearance_grid
 from vb_robot.viewpoint import Pose
 
-MAX_SPEED = 0.2  # [m/s] nobody asked for this drive: as slow as while a person guides it
-DRIVE_CONE = math.radians(25.0)  # if the way is farther off the axis the robot only turns
-LOOKAHEAD = 0.2  # [m] to the point of the way that it steers for
-OFF_WAY = 0.15  # [m] farther off (the localisation jumped) a new way is planned
-MARGIN = 0.08  # [m] beyond the radius is free: cells and localisation are a few centimetres off
-MAP_MARGIN = 0.05  # [m] from mapped obstacles on the way
-MIN_AREA = 0.3  # [m^2] less room for the robot's middle is a gap between border and wall, no place to end
+MAX_SPEED = 0.2  # [m/s] the robot drives unasked: as slowly as when a person guides it
+DRIVE_CONE = math.radians(25.0)  # if the path is farther off the axis, the robot only turns
+LOOKAHEAD = 0.2  # [m] to the point of the path that it steers for
+OFF_WAY = 0.15  # [m] farther off (the localisation jumped) a new path is planned
+MARGIN = 0.08  # [m] beyond the radius counts as free: cells and localisation are a few centimetres off
+MAP_MARGIN = 0.05  # [m] from mapped obstacles on the path
+MIN_AREA = 0.3  # [m^2] less room for the robot's centre is a gap between border and wall, not a goal
 PATIENCE = 15.0  # [s] without progress it gives up and says why
 TIMEOUT = 90.0  # [s] of driving: 18 m
 RETRY = 20.0  # [s] after it gave up: the person in the way may have gone
-WINDOW = 10.0  # [m] about the robot: no way out is that long
-PROGRESS = 0.05  # [m] less is none; a turn of 1 rad counts as 0.2 m
+WINDOW = 10.0  # [m] around the robot: no path out is that long
+PROGRESS = 0.05  # [m] less does not count; a turn of 1 rad counts as 0.2 m
 
 
 class ExitPlanner:
-    """Where allowed floor is, and the shortest way to it.
+    """Finds allowed floor and the shortest path to it.
 
     Args:
         posterior, physical: maps of the same geometry.
         radius: [m] of the robot.
-        place: (2,) [m] where it is: only floor about it is looked at.
+        place: (2,) [m] where it is: only floor around it is searched.
     """
 
     def __init__(self, posterior: GridMap, physical: GridMap, radius: float, place) -> None:
         window = (place[0] - WINDOW, place[1] - WINDOW, place[0] + WINDOW, place[1] + WINDOW)
         posterior, physical = around(posterior, window), around(physical, window)
-        # who arrives within a few centimetres, or in the cell beside, is to be free
+        # a robot that stops a few centimetres short, or one cell away, counts as free
         room = MARGIN + 0.03 + posterior.resolution
-        # the robot cuts corners by some centimetres; only where there is no room for that it is to keep to the way
+        # the robot cuts corners by some centimetres; it keeps to the path only where there is no room for that
         self._terrains = [
             ClearanceMap(physical, radius, travel_margin=MAP_MARGIN + spare, occupied=HARD) for spare in (0.08, 0.02)
         ]
@@ -59,12 +59,12 @@ class ExitPlanner:
         self._allowed = posterior.cell_to_world(np.argwhere(large[labels]))
 
     def route(self, place) -> Optional[np.ndarray]:
-        """(N, 2) [m] the shortest way from a place (2,) [m] to allowed floor; None if none can be reached."""
+        """(N, 2) [m] the shortest path from a place (2,) [m] to allowed floor; None if none can be reached."""
         if not len(self._allowed):
             return None
         for terrain in self._terrains:
             ways = terrain.ways(place)
-            # the grid of ways is coarser than the map's: within one of its cells the nearest place counts
+            # the path grid is coarser than the map's: within one of its cells the nearest place counts
             lengths = ways.lengths_to(self._allowed) + 0.01 * np.linalg.norm(self._allowed - np.asarray(place), axis=1)
             best = int(np.argmin(lengths))
             if np.isfinite(lengths[best]):
@@ -73,7 +73,7 @@ class ExitPlanner:
 
 
 class BorderExit:
-    """Drives a robot out of a border. Its caller ends it when the robot is free.
+    """Drives a robot out of a border. The caller ends it when the robot is free.
 
     Attributes:
         failed: why it gave up, as a code; empty while it has not.

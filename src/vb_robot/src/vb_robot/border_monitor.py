@@ -1,4 +1,4 @@
-"""Where a robot stands with respect to the borders, and which border that is."""
+"""Tells where a robot is with respect to the borders, and which border that is."""
 from __future__ import annotations
 
 import enum
@@ -25,7 +25,7 @@ class KnownBorder:
 
 
 class BorderContact(enum.Enum):
-    """How a footprint lies to the borders; the later, the worse."""
+    """Where a footprint is with respect to the borders, from best to worst."""
 
     FREE = 0
     TOUCHES = 1
@@ -33,7 +33,7 @@ class BorderContact(enum.Enum):
 
 
 class BorderMonitor:
-    """Compares the posterior with the physical map: what is occupied more than before is restricted by borders.
+    """Compares the posterior with the physical map: what is more occupied is restricted by borders.
 
     The maps decide what is restricted, so that this always agrees with navigation. The borders only lend names.
 
@@ -53,7 +53,7 @@ class BorderMonitor:
         self.restricted = posterior.data > np.maximum(physical.data, 0)
         self._hard = self.restricted & (posterior.data >= HARD)
         _, self._parts = cv2.connectedComponents(self.restricted.astype(np.uint8), connectivity=8)
-        # what lies off the map is no border
+        # what is off the map is not a border
         self._gap = clearance_grid(self.restricted, posterior.resolution, edge=False)
         self._hard_gap = clearance_grid(self._hard, posterior.resolution, edge=False)
 
@@ -62,7 +62,7 @@ class BorderMonitor:
         self._borders = list(borders)
 
     def standing(self, place) -> BorderContact:
-        """How the round footprint at a place (2,) [m] lies to the restricted area."""
+        """Where the round footprint at a place (2,) [m] is with respect to the restricted area."""
         point = np.asarray(place, dtype=float).reshape(1, 2)
         if sample(self._grid, self.restricted, point)[0] > 0:
             return BorderContact.INSIDE
@@ -95,7 +95,7 @@ class BorderMonitor:
         if not certain:
             certain = [border for border in here if not border.polygon]
         if not certain:
-            # a part that a border cut off holds no seed: the nearest chain made it
+            # a part that a border cut off contains no seed: the nearest chain made it
             nearest = min(self._borders, key=lambda b: float(np.linalg.norm(b.points - centre, axis=1).min()))
             certain = here or [nearest]
         return [border.name for border in certain]

@@ -1,4 +1,4 @@
-"""Shows which floor the stationary cameras see, and which nobody does."""
+"""Shows which floor the stationary cameras see, and which none does."""
 from __future__ import annotations
 
 import threading
@@ -44,10 +44,10 @@ class CameraCoverageParams(Parameters):
 
 
 class CameraCoverageNode:
-    """Works out again only when the map, a camera's calibration or its pose changes.
+    """Computes camera coverage, and only when the map, a camera's calibration or its pose changes.
 
     Subscribed topics:
-        /map (nav_msgs/OccupancyGrid): where floor is, and what stands on it
+        /map (nav_msgs/OccupancyGrid): where floor is, and what is on it
         <camera>/camera_info (sensor_msgs/CameraInfo): for one message now and then
         tf: <camera's optical frame> to map
     Published topics, latched, in the geometry of /map:
@@ -66,7 +66,7 @@ class CameraCoverageNode:
         self._lock = threading.Lock()
         self._map: Optional[GridMap] = None
         self._infos: Dict[str, CameraInfo] = {}
-        self._seen: Dict[str, Tuple[Any, np.ndarray]] = {}  # by camera: what it was worked out from, (H, W) bool
+        self._seen: Dict[str, Tuple[Any, np.ndarray]] = {}  # by camera: what it was computed from, (H, W) bool
         self._published: Any = None
         self._asking: Dict[str, rospy.Subscriber] = {}
         self._asked_at = rospy.Time(0)
@@ -88,7 +88,7 @@ class CameraCoverageNode:
         self._timer.shutdown()
         self._maps.close()
 
-    # ------------------------------------------------------------- what comes in
+    # ------------------------------------------------------------- inputs
     def _take_map(self, message: Any) -> None:
         if message is not _LOOK:
             grid = grid_from_message(message)
@@ -124,7 +124,7 @@ class CameraCoverageNode:
             subscriber.unregister()
             self._maps.put(_LOOK)
 
-    # ------------------------------------------------------------- what comes out
+    # ------------------------------------------------------------- outputs
     def _work_out(self) -> None:
         grid = self._map
         if grid is None:
@@ -143,7 +143,7 @@ class CameraCoverageNode:
                 heights = obstacle_heights(grid, self._coverage) if heights is None else heights
                 self._seen[name] = (made_of, floor_seen(grid, heights, camera, pose, self._coverage))
             except CodedError as error:
-                # while everything starts a transform may be missing for a moment
+                # during start-up a transform may be missing for a moment
                 if rospy.Time.now() - self._started > rospy.Duration(_START_S):
                     rospy.logwarn_throttle(30.0, f"{rospy.get_name()}: camera '{name}': {error}")
         key = (id(grid), tuple(sorted((name, entry[0]) for name, entry in self._seen.items())))

@@ -1,7 +1,7 @@
-"""The map as a round robot feels it: clearance, lines of sight, ways and their lengths.
+"""The map as a round robot sees it: clearance, lines of sight, shortest paths.
 
-The idea: only the floor about the line and the robot matters. `around` cuts that window out of the map, so that what a
-choice costs does not depend on how large the map is; who comes from outside comes in over the window's edge.
+The idea: only the floor around the line and the robot matters. `around` cuts that window out of the map, so that the
+cost of a choice does not depend on the map's size; a robot from outside enters over the window's edge.
 """
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from scipy.sparse.csgraph import dijkstra
 from vb_core import geometry
 from vb_core.grid_map import GridMap, distance_to
 
-STAND_MARGIN = 0.10  # [m] beyond the radius where a robot is to stand
-TRAVEL_MARGIN = 0.03  # [m] beyond the radius on the way; navigation keeps its own inflation
+STAND_MARGIN = 0.10  # [m] beyond the radius where a robot stops
+TRAVEL_MARGIN = 0.03  # [m] beyond the radius on the path; navigation keeps its own inflation
 OCCUPIED = 50  # [%] from this occupancy on a cell is blocked, so also by soft borders
-WAY_CELL = 0.05  # [m] edge of a cell of the grid on which ways are searched, on maps of this size or finer ...
+WAY_CELL = 0.05  # [m] cell size of the grid on which paths are searched, on maps of this size or finer ...
 MAX_WAY_CELLS = 10000  # ... and in windows coarser, where there would be more: a search costs 1 ms per 1,000
-START_TOLERANCE = 0.35  # [m] how far from free cells a way may start: a robot at a wall
-PAD = 3.0  # [m] of floor about what matters: a robot looks at it from 1.5 m, and the line is thought on for 2 m
+START_TOLERANCE = 0.35  # [m] how far from free cells a path may start: a robot at a wall
+PAD = 3.0  # [m] of floor around what matters: a robot looks at it from 1.5 m, the line is extrapolated by 2 m
 REACH = 8.0  # [m] robots and lines farther away do not make the window larger
 SNAP = 2.0  # [m] windows begin and end at multiples of this, so that one serves while the spot moves on
 STRING = 0.05  # [m] between places of a route
@@ -75,12 +75,12 @@ def sample(grid: GridMap, layer: np.ndarray, points: np.ndarray, outside: float 
 
 
 class ClearanceMap:
-    """A map prepared for questions about places and ways. Made once per map and window.
+    """A map prepared for questions about places and paths. Made once per map and window.
 
     Args:
         grid: the posterior map: physical obstacles and borders.
-        radius: [m] of the robot; on its ways it keeps `travel_margin` [m] more.
-        physical: the map without borders, which decides what hides what; a border hides nothing. None: `grid`.
+        radius: [m] of the robot; on its paths it keeps `travel_margin` [m] more.
+        physical: the map without borders, which decides what blocks the view; a border does not. None: `grid`.
         edge: whether the map's edge is blocked; that of a window is not.
         occupied: [%] from this occupancy on a cell is blocked.
     """
@@ -122,7 +122,7 @@ class ClearanceMap:
         hidden = np.where(along[None, :] < lengths[:, None], hidden, 0.0)
         return ~(hidden > 0).any(axis=1)
 
-    # ------------------------------------------------------------- ways
+    # ------------------------------------------------------------- paths
     def _build_ways(self) -> None:
         # in a window a choice is made four times a second; a whole map is searched once
         coarse = 0.0 if self.edge else self.grid.resolution * np.sqrt(self.grid.data.size / MAX_WAY_CELLS)
@@ -143,18 +143,18 @@ class ClearanceMap:
         self.edges = tuple(np.concatenate(column) for column in zip(*edges))  # (from, to, length [m])
 
     def ways(self, start, others=()) -> "ShortestPaths":
-        """The shortest ways from a start (2,) [m] to every place, round other robots (K, 2) [m] of the same size."""
+        """The shortest paths from a start (2,) [m] to every place, around other robots (K, 2) [m] of the same size."""
         return ShortestPaths(self, np.asarray(start, dtype=float), np.asarray(others, dtype=float).reshape(-1, 2))
 
     # ------------------------------------------------------------- sides
     def side_of(self, seed, chain: np.ndarray, closed: bool) -> Optional[np.ndarray]:
-        """What a border along the chain would restrict if the seed lay there: a forecast, not the integration.
+        """What a border along the chain would restrict with the seed there: a forecast, not the integration.
 
         Args:
             seed: (2,) [m]; chain: (M, 2) [m], open ends are prolonged straight on to the next obstacle.
 
         Returns:
-            (H, W) bool; None if the chain parts nothing.
+            (H, W) bool; None if the chain separates nothing.
         """
         chain = np.asarray(chain, dtype=float).reshape(-1, 2)
         if len(chain) < 2:
@@ -183,10 +183,10 @@ class ClearanceMap:
 
 
 class ShortestPaths:
-    """The shortest ways from one start, searched once. Made by `ClearanceMap.ways`.
+    """The shortest paths from one start, searched once. Made by `ClearanceMap.ways`.
 
-    The start is a node of its own, joined to the free cell beside it; outside a window, to the free cells of the
-    window's edge, and the straight line stands for the way up to there.
+    The start is a separate node, joined to the free cell beside it; outside a window, to the free cells of the
+    window's edge, with the straight line as the path up to there.
     """
 
     def __init__(self, terrain: ClearanceMap, start: np.ndarray, others: np.ndarray) -> None:
@@ -211,7 +211,7 @@ class ShortestPaths:
         self._before = np.where((before[:size] < 0) | (before[:size] == size), -1, before[:size])
 
     def _gates(self, cells: np.ndarray) -> Tuple[np.ndarray, np.ndarray]:
-        """Free cells (K, 2) where ways begin, and (K,) [m] how far they are from the start."""
+        """Free cells (K, 2) where paths begin, and (K,) [m] how far they are from the start."""
         terrain = self._terrain
         outside = not terrain.grid.contains_cells(terrain.grid.world_to_cell(self._start))[0]
         if outside and not terrain.edge:
@@ -231,32 +231,32 @@ class ShortestPaths:
         return cells, ((cells >= 0) & (cells < np.array(self._shape))).all(axis=1)
 
     def lengths_to(self, points: np.ndarray) -> np.ndarray:
-        """(N,) [m] lengths of the ways to points (N, 2) [m]; inf where none leads."""
+        """(N,) [m] lengths of the paths to points (N, 2) [m]; inf where there is none."""
         cells, inside = self._cells(points)
         values = np.full(len(cells), np.inf)
         values[inside] = self._lengths[cells[inside, 0], cells[inside, 1]]
         return values
 
     def cross(self, area: np.ndarray, points: np.ndarray) -> np.ndarray:
-        """(N,) bool: to which points (N, 2) [m] the way on the search's grid leads through an area (H, W) bool.
+        """(N,) bool: to which points (N, 2) [m] the path on the search grid leads through an area (H, W) bool.
 
-        The grid's ways are not as straight as real ones: this tells what is probable, and `route` what is true.
+        The grid's paths are not as straight as real ones: this tells what is probable, `route` what is true.
         """
         terrain, (rows, columns) = self._terrain, self._shape
         middle = terrain.step // 2
         through = np.append(area[middle::terrain.step, middle::terrain.step][:rows, :columns].ravel(), False)
-        before = np.append(self._before, -1)  # the last entry is where all ways begin
+        before = np.append(self._before, -1)  # the last entry is where all paths begin
         while (before >= 0).any():
-            # each round looks twice as far back along the way
+            # each round looks twice as far back along the path
             through |= through[before]
             before = before[before]
         cells, inside = self._cells(points)
         return inside & through[np.where(inside, cells[:, 0] * columns + cells[:, 1], -1)]
 
     def route(self, goal) -> Optional[np.ndarray]:
-        """(N, 2) [m] the way to a goal (2,) [m], drawn tight like a string, at most 5 cm apart; None if there is none.
+        """(N, 2) [m] path to a goal (2,) [m], pulled tight like a string, at most 5 cm apart; None if there is none.
 
-        The search knows eight directions only; drawn tight the way is what a planner with costs comes near to.
+        The search knows eight directions only; pulled tight, the path is close to that of a planner with costs.
         """
         goal = np.asarray(goal, dtype=float)
         if not np.isfinite(self.lengths_to(goal[None])[0]):
@@ -271,7 +271,7 @@ class ShortestPaths:
 
     def _tightened(self, points: np.ndarray) -> np.ndarray:
         terrain = self._terrain
-        # a cell of the ways is as free as its freest part
+        # a cell of the path grid is as free as its freest part
         slack = 0.75 * terrain.step * terrain.grid.resolution
         needed = terrain.radius + terrain.travel_margin - slack
         apart = needed + terrain.radius
@@ -283,7 +283,7 @@ class ShortestPaths:
             share = np.linspace(0.0, 1.0, max(3, int(reach / STRING)))
             samples = here + share[None, :, None] * (targets - here)[:, None, :]
             room = terrain.clearance_at(samples.reshape(-1, 2)).reshape(len(targets), -1)
-            # from a place that is too near to something it may be left
+            # a place that is too near to something may be left
             visible = (room >= min(needed, float(room[0, 0])) - 1e-6).all(axis=1)
             for other in self._others:
                 gaps = np.linalg.norm(samples - other, axis=2)

@@ -1,4 +1,4 @@
-"""Which floor a stationary camera sees, by its pose, its lens and what stands in the way."""
+"""Computes which floor a stationary camera sees, from its pose, its lens and what blocks its view."""
 from __future__ import annotations
 
 from dataclasses import dataclass
@@ -33,7 +33,7 @@ class CoverageParams(Parameters):
 
 
 def obstacle_heights(grid: GridMap, params: CoverageParams) -> np.ndarray:
-    """(H, W) float32 [m] how high things stand: 0 where the map is free or unknown."""
+    """(H, W) float32 [m] how high things are: 0 where the map is free or unknown."""
     occupied = grid.data >= params.occupied_threshold
     heights = np.where(occupied, np.float32(params.obstacle_height), np.float32(0.0))
     for x_min, y_min, x_max, y_max, height in params.heights:
@@ -52,7 +52,7 @@ def floor_seen(
 
     Args:
         grid: where the floor is.
-        heights: (H, W) [m] of what stands in each cell of the grid; higher things hide what is behind them.
+        heights: (H, W) [m] of what is in each cell of the grid; higher things hide what is behind them.
         camera: intrinsic parameters, with distortion.
         T_map_camera: (4, 4) pose of the optical frame in the map.
 
@@ -95,7 +95,7 @@ def _in_image(places: np.ndarray, camera: CameraModel, T_map_camera: np.ndarray,
     floor = np.column_stack([places, np.zeros(len(places))])
     points = geometry.apply(geometry.invert(T_map_camera), floor)
     ahead = points[:, 2] > 1e-6
-    # far outside the image the polynomials of the distortion may come back into it
+    # far outside the image the distortion polynomials may lead back into it
     width, height = camera.width, camera.height
     corners = np.array([[0, 0], [width - 1, 0], [width - 1, height - 1], [0, height - 1]], dtype=float)
     widest = 1.05 * float(np.linalg.norm(camera.rays(corners)[:, :2], axis=1).max())
@@ -109,7 +109,7 @@ def _in_image(places: np.ndarray, camera: CameraModel, T_map_camera: np.ndarray,
 
 
 def _hidden(grid: GridMap, heights: np.ndarray, places: np.ndarray, eye: np.ndarray) -> np.ndarray:
-    """(N,) bool: from which floor places (N, 2) [m] something hides the camera at `eye` (3,) [m]."""
+    """(N,) bool: from which floor places (N, 2) [m] the camera at `eye` (3,) [m] is hidden."""
     hidden = np.zeros(len(places), dtype=bool)
     highest = float(heights.max()) if heights.size else 0.0
     if highest <= 0.0 or not len(places):
@@ -117,7 +117,7 @@ def _hidden(grid: GridMap, heights: np.ndarray, places: np.ndarray, eye: np.ndar
     away = eye[:2] - places
     distance = np.maximum(np.linalg.norm(away, axis=1), 1e-9)
     units, slope = away / distance[:, None], eye[2] / distance
-    # the ray climbs from the floor to the camera: above the highest thing nothing is in its way any more
+    # the ray climbs from the floor to the camera: above the highest thing nothing can block it
     reach = np.minimum(distance, highest / slope)
     step = 0.5 * grid.resolution
     for along in np.arange(step, float(reach.max()) + step, step):

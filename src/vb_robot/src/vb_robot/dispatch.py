@@ -1,9 +1,9 @@
-"""Which robot goes where, and when: the policy, apart from maps, messages and actions.
+"""Decides which robot goes where, and when: the policy, apart from maps, messages and actions.
 
-The idea: each robot that can offers the cheapest place from which it would see what is to be seen; where it stands
-already costs nothing. The best offer is taken, the least failures first, then the least metres of way. The robot that
-serves is asked again only when its place has been unfit for a while, and what it offers counts as SWITCH_GAIN cheaper,
-so that two do not take turns. A place that failed is offered by nobody for a while: so the next best is tried.
+The idea: each robot that can offers the cheapest place from which it would see the target; its present place
+costs nothing. The best offer wins: fewest failures first, then the shortest path. The robot that
+serves is asked again only when its place has been unfit for a while, and its offer counts as SWITCH_GAIN cheaper,
+so that two do not take turns. A place that failed is not offered for a while: so the next best is tried.
 """
 from __future__ import annotations
 
@@ -16,21 +16,21 @@ from vb_robot.spots import LOST_AFTER
 from vb_robot.viewpoint import Outlook, Pose, Viewpoint
 
 MIN_INTERVAL = 1.5  # [s] between two goals: each one costs navigation a new plan
-LOST_INTERVAL = 0.5  # [s] while nobody sees the spot; then no goal waits for PATIENCE either
+LOST_INTERVAL = 0.5  # [s] while no camera sees the spot; then no goal waits for PATIENCE either
 RETRY_AFTER = 0.5  # [s] after a failure
-PATIENCE = 0.6  # [s] the present goal must have been unfit for that long to be replaced
-MIN_SPOT_MOVE = 0.3  # [m] the spot must have gone so far since the goal was chosen
-MIN_GAIN = 0.25  # [m] a new place must differ by so much from the present goal
-FAILED_RADIUS, FAILED_MEMORY = 0.3, 20.0  # [m, s] round a place that failed nothing is tried for that long
+PATIENCE = 0.6  # [s] how long the present goal must have been unfit to be replaced
+MIN_SPOT_MOVE = 0.3  # [m] how far the spot must have moved since the goal was chosen
+MIN_GAIN = 0.25  # [m] how far a new place must be from the present goal
+FAILED_RADIUS, FAILED_MEMORY = 0.3, 20.0  # [m, s] around a place that failed, nothing is tried for this long
 # [s, m] a robot that stands where it should see the spot, and nobody does, goes elsewhere by at least this, so often
-# until somebody sees it again: the laser may be off
+# until a camera sees it again: the laser may be off
 BLIND_AFTER, BLIND_RADIUS, BLIND_TRIES = 3.0, 0.5, 2
-MAX_FAILURES, FAILURE_PAUSE = 5, 8.0  # so many in a row, then a rest [s]
-YIELD_PAUSE = 15.0  # [s] after somebody else sent the robot elsewhere
+MAX_FAILURES, FAILURE_PAUSE = 5, 8.0  # this many in a row, then a rest [s]
+YIELD_PAUSE = 15.0  # [s] after another node sent the robot elsewhere
 ACK_TIMEOUT = 4.0  # [s] for navigation to accept a goal
 STUCK_AFTER, STUCK_DISTANCE = 15.0, 0.10  # [s, m] without progress the next place is tried; move_base itself needs 40 s
-SWITCH_GAIN = 1.0  # [m] so much better placed another robot must be to take over
-WAY_CHECK = 0.5  # [s] between two looks at the way to the present goal: the search costs up to 20 ms
+SWITCH_GAIN = 1.0  # [m] how much better placed another robot must be to take over
+WAY_CHECK = 0.5  # [s] between two checks of the path to the present goal: the search costs up to 20 ms
 
 
 class GoalStatus(enum.Enum):
@@ -45,7 +45,7 @@ class GoalStatus(enum.Enum):
 
 
 class Kind(enum.Enum):
-    """What is to be done."""
+    """What to do."""
 
     KEEP = "keep"
     SEND = "send"
@@ -54,7 +54,7 @@ class Kind(enum.Enum):
 
 @dataclass(frozen=True)
 class Decision:
-    """What a robot is to do, and why."""
+    """What a robot should do, and why."""
 
     kind: Kind
     reason: str
@@ -80,7 +80,7 @@ class RobotStatus:
         pose: (x, y, yaw) [m, m, rad], map frame; None if it is not localised.
         server: whether its navigation is there.
         goal: what became of the last goal that was sent to it.
-        busy: whether it drives to a goal that somebody else gave.
+        busy: whether it drives to another node's goal.
         goal_place: (x, y) [m] where it drives to, no matter who gave the goal.
     """
 
@@ -96,7 +96,7 @@ class RobotStatus:
         return self.goal in (GoalStatus.SENT, GoalStatus.ACTIVE)
 
     def places(self) -> List[Tuple[float, float]]:
-        """[m] where it stands and where it drives to: no place for another robot."""
+        """[m] where it is and where it drives to: not a place for another robot."""
         return [place for place in (self.pose[:2] if self.pose else None, self.goal_place) if place is not None]
 
 
@@ -111,14 +111,14 @@ class Record:
         self._sent = self._quiet_until = -math.inf
         self._unfit_since: Optional[float] = None
         self._failed: List[Tuple[float, float, float, float]] = []  # when [s], x, y [m], radius [m]
-        self._blind_since: Optional[Tuple[float, Pose]] = None  # since when it stands where it should see the spot
+        self._blind_since: Optional[Tuple[float, Pose]] = None  # since when it has been where it should see the spot
         self._blind_tries = self.failures = 0
         self._progress: Optional[Tuple[float, Pose]] = None
         self._way_judged: Tuple[Optional[Viewpoint], float, bool] = (None, 0.0, True)
         self.endangered = False
 
     def observe(self, moment: Moment, before: Moment, status: RobotStatus) -> Optional[Decision]:
-        """Takes note of what happened; gives a decision if there is nothing to choose for this robot now."""
+        """Records what happened; returns a decision if there is nothing to choose for this robot now."""
         now = moment.now
         if now < before.now - 1.0:
             self._forget()  # time jumped back: what was remembered is about another run
@@ -141,7 +141,7 @@ class Record:
         return None if status.pose is not None else Decision(Kind.KEEP, "the robot is not localised")
 
     def _follow_up(self, now: float, status: RobotStatus) -> str:
-        """Takes note of how the goal goes; gives why it is to be cancelled, or nothing."""
+        """Records how the goal goes; returns why to cancel it, or nothing."""
         if status.goal is GoalStatus.SENT and now - self._sent > ACK_TIMEOUT:
             self._fail(now)
             return "navigation did not accept the goal in time"
@@ -167,7 +167,7 @@ class Record:
         self._quiet_until = now + (RETRY_AFTER if self.failures % MAX_FAILURES else FAILURE_PAUSE)
 
     def pausing(self, now: float) -> bool:
-        """Whether it gives no goals for a while: after a failure, or because somebody else took the robot."""
+        """Whether it sends no goals for a while: after a failure, or because another node took the robot."""
         return now < self._quiet_until
 
     def failed(self, now: float) -> List[Tuple[float, float, float]]:
@@ -181,7 +181,7 @@ class Record:
         return Decision(Kind.SEND, reason, viewpoint)
 
     def release(self, status: RobotStatus) -> Decision:
-        """Gives the robot free, for another one serves; what failed is remembered."""
+        """Releases the robot, as another one serves; failed places stay known."""
         self.goal = self._unfit_since = self._progress = None
         return Decision(Kind.CANCEL if status.running else Kind.KEEP, "another robot serves")
 
@@ -199,7 +199,7 @@ class Record:
         assert robot is not None
         under_way = self.goal is not None and status.running
         if self.goal is not None and not under_way and math.dist(robot[:2], self.goal.pose[:2]) > MIN_GAIN:
-            self.goal = None  # somebody has moved the robot since
+            self.goal = None  # the robot was moved since
         goal, lost = self.goal, moment.silent > LOST_AFTER
         self.endangered = under_way and goal is not None and not self._way_is_safe(now, robot, goal, outlook)
         place = goal.pose if under_way and goal is not None else robot
@@ -224,7 +224,7 @@ class Record:
         return ""
 
     def keeps(self, now: float, status: RobotStatus, outlook: Outlook, offered: Viewpoint) -> bool:
-        """Whether the best that is offered is where the robot goes or stands already."""
+        """Whether the best offer is where the robot already is or goes."""
         goal = self.goal
         if goal is None or math.dist((offered.x, offered.y), (goal.x, goal.y)) >= MIN_GAIN:
             return False
@@ -235,7 +235,7 @@ class Record:
         return True
 
     def rests(self, outlook: Outlook) -> bool:
-        """Whether what is to be looked at is still about where it was when the goal was chosen."""
+        """Whether the target is still about where it was when the goal was chosen."""
         return self.goal is not None and math.dist(outlook.drawing.look_at, self.goal.spot) < MIN_SPOT_MOVE
 
     def _way_is_safe(self, now: float, robot: Pose, goal: Viewpoint, outlook: Outlook) -> bool:
@@ -248,7 +248,7 @@ class Record:
         return safe
 
     def _is_blind(self, moment: Moment, robot: Pose, stands: bool) -> bool:
-        """Whether the robot has stood long enough where it should see the spot, and nobody reports it.
+        """Whether the robot has been long enough where it should see the spot, and no camera reports it.
 
         Then something hides it from there, or it is not where it is thought to be.
         """
@@ -263,7 +263,7 @@ class Record:
 
 
 class Fleet:
-    """All robots, and who serves."""
+    """Holds all robots and which one serves."""
 
     def __init__(self, robots) -> None:
         self.records: Dict[str, Record] = {name: Record() for name in robots}
@@ -273,7 +273,7 @@ class Fleet:
     def step(
         self, moment: Moment, robots: Mapping[str, Tuple[RobotStatus, Optional[Outlook]]]
     ) -> Dict[str, Decision]:
-        """What each robot is to do now.
+        """Decides what each robot should do now.
 
         Args:
             robots: how each one is, and what it can see; None before anything is known of that.
@@ -288,7 +288,7 @@ class Fleet:
                 decisions[name] = decision or Decision(Kind.KEEP, "there is nothing to look at yet")
         if self.serving is not None and (moment.key != self._before.key or not moment.wanted) \
                 and self.records[self.serving].goal is None:
-            self.serving = None  # a robot that is under way goes on
+            self.serving = None  # a robot that is on its way goes on
         self._before = moment
         if able:
             decisions.update(self._choose(moment, robots, able))

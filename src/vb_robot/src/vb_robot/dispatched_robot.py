@@ -1,4 +1,4 @@
-"""One robot as the dispatcher deals with it: where it is, and its navigation."""
+"""One robot as the dispatcher sees it: where it is, and its navigation."""
 from __future__ import annotations
 
 from typing import Callable, Optional
@@ -18,7 +18,7 @@ from vb_robot.viewpoint import Pose, Viewpoint
 
 
 class DispatchedRobot:
-    """Its frame and its action carry its name before them, if it has one.
+    """One robot; its name, if it has one, precedes its frame and its action.
 
     Action client:
         [<name>/]move_base (move_base_msgs/MoveBaseAction)

@@ -1,4 +1,4 @@
-"""What is known of spot, drawing, maps and robots, and what follows from it; the node only wires it."""
+"""Collects what is known of spot, drawing, maps and robots, and decides; the node only wires it."""
 from __future__ import annotations
 
 import threading
@@ -51,7 +51,7 @@ class Progress:
 
 
 class RobotMap:
-    """The map that holds for one robot of a radius [m], and what its camera sees of the floor."""
+    """The map that applies to one robot of a radius [m], and what its camera sees of the floor."""
 
     def __init__(self, radius: float) -> None:
         self._radius = radius
@@ -62,7 +62,7 @@ class RobotMap:
         self._terrain: Optional[Tuple[Window, ClearanceMap]] = None
 
     def set_map(self, grid: GridMap, own: bool = False) -> None:
-        """Takes a map with borders; one of the robot's own is not replaced by the common one."""
+        """Takes a map with borders; the robot's own one is not replaced by the common one."""
         if own or not self._own:
             self._own, self._map, self._terrain = own, grid, None
 
@@ -82,7 +82,7 @@ class RobotMap:
     def outlook(
         self, drawing: Drawing, status: RobotStatus, unseen: Optional[BlindSpots], others: Sequence
     ) -> Optional[Outlook]:
-        """What the robot can see of a drawing from where it is and could go; None before that can be told."""
+        """What the robot can see of a drawing from where it is and could go; None before that is known."""
         if self.view is None or status.pose is None:
             return None
         terrain = self.terrain(window_of(drawing.spot, drawing.chain, [status.pose[:2]]))
@@ -90,16 +90,16 @@ class RobotMap:
 
 
 class Dispatcher:
-    """What is known about an interaction, and where robots go. May be fed and asked by different threads.
+    """Knows an interaction and decides where robots go. Different threads may feed and ask it.
 
     A goal is given only after a stationary camera saw the spot in this interaction: with none of them the person
-    leads the robot. From then on every camera's spots tell where the spot is.
+    guides the robot. From then on every camera's spots tell where the spot is.
 
     Args:
         radii: [m] of the robots, by name.
 
     Attributes:
-        notice: what people are to be told now.
+        notice: what to tell people now.
     """
 
     def __init__(self, watch: WatchParams = WatchParams(), radii: Mapping[str, float] = {}) -> None:
@@ -116,7 +116,7 @@ class Dispatcher:
         """Names of the robots; "" is the only one, without a namespace."""
         return list(self._grounds)
 
-    # ------------------------------------------------------------- what comes in
+    # ------------------------------------------------------------- inputs
     def set_map(self, grid: GridMap, robot: Optional[str] = None) -> None:
         """Takes the map with borders, for one robot or (None) for all that have no map of their own."""
         with self._lock:
@@ -170,7 +170,7 @@ class Dispatcher:
             return self._sightings.dispatches()
 
     def decide(self, now: float, robots: Mapping[str, RobotStatus]) -> Dict[str, Decision]:
-        """What each robot is to do now [s]; takes some hundredths of a second when a new place is due."""
+        """Decides what each robot should do at a time [s]; takes some 10 ms when a new place is due."""
         with self._lock:
             known = self._sightings
             known.forget_after(now)
@@ -212,7 +212,7 @@ class Dispatcher:
         return Drawing(target, chain, known.direction(), closed, seeding, ordered, known.watched(now))
 
     def _notice(self, lost: bool, drawing: Drawing, unseen: Optional[BlindSpots], able: bool) -> Optional[Notice]:
-        """What people should know: that no camera sees the spot, or will not see it soon, and what comes of it."""
+        """What people should know: that no camera sees the spot, or will soon lose it, and what follows."""
         serving = self._fleet.serving
         comes = serving is not None and self._fleet.records[serving].goal is not None
         values = {"who": f"robot {serving}" if serving else "the robot"}

@@ -1,7 +1,7 @@
-"""What is being drawn, what a robot is to look at, and the floor that the border is about to take.
+"""What is being drawn, what a robot should look at, and the floor that the border will probably restrict.
 
 The idea: a robot does not look at the spot but at where the ceiling cameras will lose it, before they do; and since
-navigation does not know a border before it is saved, its ways keep off what the border will probably restrict.
+navigation does not know a border before it is saved, its paths avoid what the border will probably restrict.
 """
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ import numpy as np
 from vb_core.grid_map import GridMap, distance_to
 from vb_robot.clearance_map import ClearanceMap, clearance_grid, sample
 
-STEP = 0.05  # [m] between places of a line that is thought on
-HORIZON = 2.0  # [m] how far the line is thought straight on to where no stationary camera sees it
-AHEAD = 0.3  # [m] the robot looks so far beyond the edge of what they see: people notice it there, and hold still
-BESIDE = 1.0  # [m] floor that nobody sees counts so near to the spot on any side
+STEP = 0.05  # [m] between places of an extrapolated line
+HORIZON = 2.0  # [m] how far the line is extrapolated to where no stationary camera sees it
+AHEAD = 0.3  # [m] how far the robot looks beyond the edge of what they see: people notice it there, and hold still
+BESIDE = 1.0  # [m] unseen floor counts this near to the spot on any side
 LEAST_GAP = 0.15  # [m] narrower shadows, as of a table's leg, do not count
-MIN_LINE = 0.3  # [m] a line that extends over less is none yet
+MIN_LINE = 0.3  # [m] a shorter line does not count yet
 NOTHING = np.zeros((0, 2))
 
 
@@ -35,9 +35,9 @@ class Drawing:
         seeding: the spot marks the side to be restricted: stay off that side.
         ordered: whether the chain's points are in the order of the line.
         watched: a stationary camera sees the spot, so that there is no need for a robot to take risks.
-        focus: (2,) [m] what the robot is to look at. None: the spot.
-        stretch: (K, 2) [m] what it is to see if it can: where the line probably goes on while no stationary camera sees
-            it. It leads past the focus; the part up to there it must see.
+        focus: (2,) [m] what the robot should look at. None: the spot.
+        stretch: (K, 2) [m] what it should see if it can: where the line probably goes on while no stationary camera
+            sees it. It leads past the focus; the part up to there must be seen.
     """
 
     spot: np.ndarray
@@ -52,7 +52,7 @@ class Drawing:
 
     @property
     def look_at(self) -> np.ndarray:
-        """(2,) [m] what the robot is to look at."""
+        """(2,) [m] what the robot should look at."""
         return np.asarray(self.spot if self.focus is None else self.focus, dtype=float)
 
     @property
@@ -157,7 +157,7 @@ class BlindSpots:
 
 
 class KeepOut:
-    """Judges ways by an area (H, W) bool that the robot's footprint is not to come to."""
+    """Judges paths by an area (H, W) bool that the robot's footprint must not touch."""
 
     def __init__(self, terrain: ClearanceMap, area: np.ndarray) -> None:
         self._grid = terrain.grid

@@ -1,14 +1,14 @@
-"""One driver per robot: who drives it now, and whether it may.
+"""One driver per robot: decides who drives it now, and whether it may.
 
-The idea: several want to drive (a person with a joystick, the spot, the way out of a border, navigation), exactly one
-does, and whatever it wishes passes one gate. The gate lets through what it can show to be safe. In doubt the robot
-stops, and the driver says who drives and why as a code that people see.
+The idea: several want to drive (a person with a joystick, the spot, the path out of a border, navigation), exactly one
+does, and every command passes one gate. The gate lets through what it can show to be safe. In doubt the robot
+stops, and the driver tells people by a code who drives and why.
 
-Whatever the gate depends on has one age limit: STOP_WITHIN after the last message of any of it the robot rests. The
-older the oldest of it, the slower the robot drives, so that its brakes keep that promise from any speed. A message that
+Whatever the gate depends on has one age limit: STOP_WITHIN after the last message of any input the robot stops. The
+older the oldest input, the slower the robot drives, so that its brakes keep that promise from any speed. A message that
 is a little late, on a busy computer, slows the robot for a moment and does not stop it.
 
-Who drives, the first that wants to: stop (latched), teleoperation, following the spot, leaving a border, navigation.
+Who drives, in order of priority: stop (latched), teleoperation, following the spot, leaving a border, navigation.
 """
 from __future__ import annotations
 
@@ -29,21 +29,21 @@ from vb_robot.view import FloorView
 from vb_robot.viewpoint import Pose
 from vb_robot.border_monitor import BorderContact, BorderMonitor
 
-RATE = 20.0  # [1/s] what is late is noticed that soon
-STOP_WITHIN = 0.5  # [s] after the last scan, state, pose or command the robot rests
+RATE = 20.0  # [1/s] how soon late messages are noticed
+STOP_WITHIN = 0.5  # [s] after the last scan, state, pose or command the robot stops
 BASE_DELAY = 0.02  # [s] from a command to the wheels
-AHEAD = 0.5  # [s] what is dated farther ahead comes from another clock, and its age is not known
-POSE_DOUBT = 1.0  # [s] after a jump of the localization nobody knows where the borders are
-OTHER_LIMIT = 1.0  # [s] after a command by somebody else nothing is let through: two drivers at one wheel
-CANCEL_EACH = 1.0  # [s] navigation's goals are cancelled again while somebody else drives
-PINCHED_AFTER = 1.5  # [s] navigation has a goal and moves nothing: beside something it may have no way to plan from here
-BLIND_SPEED = 0.1  # [m/s] without a scanner, by the map alone, and for a joystick where no beam looks
+AHEAD = 0.5  # [s] a stamp farther ahead comes from another clock, and its age is not known
+POSE_DOUBT = 1.0  # [s] after a jump of the localisation it is not known where the borders are
+OTHER_LIMIT = 1.0  # [s] after another node's command nothing is let through: two drivers at one wheel
+CANCEL_EACH = 1.0  # [s] how often navigation's goals are cancelled while another one drives
+PINCHED_AFTER = 1.5  # [s] navigation has a goal and moves nothing: beside something it may find no path from here
+BLIND_SPEED = 0.1  # [m/s] without a scanner, by the map alone, and for a joystick where no beam points
 ACCELERATION, TURN_ACCELERATION = 0.4, 2.0  # [m/s^2, rad/s^2] of the driver's own behaviours: gentle beside people
 
 NOBODY, STOP, TELEOP, FOLLOW, LEAVE, NAVIGATION = "nobody", "stop", "teleop", "follow", "leave", "navigation"
 KEEPS = {
     TELEOP: Keep(0.05, 0.02, 0.0),
-    FOLLOW: Keep(0.12, 0.04, 0.06),  # from where a person leaves it navigation must still find a way
+    FOLLOW: Keep(0.12, 0.04, 0.06),  # from where a person leaves it, navigation must still find a path
     LEAVE: Keep(0.12, 0.04, MAP_MARGIN),
     NAVIGATION: Keep(0.04, 0.0, -0.04),  # it keeps its own distance; here is only what must never happen
 }
@@ -51,14 +51,14 @@ KEEPS = {
 
 @dataclass(frozen=True)
 class Command:
-    """What goes to the wheels now.
+    """The command that goes to the wheels now.
 
     Attributes:
         v, w: [m/s, rad/s]
         driver: who drives: "nobody", "stop", "teleop", "follow", "leave" or "navigation".
         code: "drives", or what holds the robot.
-        speaks: whether it is to be published: a robot that nobody drives is left alone.
-        cancel: whether navigation's goals are to be cancelled.
+        speaks: whether to publish it: a robot that nobody drives is left alone.
+        cancel: whether to cancel navigation's goals.
     """
 
     v: float = 0.0
@@ -70,12 +70,12 @@ class Command:
 
 
 class Driver:
-    """What drives one robot. May be fed by several threads; `step` is called by one.
+    """Drives one robot. Several threads may feed it; one calls `step`.
 
     Args:
         camera: name of the robot's camera in the spots; mobile_cameras: names of all cameras on robots.
         in_border: whether it follows the spot while a border is drawn, see `Sightings.follows`.
-        leaves: whether it leaves a border that was put where it is.
+        leaves: whether it leaves a border that was saved where it is.
     """
 
     def __init__(
@@ -92,9 +92,9 @@ class Driver:
         self._retry_at = -math.inf
         self._pinched: Optional[BorderExit] = None
         self._idle_since = -math.inf  # since when navigation has had a goal and moved nothing
-        self._swallowed: Optional[bool] = None  # whether the newest map put a border where the robot is; None: to be seen
+        self._swallowed: Optional[bool] = None  # whether the newest map put a border where the robot is; None: not yet known
         self._stamps: Dict[str, float] = {}  # [s] of the newest scan, state and pose
-        self._clock_age = 0.0  # [s] for which the clock has not gone on
+        self._clock_age = 0.0  # [s] for which the clock has stood still
         self._stopped = {"state": False, "topic": False}
         self._scan: Optional[Scan] = None
         self._pose: Optional[Tuple[float, Pose]] = None
@@ -111,7 +111,7 @@ class Driver:
         self._last = Command()
         self._stepped_at: Optional[float] = None
 
-    # ------------------------------------------------------------- what comes in
+    # ------------------------------------------------------------- inputs
     def set_state(self, state: int, interaction: str, entered: float, stamp: float, stopped: bool = False) -> None:
         """Takes the interaction's state, said at a time [s]."""
         with self._lock:
@@ -123,7 +123,7 @@ class Driver:
             self._stopped["state"] = stopped
 
     def set_stop(self, stopped: bool) -> None:
-        """Takes what was said on the topic of stop; it holds until it is released."""
+        """Takes a message of the stop topic; a stop holds until it is released."""
         with self._lock:
             self._stopped["topic"] = stopped
 
@@ -135,7 +135,7 @@ class Driver:
                 self._following.add(sighting)
 
     def contributed(self, interaction: str, cameras: Iterable[str]) -> None:
-        """Learns which cameras have contributed to an interaction, for instance before this program was started."""
+        """Learns which cameras contributed to an interaction, for instance before this program started."""
         with self._lock:
             if interaction == self._spots.key[0]:
                 self._spots.contributed(cameras)
@@ -159,7 +159,7 @@ class Driver:
                 self._stamps.pop("pose", None)
                 return
             if before is None or stamp != before[0]:
-                self._note("pose", stamp)  # the same one again is as old as it was
+                self._note("pose", stamp)  # the same one again is as old as before
             self._pose = (stamp, pose)
             since = stamp - before[0] if before is not None else math.inf
             # after a pause a robot may be anywhere
@@ -167,7 +167,7 @@ class Driver:
                 self._doubt_until = stamp + POSE_DOUBT
 
     def set_clock(self, age: float) -> None:
-        """Learns for how long [s] of real time the clock has not gone on: messages grow older without it."""
+        """Learns for how long [s] of real time the clock has stood still: messages age without it."""
         with self._lock:
             self._clock_age = age
 
@@ -203,18 +203,18 @@ class Driver:
         self._goal_runs = runs
 
     def heard_other(self, name: str, now: float) -> None:
-        """Somebody else has commanded this robot's base."""
+        """Another node has commanded this robot's base."""
         with self._lock:
             self._others[name] = now
 
-    # ------------------------------------------------------------- what comes out
+    # ------------------------------------------------------------- outputs
     @property
     def others(self) -> str:
         """Who else commanded the robot lately."""
         return ", ".join(sorted(self._others))
 
     def pose(self, now: float) -> Optional[Pose]:
-        """Where the robot is (x, y, yaw), map frame; None if that is not known, or was doubtful a moment ago."""
+        """Where the robot is (x, y, yaw), map frame; None if unknown, or doubtful a moment ago."""
         if self._doubt_until > now + POSE_DOUBT:
             self._doubt_until = -math.inf  # time has jumped back
         if self._pose is None or self._age(now, "pose") > STOP_WITHIN or now < self._doubt_until:
@@ -222,7 +222,7 @@ class Driver:
         return self._pose[1]
 
     def halt(self, code: str) -> Command:
-        """The robot is to stop, whatever anybody wishes: the program has a fault."""
+        """Stops the robot, whatever is wished: the program has a fault."""
         with self._lock:
             self._last = Command(0.0, 0.0, self._last.driver, code, True)
             return self._last
@@ -248,13 +248,13 @@ class Driver:
             return self._last
 
     def _choose(self, now: float, dt: float, frames: Frames) -> Tuple[str, Wish]:
-        """Who drives, and what that one wishes."""
+        """Chooses who drives; returns that one and its wish."""
         if any(self._stopped.values()):
             return STOP, Wish(0.0, 0.0, "stopped")
         teleop = self._command(TELEOP, now)
         if teleop is not None:
             return TELEOP, teleop
-        # whom a person leads stays theirs when the state is lost: the gate then stops it
+        # a robot that a person guides stays theirs when the state is lost: the gate then stops it
         if self._spots.follows(self._camera, now, self._in_border):
             return FOLLOW, self._ramped(dt, self._following.wish(now, dt, frames))
         wish = self._leave(now)
@@ -270,9 +270,9 @@ class Driver:
         return wish if -0.1 <= now - stamp <= STOP_WITHIN else None
 
     def _leave(self, now: float) -> Optional[Wish]:
-        """The way out, if a border was put where the robot is, and nobody draws or guides.
+        """The path out, if a border was saved where the robot is, and nobody draws or guides.
 
-        A robot that navigation or a person brought near a border is none of this behaviour's business, unless it is
+        This behaviour ignores a robot that navigation or a person brought near a border, unless it is
         pinched: navigation's paths keep PATH_MARGIN more than its controller, which may end where no path begins.
         """
         pose = self.pose(now)
@@ -304,7 +304,7 @@ class Driver:
         return wish
 
     def _pinch(self, now: float, pose: Pose) -> Optional[Wish]:
-        """A few centimetres away from what is too near for navigation to plan; its goal goes on then."""
+        """Moves a few centimetres away from what is too near for navigation to plan; then its goal goes on."""
         assert self._ground is not None and self._grids is not None
         _, last = self._commands.get(NAVIGATION, (-math.inf, Wish(0.0, 0.0)))
         moves = self._command(NAVIGATION, now) is not None and (last.v != 0.0 or last.w != 0.0)
@@ -362,14 +362,14 @@ class Driver:
         if allowed < 0.02:
             # turning enters no new floor: the robot is round
             return 0.0, w, code
-        # the same arc, more slowly: it is the one that was looked at
+        # the same arc, more slowly: it is the one that was checked
         share = allowed / abs(wish.v)
         return share * wish.v, share * w, code
 
     def _slowed_by_age(self, now: float, driver: str, v: float, w: float) -> Tuple[float, str]:
-        """Which part of a command the brakes can end before the oldest of what it rests upon is too old.
+        """Which part of a command the brakes can end before the oldest of its inputs is too old.
 
-        Gives what was lost, as a code, if that is nothing; else "".
+        Returns what was lost, as a code, if that is nothing; else "".
         """
         ages = {f"{what}_lost": self._age(now, what) for what in self._needs(driver)}
         if driver in self._commands:
@@ -384,7 +384,7 @@ class Driver:
         return min(1.0, left / max(abs(v) / limits.brake, abs(w) / limits.turn_acceleration, 1e-9)), ""
 
     def _needs(self, driver: str) -> List[str]:
-        """What must come again and again while somebody drives."""
+        """The inputs that must keep coming while the robot is driven."""
         scan = ["scan"] if self.profile.scanner.present else []
         # a person beside the robot may have come because all else is lost
         return scan if driver == TELEOP else [*scan, "state", "pose"]
@@ -400,7 +400,7 @@ class Driver:
         return age if age >= -AHEAD else math.inf
 
     def _lacks(self, now: float, driver: str) -> str:
-        """What must be known before anything moves and is not, as a code; empty if all is known."""
+        """What is still unknown and must be known before anything moves, as a code; empty if all is known."""
         self._others = {name: at for name, at in self._others.items() if 0.0 <= now - at <= OTHER_LIMIT}
         if self._others:
             return "somebody_else_drives"
@@ -441,7 +441,7 @@ class Driver:
 
     # ------------------------------------------------------------- for people
     def standing(self, now: float) -> Tuple[BorderContact, list, bool]:
-        """How the robot lies to the borders, those borders' names, and whether one of them may not be entered."""
+        """Where the robot is with respect to the borders, their names, and whether one of them may not be entered."""
         pose, workspace = self.pose(now), self._workspace
         if pose is None or workspace is None:
             return BorderContact.FREE, [], False

@@ -1,4 +1,4 @@
-"""Where the spot is for a robot that follows it, and what comes of it."""
+"""Where the spot is for a robot that follows it, and the resulting command."""
 from __future__ import annotations
 
 from collections import deque
@@ -29,7 +29,7 @@ class Frames:
 class Following:
     """Visual servoing on the spot that the robot's own camera sees.
 
-    The spot is kept in the odom frame: there it stays where it is on the floor while the robot moves, and a pose_jump of
+    The spot is kept in the odom frame: there it stays in place on the floor while the robot moves, and a pose jump of
     the localisation does not move it.
     """
 
@@ -44,12 +44,12 @@ class Following:
         self._pending.append(sighting)
 
     def forget(self) -> None:
-        """The state has ended: what was seen in it leads nobody."""
+        """Forgets the spot: the state has ended, and what was seen in it guides no robot."""
         self._pending.clear()
         self._spot = None
 
     def rest(self) -> None:
-        """It does not follow now."""
+        """Rests: the robot does not follow now."""
         self._servo.reset()
 
     def wish(self, now: float, dt: float, frames: Frames) -> Wish:

@@ -25,22 +25,22 @@ from vb_robot.dispatcher import Dispatcher, Progress, WatchParams
 from vb_robot.spots import BORDER, SEED, Sighting
 from vb_robot.viewpoint import Viewpoint
 
-PERIOD = 0.25  # [s] between two decisions: the spot moves 0.1 m in that time at most
+PERIOD = 0.25  # [s] between two decisions: the spot moves 0.1 m at most in that time
 
 
 class RobotDispatcherNode:
-    """Watches spot and state, and gives goals to the navigation of one robot at a time.
+    """Watches spot and state, and sends goals to the navigation of one robot at a time.
 
     Subscribed topics:
         /virtual_borders/spots (vb_msgs/LaserSpot), /virtual_borders/state (vb_msgs/InteractionState),
         /virtual_borders/progress (vb_msgs/BorderProgress)
         /virtual_borders/map, /map (nav_msgs/OccupancyGrid): where a robot may stand, what hides the spot
-        <robot>/virtual_borders/map (nav_msgs/OccupancyGrid): what holds for a robot with a name, once it comes
+        <robot>/virtual_borders/map (nav_msgs/OccupancyGrid): the map of a robot with a name, once it arrives
         [<robot>/]camera_info (sensor_msgs/CameraInfo), tf: what its camera sees of the floor
         /virtual_borders/coverage (nav_msgs/OccupancyGrid): optional; floor that no stationary camera sees
     Published topics:
         ~viewpoint (geometry_msgs/PoseStamped, latched): where a robot was sent last
-        /virtual_borders/notices (vb_msgs/NoticeArray): when no camera sees the spot, and what comes of it
+        /virtual_borders/notices (vb_msgs/NoticeArray): when no camera sees the spot, and what follows
     Actions called:
         [<robot>/]move_base (move_base_msgs/MoveBaseAction)
     Parameters:
@@ -49,7 +49,7 @@ class RobotDispatcherNode:
 
     def __init__(self, dispatcher: Dispatcher, profiles: Mapping[str, RobotProfile]) -> None:
         self._dispatcher = dispatcher
-        self._goals = threading.Lock()  # held while goals are given or cancelled with the state
+        self._goals = threading.Lock()  # held while goals are sent or cancelled with the state
         self._refused_spots = 0
         self._reasons: Dict[str, str] = {}
         transforms = TransformLookup()
@@ -74,7 +74,7 @@ class RobotDispatcherNode:
         self._timer = rospy.Timer(rospy.Duration(PERIOD), self._on_timer, reset=True)
 
     def close(self) -> None:
-        """Cancels every goal: nobody would watch over it any more."""
+        """Cancels every goal: nothing would supervise it any more."""
         self._timer.shutdown()
         self._notices.close()
         for robot in self._robots:
@@ -93,7 +93,7 @@ class RobotDispatcherNode:
             return
         rospy.loginfo("%s: state %s", rospy.get_name(), message.name)
         if message.state not in (BORDER, SEED):
-            # this cannot wait for the next decision: the robots are to stand
+            # this cannot wait for the next decision: the robots have to stop
             with self._goals:
                 for robot in self._robots:
                     robot.navigation.cancel()
@@ -124,7 +124,7 @@ class RobotDispatcherNode:
             if not rospy.is_shutdown():
                 raise
         except Exception:
-            # a timer whose callback fails would never call again, and nobody would notice
+            # a timer whose callback fails would never call again, unnoticed
             rospy.logerr_throttle(5.0, f"{rospy.get_name()}: {traceback.format_exc()}")
 
     def _decide(self) -> None:

@@ -39,13 +39,13 @@ from vb_robot.spots import FOLLOW, Sighting
 from vb_robot.view import FloorView
 from vb_robot.border_monitor import KnownBorder, BorderContact, BorderMonitor
 
-SLOW_LOCALISATION = 0.15  # [s] for an older spot localisation's newest answer is taken: that is near enough
-STATE_EACH = 0.5  # [s] who drives is said that often even if nothing changes
-HELD_FOR = 0.5  # [s] what holds a robot for less is not worth a notice
-GOAL_NOTICE = 5.0  # [s] for which a goal in a border is told
-PLAN_SHOWN = rospy.Duration(5.0)  # a robot under way plans once a second
+SLOW_LOCALISATION = 0.15  # [s] for an older spot the newest localisation is used: that is near enough
+STATE_EACH = 0.5  # [s] between reports of who drives, even if nothing changes
+HELD_FOR = 0.5  # [s] a shorter stop is not worth a notice
+GOAL_NOTICE = 5.0  # [s] for which a goal in a border is reported
+PLAN_SHOWN = rospy.Duration(5.0)  # a robot on its way plans once a second
 RUNNING = (GoalStatus.PENDING, GoalStatus.ACTIVE, GoalStatus.PREEMPTING, GoalStatus.RECALLING)
-# what is told to people, beside what is usual: "drives", "idle", "spot_in_view", "speed_limit" and so on
+# what people are told, unlike the usual: "drives", "idle", "spot_in_view", "speed_limit" and so on
 HOLDS = {"stopped", "state_lost", "scan_lost", "pose_lost", "pose_leapt", "no_map", "no_camera", "clock_stands",
          "fault", "somebody_else_drives", "contact", "obstacle", "unseen_floor", "border", "inside_border", "bad_command"}
 
@@ -74,9 +74,9 @@ class RobotDriverNode:
         scan (sensor_msgs/LaserScan), camera_info (sensor_msgs/CameraInfo), contacts: as the profile names them
         move_base/status (actionlib_msgs/GoalStatusArray), move_base/goal (move_base_msgs/MoveBaseActionGoal)
         move_base/NavfnROS/plan (nav_msgs/Path): for robots with a name
-        cmd_vel (geometry_msgs/Twist): whether somebody else commands the base
+        cmd_vel (geometry_msgs/Twist): whether another node commands the base
     Published topics:
-        cmd_vel (geometry_msgs/Twist): while somebody drives, one zero when that ends, zeros while stopped
+        cmd_vel (geometry_msgs/Twist): while the robot is driven, one zero when that ends, zeros while stopped
         move_base/cancel (actionlib_msgs/GoalID): while it follows the spot or leaves a border
         /virtual_borders/drivers (vb_msgs/DriverState): who drives, and why
         /virtual_borders/notices (vb_msgs/NoticeArray)
@@ -141,7 +141,7 @@ class RobotDriverNode:
         self._thread.start()
 
     def close(self) -> None:
-        """Leaves the robot standing."""
+        """Stops the robot."""
         self._closing.set()
         self._thread.join(1.0)
         self._cmd_vel.publish(Twist())
@@ -269,12 +269,12 @@ class RobotDriverNode:
                 if not rospy.is_shutdown():
                     raise
             except Exception:
-                # whatever goes wrong here, the robot must not keep its last command, and the next time may go well
+                # whatever fails here, the robot must not keep its last command, and the next step may succeed
                 self._obey(self._driver.halt("fault"), now)
                 rospy.logerr_throttle(5.0, f"{rospy.get_name()}: {traceback.format_exc()}")
 
     def _step(self, now: rospy.Time) -> Command:
-        # tf gives the newest transform however old
+        # tf returns the newest transform, however old
         stamp = self._transforms.newest(names.MAP_FRAME, self._base)
         T = self._lookup(names.MAP_FRAME, self._base, stamp)
         self._driver.set_pose(geometry.transform_pose2d(T) if T is not None else None, stamp.to_sec())
@@ -305,9 +305,9 @@ class RobotDriverNode:
                 rospy.logwarn_throttle(5.0, f"{rospy.get_name()}: {error}")
             return None
 
-    # ------------------------------------------------------------- words
+    # ------------------------------------------------------------- notices
     def _tell(self, command: Command, now: float) -> None:
-        """Says who drives, at once when it changes, and what people should know."""
+        """Publishes who drives, at once when it changes, and what people should know."""
         before, at = self._told
         changed = (command.driver, command.code) != (before.driver, before.code)
         if not changed and 0.0 <= now - at < STATE_EACH:

@@ -1,6 +1,6 @@
-"""How far a robot may drive: by what its scanner sees, by what it does not see, and by the map with borders.
+"""Computes how far a robot may drive, by what its scanner sees and does not see, and by the map with borders.
 
-The idea: floor is free only if something said so. A direction that no beam looked into is not free, an echo nearer than
+The idea: floor is free only if a sensor or a map says so. A direction without a beam is not free, an echo nearer than
 the scanner can measure is an obstacle, and floor without a map is unknown.
 """
 from __future__ import annotations
@@ -17,9 +17,9 @@ from vb_robot.clearance_map import clearance_grid, sample
 from vb_robot.view import to_map
 from vb_robot.viewpoint import Pose
 
-HORIZON = 0.8  # [m] how far along its arc a robot is looked after: 1 m/s stops within it at 1.5 m/s^2
+HORIZON = 0.8  # [m] how far along its arc a robot is checked: 1 m/s stops within it at 1.5 m/s^2
 HARD = 99  # [%] from this occupancy on a cell is never entered
-TIGHT = 0.3  # [m] on arcs narrower than this a robot is taken to drive straight on
+TIGHT = 0.3  # [m] on arcs narrower than this a robot counts as driving straight on
 GAP_DEG = 4.0  # [deg] holes in a scan up to this hide nothing wider than a hand at arm's length
 LEAP = 0.25  # [m] of the localisation: ten times what AMCL corrects; a turn of 1 rad counts as 0.5 m
 
@@ -34,7 +34,7 @@ class Keep:
 
 
 def safe_speed(free: float, limits: Limits) -> float:
-    """The largest speed [m/s] from which the robot stops within a free way [m], reaction time included."""
+    """The largest speed [m/s] from which the robot stops within a free distance [m], reaction time included."""
     if free <= 0.0:
         return 0.0
     # v * reaction + v^2 / (2 brake) = free
@@ -48,14 +48,14 @@ def stop_distance(v: float, limits: Limits) -> float:
 
 
 class Scan:
-    """What one scan tells in the robot's base frame: where something is, and where a beam looked.
+    """One scan in the robot's base frame: where something is, and where a beam pointed.
 
     Args:
-        ranges: (N,) [m] as in sensor_msgs/LaserScan; nan is a beam that tells nothing, inf one without an echo.
+        ranges: (N,) [m] as in sensor_msgs/LaserScan; nan is an invalid beam, inf one without an echo.
         angle_min, angle_increment: [rad]; range_min, range_max: [m].
         mount: T_base_scanner, 4x4.
         radius: [m] of the robot. Echoes within half of it are the robot's own parts.
-        zero_is_nothing: a range of 0 means no echo; otherwise that something is too near to be measured.
+        zero_is_nothing: a range of 0 means no echo; otherwise something is too near to be measured.
     """
 
     def __init__(
@@ -82,7 +82,7 @@ class Scan:
         self._gap = max(math.radians(GAP_DEG), 3.0 * abs(angle_increment))
 
     def covers(self, bearing: float, half: float) -> bool:
-        """Whether beams looked at all directions up to `half` [rad] beside a bearing [rad], without a wide hole."""
+        """Whether beams cover all directions up to `half` [rad] beside a bearing [rad], without a wide hole."""
         off = (self._bearings - bearing + math.pi) % (2.0 * math.pi) - math.pi
         off = np.sort(off[np.abs(off) <= half + self._gap])
         if not len(off) or off[0] > -half + self._gap or off[-1] < half - self._gap:
@@ -104,12 +104,12 @@ class Scan:
         hit = (np.abs(across) < width) & (along > 0.0)
         if not hit.any():
             return math.inf
-        # the front is round: beside the middle an obstacle may be nearer
+        # the front is round: off the centre line an obstacle may be nearer
         nose = np.sqrt(width ** 2 - across[hit] ** 2)
         return float(np.maximum(along[hit] - nose, 0.0).min() - keep.ahead + keep.sides)
 
     def sees_way(self, v: float, w: float, radius: float, needed: float) -> bool:
-        """Whether beams looked to where the arc of (v, w) leads, farther than what is needed to stop [m]."""
+        """Whether beams reach along the arc of (v, w), farther than the stop distance [m]."""
         reach = max(TIGHT, radius + needed)
         turn = math.copysign(1.0, v) * w / abs(v) * reach / 2.0
         bearing = min(max(turn, -math.pi / 2), math.pi / 2)
@@ -129,7 +129,7 @@ class KeepoutMap:
     def __init__(self, grid: GridMap, radius: float) -> None:
         self.grid = grid
         self._radius = radius
-        # the map's edge is nothing to fear: the map ends there, the floor may go on
+        # the map's edge is not an obstacle: the map ends there, the floor may go on
         self._clearance = clearance_grid(grid.data >= HARD, grid.resolution, edge=False)
 
     def clearance_at(self, points: np.ndarray) -> np.ndarray:
@@ -140,7 +140,7 @@ class KeepoutMap:
         """[m] the robot can drive along the arc of (v, w) before it comes nearer to a cell than `margin` [m].
 
         A robot that is too near already may move so that it does not come nearer; one that a new border has
-        swallowed may move within it, so that a person can lead it out.
+        swallowed may move within it, so that a person can guide it out.
         """
         steps = np.arange(0.0, HORIZON + 1e-9, 0.02)
         clearance = self.clearance_at(arc(pose, steps * math.copysign(1.0, v), w / v))

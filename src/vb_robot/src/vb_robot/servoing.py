@@ -1,4 +1,4 @@
-"""Following the laser spot with the robot's own camera (paper, Sect. 5.1: visual servoing).
+"""Follows the laser spot with the robot's own camera (paper, Sect. 5.1: visual servoing).
 
 Position-based: the error is the spot's place in the robot's base frame, measured through the camera. The robot
 moves only when the spot is about to leave the inner zone of the image or the good distance, and then until the spot
@@ -15,7 +15,7 @@ import numpy as np
 from vb_robot.view import FloorView
 
 MAX_SPEED = 0.2  # [m/s] the paper's limit while a person guides the robot; also backwards, as fast as a spot is drawn
-MAX_TURN = 0.8  # [rad/s] a spot 1 m away that moves 0.5 m/s sideways needs 0.5
+MAX_TURN = 0.8  # [rad/s] a spot 1 m away that moves sideways at 0.5 m/s needs 0.5
 # [m] from the base to the spot. The image of a usual mount ends at 0.45 m: nearer than NEAR_DISTANCE a spot that is
 # drawn towards the robot slips under it.
 GOOD_DISTANCE, FAR_DISTANCE = 1.0, 1.3  # beyond FAR it drives nearer, to GOOD
@@ -25,12 +25,12 @@ DRIVE_CONE = math.radians(25.0)  # if the spot is farther off the axis, the robo
 DISTANCE_GAIN, TURN_GAIN = 0.8, 1.8  # [1/s]
 # [s] by how much a spot is older than usual: up to LATE they vary at 25 images/s, at GONE four images are missed
 LATE, GONE = 0.04, 0.16
-MAX_AGE = 0.5  # [s] a spot older than this is gone, whatever is usual
+MAX_AGE = 0.5  # [s] a spot older than this is gone, whatever the usual age
 
 
 @dataclass(frozen=True)
 class Wish:
-    """What a behaviour would like: forward speed [m/s], turn rate [rad/s], and why, as a code."""
+    """What a behaviour requests: forward speed [m/s], turn rate [rad/s], and why, as a code."""
 
     v: float
     w: float
@@ -44,14 +44,14 @@ class Servo:
         self.reset()
 
     def reset(self) -> None:
-        """Nothing is being followed."""
+        """Resets: no spot is being followed."""
         self._turning = False
         self._driving = 0  # 1 forward, -1 back
         self._usual: Optional[float] = None  # [s] age at which spots come
         self._age = 0.0
 
     def step(self, dt: float, spot: Optional[np.ndarray], age: float, view: FloorView) -> Wish:
-        """What would be good for seeing.
+        """Computes the motion that keeps the spot in view.
 
         Args:
             dt: [s] since the last step.
@@ -69,15 +69,15 @@ class Servo:
         return Wish(min(max(v, -trust * MAX_SPEED), trust * MAX_SPEED), trust * w)
 
     def _trust(self, dt: float, age: float) -> float:
-        """0 .. 1: how far the spot's place may be relied upon; less when the next image is overdue.
+        """0 .. 1: how far the spot's place can be trusted; less when the next image is overdue.
 
-        What is overdue depends on how long images take from the lens to here, which is learnt on the way: a robot
+        What is overdue depends on the images' latency, which is estimated on the run: a robot
         with a quick camera stops 0.3 s after its last image, and one with a slow computer does not crawl.
         """
         if self._usual is None:
             self._usual = age
         elif age < self._age + 0.5 * dt:
-            # a newer image has come
+            # a newer image has arrived
             self._usual += 0.1 * (min(age, MAX_AGE) - self._usual)
         self._age = age
         return min(1.0, max(0.0, (self._usual + GONE - age) / (GONE - LATE)))
@@ -85,7 +85,7 @@ class Servo:
     def _wish(self, spot: np.ndarray, view: FloorView) -> Tuple[float, float]:
         bearing = math.atan2(spot[1], spot[0])
         distance = float(np.hypot(*spot))
-        # part of half the image's width by which the spot is off the middle; 2 where it is behind the camera
+        # share of half the image's width by which the spot is off-centre; 2 where it is behind the camera
         column = float(view.pixels(spot[None])[0, 0])
         off = 2.0 if not math.isfinite(column) else abs(2.0 * (column + 0.5) / view.camera.width - 1.0)
         if off > INNER_ZONE:

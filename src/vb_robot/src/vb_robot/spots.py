@@ -1,7 +1,7 @@
-"""What is known about the spot in this interaction, and whose business it is: one policy for driver and dispatcher.
+"""What is known about the spot in this interaction, and who acts on it: one policy for driver and dispatcher.
 
 The idea: whether a robot follows the spot or is sent to it is decided by the same class from the same sightings, so
-that the two never both act, and never both wait for the other.
+that the two never both act, and never wait for each other.
 """
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from typing import Deque, Dict, Iterable, Optional, Set, Tuple
 import numpy as np
 
 DEFAULT, BORDER, SEED, GUIDE = range(4)  # the values of vb_msgs/InteractionState
-LOST_AFTER = 0.7  # [s] a spot that nobody has seen for so long is lost: cameras miss some images
+LOST_AFTER = 0.7  # [s] a spot that no camera has seen for this long is lost: cameras miss some images
 STRAIGHT = 0.7  # cosine of the angle up to which a spot goes straight on
 RUN_GAP = 2.0  # [s] after this long without the spot another robot's camera may take over
-MIN_CONFIDENCE = 0.4  # the laser has 0.6 and more, reflections have 0.3: what is less certain moves no robot
-AUTO_WAIT = 1.0  # [s] a stationary camera gets this long to see the spot too before the robot follows
+MIN_CONFIDENCE = 0.4  # the laser has 0.6 and more, reflections have 0.3: less certain spots move no robot
+AUTO_WAIT = 1.0  # [s] how long a stationary camera has to see the spot too before the robot follows
 FOLLOW = ("auto", "true", "false")
 
 
@@ -34,7 +34,7 @@ class Sighting:
 class Sightings:
     """Collects the sightings of one interaction and tells who acts on them.
 
-    In Guide the robot follows whose camera has seen the spot longest; no other robot is concerned. In Border and Seed
+    In Guide, the robot whose camera has seen the spot longest follows; no other robot acts. In Border and Seed
     a robot is sent once a stationary camera has seen the spot in this interaction; before, and without any such camera,
     the robot follows.
 
@@ -62,7 +62,7 @@ class Sightings:
         return self._interaction, self.state
 
     def set_state(self, state: int, interaction: str, entered: float) -> bool:
-        """Takes over the interaction's state; gives whether it changed."""
+        """Adopts the interaction's state; returns whether it changed."""
         changed = (state, interaction) != (self.state, self._interaction)
         if interaction != self._interaction or state == DEFAULT:
             self.stationary_seen = False
@@ -93,11 +93,11 @@ class Sightings:
         self._leader(sighting.stamp)
 
     def dispatches(self) -> bool:
-        """Whether a robot is to be sent to where its camera sees the spot."""
+        """Whether to send a robot to where its camera sees the spot."""
         return self.state in (BORDER, SEED) and self.stationary_seen
 
     def follows(self, camera: str, now: float, in_border: str = "auto") -> bool:
-        """Whether the robot with this camera is to follow the spot.
+        """Whether the robot with this camera should follow the spot.
 
         Args:
             in_border: one of FOLLOW; "true" and "false" overrule the policy in Border and Seed.
@@ -120,7 +120,7 @@ class Sightings:
         return self._follower
 
     def contributed(self, cameras: Iterable[str]) -> None:
-        """Learns of the cameras that contributed, also before this program was started."""
+        """Learns which cameras contributed, also before this program started."""
         if self.state != DEFAULT and any(camera not in self._mobile_names for camera in cameras):
             self.stationary_seen = True
 
@@ -141,14 +141,14 @@ class Sightings:
         return self.state == SEED or (newest.stamp - max(stamps) <= self._window and self.silent(now) <= LOST_AFTER)
 
     def silent(self, now: float) -> float:
-        """[s] for which nobody has seen a border's spot; 0 before somebody did, and for a seed: that does not move."""
+        """[s] for which no camera has seen a border's spot; 0 before one did, and for a seed: that does not move."""
         newest = self.newest()
         return max(0.0, now - newest.stamp) if newest is not None and self.state == BORDER else 0.0
 
     def target(self, min_sightings: int = 3) -> Optional[np.ndarray]:
         """(2,) [m] where the spot was last: the median of the last window before the newest sighting.
 
-        None before there are `min_sightings` of them: one false spot sends no robot.
+        None with fewer than `min_sightings` of them: one false spot sends no robot.
         """
         newest = self.newest()
         if newest is None:
@@ -161,7 +161,7 @@ class Sightings:
     def direction(self, min_speed: float = 0.1) -> Optional[np.ndarray]:
         """(2,) unit vector along which the spot moved over the window; None if it moved too little to tell, or turned.
 
-        Cameras differ by centimetres: only the one counts that saw most of the window.
+        Cameras differ by centimetres: only the one that saw most of the window counts.
         """
         newest = self.newest()
         if newest is None:

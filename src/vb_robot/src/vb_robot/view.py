@@ -28,9 +28,9 @@ class FloorView:
     """Projects floor points, given in the robot's base frame, into the robot's image.
 
     Args:
-        camera: the lens, as camera_info tells it.
-        T_base_camera: (4, 4) the mount, as tf tells it.
-        max_range: [m] farther away a spot is too small to be found.
+        camera: the lens, from camera_info.
+        T_base_camera: (4, 4) the mount, from tf.
+        max_range: [m] beyond it a spot is too small to be detected.
     """
 
     def __init__(self, camera: CameraModel, T_base_camera: np.ndarray, max_range: float = 3.0) -> None:
@@ -48,13 +48,13 @@ class FloorView:
                    geometry.transform(rotation, (params.x, 0.0, params.height)), params.max_range)
 
     def pixels(self, points: np.ndarray) -> np.ndarray:
-        """(N, 2) [px] of floor points (N, 2) [m] in the base frame; NaN for what lies behind the camera."""
+        """(N, 2) [px] of floor points (N, 2) [m] in the base frame; NaN for what is behind the camera."""
         points = np.asarray(points, dtype=float).reshape(-1, 2)
         on_floor = np.column_stack([points, np.zeros(len(points))])
         return self.camera.project(geometry.apply(self._T_camera_base, on_floor))
 
     def sees(self, points: np.ndarray, margin: float = 0.0) -> np.ndarray:
-        """(N,) bool: which floor points (N, 2) [m], base frame, lie in the image and within range.
+        """(N,) bool: which floor points (N, 2) [m], base frame, are in the image and within range.
 
         Args:
             margin: how far from the image's edges, as a fraction of its width and height; 0.5 leaves the middle only.

@@ -1,8 +1,8 @@
 """Poses from which a robot's own camera sees the spot (paper, Sect. 4.2: a robot is sent to the area).
 
-The idea: one test says whether a pose shows what is to be seen, for the pose where the robot stands or goes and for
-every candidate alike; candidates need some margin more. Those that pass are put in order by their cost in metres of
-way, and the ways are looked at in that order until one of them keeps off what is being drawn.
+The idea: one test says whether a pose shows what the camera has to see, for the robot's pose, its goal and every
+candidate alike; candidates need some more margin. Those that pass are sorted by their cost in metres of
+path, and their paths are checked in that order until one avoids what is being drawn.
 """
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ from vb_robot.view import FloorView
 
 Pose = Tuple[float, float, float]
 
-MIN_DISTANCE, MAX_DISTANCE = 0.8, 1.5  # [m] to what is looked at: nearer it leaves the image, farther it is small
+MIN_DISTANCE, MAX_DISTANCE = 0.8, 1.5  # [m] to what the camera looks at: nearer it leaves the image, farther it is small
 BEST_DISTANCE = 1.1  # [m]
-DISTANCES, BEARINGS = 4, 36  # how many are looked at
-IMAGE_MARGIN = 0.15  # fraction of the image that must lie beyond what a new pose looks at ...
+DISTANCES, BEARINGS = 4, 36  # how many are checked
+IMAGE_MARGIN = 0.15  # fraction of the image that must be beyond what a new pose looks at ...
 SEEN_MARGIN = 0.06  # ... and beyond all that any pose must see
 LINE_MARGIN = 0.10  # [m] beyond the radius, from the line being drawn and from where it goes on
-LINE_AHEAD = 0.8  # [m] how far the line is thought on
-# What makes a place worse, in metres of way: turns (their time at 0.5 m/s), being off the best distance, standing inside
+LINE_AHEAD = 0.8  # [m] how far the line is extrapolated
+# What makes a place worse, in metres of path: turns (their time at 0.5 m/s), not being at the best distance, being inside
 # what the line encloses (the border may lock the robot in), not seeing where the line goes on.
 TURN_COST, DISTANCE_COST, ENCLOSED_COST, UNSEEN_COST = 0.4, 0.5, 3.0, 0.5
 WAYS_CHECKED = 6  # each costs about 3 ms
@@ -35,12 +35,12 @@ WAYS_CHECKED = 6  # each costs about 3 ms
 
 @dataclass(frozen=True)
 class Viewpoint:
-    """A pose (map frame) [m, m, rad], the way's length [m], the cost [m], and the spot it was chosen for [m].
+    """A pose (map frame) [m, m, rad], the path's length [m], the cost [m], and the spot it was chosen for [m].
 
     Attributes:
         sees_spot: False for a place that only leaves the side to be restricted.
-        turns_only: it is where the robot stood when it was chosen.
-        risky: the way leads through what is being drawn, and was chosen all the same.
+        turns_only: it is where the robot was when it was chosen.
+        risky: the path leads through what is being drawn, and was chosen all the same.
     """
 
     x: float
@@ -58,9 +58,9 @@ class Viewpoint:
         return self.x, self.y, self.yaw
 
     def pose_from(self, here: Optional[Pose]) -> Pose:
-        """Where a robot that is `here` by now is to be sent.
+        """Where to send a robot that is `here` by now.
 
-        Choosing takes a moment. A robot that drove on meanwhile is not to come back only to turn at the same place.
+        Choosing takes a moment. A robot that drove on meanwhile must not come back only to turn at the same place.
         """
         if not self.turns_only or here is None:
             return self.pose
@@ -68,10 +68,10 @@ class Viewpoint:
 
 
 class Outlook:
-    """What one robot can see of a drawing, from where it stands and from where it could go.
+    """What one robot can see of a drawing, from where it is and from where it could go.
 
     Args:
-        others: (K, 2) [m] where other robots stand or drive to.
+        others: (K, 2) [m] where other robots are or drive to.
     """
 
     def __init__(self, terrain: ClearanceMap, view: FloorView, drawing: Drawing, others: Iterable = ()) -> None:
@@ -88,7 +88,7 @@ class Outlook:
         self._line = np.vstack(lines)
 
     def fits(self, pose: Pose) -> bool:
-        """Whether a robot at a pose would see well enough what it is to look at."""
+        """Whether a robot at a pose would see its target well enough."""
         place = np.array([pose[:2]])
         if float(np.linalg.norm(self.drawing.must_see - place[0], axis=1).min()) < 0.6 * MIN_DISTANCE:
             return False
@@ -99,7 +99,7 @@ class Outlook:
         return bool(self.terrain.stands_free(np.array([pose[:2]]))[0])
 
     def keeps_off(self, robot: Pose, goal: Pose) -> bool:
-        """Whether the robot's way to a goal keeps off what is being drawn; also true if there is no way at all."""
+        """Whether the robot's path to a goal avoids what is being drawn; also true if there is no path at all."""
         area = self.drawing.expected_area(self.terrain)
         if area is None:
             return True
@@ -107,12 +107,12 @@ class Outlook:
         return route is None or KeepOut(self.terrain, area).allows(route)
 
     def best(self, robot: Pose, avoid: Iterable[Tuple[float, float, float]] = ()) -> Optional[Viewpoint]:
-        """The cheapest pose that shows what is to be looked at and that the robot can reach; None if there is none.
+        """The cheapest reachable pose that shows the target; None if there is none.
 
-        It is clear of obstacles and borders by radius and margin, off the line drawn and the line ahead, and has a way
-        that keeps off what is being drawn. Where the robot stands counts if it only has to turn. If there is no such
-        pose and the robot itself stands on the side that the seed marks, the nearest place off it. If there is none at
-        all, and nobody sees the spot, also one whose way leads through what is being drawn.
+        It is clear of obstacles and borders by radius and margin, off the line drawn and the line ahead, and has a path
+        that avoids what is being drawn. The robot's own place counts if it only has to turn. If there is no such
+        pose and the robot itself is on the side that the seed marks, the nearest place off it. If there is none at
+        all, and no camera sees the spot, also one whose path leads through what is being drawn.
 
         Args:
             avoid: (x, y, radius) [m]: places that failed.
@@ -145,7 +145,7 @@ class Outlook:
         return keep
 
     def _seen(self, points: np.ndarray, places: np.ndarray, yaws: np.ndarray, margin: float = 0.0) -> np.ndarray:
-        """(N, K) bool: which points (K, 2) [m] lie in the image from each pose."""
+        """(N, K) bool: which points (K, 2) [m] are in the image from each pose."""
         ahead = np.column_stack([np.cos(yaws), np.sin(yaws)])
         left = np.column_stack([-ahead[:, 1], ahead[:, 0]])
         offsets = points[None, :, :] - places[:, None, :]
@@ -154,7 +154,7 @@ class Outlook:
 
     # ------------------------------------------------------------- candidates
     def _in_order(self, robot: Pose, ways: ShortestPaths, avoid: Iterable) -> List[Viewpoint]:
-        """The poses that show what is to be looked at and can be reached, the cheapest first."""
+        """The reachable poses that show the target, the cheapest first."""
         look_at = self.drawing.look_at
         places, yaws, distances = _poses_round(look_at, robot)
         keep = self.view.sees(np.column_stack([distances, np.zeros_like(distances)]), IMAGE_MARGIN)
@@ -183,7 +183,7 @@ class Outlook:
         ]
 
     def _enclosed(self, places: np.ndarray) -> np.ndarray:
-        """(N,) 1.0 where a place lies within the convex hull of what has been drawn, else 0.0."""
+        """(N,) 1.0 where a place is within the convex hull of what has been drawn, else 0.0."""
         points = np.vstack([np.asarray(self.drawing.chain, dtype=float).reshape(-1, 2), np.asarray(self.drawing.spot)[None]])
         if len(points) < 3:
             return np.zeros(len(places))
@@ -191,7 +191,7 @@ class Outlook:
         return np.array([float(cv2.pointPolygonTest(hull, (float(x), float(y)), False) >= 0) for x, y in places])
 
     def _retreat(self, ways: ShortestPaths, robot: Pose) -> Optional[Viewpoint]:
-        """The nearest place off the side to be restricted, if the robot stands on it."""
+        """The nearest place off the side to be restricted, if the robot is on it."""
         terrain, spot = self.terrain, self.drawing.spot
         if self._off_side is None or sample(terrain.grid, self._off_side, np.array([robot[:2]]))[0] > 0:
             return None
@@ -214,13 +214,13 @@ def _poses_round(look_at: np.ndarray, robot: Pose) -> Tuple[np.ndarray, np.ndarr
     yaw = np.arange(BEARINGS) * (2.0 * math.pi / BEARINGS) + home[1]
     distance, yaw = (values.ravel() for values in np.meshgrid(np.linspace(MIN_DISTANCE, MAX_DISTANCE, DISTANCES), yaw))
     if 0.8 * MIN_DISTANCE <= home[0] <= 1.3 * MAX_DISTANCE:
-        # to turn is quicker than to drive to a place that is a little better
+        # turning is quicker than driving to a slightly better place
         distance, yaw = np.append(distance, home[0]), np.append(yaw, home[1])
     return look_at - distance[:, None] * np.column_stack([np.cos(yaw), np.sin(yaw)]), yaw, distance
 
 
 def _turns(robot: Pose, place: np.ndarray, yaw: float) -> float:
-    """[rad] that a robot turns in all: towards the place, and there to a yaw."""
+    """[rad] that a robot turns in total: towards the place, and there to a yaw."""
     way = place - robot[:2]
     if float(np.hypot(*way)) < 0.1:
         return abs(geometry.wrap_angle(yaw - robot[2]))

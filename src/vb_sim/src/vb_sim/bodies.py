@@ -51,7 +51,7 @@ class Pieces:
         return len(self.yaws)
 
     def placed(self, x: float, y: float, yaw: float) -> "Pieces":
-        """The pieces of a body that stands at the origin, moved to a pose [m, m, rad]."""
+        """The pieces of a body at the origin, moved to a pose [m, m, rad]."""
         c, s = math.cos(yaw), math.sin(yaw)
 
         def moved(points: np.ndarray) -> np.ndarray:
@@ -61,7 +61,7 @@ class Pieces:
         return replace(self, low=moved(self.low), high=moved(self.high), yaws=np.full(len(self), yaw))
 
     def built(self, middle: Tuple[float, float], build: Build) -> "Pieces":
-        """The pieces of someone who is taller or broader than the average."""
+        """The pieces of a person taller or broader than average."""
         scale = np.array([build.breadth, build.breadth, build.height / AVERAGE.height])
         at = np.array([*middle, 0.0])
         return replace(
@@ -168,7 +168,7 @@ def person_pieces(
 
 
 def person_key(person: Optional[Tuple[float, float, float]], target: Optional[Tuple[float, float]]) -> Tuple:
-    """The same for people who look the same to within some centimetres: a picture of one serves for the other."""
+    """The same for people who look the same to within some centimetres: an image of one serves for the other."""
     if person is None:
         return ()
     hand: Tuple = ()
@@ -224,12 +224,12 @@ class Outlines:
 
 
 def project_pieces(pieces: Pieces, camera: CameraModel, T_map_optical: np.ndarray, near: float = 0.15) -> Outlines:
-    """Outlines of pieces; those that reach behind the camera are left out."""
+    """Outlines of pieces; without those that reach behind the camera."""
     T = invert(T_map_optical)
     points = piece_outlines(pieces).reshape(-1, 3) @ T[:3, :3].T + T[:3, 3]
     pixels = camera.project(points).reshape(len(pieces), -1, 2)
     depths = points[:, 2].reshape(len(pieces), -1)
-    # wide-angle distortion means nothing far outside the picture
+    # wide-angle distortion is meaningless far outside the image
     limit = 3.0 * max(camera.width, camera.height)
     with np.errstate(invalid="ignore"):
         usable = (depths.min(axis=1) > near) & (np.abs(pixels).max(axis=(1, 2)) < limit)

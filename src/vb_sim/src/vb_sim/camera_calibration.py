@@ -12,7 +12,7 @@ from vb_core.errors import CodedError
 from vb_sim.models_cameras import Optics, generator
 from vb_sim.world import CeilingCamera
 
-_RIM = 0.85  # of the way from the middle of what the camera sees to its rim: where a person marks places
+_RIM = 0.85  # share of the distance from the centre of the view to its rim: where a person marks places
 _FAR_M = 8.0  # a floor point farther from the camera is none that a person would choose
 
 
@@ -40,7 +40,7 @@ def calibrated_pose(camera: CeilingCamera, optics: Optics, seed: int) -> np.ndar
 
 
 def _marked_places(model: CameraModel, pose: np.ndarray, count: int, rng: np.random.Generator) -> np.ndarray:
-    """(count, 2) [px] all round near the rim of what the camera sees of the floor; the first ones in its corners."""
+    """(count, 2) [px] all around near the rim of the floor that the camera sees; the first ones in its corners."""
     grid = np.stack(np.meshgrid(np.linspace(0.0, 1.0, 33), np.linspace(0.0, 1.0, 33)), axis=-1).reshape(-1, 2)
     size = np.array([model.width - 1.0, model.height - 1.0])
     seen = grid[_on_near_floor(model, pose, grid * size)]

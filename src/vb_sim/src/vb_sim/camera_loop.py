@@ -1,4 +1,4 @@
-"""The loop in which a camera node takes its images and says how it gets on."""
+"""The loop in which a camera node takes its images and reports its progress."""
 from __future__ import annotations
 
 import time

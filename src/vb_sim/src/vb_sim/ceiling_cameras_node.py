@@ -1,4 +1,4 @@
-"""The ceiling cameras of a world as a ROS node."""
+"""Node: the ceiling cameras of a world."""
 from __future__ import annotations
 
 import threading
@@ -35,23 +35,23 @@ class CeilingCamerasNode:
     """Renders what a world's ceiling cameras see.
 
     Subscribed topics:
-        /sim/lab_state (vb_msgs/LabState): what moves. While nobody publishes it the lab is empty.
+        /sim/lab_state (vb_msgs/LabState): what moves. While it has no publisher, the lab is empty.
         /virtual_borders/projector (sensor_msgs/Image): what the world's projector shows on the floor, if it has one.
     Published topics, for each camera, at its own rate, the cameras' frames spread evenly:
         /<camera>/image_raw (sensor_msgs/Image), /<camera>/camera_info (sensor_msgs/CameraInfo): stamp
             is the middle of the exposure; delivered `optics/latency_ms` later.
         /sim/cameras (diagnostic_msgs/DiagnosticArray, latched, 1 Hz): one status per camera, name = the
-            camera's; values "published" (frames sent while somebody listened), "skipped" (frames left
-            out because this machine was too slow), "render_ms" (mean per frame).
+            camera's; values "published" (frames sent while there were subscribers), "skipped" (frames
+            dropped because this machine was too slow), "render_ms" (mean per frame).
         tf_static: map -> <camera>_optical_frame, the pose with its calibration error. Images are
             rendered from the true pose.
 
     Args:
         world: the world.
         models: figures of optics and noise.
-        cameras: those of the world's cameras to be published.
+        cameras: those of the world's cameras to publish.
         seed: of floor, noise and calibration errors.
-        views: of the cameras, if somebody has drawn them already.
+        views: of the cameras, if drawn already.
     """
 
     def __init__(self, world: World, models: CameraModels, cameras: List[CeilingCamera], seed: int,

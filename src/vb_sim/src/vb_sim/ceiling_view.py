@@ -1,7 +1,7 @@
-"""What a ceiling camera sees.
+"""Renders what a ceiling camera sees.
 
-Everything that stands still is drawn once, with several draws of sensor noise. A frame takes one of
-these pictures and changes only the rectangles where something moves; the next frame undoes that. So
+Everything static is drawn once, with several draws of sensor noise. A frame takes one of
+these images and changes only the rectangles where something moves; the next frame undoes that. So
 a frame costs little, whatever its size.
 """
 from __future__ import annotations
@@ -57,7 +57,7 @@ class CeilingView:
         floor, mesh: the world as it is drawn.
         models: figures of optics and noise.
         seed: of the noise.
-        noise: False leaves all noise away.
+        noise: False renders without noise.
     """
 
     def __init__(
@@ -92,7 +92,7 @@ class CeilingView:
         self._light_area = (slice(0, 0), slice(0, 0))
         self._light_maps: Optional[Tuple[np.ndarray, np.ndarray]] = None
 
-    # ------------------------------------------------------------- what stands still
+    # ------------------------------------------------------------- static parts
     def _floor_coordinates(self, grid: RayGrid) -> Tuple[np.ndarray, np.ndarray]:
         """x and y (H, W) float32 [m] where each pixel's ray meets the floor; far away at and above the horizon."""
         rotation, origin = self.pose[:3, :3].astype(np.float32), self.pose[:3, 3]
@@ -161,7 +161,7 @@ class CeilingView:
             cv2.add(unlit, layer, dst=picture[full])
 
     def _prepare_light(self, light: FloorLight) -> None:
-        """Notes which part of the pictures a projector can light, with half the resolution, and what they are without."""
+        """Notes which part of the images a projector can light, at half the resolution, and what they are without."""
         half = self.model.scaled_to(self._albedo.shape[1], self._albedo.shape[0])
         at, inside = light.pixel_maps(*self._floor_coordinates(RayGrid(half)))
         left, top, width, height = cv2.boundingRect(inside.view(np.uint8))
@@ -172,7 +172,7 @@ class CeilingView:
         self._light_mask = np.ascontiguousarray(free[rows, columns])
         self._unlit = [picture[2 * top : 2 * (top + height), 2 * left : 2 * (left + width)].copy() for picture in self._pictures]
 
-    # ------------------------------------------------------------- what moves
+    # ------------------------------------------------------------- moving parts
     def restart(self, models: CameraModels) -> None:
         """Forgets what moved, for another person in the same room: only the body may differ from before."""
         self._clean()
@@ -187,7 +187,7 @@ class CeilingView:
         self._undo.clear()
 
     def frame(self, snapshot: Snapshot, draw: Optional[np.random.Generator] = None) -> np.ndarray:
-        """The picture of a scene: (H, W) or (H, W, 3) uint8 in the camera's encoding.
+        """The image of a scene: (H, W) or (H, W, 3) uint8 in the camera's encoding.
 
         It belongs to this object and is changed by the next call.
 
@@ -347,7 +347,7 @@ class CeilingView:
         return visible
 
     def spot_share(self, snapshot: Snapshot) -> float:
-        """Share of the laser's light on the floor that reaches the camera; 0 without a spot in the picture."""
+        """Share of the laser's light on the floor that reaches the camera; 0 without a spot in the image."""
         spot = self.spot(snapshot) if snapshot.laser is not None else None
         return 0.0 if spot is None else self.spot_visible(spot.center, self._moving(snapshot))
 

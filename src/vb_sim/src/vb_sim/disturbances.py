@@ -19,7 +19,7 @@ _SHIFT = 4
 
 @dataclass(frozen=True)
 class Bystander:
-    """Somebody who stands or walks there and has no laser pointer.
+    """A person who stands or walks there without a laser pointer.
 
     Attributes:
         pose: (x, y, yaw) [m, m, rad].
@@ -31,7 +31,7 @@ class Bystander:
     shoes: Tuple[int, int, int] = SHOES
 
     def pieces(self) -> Pieces:
-        """What this person is made of; clothes are told by their colour."""
+        """This person's pieces; clothes differ by colour."""
         pieces = person_pieces(self.pose, None, 0.0)
         colors = pieces.colors.copy()
         tints = np.mean(colors / SHIRT, axis=1, keepdims=True)
@@ -47,7 +47,7 @@ class Bystander:
 
 @dataclass(frozen=True)
 class Glint:
-    """The reflection of a lamp on something shiny: white, small, and as bright as the sensor can tell.
+    """The reflection of a lamp on something shiny: white, small, and as bright as the sensor can measure.
 
     Attributes:
         position: (x, y, z) [m], map frame.
@@ -80,12 +80,12 @@ class SceneConditions:
 
     @property
     def lit(self) -> bool:
-        """Whether the light differs from what the world is drawn with."""
+        """Whether the light differs from that of the drawn world."""
         return self.light * self.exposure != 1.0 or bool(self.sun)
 
 
 def relight(picture: np.ndarray, around: SceneConditions, camera: CameraModel, T_map_optical: np.ndarray) -> None:
-    """Applies lamps, exposure and sun to a picture without laser, (H, W) or (H, W, 3) uint8, in place."""
+    """Applies lamps, exposure and sun to an image without laser, (H, W) or (H, W, 3) uint8, in place."""
     if around.sun:
         outline = geometry.resample_chain(np.array([*around.sun, around.sun[0]], dtype=float), 0.05)
         _brighten(picture, _project(np.column_stack([outline, np.zeros(len(outline))]), camera, T_map_optical), around.sun_gain)
@@ -105,7 +105,7 @@ def _brighten(picture: np.ndarray, outline: np.ndarray, gain: float) -> None:
         return
     mask = np.zeros((high[1] - low[1], high[0] - low[0]), np.float32)
     cv2.fillPoly(mask, [np.round((outline - low) * (1 << _SHIFT)).astype(np.int32)], gain - 1.0, cv2.LINE_8, _SHIFT)
-    # the sun is no point: its shadows have soft edges
+    # the sun is not a point: its shadows have soft edges
     mask = 1.0 + cv2.GaussianBlur(mask, (0, 0), 1.5)
     part = picture[low[1] : high[1], low[0] : high[0]]
     part[...] = np.minimum(part * (mask if part.ndim == 2 else mask[..., None]) + 0.5, 255.0)
@@ -127,7 +127,7 @@ def glint_area(glint: Glint, camera: CameraModel, T_map_optical: np.ndarray) -> 
 
 
 def add_glint(picture: np.ndarray, glint: Glint, area: Tuple[Rectangle, np.ndarray, float], encoding: str, exposure: float) -> None:
-    """Adds a glint to a picture (H, W) or (H, W, 3) uint8, in place."""
+    """Adds a glint to an image (H, W) or (H, W, 3) uint8, in place."""
     (rows, columns), middle, sigma = area
     u = np.arange(columns.start, columns.stop) - middle[0]
     v = np.arange(rows.start, rows.stop) - middle[1]
@@ -141,5 +141,5 @@ def _project(points: np.ndarray, camera: CameraModel, T_map_optical: np.ndarray)
     in_camera = points @ T[:3, :3].T + T[:3, 3]
     outline = camera.project(in_camera)
     outline[in_camera[:, 2] < 0.05] = np.nan
-    # a lens model means nothing far outside the picture
+    # a lens model is meaningless far outside the image
     return np.clip(outline, -2.0 * camera.width, 3.0 * camera.width)

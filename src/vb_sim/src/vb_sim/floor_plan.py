@@ -14,7 +14,7 @@ from vb_sim.world import Furniture, Room, Scenario, Wall, World
 
 
 def physical_map(world: World) -> GridMap:
-    """The physical map: walls and whatever stands on the floor; unknown beyond the walls."""
+    """The physical map: walls and things on the floor; unknown beyond the walls."""
     grid = _physical_map(world.room, world.walls, world.furniture)
     return grid.with_data(grid.data.copy())
 

@@ -1,4 +1,4 @@
-"""The floor as a picture from above, with everything that lies flat on it."""
+"""Draws the floor as an image from above, with everything flat on it."""
 from __future__ import annotations
 
 import math
@@ -15,7 +15,7 @@ from vb_sim.world import Floor, Patch, World
 
 @dataclass(frozen=True)
 class FloorTexture:
-    """A metric picture.
+    """A metric image.
 
     Attributes:
         rgb: (H, W, 3) uint8; row 0 holds the lowest y.
@@ -37,14 +37,14 @@ class FloorTexture:
         return (np.asarray(points, dtype=float).reshape(-1, 2) - self.origin) / self.resolution - 0.5
 
     def halved(self) -> "FloorTexture":
-        """The same picture at half the resolution, averaged."""
+        """The same image at half the resolution, averaged."""
         height, width = (size // 2 * 2 for size in self.rgb.shape[:2])
         small = cv2.resize(self.rgb[:height, :width], (width // 2, height // 2), interpolation=cv2.INTER_AREA)
         return FloorTexture(small, self.resolution * 2.0, self.origin)
 
 
 def render_floor(world: World, seed: int, resolution: float = 0.0025) -> FloorTexture:
-    """Draws a world's floor; the same seed gives the same picture."""
+    """Draws a world's floor; the same seed gives the same image."""
     margin = world.room.margin
     origin = (-margin, -margin)
     width, height = (int(math.ceil((size + 2 * margin) / resolution)) for size in world.room.size)
@@ -108,7 +108,7 @@ def _brightness(floor: Floor, shape: Tuple[int, int], resolution: float, rng: np
 
 
 def _local(picture: np.ndarray, texture: FloorTexture, patch: Patch):
-    """The part of the picture that holds a patch, and (x, y) [m] of its pixels in the patch's own axes."""
+    """The part of the image that contains a patch, and (x, y) [m] of its pixels in the patch's own axes."""
     corners = texture.pixels(patch.footprint())
     low = np.maximum(np.floor(corners.min(axis=0)).astype(int), 0)
     high = np.maximum(np.ceil(corners.max(axis=0)).astype(int) + 1, low)
@@ -149,7 +149,7 @@ def _snippets(picture: np.ndarray, texture: FloorTexture, patch: Patch, rng: np.
         angle = rng.random() * math.pi
         half = patch.snippet * rng.uniform(0.3, 0.6, 2)
         axes = np.array([[math.cos(angle), math.sin(angle)], [-math.sin(angle), math.cos(angle)]]) * half[:, None]
-        # torn paper: four corners, none of them where it ought to be
+        # torn paper: four corners, none where it should be
         corners = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * rng.uniform(0.7, 1.1, (4, 2)) @ axes + at
         outline = texture.pixels(corners @ np.array([[c, s], [-s, c]]) + (patch.x, patch.y))
         shade = float(rng.uniform(1.0 - patch.contrast, 1.0))
@@ -159,7 +159,7 @@ def _snippets(picture: np.ndarray, texture: FloorTexture, patch: Patch, rng: np.
 
 
 def _contact_shadows(picture: np.ndarray, texture: FloorTexture, world: World) -> None:
-    """Less light reaches the floor beside what stands on it."""
+    """Darkens the floor beside things on it."""
     step = 8
     small = (picture.shape[0] // step + 1, picture.shape[1] // step + 1)
     occluder = np.zeros(small, np.float32)

@@ -1,4 +1,4 @@
-"""Following a path with a differential drive: pure pursuit, turning on the spot where the path demands it."""
+"""Follows a path with a differential drive: pure pursuit, turning on the spot where the path demands it."""
 from __future__ import annotations
 
 import math
@@ -15,7 +15,7 @@ Pose = Tuple[float, float, float]
 
 @dataclass(frozen=True)
 class FollowerParams(Parameters):
-    """How a path is followed."""
+    """Limits and gains of path following."""
 
     max_speed: float = param(0.5, "m/s", above=0.0, high=2.0)
     max_turn_rate: float = param(1.2, "rad/s", above=0.0, high=5.0)
@@ -33,12 +33,12 @@ class FollowerParams(Parameters):
 
 @dataclass(frozen=True)
 class Motion:
-    """What to do now.
+    """The command for now.
 
     Attributes:
         speed, turn_rate: [m/s, rad/s] to be sent as cmd_vel.
         arrived: the goal is reached.
-        blocked: something stands in the way.
+        blocked: something blocks the path.
         off_path: [m] distance from the path.
     """
 
@@ -73,11 +73,11 @@ class Follower:
         self._arc = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(self._path, axis=0), axis=1))])
 
     def remaining(self, pose: Pose) -> np.ndarray:
-        """(M, 2) [m] what is left of the path."""
+        """(M, 2) [m] the rest of the path."""
         return self._path[self._nearest(pose) :] if len(self._path) else self._path
 
     def halt(self) -> None:
-        """Tells it that the robot was stopped by somebody else."""
+        """Takes note that another node stopped the robot."""
         self._speed = 0.0
 
     def step(self, pose: Pose, obstacles: np.ndarray, dt: float) -> Motion:
@@ -118,7 +118,7 @@ class Follower:
         blocked = safe < 0.02
         if blocked:
             self._speed = 0.0
-            # turning on the spot is safe for a round robot, and may free the way
+            # turning on the spot is safe for a round robot, and may free the path
             return Motion(0.0, self._turn(error) if abs(error) > 0.1 else 0.0, blocked=True, off_path=off_path)
         self._speed = max(min(speed, safe), 0.03)
         return Motion(self._speed, self._speed * curvature, off_path=off_path)
@@ -141,7 +141,7 @@ class Follower:
         return int(np.argmin(np.linalg.norm(self._path - np.array(pose[:2]), axis=1)))
 
     def _gap(self, obstacles: np.ndarray, curvature: float) -> float:
-        """[m] free way along the arc to be driven, before the robot's body comes to the margin; inf if free."""
+        """[m] free distance along the arc before the robot's body reaches the margin; inf if free."""
         p = self._params
         if not len(obstacles):
             return math.inf

@@ -1,4 +1,4 @@
-"""When a simulated camera takes its pictures."""
+"""Decides when a simulated camera takes its images."""
 from __future__ import annotations
 
 from collections import deque
@@ -9,9 +9,9 @@ class SmoothClock:
     """Simulated time between the ticks of /clock, which come only every few hundredths of a second.
 
     Args:
-        simulated: gives the simulated time [s], which moves in steps.
-        steady: gives a steady wall time [s].
-        tick_s: [s] the furthest that time is carried on beyond the last step.
+        simulated: returns the simulated time [s], which moves in steps.
+        steady: returns a steady wall time [s].
+        tick_s: [s] how far time is extrapolated beyond the last step.
     """
 
     def __init__(self, simulated: Callable[[], float], steady: Callable[[], float], tick_s: float = 0.025) -> None:
@@ -22,7 +22,7 @@ class SmoothClock:
         self._last: Optional[float] = None
 
     def now(self) -> float:
-        """[s]; stands still when the simulated time does."""
+        """[s]; stops when the simulated time does."""
         simulated, steady = self._simulated(), self._steady()
         if simulated != self._last:
             if self._last is not None and simulated < self._last:
@@ -35,14 +35,14 @@ class SmoothClock:
 
 
 class FrameSchedule:
-    """Takes the pictures of several cameras evenly spread over the time between two frames.
+    """Takes the images of several cameras evenly spread over the time between two frames.
 
-    Each camera's stamps lie on a fixed grid of its period, shifted against its neighbours'.
+    Each camera's stamps are on a fixed grid of its period, shifted against the others'.
 
     Args:
         rates: [1/s] frames of each camera.
-        latency_s: [s] from a picture's stamp to its delivery.
-        behind: frames that may be made up for; older ones are left out.
+        latency_s: [s] from an image's stamp to its delivery.
+        behind: late frames that are still taken; older ones are dropped.
     """
 
     def __init__(self, rates: Sequence[float], latency_s: float, behind: int = 3) -> None:
@@ -54,7 +54,7 @@ class FrameSchedule:
         self.skipped = [0] * len(rates)
 
     def due(self, now: float) -> List[Tuple[int, float]]:
-        """Pictures (camera index, stamp [s]) to be delivered now, oldest first."""
+        """Images (camera index, stamp [s]) to deliver now, oldest first."""
         pictures = []
         for index, (period, phase) in enumerate(zip(self._periods, self._phases)):
             newest = int((now - self._latency_s - phase) / period + 1e-6)
@@ -73,7 +73,7 @@ class FrameSchedule:
         return sorted(pictures, key=lambda picture: picture[1])
 
     def wait(self, now: float) -> float:
-        """[s] until the next picture is due."""
+        """[s] until the next image is due."""
         moments = [
             (number if number is not None else 0) * period + phase + self._latency_s
             for number, period, phase in zip(self._next, self._periods, self._phases)

@@ -19,12 +19,12 @@ from vb_sim.models_participant import ParticipantModel
 
 IsFloor = Callable[[np.ndarray], np.ndarray]
 RESOURCE = Path(__file__).resolve().parents[2] / "config" / "strokes.json"
-BIN = 0.02  # [m] of arc over which the pace is given: a pause lies within one
-FURTHEST = 0.45  # [side] an overshoot or a gap leaves a side of its own
+BIN = 0.02  # [m] of arc over which the pace is given: a pause is within one
+FURTHEST = 0.45  # [side] an overshoot or a gap leaves a separate side
 
 
 class Tremor:
-    """Band-limited motion of the spot about the place it is meant to be at.
+    """Band-limited motion of the spot around its intended place.
 
     A sum of sines with random phases: smooth, of known strength, and the same for the same seed at any rate.
 
@@ -45,7 +45,7 @@ class Tremor:
 
 @dataclass(frozen=True)
 class Side:
-    """How somebody drew one straight side; samples at equal times.
+    """How a person drew one straight side; samples at equal times.
 
     Attributes:
         along: (N,) share of the side that is done, from 0 to 1.
@@ -64,7 +64,7 @@ class Style:
 
     Attributes:
         overshoot: how far corners are passed [share of the side]; negative where they are cut.
-        gap: how far the end of a closed figure lies beyond its start [share of the diagonal]; negative: short of it.
+        gap: how far the end of a closed figure is beyond its start [share of the diagonal]; negative: short of it.
     """
 
     sides: Tuple[Side, ...]
@@ -74,7 +74,7 @@ class Style:
 
 @lru_cache(maxsize=1)
 def styles() -> Tuple[Style, ...]:
-    """All people of the resource; who drew no closed figure has the gap of another one."""
+    """All people of the resource; one who drew no closed figure gets the gap of another."""
     people = json.loads(RESOURCE.read_text(encoding="utf-8"))["people"]
     gaps = [person["gap"] for person in people if person["gap"] is not None]
     return tuple(
@@ -161,7 +161,7 @@ def meant_border(border: np.ndarray, closed: bool, offset: Tuple[float, float], 
 
     Args:
         border: (N, 2) [m] as the map has it.
-        offset, turn: [m], [rad] by which the marks lie beside it, about its middle.
+        offset, turn: [m], [rad] by which the marks are off, about its middle.
         margin: [m] by which the person keeps outside of a closed border's marks; negative: inside.
     """
     middle = border.mean(axis=0)
@@ -178,7 +178,7 @@ def meant_border(border: np.ndarray, closed: bool, offset: Tuple[float, float], 
 
 
 def _beyond(chain: np.ndarray, reach: float) -> np.ndarray:
-    """A closed chain whose end lies beyond its start [m], along its first side, or short of it on the last one."""
+    """A closed chain whose end is beyond its start [m], along its first side, or short of it on the last one."""
     first, last = chain[1] - chain[0], chain[-1] - chain[-2]
     if reach >= 0.0:
         length = float(np.linalg.norm(first))

@@ -13,7 +13,7 @@ from vb_sim.raycast import DistanceField, cast_disc
 from vb_sim.robot_body import RobotBody
 from vb_sim.world import World
 
-PARTICIPANT_SILENCE = 0.5  # [s] after which the participant is taken to be gone
+PARTICIPANT_SILENCE = 0.5  # [s] after which the participant counts as gone
 
 
 @dataclass(frozen=True)
@@ -30,7 +30,7 @@ class Participant:
 
 
 class Lab:
-    """Steps everything that moves. Not thread-safe: its user holds a lock."""
+    """Steps everything that moves. Not thread-safe: the caller holds a lock."""
 
     def __init__(
         self,
@@ -59,11 +59,11 @@ class Lab:
             body.step(dt, now)
 
     def hear_participant(self, participant: Participant) -> None:
-        """Takes what the participant does now."""
+        """Sets what the participant does now."""
         self._participant = participant
 
     def participant(self) -> Participant:
-        """What the participant does; laser off and nobody there if he has been silent for too long."""
+        """What the participant does; laser off and no person if silent for too long."""
         if self.now - self._participant.heard > PARTICIPANT_SILENCE:
             # a laser pointer goes out when the hand lets go; the person himself does not vanish
             return Participant(present=self._participant.present, pose=self._participant.pose)
@@ -97,7 +97,7 @@ class Lab:
         return angles, ranges
 
     def range_min(self, index: int) -> float:
-        """[m] what a robot's scanner can measure at least."""
+        """[m] minimum range of a robot's scanner."""
         return self.world.robots[index].scan_min or self.scan_model.range_min
 
     def reset(self) -> None:
@@ -106,11 +106,11 @@ class Lab:
             body.reset()
 
     def checkpoint(self) -> Dict[str, Any]:
-        """What a new process needs to go on from here; inverse of `restore`."""
+        """What a new process needs to continue from here; inverse of `restore`."""
         return {"world": self.world.name, "robots": [body.checkpoint() for body in self.robots]}
 
     def restore(self, saved: Optional[Dict[str, Any]]) -> bool:
-        """Takes over a checkpoint of the same world; says whether it was one."""
+        """Adopts a checkpoint of the same world; returns whether it was one."""
         try:
             if not saved or saved["world"] != self.world.name or len(saved["robots"]) != len(self.robots):
                 return False

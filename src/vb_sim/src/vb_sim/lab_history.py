@@ -1,4 +1,4 @@
-"""What the cameras know of the lab's moving things, and where these are at an image's time."""
+"""Keeps what the cameras know of the lab's moving things, and finds where these are at an image's time."""
 from __future__ import annotations
 
 import math
@@ -25,7 +25,7 @@ class Snapshot:
         robots: name to (x, y, yaw).
         laser: where the beam meets the floor, None while it is off.
         laser_velocity: [m/s] of that point.
-        person: (x, y, yaw), None if nobody is there.
+        person: (x, y, yaw), None if there is none.
         around: what else changes in the room.
     """
 
@@ -42,8 +42,8 @@ class History:
     """The newest snapshots; may be written and read by different threads.
 
     Args:
-        stale_s: [s] a scene that nobody described for this long is empty.
-        ahead_s: [s] how far motion is continued beyond the newest snapshot.
+        stale_s: [s] a scene without an update for this long is empty.
+        ahead_s: [s] how far motion is extrapolated beyond the newest snapshot.
     """
 
     def __init__(self, stale_s: float = 1.0, ahead_s: float = 0.03) -> None:

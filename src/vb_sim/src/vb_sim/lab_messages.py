@@ -54,7 +54,7 @@ def array_image(image: np.ndarray, encoding: str, stamp: rospy.Time, frame_id: s
 
 
 def snapshot_from_message(message: LabState) -> Snapshot:
-    """LabState to a Snapshot; what is not finite is left out."""
+    """LabState to a Snapshot; without what is not finite."""
     robots = {
         name.strip("/"): (pose.x, pose.y, pose.theta)
         for name, pose in zip(message.robots, message.robot_poses)

@@ -1,4 +1,4 @@
-"""The node that owns simulated time and the truth about the lab."""
+"""Node: owns simulated time and the ground truth of the lab."""
 from __future__ import annotations
 
 import os
@@ -62,7 +62,7 @@ class RobotConnection:
 
 
 class LabSimulatorNode:
-    """Moves the robots, tells the truth about the lab, and is the clock.
+    """Moves the robots, publishes the ground truth of the lab and the clock.
 
     With /use_sim_time it publishes /clock, paced to at most real time; without it, it steps in wall time.
     A robot's topics are below its namespace; the first robot usually has none.
@@ -75,11 +75,11 @@ class LabSimulatorNode:
         /clock (rosgraph_msgs/Clock): `rate`, only with /use_sim_time
         /sim/lab_state (vb_msgs/LabState): `rate`, ground truth
         <robot>/odom (nav_msgs/Odometry), /tf: map -> odom -> base_link, `rate / pose_divisor`
-        <robot>/scan (sensor_msgs/LaserScan): `rate / scan_divisor`, only while somebody listens
+        <robot>/scan (sensor_msgs/LaserScan): `rate / scan_divisor`, only while it has subscribers
         <robot>/amcl_pose (geometry_msgs/PoseWithCovarianceStamped, latched): `rate / amcl_divisor`
         /tf_static: base_link -> base_laser_link
     Services:
-        ~reset (std_srvs/Trigger): puts every robot to its start
+        ~reset (std_srvs/Trigger): puts every robot back to its start
     Parameters: see `LabSimulatorParams` and config/lab_simulator.yaml. Poses survive the process in a
         small file in ~state_folder that is tagged with /run_id.
     """
@@ -300,7 +300,7 @@ def default_models() -> str:
 
 
 def build() -> LabSimulatorNode:
-    """Makes the node of what the parameter server says."""
+    """Makes the node from the parameter server."""
     parameters.required("~world")
     params = parameters.read(LabSimulatorParams)
     models = load_models(params.models or default_models())

@@ -1,4 +1,4 @@
-"""The legs: walking between the furniture, and where to stand for pointing at something."""
+"""The person's legs: walking between the furniture, and where to stand for pointing."""
 from __future__ import annotations
 
 import math
@@ -14,7 +14,7 @@ from vb_sim.models_participant import ParticipantModel
 from vb_sim.planner import Planner
 
 ROBOT_DISTANCE = 0.5  # [m] between a person's and a robot's middle
-NEAREST_STAND = 0.8  # [m] from the spot: nearer, one's own body is in the way
+NEAREST_STAND = 0.8  # [m] from the spot: nearer, the person's body blocks the view
 
 
 def distance_to_chain(point: np.ndarray, chain: np.ndarray) -> float:
@@ -28,7 +28,7 @@ def distance_to_chain(point: np.ndarray, chain: np.ndarray) -> float:
 
 
 class Legs:
-    """A person's place and way through a room.
+    """A person's place and path through a room.
 
     Args:
         grid: the physical map.
@@ -48,7 +48,7 @@ class Legs:
 
     @property
     def walking(self) -> bool:
-        """Whether there is some way left."""
+        """Whether some path is left."""
         return len(self._way) > 0
 
     def free_place_near(self, place: np.ndarray, least: float, most: float, rng: np.random.Generator) -> np.ndarray:
@@ -62,7 +62,7 @@ class Legs:
         return np.asarray(place, dtype=float)
 
     def go(self, place: np.ndarray, robot: Optional[np.ndarray] = None) -> bool:
-        """Begins to walk; says whether there is a way. A place that is too narrow is approached within 0.4 m."""
+        """Begins to walk; returns whether there is a path. A place that is too narrow is approached within 0.4 m."""
         way = self._plan(self.here, np.asarray(place, dtype=float), robot, 0.4)
         self._way = way if way is not None else np.zeros((0, 2))
         self._waited = 0.0
@@ -101,8 +101,8 @@ class Legs:
         """(2,) [m] the nearest good place for pointing at `spot`; None if there is none.
 
         Args:
-            line: (N, 2) [m] what is being drawn: one does not stand on it.
-            robot: (2,) [m]; one stands neither at it nor in its sight of the spot.
+            line: (N, 2) [m] what is being drawn: the person does not stand on it.
+            robot: (2,) [m]; the person stands neither at it nor in its view of the spot.
             away_from: (2,) [m] a place to leave, since the body hides the spot from there.
         """
         angles = np.linspace(0.0, 2.0 * math.pi, 24, endpoint=False)

@@ -35,11 +35,11 @@ class MapServerNode:
         /static_map (nav_msgs/GetMap)
     Parameters:
         ~world: a world file, whose physical map is served, or
-        ~map_yaml: a map in map_server's format, relative to the folder that roslaunch was called in
+        ~map_yaml: a map in map_server's format, relative to the folder that roslaunch was run in
     """
 
     def __init__(self, grid: GridMap) -> None:
-        # a stamp of zero: with simulated time nobody knows yet what time it is, and the map is valid at any
+        # a stamp of zero: simulated time is not known yet, and the map is valid at any
         self._message = messages.message_from_grid(grid, rospy.Time(0))
         self._publisher = rospy.Publisher(names.PHYSICAL_MAP, messages.OccupancyGridArray, queue_size=1, latch=True)
         self._service = rospy.Service("/static_map", GetMap, self._on_static_map)
@@ -55,7 +55,7 @@ class MapServerNode:
 
 
 def build() -> MapServerNode:
-    """Makes the node of what the parameter server says."""
+    """Makes the node from the parameter server."""
     params = parameters.read(MapServerParams)
     if bool(params.world) == bool(params.map_yaml):
         raise ParameterError(rospy.resolve_name("~world"), "either this or map_yaml must be set")

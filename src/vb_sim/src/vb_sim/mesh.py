@@ -154,7 +154,7 @@ class RayGrid:
         return grids[0], grids[1]
 
     def combine(self, a: float, b: float, c: float, rows: slice = slice(None), columns: slice = slice(None)) -> np.ndarray:
-        """(h, w) float32: a x + b y + c over a part of the picture."""
+        """(h, w) float32: a x + b y + c over a part of the image."""
         if self.distorted:
             return np.float32(a) * self.x[rows, columns] + (np.float32(b) * self.y[rows, columns] + np.float32(c))
         return np.float32(a) * self.x[:, columns] + (np.float32(b) * self.y[rows] + np.float32(c))
@@ -204,7 +204,7 @@ class DepthBuffer:
             chosen = chosen[np.argsort(nearest[chosen])][: 255 - self._count]
         for index in chosen:
             face = corners[mesh._starts[index] : mesh._starts[index + 1]]
-            # without distortion what lies beside the picture does no harm: drawing cuts it off
+            # without distortion what is beside the image is harmless: drawing clips it
             for side in np.nonzero(~inside[index])[0] if self.grid.distorted else [] if inside[index, 0] else [0]:
                 face = self._clip(face, int(side))
                 if len(face) < 3:
@@ -271,7 +271,7 @@ class DepthBuffer:
         np.copyto(self.ids[rows, columns], np.uint8(self._count), where=mask > 0)
 
     def paint(self, image: np.ndarray) -> None:
-        """Puts the things' colours over the picture (H, W, 3) of the floor, in place."""
+        """Puts the things' colours over the image (H, W, 3) of the floor, in place."""
         left, top, width, height = cv2.boundingRect(self.ids)
         if width == 0:
             return

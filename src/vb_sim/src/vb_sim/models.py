@@ -1,4 +1,4 @@
-"""Reading config/models.yaml: one section per model of a sensor, a robot or a person."""
+"""Reads config/models.yaml: one section per model of a sensor, a robot or a person."""
 from __future__ import annotations
 
 from pathlib import Path
@@ -35,7 +35,7 @@ def load_models(path: str) -> Mapping[str, Any]:
 
 
 def section(models: Mapping[str, Any], name: str, cls: Type[P]) -> P:
-    """One section as a checked parameter class; what the file leaves out keeps its default.
+    """One section as a checked parameter class; what the file omits keeps its default.
 
     Raises:
         ParameterError: names the section and the key that is wrong.

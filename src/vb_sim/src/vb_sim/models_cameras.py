@@ -1,6 +1,6 @@
 """The figures of the simulated cameras and of the laser, read from config/models.yaml.
 
-The defaults here are the same as in that file, which says where each comes from.
+The defaults here are the same as in that file, which gives their sources.
 """
 from __future__ import annotations
 

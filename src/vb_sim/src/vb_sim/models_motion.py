@@ -1,6 +1,6 @@
 """Parameters of the robot's body, its odometry, its localisation and its laser scanner.
 
-Where each default comes from is said beside the value in config/models.yaml.
+The source of each default is beside the value in config/models.yaml.
 """
 from __future__ import annotations
 

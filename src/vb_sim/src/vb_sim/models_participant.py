@@ -1,4 +1,4 @@
-"""Parameters of the simulated person. Where each default comes from is said in config/models.yaml."""
+"""Parameters of the simulated person. The sources of the defaults are in config/models.yaml."""
 from __future__ import annotations
 
 from dataclasses import dataclass

@@ -59,7 +59,7 @@ class NavigationNode:
         cmd_vel (geometry_msgs/Twist): only while a goal is active, and one zero at its end
         ~NavfnROS/plan (nav_msgs/Path)
         ~global_costmap/costmap (nav_msgs/OccupancyGrid, latched), ~global_costmap/costmap_updates (map_msgs/OccupancyGridUpdate)
-        ~local_costmap/costmap (nav_msgs/OccupancyGrid): only while somebody listens
+        ~local_costmap/costmap (nav_msgs/OccupancyGrid): only while it has subscribers
     Parameters: robot_profile (in the robot's namespace), see `NavigationParams`, and `CostmapParams`, `PlannerParams` and `FollowerParams` below ~costmap,
         ~planner and ~follower.
     """
@@ -277,7 +277,7 @@ def path_message(path: np.ndarray, goal_yaw: float) -> Path:
 
 
 def build() -> NavigationNode:
-    """Makes the node of what the parameter server says."""
+    """Makes the node from the parameter server."""
     params = parameters.read(NavigationParams, ignore=("costmap", "planner", "follower"))
     profile = robot_profile.read()
     costmap, follower = for_robot(

@@ -1,4 +1,4 @@
-"""Driving to a goal as move_base does, without ROS: plan, follow, plan again, give up."""
+"""Drives to a goal as move_base does, without ROS: plan, follow, plan again, give up."""
 from __future__ import annotations
 
 import threading
@@ -87,7 +87,7 @@ class Navigator:
 
     # ------------------------------------------------------------ maps
     def set_map(self, grid: GridMap) -> Costmap:
-        """Takes the static map; gives its costs."""
+        """Takes the static map; returns its costs."""
         costmap = Costmap(grid, self._costmap_params)
         planner = Planner(costmap, self._planner_params)
         with self._lock:
@@ -118,7 +118,7 @@ class Navigator:
         return Planner(Costmap(grid, self._costmap_params, mask), self._planner_params)
 
     def _unmapped(self, static: Planner, pose: Pose, seen: np.ndarray) -> np.ndarray:
-        """(N, 2) [m] what the scanner sees and the map has not, map frame."""
+        """(N, 2) [m] what the scanner sees and the map lacks, map frame."""
         if not len(seen):
             return seen
         seen = seen[np.hypot(seen[:, 0], seen[:, 1]) < self._params.obstacle_range]
@@ -128,7 +128,7 @@ class Navigator:
         cells = grid.world_to_cell(points)
         inside = grid.contains_cells(cells)
         points, cells = points[inside], cells[inside]
-        # a wall seen a little beside its place is no new obstacle
+        # a wall seen slightly off its place is not a new obstacle
         return points[static.costmap.distance[cells[:, 0], cells[:, 1]] > self._params.map_tolerance]
 
     # ------------------------------------------------------------ driving
@@ -139,7 +139,7 @@ class Navigator:
         self._forget()
 
     def halt(self) -> None:
-        """Tells it that the robot was stopped by somebody else."""
+        """Takes note that another node stopped the robot."""
         self._follower.halt()
 
     def step(self, now: float, pose: Pose, obstacles: np.ndarray, dt: float) -> Drive:
@@ -161,7 +161,7 @@ class Navigator:
             self._planned_at, self._planned_revision = now, newest
             path = self._replan(static, pose, obstacles, now)
         if self._failed:
-            # nobody drives on along a path that the map no longer allows
+            # do not drive on along a path that the map no longer allows
             self._follower.halt()
             return Drive()
         motion = self._follower.step(pose, obstacles, dt)
@@ -181,7 +181,7 @@ class Navigator:
             try:
                 path = self.with_obstacles(static, pose, obstacles).plan(start, end)
             except CodedError:
-                # a person at the goal or at the robot's side: plan by the map alone, the follower stops before him
+                # a person at the goal or at the robot's side: plan by the map alone, the follower stops before them
                 path = static.plan(start, end)
         except CodedError:
             self._failed = True

@@ -9,13 +9,13 @@ class Pacer:
     """Says how long to wait between equal steps of simulated time.
 
     A late step makes the next ones come a little sooner, never in a burst: cameras and controllers
-    would see none of the time in between. What is too late to be made up for is given up.
+    would see none of the time in between. What is too late to catch up with is dropped.
 
     Args:
         period: [s] simulated time per step.
         now: [s] a monotonic clock's time.
-        catch_up: [s] the most that is made up for.
-        quickest: the shortest wait, as a share of the period.
+        catch_up: [s] the most that is caught up.
+        quickest: the minimum wait, as a share of the period.
     """
 
     def __init__(self, period: float, now: float, catch_up: float = 0.3, quickest: float = 0.7) -> None:
@@ -43,7 +43,7 @@ class RealTimeFactor:
         self._samples: Deque[Tuple[float, float]] = deque()
 
     def update(self, wall: float, simulated: float) -> float:
-        """Adds a sample [s, s] and gives the factor; 1 until there is something to measure."""
+        """Adds a sample [s, s] and returns the factor; 1 until there is something to measure."""
         self._samples.append((wall, simulated))
         while wall - self._samples[0][0] > self._window:
             self._samples.popleft()

@@ -1,7 +1,7 @@
-"""The simulated person: what he perceives, what he does, and the skills that both methods share.
+"""The simulated person: what they perceive and do, and the skills that both methods share.
 
 A person is a script (a generator) that is resumed once per step. It knows only what a person in the room
-could know: where he and the robot are, the feedback that the spot is being seen, the answers to his commands,
+could know: where they and the robot are, the feedback that the spot is being seen, the answers to the commands,
 and whether the display shows a seed point.
 """
 from __future__ import annotations
@@ -50,7 +50,7 @@ class Percept:
         last_seen_by_robot: when the robot's camera did.
         has_seed: whether the display shows a seed point.
         state: name of the state that the display shows.
-        told_to_hold: when the display last said that a robot comes and one should hold still.
+        told_to_hold: when the display last said that a robot is coming and to hold still.
         answer: to the command with the number `answered`.
     """
 
@@ -65,7 +65,7 @@ class Percept:
     answered: int = 0
 
     def read(self, codes: Collection[str]) -> None:
-        """Takes note of what the display says, by the codes of its notices."""
+        """Reads the display, by the codes of its notices."""
         if HOLD_STILL in codes:
             self.told_to_hold = self.now
 
@@ -78,7 +78,7 @@ class Percept:
             seen: (x, y) [m] where the camera saw it.
             mobile: whether it is a robot's camera.
         """
-        # a spot of seconds ago is no feedback, and none comes from the future
+        # a spot seen seconds ago is not feedback, nor is one from the future
         if spot is None or not -0.2 < self.now - stamp < 1.0:
             return
         if math.hypot(seen[0] - spot[0], seen[1] - spot[1]) > OWN_SPOT:
@@ -96,7 +96,7 @@ class Action:
     Attributes:
         laser: (x, y) [m] where the spot is; None while the laser is off.
         pose: (x, y, yaw) [m, m, rad].
-        command: to be given now, with its number; empty otherwise.
+        command: to send now, with its number; empty otherwise.
         outcome: "saved", "gave_up" or "failed" once everything is over; empty before.
     """
 
@@ -118,7 +118,7 @@ class DrawingSlip(Exception):
 
 
 class Person:
-    """Body, hand and speech. `ParticipantScript` classes tell it what to do.
+    """Body, hand and speech. `ParticipantScript` classes control it.
 
     Args:
         scenario: what is to be drawn.
@@ -150,7 +150,7 @@ class Person:
         self._err()
 
     def _err(self) -> None:
-        """Decides what this person will do wrong; apart from all other chance, so that who errs is otherwise the same."""
+        """Decides what this person will do wrong; separately from all other chance, so that those who err are otherwise the same."""
         self._slips_of_the_tongue = np.random.default_rng([self._seed, *self.scenario.key.encode(), 3])
         rng = np.random.default_rng([self._seed, *self.scenario.key.encode(), 1])
         slips, wrong_side = rng.random(2) < (self.model.slip, self.model.wrong_side)
@@ -159,7 +159,7 @@ class Person:
         self.seed = self._mirrored_seed() if wrong_side else self.scenario.seed.copy()
 
     def _mirrored_seed(self) -> np.ndarray:
-        """(2,) [m] the seed on the other side of the border, by the shortest way across it that ends on free floor."""
+        """(2,) [m] the seed on the other side of the border, by the shortest path across it that ends on free floor."""
         chain = geometry.resample_chain(self.scenario.border, 0.05, self.scenario.closed)
         across = chain - self.scenario.seed
         for index in np.argsort(np.linalg.norm(across, axis=1), kind="stable"):
@@ -179,7 +179,7 @@ class Person:
         self.legs.step(self.dt, self.robot_place(), self.spot)
 
     def action(self, outcome: str) -> Action:
-        """What is to be seen of the person now."""
+        """What can be seen of the person now."""
         pose = (float(self.legs.here[0]), float(self.legs.here[1]), self.legs.yaw)
         return Action(self._beam(), pose, self.doing, self._command, self._number, self._source, outcome)
 
@@ -230,13 +230,13 @@ class Person:
             self.legs.go(place, self.robot_place())
 
     def step_aside(self, spot: np.ndarray, line: np.ndarray) -> None:
-        """Begins to walk to another side of the spot: perhaps one's own body is in the way."""
+        """Begins to walk to another side of the spot: perhaps the person's body is in the way."""
         place = self.legs.stand_for(spot, line, self.robot_place(), self.legs.here)
         if place is not None:
             self.legs.go(place, self.robot_place())
 
     def say(self, command: str, source: str = "participant") -> Step:
-        """Gives a command and waits for the answer, which is left in `last_answer`."""
+        """Sends a command and waits for the answer, which is left in `last_answer`."""
         before, self.doing = self.doing, f"says {command.replace('_', ' ')}"
         yield from self.wait(self.model.speaking_time)
         self._number += 1
@@ -253,7 +253,7 @@ class Person:
         self.doing = before
 
     def insist(self, command: str, source: str = "participant", times: int = 6) -> Step:
-        """Gives a command again while nobody answers or the system is busy.
+        """Repeats a command while there is no answer or the system is busy.
 
         Raises:
             ParticipantGaveUp: if it stays without a good answer.
@@ -331,7 +331,7 @@ class Person:
 
 
 class ParticipantScript:
-    """Runs a border from coming in to walking away; the methods fill in how to get ready, draw and show the seed."""
+    """Runs a border from entering to walking away; the methods add how to get ready, draw and show the seed."""
 
     source = "participant"
 
@@ -347,9 +347,9 @@ class ParticipantScript:
         self.person.step(percept, self._script)
         return self.person.action(self.outcome)
 
-    # ------------------------------------------------------------ to be filled in
+    # ------------------------------------------------------------ for subclasses
     def prepare(self) -> Step:
-        """What comes before the border: walking there, or leading the robot."""
+        """What comes before the border: walking there, or guiding the robot."""
         raise NotImplementedError
 
     def draw(self) -> Step:
@@ -395,7 +395,7 @@ class ParticipantScript:
     def _course(self) -> Step:
         person = self.person
         if person.percept.state != DEFAULT:
-            # somebody, perhaps oneself in an earlier life, left something half done
+            # another person, or an earlier process of this one, left something half done
             person.doing = "starts over"
             yield from person.insist("cancel", self.source)
         refusal = person.last_answer

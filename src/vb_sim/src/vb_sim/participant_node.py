@@ -1,4 +1,4 @@
-"""The simulated person as a node: commands through the same service as anyone, sees what a person sees."""
+"""The simulated person as a node: sends commands through the same service as anyone, sees what a person sees."""
 from __future__ import annotations
 
 import json
@@ -41,10 +41,10 @@ class ParticipantParams(Parameters):
 
 
 class ParticipantNode:
-    """One person who carries out one scenario.
+    """Simulates one person who carries out one scenario.
 
     Subscribed topics:
-        /sim/lab_state (vb_msgs/LabState): where the robot is, and the beat of the person's life
+        /sim/lab_state (vb_msgs/LabState): where the robot is; each message is one step of the person
         /virtual_borders/spots (vb_msgs/LaserSpot): only whether the spot is seen, as sound and LED tell it
         /virtual_borders/progress (vb_msgs/BorderProgress): whether the display shows a seed
         /virtual_borders/state (vb_msgs/InteractionState): what the display calls the state
@@ -69,7 +69,7 @@ class ParticipantNode:
         self._script: Optional[ParticipantScript] = None
         self._started = 0.0
         self._count = 0
-        # who is started by the same launch with the same task is the same person
+        # a node started by the same launch with the same task is the same person
         self._identity = f"{os.getppid()} {scenario.key} {params.method} {params.seed}"
 
         self._state = rospy.Publisher(names.PARTICIPANT, ParticipantState, queue_size=1)
@@ -184,7 +184,7 @@ class ParticipantNode:
             answer = Answer(False, error.code, error.message)
         rospy.loginfo("%s: %s: %s", rospy.get_name(), action.command, answer.message or answer.code)
         with self._lock:
-            if script is self._script:  # an answer to somebody who was replaced meanwhile is nobody's
+            if script is self._script:  # an answer to a person who was replaced meanwhile is dropped
                 self._percept.answer, self._percept.answered = answer, action.number
 
     def _report(self, script: ParticipantScript, now: float) -> None:
@@ -206,7 +206,7 @@ class ParticipantNode:
 
 
 def build() -> ParticipantNode:
-    """Makes the node of what the parameter server says."""
+    """Makes the node from the parameter server."""
     for name in ("~world", "~scenario"):
         parameters.required(name)
     params = parameters.read(ParticipantParams, ignore=("finished",))

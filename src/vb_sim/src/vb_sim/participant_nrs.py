@@ -1,4 +1,4 @@
-"""A person who draws with the network robot system: ceiling cameras, and a robot that comes by itself."""
+"""A person who draws with the network robot system: ceiling cameras, and a robot that comes on its own."""
 from __future__ import annotations
 
 from typing import Generator, Optional
@@ -13,8 +13,8 @@ GO_BACK = 0.08  # [m] by which a missed part is begun again before the place whe
 class NetworkRobotSystemScript(ParticipantScript):
     """Walks to the border, says "define border", draws, shows the seed, says "save".
 
-    Where no camera sees the spot he holds still, for the robot is under way, and then draws the part that was
-    missed again. Where nobody sees the spot at either end of the border he leads the robot there, as without any
+    Where no camera sees the spot they hold still, as the robot is on its way, and then draw the missed part
+    again. Where no camera sees the spot at either end of the border they guide the robot there, as without any
     ceiling camera (paper, Sect. 4.2, Guide).
     """
 
@@ -46,7 +46,7 @@ class NetworkRobotSystemScript(ParticipantScript):
         person.spot = None
 
     def _draw_along(self, stroke: Stroke, begin: float, end: float) -> Generator[None, None, float]:
-        """Draws from one arc length [m] to another, either way; gives the one where the spot was seen first."""
+        """Draws from one arc length [m] to another, in either direction; returns the one where the spot was seen first."""
         person = self.person
         sign = 1.0 if end >= begin else -1.0
         arc = seen_at = begin
@@ -64,7 +64,7 @@ class NetworkRobotSystemScript(ParticipantScript):
                 arc = max((seen_at - GO_BACK * sign) * sign, begin * sign) * sign
                 person.doing = "draws"
                 yield from person.move_spot(stroke.at(arc), person.drawing_speed)
-                # the way back counts as feedback: what follows is judged again
+                # the way back counts as feedback: what follows is assessed again
                 yield from person.see_and_wait(0.1, 2.0)
                 seen_at = arc
             yield from person.may_slip(stroke, arc, person.drawing_speed)
@@ -75,7 +75,7 @@ class NetworkRobotSystemScript(ParticipantScript):
         return begin if first_seen is None else first_seen
 
     def _seen_start(self) -> Generator[None, None, Stroke]:
-        """A stroke that begins where somebody sees the spot, if there is such an end."""
+        """A stroke that begins where a camera sees the spot, if there is such an end."""
         person = self.person
         ways = [person.scenario.border] if person.scenario.closed else [person.scenario.border, person.scenario.border[::-1]]
         for order in [*ways, ways[0]]:
@@ -89,7 +89,7 @@ class NetworkRobotSystemScript(ParticipantScript):
         return stroke
 
     def _hold(self, stroke: Stroke) -> Step:
-        """Holds still where nobody sees the spot, until somebody does or patience ends."""
+        """Holds still where no camera sees the spot, until one does or patience ends."""
         person = self.person
         person.doing = "waits for the robot"
         began = person.percept.now
@@ -97,7 +97,7 @@ class NetworkRobotSystemScript(ParticipantScript):
         while person.unseen_for() > FEEDBACK_GAP and person.percept.now - began < person.model.patience:
             told = person.percept.now - person.percept.told_to_hold < person.model.patience
             if not aside and not told and person.percept.now - began > 2.0 and person.spot is not None:
-                # perhaps one's own body is in the way; a person who was told to wait for the robot knows better
+                # perhaps the person's body is in the way; one who was told to wait for the robot knows better
                 aside = True
                 person.step_aside(person.spot, stroke.points)
             yield

@@ -1,4 +1,4 @@
-"""A person who has nothing but the robot: leads it with the spot, draws before its camera, presses its buttons."""
+"""A person who has nothing but the robot: guides it with the spot, draws before its camera, presses its buttons."""
 from __future__ import annotations
 
 import math
@@ -89,7 +89,7 @@ class RobotOnlyScript(ParticipantScript):
         person.spot = end.copy() if end is not None else self._before_robot()
         yield from self._lead([person.seed], "shows the seed", self._is_as_good)
         person.doing = "shows the seed"
-        # longer than anywhere on the way, for the place where the spot dwells is the seed
+        # longer than anywhere on the path, as the place where the spot dwells is the seed
         yield from person.see_and_wait(person.model.seed_time + 1.0, person.model.patience, by_robot=True)
         began = person.percept.now
         while not person.percept.has_seed and person.percept.now - began < 3.0:
@@ -184,7 +184,7 @@ class RobotOnlyScript(ParticipantScript):
 
     # ------------------------------------------------------------ walking along
     def _follow(self, line: np.ndarray) -> None:
-        """Keeps near the spot, out of the robot's way and sight."""
+        """Keeps near the spot, out of the robot's path and view."""
         person = self.person
         if person.legs.walking or person.spot is None or person.percept.now < self._look_again:
             return

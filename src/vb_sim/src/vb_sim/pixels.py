@@ -1,4 +1,4 @@
-"""Pixel formats of the simulated cameras: from rgb to what a camera sends."""
+"""Converts rgb to the simulated cameras' pixel formats."""
 from __future__ import annotations
 
 import cv2
@@ -22,7 +22,7 @@ def encode(rgb: np.ndarray, encoding: str) -> np.ndarray:
 
 
 def encode_doubled(rgb: np.ndarray, encoding: str) -> np.ndarray:
-    """The same for a picture (h, w, 3) of half the size: (2h, 2w) or (2h, 2w, 3)."""
+    """The same for an image (h, w, 3) of half the size: (2h, 2w) or (2h, 2w, 3)."""
     if encoding == "bayer_rggb8":
         mosaic = np.empty((2 * rgb.shape[0], 2 * rgb.shape[1]), rgb.dtype)
         red, green, blue = cv2.split(rgb)
@@ -39,7 +39,7 @@ def spread(values: np.ndarray, weights: np.ndarray, encoding: str, column: int, 
 
     Args:
         weights: (3,) shares for red, green, blue.
-        column, row: where the patch lies in the image (a Bayer pattern's phase depends on it).
+        column, row: where the patch is in the image (a Bayer pattern's phase depends on it).
     """
     red, green, blue = (np.float32(weight) for weight in weights)
     if encoding == "rgb8":

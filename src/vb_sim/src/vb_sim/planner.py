@@ -1,4 +1,4 @@
-"""Shortest paths on a costmap."""
+"""Finds shortest paths on a costmap."""
 from __future__ import annotations
 
 from dataclasses import dataclass
@@ -62,7 +62,7 @@ class Planner:
         nodes.reverse()
         kept = self._shortened(nodes, costs)
         middle = self.costmap.grid.cell_to_world(self._cells[kept])
-        # cells' centres give way to the exact places, which lie within those cells or beside them
+        # the exact places, in those cells or beside them, replace the cells' centres
         path = np.vstack([np.asarray(start, dtype=float)[None], middle[1:-1], end[None]])
         if not np.allclose(middle[0], path[0], atol=self.costmap.grid.resolution):
             path = np.vstack([path[:1], middle[:1], path[1:]])
@@ -71,7 +71,7 @@ class Planner:
         return geometry.resample_chain(path, self._params.waypoint_spacing)
 
     def cost_to(self, start: np.ndarray, goal: np.ndarray) -> float:
-        """Cost of the cheapest way between two cells' centres, before any shortening.
+        """Cost of the cheapest path between two cells' centres, before any shortening.
 
         Raises:
             CodedError: as `plan`.
@@ -177,7 +177,7 @@ class Planner:
 
     # ------------------------------------------------------------ shape of the path
     def _shortened(self, nodes: List[int], costs: np.ndarray) -> List[int]:
-        """The nodes between which straight lines are no dearer than the way over the cells (eight directions only)."""
+        """The nodes between which straight lines cost no more than the path over the cells (eight directions only)."""
         kept = [nodes[0]]
         at = 0
         while at < len(nodes) - 1:

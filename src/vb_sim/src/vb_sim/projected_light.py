@@ -1,8 +1,8 @@
 """The light that a projector adds to the floor.
 
 Light adds up and is reflected by what it falls on: at each place the floor gets brighter by its own colour times the
-projector's light, as a multiple of the light that is there anyway. Things and people that stand in the beam get none of
-it, and the floor behind them no shadow; the light's own photon noise is left out.
+projector's light, as a multiple of the light that is there anyway. Things and people in the beam get none of
+it, and the floor behind them no shadow; the light's photon noise is ignored.
 """
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ from vb_sim.world import Projector
 
 # of white LED light, and channels that share it: how Optics.ambient_w_m2 is worked out in config/models.yaml
 _LUMENS_PER_WATT, _CHANNELS = 300.0, 3
-# what pictures are made for, sRGB's
+# the gamma of images, sRGB's
 _GAMMA = 2.2
 _LINEAR = np.rint(255.0 * (np.arange(256) / 255.0) ** _GAMMA).astype(np.uint8)
 
 
 @dataclass(frozen=True)
 class FloorLight:
-    """A projector's picture as light.
+    """A projector's image as light.
 
     Attributes:
         linear: (H, W, 3) uint8 rgb; 255 is all of the projector's light.
@@ -37,10 +37,10 @@ class FloorLight:
     strength: float
 
     def pixel_maps(self, x: np.ndarray, y: np.ndarray) -> Tuple[np.ndarray, np.ndarray]:
-        """Where floor coordinates x and y (H, W) [m] lie in the picture, for all pictures of this size and projector.
+        """Where floor coordinates x and y (H, W) [m] are in the image, for all images of this size and projector.
 
         Returns:
-            (H, W, 2) float32 (column, row) [px], and (H, W) bool: which of them lie in the picture.
+            (H, W, 2) float32 (column, row) [px], and (H, W) bool: which of them are in the image.
         """
         m = self.matrix
         depth = m[2, 0] * x + m[2, 1] * y + m[2, 2]
@@ -64,7 +64,7 @@ class FloorLight:
 
 
 def floor_light(picture: np.ndarray, projector: Projector, optics: Optics) -> FloorLight:
-    """A projector's picture (H, W, 3) uint8 rgb as the light that it makes."""
+    """A projector's image (H, W, 3) uint8 rgb as light."""
     height, width = picture.shape[:2]
     corners = np.array([[0, 0], [width - 1, 0], [width - 1, height - 1], [0, height - 1]], np.float32)
     floor = np.array(projector.corners, dtype=float)

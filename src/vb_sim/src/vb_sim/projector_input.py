@@ -1,4 +1,4 @@
-"""What the floor projector sends, for the camera nodes."""
+"""Receives the floor projector's images, for the camera nodes."""
 from __future__ import annotations
 
 from typing import Any, List, Optional

@@ -1,4 +1,4 @@
-"""Distances in the physical map: how far a beam goes, how near the next obstacle is."""
+"""Computes distances in the physical map: how far a beam goes, how near the next obstacle is."""
 from __future__ import annotations
 
 import math
@@ -10,7 +10,7 @@ from vb_core.errors import CodedError
 from vb_core.grid_map import OCCUPIED, GridMap, distance_to
 
 TRACING_STEPS = 14
-_STRETCH = 48  # samples of a creeping beam that are looked at together: few creep on for longer
+_STRETCH = 48  # samples of a creeping beam that are checked together: few creep on for longer
 
 
 class DistanceField:
@@ -18,7 +18,7 @@ class DistanceField:
 
     Args:
         grid: the physical map; its origin must not be rotated. What is not free is an obstacle:
-            nobody knows what is in unknown cells, and they lie behind the walls.
+            unknown cells may contain anything, and they are behind the walls.
 
     Raises:
         CodedError: "bad_map" if the map's origin is rotated.

@@ -1,4 +1,4 @@
-"""Writes a picture of every camera's view of a world, without ROS: for looking at, and for the docs."""
+"""Writes an image of every camera's view of a world, without ROS: for inspection and the docs."""
 from __future__ import annotations
 
 import argparse
@@ -21,7 +21,7 @@ from vb_sim.world import load_world
 
 
 def main() -> None:
-    """The command; --help says what it takes."""
+    """The command; --help lists its options."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--world", required=True, help="world file (YAML)")
     parser.add_argument("--models", default="", help="file of models (YAML); default: the built-in figures")

@@ -33,7 +33,7 @@ class RobotBody:
     Args:
         start: true pose at the beginning, (x, y, yaw) [m, m, rad], map frame.
         radius: [m] of the round body.
-        clearance: gives the distance [m] from a place to the nearest obstacle.
+        clearance: returns the distance [m] from a place to the nearest obstacle.
         rng: source of all its noise.
     """
 
@@ -59,7 +59,7 @@ class RobotBody:
         self._touching = False
         self._command: Tuple[float, float] = (0.0, 0.0)
         self._command_time = -math.inf
-        # encoders and wheel diameters are a little off, always in the same way
+        # encoders and wheel diameters are slightly off, always by the same amount
         self._scale = 1.0 + robot.odometry_scale_sigma * rng.standard_normal(2)
         self._error = self._fresh_error()
 
@@ -150,7 +150,7 @@ class RobotBody:
 
     # ------------------------------------------------------------ checkpoint
     def checkpoint(self) -> Dict[str, List[float]]:
-        """What a new process needs to go on from here; inverse of `restore`."""
+        """What a new process needs to continue from here; inverse of `restore`."""
         return {
             "pose": list(map(float, self.pose)),
             "odometry": list(map(float, self.odometry)),
@@ -159,7 +159,7 @@ class RobotBody:
         }
 
     def restore(self, saved: Dict[str, Any]) -> None:
-        """Takes over a checkpoint; the robot stands.
+        """Adopts a checkpoint; the robot is at rest.
 
         Raises:
             ValueError, KeyError, TypeError: if it is none.

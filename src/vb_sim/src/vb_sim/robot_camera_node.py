@@ -1,4 +1,4 @@
-"""A robot's colour and depth camera as a ROS node."""
+"""Node: a robot's colour and depth camera."""
 from __future__ import annotations
 
 import threading
@@ -33,7 +33,7 @@ class RobotCameraNode:
     """Renders what the camera of one robot sees, from the robot's true pose.
 
     Subscribed topics:
-        /sim/lab_state (vb_msgs/LabState): what moves, this robot included. While nobody publishes it the
+        /sim/lab_state (vb_msgs/LabState): what moves, this robot included. While it has no publisher, the
             robot stays where it was and the lab is empty.
         /virtual_borders/projector (sensor_msgs/Image): what the world's projector shows on the floor, if it has one.
     Published topics (relative names: a namespace works):
@@ -41,7 +41,7 @@ class RobotCameraNode:
         camera/depth_registered/image_raw (sensor_msgs/Image, 160 x 120 16UC1 [mm], 0 = none),
         camera/depth_registered/camera_info: with every `robot_camera/depth_every`-th colour image, same stamp.
         /sim/cameras (diagnostic_msgs/DiagnosticArray, latched, 1 Hz): one status, name = the robot's; values
-            "published" (colour images sent while somebody listened), "published_depth", "skipped", "render_ms".
+            "published" (colour images sent while subscribed), "published_depth", "skipped", "render_ms".
         tf_static: <prefix>base_link -> <prefix>camera_optical_frame.
 
     Args:
@@ -50,7 +50,7 @@ class RobotCameraNode:
         robot: whose camera.
         seed: of floor and noise.
         tf_prefix: put before the names of the frames, for instance "robot2/".
-        view: of the camera, if somebody has drawn it already.
+        view: of the camera, if drawn already.
     """
 
     def __init__(self, world: World, models: CameraModels, robot: Robot, seed: int, tf_prefix: str,
@@ -110,7 +110,7 @@ class RobotCameraNode:
         if not wanted:
             return
         started = time.perf_counter()
-        # depth first: who looks up the depth of a colour image then has it already
+        # depth first: a node that looks up the depth of a colour image then has it already
         if with_depth and self._depth.get_num_connections() > 0:
             self._depth.publish(array_image(self._view.depth(snapshot), "16UC1", stamp, self._frame))
             self._counts["published_depth"] += 1

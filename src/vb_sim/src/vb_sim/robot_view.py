@@ -1,4 +1,4 @@
-"""What a robot's colour and depth camera see."""
+"""Renders what a robot's colour and depth camera see."""
 from __future__ import annotations
 
 import copy
@@ -21,7 +21,7 @@ from vb_sim.world import Robot
 
 _CEILING = (206, 204, 198)
 _TILES = 7
-# a flat piece stands for a round one: its front is this much nearer than its middle [m]
+# a flat piece represents a round one: its front is this much nearer than its middle [m]
 _FRONT = 0.05
 
 
@@ -41,7 +41,7 @@ class RobotView:
         floor, mesh: the world as it is drawn.
         models: figures of optics and noise.
         seed: of the noise.
-        noise: False leaves all noise away (depth keeps its holes at edges of its range and at flat angles).
+        noise: False renders without noise (depth keeps its holes at edges of its range and at flat angles).
     """
 
     def __init__(
@@ -94,10 +94,10 @@ class RobotView:
         self._drawn_key = self._color_key = self._depth_key = None
 
     def part(self, column: int, row: int, width: int, height: int) -> "RobotView":
-        """A view of a part of the picture only, which costs as much less as it is smaller.
+        """A view of a part of the image only, which costs less in proportion.
 
         Args:
-            column, row, width, height: [px] of the colour picture, multiples of a depth pixel's size.
+            column, row, width, height: [px] of the colour image, multiples of a depth pixel's size.
         """
         part = copy.copy(self)
         part.color_model = _cropped(self.color_model, column, row, width, height)
@@ -227,7 +227,7 @@ class RobotView:
         return image
 
     def _draw_things(self, snapshot: Snapshot, pose: np.ndarray, key: Tuple) -> None:
-        """Draws all that is no floor into the buffer, once for colour and depth of the same scene."""
+        """Draws everything but the floor into the buffer, once for colour and depth of the same scene."""
         if key == self._drawn_key:
             return
         self._drawn_key = key

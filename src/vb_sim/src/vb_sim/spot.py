@@ -1,9 +1,9 @@
-"""What a camera makes of a laser spot on the floor.
+"""Renders a laser spot on the floor as a camera sees it.
 
 The beam's footprint is an ellipse of light, many times brighter than the floor. Lens and filter blur
 it, motion smears it over the exposure, a part is scattered into a halo. The sensor then cuts it off:
 a white core, since the light that leaks through the other colours' filters saturates too, with a
-coloured halo. Its size follows from power, exposure and distance, none is drawn by hand.
+coloured halo. Its size follows from power, exposure and distance; none is set by hand.
 """
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def render_spot(
     T_map_optical: np.ndarray,
     optics: Optics,
 ) -> Optional[SpotImage]:
-    """The picture of a spot; None if the camera does not look there.
+    """The image of a spot; None if the camera does not look there.
 
     Args:
         point: [m] where the beam meets the floor, map frame.

@@ -1,4 +1,4 @@
-"""A small file that lets a process that was killed go on where it was."""
+"""A small file that lets a killed process continue where it was."""
 from __future__ import annotations
 
 import json
@@ -12,7 +12,7 @@ class StateFile:
     """One JSON document, written whole or not at all.
 
     Args:
-        folder: where such files lie; it is made if need be.
+        folder: of such files; it is made if needed.
         name: what for, for instance "lab".
         tag: names one run of the system, for instance /run_id; files of other runs are not read.
     """
@@ -43,7 +43,7 @@ class StateFile:
         return None
 
     def forget_others(self, older_than: float = 86400.0) -> None:
-        """Removes files of runs that ended long ago [s]: one is left behind by each."""
+        """Removes files of runs that ended long ago [s]: each leaves one behind."""
         prefix = self._path.name.split("-", 1)[0]
         for path in self._path.parent.glob(f"{prefix}-*"):
             try:

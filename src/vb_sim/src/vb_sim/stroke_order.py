@@ -1,4 +1,4 @@
-"""Thinking before drawing: which way round suits a robot that follows the spot."""
+"""Chooses the drawing order that suits a robot that follows the spot."""
 from __future__ import annotations
 
 from typing import List
@@ -12,7 +12,7 @@ STEP = 0.05  # [m]
 
 
 def orders(border: np.ndarray, closed: bool) -> List[np.ndarray]:
-    """Every way (N, 2) [m] of drawing a border (N, 2) [m]: from either end, or round from each corner."""
+    """Every order (N, 2) [m] of drawing a border (N, 2) [m]: from either end, or around from each corner."""
     if not closed:
         return [border, border[::-1]]
     turned = [np.roll(border, -shift, axis=0) for shift in range(len(border))]
@@ -33,7 +33,7 @@ def follow(spots: np.ndarray, robot: np.ndarray) -> np.ndarray:
 
 
 def best_order(border: np.ndarray, closed: bool, robot: np.ndarray) -> np.ndarray:
-    """The way (N, 2) [m] of drawing that keeps the spot before the robot; among equals the one that begins nearest.
+    """The order (N, 2) [m] that keeps the spot in front of the robot; among equals the one that begins nearest.
 
     A robot follows forwards and sees nothing at its own feet, so the spot should not come towards it.
 

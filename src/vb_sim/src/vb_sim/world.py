@@ -83,7 +83,7 @@ class Furniture(Parameters):
         return _rectangle(self.x, self.y, self.size, self.yaw)
 
     def floor_contacts(self) -> List[np.ndarray]:
-        """Outlines (N, 2) [m] of what stands on the floor, which a laser scanner sees."""
+        """Outlines (N, 2) [m] of the things on the floor, which a laser scanner sees."""
         if self.kind != "table":
             return [self.footprint()]
         half = np.array(self.size) / 2 - self.leg / 2
@@ -158,7 +158,7 @@ class CeilingCamera(Parameters):
 
         At pitch 90 and yaw 0 the image's right is +x and its top is +y.
         """
-        # the body looks along +x; the extra quarter turn makes yaw 0 an upright picture of the map
+        # the body looks along +x; the extra quarter turn makes yaw 0 an upright image of the map
         yaw = math.radians(self.yaw) + math.pi / 2.0
         body = geometry.rotation_from_rpy(0.0, math.radians(self.pitch), yaw)
         return geometry.transform(body @ geometry.optical_rotation(), (self.x, self.y, self.height))
@@ -166,9 +166,9 @@ class CeilingCamera(Parameters):
 
 @dataclass(frozen=True)
 class Projector(Parameters):
-    """A projector that draws on the floor, with whatever comes on its topic; dark without.
+    """A projector that shows its topic's images on the floor; dark without any.
 
-    Corners are where the floor meets those of its picture: upper left, upper right, lower right, lower left.
+    Corners are where those of its image meet the floor: upper left, upper right, lower right, lower left.
     """
 
     corners: tuple = param(((1.0, 3.0), (3.0, 3.0), (3.0, 1.0), (1.0, 1.0)), "m")
@@ -227,7 +227,7 @@ class Robot(Parameters):
 
 @dataclass(frozen=True)
 class DetourCheck(Parameters):
-    """A way through the region, for showing that the border acts."""
+    """A path through the region, for showing that the border acts."""
 
     start: Tuple[float, float, float] = param((0.0, 0.0, 0.0), "m, m, deg")
     goal: Tuple[float, float, float] = param((1.0, 0.0, 0.0), "m, m, deg")
@@ -235,16 +235,16 @@ class DetourCheck(Parameters):
 
 @dataclass(frozen=True)
 class Scenario:
-    """What a participant is asked to do.
+    """The task of a participant.
 
     Attributes:
-        border: (N, 2) [m] the chain to be drawn.
+        border: (N, 2) [m] the chain to draw.
         closed: whether it is a polygon.
         seed: (2,) [m].
         region: (M, 2) [m] outline of the ground truth.
         stand: (2,) [m] where the person stands while drawing.
-        guide: (K, 2) [m] the way along which a person guides the robot when there are no ceiling cameras.
-        proof: start and goal of the way that is compared before and after.
+        guide: (K, 2) [m] the path along which a person guides the robot when there are no ceiling cameras.
+        proof: start and goal of the path that is compared before and after.
     """
 
     key: str
@@ -260,7 +260,7 @@ class Scenario:
 
 @dataclass(frozen=True)
 class World:
-    """All of a world file."""
+    """The contents of a world file."""
 
     name: str
     room: Room
@@ -323,7 +323,7 @@ def load_world(path: str) -> World:
 
 
 def _document(file: Path, depth: int = 0) -> Any:
-    """What a world file says; with the key `like`, on top of what another file beside it says."""
+    """A world file's contents; with the key `like`, on top of those of another file beside it."""
     try:
         document = yaml.safe_load(file.read_text(encoding="utf-8"))
     except OSError as error:

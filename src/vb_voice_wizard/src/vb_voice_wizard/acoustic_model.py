@@ -1,6 +1,6 @@
-"""The phonetically tied acoustic model that PocketSphinx ships, read and evaluated in numpy.
+"""Reads and evaluates PocketSphinx's phonetically tied acoustic model in numpy.
 
-The library scores each frame relative to the best of the states that its search happens to look at, so
+The library scores each frame relative to the best of the states that its search happens to visit, so
 the scores of two searches cannot be compared. Here every wanted state is scored on one scale.
 """
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Where sound comes from: a microphone by way of ALSA's arecord, or a WAV file. 16 kHz mono, int16."""
+"""Sources of sound: a microphone through ALSA's arecord, or a WAV file. 16 kHz mono, int16."""
 from __future__ import annotations
 
 import collections
@@ -24,7 +24,7 @@ def to_model_rate(pcm: np.ndarray, rate: int) -> np.ndarray:
 
 
 class Resampler:
-    """Brings a stream of pieces to 16 kHz as if it were one: each piece alone would click at its ends."""
+    """Resamples a stream of pieces to 16 kHz as a whole: each piece alone would click at its ends."""
 
     def __init__(self) -> None:
         self._rate = 0
@@ -74,7 +74,7 @@ class Microphone:
         on_trouble: called with a sentence each time the program cannot be started or ends.
         chunk: how many samples to hand over at a time.
         retry: [s] how long to wait before another start.
-        start: starts a thread that does something, and takes care of its faults.
+        start: starts a thread and handles its faults.
     """
 
     def __init__(
@@ -118,7 +118,7 @@ class Microphone:
             with self._lock:
                 self._process = subprocess.Popen(self._command, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
                 said: Deque[bytes] = collections.deque(maxlen=20)
-                # a program whose messages nobody reads blocks once the pipe is full, and the system is deaf
+                # a program whose messages are not read blocks once the pipe is full, and the system is deaf
                 drain = threading.Thread(target=said.extend, args=(iter(self._process.stderr.readline, b""),), daemon=True)
                 drain.start()
         except OSError as error:

@@ -1,4 +1,4 @@
-"""What the interaction manager asks of border_fusion and map_integrator, each within a known time."""
+"""Calls the services of border_fusion and map_integrator for the interaction manager, each within a known time."""
 from __future__ import annotations
 
 from typing import Any, Dict, Type
@@ -16,18 +16,18 @@ from vb_voice_wizard.interaction import UNDO
 
 _INTEGRATOR = "$map_integrator"
 
-UNANSWERED = ("no_service", "no_answer")  # codes of a neighbour that is away; any other is its own refusal
+UNANSWERED = ("no_service", "no_answer")  # codes of an absent service; any other is its own error
 
 
 class BorderServices:
-    """Asks the neighbours.
+    """Calls the services.
 
     Args:
         border_name, occupancy: of every border.
-        wait_s, answer_s: [s] wall time, how long a neighbour that is away, and its answer, are waited for.
+        wait_s, answer_s: [s] wall time, how long to wait for an absent service, and for its answer.
 
-    Every method raises CodedError: "no_service" if the neighbour is away (nothing was sent), "no_answer" if it
-    did not answer (the request may have been done or not), or the neighbour's own refusal.
+    Every method raises CodedError: "no_service" if the service is absent (nothing was sent), "no_answer" if it
+    did not answer (the request may have been done or not), or the service's own error.
     """
 
     def __init__(self, border_name: str, occupancy: float, wait_s: float, answer_s: float) -> None:
@@ -49,18 +49,18 @@ class BorderServices:
         return border
 
     def add(self, border: VirtualBorder, source: str, interaction_id: str) -> str:
-        """Adds the border of an interaction to the map, once however often it is sent; gives its id."""
+        """Adds the border of an interaction to the map, once however often it is sent; returns its id."""
         request = AddBorderRequest(border=border, frame_id=names.MAP_FRAME, source=source, request_id=interaction_id)
         response = self._ask(names.ADD_BORDER, AddBorder, request, _INTEGRATOR)
         _check(response)
         return response.id
 
     def change(self, command: str) -> None:
-        """Takes back the newest change of the borders ("undo"), or makes it again ("redo")."""
+        """Undoes the newest change of the borders ("undo"), or makes it again ("redo")."""
         name = names.UNDO if command == UNDO else names.REDO
         response = self._ask(name, Trigger, TriggerRequest(), _INTEGRATOR)
         if not response.success:
-            # a Trigger has no code of its own
+            # a Trigger has no code
             raise CodedError("not_changed", command=command, reason=response.message)
 
     def borders(self) -> Dict[str, str]:
@@ -69,7 +69,7 @@ class BorderServices:
         return {border.id: border.name or border.id for border in response.borders.borders}
 
     def preview(self, border: VirtualBorder) -> messages.PreviewBorderArrayResponse:
-        """What adding the border would do; a refusal is in the response."""
+        """What adding the border would do; an error is in the response."""
         request = PreviewBorderRequest(border=border, frame_id=names.MAP_FRAME)
         return self._ask(names.PREVIEW_BORDER, messages.PreviewBorderArray, request, _INTEGRATOR)
 

@@ -1,4 +1,4 @@
-"""From buttons to commands."""
+"""Maps buttons to commands."""
 from __future__ import annotations
 
 from typing import Dict, List, Mapping, Sequence
@@ -13,12 +13,12 @@ class ButtonMap:
     """Turns presses of buttons into commands, once per press.
 
     Args:
-        mapping: command to the index, or list of indices, of the buttons that give it.
-        by_state: for a device with few buttons: state to a mapping that counts in that state alone;
+        mapping: command to the index, or list of indices, of its buttons.
+        by_state: for a device with few buttons: state to a mapping that counts only in that state;
             buttons it does not name keep their meaning from `mapping`.
 
     Raises:
-        ParameterError: names the key that is unknown or whose buttons make no sense.
+        ParameterError: names the key that is unknown or whose buttons are invalid.
     """
 
     def __init__(self, mapping: Mapping[str, object], by_state: Mapping[str, Mapping[str, object]]) -> None:
@@ -33,9 +33,9 @@ class ButtonMap:
         self._held: frozenset = frozenset()
 
     def update(self, buttons: Sequence[int], state: str) -> List[str]:
-        """A new reading, 0 or 1 per button; gives the commands of the buttons that have just gone down.
+        """A new reading, 0 or 1 per button; returns the commands of the buttons just pressed.
 
-        A button that is held gives nothing more. A state that is not known counts as "default".
+        A held button does not repeat. An unknown state counts as "default".
         """
         held = frozenset(index for index, value in enumerate(buttons) if value)
         pressed, self._held = sorted(held - self._held), held

@@ -1,4 +1,4 @@
-"""The node that takes commands from buttons."""
+"""Node: takes commands from buttons."""
 from __future__ import annotations
 
 from dataclasses import dataclass
@@ -28,10 +28,10 @@ class ButtonsParams(Parameters):
 
 
 class Buttons:
-    """Commands by buttons: the baseline method's way to switch states, or a presenter.
+    """Takes commands from buttons: the baseline method's input for switching states, or a presenter.
 
     Subscribed topics:
-        joy (sensor_msgs/Joy): a command is given when a button goes down, never while it is held.
+        joy (sensor_msgs/Joy): a command is sent when a button is pressed, never while it is held.
         /virtual_borders/state (vb_msgs/InteractionState): for buttons whose meaning depends on it.
 
     Services called:

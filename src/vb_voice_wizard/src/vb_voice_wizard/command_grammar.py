@@ -1,4 +1,4 @@
-"""What one can say: the grammar (which phrases mean which command) and the dictionary (how words sound)."""
+"""What people can say: the grammar (which phrases mean which command) and the dictionary (how words sound)."""
 from __future__ import annotations
 
 import itertools
@@ -53,7 +53,7 @@ def read_grammar(path: Path) -> Dict[str, List[str]]:
     """Reads a grammar: a YAML mapping from each command to the list of its phrases.
 
     Raises:
-        ParameterError: for a file that is no such mapping, an unknown command, one without a phrase, or
+        ParameterError: for a file that is not such a mapping, an unknown command, one without a phrase, or
             a phrase that two commands share.
     """
     try:

@@ -1,4 +1,4 @@
-"""One command to the interaction as one shell call."""
+"""Sends one command to the interaction from a shell."""
 from __future__ import annotations
 
 import argparse
@@ -19,10 +19,10 @@ DONE, REFUSED, UNREACHABLE = 0, 1, 3
 
 
 def run(arguments: Optional[List[str]] = None) -> int:
-    """Gives a command and prints the answer.
+    """Sends a command and prints the answer.
 
     Returns:
-        The exit status: 0 done, 1 refused, 3 nobody answers. (2 is argparse's, for a wrong call.)
+        The exit status: 0 done, 1 refused, 3 no answer. (2 is argparse's, for wrong arguments.)
     """
     parser = argparse.ArgumentParser(
         prog="command",
@@ -45,7 +45,7 @@ def run(arguments: Optional[List[str]] = None) -> int:
         waited += 0.02
     wait_s = max(0.1, chosen.wait)
     try:
-        # longer than the manager's own waits for its neighbours, so that its answer arrives
+        # longer than the manager's own waits for its services, so that its answer arrives
         answer = commands.send(commands.order(chosen.command, chosen.source, wait_s + 15.0), wait_s, 15.0)
     except CodedError as error:
         print(f"{sentences.say(error.code, error.values, chosen.language)} [{error.code}]", file=sys.stderr)

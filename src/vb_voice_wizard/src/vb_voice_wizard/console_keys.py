@@ -1,4 +1,4 @@
-"""What the wizard console's keys mean: from what a terminal sends to what is to be done; no ROS."""
+"""What the wizard console's keys mean: from terminal input to actions; no ROS."""
 from __future__ import annotations
 
 import re
@@ -19,7 +19,7 @@ RENAME_KEY, ENABLE_KEY, REMOVE_KEY = "n", "e", "x"
 UP, DOWN, ENTER, ESCAPE, BACKSPACE = "up", "down", "enter", "escape", "backspace"
 LONGEST_NAME = 40
 
-# what a terminal sends for arrow, function and other keys; what is cut off at the end may go on
+# what a terminal sends for arrow, function and other keys; a sequence cut off at the end may go on
 _SEQUENCE = re.compile("\x1b(?:\\[[0-9;?]*[ -/]*[@-~]|O.)")
 _CUT_OFF = re.compile("\x1b(?:\\[[0-9;?]*[ -/]*|O)?$")
 _ARROWS = {"\x1b[A": UP, "\x1bOA": UP, "\x1b[B": DOWN, "\x1bOB": DOWN}
@@ -27,17 +27,17 @@ _CONTROLS = {"\r": ENTER, "\n": ENTER, "\x7f": BACKSPACE, "\x08": BACKSPACE, "\x
 
 
 class KeyReader:
-    """Tells keys apart in what a terminal sends.
+    """Separates the keys in a terminal's input.
 
     A slow line may cut the sequence of an arrow key in two; the beginning of one is also what the escape key
-    sends. So a beginning is kept until more comes, or nothing does.
+    sends. So a beginning is kept until more arrives, or nothing does.
     """
 
     def __init__(self) -> None:
         self._kept = ""
 
     def feed(self, typed: str) -> List[str]:
-        """The keys in what came, each a character, or UP, DOWN, ENTER, ESCAPE, BACKSPACE; others are left out.
+        """The keys in the input, each a character, or UP, DOWN, ENTER, ESCAPE, BACKSPACE; others are left out.
 
         Args:
             typed: "" if nothing came for a while.
@@ -72,7 +72,7 @@ class BorderRow:
 @dataclass(frozen=True)
 class Action:
     """What a key asks for: "command" (text: which), "rename" (text: the new name), "enable", "disable", "remove",
-    "quit", or "note" (text: a sentence's code, for the operator; nothing is to be done)."""
+    "quit", or "note" (text: a sentence's code, for the operator; no action)."""
 
     what: str
     border_id: str = ""
@@ -85,7 +85,7 @@ class Controls:
 
     Attributes:
         mode: "keys", "rename" or "remove".
-        text: what was typed of a new name.
+        text: the part of a new name typed so far.
     """
 
     def __init__(self) -> None:
@@ -98,7 +98,7 @@ class Controls:
         return next((row for row in borders if row.id == self._chosen), borders[-1] if borders else None)
 
     def press(self, key: str, borders: Sequence[BorderRow]) -> Optional[Action]:
-        """A key, from KeyReader; gives what is to be done, if anything."""
+        """A key, from KeyReader; returns what to do, if anything."""
         if self.mode == "rename":
             return self._rename(key)
         if self.mode == "remove":

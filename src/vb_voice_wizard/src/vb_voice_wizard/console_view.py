@@ -19,7 +19,7 @@ from vb_voice_wizard.console_keys import DRAWING_KEYS, KEY_HELP, OTHER_KEYS, Bor
 _STYLES = {"default": "white", "border": "orange1", "seed": "sky_blue2", "guide": "hot_pink"}
 GOOD, BAD, NOTE = "green", "yellow", "cyan"
 
-# [lines] what the parts of the screen take; the messages have the rest
+# [lines] heights of the parts of the screen; the messages have the rest
 _HEAD, _BODY, _PREVIEW, _KEYS = 1, 9, 5, 3
 _LEAST_MESSAGES = 3
 _WIDEST = 400
@@ -54,7 +54,7 @@ class View:
     ends_in_s: float = 0.0  # 0: not soon
     confirm_save: bool = False
     notices: Tuple[Notice, ...] = ()  # what holds now, the most severe first
-    detectors: Tuple[Tuple[str, float], ...] = ()  # camera and images searched per second, 0 for one that is silent
+    detectors: Tuple[Tuple[str, float], ...] = ()  # camera and images searched per second, 0 for a silent one
     level_db: float = 0.0  # of the microphone, full scale is 0; 0: there is none
     language: str = sentences.ENGLISH
     controls: Controls = field(default_factory=Controls)
@@ -65,7 +65,7 @@ class View:
         return sentences.say(code, values, self.language)
 
     def say(self, clock: str, text: str, style: str) -> None:
-        """Adds a message with the time of day; what repeats the last one is left out."""
+        """Adds a message with the time of day, unless it repeats the last one."""
         if not self.messages or self.messages[-1][1:] != (text, style):
             self.messages.append((clock, text, style))
 
@@ -201,7 +201,7 @@ def _messages(view: View, width: int, room: int) -> Panel:
     for notice in view.notices:
         style = _SEVERITY.get(notice.severity, "bold red")
         pinned += [Text(line, style=style) for line in _wrapped(f"! {notice.sentence(view.language)}", width)]
-    # what holds now is pinned, but leaves half the room to what was just said
+    # current notices are pinned, but leave half the room to the latest messages
     pinned = pinned[: max(1, room // 2)]
     lines: List[Text] = []
     for clock, text, style in view.messages:

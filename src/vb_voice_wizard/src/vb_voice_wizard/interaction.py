@@ -1,6 +1,6 @@
 """The interaction between person and system as a state machine (paper, Sect. 4.2).
 
-Four states and nine commands. Every command is answered in every state; a command that repeats goes on
+Four states and nine commands. Every command is answered in every state; a repeated command goes on
 where the person left off and erases nothing. Only `cancel`, a completed `save` and a long silence end an
 interaction. `stop` comes before everything else and holds until `resume`.
 Time is injected, in seconds, and may pause or jump back.
@@ -45,7 +45,7 @@ REDO = "redo"
 COMMANDS = (DEFINE_BORDER, DEFINE_SEED, GUIDE_ROBOT, SAVE, CANCEL, STOP, RESUME, UNDO, REDO)
 
 _ENTERS = {DEFINE_BORDER: State.BORDER, DEFINE_SEED: State.SEED, GUIDE_ROBOT: State.GUIDE}
-# what an unclear command must not do on its own: they throw away, take back, or let robots drive
+# what an unclear command must not do on its own: these discard, undo, or let robots drive
 _ASKED_ABOUT = (SAVE, CANCEL, RESUME, UNDO, REDO)
 # [s] the second `save` counts as a confirmation within this time: enough to look at the preview, too short to forget
 CONFIRM_WITHIN = 30.0
@@ -74,10 +74,10 @@ class InteractionParams(Parameters):
 
 @dataclass(frozen=True)
 class Answer:
-    """What the person is told: whether it was done, and the code and values of the sentence.
+    """The answer to the person: whether it was done, and the code and values of the sentence.
 
     Attributes:
-        said: the English sentence of somebody else, whose code our catalogue may not have.
+        said: another node's English sentence, whose code our catalogue may not have.
     """
 
     success: bool
@@ -129,11 +129,11 @@ def _new_id() -> str:
 class Interaction:
     """The state machine, its memory and its clock. Not thread safe.
 
-    `save`, `undo` and `redo` take two steps, since others carry them out: `command(...)` checks and, if it
+    `save`, `undo` and `redo` take two steps, since other nodes carry them out: `command(...)` checks and, if it
     succeeds, leaves `pending` set; then `finish_save` or `finish` must be called.
 
     Args:
-        new_id: gives the id of the next interaction.
+        new_id: returns the id of the next interaction.
     """
 
     def __init__(self, params: InteractionParams = InteractionParams(), new_id: Callable[[], str] = _new_id) -> None:
@@ -143,7 +143,7 @@ class Interaction:
         self.interaction_id = ""
         self.started = 0.0
         self.entered = 0.0
-        self.pending = ""  # the command that somebody else is carrying out
+        self.pending = ""  # the command that another node is carrying out
         self.stopped = False
         self.stopped_by = ""
         self.last_command = ""
@@ -152,7 +152,7 @@ class Interaction:
         self.last_answered = 0.0
         self.last_outcome = ""
         self.last_border_id = ""
-        self.unanswered_save = False  # whether a border was sent whose answer never came
+        self.unanswered_save = False  # whether a border was sent and never answered
         self._confirming = ""
         self._asked = 0.0
         self._pending_source = ""
@@ -179,7 +179,7 @@ class Interaction:
 
         Args:
             name: one of COMMANDS; anything else is answered with "unknown_command".
-            source: who gives it, for the record.
+            source: who sends it, for the record.
             now: [s].
             unclear: whether it may have been misunderstood, as a spoken near miss.
             doubtful_border: whether the preview of what would be saved has issues.
@@ -189,7 +189,7 @@ class Interaction:
         if name == STOP:
             return self._stop(source, now)
         if self.pending and name != RESUME:
-            # not remembered as the last answer: that of the command under way will be
+            # not remembered as the last answer: that of the current command will be
             return Answer(False, "busy")
         if name not in COMMANDS:
             known = ", ".join(spoken(command) for command in COMMANDS)
@@ -291,12 +291,12 @@ class Interaction:
 
     def _begin_change(self, name: str, source: str) -> Answer:
         if name != SAVE and self.state != State.DEFAULT:
-            # the newest change of the map is not what the person sees being drawn
+            # the newest change of the map is not what the person is drawing
             return self._answered(name, source, Answer(False, "not_while_drawing", {"command": spoken(name)}))
         self.pending, self._pending_source = name, source
         return self._answered(name, source, Answer(True, "saving" if name == SAVE else "changing"))
 
-    # ------------------------------------------------------------------ what others ask
+    # ------------------------------------------------------------------ queries
     def take_record(self) -> Optional[Record]:
         """The record of an interaction that has just ended, once; None if there is none."""
         record, self._record = self._record, None
@@ -320,7 +320,7 @@ class Interaction:
         missing = self.missing()
         steps = [SAVE] if not missing else []
         drawing = [DEFINE_BORDER, DEFINE_SEED]
-        # what is still missing comes before what could be done again
+        # missing parts come before what could be done again
         steps += sorted(
             (step for step in drawing if _ENTERS[step] != self.state),
             key=lambda step: (_ENTERS[step] in self._visited, drawing.index(step)),
@@ -345,9 +345,9 @@ class Interaction:
         if self._confirming and not 0.0 <= now - self._asked <= CONFIRM_WITHIN:
             self._confirming = ""
 
-    # ------------------------------------------------------------------ an interaction that nobody goes on with
+    # ------------------------------------------------------------------ abandoned interactions
     def touch(self, now: float) -> None:
-        """Somebody does something that is no command: draws, points, guides."""
+        """The person does something that is not a command: draws, points, guides."""
         self._active = now
 
     @property
@@ -359,7 +359,7 @@ class Interaction:
         return ends if self._counted_until >= ends - self._params.idle_warning else 0.0
 
     def end_if_idle(self, now: float) -> bool:
-        """Ends an interaction that nobody has gone on with for too long; gives whether it did."""
+        """Ends an interaction abandoned for too long; returns whether it did."""
         self.advance(now)
         if not self.ends or now < self.ends:
             return False
@@ -399,12 +399,12 @@ class Interaction:
         cls, mapping: Mapping[str, Any], params: InteractionParams = InteractionParams(),
         new_id: Callable[[], str] = _new_id,
     ) -> "Interaction":
-        """The interaction that was remembered; a command that was being carried out is not: give it again.
+        """The saved interaction; a command that was being carried out is not part of it: send it again.
 
         Whether robots are stopped is not part of it: that outlives every interaction.
 
         Raises:
-            CodedError: "bad_state_file" if this is no memory of an interaction.
+            CodedError: "bad_state_file" if this is not a saved interaction.
         """
         self = cls(params, new_id)
         try:

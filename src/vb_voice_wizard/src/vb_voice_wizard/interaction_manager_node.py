@@ -1,4 +1,4 @@
-"""The node that owns the state of the interaction."""
+"""Node: owns the state of the interaction."""
 from __future__ import annotations
 
 import threading
@@ -30,7 +30,7 @@ from vb_voice_wizard.previewer import Previewer
 
 # [s] wall time: half a second after the last state robots rest, see vb_msgs/InteractionState
 _REPEATED_AFTER = 0.1
-# [s] a process that did nothing for so long hung: a text that waited meanwhile is nobody's wish any more
+# [s] a process idle for this long hung: a text that waited meanwhile is no longer wanted
 _HUNG = 5.0
 # [s] after a hang, until everything that waited meanwhile has arrived
 _AFTERMATH = 1.0
@@ -56,10 +56,10 @@ class InteractionManager:
     Subscribed topics:
         /virtual_borders/command_text (std_msgs/String): a command as text, "define_border" or "define border";
             its answer is in the state.
-        /virtual_borders/stop (std_msgs/Bool): true stops every robot, false lets them drive; from anybody.
+        /virtual_borders/stop (std_msgs/Bool): true stops every robot, false lets them drive; from any node.
         /virtual_borders/progress (vb_msgs/BorderProgress): which cameras contributed, for the record; border and
-            seed so far, for the preview; whether somebody still draws.
-        /virtual_borders/borders (vb_msgs/VirtualBorderArray): to see whether the preview is still right.
+            seed so far, for the preview; whether drawing goes on.
+        /virtual_borders/borders (vb_msgs/VirtualBorderArray): to check whether the preview is still right.
 
     Published topics:
         /virtual_borders/state (vb_msgs/InteractionState, latched): on each change, and every 0.1 s of wall time.
@@ -80,12 +80,12 @@ class InteractionManager:
     Services called on "undo" and "redo":
         /virtual_borders/undo, /virtual_borders/redo (std_srvs/Trigger), /virtual_borders/list_borders before and after.
 
-    Services called for the preview, from a thread of its own:
+    Services called for the preview, from a separate thread:
         /virtual_borders/get_drawn_border, then /virtual_borders/preview_border (vb_msgs/PreviewBorder).
 
     Args:
         params, preview: see config/interaction_manager.yaml.
-        run_id: the roscore's /run_id, by which a memory of another run is told apart.
+        run_id: the roscore's /run_id, which identifies files of another run.
     """
 
     def __init__(self, params: ManagerParams, preview: PreviewParams, run_id: str) -> None:
@@ -94,7 +94,7 @@ class InteractionManager:
         self._state_file = persistence.StateFile(persistence.writable("~state_file", params.state_file), run_id)
         self._lock = threading.Lock()
         self._interaction = Interaction(params)
-        # a save asks two neighbours, undo three times one
+        # a save calls two services, undo calls one three times
         self._patience_s = 3.0 * (params.service_wait + params.service_answer)
         self._once = Once(self._patience_s)
         self._memory_lost = False
@@ -134,7 +134,7 @@ class InteractionManager:
     def _on_progress(self, message: BorderProgress) -> None:
         with self._lock:
             self._cameras, self._cameras_of = list(message.cameras), message.interaction_id
-            # in Guide all spots are ignored by the fusion, and yet somebody holds the laser
+            # in Guide the fusion ignores all spots, and yet a person holds the laser
             spots = message.border_spots + message.seed_spots + message.ignored_spots
             if spots != self._spots:
                 self._spots = spots
@@ -155,7 +155,7 @@ class InteractionManager:
         if normalise(order.command) == STOP:
             self._handle(order)
         elif now - self._beaten > _HUNG or now - self._revived < _AFTERMATH:
-            # a text tells no time: one that arrives with the end of a hang may be minutes old
+            # a text has no stamp: one that arrives at the end of a hang may be minutes old
             with self._lock:
                 self._interaction.expired(order.command, order.source, rospy.get_time())
                 self._changed()
@@ -224,7 +224,7 @@ class InteractionManager:
             return self._refuse(CodedError("internal_error"))
 
     def _save(self, interaction_id: str, source: str) -> Answer:
-        """Asks the neighbours, without the lock, then ends the interaction."""
+        """Calls the services, without the lock, then ends the interaction."""
         border = self._neighbours.candidate(interaction_id)
         try:
             with self._lock:
@@ -233,7 +233,7 @@ class InteractionManager:
                 self._remember()
             border_id = self._neighbours.add(border, source, interaction_id)
         except CodedError as error:
-            # what was sent and not answered may have arrived; a refusal tells that no earlier one has
+            # an unanswered request may have arrived; an error tells that no earlier one has
             with self._lock:
                 self._interaction.unanswered_save = error.code == "no_answer" or (error.code == "no_service" and unanswered)
             raise
@@ -309,7 +309,7 @@ class InteractionManager:
             )
 
     def _recall_stop(self) -> Tuple[bool, str]:
-        """Whether robots were stopped, also before the ROS master was restarted; a memory that is lost counts as yes."""
+        """Whether robots were stopped, also before the ROS master was restarted; a lost file counts as yes."""
         try:
             remembered: Optional[Dict[str, Any]] = self._state_file.read_any()
             if remembered is None:

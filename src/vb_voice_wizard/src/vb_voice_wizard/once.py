@@ -1,4 +1,4 @@
-"""Commands that are sent again: each id is carried out once, and gets the same answer each time. No ROS."""
+"""Handles repeated commands: each id is carried out once, and gets the same answer each time. No ROS."""
 from __future__ import annotations
 
 import collections
@@ -9,14 +9,14 @@ from typing import Any, Callable, Dict, List, Sequence
 
 from vb_voice_wizard.interaction import Answer
 
-_KEPT = 64  # answers; a sender repeats within seconds, and nobody gives so many commands in that time
+_KEPT = 64  # answers; a sender repeats within seconds, and no person gives this many commands in that time
 
 
 class Once:
     """Remembers the answers to the newest commands. Thread safe.
 
     Args:
-        patience_s: [s] how long a command that came again waits for the answer to the first one.
+        patience_s: [s] how long a repeated command waits for the answer to the first one.
         remembered: from `to_list`, of a node that was restarted.
     """
 
@@ -28,7 +28,7 @@ class Once:
             self._slot(str(identity)).set_result(Answer(bool(success), str(code), dict(values), str(said)))
 
     def carry_out(self, identity: str, do: Callable[[], Answer]) -> Answer:
-        """The answer to a command with this id, which is carried out unless it was before; "" is no id."""
+        """The answer to a command with this id, which is carried out unless it was before; "" means no id."""
         if not identity:
             return do()
         with self._lock:

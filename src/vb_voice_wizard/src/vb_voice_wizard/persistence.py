@@ -1,4 +1,4 @@
-"""What the interaction manager keeps in files: the interaction under way, and the record of those that ended."""
+"""What the interaction manager keeps in files: the current interaction, and the record of those that ended."""
 from __future__ import annotations
 
 import dataclasses
@@ -29,11 +29,11 @@ def writable(key: str, path: str) -> str:
 
 
 class StateFile:
-    """A small JSON file, replaced as a whole so that a reader never finds half of it.
+    """A small JSON file, replaced as a whole so that a reader never sees half of it.
 
     Args:
         path: the file.
-        run_id: names the run of the roscore; what another run left behind is nobody's interaction any more.
+        run_id: names the run of the roscore; what another run left behind is no longer valid.
     """
 
     def __init__(self, path: str, run_id: str) -> None:
@@ -52,7 +52,7 @@ class StateFile:
         os.replace(temporary, self._path)
 
     def read(self) -> Optional[Dict[str, Any]]:
-        """What this run of the roscore has remembered; None if nothing. Raises as `read_any`."""
+        """What this run of the roscore has saved; None if nothing. Raises as `read_any`."""
         memory = self.read_any()
         # without an id of the run (a bare rosmaster) nothing tells an old file from a new one
         if memory is None or not self._run_id or memory.get("run_id") != self._run_id:
@@ -60,10 +60,10 @@ class StateFile:
         return memory
 
     def read_any(self) -> Optional[Dict[str, Any]]:
-        """What was remembered last, by whatever run; None if there is no file.
+        """What was saved last, by any run; None if there is no file.
 
         Raises:
-            CodedError: "bad_state_file" if the file is no memory.
+            CodedError: "bad_state_file" if the file is not valid.
         """
         try:
             with open(self._path, encoding="utf-8") as file:

@@ -12,7 +12,7 @@ import numpy as np
 
 from vb_core.errors import CodedError
 
-# the frames that are looked at together: every second one, 0.1 s to both sides
+# the frames that are evaluated together: every second one, 0.1 s to both sides
 CONTEXT = np.arange(-10, 11, 2)
 _LOG_FLOOR = 1e-4
 

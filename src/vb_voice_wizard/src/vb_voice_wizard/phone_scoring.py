@@ -1,4 +1,4 @@
-"""How well a piece of speech fits a phrase, compared with anything else that could have been said.
+"""Scores how well a piece of speech fits a phrase, compared with anything else that could have been said.
 
 A phrase is a chain of phones in context, a competitor is a loop over all phones. Both are scored on the
 same likelihoods (acoustic_model), frame by frame, so that their difference means something: the grammar
@@ -36,14 +36,14 @@ class Likelihoods:
 
 
 class PhoneSet:
-    """The speech phones of a model, and the likelihoods of all that is compared here."""
+    """The speech phones of a model, and the likelihoods of all that is compared."""
 
     def __init__(self, model: AcousticModel) -> None:
         self.model = model
         self.names = [name for name in model.phones if name not in _FILLERS]
         self.index = {name: number for number, name in enumerate(self.names)}
         self._noise = np.concatenate([model.phone_states(name) for name in _NOISES])
-        # columns in an order in which those of one phone and place are neighbours
+        # columns in an order that keeps those of one phone and place together
         group = np.full(model.senones, -1, dtype=np.int64)
         for name, number in self.index.items():
             mine = model.codebook == model.number[name]
@@ -89,11 +89,11 @@ class PhoneSet:
 
 @dataclass(frozen=True)
 class Alignment:
-    """Where a phrase's phones lie.
+    """Where a phrase's phones are.
 
     Attributes:
         score: log likelihood of the whole piece, silence before and after included.
-        phones: (name, first frame, frame behind the last) of each phone.
+        phones: (name, first frame, frame after the last) of each phone.
         own: (T,) log likelihood of the aligned state per frame.
     """
 
@@ -186,7 +186,7 @@ class PhraseScorer:
 
 @dataclass(frozen=True)
 class Alignments:
-    """Every phrase's best alignment with one piece of speech: all scores, and on request where its phones lie."""
+    """Every phrase's best alignment with one piece of speech: all scores, and on request where its phones are."""
 
     scores: np.ndarray  # (phrases,)
     _ends: np.ndarray

@@ -1,4 +1,4 @@
-"""When what saving would do has to be looked at again; no ROS."""
+"""Decides when the preview of saving has to be computed again; no ROS."""
 from __future__ import annotations
 
 from dataclasses import dataclass, field
@@ -11,7 +11,7 @@ from vb_core.parameters import Parameters, param
 
 @dataclass(frozen=True)
 class PreviewParams(Parameters):
-    """How often, and after what change; config/interaction_manager.yaml says why."""
+    """How often to preview, and after what change; config/interaction_manager.yaml says why."""
 
     period: float = param(0.5, "s", above=0.0, high=10.0)
     retry: float = param(2.0, "s", above=0.0, high=60.0)
@@ -28,11 +28,11 @@ class PreviewInputs:
     """What a preview depends on.
 
     Attributes:
-        interaction_id: of the interaction under way; "": none.
+        interaction_id: of the current interaction; "": none.
         chain: (N, 2) float64 [m] the border so far, map frame; (0, 2): none.
         seed: (1, 2) float64 [m] the seed so far; (0, 2): none.
         borders: changes with every change of the map or the borders in it.
-        code, message, values: why there is no border or no seed, where that is known.
+        code, message, values: why there is no border or no seed, if known.
     """
 
     interaction_id: str = ""
@@ -45,7 +45,7 @@ class PreviewInputs:
 
     @property
     def complete(self) -> bool:
-        """Whether there is something to look at."""
+        """Whether there is something to preview."""
         return bool(self.interaction_id) and len(self.chain) > 0 and len(self.seed) > 0
 
     def like(self, other: "PreviewInputs", tolerance: float) -> bool:
@@ -67,7 +67,7 @@ class PreviewInputs:
 class PreviewScheduler:
     """Decides when the next preview is due.
 
-    The pace is in wall time: what is limited is how much of the computer previews take.
+    The pace is in wall time: it limits the previews' share of the computer.
     """
 
     def __init__(self, params: PreviewParams) -> None:
@@ -77,7 +77,7 @@ class PreviewScheduler:
         self._retry_at: Optional[float] = None
 
     def wait_s(self, situation: PreviewInputs, now: float) -> Optional[float]:
-        """[s] until this situation has to be looked at; 0: now; None: not at all while it stays as it is."""
+        """[s] until this situation needs a preview; 0: now; None: never while it stays as it is."""
         if self._shown is None or situation.interaction_id != self._shown.interaction_id:
             return 0.0
         if situation.like(self._shown, self._params.tolerance):
@@ -90,7 +90,7 @@ class PreviewScheduler:
         Args:
             situation: of what.
             started, now: [s] when work on it began and ended.
-            answered: False if a neighbour did not answer: it is tried again.
+            answered: False if a service did not answer: it is tried again.
         """
         self._shown = situation
         self._retry_at = None if answered else now + self._params.retry

@@ -1,4 +1,4 @@
-"""The part of the interaction manager that shows what saving would do before anybody says so."""
+"""Shows what saving would do before anyone says "save"; part of the interaction manager."""
 from __future__ import annotations
 
 import dataclasses
@@ -19,13 +19,13 @@ from vb_voice_wizard.preview_scheduler import PreviewScheduler, PreviewParams, P
 
 
 class Previewer:
-    """Publishes /virtual_borders/preview (vb_msgs/BorderPreview, latched) from a thread of its own.
+    """Publishes /virtual_borders/preview (vb_msgs/BorderPreview, latched) from its own thread.
 
     The `on_*` methods only store; a command never waits for a preview.
 
     Args:
         params: how often, and after what change.
-        neighbours: who is asked.
+        neighbours: the services to call.
     """
 
     def __init__(self, params: PreviewParams, neighbours: BorderServices) -> None:
@@ -42,7 +42,7 @@ class Previewer:
 
     # ------------------------------------------------------------------ inputs
     def on_interaction(self, interaction_id: str, saving: bool) -> None:
-        """The interaction under way ("" for none). While it is being saved, nothing is looked at any more."""
+        """The current interaction ("" for none). While it is being saved, nothing more is previewed."""
         with self._condition:
             self._held = saving
             if interaction_id != self._situation.interaction_id:
@@ -63,7 +63,7 @@ class Previewer:
             self._condition.notify()
 
     def on_borders(self, message: VirtualBorderArray) -> None:
-        """The borders in the map; they come again whenever the map changes."""
+        """The borders in the map; sent again whenever the map changes."""
         with self._condition:
             borders = (message.header.stamp.to_sec(), message.revision)
             self._situation = dataclasses.replace(self._situation, borders=borders)
@@ -85,7 +85,7 @@ class Previewer:
 
     # ------------------------------------------------------------------ work
     def take(self) -> Optional[PreviewInputs]:
-        """Waits for a situation that has to be looked at; None once closed. For the worker alone."""
+        """Waits for a situation that needs a preview; None once closed. For the worker only."""
         with self._condition:
             while not self._closed:
                 wait_s = None if self._held else self._pace.wait_s(self._situation, time.monotonic())

@@ -1,10 +1,10 @@
-"""Recognises the spoken commands, and says no to everything else.
+"""Recognises the spoken commands and rejects everything else.
 
-1. endpointing finds where somebody speaks.
+1. endpointing finds the speech.
 2. Every phrase of the grammar is aligned with it (phone_scoring.PhraseScorer); the best one is the candidate.
 3. The candidate is compared with what else it could have been: the words of the dictionary that sound most like it
    (rivals) and the other commands, a loop over all phones, its rhythm, speech left over beside it. A logistic function of these measures, with weights made by bench/voice_training.py, gives the confidence.
-4. What is doubted is looked at once more as if said by a shorter vocal tract, a child's for instance.
+4. What is doubtful is examined again as if said by a shorter vocal tract, a child's for instance.
 
 >>> import numpy as np
 >>> recognizer = CommandRecognizer()
@@ -34,7 +34,7 @@ from vb_voice_wizard.rivals import Lexicon
 from vb_voice_wizard.speech_features import FRAMES_PER_SECOND, cepstra, clean_spectrum, dynamic
 
 MEASURES = (
-    "whole",  # command minus phone loop over the whole utterance, per frame: what is left over counts too
+    "whole",  # command minus phone loop over the whole utterance, per frame: leftover speech counts too
     "posterior",  # log posterior of the command's phones, mean over phones
     "posterior_worst",  # the same, mean of the two worst phones
     "rival",  # command minus what it is most easily mistaken for (rivals): what differs counts, however long the rest
@@ -47,13 +47,13 @@ _FEWEST_FRAMES = 12
 _RIVALS = 24  # of each phrase: what comes after them in the dictionary is hardly ever the best one
 
 
-# what lets robots drive again is never done at one spoken word: "resumed" sounds too much like it
+# one spoken word never lets robots drive again: "resumed" sounds too much like it
 ALWAYS_UNCLEAR = (RESUME,)
 
 
 @dataclass(frozen=True)
 class Decision:
-    """What is believed, and what is believed without asking; made by bench/voice_training.py.
+    """What is accepted, and what is accepted without asking; made by bench/voice_training.py.
 
     Attributes:
         weights: of MEASURES.
@@ -106,16 +106,16 @@ class RecognizerParams(Parameters):
 
 @dataclass(frozen=True)
 class RecognitionResult:
-    """What became of one utterance.
+    """The outcome for one utterance.
 
     Attributes:
         command: the command that was understood, or None.
         best: the command that fits best, understood or not; empty if none was looked for.
         confidence: 0 .. 1.
         reason: "ok", or why not: "unlike_a_command", "too_long", "too_short", or a node's own.
-        heard: the phones that were heard, for people.
+        heard: the recognised phones, for people.
         measures: the values of MEASURES; empty if none was looked for.
-        unclear: understood, but not surely: what cannot be taken back has to be confirmed.
+        unclear: understood, but not surely: what cannot be undone has to be confirmed.
     """
 
     command: Optional[str] = None
@@ -207,9 +207,9 @@ class CommandRecognizer:
             return RecognitionResult(reason="too_short")
         issue = self._decide(spectrum)
         if self.params.rescore_threshold <= issue.confidence < self.params.threshold:
-            # the models were trained on grown-ups; what is clearly no command is not worth the time
+            # the models were trained on adults; what is clearly not a command is not worth the time
             again = self._decide(clean_spectrum(utterance.pcm, self.params.rescore_warp))
-            # what was doubted first may be understood, but is never sure
+            # what was doubtful at first may be understood, but is never sure
             issue = max(issue, replace(again, unclear=True), key=lambda one: one.confidence)
         return issue
 

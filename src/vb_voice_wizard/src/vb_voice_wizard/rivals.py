@@ -41,7 +41,7 @@ _PIECES = 12  # words that are tried as the first and the second half of a word
 
 
 def _phone_costs() -> np.ndarray:
-    """(P, P): 0 for the same phone, from 0.3 for neighbours to 1 for phones that have nothing in common."""
+    """(P, P): 0 for the same phone, from 0.3 for similar ones to 1 for phones that have nothing in common."""
     costs = np.ones((len(PHONES), len(PHONES)))
     for group, scale in ((_VOWELS, (3.0, 2.0, 1.0, 1.0)), (_CONSONANTS, (1.0, 5.0, 2.0))):
         names = list(group)
@@ -82,7 +82,7 @@ class Lexicon:
         for line in dictionary.read_text(encoding="utf-8").splitlines():
             head, *phones = line.split()
             word = head.split("(")[0]
-            # letters are spelled names in the model; nobody says one alone but for "a" and "i"
+            # letters are spelled names in the model; only "a" and "i" are said alone
             if len(phones) <= _LONGEST and word[0].isalpha() and "." not in word and (len(word) > 1 or word in "ai"):
                 entries.append((-log.log_to_log10(model.prob([word])), word, tuple(phones)))
         entries.sort()
@@ -130,7 +130,7 @@ class Lexicon:
         Args:
             words: the phrase.
             sounds: how each of its words is pronounced.
-            own: all of what is said counts as a command, and is therefore no rival, as sequences of phones.
+            own: phone sequences of all that counts as a command, and is therefore not a rival.
         """
         best: Dict[Pronunciation, Tuple[float, Rival]] = {}
         known = set(own)

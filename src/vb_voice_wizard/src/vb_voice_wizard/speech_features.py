@@ -1,7 +1,7 @@
-"""Cepstra as the acoustic model of PocketSphinx expects them (its en-us/feat.params), in numpy.
+"""Computes cepstra as PocketSphinx's acoustic model expects them (its en-us/feat.params), in numpy.
 
-The library computes the same inside its decoder but does not hand them out, and rejection needs scores
-that its decoder does not give either (see phone_scoring).
+The library computes the same inside its decoder but does not expose them, and rejection needs scores
+that its decoder does not expose either (see phone_scoring).
 """
 from __future__ import annotations
 
@@ -124,7 +124,7 @@ def clean_spectrum(pcm: np.ndarray, warp: float = 1.0) -> np.ndarray:
     samples = np.asarray(pcm, dtype=np.float64)
     if samples.size < FRAME_LENGTH:
         return np.zeros((0, _FILTERS))
-    # always the same noise: the same recording gives the same answer
+    # always the same noise: the same recording gets the same answer
     dither = np.random.default_rng(0).normal(size=samples.size)
     samples = samples + dither * (_DITHER * np.sqrt(np.mean(samples**2)) + _DITHER_LEAST)
     spectrum = mel_spectrum(samples, warp)

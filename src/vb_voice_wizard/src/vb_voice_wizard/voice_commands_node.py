@@ -1,4 +1,4 @@
-"""The node that hears commands."""
+"""Node: recognises spoken commands."""
 from __future__ import annotations
 
 import threading
@@ -29,7 +29,7 @@ AUDIO = "/virtual_borders/voice/audio"
 
 _LEVEL_S = 0.25  # [s] wall time between two levels
 _DEAF_S = 5.0  # [s] without any sound after which people are told
-_DIGITAL_SILENCE_DB = -90.0  # the quietest microphone has noise of its own; this is its least bit
+_DIGITAL_SILENCE_DB = -90.0  # the quietest microphone has its own noise; this is its least significant bit
 
 
 @dataclass(frozen=True)
@@ -57,12 +57,12 @@ class VoiceParams(Parameters):
 
 
 class VoiceCommands:
-    """Recognises spoken commands and gives them to the interaction.
+    """Recognises spoken commands and sends them to the interaction.
 
-    Sound is handled as it comes: people speak in wall time, whatever /clock says.
+    Sound is handled as it arrives: people speak in wall time, whatever /clock says.
 
     Subscribed topics:
-        /virtual_borders/sound (vb_msgs/Sound): while one of ~sounds plays, nothing is listened to.
+        /virtual_borders/sound (vb_msgs/Sound): while one of ~sounds plays, audio is ignored.
         /virtual_borders/voice/audio (vb_msgs/Audio): the sound, if ~source is "topic" (~audio_topic).
 
     Published topics:
@@ -70,18 +70,18 @@ class VoiceCommands:
         /virtual_borders/voice/level (std_msgs/Float32): of the microphone [dB], full scale is 0, four times a second.
         /virtual_borders/notices (vb_msgs/NoticeArray): microphone_missing, microphone_silent.
         /virtual_borders/sound (vb_msgs/Sound): ~understood_sound as soon as a command is understood; ~refusal_sound
-            for what was nearly one, and for a command that nobody answers. How the interaction answers the command,
-            the feedback node tells.
+            for a near miss, and for a command without an answer. The feedback node tells
+            how the interaction answers the command.
 
     Services called:
         /virtual_borders/command (vb_msgs/Command) with source "voice".
 
     Args:
-        params: where sound comes from, and what to do with what was heard.
+        params: where sound comes from, and how to handle what was heard.
         recognizer: how commands are recognised.
 
     Raises:
-        ParameterError: for a sound's duration that is no number.
+        ParameterError: for a sound's duration that is not a number.
         CodedError: if the WAV file cannot be read.
     """
 
@@ -94,7 +94,7 @@ class VoiceCommands:
         self._mute_lock = threading.Lock()
         self._last_command = ""
         self._last_time = 0.0
-        # 20 s of sound: a node that falls further behind should not act on what was said long ago
+        # 20 s of sound: a node that falls further behind should not act on old commands
         self._sound: node.Queue = node.Queue(400)
         self._microphone: Optional[Microphone] = None
         self._resampler = Resampler()
@@ -148,7 +148,7 @@ class VoiceCommands:
         rospy.logwarn_throttle(30.0, f"voice_commands: no sound: {sentence}")
 
     def _on_watch(self) -> None:
-        """Tells the level, and says when there is no sound: a microphone that is muted or gone looks like silence."""
+        """Publishes the level, and says when there is no sound: a muted or missing microphone looks like silence."""
         with self._level_lock:
             pieces, self._pieces = self._pieces, []
         now = time.monotonic()
@@ -182,7 +182,7 @@ class VoiceCommands:
     def _beep(self, name: str) -> None:
         if name:
             sound = Sound(name=name)
-            # nothing is heard from now on, not only from when the sound has come back to this node
+            # ignore audio from now on, not only once the sound's message is back at this node
             self._on_sound(sound)
             sound.header.stamp = rospy.Time.now()
             self._beeper.publish(sound)
@@ -204,13 +204,13 @@ class VoiceCommands:
             if self._endpointer.speaking:
                 self._publish(RecognitionResult(reason="muted"), 0.0, 0.0)
             self._endpointer.reset()
-            # the noise goes on being learnt from what is no sound of ours
+            # the noise estimate goes on with what is not our own sound
             return
         for utterance in self._endpointer.push(pcm):
             self._handle(utterance, when)
 
     def _handle(self, utterance: Utterance, when: float) -> None:
-        """One utterance that ended; `when` is when its last piece of sound came in."""
+        """Handles an utterance that ended; `when` is when its last piece of sound arrived."""
         issue = self._recognizer.classify(utterance)
         if issue.command and self._muted(time.monotonic()):
             issue = issue.refused("muted")

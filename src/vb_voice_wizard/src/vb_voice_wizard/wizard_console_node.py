@@ -40,21 +40,21 @@ _WATCH_S = 1.0
 _DRIVES_M = 0.03  # [m] a robot that went further since the last look drives
 _SILENT_S = 3.0  # a detector reports once a second, the microphone's level comes four times
 _WORTH_TELLING = 0.1  # confidence of something spoken that was not understood
-# who is watched, by a service that only they offer
+# the nodes to watch, by a service that only they offer
 _WATCHED = (
     ("interaction_manager", names.COMMAND), ("border_fusion", names.CANDIDATE), ("map_integrator", names.LIST_BORDERS)
 )
 
 
 class WizardConsole:
-    """Shows the interaction and gives commands.
+    """Shows the interaction and sends commands.
 
     Subscribes to /virtual_borders/{state,progress,preview,borders,notices,detectors,voice/heard,voice/level} and tf.
-    Calls /virtual_borders/{command,update_border,remove_border}. It waits for the ROS master, says when the
-    master or a node goes away, and goes on when they are back.
+    Calls /virtual_borders/{command,update_border,remove_border}. It waits for the ROS master, reports when the
+    master or a node is lost, and goes on when they are back.
 
     Args:
-        source: who gives the commands, for the record.
+        source: who sends the commands, for the record.
         robot_frame: the robot whose place is shown; "" for none.
         note: code of a first message.
         language: of everything that is shown.
@@ -90,7 +90,7 @@ class WizardConsole:
         node.Worker(self._actions, self._work)
         node.Worker(node.Beat(_WATCH_S), lambda _woken: self._watch())
 
-    # ------------------------------------------------------------------ who is there
+    # ------------------------------------------------------------------ presence
     def _watch(self) -> None:
         """Looks after the master, the nodes, the cameras and the robot."""
         away: List[str] = []
@@ -135,7 +135,7 @@ class WizardConsole:
                 self.stale = True
             elif pid is not None and not view.connected:
                 self._tell("console_master_back", GOOD)
-            # before the first state nobody knows who ought to be there
+            # before the first state it is unknown which nodes to expect
             if pid is not None and view.state:
                 for who, _ in _WATCHED:
                     if (who in away) != (who in view.away):
@@ -194,7 +194,7 @@ class WizardConsole:
     def _on_state(self, message: InteractionState) -> None:
         with self._lock:
             view = self._view
-            # the first progress of an interaction may come before its state
+            # the first progress of an interaction may arrive before its state
             if message.interaction_id not in (view.interaction_id, self._progress_of):
                 view.border_spots = view.seed_spots = view.chain_points = 0
                 view.cameras = view.seeing = ()
@@ -271,7 +271,7 @@ class WizardConsole:
 
     # ------------------------------------------------------------------ commands
     def press(self, key: str) -> bool:
-        """A key was pressed; what it asks for is done by a thread of its own, so the screen goes on.
+        """A key was pressed; its action runs in a separate thread, so the screen goes on.
 
         Returns:
             Whether the console is to be left.
@@ -329,12 +329,12 @@ class WizardConsole:
             wanted.name = action.text
         else:
             wanted.enabled = action.what == "enable"
-            # who turns it by hand does not want it to turn back by itself
+            # an operator who turns it by hand does not want it to turn back by itself
             wanted.expires = rospy.Time(0)
         return UpdateBorderRequest(border=wanted, frame_id=names.MAP_FRAME, source=self._source)
 
     def _words_of(self, code: str, values: List[Any], message: str) -> str:
-        """Somebody's answer in the operator's language; its own English sentence where that has none."""
+        """A node's answer in the operator's language; its own English sentence where that has none."""
         return sentences.say(code, mapping_from_values(values), self._view.language, message) if code else message
 
     def _tell(self, code: str, style: str, **values: Any) -> None:
@@ -351,7 +351,7 @@ class WizardConsole:
 
     # ------------------------------------------------------------------ screen
     def run(self) -> bool:
-        """Shows the screen until it is left; gives whether to start again because the master did."""
+        """Shows the screen until it is left; returns whether to start again because the master did."""
         console = Console()
         keyboard = sys.stdin.fileno()
         before = termios.tcgetattr(keyboard)
@@ -388,7 +388,7 @@ class WizardConsole:
 
 
 def run(arguments: Optional[List[str]] = None) -> int:
-    """Runs the console; gives the exit status."""
+    """Runs the console; returns the exit status."""
     given = sys.argv[1:] if arguments is None else arguments
     parser = argparse.ArgumentParser(prog="wizard_console", description="The hidden operator's console.")
     parser.add_argument("--source", default="wizard", help="who gives the commands, for the record (default: wizard)")

@@ -1,4 +1,4 @@
-"""Who may do what on the page: codes, roles, signed cookies, origins, and how often somebody may ask.
+"""Decides who may do what on the page: codes, roles, signed cookies, origins and rate limits.
 
 The idea: the page is closed unless the request proves otherwise. On the loopback interface the proof is a loopback name in
 the Host header; elsewhere it is a cookie that only the holder of a code gets.
@@ -56,7 +56,7 @@ class Keys:
     cookie_key: str
 
     def role_of(self, code: str) -> Role:
-        """The role that a code gives; compares in constant time."""
+        """The role of a code; compares in constant time."""
         typed = normalise(code).encode("utf-8")
         roles = ((self.operator, Role.OPERATOR), (self.viewer, Role.VIEWER))
         found = [role for known, role in roles if hmac.compare_digest(typed, normalise(known).encode("utf-8"))]

@@ -1,6 +1,6 @@
 """Carries out what the page asks for, by the services of interaction manager and map integrator. Needs a node.
 
-The idea: one table from action to method; each gives an answer with code and values, or raises a `CodedError`.
+The idea: one table from action to method; each returns an answer with code and values, or raises a `CodedError`.
 """
 from __future__ import annotations
 
@@ -50,10 +50,10 @@ class Carrier:
     """Carries out requests; thread safe.
 
     Args:
-        borders: gives the stored border of an id, or None.
+        borders: returns the stored border of an id, or None.
         manager_there: whether there is an interaction manager.
-        on_study: takes what the operator marks.
-        invite: gives what a phone needs to get in.
+        on_study: receives the operator's marks.
+        invite: returns what a phone needs to log in.
     """
 
     def __init__(
@@ -85,7 +85,7 @@ class Carrier:
         elif command in ("undo", "redo") and not self._manager_there():
             return self._trigger(names.UNDO if command == "undo" else names.REDO)
         wanted = order(command, source, COMMAND_EXPIRES_S)
-        wanted.id = request.id  # the browser's: what it sends again after the page was restarted is carried out once
+        wanted.id = request.id  # the browser's: a request repeated after the page was restarted is carried out once
         try:
             return _answer(send(wanted))
         except CodedError as error:

@@ -1,4 +1,4 @@
-"""Cameras' pictures for the page, fetched only while somebody looks. Needs a node."""
+"""Camera images for the page, fetched only while a browser shows them. Needs a node."""
 from __future__ import annotations
 
 import threading
@@ -19,8 +19,8 @@ from vb_core.ros.transforms import TransformLookup
 from vb_web import pictures
 
 _WAIT_S = 2.0  # for a camera's next image
-_KEPT_S = 5.0  # a subscription that nobody asks for any more
-_FLOOR_KEPT_S = 5.0  # the same picture for everybody who asks meanwhile
+_KEPT_S = 5.0  # a subscription that no browser uses any more
+_FLOOR_KEPT_S = 5.0  # the same image for every browser that asks meanwhile
 # OpenCV names a Bayer pattern by its second row, ROS by its first
 _TO_BGR = {
     "rgb8": cv2.COLOR_RGB2BGR, "rgba8": cv2.COLOR_RGBA2BGR, "bgra8": cv2.COLOR_BGRA2BGR, "mono8": cv2.COLOR_GRAY2BGR,
@@ -57,9 +57,9 @@ class Looker:
     """The detectors' debug images, and the floor as the ceiling cameras see it.
 
     Args:
-        detectors: gives each camera's detector, a node's name, as its status messages tell it.
+        detectors: returns each camera's detector, a node's name, from its status messages.
         cameras: names of the ceiling cameras.
-        grid: gives the map.
+        grid: returns the map.
     """
 
     def __init__(
@@ -75,7 +75,7 @@ class Looker:
         self._floor_at = -1e9
 
     def camera_jpeg(self, camera: str) -> Optional[bytes]:
-        """The newest debug image of a camera; None if the camera is not known or nothing comes."""
+        """The newest debug image of a camera; None if the camera is unknown or nothing arrives."""
         detector = self._detectors().get(camera)
         if detector is None:
             return None
@@ -98,7 +98,7 @@ class Looker:
         look.arrived.set()
 
     def tidy(self) -> None:
-        """Ends the subscriptions that nobody has asked for in a while; to be called now and then."""
+        """Ends the subscriptions unused for a while; to be called now and then."""
         now = time.monotonic()
         with self._lock:
             for camera in [name for name, look in self._looks.items() if now - look.wanted > _KEPT_S]:

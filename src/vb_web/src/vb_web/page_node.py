@@ -82,7 +82,7 @@ class Journal:
                 continue  # a line that was cut off by a power failure
 
     def add(self, code: str, values: Dict[str, Any], source: str, **more: Any) -> List[Dict[str, Any]]:
-        """Writes an event and gives those that the page shows."""
+        """Writes an event and returns those that the page shows."""
         event = {"at": round(time.time(), 1), "code": code, "values": values, "source": source}
         with self._lock:
             try:
@@ -103,7 +103,7 @@ class PageNode(Backend):
     Subscribed topics:
         /map, /virtual_borders/map (nav_msgs/OccupancyGrid); /virtual_borders/ borders, state, progress, preview, spots,
         notices, detectors (vb_msgs); /diagnostics (diagnostic_msgs/DiagnosticArray); tf for the robots' poses.
-        While somebody looks: <detector>/debug_image, /<camera>/image_raw, /<camera>/camera_info (sensor_msgs).
+        While a browser shows them: <detector>/debug_image, /<camera>/image_raw, /<camera>/camera_info (sensor_msgs).
     Published topics:
         /virtual_borders/stop (std_msgs/Bool): true for stop, false for resume; robots hear it without any other node.
         /virtual_borders/study_events (vb_msgs/StudyEvent): the operator's marks and notes.
@@ -150,7 +150,7 @@ class PageNode(Backend):
             self._invites = NoticePublisher()
         rospy.loginfo("%s: the page is at %s%s", rospy.get_name(), " or ".join(self._addresses),
                       "" if local else f"; its codes are in {codes}")
-        # wall time goes on where simulated time stands still
+        # wall time goes on when simulated time stops
         self._beats = [node.Beat(_POSES_S), node.Beat(_HEALTH_S)]
         for beat, look in zip(self._beats, (self._look_at_robots, self._look_at_health)):
             node.Worker(beat, lambda _woken, look=look: look())
@@ -164,7 +164,7 @@ class PageNode(Backend):
         if self._invites is not None:
             self._invites.close()
 
-    # ------------------------------------------------------------- what comes in
+    # ------------------------------------------------------------- inputs
     def _subscribe(self) -> None:
         self._maps: node.Mailbox = node.Mailbox()
         self._grids: Dict[str, Any] = {}  # the newest message by topic
@@ -238,7 +238,7 @@ class PageNode(Backend):
             self._view.put("progress", None)
 
     def _invite(self, idle: bool) -> None:
-        """Shows address and code on the smart display: who is in the room may command by voice and pointer, too."""
+        """Shows address and code on the smart display: people in the room may command by voice and pointer, too."""
         if self._invites is not None and self._keys is not None:
             values = {"address": self._addresses[0], "code": getattr(self._keys, self._params.show_code)}
             self._invites.set([Notice("page_invitation", values=values)] if idle else [])
@@ -253,7 +253,7 @@ class PageNode(Backend):
     def _on_spot(self, message: LaserSpot) -> None:
         entry = ros_view.spot_entry(message)
         if entry is not None and message.header.frame_id.lstrip("/") == names.MAP_FRAME:
-            # the stamp tells a spot that rests from a message that is repeated
+            # the stamp distinguishes a spot at rest from a repeated message
             self._spots[message.camera] = [*entry, number(message.header.stamp.to_sec(), 3)]
             while len(self._spots) > 20:
                 self._spots.pop(next(iter(self._spots)))
@@ -289,12 +289,12 @@ class PageNode(Backend):
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         with self._lock:
             for status in message.status:
-                # rospy gives the level as a byte or as a number, by version
+                # rospy's level is a byte or a number, by version
                 level = status.level if isinstance(status.level, int) else status.level[0]
                 entry = {"name": status.name[:80], "level": level, "message": status.message[:200]}
                 self._diagnostics[status.name] = (time.monotonic(), entry)
 
-    # ------------------------------------------------------------- what is looked at now and then
+    # ------------------------------------------------------------- periodic checks
     def _look_at_robots(self) -> None:
         if not self._server.browsers:
             return
@@ -317,7 +317,7 @@ class PageNode(Backend):
             cameras = [{**entry, "there": now - heard < _SILENT_S} for heard, _, entry in self._detectors.values()]
             fresh = [entry for heard, entry in self._diagnostics.values() if now - heard < _SILENT_S]
         self._view.put("cameras", sorted(cameras, key=lambda entry: entry["name"]))
-        # what is well needs no words
+        # no words for what is well
         worst = sorted((entry for entry in fresh if entry["level"] > 0), key=lambda entry: (-entry["level"], entry["name"]))
         self._view.put("diagnostics", worst[:_MAX_DIAGNOSTICS])
         self._view.put("health", {"manager": self._connected(names.STATE), "integrator": self._connected(names.BORDERS),

@@ -1,7 +1,7 @@
-"""The pictures below the page's lines: map, restricted floor, and the floor as the ceiling cameras see it.
+"""The images below the page's lines: map, restricted floor, and the floor as the ceiling cameras see it.
 
-All are transparent where there is nothing to show, so that light and dark pages use the same ones. Row 0 of a picture
-is the map's highest y. A map with more than MAX_SIDE cells along a side is reduced: a wall never vanishes by that.
+All are transparent where there is nothing to show, so that light and dark pages use the same ones. Row 0 of an image
+is the map's highest y. A map with more than MAX_SIDE cells along a side is reduced, but no wall ever vanishes.
 """
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ from vb_core.camera_model import CameraModel
 from vb_core.geometry import apply
 from vb_core.grid_map import UNKNOWN, GridMap
 
-MAX_SIDE = 2048  # [px] of a picture; more is neither seen on a display nor fluid on a phone
-FLOOR_SIDE = 1400  # [px] of the floor's picture
+MAX_SIDE = 2048  # [px] of an image; more is neither visible on a display nor smooth on a phone
+FLOOR_SIDE = 1400  # [px] of the floor's image
 FLOOR_PIXEL_M = 0.01  # [m] a ceiling camera sees no more
 STRIPES_M = 0.2  # [m] period of the stripes
 _INK = (40, 34, 30, 255)  # bgra of walls; the dark page inverts them
@@ -32,9 +32,9 @@ class Picture:
     """A PNG or WebP.
 
     Attributes:
-        name: changes with the content, so that browsers may keep it for ever.
+        name: changes with the content, so that browsers may cache it for ever.
         width, height: [px].
-        cells: map cells per pixel along a side; less than 1 where a picture is finer than the map.
+        cells: map cells per pixel along a side; less than 1 where an image is finer than the map.
     """
 
     data: bytes
@@ -45,18 +45,18 @@ class Picture:
 
 
 class Album:
-    """The newest two pictures of each kind: a browser may still be fetching the one before."""
+    """The newest two images of each kind: a browser may still be fetching the previous one."""
 
     def __init__(self) -> None:
         self._pictures: Dict[str, Tuple[Picture, ...]] = {}
 
     def put(self, kind: str, picture: Picture) -> None:
-        """Adds a picture as the newest one of its kind."""
+        """Adds an image as the newest one of its kind."""
         kept = [old for old in self._pictures.get(kind, ()) if old.name != picture.name]
         self._pictures[kind] = (picture, *kept[:1])
 
     def get(self, kind: str, name: str) -> Optional[Picture]:
-        """A picture by its name; None if it is not there (any more)."""
+        """An image by its name; None if it is not there (any more)."""
         return next((picture for picture in self._pictures.get(kind, ()) if picture.name == name), None)
 
 
@@ -75,7 +75,7 @@ def _reduce(data: np.ndarray, cells: int) -> np.ndarray:
 
 
 def _png(pixels: np.ndarray, cells: int) -> Picture:
-    # the map's last row is the picture's first
+    # the map's last row is the image's first
     data = cv2.imencode(".png", np.ascontiguousarray(pixels[::-1]), [cv2.IMWRITE_PNG_COMPRESSION, 3])[1].tobytes()
     height, width = pixels.shape[:2]
     return Picture(data, hashlib.blake2b(data, digest_size=8).hexdigest(), width, height, cells)
@@ -104,7 +104,7 @@ def draw_region(region: np.ndarray, resolution: float, tint: Tuple[int, int, int
         region: (H, W) int8, 0 outside to 100; row 0 is the lowest y.
         resolution: [m] edge of a cell.
         tint: bgr.
-        side: [px] the largest side of the picture.
+        side: [px] the largest side of the image.
     """
     cells = reduction(region.shape, side)
     data = _reduce(region, cells).astype(np.float32)
@@ -132,7 +132,7 @@ class FloorView:
 
 
 def floor_cells(grid: GridMap) -> float:
-    """Map cells per pixel of the floor's picture, along a side."""
+    """Map cells per pixel of the floor's image, along a side."""
     return max(max(grid.shape) / FLOOR_SIDE, FLOOR_PIXEL_M / grid.resolution)
 
 
@@ -168,7 +168,7 @@ def draw_floor(grid: GridMap, views: Sequence[FloorView]) -> Picture:
 
 
 def jpeg(image: np.ndarray, width: int = 960) -> bytes:
-    """A camera's picture (H, W, 3) bgr or (H, W), not wider than `width` [px]."""
+    """A camera's image (H, W, 3) bgr or (H, W), not wider than `width` [px]."""
     scale = width / image.shape[1]
     if scale < 1.0:
         image = cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)

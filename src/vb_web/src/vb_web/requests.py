@@ -1,6 +1,6 @@
-"""What a browser may ask for: a closed list of actions, each with a closed list of fields.
+"""Parses what a browser may ask for: a closed list of actions, each with a closed list of fields.
 
-The idea: parsing is the only way in. What leaves this module are checked values in types of our own; a field that is
+The idea: parsing is the only entry. What leaves this module are checked values in our own types; a field that is
 missing, unknown, of another type, too long, not finite or off the map makes the whole request fail.
 """
 from __future__ import annotations
@@ -33,7 +33,7 @@ _SCHEDULE = re.compile(rf"{_SPAN}(; ?{_SPAN}){{0,9}}")
 
 @dataclass(frozen=True)
 class Bounds:
-    """[m] where points may lie: the map and a margin."""
+    """[m] where points may be: the map and a margin."""
 
     low: Tuple[float, float]
     high: Tuple[float, float]
@@ -46,7 +46,7 @@ class Draft:
     Attributes:
         points: (N, 2) float64 [m], map frame.
         kind: one of KINDS.
-        seed: (2,) [m], on the side to be restricted; a wall has none that counts.
+        seed: (2,) [m], on the side to be restricted; ignored for a wall.
         zone: one of ZONES; max_speed [m/s] for "slow" only.
     """
 
@@ -64,7 +64,7 @@ class Request:
     """A checked request.
 
     Attributes:
-        id: chosen by the browser; a request that is sent again with the same one is carried out once.
+        id: chosen by the browser; a repeated request with the same one is carried out once.
         action: one of ACTIONS.
         values: by field, checked.
     """
@@ -75,7 +75,7 @@ class Request:
 
 
 class RequestError(CodedError):
-    """A message that is no request.
+    """A message that is not a valid request.
 
     Attributes:
         request_id: its id, if it has a usable one: the browser learns which request failed.

@@ -1,4 +1,4 @@
-"""Messages as sections of the page's view, and the page's drafts as messages. Needs the messages, no node.
+"""Converts messages to sections of the page's view, and its drafts to messages. Needs the messages, no node.
 
 Lengths are metres. Chains and points travel as whole centimetres, [x0, y0, x1, y1, ...]: small, and finer than a spot.
 """
@@ -27,7 +27,7 @@ AVOID_OCCUPANCY = 0.75
 
 
 def centimetres(points: Iterable[Point]) -> List[int]:
-    """Points as whole centimetres in one list; those that are not finite are left out."""
+    """Points as whole centimetres in one list; without those that are not finite."""
     found = np.array([(point.x, point.y) for point in points], dtype=float).reshape(-1, 2)
     found = found[np.isfinite(found).all(axis=1)].clip(-1e6, 1e6)
     return np.rint(found * 100.0).astype(int).ravel().tolist()
@@ -39,7 +39,7 @@ def said(message: Any) -> Dict[str, Any]:
 
 
 def findings_section(issues: Iterable[BorderIssue]) -> List[Dict[str, Any]]:
-    """What a check reported."""
+    """The issues that a check reported."""
     return [{"severity": int(found.severity), **said(found)} for found in issues]
 
 
@@ -79,7 +79,7 @@ def progress_section(message: BorderProgress) -> Dict[str, Any]:
 
 
 def region_uri(region: Any) -> str:
-    """A region (OccupancyGrid) as a picture inside a message."""
+    """A region (OccupancyGrid) as an image inside a message."""
     info = region.info
     cells = np.asarray(region.data, np.int8)
     if not cells.size or cells.size != info.width * info.height:
@@ -161,7 +161,7 @@ def notices_section(notices: Iterable[Notice]) -> List[Dict[str, Any]]:
 
 
 def apply_draft(draft: Draft, border: VirtualBorder) -> VirtualBorder:
-    """Puts a draft into a border's message; what a draft does not have stays as it is."""
+    """Puts a draft into a border's message; fields that a draft lacks stay as they are."""
     border.name = draft.name
     border.points = points_from_array(draft.points)
     border.kind = KINDS[draft.kind]

@@ -1,7 +1,7 @@
-"""The web server: one page, its pictures, and one WebSocket that carries everything else.
+"""The web server: one page, its images, and one WebSocket that carries everything else.
 
 The idea: browsers get the view's sections as they change and send requests that `requests.parse` has to accept. No request
-names a file: what can be fetched is in dictionaries. No ROS here; `Backend` carries requests out.
+names a file: dictionaries hold what can be fetched. No ROS here; `Backend` carries requests out.
 """
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ class ServerParams(Parameters):
         """The files page.crt and page.key beside the codes, for https towards a network; None if there are none.
 
         Raises:
-            ParameterError: if there is only one of the two: nobody who made one wants http.
+            ParameterError: if there is only one of the two: a person who made one does not want http.
         """
         if access.is_loopback(self.address):
             return None
@@ -72,7 +72,7 @@ class ServerParams(Parameters):
 
 
 class Backend:
-    """What the server asks for; called from threads, may take seconds."""
+    """What the server needs; called from threads, may take seconds."""
 
     def act(self, request: requests.Request, source: str) -> Dict[str, Any]:
         """Carries a request out; its answer has ok, code, values, message.
@@ -83,11 +83,11 @@ class Backend:
         raise NotImplementedError
 
     def bounds(self) -> Optional[requests.Bounds]:
-        """Where points may lie; None without a map."""
+        """Where points may be; None without a map."""
         raise NotImplementedError
 
     def camera_jpeg(self, camera: str) -> Optional[bytes]:
-        """The newest picture of a camera with its detections; None if there is none. `camera` is not checked."""
+        """The newest image of a camera with its detections; None if there is none. `camera` is not checked."""
         raise NotImplementedError
 
     def floor_webp(self) -> Optional[bytes]:
@@ -101,11 +101,11 @@ def _refusal(error: CodedError) -> Dict[str, Any]:
 
 
 class PageServer:
-    """Serves the page from a thread of its own.
+    """Serves the page from its own thread.
 
     Args:
-        keys: None only for loopback addresses: who is on this computer is an operator.
-        on_fault: called once with what ended the server's thread.
+        keys: None only for loopback addresses: every user of this computer is an operator.
+        on_fault: called once with the error that ended the server's thread.
     """
 
     def __init__(
@@ -118,7 +118,7 @@ class PageServer:
         self.browsers: Set[_Link] = set()
         self.pool = ThreadPoolExecutor(max_workers=4, thread_name_prefix="page")
         self.picture_pool = ThreadPoolExecutor(max_workers=2, thread_name_prefix="page_pictures")
-        self.stop_pool = ThreadPoolExecutor(max_workers=2, thread_name_prefix="page_stop")  # stop waits for nobody
+        self.stop_pool = ThreadPoolExecutor(max_workers=2, thread_name_prefix="page_stop")  # stop does not wait
         self.answers: "OrderedDict[Tuple[str, str], asyncio.Future]" = OrderedDict()
         self.files = {path.name: (path.read_bytes(), _TYPES[path.suffix]) for path in STATIC.iterdir()}
         english = sentences.catalogue()
@@ -139,7 +139,7 @@ class PageServer:
         """Begins to listen.
 
         Raises:
-            CodedError: "page_no_address" if the address or port is not to be had.
+            CodedError: "page_no_address" if the address or port is not available.
         """
         self._thread.start()
         self._started.wait()
@@ -149,7 +149,7 @@ class PageServer:
         self.view.on_change = self._ask_for_flush
 
     def close(self) -> None:
-        """Ends the thread; browsers are told that the server goes away."""
+        """Ends the thread and tells the browsers that the server shuts down."""
         self.view.on_change = lambda: None
         if self._loop is not None and self._thread.is_alive():
             self._loop.add_callback(self._loop.stop)
@@ -250,7 +250,7 @@ class PageServer:
 
 
 class _BoundedServer(HTTPServer):
-    """Takes no more connections than the process can carry."""
+    """Accepts no more connections than the process can serve."""
 
     def initialize(self, *args: Any, page: PageServer, **kwargs: Any) -> None:
         super().initialize(*args, **kwargs)
@@ -265,7 +265,7 @@ class _BoundedServer(HTTPServer):
 
 # ----------------------------------------------------------------- handlers
 class _Guarded:
-    """What each handler checks before it does anything."""
+    """Checks every request before a handler does anything."""
 
     NEEDS = Role.VIEWER
     page: PageServer
@@ -301,7 +301,7 @@ class _Guarded:
             morsel = cookies.get(access.COOKIE)
             return self.page.keys.read_cookie(morsel.value if morsel else None)
         headers = request.headers
-        # a name of somebody else's that leads here, or a proxy on this computer, is not this computer
+        # another host's name that leads here, or a proxy on this computer, is not this computer
         direct = not any(name in headers for name in ("Forwarded", "X-Forwarded-For", "X-Real-Ip", "Via"))
         local = access.is_loopback(access.host_of(request.host)) and access.is_loopback(request.remote_ip or "")
         return (Role.OPERATOR, "") if direct and local else (Role.NOBODY, "")
@@ -318,7 +318,7 @@ class _Guarded:
 
 @web.stream_request_body
 class _Handler(_Guarded, web.RequestHandler):
-    """Takes bodies as bytes: Tornado's form and multipart parsers are never reached."""
+    """Reads bodies as bytes: Tornado's form and multipart parsers are never reached."""
 
     def data_received(self, chunk: bytes) -> None:
         self.body += chunk
@@ -378,7 +378,7 @@ class _Picture(_Handler):
 
 
 class _Slow(_Handler):
-    """Pictures that have to be made first."""
+    """Serves images that have to be made first."""
 
     NEEDS = Role.OPERATOR
 
@@ -423,7 +423,7 @@ class _Login(_Handler):
 
 
 class _Session(_Handler):
-    """Who the browser is to us; a failed WebSocket does not tell it."""
+    """Tells a browser its role, which a failed WebSocket does not."""
 
     NEEDS = Role.NOBODY
 
@@ -467,7 +467,7 @@ class _Link(_Guarded, WebSocketHandler):
         self.page.browsers.discard(self)
 
     def pump(self) -> None:
-        """Sends what this browser has not seen, unless it is still taking the message before."""
+        """Sends what this browser has not seen, unless it is still receiving the previous message."""
         if not self._sending:
             self._sending = True
             asyncio.ensure_future(self._pump())

@@ -1,7 +1,7 @@
 """What the page shows, as sections of JSON with a revision each.
 
 The idea: a section is written as text once, when it changes; a browser that knows revision N gets the sections that are
-newer, as many browsers as there are get the same text, and one that is slow skips what was replaced meanwhile.
+newer, all browsers get the same text, and a slow one skips what was replaced meanwhile.
 """
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ class View:
         return self._revision
 
     def put(self, section: str, value: Any) -> bool:
-        """Replaces a section; False, and nobody is told, if it was the same already."""
+        """Replaces a section; False, without a message, if it is unchanged."""
         text = json.dumps(value, ensure_ascii=False, allow_nan=False, separators=(",", ":"))
         with self._lock:
             if self._sections.get(section, (0, None))[1] == text:
@@ -59,7 +59,7 @@ class View:
         return json.loads(found[1]) if found else None
 
     def since(self, revision: int) -> Tuple[int, str]:
-        """(revision, message) with all sections newer than a revision; 0 gives all. "" if there are none."""
+        """(revision, message) with all sections newer than a revision; 0 returns all. "" if there are none."""
         with self._lock:
             if revision >= self._revision:
                 return self._revision, ""
@@ -78,7 +78,7 @@ class Events:
         self._events: List[Dict[str, Any]] = []
 
     def add(self, event: Dict[str, Any]) -> List[Dict[str, Any]]:
-        """Appends an event and gives all that are kept."""
+        """Appends an event and returns all that are kept."""
         self._events = (self._events + [event])[-self.KEPT :]
         return self.all()
 

@@ -1,4 +1,4 @@
-"""What a replay needs, read from the bags of a recording."""
+"""Reads what a replay needs from the bags of a recording."""
 from __future__ import annotations
 
 from pathlib import Path

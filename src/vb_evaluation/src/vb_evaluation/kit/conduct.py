@@ -1,8 +1,8 @@
-"""Conducts one run of a study with people: the right condition, in the planned order, with what happens noted.
+"""Conducts one run of a study with people: the right condition, in the planned order, with notes.
 
 The experimenter says who is there; which run comes next and how the system is started for it follow from the protocol and
-from kit.yaml beside it. Nothing is typed twice, and nothing that exists is written over: a run that is done again gets a
-folder of its own.
+from kit.yaml beside it. Nothing is typed twice, and nothing is overwritten: a repeated run gets a
+separate folder.
 """
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ ENDS = {"c": True, "f": False}
 
 @dataclass(frozen=True)
 class Planned:
-    """A run that is to be done now.
+    """The run to do now.
 
     Attributes:
         folder: for its recording; does not exist yet.
@@ -73,7 +73,7 @@ def next_run(path: Path, participant: str, again: bool = False, **asked: Optiona
     """The participant's next run: the first one in the planned order that has no finished recording.
 
     Args:
-        again: the last run that was begun is done again, in a folder of its own.
+        again: repeats the last run that was begun, in a separate folder.
         asked: scenario or method that the experimenter expects.
 
     Raises:
@@ -129,8 +129,8 @@ def conduct(planned: Planned, start: Callable[[Planned], Callable[[], None]], ke
     """Starts the system, notes events by key press, and ends with "completed" or "not completed".
 
     Args:
-        start: starts the system for the run and gives what stops it.
-        keys: what the experimenter types; a note is a line of its own after "n". If they end, the run stays unfinished.
+        start: starts the system for the run and returns what stops it.
+        keys: what the experimenter types; a note is a separate line after "n". If they end, the run stays unfinished.
 
     Returns:
         What run.yaml says.
@@ -156,7 +156,7 @@ def conduct(planned: Planned, start: Callable[[Planned], Callable[[], None]], ke
                 break
     finally:
         stop()
-        # a system that did not come up, or came up otherwise, is told now and not by the analysis a week later
+        # a system that did not start, or started otherwise, is reported now and not by the analysis a week later
         run["recorded"] = (planned.folder / SESSION).exists()
         _write(planned.folder, run)
     if not run["recorded"]:
@@ -204,7 +204,7 @@ def read_keys() -> Iterator[str]:
 
 
 def roslaunch(planned: Planned) -> Callable[[], None]:
-    """Starts the system as planned; gives what stops it."""
+    """Starts the system as planned; returns what stops it."""
     from vb_evaluation.processes import Child
 
     return Child(list(planned.command), planned.folder / "launch.log").stop

@@ -1,4 +1,4 @@
-"""Forms to be printed: information, consent, demographics, questionnaire. What stands in [brackets] is to be filled in."""
+"""Writes forms to print: information, consent, demographics, questionnaire. Fill in what is in [brackets]."""
 from __future__ import annotations
 
 from pathlib import Path
@@ -30,7 +30,7 @@ def write(folder: Path) -> List[Path]:
     """Writes all forms, and demographics.csv and questionnaire.csv with nothing but their columns.
 
     Raises:
-        CodedError: "cannot_write", also if one exists: what was filled in is not to be lost.
+        CodedError: "cannot_write", also if one exists: entries must not be lost.
     """
     columns = questionnaire.columns() + questionnaire.ueq_columns()
     contents = {

@@ -1,4 +1,4 @@
-"""Ground-truth maps: what a scenario asks to restrict, drawn over the map's picture in any image editor."""
+"""Ground-truth maps: what a scenario asks to restrict, drawn over the map's image in any image editor."""
 from __future__ import annotations
 
 from pathlib import Path
@@ -23,7 +23,7 @@ def read_ground_truth(path: Path, physical: GridMap) -> np.ndarray:
     """(H, W) bool: free cells of the physical map that a ground truth marks.
 
     Args:
-        path: a picture as large as the map's, in which an area has any strong colour or is black; transparent
+        path: an image as large as the map's, in which an area has any strong colour or is black; transparent
             pixels mark nothing. Or a map_server YAML file whose map has the area occupied.
         physical: the map that it was drawn over.
 
@@ -63,7 +63,7 @@ def find_ground_truths(folder: Path, scenarios: Sequence[str], physical: GridMap
 
 
 def picture_of(physical: GridMap) -> np.ndarray:
-    """(H, W) uint8, the map's picture to draw over, as map_server stores it: row 0 is the map's highest y."""
+    """(H, W) uint8, the map's image to draw over, as map_server stores it: row 0 is the map's highest y."""
     shades = np.full(physical.shape, UNKNOWN_PIXEL, np.uint8)
     shades[(physical.data >= 0) & (physical.data < 20)] = FREE_PIXEL
     shades[physical.data >= 65] = OCCUPIED_PIXEL

@@ -1,4 +1,4 @@
-"""The paper's measures (Sect. 5.5) from recordings of people: the same runs.csv that a simulated study has."""
+"""Computes the paper's measures (Sect. 5.5) from recordings of people: the same runs.csv that a simulated study has."""
 from __future__ import annotations
 
 import json
@@ -30,7 +30,7 @@ def measure(protocol_file: Path, ground_truths: Path, out: Path, physical: Optio
         physical: the physical map; None takes it from the first recording.
 
     Returns:
-        Sentences about what was found strange.
+        Sentences about what looks wrong.
 
     Raises:
         CodedError: what is wrong with protocol, recordings or ground truths.
@@ -110,7 +110,7 @@ def assign(
 ) -> List[Tuple[protocol.Entry, Tuple[Interaction, ...]]]:
     """Which interactions are which run: by id where the protocol gives one, else in the order of time.
 
-    All interactions of a recording for one run are attempts at it: none if it did not get so far, several if it was
+    All interactions of a recording for one run are attempts at it: none if it did not get that far, several if it was
     cancelled and begun again.
 
     Raises:

@@ -1,4 +1,4 @@
-"""Spots from recorded images, by today's detectors."""
+"""Detects spots in recorded images with today's detectors."""
 from __future__ import annotations
 
 from collections import deque
@@ -164,9 +164,9 @@ def _search(
                 spots = camera.search(image, message.header.stamp, message.header.frame_id, encoding)
             except CodedError as error:
                 if error.code in ("no_transform", "no_camera_info"):
-                    continue  # the first images of a recording come before what they need
+                    continue  # the first images of a recording precede what they need
                 raise
-            count.today += len(spots)  # some are given only once what follows has confirmed them
+            count.today += len(spots)  # some are returned only once later images have confirmed them
             yield from spots
 
 
@@ -175,7 +175,7 @@ def _transforms(recording: Recording) -> tf2_ros.BufferCore:
     buffer = tf2_ros.BufferCore(rospy.Duration(24 * 3600))
     for topic, message in bags.messages_of(recording, ("/tf", "/tf_static")):
         for recorded in message.transforms:
-            # rosbag makes message classes of its own, which tf2 does not take
+            # rosbag makes its own message classes, which tf2 does not accept
             transform = messages.transform_message(
                 messages.matrix_from_transform(recorded.transform),
                 recorded.header.frame_id,

@@ -36,7 +36,7 @@ class Entry:
 
 
 def plan(participants: int, scenarios: Sequence[str], methods: Sequence[str], seed: int) -> List[Dict[str, str]]:
-    """Rows of a protocol to be filled in: see `order_of_runs`."""
+    """Rows of a protocol to fill in: see `order_of_runs`."""
     return [
         {"participant": f"p{number:02d}", "order": str(order), "method": method, "scenario": scenario,
          "recording": f"p{number:02d}_{order}_{method}_{scenario}"}
@@ -49,7 +49,7 @@ def write(path: Path, rows: Sequence[Dict[str, str]]) -> None:
     """Writes a protocol; inverse of `read`.
 
     Raises:
-        CodedError: "cannot_write", also if the file exists: notes are not to be lost.
+        CodedError: "cannot_write", also if the file exists: notes must not be lost.
     """
     try:
         path.parent.mkdir(parents=True, exist_ok=True)

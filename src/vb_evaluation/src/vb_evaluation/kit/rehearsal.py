@@ -1,4 +1,4 @@
-"""A dry run: a simulated person does the planned run in one process and leaves the recording that a real one would.
+"""A dry run: a simulated person does the planned run in one process and leaves the same recording as a real one.
 
 It needs neither ROS nor people, and shows that plan, condition, recording and analysis fit before the first person comes.
 """
@@ -29,7 +29,7 @@ from vb_voice_wizard.persistence import append_line
 def person(study: Study, outcomes: List[bool]) -> Callable[[Planned], Callable[[], None]]:
     """What `conduct` starts instead of the system; appends to `outcomes` whether the person completed the run."""
 
-    # only who rehearses needs ROS
+    # only a rehearsal needs ROS
     from vb_evaluation.study.runner import run
 
     def start(planned: Planned) -> Callable[[], None]:
@@ -57,7 +57,7 @@ def write_recording(result: Result, folder: Path) -> None:
 
 
 def write_ground_truths(study: Study, folder: Path) -> Tuple[Path, Path]:
-    """Ground truths and physical map of the simulated lab, for the analysis of a rehearsal; gives folder and map."""
+    """Ground truths and physical map of the simulated lab, for the analysis of a rehearsal; returns folder and map."""
     prior = floor_plan.physical_map(study.world)
     truths = folder / "ground_truth"
     truths.mkdir(parents=True, exist_ok=True)

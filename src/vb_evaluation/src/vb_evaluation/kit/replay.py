@@ -1,4 +1,4 @@
-"""Today's point set, extraction and integration on recorded spots, compared with what was recorded."""
+"""Runs today's point set, extraction and integration on recorded spots; compares with the recording."""
 from __future__ import annotations
 
 import math
@@ -21,7 +21,7 @@ from vb_map_integration.integration import IntegrationParams, integrate
 
 @dataclass(frozen=True)
 class StateChange:
-    """A message on /virtual_borders/state, as far as the point set goes by it."""
+    """A message on /virtual_borders/state, as far as the point set uses it."""
 
     state: str
     interaction_id: str
@@ -48,7 +48,7 @@ class Comparison:
     Attributes:
         outcome: as recorded.
         spots: that the replay collected, border and seed.
-        code: "ok", or why today's code makes no border of them.
+        code: "ok", or why today's code makes no border from them.
         agreement: Jaccard index between the recorded area and today's.
         chain_distance_m: [m] Hausdorff distance between both chains.
         recorded, today: Jaccard index of each against the ground truth.

@@ -1,4 +1,4 @@
-"""Records a session: says how the system was started, then hands over to rosbag's recorder."""
+"""Records a session: notes how the system was started, then hands over to rosbag's recorder."""
 from __future__ import annotations
 
 import argparse
@@ -18,7 +18,7 @@ from vb_core.errors import CodedError
 from vb_evaluation.kit.recording import BAGS, RUN, SESSION
 from vb_evaluation.provenance import revision
 
-# everything that tells what happened; images are asked for by themselves, they are a thousand times as large
+# everything that tells what happened; images have a separate option, they are a thousand times as large
 TOPICS = (
     names.PHYSICAL_MAP,
     names.MAP_WITH_BORDERS,
@@ -51,7 +51,7 @@ IMAGES = ("none", "raw", "compressed")
 
 
 def topics(cameras: Sequence[str], robots: Sequence[str], images: str, more: Sequence[str] = ()) -> List[str]:
-    """The topics to be recorded.
+    """The topics to record.
 
     Args:
         cameras: names of the ceiling cameras.

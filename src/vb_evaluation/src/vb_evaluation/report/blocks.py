@@ -1,4 +1,4 @@
-"""What a page consists of: sections of text, figures and tables. A table is shown and written as CSV alike."""
+"""The parts of a page: sections of text, figures and tables. A table is both shown and written as CSV."""
 from __future__ import annotations
 
 import math
@@ -18,7 +18,7 @@ class Text:
 
 @dataclass(frozen=True)
 class Figure:
-    """Pictures beside each other: (data URI, what it shows)."""
+    """Images beside each other: (data URI, caption)."""
 
     images: Sequence[Tuple[str, str]]
     wide: bool = False
@@ -79,7 +79,7 @@ class Section:
 
 
 def interval_text(value: Interval, digits: int) -> str:
-    """ "2.41 [2.10, 2.80]"; "2.41" where nothing gives an interval, a dash where nothing is known."""
+    """ "2.41 [2.10, 2.80]"; "2.41" without an interval, a dash where nothing is known."""
     if math.isnan(value.estimate):
         return "–"
     if math.isnan(value.low):

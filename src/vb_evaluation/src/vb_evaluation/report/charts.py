@@ -17,7 +17,7 @@ from matplotlib.lines import Line2D  # noqa: E402
 
 SKY, PURPLE, YELLOW = "#56B4E9", "#CC79A7", "#F0E442"
 STATE_COLORS = {"guide": ORANGE, "border": SKY, "seed": GREEN}
-# as in the paper: blue and red contours tell the methods apart
+# as in the paper: blue and red contours distinguish the methods
 METHOD_COLORS = {"nrs": BLUE, "robot_only": VERMILION}
 SERIES = (BLUE, VERMILION, GREEN, PURPLE, ORANGE, GREY)
 MARKERS = ("o", "s", "^", "D", "v", "P")
@@ -162,8 +162,8 @@ def lines(
     """Curves with bands.
 
     Args:
-        series: (name, x, y, low, high, style with color, marker, linestyle); values that are not finite are left out.
-            A name "group, kind" stands in the legend as a colour for its group and a line style for its kind.
+        series: (name, x, y, low, high, style with color, marker, linestyle); values that are not finite are omitted.
+            A name "group, kind" appears in the legend as a colour for its group and a line style for its kind.
         level: a horizontal line to be compared with.
     """
     with plt.rc_context(_STYLE):
@@ -180,7 +180,7 @@ def lines(
                 )
         if ticks and len(ticks) <= 8:
             axis.set_xticks(ticks)
-            # a number that would touch the one before is left out
+            # a number that would touch the previous one is omitted
             room, last, labels = 0.07 * (ticks[-1] - ticks[0]), -math.inf, []
             for tick in ticks:
                 labels.append(f"{tick:.3g}" if tick - last > room else "")
@@ -226,7 +226,7 @@ def rank_bars(rows: Sequence[Tuple[str, float, float, float]], label: str, noise
 
 
 def data_uri(content: bytes, kind: str) -> str:
-    """A picture inside the page."""
+    """An image inside the page."""
     return f"data:{kind};base64,{base64.b64encode(content).decode('ascii')}"
 
 

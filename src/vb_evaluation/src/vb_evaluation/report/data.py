@@ -1,4 +1,4 @@
-"""Reads what a study has left in its folder. Only runs.csv must be there; nothing here knows a simulator."""
+"""Reads the files in a study's folder. Only runs.csv must be there; nothing here knows a simulator."""
 from __future__ import annotations
 
 import csv
@@ -65,7 +65,7 @@ class Table:
         """Two (N,) samples of a column, one for each method, paired by participant.
 
         Args:
-            completed: takes only those who completed both.
+            completed: uses only those who completed both.
             key: the columns by which rows are paired.
         """
         by_key: Dict[Tuple[str, ...], Dict[str, float]] = {}

@@ -1,4 +1,4 @@
-"""Representative maps, coloured as in the paper's figure of the accuracy (Sect. 5.8.4)."""
+"""Draws representative maps, coloured as in the paper's figure of the accuracy (Sect. 5.8.4)."""
 from __future__ import annotations
 
 from dataclasses import dataclass
@@ -25,7 +25,7 @@ class MapPicture:
     """One run's map.
 
     Attributes:
-        png: the picture.
+        png: the image.
         line: the run's line in runs.csv; 0 for a ground truth.
         jaccard: as read from the map itself; nan for a ground truth.
         row: the run.
@@ -45,7 +45,7 @@ def picture(
     drawn: Optional[np.ndarray] = None,
     start: Optional[Tuple[float, float, float]] = None,
 ) -> bytes:
-    """A PNG of a ground truth, or of what somebody restricted against it.
+    """A PNG of a ground truth, or of what a person restricted against it.
 
     Args:
         prior: the physical map.

@@ -1,4 +1,4 @@
-"""Renders a study's sections as one page without any outside resource, and every table of it as CSV."""
+"""Renders a study's sections as one page without external resources, and each of its tables as CSV."""
 from __future__ import annotations
 
 from pathlib import Path
@@ -16,7 +16,7 @@ PAGE, TABLES = "report.html", "tables"
 
 
 def write_report(folder: Path) -> Path:
-    """Writes report.html and tables/*.csv into a study's folder; what the folder lacks is left out of the page.
+    """Writes report.html and tables/*.csv into a study's folder; the page omits what the folder lacks.
 
     Returns:
         The page.

@@ -1,8 +1,8 @@
-"""What the report says, section by section; every figure stands beside what limits it.
+"""Writes the report, section by section; every figure comes with what limits it.
 
-The order is that of what matters: how far the border lies from where it was wanted, then time, then the paper's Jaccard
-index. Of simulated people effects are given with intervals and no p: their number is free, so that any effect can be
-made significant. Of people the paper's tests are given too.
+The order is by importance: how far the border is from where it was wanted, then time, then the paper's Jaccard
+index. For simulated people, effects have intervals and no p: their number is free, so that any effect can be
+made significant. For real people, the paper's tests are reported too.
 """
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def title(study: Study) -> str:
 
 
 def notices(study: Study) -> List[str]:
-    """What must be known before any figure is read."""
+    """What readers must know before any figure."""
     count = len(study.runs.distinct("participant"))
     found = [f"{count} people, {len(study.runs.rows)} runs." if study.people else (
         f"This is a simulation: {count} simulated people, {len(study.runs.rows)} runs. No person took part. The figures follow "
@@ -216,7 +216,7 @@ _WHY = {
 
 
 def beside(study: Study) -> Section:
-    """Each figure of the paper beside ours, both ways: nothing counts as agreement because it is better."""
+    """Each figure of the paper beside ours, in both directions: being better does not count as agreement."""
     methods = ("nrs", "robot_only")
     rows: List[Dict[str, Any]] = []
     for scenario in PAPER if set(methods) <= set(study.methods) else ():
@@ -274,7 +274,7 @@ def _beside(study: Study, scenario: str, quantity: str, published: float, ours: 
             "why": why if reading in ("better", "worse") and not study.people else ""}
 
 
-# ------------------------------------------------------------------ what would change the result
+# ------------------------------------------------------------------ sensitivity
 def plausible(study: Study) -> Section:
     """The conclusions over worlds in which all assumptions differ at once."""
     found = worlds.read(study)
@@ -341,7 +341,7 @@ def _curve(study: Study, table: Table, sweep: str, name: str, axis: str) -> List
 
 
 def ungated(study: Study) -> Section:
-    """A random part of the runs with every picture searched, beside the same runs of the study."""
+    """A random part of the runs with every image searched, beside the same runs of the study."""
     if UNGATED not in study.tables:
         return Section("ungated", "Every picture searched", [])
     table, rows = study.tables[UNGATED], []
@@ -408,7 +408,7 @@ def _by_first(study: Study, column: str) -> Dict[str, List[Tuple[float, float]]]
 
 
 def experience(study: Study) -> Section:
-    """Who took part and what they answered; there is nothing of simulated people."""
+    """Who took part and what they answered; empty for simulated people."""
     path, about = study.folder / "questionnaire.csv", study.folder / "demographics.csv"
     blocks: List[Any] = []
     if study.people and about.is_file():

@@ -17,12 +17,12 @@ TOLERATED_CM = 2.5  # [cm] one cell of the map: no robot keeps a border more exa
 
 @dataclass(frozen=True)
 class Worlds:
-    """What came out.
+    """The results.
 
     Attributes:
         conclusions: conclusion, scenario, holds (Interval), n.
         deciding: outcome to entries (assumption, n, clear, _rho: estimate, low, high), the strongest first.
-        noise: the 95 % limit of the largest correlation that pure chance gives among so many.
+        noise: the 95 % limit of the largest correlation by pure chance among this many.
     """
 
     draws: int
@@ -66,7 +66,7 @@ def read(study: Study) -> Optional[Worlds]:
 
 
 def noise(count: int, dimensions: int) -> float:
-    """What the largest of so many rank correlations of `count` pairs stays below by chance, 95 % (Sidak, Fisher's z)."""
+    """What the largest of this many rank correlations of `count` pairs stays below by chance, 95 % (Sidak, Fisher's z)."""
     if count < 5 or not dimensions:
         return 1.0
     level = 0.95 ** (1.0 / dimensions)

@@ -1,4 +1,4 @@
-"""What the simulation assumes, read as data (config/assumptions.yaml), and worlds in which all of it differs at once."""
+"""What the simulation assumes, read as data (config/assumptions.yaml), and worlds in which all of it varies at once."""
 from __future__ import annotations
 
 import math
@@ -19,7 +19,7 @@ USUAL = (0.5, 2.0)
 
 @dataclass(frozen=True)
 class Assumption(Parameters):
-    """Where one figure comes from.
+    """The source of one figure.
 
     Attributes:
         times: plausible range in multiples of the value; empty: USUAL if it is assumed, else it is not varied.

@@ -1,8 +1,8 @@
 """Carries out the runs of a study, on this computer or on a cluster, and can be interrupted at any time.
 
-Every run is a function of its job alone: it is computed by one worker, which gets the configuration with it and gives the
-row and the map back. So neither the number of workers nor their order nor an interruption changes a row, and workers need
-no common disk. joblib hands the jobs out, to processes or to the workers of a Dask scheduler.
+Every run is a function of its job alone: it is computed by one worker, which gets the configuration with it and returns the
+row and the map. So neither the number of workers nor their order nor an interruption changes a row, and workers need
+no shared disk. joblib distributes the jobs, to processes or to the workers of a Dask scheduler.
 """
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ CAVEATS = (
 
 @dataclass(frozen=True)
 class Outcome:
-    """What a worker gives back: a row, and the map of a main run; or the fault of the program."""
+    """What a worker returns: a row, and the map of a main run; or the program's fault."""
 
     job: Job
     row: Optional[Dict[str, Any]] = None
@@ -62,19 +62,19 @@ class Outcome:
     fault: str = ""
 
 
-# a study's key, document and sources, and a job, to what came of it
+# a study's key, document and sources, and a job, to its outcome
 Work = Callable[[str, Mapping[str, Any], Mapping[str, Any], Job], Outcome]
 
 
 def columns(file: str) -> Tuple[str, ...]:
-    """The columns of one of a study's CSV files; what was varied comes first, as everybody looks for it."""
+    """The columns of one of a study's CSV files; what was varied comes first, as readers look for it."""
     order = ("order", "map") if file == RUNS else ()
     return (*CONDITIONS[file], *REQUIRED, *(name for name in measures.COLUMNS if name not in REQUIRED), *order)
 
 
 def row_of(study: Study, job: Job) -> Tuple[Dict[str, Any], GridMap]:
-    """Carries out one run: its row and the map that came out."""
-    # only who runs needs ROS: reading a study does not
+    """Carries out one run: its row and the resulting map."""
+    # only running needs ROS: reading a study does not
     from vb_evaluation.study.runner import run
 
     varied = study.changed(job.changes) if job.changes else study
@@ -88,7 +88,7 @@ def row_of(study: Study, job: Job) -> Tuple[Dict[str, Any], GridMap]:
 
 def conduct(study: Study, jobs: Sequence[Job], folder: Path, processes: int = 1, fresh: bool = False, facts: Optional[
         Mapping[str, Any]] = None, console: Optional[Console] = None, scheduler: str = "", work: Optional[Work] = None) -> int:
-    """Carries out what has not been done yet; gives the number of runs that failed for a fault of the program.
+    """Carries out the remaining runs; returns how many failed because of a fault in the program.
 
     Args:
         processes: of this computer; with a scheduler how many runs are handed out ahead.
@@ -211,9 +211,9 @@ def _progress(console: Console) -> Progress:
         TimeElapsedColumn(), TextColumn("left"), TimeRemainingColumn(elapsed_when_finished=False), console=console)
 
 
-# ---------------------------------------------------------------- what belongs to the runs
+# ---------------------------------------------------------------- metadata of the runs
 def configuration(study: Study) -> str:
-    """What tells studies apart whose rows must not be mixed: configuration and program.
+    """What identifies studies whose rows must not be mixed: configuration and program.
 
     How many participants there are, and which curves, is left out: rows of some are rows of all.
     """
@@ -234,7 +234,7 @@ def _fingerprint(folder: str) -> str:
 
 
 def about(study: Study) -> Dict[str, Any]:
-    """Facts about a study that its rows do not tell."""
+    """Facts about a study that its rows lack."""
     return {
         "seed": study.design.seed,
         "world": study.world.name,

@@ -1,4 +1,4 @@
-"""What a study consists of, read from one YAML file and checked."""
+"""Reads and checks a study's configuration, one YAML file."""
 from __future__ import annotations
 
 import copy
@@ -48,7 +48,7 @@ class Design(Parameters):
 
 @dataclass(frozen=True)
 class Timing(Parameters):
-    """What processors and network need in the live system, and a run in one process does not."""
+    """The delays of processors and network in the live system, which a run in one process lacks."""
 
     command_s: float = param(0.04, "s", low=0.0, high=5.0, doc="from a command to its effect and answer")
     save_s: float = param(0.4, "s", low=0.0, high=10.0, doc="from save to the map with the border")
@@ -83,11 +83,11 @@ class Models:
 
 @dataclass(frozen=True)
 class Study:
-    """A configuration, ready to be run. Made by `load`.
+    """A configuration, ready to run. Made by `load`.
 
     Attributes:
         document: the YAML document with all defaults filled in; what is hashed.
-        sources: YAML documents of the files that it names, by their name in the document; not to be changed.
+        sources: YAML documents of the files that it names, by their name in the document; do not change them.
     """
 
     document: Mapping[str, Any]
@@ -104,7 +104,7 @@ class Study:
         return Population(self.document["participants"], model).draw(self.streams(participant))
 
     def marks(self, scenario: str) -> Tuple[float, float, float]:
-        """(dx, dy) [m] and turn [rad] by which the marks on the floor lie beside the map: the same for everybody."""
+        """(dx, dy) [m] and turn [rad] by which the marks on the floor are off the map: the same for all participants."""
         settings = self.document.get("marks") or {}
         rng = np.random.default_rng([self.design.seed, zlib.crc32(scenario.encode()), zlib.crc32(b"marks")])
         offset, turn = (Distribution(f"marks/{key}", settings.get(key, 0.0)) for key in ("offset", "turn"))
@@ -115,12 +115,12 @@ class Study:
         return lambda name: np.random.default_rng([self.design.seed, participant, zlib.crc32(name.encode())])
 
     def run_seed(self, participant: int) -> int:
-        """What the nodes of the simulated lab get as their seed for one participant's runs."""
+        """The seed of the simulated lab's nodes for one participant's runs."""
         return self.design.seed * 1000 + participant
 
     @property
     def hash(self) -> str:
-        """Tells configurations apart: the same for the same content of all files."""
+        """Identifies a configuration: the same for the same content of all files."""
         text = json.dumps([self.document, self.sources], sort_keys=True, default=str)
         return hashlib.sha256(text.encode()).hexdigest()[:12]
 
@@ -129,7 +129,7 @@ class Study:
 
         Args:
             changes: "design/seed", "timing/save_s", "participants/traits/tremor", "models/optics/exposure_ms" or
-                "world/cameras" to a value; a callable gets the present value and gives the new one.
+                "world/cameras" to a value; a callable gets the present value and returns the new one.
 
         Raises:
             ParameterError: names the key that is wrong.
@@ -154,7 +154,7 @@ def _set(document: Any, path: str, value: Any) -> None:
 
 
 def load(path: Optional[Path] = None, seed: Optional[int] = None) -> Study:
-    """Reads a study's configuration; what the file leaves out is as in config/study.yaml.
+    """Reads a study's configuration; what the file omits is as in config/study.yaml.
 
     Args:
         seed: instead of the file's.

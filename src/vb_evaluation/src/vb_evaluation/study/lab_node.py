@@ -1,4 +1,4 @@
-"""The simulated lab's nodes as a run starts them: with a person, a world and models of its own, and with fewer images."""
+"""The simulated lab's nodes as a run starts them: with its own person, world and models, and with fewer images."""
 from __future__ import annotations
 
 import zlib
@@ -20,11 +20,11 @@ from vb_sim.world import CeilingCamera, Robot, World
 
 FLOOR_SEED = 1  # everybody draws on the same floor
 _SPOT_MARGIN_PX = 40.0  # a spot whose middle is outside the image by less may still shine into it
-_IDLE_EVERY = 5  # of a robot's images that cannot show the spot: so far it turns that the next one can be matched
+_IDLE_EVERY = 5  # of a robot's images that cannot show the spot: how far it turns so that the next one can be matched
 
 
 class Room:
-    """What is the same in all runs of a process, and expensive to make: the room as it is drawn.
+    """Keeps what all runs of a process share and is expensive to make: the room as it is drawn.
 
     Views are kept for one set of worlds and models; other ones replace them.
     """
@@ -47,11 +47,11 @@ class Room:
         self._world, self._models = world, models
 
     def ceiling_view(self, camera: CeilingCamera) -> CeilingView:
-        """The view of a ceiling camera, as nobody has moved yet."""
+        """The view of a ceiling camera, before anything moved."""
         return self._fresh("ceiling", camera, CeilingView)
 
     def robot_view(self, robot: Robot) -> RobotView:
-        """The view of a robot's camera, as nobody has moved yet."""
+        """The view of a robot's camera, before anything moved."""
         return self._fresh("robot", robot, RobotView)
 
     def _fresh(self, what: str, whose: Any, kind: Any) -> Any:
@@ -72,10 +72,10 @@ def frame_generator(seed: int, camera: str, stamp: float) -> np.random.Generator
 
 
 class StudyCeilingCameras(CeilingCamerasNode):
-    """Ceiling cameras that leave images out in which no spot can be.
+    """Ceiling cameras that skip images in which no spot can be.
 
-    An image without spot and without people or robots is left out; one with them is sent every `idle_every`-th time only,
-    for the detector learns from it what is no spot.
+    An image without spot and without people or robots is skipped; one with them is sent every `idle_every`-th time only,
+    as the detector updates its background with it.
 
     Args:
         idle_every: 1 sends every image.
@@ -124,7 +124,7 @@ def _hull(pose: Tuple[float, float, float], radius: float, height: float) -> np.
 
 
 class StudyRobotCamera(RobotCameraNode):
-    """A robot's camera that leaves most images out in which no spot can be.
+    """A robot's camera that skips most images in which no spot can be.
 
     Of those it sends every n-th, as many as the detector needs to know the floor and how the camera moved.
 

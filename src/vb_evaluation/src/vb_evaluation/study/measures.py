@@ -1,4 +1,4 @@
-"""What is measured of a run: the paper's measures (Sect. 5.5), the boundary error, and what explains them."""
+"""Measures a run: the paper's measures (Sect. 5.5), the boundary error, and what explains them."""
 from __future__ import annotations
 
 from typing import Dict, Optional
@@ -26,7 +26,7 @@ def measure(result: Result) -> Dict[str, object]:
         "jaccard": _rounded(metrics.jaccard(result.truth, restricted), 4),
         **errors_cm(metrics.boundary_error(result.prior, result.truth, restricted)),
         **_further(result),
-        # in spot cleaning the paper's people drew round 3.2 m2 and restricted the rest, which hides what they drew
+        # in spot cleaning the paper's people drew around 3.2 m2 and restricted the rest, which hides their drawing
         "jaccard_enclosed": _rounded(_enclosed_index(result, restricted), 4),
     }
 
@@ -37,7 +37,7 @@ def _enclosed_index(result: Result, restricted: np.ndarray) -> float:
 
 
 def times(result: Result) -> Dict[str, object]:
-    """[s] in each state and in all, over every interaction of the run: what was cancelled was spent all the same."""
+    """[s] in each state and in all, over every interaction of the run: cancelled ones took time too."""
     states = ("guide", "border", "seed")
     sums = {state: sum(float(record[f"{state}_s"]) for record in result.records) for state in states}
     columns = {f"time_{state}_s": _rounded(value, 2) for state, value in sums.items()}

@@ -12,7 +12,7 @@ from vb_sim.world import Scenario, World
 
 
 class Method:
-    """One way of interacting. For one of your own: a subclass, and its name in METHODS.
+    """A method of interacting. To add one: a subclass, and its name in METHODS.
 
     Attributes:
         title: for people.
@@ -38,7 +38,7 @@ class Method:
 
 
 class NetworkRobotSystem(Method):
-    """The paper's: ceiling cameras, and a robot that comes by itself."""
+    """The paper's: ceiling cameras, and a robot that comes on its own."""
 
     title = "network robot system"
     script = NetworkRobotSystemScript

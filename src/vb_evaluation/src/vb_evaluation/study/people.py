@@ -12,7 +12,7 @@ from vb_core.parameters import Parameters
 from vb_sim.bodies import Build
 from vb_sim.models_participant import ParticipantModel
 
-# a generator of random numbers for each name: what is drawn from one leaves all others as they are
+# a random generator for each name: drawing from one leaves all others unchanged
 Streams = Callable[[str], np.random.Generator]
 
 
@@ -90,12 +90,12 @@ class Distribution:
 
 
 class Population:
-    """Where participants come from: each trait from a distribution of its own.
+    """Draws participants: each trait from its own distribution.
 
     Args:
         settings: the section `participants` of the configuration. `traits` and `body`: a key of that section of vb_sim's
             models.yaml to its distribution; `stand_offset`, `margin`: distributions [m].
-        model: what everybody has in common.
+        model: what all participants have in common.
 
     Raises:
         ParameterError: names the key.
@@ -127,7 +127,7 @@ class Population:
 
 
 def _possible(cls: Type[Parameters], values: Mapping[str, Any]) -> Dict[str, Any]:
-    """Values within the limits of a parameter class: nobody is 4 m tall, whatever was drawn and scaled."""
+    """Values within the limits of a parameter class: no person is 4 m tall, whatever was drawn and scaled."""
     limits = {field.name: field.metadata for field in fields(cls)}
     kept = dict(values)
     for key, value in values.items():

@@ -1,4 +1,4 @@
-"""Which runs a study has: its own, the curves, plausible worlds, and some with every picture searched."""
+"""Plans the runs of a study: its own, the curves, plausible worlds, and some with every image searched."""
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
@@ -24,7 +24,7 @@ class Job:
         changes: of the configuration, for curves and worlds; see `Study.changed`.
         conditions: columns that say what was changed.
         order: the run's place among its participant's runs, from 1; 0 if there is no such order.
-        thorough: whether every picture is searched.
+        thorough: whether every image is searched.
     """
 
     task: Task
@@ -72,7 +72,7 @@ def main_jobs(study: Study, participants: int) -> List[Job]:
 
 
 def ungated_jobs(study: Study, main: List[Job]) -> List[Job]:
-    """A random part of the main runs again, with every picture searched; more participants leave the others' as they are."""
+    """A random part of the main runs again, with every image searched; more participants leave the others' unchanged."""
     return [
         replace(job, file=UNGATED, thorough=True) for job in main
         if study.streams(job.task.participant)(f"ungated {job.task.scenario} {job.task.method}").random()

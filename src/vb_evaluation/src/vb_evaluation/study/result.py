@@ -1,4 +1,4 @@
-"""Which run it is, and what it left behind."""
+"""The identity and the results of a run."""
 from __future__ import annotations
 
 from dataclasses import dataclass
@@ -33,7 +33,7 @@ class SeenSpot(NamedTuple):
 
 
 class SavedBorder(NamedTuple):
-    """What was saved."""
+    """The saved border."""
 
     points: np.ndarray
     seed: Tuple[float, float]
@@ -42,13 +42,13 @@ class SavedBorder(NamedTuple):
 
 @dataclass(frozen=True)
 class Result:
-    """What a run left behind.
+    """The results of a run.
 
     Attributes:
         task, traits: what was run, and who it was.
         world, scenario: as they were, with this person's place to stand.
         prior, posterior: maps as the recorder stores them.
-        truth: (H, W) bool, the cells to be restricted.
+        truth: (H, W) bool, the cells to restrict.
         records: of all interactions of the run as the interaction manager logs them, those that were cancelled too.
         border: what was saved; None if nothing was.
         outcome, reason, tries: how it went for the person.
@@ -79,10 +79,10 @@ class Result:
 
     @property
     def saved(self) -> bool:
-        """Whether a border came out."""
+        """Whether a border was saved."""
         return self.border is not None
 
     @property
     def seed_is_right(self) -> bool:
-        """Whether the saved seed point lies in what was to be restricted."""
+        """Whether the saved seed point is in the region to restrict."""
         return self.border is not None and bool(Polygon(self.scenario.region).contains(Point(self.border.seed)))

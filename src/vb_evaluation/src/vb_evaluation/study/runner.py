@@ -44,10 +44,10 @@ from vb_sim.participant_node import ParticipantNode, ParticipantParams
 from vb_sim.planner import Planner
 from vb_sim.world import Scenario, World
 
-OFF_THE_LINE = 0.4  # [m] nobody stands on what he is to draw
+OFF_THE_LINE = 0.4  # [m] people do not stand on what they draw
 START_NS = 1_000_000_000_000  # no stamp is near zero, which would mean that there is none
 WARM_UP_S = 2.0  # until every node has heard of the others; then the person comes in
-# nothing acts on what these say or store
+# nothing acts on what these publish or store
 WITHOUT = ("display_markers", "feedback", "lab_monitor", "map_recorder")
 _LONGEST_END_NS = 600 * 10**9
 LAUNCH = "launch/simulation.launch"
@@ -64,7 +64,7 @@ class _NoState:
 
 
 class _Observer:
-    """Listens to what a run is measured by."""
+    """Subscribes to what a run is measured by."""
 
     def __init__(self, robots: List[str]) -> None:
         self.posterior: Optional[GridMap] = None
@@ -230,7 +230,7 @@ def personal_scenario(
     The place is near the common one, on free floor, off the border. The ground truth stays the map's.
 
     Args:
-        marks: (dx, dy) [m], turn [rad] by which the marks lie beside the map.
+        marks: (dx, dy) [m], turn [rad] by which the marks are off the map.
     """
     meant = meant_border(scenario.border, scenario.closed, marks[:2], marks[2], traits.margin)
     scenario = replace(scenario, border=meant)

@@ -1,4 +1,4 @@
-"""A study's folder: rows that survive an interruption, and what tells whose they are."""
+"""A study's folder: rows that survive an interruption, and the study they belong to."""
 from __future__ import annotations
 
 import csv
@@ -17,8 +17,8 @@ META = "study.json"
 class RowFile:
     """A CSV file to which whole rows are added.
 
-    A row is written in one piece and reaches the disk before the next run begins; of a row that was cut off by a
-    power failure nothing is kept.
+    A row is written in one piece and reaches the disk before the next run begins; a row that was cut off by a
+    power failure is dropped.
 
     Args:
         key: the columns that together name a row.
@@ -51,7 +51,7 @@ class RowFile:
         self.rows = [dict(row) for row in reader]
 
     def name_of(self, row: Mapping[str, Any]) -> Tuple[str, ...]:
-        """What names a row."""
+        """The name of a row."""
         return tuple(str(row[column]) for column in self._key)
 
     @property
@@ -71,7 +71,7 @@ class RowFile:
         self.rows.append(text)
 
     def sort(self, order: Mapping[Tuple[str, ...], int]) -> None:
-        """Puts the rows in an order, by name, so that the file does not tell who was ready first."""
+        """Puts the rows in an order, by name, so that the file does not depend on who finished first."""
         self.rows.sort(key=lambda row: order.get(self.name_of(row), len(order)))
         write_atomically(self.path, self._lines([dict(zip(self.columns, self.columns)), *self.rows]))
 
@@ -82,11 +82,11 @@ class RowFile:
 
 
 def claim(folder: Path, configuration: str, fresh: bool, facts: Mapping[str, Any]) -> None:
-    """Makes sure that what lies in a folder belongs to a configuration, and writes down whose it is.
+    """Makes sure that a folder's contents belong to a configuration, and records which.
 
     Args:
         configuration: the study's hash.
-        fresh: what belongs to another one is thrown away; else it is refused.
+        fresh: deletes what belongs to another one; else that is an error.
         facts: for study.json.
 
     Raises:

@@ -1,4 +1,4 @@
-"""Curves over the surroundings: which values they have, and what changes in the configuration for each."""
+"""Curves over the surroundings: their values, and what changes in the configuration for each."""
 from __future__ import annotations
 
 import copy
@@ -16,7 +16,7 @@ from vb_sim.costmap import Costmap, CostmapParams
 from vb_sim.planner import Planner
 from vb_sim.world import CeilingCamera, Scenario, World
 
-# who leads a robot gives walls a wide berth: it must still see the spot when that has gone round the corner
+# a person who guides a robot keeps off walls: it must still see the spot once that is around the corner
 _LED = CostmapParams(inflation_radius=1.0, cost_scaling_factor=3.0)
 
 
@@ -54,12 +54,12 @@ def coverage(study: Study, settings: Mapping[str, Any], scenario: str) -> Iterat
         entries = [by_name[entry] if isinstance(entry, str) else {**cameras[0], **entry} for entry in chosen]
         world = study.changed({"world/cameras": entries}).world
         changes = {} if entries == cameras else {"world/cameras": entries}
-        # who has nothing but the robot does not notice the ceiling
+        # the robot-only method does not depend on ceiling cameras
         yield Point(seen_share(world), changes, ("robot_only",))
 
 
 def seen_share(world: World) -> float:
-    """Share of a world's free floor in some ceiling camera's picture; what furniture hides is not taken off."""
+    """Share of a world's free floor in some ceiling camera's image; what furniture hides is not subtracted."""
     grid = floor_plan.physical_map(world)
     # every seventh cell is as good as all of them: to within half a percent
     cells = grid.cell_to_world(np.argwhere(grid.data == FREE)[::7])
@@ -80,12 +80,12 @@ def _in_picture(camera: CeilingCamera, points: np.ndarray) -> np.ndarray:
 
 
 def distance(study: Study, settings: Mapping[str, Any], scenario: str) -> Iterator[Point]:
-    """Over the robot's shortest way to the border; settings: `starts`, poses [x, y, yaw] [m, m, deg]."""
+    """Over the robot's shortest path to the border; settings: `starts`, poses [x, y, yaw] [m, m, deg]."""
     for start in settings["starts"]:
         way = _way_to_border(study.world, study.world.scenario(scenario), start[:2])
         changes: Dict[str, Any] = {}
         if list(start) != list(study.world.robots[0].start):
-            # the way along which a person leads the robot belongs to where it starts
+            # the path along which a person guides the robot belongs to its start
             led = _led_along(study.world, study.world.scenario(scenario), start[:2])
             changes = {"world/robots/0/start": list(start), f"world/scenarios/{scenario}/guide": led}
         yield Point(geometry.chain_length(way), changes)
@@ -94,7 +94,7 @@ def distance(study: Study, settings: Mapping[str, Any], scenario: str) -> Iterat
 def _way_to_border(
     world: World, scenario: Scenario, start: Sequence[float], costs: CostmapParams = CostmapParams()
 ) -> np.ndarray:
-    """(N, 2) [m] the shortest way of a robot to a place from which it sees the nearest part of the border."""
+    """(N, 2) [m] the shortest path of a robot to a place from which it sees the nearest part of the border."""
     planner = Planner(Costmap(floor_plan.physical_map(world), costs))
     ways = []
     for place in geometry.resample_chain(scenario.border, 0.25, scenario.closed):
@@ -112,7 +112,7 @@ def _led_along(world: World, scenario: Scenario, start: Sequence[float]) -> List
     """Places [m] about 1 m apart, along which a person leads a robot from its start.
 
     A closed border can be begun anywhere. Before an open one there is a place from which all of it is seen: the last
-    of the scenario's own way.
+    of the scenario's own path.
     """
     if scenario.closed or not len(scenario.guide):
         way, shown = _way_to_border(world, scenario, start, _LED), []

@@ -1,4 +1,4 @@
-"""What rospy answers to nodes that run within one process: names, topics, services, parameters, time."""
+"""Replaces rospy for nodes that run within one process: names, topics, services, parameters, time."""
 from __future__ import annotations
 
 import contextlib
@@ -85,7 +85,7 @@ class Graph:
         self._stand_ins = StandIns(scheduler)
         self._sleepers: List[Tuple[Any, Any]] = []
 
-    # ------------------------------------------------------------- what a run does
+    # ------------------------------------------------------------- for a run
     def start(self, node: Node, main: Callable[[], Any]) -> None:
         """Begins a node: what its executable would do."""
         self.scheduler.spawn(main, node)
@@ -291,7 +291,7 @@ class Publisher:
 
 
 class Subscriber:
-    """rospy.Subscriber: its callback is called for one message after the other, by a task of its own."""
+    """rospy.Subscriber: its own task calls the callback for one message after the other."""
 
     def __init__(self, graph: Graph, name: str, data_class: type, callback: Optional[Callable] = None,
                  callback_args: Any = None, queue_size: Optional[int] = None, buff_size: int = 0,
@@ -376,7 +376,7 @@ class ServiceProxy:
         """Asks, and waits for the answer.
 
         Raises:
-            rospy.ServiceException: if nobody offers it, or the service raised it.
+            rospy.ServiceException: if no node offers it, or the service raised it.
         """
         request = rospy.msg.args_kwds_to_message(self._kind._request_class, given, named)
         service, scheduler = self._graph.services.get(self.resolved_name), self._graph.scheduler

@@ -37,10 +37,10 @@ def start_launch(
     graph: Graph, path: Path, arguments: Mapping[str, str], without: Collection[str] = (),
     instead: Mapping[str, Callable[[], Any]] = {},
 ) -> List[str]:
-    """Starts what a launch file names; gives the nodes' names.
+    """Starts the nodes of a launch file; returns their names.
 
     Args:
-        without: types of nodes that are left out.
+        without: types of nodes to omit.
         instead: type of a node to what is called for it, instead of its script; it gets the node's name.
     """
     nodes, parameters = read_launch(str(path), tuple(f"{name}:={value}" for name, value in sorted(arguments.items())))

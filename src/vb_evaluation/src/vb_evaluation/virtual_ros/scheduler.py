@@ -1,4 +1,4 @@
-"""Tasks that take turns, and a clock that goes on when all of them wait."""
+"""Runs tasks that take turns, and a clock that advances when all of them wait."""
 from __future__ import annotations
 
 import heapq
@@ -17,7 +17,7 @@ class Task(greenlet.greenlet):
 
     Attributes:
         owner: whose it is; what it starts belongs to the same.
-        waits: counts its waits: what was meant to end an earlier one ends none.
+        waits: counts its waits: a wake-up for an earlier one has no effect.
     """
 
     owner: Any = None
@@ -25,7 +25,7 @@ class Task(greenlet.greenlet):
 
 
 class Scheduler:
-    """Runs tasks one at a time, in an order that depends on nothing but their own doing.
+    """Runs tasks one at a time, in an order that depends only on what they do.
 
     Attributes:
         now_ns: the time [ns].

@@ -1,4 +1,4 @@
-"""What stands in for threading, time and queue in modules of nodes, while they run within one process."""
+"""Replaces threading, time and queue in modules of nodes while they run within one process."""
 from __future__ import annotations
 
 import contextlib
@@ -106,7 +106,7 @@ class Lock:
         return True
 
     def release(self) -> None:
-        """Gives it to the next one."""
+        """Hands it to the next one."""
         self._depth -= 1
         if self._depth <= 0:
             self._holder = None
@@ -114,7 +114,7 @@ class Lock:
                 self._scheduler.wake(self._waiting.popleft())
 
     def locked(self) -> bool:
-        """Whether somebody has it."""
+        """Whether a task has it."""
         return self._holder is not None
 
     def __enter__(self) -> bool:
@@ -134,7 +134,7 @@ class Condition:
         self.acquire, self.release = self._lock.acquire, self._lock.release
 
     def wait(self, timeout: Optional[float] = None) -> bool:
-        """Gives the lock away until it is notified."""
+        """Releases the lock until it is notified."""
         task, depth = greenlet.getcurrent(), self._lock._depth
         self._waiting.append(task)
         self._lock._depth = 1
@@ -270,7 +270,7 @@ class Queue:
 
 @contextlib.contextmanager
 def replaced(targets: Dict[Any, Dict[str, Any]]) -> Iterator[None]:
-    """Replaces attributes of modules or classes, and gives them back at the end."""
+    """Replaces attributes of modules or classes, and restores them at the end."""
     before = [(target, name, getattr(target, name)) for target, names in targets.items() for name in names]
     try:
         for target, names in targets.items():
