@@ -88,7 +88,7 @@ class BorderFusionTest(unittest.TestCase):
         return bool(self.progress) and all(getattr(self.progress[-1], key) == v for key, v in fields.items())
 
     def test_interaction(self) -> None:
-        self.show(square(20))  # Default: not wanted
+        self.show(square(20), age=5.0)  # Default: not wanted, even if they arrive after the next state
         self.enter(InteractionState.BORDER, "one")
         self.assertEqual(self.progress[-1].border_spots, 0)
         self.assertEqual(self.progress[-1].code, "no_spots")
