@@ -65,6 +65,7 @@ class ParticipantNode:
         self._world, self._scenario, self._model, self._params = world, scenario, model, params
         self._lock = threading.Lock()
         self._percept = Percept()
+        self._sees_state = False  # a person who came back must know whether something was left half done
         self._spot: Optional[Tuple[float, float]] = None
         self._script: Optional[ParticipantScript] = None
         self._started = 0.0
@@ -91,6 +92,8 @@ class ParticipantNode:
         rospy.Subscriber(names.LAB_STATE, LabState, self._lab_states.put, queue_size=1, tcp_nodelay=True)
         rospy.Service("~start", Trigger, self._on_start)
         node.await_input(f"the lab's state on {names.LAB_STATE}: is lab_simulator running?", lambda: self._lab_states.received > 0,
+                         node.GIVES_UP_AFTER_S)
+        node.await_input(f"the interaction's state on {names.STATE}: is interaction_manager running?", lambda: self._sees_state,
                          node.GIVES_UP_AFTER_S)
 
     def close(self) -> None:
@@ -131,13 +134,13 @@ class ParticipantNode:
 
     def _on_state(self, message: InteractionState) -> None:
         with self._lock:
-            self._percept.state = message.name
+            self._percept.state, self._sees_state = message.name, True
 
     # ------------------------------------------------------------ life
     def _live(self, lab: LabState) -> None:
         now = lab.header.stamp
         with self._lock:
-            script = self._script
+            script = self._script if self._sees_state else None
             percept = self._percept
             if now.to_sec() < percept.now:
                 # time jumped back: nothing was seen in the future
