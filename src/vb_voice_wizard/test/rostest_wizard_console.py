@@ -86,7 +86,7 @@ class WizardConsoleTest(unittest.TestCase):
         terminal.press("d")
         self.state.wait(lambda message: message.name == "seed", "the seed state")
         terminal.press("z")
-        terminal.shows("'z' means nothing")
+        terminal.shows("'z' has no function")
         terminal.press("\x1b[A")
         terminal.press("s")
         self.state.wait(lambda message: message.last_outcome == "saved", "the saved border")
