@@ -34,6 +34,8 @@ from display_latency import cpu_seconds, summary  # noqa: E402
 from spot_scenes import CARPET, DARK, RATE, WHITE, Rooms, Walk, along, lab, place_and_velocity, walking  # noqa: E402
 from sensor_msgs.msg import CameraInfo, Image  # noqa: E402
 from vb_core import names  # noqa: E402
+from vb_core.ros.cameras import info_from_camera  # noqa: E402
+from vb_core.ros.images import image_message  # noqa: E402
 from vb_core.ros import messages  # noqa: E402
 from vb_evaluation.observer import wait_until  # noqa: E402
 from vb_evaluation.processes import Child, free_port  # noqa: E402
@@ -81,8 +83,8 @@ def play(seconds: float, rate: float) -> None:
             rospy.rostime.wallsleep(due - time.monotonic())
         picture = empty if turn / rate < LEARN_S else drawn[turn % len(drawn)]
         stamp = rospy.Time.now()
-        images[which].publish(messages.image_message(picture, camera.encoding, stamp, frame(camera)))
-        infos[which].publish(messages.info_from_camera(view.model, stamp, frame(camera)))
+        images[which].publish(image_message(picture, camera.encoding, stamp, frame(camera)))
+        infos[which].publish(info_from_camera(view.model, stamp, frame(camera)))
         number += 1
     rospy.set_param("/player/sent", number // len(cameras))
     rospy.spin()  # its share of a core is still to be asked for

@@ -65,7 +65,7 @@ def from_clip(folder: Path, name: str, video: dict, role: str, variant: str) -> 
 def from_recording(bag_file: str, topic: str) -> Examples:
     """Examples of a camera's recorded images, with clicks on the spot; see above."""
     import rosbag
-    from vb_core.ros import messages
+    from vb_core.ros.images import image_array
     from vb_laser_detect.image_format import PixelReader
 
     with rosbag.Bag(bag_file) as bag:
@@ -78,7 +78,7 @@ def from_recording(bag_file: str, topic: str) -> Examples:
 
         def frames() -> Iterator[Frame]:
             for _, message, stamp in bag.read_messages(topics=[topic]):
-                image, now = reader.read(messages.image_array(message), message.encoding), stamp.to_sec()
+                image, now = reader.read(image_array(message), message.encoding), stamp.to_sec()
                 nearest = min(clicks, key=lambda click: abs(click[0] - now))
                 spots, unclear = [], []
                 if abs(nearest[0] - now) <= 0.5:

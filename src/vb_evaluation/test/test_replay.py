@@ -14,6 +14,8 @@ from vb_core import geometry
 from vb_core.camera_model import CameraModel
 from vb_core.errors import CodedError
 from vb_core.grid_map import GridMap
+from vb_core.ros.cameras import info_from_camera
+from vb_core.ros.images import image_message
 from vb_core.ros import messages
 from vb_evaluation.kit import bags, perception, replay, session
 from vb_evaluation.kit.__main__ import main
@@ -143,7 +145,7 @@ def write_bag(folder, rows, images):
         bag.write(
             "/tf_static", TFMessage([messages.transform_message(POSE, "map", "green_optical_frame", early)]), early
         )
-        bag.write("/green/camera_info", messages.info_from_camera(CAMERA, early, "green_optical_frame"), early)
+        bag.write("/green/camera_info", info_from_camera(CAMERA, early, "green_optical_frame"), early)
         entries = [(START - 1.0 + number / 25.0, None) for number in range(25)] + [(row[0], row) for row in rows]
         for event in drawn_events(rows):
             if isinstance(event, replay.StateChange):
@@ -164,7 +166,7 @@ def write_bag(folder, rows, images):
                 )
                 bag.write(
                     "/green/image_raw",
-                    messages.image_message(picture(random, pixel), "mono8", time, "green_optical_frame"),
+                    image_message(picture(random, pixel), "mono8", time, "green_optical_frame"),
                     time,
                 )
             if row is not None:
@@ -225,7 +227,7 @@ def test_images_of_a_robot_use_its_pose_and_depth_at_their_time(tmp_path):
         first = rospy.Time.from_sec(START)
         bag.write("/map", messages.message_from_grid(free_floor(), first), first)
         for topic, model in (("/camera/rgb/camera_info", color), ("/camera/depth_registered/camera_info", small)):
-            bag.write(topic, messages.info_from_camera(model, first, "camera_optical_frame"), first)
+            bag.write(topic, info_from_camera(model, first, "camera_optical_frame"), first)
         for number in range(20):
             stamp = START + 0.1 + number / 20.0
             time = rospy.Time.from_sec(stamp)
@@ -239,11 +241,11 @@ def test_images_of_a_robot_use_its_pose_and_depth_at_their_time(tmp_path):
             image = np.clip(image, 0, 255).astype(np.uint8)
             bag.write(
                 "/camera/depth_registered/image_raw",
-                messages.image_message(depth, "16UC1", time, "camera_optical_frame"),
+                image_message(depth, "16UC1", time, "camera_optical_frame"),
                 time,
             )
             bag.write(
-                "/camera/rgb/image_raw", messages.image_message(image, "bgr8", time, "camera_optical_frame"), time
+                "/camera/rgb/image_raw", image_message(image, "bgr8", time, "camera_optical_frame"), time
             )
             # the pose comes after the image, as odometry does
             moved = messages.transform_message(pose, "map", "camera_optical_frame", time)

@@ -17,7 +17,8 @@ from sensor_msgs.msg import Image
 sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
 from ros_helpers import wait_until  # noqa: E402
 from vb_core.grid_map import GridMap  # noqa: E402
-from vb_core.ros.messages import BorderPreviewArray, image_array, message_from_grid  # noqa: E402
+from vb_core.ros.images import image_array  # noqa: E402
+from vb_core.ros.messages import BorderPreviewArray, message_from_grid  # noqa: E402
 from vb_feedback import projector_calibration  # noqa: E402
 from vb_msgs.msg import BorderProgress, InteractionState, LaserSpot, VirtualBorder, VirtualBorderArray  # noqa: E402
 

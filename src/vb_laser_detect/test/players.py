@@ -8,6 +8,8 @@ from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 from scenes import RED, Scene
 from vb_core import geometry
 from vb_core.camera_model import CameraModel
+from vb_core.ros.cameras import info_from_camera
+from vb_core.ros.images import image_message
 from vb_core.ros import messages
 
 
@@ -29,7 +31,7 @@ class FixedCamera:
         kind, topic = (CompressedImage, "/image_raw/compressed") if compressed else (Image, "/image_raw")
         self.images = rospy.Publisher("/" + name + topic, kind, queue_size=1)
         self.infos = rospy.Publisher("/" + name + "/camera_info", CameraInfo, queue_size=1)
-        self.info = lambda stamp: messages.info_from_camera(self.camera, stamp, self.frame)
+        self.info = lambda stamp: info_from_camera(self.camera, stamp, self.frame)
 
     def play(self, stamp, point):
         uv = self.camera.project(geometry.apply(geometry.invert(self.T), np.array([*point, 0.0]))[None])[0]
@@ -39,7 +41,7 @@ class FixedCamera:
             message.data = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, 95])[1].tobytes()
             message.header.stamp, message.header.frame_id = stamp, self.frame
         else:
-            message = messages.image_message(image, "bayer_rggb8", stamp, self.frame)
+            message = image_message(image, "bayer_rggb8", stamp, self.frame)
         self.images.publish(message)
         if self.info is not None:
             self.infos.publish(self.info(stamp))
@@ -68,8 +70,8 @@ class RobotCamera:
         self.tf = tf2_ros.TransformBroadcaster()
         self.played = 0
         self.localised, self.looped, self.pose_late_s = True, False, 0.0
-        self.info = lambda stamp: messages.info_from_camera(self.camera, stamp, self.frame)
-        self.depth_message = lambda depth: messages.image_message(depth, "16UC1", rospy.Time(), self.frame)
+        self.info = lambda stamp: info_from_camera(self.camera, stamp, self.frame)
+        self.depth_message = lambda depth: image_message(depth, "16UC1", rospy.Time(), self.frame)
 
     def play(self, stamp, x):
         base = geometry.pose2d_transform(x, 1.0, 0.2)
@@ -90,7 +92,7 @@ class RobotCamera:
         self.infos.publish(self.info(stamp))
         if self.pose_late_s == 0.0:
             self._publish_pose(base, stamp)
-        self.images.publish(messages.image_message(image, "rgb8", stamp, self.frame))
+        self.images.publish(image_message(image, "rgb8", stamp, self.frame))
         if self.pose_late_s > 0.0:
             rospy.rostime.wallsleep(self.pose_late_s)
             self._publish_pose(base, stamp)

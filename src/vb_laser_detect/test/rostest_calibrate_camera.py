@@ -17,6 +17,8 @@ from sensor_msgs.msg import CameraInfo, Image
 
 from vb_core import geometry, names
 from vb_core.camera_model import CameraModel
+from vb_core.ros.cameras import info_from_camera
+from vb_core.ros.images import image_message
 from vb_core.ros import messages
 from vb_laser_detect import calibration_file
 from vb_laser_detect.calibration_board import BoardParams
@@ -99,8 +101,8 @@ class Player:
         if self._images.get_num_connections() == 0:
             return
         frame, now = self.name + "_optical_frame", rospy.Time.now()
-        self._infos.publish(messages.info_from_camera(self.camera, now, frame))
-        self._images.publish(messages.image_message(self.render(), "mono8", now, frame))
+        self._infos.publish(info_from_camera(self.camera, now, frame))
+        self._images.publish(image_message(self.render(), "mono8", now, frame))
         with self._changed:
             self._latest = now
             self._changed.notify_all()

@@ -14,6 +14,7 @@ from sensor_msgs.msg import Image
 
 from vb_core import names
 from vb_core.grid_map import GridMap
+from vb_core.ros.images import image_array
 from vb_core.ros import messages
 from vb_msgs.msg import DetectorStatus, LaserSpot
 
@@ -147,7 +148,7 @@ class SpotDetectorTest(unittest.TestCase):
 
     def test_debug_image_when_listened_to(self):
         self.wait(lambda: len(self.pictures) > 0, "a debug image")
-        self.assertEqual(messages.image_array(self.pictures[-1]).shape, (270, 480, 3))
+        self.assertEqual(image_array(self.pictures[-1]).shape, (270, 480, 3))
 
 
 if __name__ == "__main__":

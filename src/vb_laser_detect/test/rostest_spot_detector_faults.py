@@ -16,6 +16,8 @@ from sensor_msgs.msg import Image
 
 from vb_core import names
 from vb_core.camera_model import CameraModel
+from vb_core.ros.cameras import info_from_camera
+from vb_core.ros.images import image_message
 from vb_core.ros import messages
 from vb_msgs.msg import DetectorStatus, LaserSpot
 
@@ -64,7 +66,7 @@ def uncalibrated(camera):
     """The camera_info of a camera whose lens nobody calibrated."""
 
     def info(stamp):
-        message = messages.info_from_camera(camera.camera, stamp, camera.frame)
+        message = info_from_camera(camera.camera, stamp, camera.frame)
         message.K = [0.0] * 9
         return message
 
@@ -183,7 +185,7 @@ class FaultsTest(unittest.TestCase):
         self.wait(lambda: o.refused("red", "no_camera_info") >= 3, "spots that were dropped")
         self.assertEqual(len(o.warnings("red", "bad_camera_info")), 1)
         self.assertFalse([spot for spot in o.spots if spot.camera == "red"])
-        red.info = lambda stamp: messages.info_from_camera(red.camera, stamp, red.frame)
+        red.info = lambda stamp: info_from_camera(red.camera, stamp, red.frame)
 
     def tf_loop_ends(self):
         now, red = rospy.Time.now(), self.red
@@ -209,11 +211,11 @@ class FaultsTest(unittest.TestCase):
             red.camera.matrix * [[1.25, 1, 1], [1, 1.25, 1], [1, 1, 1]],
             red.camera.distortion * 0,
         )
-        red.info = lambda stamp: messages.info_from_camera(longer, stamp, red.frame)
+        red.info = lambda stamp: info_from_camera(longer, stamp, red.frame)
         self.wait(lambda: self.radius() < 0.45, "spots by the other camera_info")
-        red.info = lambda stamp: messages.info_from_camera(longer.scaled_to(960, 540), stamp, red.frame)
+        red.info = lambda stamp: info_from_camera(longer.scaled_to(960, 540), stamp, red.frame)
         self.check_fault("red", "no_camera_info", "not of 480 x 270", DiagnosticStatus.ERROR, count=3)
-        red.info = lambda stamp: messages.info_from_camera(red.camera, stamp, red.frame)
+        red.info = lambda stamp: info_from_camera(red.camera, stamp, red.frame)
         self.wait(lambda: self.radius() > 0.48, "spots by the first camera_info again")
 
     def another_camera_says_the_same_frame(self):
@@ -244,7 +246,7 @@ class FaultsTest(unittest.TestCase):
         good = np.full((height, width), 100, np.uint8)
 
         def short():
-            message = messages.image_message(good, "mono8", rospy.Time(), "")
+            message = image_message(good, "mono8", rospy.Time(), "")
             message.data = message.data[:1000]
             return message
 
@@ -254,7 +256,7 @@ class FaultsTest(unittest.TestCase):
         for spoil, words in (
             (lambda: Image(encoding="bayer_rggb8"), "the image is empty"),
             (unknown, "purple8"),
-            (lambda: messages.image_message(good.astype(np.float32), "32FC1", rospy.Time(), ""), "32FC1"),
+            (lambda: image_message(good.astype(np.float32), "32FC1", rospy.Time(), ""), "32FC1"),
             (short, "cannot read an image"),
         ):
             type(self).spoil = (camera, spoil)
@@ -325,18 +327,18 @@ class FaultsTest(unittest.TestCase):
 
     def bad_depth(self, robot):
         def empty(depth):
-            return messages.image_message(
+            return image_message(
                 np.full(depth.shape, np.nan, np.float32), "32FC1", rospy.Time(), "camera_optical_frame"
             )
 
         def coloured(depth):
-            return messages.image_message(
+            return image_message(
                 np.zeros((*depth.shape, 3), np.uint8), "rgb8", rospy.Time(), "camera_optical_frame"
             )
 
         good = robot.depth_message
         # depth of another camera's frame does not belong to the pixels of this one
-        robot.depth_message = lambda depth: messages.image_message(depth, "16UC1", rospy.Time(), "depth_optical_frame")
+        robot.depth_message = lambda depth: image_message(depth, "16UC1", rospy.Time(), "depth_optical_frame")
         self.wait_for_spots("robot", 3, LaserSpot.GROUND_PLANE_FALLBACK)
         self.check_fault("robot", "depth_not_registered", "depth_optical_frame", DiagnosticStatus.WARN, count=3)
         for spoilt, words in ((empty, "no reading at all"), (coloured, "expected depth images of 16UC1 or 32FC1")):
@@ -345,7 +347,7 @@ class FaultsTest(unittest.TestCase):
             spots = self.wait_for_spots("robot", 3, LaserSpot.GROUND_PLANE_FALLBACK)
             self.assertLess(np.median(self.errors(spots)), 0.03)
             self.check_fault("robot", "bad_depth", words, DiagnosticStatus.WARN, count=3)
-        robot.depth_message = lambda depth: messages.image_message(
+        robot.depth_message = lambda depth: image_message(
             np.where(depth > 0, depth / 1000.0, np.nan).astype(np.float32),
             "32FC1",
             rospy.Time(),

@@ -16,8 +16,9 @@ from stimulus import room, wait_until  # noqa: E402
 
 from vb_core import geometry, names  # noqa: E402
 from vb_core.camera_model import CameraModel  # noqa: E402
+from vb_core.ros.cameras import info_from_camera  # noqa: E402
 from vb_core.ros.messages import (  # noqa: E402
-    OccupancyGridArray, grid_from_message, info_from_camera, message_from_grid, transform_message)
+    OccupancyGridArray, grid_from_message, message_from_grid, transform_message)
 
 LENS = CameraModel.ideal(400, 400, 200.0)  # sees 2 m x 2 m from a height of 2 m
 DOWN = np.array([[1.0, 0, 0], [0, -1.0, 0], [0, 0, -1.0]])

@@ -11,7 +11,8 @@ from sensor_msgs.msg import CameraInfo, LaserScan
 from vb_core import geometry, names
 from vb_core.errors import ParameterError
 from vb_core.grid_map import GridMap
-from vb_core.ros.messages import OccupancyGridArray, info_from_camera, message_from_grid, transform_message
+from vb_core.ros.cameras import info_from_camera
+from vb_core.ros.messages import OccupancyGridArray, message_from_grid, transform_message
 from vb_msgs.msg import InteractionState, LaserSpot
 from vb_robot.view import FloorView, ViewParams
 

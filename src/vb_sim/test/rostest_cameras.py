@@ -13,7 +13,8 @@ from geometry_msgs.msg import Point, Pose2D
 from sensor_msgs.msg import CameraInfo, Image
 
 from vb_core import geometry
-from vb_core.ros.messages import camera_from_info, image_array, image_message
+from vb_core.ros.cameras import camera_from_info
+from vb_core.ros.images import image_array, image_message
 from vb_core.ros.transforms import TransformLookup
 from vb_msgs.msg import LabState
 

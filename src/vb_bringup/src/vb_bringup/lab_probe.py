@@ -22,7 +22,7 @@ from vb_bringup.lab import (
 )
 from vb_core import names
 from vb_core.errors import CodedError
-from vb_core.ros import messages
+from vb_core.ros.images import compressed_image_array, image_array
 from vb_core.ros.transforms import TransformLookup
 from vb_msgs.msg import VirtualBorderArray
 
@@ -266,7 +266,7 @@ def _pixels(image: Optional[Any]) -> np.ndarray:
     if image is None:
         return np.zeros((0, 0), np.uint8)
     try:
-        return messages.compressed_image_array(image) if hasattr(image, "format") else messages.image_array(image)
+        return compressed_image_array(image) if hasattr(image, "format") else image_array(image)
     except CodedError:
         return np.zeros((0, 0), np.uint8)
 

@@ -29,6 +29,7 @@ from rich.console import Console
 from vb_core import names
 from vb_core.errors import CodedError, ParameterError
 from vb_core.geometry import chain_length
+from vb_core.ros.images import image_array
 from vb_core.ros import messages
 from vb_evaluation import metrics, pictures
 from vb_evaluation.goal_runs import Driven, GoalRunner
@@ -398,7 +399,7 @@ class Demo:
             now = [(u, v) for t, u, v in trail if abs(t - stamp) < 1e-3]
             drawn = trail[:, 1:] if not observer.mobile.get(camera, camera == "robot") else np.zeros((0, 2))
             pictures.camera_picture(
-                options.out / f"camera_{camera}.png", pictures.to_bgr(messages.image_array(image), image.encoding),
+                options.out / f"camera_{camera}.png", pictures.to_bgr(image_array(image), image.encoding),
                 f"camera {camera}: {len(trail)} spots seen", drawn, now,
             )
         self.console.print(result_table(summary))

@@ -14,8 +14,8 @@ from sensor_msgs.msg import Image
 from vb_core import names
 from vb_core.errors import CodedError, ParameterError
 from vb_core.parameters import Parameters, param
+from vb_core.ros.images import image_message
 from vb_core.ros import node, parameters
-from vb_core.ros.messages import image_message
 
 from vb_feedback import floor_picture
 from vb_feedback.floor_projector_node import FRAME

@@ -13,8 +13,9 @@ from vb_core import names
 from vb_core.errors import CodedError, ParameterError
 from vb_core.grid_map import GridMap
 from vb_core.parameters import Parameters, param
+from vb_core.ros.images import image_message
 from vb_core.ros import node, parameters
-from vb_core.ros.messages import BorderPreviewArray, grid_from_message, image_message
+from vb_core.ros.messages import BorderPreviewArray, grid_from_message
 from vb_msgs.msg import BorderPreview, BorderProgress, InteractionState, LaserSpot, VirtualBorderArray
 
 from vb_feedback import projector_calibration

@@ -19,7 +19,8 @@ from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 from vb_core import names
 from vb_core.camera_model import CameraModel
 from vb_core.errors import CodedError
-from vb_core.ros import messages
+from vb_core.ros.cameras import camera_from_info
+from vb_core.ros.images import compressed_image_array, image_array
 from vb_core.ros.node import Mailbox, Worker
 from vb_laser_detect import calibration_file
 from vb_laser_detect.calibration import CalibrationParams
@@ -75,7 +76,7 @@ class CameraInput:
             self._ready.notify_all()
 
     def _take(self, message: Any) -> None:
-        image = messages.compressed_image_array(message) if self._compressed else messages.image_array(message)
+        image = compressed_image_array(message) if self._compressed else image_array(message)
         with self._ready:
             self.frame_id = message.header.frame_id
             self._size = (image.shape[1], image.shape[0])
@@ -92,7 +93,7 @@ class CameraInput:
         with self._ready:
             if not self._ready.wait_for(lambda: self._info is not None and self._size is not None, patience_s):
                 raise CodedError("no_camera", f"nothing comes on {self._topics}: is the camera's driver running?")
-            camera = messages.camera_from_info(self._info, self._rectified)
+            camera = camera_from_info(self._info, self._rectified)
             if (camera.width, camera.height) != self._size:
                 raise CodedError(
                     "bad_camera_info",

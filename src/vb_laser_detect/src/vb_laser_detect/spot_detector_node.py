@@ -16,6 +16,7 @@ from sensor_msgs.msg import CompressedImage, Image
 from vb_core import names
 from vb_core.errors import CodedError, ParameterError
 from vb_core.parameters import Parameters, param
+from vb_core.ros.images import compressed_image_array, image_array, image_message
 from vb_core.ros import messages, node, parameters
 from vb_core.ros.node import Mailbox, Worker
 from vb_core.ros.reconfigure import ReconfigureServer
@@ -166,12 +167,12 @@ class SpotDetectorNode:
         if stamp.is_zero():
             raise CodedError("no_stamp", "the images carry no time: they cannot be matched with poses")
         if self._compressed:
-            raw = messages.compressed_image_array(message)
+            raw = compressed_image_array(message)
             # "bayer_rggb8; jpeg compressed ..." where the driver says what was compressed
             of_driver = message.format.split(";")[0].strip()
             encoding = "bgr8" if raw.ndim == 3 else of_driver if of_driver.startswith("bayer") else "mono8"
         else:
-            raw, encoding = messages.image_array(message), message.encoding
+            raw, encoding = image_array(message), message.encoding
         image = self._detector_input(raw, encoding)
         frame_id = self._params.frame or message.header.frame_id
         frame, unplaced = self._place(frame_id, stamp, image)
@@ -240,7 +241,7 @@ class SpotDetectorNode:
         self._last_debug = now
         self._report.debug_images += 1
         picture = draw(image, encoding, self._detector.candidates)
-        self._debug.publish(messages.image_message(picture, "bgr8", header.stamp, header.frame_id))
+        self._debug.publish(image_message(picture, "bgr8", header.stamp, header.frame_id))
 
 
 def beside(topic: str, name: str) -> str:

@@ -17,8 +17,9 @@ from vb_core.camera_model import CameraModel
 from vb_core.errors import CodedError, ParameterError
 from vb_core.grid_map import GridMap
 from vb_core.parameters import Parameters, param
+from vb_core.ros.cameras import camera_from_info
 from vb_core.ros import node, parameters
-from vb_core.ros.messages import OccupancyGridArray, camera_from_info, grid_from_message, message_from_grid
+from vb_core.ros.messages import OccupancyGridArray, grid_from_message, message_from_grid
 from vb_core.ros.transforms import TransformLookup
 from vb_robot.coverage import CoverageParams, combined, floor_seen, obstacle_heights, outlines
 

@@ -9,7 +9,7 @@ from sensor_msgs.msg import CameraInfo
 from vb_core import geometry, names
 from vb_core.errors import CodedError
 from vb_core.robot_profile import RobotProfile
-from vb_core.ros.messages import camera_from_info
+from vb_core.ros.cameras import camera_from_info
 from vb_core.ros.transforms import TransformLookup
 from vb_robot.dispatch import RobotStatus
 from vb_robot.navigation_client import NavigationClient

@@ -25,9 +25,9 @@ from vb_core.grid_map import GridMap
 from vb_core.notices import Notice, Severity
 from vb_core.parameters import Parameters, param
 from vb_core.robot_profile import Contact, RobotProfile
+from vb_core.ros.cameras import camera_from_info
 from vb_core.ros import parameters, robot_profile
-from vb_core.ros.messages import (OccupancyGridArray, array_from_points, camera_from_info, grid_from_message,
-                                  pose_to_2d)
+from vb_core.ros.messages import OccupancyGridArray, array_from_points, grid_from_message, pose_to_2d
 from vb_core.ros.notices import NoticePublisher
 from vb_core.ros.transforms import TransformLookup
 from vb_msgs.msg import BorderProgress, DriverState, InteractionState, LaserSpot, VirtualBorder, VirtualBorderArray

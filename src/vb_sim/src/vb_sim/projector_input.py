@@ -8,7 +8,7 @@ from sensor_msgs.msg import Image
 
 from vb_core import names
 from vb_core.errors import CodedError
-from vb_core.ros.messages import image_array
+from vb_core.ros.images import image_array
 from vb_sim.models_cameras import Optics
 from vb_sim.projected_light import FloorLight, floor_light
 from vb_sim.world import World

@@ -14,8 +14,9 @@ from sensor_msgs.msg import CameraInfo, Image
 
 from vb_core import names
 from vb_core.parameters import Parameters, param
+from vb_core.ros.cameras import info_from_camera
 from vb_core.ros import node, parameters
-from vb_core.ros.messages import info_from_camera, transform_message
+from vb_core.ros.messages import transform_message
 from vb_msgs.msg import LabState
 from vb_sim.camera_loop import run_cameras
 from vb_sim.floor_texture import render_floor

@@ -14,7 +14,8 @@ from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 from vb_core import names
 from vb_core.errors import CodedError
 from vb_core.grid_map import GridMap
-from vb_core.ros import messages
+from vb_core.ros.cameras import camera_from_info
+from vb_core.ros.images import compressed_image_array, image_array
 from vb_core.ros.transforms import TransformLookup
 from vb_web import pictures
 
@@ -35,7 +36,7 @@ def to_bgr(message: Image) -> np.ndarray:
     Raises:
         CodedError: "bad_image" for an encoding that is not handled.
     """
-    pixels = messages.image_array(message)
+    pixels = image_array(message)
     if message.encoding in ("bgr8", "8UC3"):
         return pixels
     if message.encoding not in _TO_BGR:
@@ -119,11 +120,11 @@ class Looker:
             info = rospy.wait_for_message(f"/{camera}/camera_info", CameraInfo, timeout=_WAIT_S)
             if self._compressed:
                 found = rospy.wait_for_message(f"/{camera}/image_raw/compressed", CompressedImage, timeout=_WAIT_S)
-                image = messages.compressed_image_array(found)
+                image = compressed_image_array(found)
                 image = image if image.ndim == 3 else cv2.cvtColor(image, cv2.COLOR_GRAY2BGR)
             else:
                 image = to_bgr(rospy.wait_for_message(f"/{camera}/image_raw", Image, timeout=_WAIT_S))
-            model = messages.camera_from_info(info)
+            model = camera_from_info(info)
             pose = self._transforms.lookup(f"{camera}_optical_frame", names.MAP_FRAME, rospy.Time(0))
         except (rospy.ROSException, CodedError) as error:
             rospy.logwarn_throttle(10.0, f"{rospy.get_name()}: the floor's picture is without camera {camera}: {error}")

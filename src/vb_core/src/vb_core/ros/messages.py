@@ -4,7 +4,6 @@ Images are in `images`, cameras in `cameras`: most nodes have neither, and OpenC
 """
 from __future__ import annotations
 
-import importlib
 from typing import Any, Dict, Iterable, List, Mapping, Tuple
 
 import numpy as np
@@ -30,19 +29,6 @@ class PreviewBorderArray(PreviewBorder):
     """The service PreviewBorder with numpy arrays in its response; the same on the wire."""
 
     _response_class = PreviewBorderArrayResponse
-
-# what was here before; the module is loaded on first use
-_MOVED = {
-    "image_array": "images", "compressed_image_array": "images", "image_message": "images",
-    "camera_from_info": "cameras", "info_from_camera": "cameras",
-}
-
-
-def __getattr__(name: str) -> Any:
-    if name not in _MOVED:
-        raise AttributeError(f"module '{__name__}' has no attribute '{name}'")
-    return getattr(importlib.import_module(f"vb_core.ros.{_MOVED[name]}"), name)
-
 
 
 # ----------------------------------------------------------------- maps

@@ -12,6 +12,8 @@ import tf2_ros
 from vb_core import names
 from vb_core.camera_model import CameraModel
 from vb_core.errors import CodedError
+from vb_core.ros.cameras import camera_from_info
+from vb_core.ros.images import compressed_image_array, image_array
 from vb_core.ros import messages
 from vb_evaluation.kit import bags
 from vb_evaluation.kit.recording import Recording
@@ -149,16 +151,16 @@ def _search(
             for camera in images.values():
                 camera.projector.floor = messages.grid_from_message(message)
         elif topic in infos:
-            infos[topic].model = messages.camera_from_info(message)
+            infos[topic].model = camera_from_info(message)
         elif topic in depth_infos:
-            depth_infos[topic].depth_model = messages.camera_from_info(message)
+            depth_infos[topic].depth_model = camera_from_info(message)
         elif topic in depths:
-            depths[topic].depths.append((message.header.stamp.to_sec(), messages.image_array(message)))
+            depths[topic].depths.append((message.header.stamp.to_sec(), image_array(message)))
         else:
             camera = images.get(topic) or compressed[topic]
             count = counts[camera.name]
             count.images += 1
-            image = messages.image_array(message) if topic in images else messages.compressed_image_array(message)
+            image = image_array(message) if topic in images else compressed_image_array(message)
             try:
                 encoding = message.encoding if topic in images else "bgr8" if image.ndim == 3 else ""
                 spots = camera.search(image, message.header.stamp, message.header.frame_id, encoding)

@@ -13,7 +13,8 @@ from sensor_msgs.msg import CameraInfo, Image
 from vb_core import names
 from vb_core.camera_model import CameraModel
 from vb_core.errors import CodedError
-from vb_core.ros import messages
+from vb_core.ros.cameras import camera_from_info
+from vb_core.ros.images import image_array
 from vb_core.ros.transforms import TransformLookup
 from vb_laser_detect.image_geometry import Frame
 from vb_laser_detect.projection import FloorProjector
@@ -79,7 +80,7 @@ class InfoTopic:
         self._key = key
         camera, reason = None, ""
         try:
-            camera = messages.camera_from_info(message, self._rectified)
+            camera = camera_from_info(message, self._rectified)
         except CodedError as error:
             self._report.fault(error)
             reason = error.message
@@ -137,7 +138,7 @@ def depth_array(message: Image) -> np.ndarray:
         CodedError: "bad_depth" for another encoding, or without a single reading.
     """
     try:
-        depth = messages.image_array(message)
+        depth = image_array(message)
     except CodedError as error:
         raise CodedError("bad_depth", f"depth: {error.message}") from None
     if depth.ndim != 2 or depth.dtype not in (np.dtype(np.uint16), np.dtype(np.float32)):
