@@ -5,7 +5,7 @@ import pytest
 
 from vb_bringup.lab import (
     CameraInfoSeen, CameraSeen, Line, MapSeen, NavigationSeen, RobotSeen, State, check_cameras, check_disk,
-    check_launch_arguments, check_map, check_navigation, check_robot, worst,
+    check_launch_arguments, check_map, check_navigation, check_robot, notices, worst,
 )
 from vb_bringup.lab_monitor import LabMonitor
 from vb_core import sentences
@@ -30,6 +30,7 @@ def test_a_good_camera_is_one_line():
 @pytest.mark.parametrize("changes, code", [
     (dict(detector=""), "lab_camera_no_detector"),
     (dict(publishers=[]), "lab_camera_no_publisher"),
+    (dict(publishers=[], others=["/north/image_rect_color"]), "lab_camera_other_topic"),
     (dict(rate=0.0), "lab_camera_silent"),
     (dict(publishers=["/a", "/b"]), "lab_camera_many_publishers"),
     (dict(rate=2.0), "lab_camera_slow"),
@@ -97,6 +98,18 @@ def test_navigation_that_ignores_borders_is_named(seen, code):
 def test_a_mistyped_launch_argument_is_named_with_the_nearest():
     lines = check_launch_arguments(["camera", "robot"], ["cameras", "robot", "voice"])
     assert codes(lines) == ["lab_unknown_argument"] and lines[0].values["nearest"] == "cameras"
+
+
+def test_an_argument_for_a_launch_file_without_any_is_named():
+    lines = check_launch_arguments(["cameras"], [])
+    assert codes(lines) == ["lab_no_arguments"] and "cameras:=" in lines[0].sentence()
+
+
+def test_people_are_told_of_errors_that_nobody_else_tells():
+    lines = check_launch_arguments(["camera"], ["cameras"]) + check_cameras([dataclasses.replace(GOOD, rate=0.0)]) + [
+        Line("x", State.WARNING, "lab_camera_slow")]
+    assert [(notice.code, notice.severity) for notice in notices(lines)] == [("lab_unknown_argument", Severity.ERROR)]
+    assert notices(lines)[0].sentence() == lines[0].sentence()
 
 
 def test_a_full_disk_is_an_error():

@@ -167,7 +167,7 @@ def test_parameters():
         except ParameterError as error:
             assert error.key.startswith("/node")
         else:
-            assert found.describe() and set(mapping) <= set(names)
+            assert isinstance(found.describe(), str) and set(mapping) <= set(names)
 
     check()
 

@@ -21,8 +21,8 @@ def test_defaults_and_values():
     params = Example.from_mapping({"speed": 1, "limits": [0.0, 1.0]})
     assert params.speed == 1.0 and isinstance(params.speed, float)
     assert params.limits == (0.0, 1.0) and params.count == 3
-    assert "speed=1.0 m/s" in params.describe()
-    assert Example.from_mapping(None) == Example()
+    assert params.describe() == "speed=1.0 m/s, limits=(0.0, 1.0)"
+    assert Example.from_mapping(None) == Example() and not Example().describe()
 
 
 @pytest.mark.parametrize(

@@ -49,7 +49,6 @@ def run(arguments: Optional[List[str]] = None) -> int:
         epilog="Exit status: 0 ready, 1 something is wrong, 2 wrong call, 3 the ROS master does not answer.")
     parser.add_argument("--json", action="store_true", help="for programs")
     parser.add_argument("--seconds", type=float, default=4.0, help="how long to listen to cameras and scans (4)")
-    parser.add_argument("--state", default="~/.ros/virtual_borders", help="folder of borders and records")
     parser.add_argument("--language", default=sentences.ENGLISH, choices=sentences.languages())
     chosen = parser.parse_args(rospy.myargv(["check_lab", *(sys.argv[1:] if arguments is None else arguments)])[1:])
     if not rosgraph.is_master_online():
@@ -57,7 +56,7 @@ def run(arguments: Optional[List[str]] = None) -> int:
               "ROS_MASTER_URI if it runs on another computer.", file=sys.stderr)
         return NO_MASTER
     rospy.init_node("check_lab", anonymous=True, disable_signals=True, log_level=rospy.ERROR)
-    lines = probe(chosen.seconds, chosen.state)
+    lines = probe(chosen.seconds)
     if chosen.json:
         print(as_json(lines, chosen.language))
     else:

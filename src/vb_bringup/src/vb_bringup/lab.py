@@ -13,6 +13,7 @@ from dataclasses import dataclass, field
 from typing import Any, Dict, Iterable, List, Mapping, Optional, Sequence, Tuple
 
 from vb_core import names, sentences
+from vb_core.notices import Notice, Severity
 
 # a stroke at 0.5 m/s leaves one spot per 10 cm then; slower cameras work, but lines get coarse
 SLOW_CAMERA_HZ = 5.0
@@ -63,7 +64,7 @@ class CameraSeen:
     """What was observed of one camera and its detector.
 
     Attributes:
-        topic: of its images; publishers: nodes that publish it.
+        topic: of its images; publishers: nodes that publish it; others: topics of images that its driver does publish.
         rate: [1/s]; age: [s] newest stamp to now; both 0 without images.
         frame: that the images name; bright: share of the image at its white level.
         detector: the detector's node; "" if none runs.
@@ -75,6 +76,7 @@ class CameraSeen:
     name: str
     topic: str
     publishers: Sequence[str] = ()
+    others: Sequence[str] = ()
     rate: float = 0.0
     age: float = 0.0
     width: int = 0
@@ -118,7 +120,10 @@ def _camera_faults(camera: CameraSeen, by_frame: Mapping[str, Sequence[str]]) ->
     if not camera.detector:
         yield fault(State.ERROR, "lab_camera_no_detector")
     if not camera.publishers:
-        yield fault(State.ERROR, "lab_camera_no_publisher")
+        if camera.others:
+            yield fault(State.ERROR, "lab_camera_other_topic", others=", ".join(camera.others), image=camera.others[0].strip("/"))
+        else:
+            yield fault(State.ERROR, "lab_camera_no_publisher")
         return
     if camera.rate == 0.0:
         yield fault(State.ERROR, "lab_camera_silent", node=", ".join(camera.publishers))
@@ -207,7 +212,6 @@ class MapSeen:
         shape: (rows, columns) of /map; None: no map arrived.
         publishers: nodes that publish /map; with_borders: whether /virtual_borders/map has the same geometry.
         borders, acting: how many there are, and how many are in force.
-        message: of the borders as a whole.
     """
 
     shape: Optional[Tuple[int, int]] = None
@@ -217,7 +221,6 @@ class MapSeen:
     borders: int = 0
     acting: int = 0
     needs_confirmation: bool = False
-    message: str = ""
 
 
 def check_map(seen: MapSeen) -> List[Line]:
@@ -230,7 +233,7 @@ def check_map(seen: MapSeen) -> List[Line]:
     if not seen.with_borders:
         lines.append(Line("map", State.ERROR, "lab_map_without_borders"))
     if seen.needs_confirmation:
-        lines.append(Line("map", State.ERROR, "lab_borders_need_confirmation", {"message": seen.message}))
+        lines.append(Line("map", State.ERROR, "lab_borders_need_confirmation"))
     rows, columns = seen.shape
     values = {
         "width": f"{columns * seen.resolution:.1f}", "height": f"{rows * seen.resolution:.1f}",
@@ -287,8 +290,9 @@ def check_disk(folder: str, free_mb: float) -> Line:
 
 def check_launch_arguments(given: Sequence[str], declared: Sequence[str]) -> List[Line]:
     """Arguments passed to roslaunch that the launch file lacks: roslaunch ignores them silently."""
+    code = "lab_unknown_argument" if declared else "lab_no_arguments"
     return [
-        Line("launch", State.ERROR, "lab_unknown_argument",
+        Line("launch", State.ERROR, code,
              {"argument": name, "nearest": _nearest(name, declared), "known": ", ".join(sorted(declared))})
         for name in given if name not in declared
     ]
@@ -296,6 +300,22 @@ def check_launch_arguments(given: Sequence[str], declared: Sequence[str]) -> Lis
 
 def _nearest(name: str, known: Sequence[str]) -> str:
     return (difflib.get_close_matches(name, known, 1, 0.0) or [""])[0]
+
+
+# people are told of these at once, by the node that the fault is in: a check that comes later adds nothing
+_TOLD_BY_OTHERS = frozenset({
+    "lab_camera_no_detector", "lab_camera_no_publisher", "lab_camera_silent", "lab_camera_frame_shared", "lab_robot_no_pose",
+    "lab_robot_old_pose", "lab_borders_need_confirmation",
+})
+
+
+def notices(lines: Iterable[Line]) -> List[Notice]:
+    """The errors of which nobody else tells people, as notices."""
+    return [
+        Notice(line.code, Severity.ERROR, camera=str(line.values.get("camera", "")),
+               values={key: str(value) for key, value in line.values.items()})
+        for line in lines if line.state is State.ERROR and line.code not in _TOLD_BY_OTHERS
+    ]
 
 
 def worst(lines: Iterable[Line]) -> State:

@@ -1,18 +1,38 @@
-"""Node: tells people when a camera fails while they work."""
+"""Node: tells people when a camera fails while they work, and checks the whole lab whenever nodes came or went."""
 from __future__ import annotations
 
+import json
+import re
+import subprocess
+import sys
 import threading
+import time
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, FrozenSet, List, Optional
 
+import rosgraph
 import rospy
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 
+from vb_bringup.lab import Line, State, notices
 from vb_bringup.lab_monitor import LabMonitor
 from vb_core import names
 from vb_core.parameters import Parameters, param
 from vb_core.ros import node, parameters
+from vb_core.ros.messages import values_from_mapping
 from vb_core.ros.notices import NoticePublisher
 from vb_msgs.msg import DetectorStatus
+
+# all in seconds of wall time
+LOOK_S = 1.0  # between two looks at which nodes run
+SETTLED_S = 6.0  # without a node that comes or goes: before, a lab is starting or ending
+AGAIN_S = {State.ERROR: 60.0, State.OK: 600.0}  # a check takes two seconds of processor time
+# what rospy appends to the names of tools, whose coming and going does not change the lab
+_ANONYMOUS = re.compile(r"_\d+_\d{10,}$")
+_LEVELS = {State.OK: DiagnosticStatus.OK, State.UNKNOWN: DiagnosticStatus.WARN, State.WARNING: DiagnosticStatus.WARN,
+           State.ERROR: DiagnosticStatus.ERROR}
+# in a process of its own, which gives its memory back; below everything that people wait for
+_CHECK = ["nice", "-n", "15", sys.executable, "-c", "from vb_bringup.check_lab import main; main()", "--json"]
 
 
 @dataclass(frozen=True)
@@ -23,12 +43,14 @@ class LabMonitorParams(Parameters):
 
 
 class LabMonitorNode:
-    """Watches the detectors' status.
+    """Watches the detectors' status; runs `check_lab`, and logs what is new in its result.
 
     Subscribed topics:
         /virtual_borders/detectors (vb_msgs/DetectorStatus)
     Published topics:
-        /virtual_borders/notices (vb_msgs/NoticeArray): camera_silent, camera_no_pose, camera_no_lens, detector_missing
+        /virtual_borders/notices (vb_msgs/NoticeArray): camera_silent, camera_no_pose, camera_no_lens, detector_missing,
+            and the errors of `check_lab` that no other node tells
+        /diagnostics (diagnostic_msgs/DiagnosticArray): each line of `check_lab`
     Parameters:
         ~* LabMonitorParams
     """
@@ -36,14 +58,19 @@ class LabMonitorNode:
     def __init__(self, params: LabMonitorParams) -> None:
         self._lock = threading.Lock()
         self._monitor = LabMonitor(params.cameras.split())
+        self._lines: List[Line] = []
+        self._closed = threading.Event()
         node.wait_for_clock()
         self._monitor.begin(rospy.get_time())
         self._notices = NoticePublisher()
+        self._diagnostics = rospy.Publisher("/diagnostics", DiagnosticArray, queue_size=5)
         self._subscriber = rospy.Subscriber(names.DETECTORS, DetectorStatus, self._on_status, queue_size=50)
         self._timer = rospy.Timer(rospy.Duration(1.0), self._on_timer, reset=True)
+        self._checks = node.start_thread(self._check_again_and_again)
 
     def close(self) -> None:
         """Takes its notices back."""
+        self._closed.set()
         self._timer.shutdown()
         self._notices.close()
 
@@ -54,8 +81,69 @@ class LabMonitorNode:
 
     def _on_timer(self, _event: Any) -> None:
         with self._lock:
-            found = self._monitor.notices(rospy.get_time())
-        self._notices.set(found)
+            found, lines = self._monitor.notices(rospy.get_time()), self._lines
+        self._notices.set([*found, *notices(lines)])
+        if lines:
+            self._diagnostics.publish(_diagnostics(lines))
+
+    # ------------------------------------------------------------ the whole lab
+    def _check_again_and_again(self) -> None:
+        """Checks once all nodes have started, whenever one came or went, and now and then."""
+        running: FrozenSet[str] = frozenset()
+        due = float("inf")
+        while not self._closed.wait(LOOK_S):
+            before, running = running, _running_nodes()
+            if running != before:
+                due = time.monotonic() + SETTLED_S
+            if running and time.monotonic() > due:
+                lines = self._check()
+                if lines is not None:
+                    due = time.monotonic() + AGAIN_S[State.ERROR if notices(lines) else State.OK]
+                    self._adopt(lines)
+
+    def _check(self) -> Optional[List[Line]]:
+        """The lines of `check_lab`; None if it was ended."""
+        process = subprocess.Popen(_CHECK, stdout=subprocess.PIPE, universal_newlines=True)
+        while True:
+            try:
+                text, _ = process.communicate(timeout=0.5)
+                break
+            except subprocess.TimeoutExpired:
+                if self._closed.is_set():
+                    process.terminate()
+        try:
+            found = json.loads(text)
+        except ValueError:
+            return None  # the ROS master has ended
+        return [Line(line["subject"], State[line["state"].upper()], line["code"], line["values"]) for line in found]
+
+    def _adopt(self, lines: List[Line]) -> None:
+        with self._lock:
+            known, self._lines = {(line.subject, line.code) for line in self._lines}, lines
+        for line in lines:
+            if line.state >= State.WARNING and (line.subject, line.code) not in known:
+                log = rospy.logerr if line.state is State.ERROR else rospy.logwarn
+                log("%s: %s: %s", rospy.get_name(), line.subject, line.sentence())
+
+
+def _running_nodes() -> FrozenSet[str]:
+    """All nodes but tools; none if the ROS master does not answer."""
+    try:
+        state = rosgraph.Master(rospy.get_name()).getSystemState()
+    except (rosgraph.MasterException, OSError):
+        return frozenset()
+    return frozenset(name for kind in state for _, nodes in kind for name in nodes if not _ANONYMOUS.search(name))
+
+
+def _diagnostics(lines: List[Line]) -> DiagnosticArray:
+    array = DiagnosticArray()
+    array.header.stamp = rospy.Time.now()
+    array.status = [
+        DiagnosticStatus(name=f"lab: {line.subject}", level=_LEVELS[line.state], message=line.sentence(),
+                         hardware_id="lab", values=values_from_mapping({"code": line.code, **line.values}))
+        for line in lines
+    ]
+    return array
 
 
 def build() -> LabMonitorNode:

@@ -98,13 +98,8 @@ class Stream:
         self._subscriber.unregister()
 
 
-def probe(seconds: float, folder: str) -> List[Line]:
-    """Looks at everything for some seconds and judges it.
-
-    Args:
-        seconds: how long to listen to cameras and scans.
-        folder: of borders and records, for the free space.
-    """
+def probe(seconds: float) -> List[Line]:
+    """Listens to cameras and scans for some seconds, looks at everything else, and judges it."""
     graph = Graph()
     transforms = TransformLookup()
     robots = _robots()
@@ -139,7 +134,7 @@ def probe(seconds: float, folder: str) -> List[Line]:
     lines.append(Line("voice", State.OK, "lab_voice_ok" if voice else "lab_voice_off"))
     display = next((node for node in sorted(graph.nodes) if node.split("/")[-1] in ("smart_display", "rviz")), "")
     lines.append(Line("display", State.OK, "lab_display_ok" if display else "lab_display_off", {"node": display}))
-    place = Path(os.path.expanduser(folder))
+    place = Path(str(rospy.get_param("/map_integrator/store_dir", "~"))).expanduser()
     while not place.exists():
         place = place.parent
     lines.append(check_disk(str(place), shutil.disk_usage(str(place)).free / 2**20))
@@ -241,6 +236,14 @@ class _CalibrationFiles:
             return str(path), error.message, ""
 
 
+def _other_images(graph: Graph, topic: str) -> List[str]:
+    """Topics of images beside one that nobody publishes: what the driver calls its images."""
+    name = topic.strip("/").split("/")[0]
+    return sorted(
+        other for other, nodes in graph.publishers.items()
+        if nodes and other != topic and other.startswith(f"/{name}/") and graph.types.get(other) == "sensor_msgs/Image")
+
+
 def _camera(
     graph: Graph, node: str, parameters: Mapping[str, Any], topic: str, streams: Mapping[str, Stream],
     transforms: TransformLookup, poses: _CalibrationFiles,
@@ -251,7 +254,8 @@ def _camera(
     frame = str(parameters.get("frame", "")) or (image.header.frame_id if image is not None else "")
     file, error, file_frame = poses.look(name)
     return CameraSeen(
-        name=name, topic=topic, publishers=graph.publishers.get(topic, []), rate=streams[topic].rate(),
+        name=name, topic=topic, publishers=graph.publishers.get(topic, []), others=_other_images(graph, topic),
+        rate=streams[topic].rate(),
         age=streams[topic].age(), width=pixels.shape[1], height=pixels.shape[0],
         encoding=getattr(image, "encoding", "") or getattr(image, "format", ""), frame=frame,
         bright=float((pixels >= 250).mean()) if pixels.size else 0.0,
@@ -315,5 +319,4 @@ def _map(graph: Graph, streams: Mapping[str, Stream]) -> MapSeen:
         borders=len([border for border in found if border.enabled]),
         acting=len([border for border in found if border.enabled and border.acting]),
         needs_confirmation=borders is not None and borders.needs_confirmation,
-        message="" if borders is None else borders.message,
     )

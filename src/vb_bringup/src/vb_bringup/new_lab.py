@@ -11,7 +11,10 @@ import sys
 from pathlib import Path
 from typing import Dict, List, Optional, Sequence
 
+import yaml
+
 from vb_core.errors import CodedError
+from vb_core.map_files import read_map
 
 CREATED, REFUSED = 0, 1
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
@@ -91,26 +94,27 @@ _README = """\
 | `lenses/` | one file per camera, from camera_calibration |
 | `calibration/` | one file per camera: where it hangs, from calibrate_camera |
 | `detectors/` | one file per camera: what its spot detector does differently |
+| `map.yaml` | the map, with its image beside it |
 | `robot.yaml` | the robot: its size, speeds, scanner |
 | `network.sh` | addresses, if there are several computers |
 | `state/` | borders, records, logs; not for version control, but for the backup |
 
 The way to the first border:
 
-1. Start the cameras: `roslaunch cameras.launch`. Look at each: `rqt_image_view` (on Debian: `rosrun image_view image_view
-   image:={first}/image_raw`).
+1. Start the cameras alone, `roslaunch {folder}/cameras.launch`, and look at each: `rosrun image_view image_view
+   image:=/{first}/image_raw`.
 2. Calibrate each lens once: `rosrun camera_calibration cameracalibrator.py --size 8x6 --square 0.03 image:=/{first}/image_raw
-   camera:=/{first}`, then put the YAML file into `lenses/`.
-3. Start the lab: `roslaunch lab.launch`.
-4. Find where each camera hangs: `rosrun vb_laser_detect calibrate_camera spots {first}`. It writes to
-   where the running lab looks, `calibration/`.
-5. `rosrun vb_bringup check_lab --state {folder}/state`. Each line that is not `ok` names what cures it.
+   camera:=/{first}`, then put the YAML file into `lenses/`. End the cameras with Ctrl-C: from now on `lab.launch` starts them.
+3. Start the lab: `roslaunch {folder}/lab.launch`. It says what is still wrong, and what cures it, whenever something has changed.
+4. Find where each camera hangs: `rosrun vb_laser_detect calibrate_camera spots {first}`. It writes into `calibration/`, and the
+   running lab takes it.
+5. `rosrun vb_bringup check_lab` says once more what is wrong, one line each.
 6. Say *define border*, or press `b` in `rosrun vb_voice_wizard wizard_console`, and draw.
 """
 
 
 def write_lab(
-    folder: Path, cameras: Sequence[str], robot: str, map_file: str, profiles: Path
+    folder: Path, cameras: Sequence[str], robot: str, map_file: Optional[Path], profiles: Path
 ) -> List[Path]:
     """Writes the folder; returns the files.
 
@@ -118,11 +122,12 @@ def write_lab(
         folder: may exist, but must be empty.
         cameras: names of the ceiling cameras; none for a lab with the robot only.
         robot: a type of which the stack has a profile; "" without a robot.
-        map_file: an absolute path, or one relative to the folder; "" if /map is published by others.
+        map_file: of map_server's format, is copied; None if /map is published by others.
         profiles: folder of the robot types.
 
     Raises:
-        CodedError: "folder_not_empty", "bad_name", "unknown_robot" or "cannot_write", nothing was written then.
+        CodedError: "folder_not_empty", "bad_camera_name", "unknown_robot_type" or "bad_map_file", nothing was written then;
+            or "cannot_write_lab".
     """
     known = sorted(path.stem for path in profiles.glob("*.yaml"))
     if folder.exists() and any(folder.iterdir()):
@@ -132,11 +137,12 @@ def write_lab(
         raise CodedError("bad_camera_name", name=", ".join(wrong or cameras))
     if robot and robot not in known:
         raise CodedError("unknown_robot_type", robot=robot, known=", ".join(known))
-    if map_file and not Path(map_file).is_absolute():
-        map_file = f"$(dirname)/{map_file}"
+    if map_file is not None:
+        read_map(map_file)
     files: Dict[str, str] = {
         "lab.launch": _LAUNCH.format(
-            folder=folder, cameras=" ".join(cameras) or "none", robot=str(bool(robot)).lower(), map=map_file,
+            folder=folder, cameras=" ".join(cameras) or "none", robot=str(bool(robot)).lower(),
+            map="$(dirname)/map.yaml" if map_file else "",
             configs=" ".join(f"{name}=$(dirname)/detectors/{name}.yaml" for name in cameras)),
         "cameras.launch": _CAMERAS.format(
             drivers="".join(_DRIVER.format(name=name, number=2 * number) for number, name in enumerate(cameras))),
@@ -152,11 +158,23 @@ def write_lab(
         for name, text in files.items():
             (folder / name).write_text(text, encoding="utf-8")
             written.append(folder / name)
+        if map_file is not None:
+            written += _copy_map(map_file, folder)
         shutil.copyfile(str(profiles / f"{robot or 'template'}.yaml"), str(folder / "robot.yaml"))
         written.append(folder / "robot.yaml")
     except OSError as error:
         raise CodedError("cannot_write_lab", folder=folder, error=error.strerror) from None
     return written
+
+
+def _copy_map(map_file: Path, folder: Path) -> List[Path]:
+    """Copies a map that can be read, as map.yaml and its image."""
+    description = yaml.safe_load(map_file.read_text(encoding="utf-8"))
+    image = map_file.parent / description["image"]
+    copy = folder / f"map{image.suffix}"
+    shutil.copyfile(str(image), str(copy))
+    (folder / "map.yaml").write_text(yaml.safe_dump({**description, "image": copy.name}), encoding="utf-8")
+    return [folder / "map.yaml", copy]
 
 
 def run(arguments: Optional[List[str]] = None) -> int:
@@ -165,14 +183,14 @@ def run(arguments: Optional[List[str]] = None) -> int:
     parser.add_argument("folder", type=Path, help="a new one, for instance ~/my_lab")
     parser.add_argument("--cameras", default="", help="names of the ceiling cameras, for instance \"north south\"")
     parser.add_argument("--robot", default="", help="its type, for instance turtlebot2; left out: no robot")
-    parser.add_argument("--map", default="", help="YAML file of the map; left out: /map is published by others")
+    parser.add_argument("--map", default="", help="YAML file of the map, which is copied; left out: /map is published by others")
     chosen = parser.parse_args(sys.argv[1:] if arguments is None else arguments)
     import rospkg
 
     profiles = Path(rospkg.RosPack().get_path("vb_bringup")) / "robots"
     try:
         folder = chosen.folder.expanduser().resolve()
-        map_file = str(Path(chosen.map).expanduser().resolve()) if chosen.map else ""
+        map_file = Path(chosen.map).expanduser().resolve() if chosen.map else None
         for path in write_lab(folder, chosen.cameras.split(), chosen.robot, map_file, profiles):
             print(path)
     except CodedError as error:

@@ -91,11 +91,12 @@ class Parameters:
             raise ParameterError(low, f"must be at most {high} = {getattr(self, high)}, got {getattr(self, low)}")
 
     def describe(self) -> str:
-        """One line with every value and its unit, for a node's start-up log."""
+        """One line with each value that is not the default, and its unit, for a node's log; "" if there is none."""
         parts = []
         for field in dataclasses.fields(self):
-            unit = field.metadata.get("unit", "")
-            parts.append(f"{field.name}={getattr(self, field.name)}{' ' + unit if unit else ''}")
+            value, unit = getattr(self, field.name), field.metadata.get("unit", "")
+            if value != _default(field):
+                parts.append(f"{field.name}={value}{' ' + unit if unit else ''}")
         return ", ".join(parts)
 
 

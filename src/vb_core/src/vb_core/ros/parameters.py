@@ -12,7 +12,7 @@ P = TypeVar("P", bound=Parameters)
 
 
 def read(cls: Type[P], namespace: str = "~", ignore: Sequence[str] = ()) -> P:
-    """Reads a parameter class from the parameter server and logs what took effect.
+    """Reads a parameter class from the parameter server and logs what differs from the defaults.
 
     Args:
         cls: the class.
@@ -36,7 +36,8 @@ def read(cls: Type[P], namespace: str = "~", ignore: Sequence[str] = ()) -> P:
         raise error if not set_on_server else ParameterError(
             error.key, f"{error.message.split(': ', 1)[1]} (if no launch file sets it any longer: "
             f"rosparam delete {error.key})") from None
-    rospy.loginfo("%s: %s", where, params.describe())
+    if params.describe():  # the defaults are in the files; twenty nodes that repeat them bury the warnings
+        rospy.loginfo("%s: %s", where, params.describe())
     return params
 
 

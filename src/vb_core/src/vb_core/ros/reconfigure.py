@@ -102,7 +102,7 @@ class ReconfigureServer(Generic[P]):
             changed = self._params.replace(**wanted)
             if changed != self._params:
                 self._apply(changed)
-                rospy.loginfo("%s: %s", self._where, changed.describe())
+                rospy.loginfo("%s: %s", self._where, changed.describe() or "all as by default")
             self._params = changed
         except CodedError as error:
             rospy.logwarn("%s: not changed: %s", self._where, error)
