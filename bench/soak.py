@@ -165,10 +165,9 @@ class Soak:
 
     def down(self) -> None:
         """Ends the stack, as an evening does."""
-        for process in (self.launch,):
-            if process is not None and process.poll() is None:
-                os.killpg(process.pid, signal.SIGINT)
-                process.wait(timeout=60)
+        if self.launch is not None and self.launch.poll() is None:
+            os.killpg(self.launch.pid, signal.SIGINT)
+            self.launch.wait(timeout=60)
 
     def close(self) -> None:
         """Ends everything that was started."""
@@ -868,4 +867,7 @@ def main() -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    status = main()
+    sys.stdout.flush()
+    # rospy would say goodbye to the second computer, which is gone together with its cable, and wait for an answer for ever
+    os._exit(status)

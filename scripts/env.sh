@@ -20,6 +20,12 @@ if [ -z "${ROS_IP:-}${ROS_HOSTNAME:-}" ]; then
 fi
 export ROS_MASTER_URI=${ROS_MASTER_URI:-http://127.0.0.1:11311}
 export PATH="$_vb_top/.venv/bin:$PATH"
+# Where Python is told not to write bytecode, as in many containers, each start of a node would compile all of its modules
+# again, a third of its start; here it is kept out of the sources.
+if [ -n "${PYTHONDONTWRITEBYTECODE:-}" ]; then
+    unset PYTHONDONTWRITEBYTECODE
+    export PYTHONPYCACHEPREFIX=$_vb_top/build/bytecode
+fi
 # image work is spread over processes, one per camera: threads within each would only fight for the cores
 export OMP_NUM_THREADS=${OMP_NUM_THREADS:-1}
 export OPENBLAS_NUM_THREADS=${OPENBLAS_NUM_THREADS:-1}

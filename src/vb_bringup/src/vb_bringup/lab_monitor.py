@@ -11,6 +11,8 @@ from vb_core.notices import Notice, Severity
 
 # a detector reports each second; two reports may be late on a busy computer
 SILENT_S = 3.0
+# on a slow computer detectors start one after the other
+STARTING_S = 15.0
 # a detector's count of dropped spots, to the code of the notice
 _REASONS = {"no_transform": "camera_no_pose", "no_camera_info": "camera_no_lens"}
 
@@ -37,7 +39,8 @@ class LabMonitor:
 
     def begin(self, now: float) -> None:
         """Starts the clock [s]: until something is overdue nothing is said."""
-        self._cameras = {name: _Camera(now, image_at=now) for name in self._expected}
+        started = now + STARTING_S - SILENT_S
+        self._cameras = {name: _Camera(started, image_at=started) for name in self._expected}
 
     def hear(self, camera: str, images: int, dropped: Mapping[str, int], now: float) -> None:
         """A detector's report at a time [s].

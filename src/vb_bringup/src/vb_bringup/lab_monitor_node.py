@@ -8,7 +8,7 @@ import sys
 import threading
 import time
 from dataclasses import dataclass
-from typing import Any, FrozenSet, List, Optional
+from typing import Any, FrozenSet, List, Optional, Tuple
 
 import rosgraph
 import rospy
@@ -17,6 +17,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from vb_bringup.lab import Line, State, notices
 from vb_bringup.lab_monitor import LabMonitor
 from vb_core import names
+from vb_core.notices import Notice
 from vb_core.parameters import Parameters, param
 from vb_core.ros import node, parameters
 from vb_core.ros.messages import values_from_mapping
@@ -58,6 +59,7 @@ class LabMonitorNode:
     def __init__(self, params: LabMonitorParams) -> None:
         self._lock = threading.Lock()
         self._monitor = LabMonitor(params.cameras.split())
+        self._told: List[Notice] = []
         self._lines: List[Line] = []
         self._closed = threading.Event()
         node.wait_for_clock()
@@ -81,21 +83,24 @@ class LabMonitorNode:
 
     def _on_timer(self, _event: Any) -> None:
         with self._lock:
-            found, lines = self._monitor.notices(rospy.get_time()), self._lines
-        self._notices.set([*found, *notices(lines)])
+            told, lines = self._monitor.notices(rospy.get_time()), self._lines
+            self._told = told
+        self._notices.set([*told, *notices(lines)])
         if lines:
             self._diagnostics.publish(_diagnostics(lines))
 
     # ------------------------------------------------------------ the whole lab
     def _check_again_and_again(self) -> None:
-        """Checks once all nodes have started, whenever one came or went, and now and then."""
-        running: FrozenSet[str] = frozenset()
+        """Checks once all nodes have started, whenever one came or went or a camera's notices changed, and now and then."""
+        situation: Tuple[FrozenSet[str], List[Notice]] = (frozenset(), [])
         due = float("inf")
         while not self._closed.wait(LOOK_S):
-            before, running = running, _running_nodes()
-            if running != before:
+            with self._lock:
+                told = self._told
+            before, situation = situation, (_running_nodes(), told)
+            if situation != before:
                 due = time.monotonic() + SETTLED_S
-            if running and time.monotonic() > due:
+            if situation[0] and time.monotonic() > due:
                 lines = self._check()
                 if lines is not None:
                     due = time.monotonic() + AGAIN_S[State.ERROR if notices(lines) else State.OK]

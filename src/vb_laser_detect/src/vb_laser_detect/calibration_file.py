@@ -5,14 +5,16 @@ import os
 import tempfile
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, List, Mapping
+from typing import TYPE_CHECKING, Any, List, Mapping
 
 import numpy as np
 import yaml
 
 from vb_core import geometry
 from vb_core.errors import CodedError
-from vb_laser_detect.calibration import Observations, PoseEstimate
+
+if TYPE_CHECKING:  # a node that only publishes poses does without OpenCV
+    from vb_laser_detect.calibration import Observations, PoseEstimate
 
 _HEAD = """\
 # Pose of the ceiling camera '{camera}' in the map, written by calibrate_camera.

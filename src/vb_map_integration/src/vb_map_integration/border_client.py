@@ -20,7 +20,7 @@ from vb_msgs.srv import (
 from vb_core import names
 from vb_core.errors import CodedError
 from vb_core.ros import services
-from vb_core.ros.messages import PreviewBorderArray
+from vb_core.ros.preview_service import PreviewBorderArray
 from vb_map_integration.border import VirtualBorder
 from vb_map_integration.border_messages import issues_from_messages, message_from_border
 from vb_map_integration.issues import Issue

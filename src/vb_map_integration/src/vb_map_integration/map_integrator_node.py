@@ -38,6 +38,7 @@ from vb_core.errors import CodedError, ParameterError
 from vb_core.parameters import Parameters, param
 from vb_core.ros import messages, node, parameters, robot_profile
 from vb_core.ros.notices import NoticePublisher
+from vb_core.ros.preview_service import PreviewBorderArray, PreviewBorderArrayResponse
 from vb_core.ros.transforms import TransformLookup
 from vb_map_integration.border import VirtualBorder
 from vb_map_integration.border_messages import border_from_message, issue_messages, message_from_border
@@ -122,7 +123,7 @@ class MapIntegratorNode:
             (names.ADD_BORDER, AddBorder, self._add),
             (names.UPDATE_BORDER, UpdateBorder, self._update),
             (names.REMOVE_BORDER, RemoveBorder, self._remove),
-            (names.PREVIEW_BORDER, messages.PreviewBorderArray, self._preview),
+            (names.PREVIEW_BORDER, PreviewBorderArray, self._preview),
             (names.LIST_BORDERS, ListBorders, self._list),
             (names.SAVE_MAP, SaveMap, self._save),
             (names.SET_BORDER_ENABLED, SetBorderEnabled, self._enable),
@@ -373,7 +374,7 @@ class MapIntegratorNode:
         return self._done(response, Outcome((), (), message))
 
     def _preview(self, request: Any) -> Any:
-        response = messages.PreviewBorderArrayResponse()
+        response = PreviewBorderArrayResponse()
         response.region.data = np.zeros(0, np.int8)
         response.unreachable_goals = np.zeros(0, np.uint32)
         try:

@@ -14,8 +14,6 @@ from vb_core.grid_map import GridMap
 from vb_core.map_files import read_map
 from vb_core.parameters import Parameters, param
 from vb_core.ros import messages, node, parameters
-from vb_sim.floor_plan import physical_map
-from vb_sim.world import load_world
 
 
 @dataclass(frozen=True)
@@ -61,8 +59,15 @@ def build() -> MapServerNode:
         raise ParameterError(rospy.resolve_name("~world"), "either this or map_yaml must be set")
     # roslaunch starts nodes in another folder, and hands on the one that it was called in
     called_in = Path(os.environ.get("PWD", "."))
-    grid = read_map(called_in / params.map_yaml) if params.map_yaml else physical_map(load_world(params.world))
-    return MapServerNode(grid)
+    return MapServerNode(read_map(called_in / params.map_yaml) if params.map_yaml else _map_of_world(params.world))
+
+
+def _map_of_world(path: str) -> GridMap:
+    # a real lab does without the simulator
+    from vb_sim.floor_plan import physical_map
+    from vb_sim.world import load_world
+
+    return physical_map(load_world(path))
 
 
 def main() -> None:

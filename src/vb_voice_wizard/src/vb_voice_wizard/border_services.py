@@ -7,6 +7,7 @@ from std_srvs.srv import Trigger, TriggerRequest
 from vb_core import names
 from vb_core.errors import CodedError
 from vb_core.ros import messages, services
+from vb_core.ros.preview_service import PreviewBorderArray, PreviewBorderArrayResponse
 from vb_msgs.msg import VirtualBorder
 from vb_msgs.srv import (
     AddBorder, AddBorderRequest, GetDrawnBorder, GetDrawnBorderRequest, ListBorders, ListBordersRequest, PreviewBorderRequest,
@@ -68,10 +69,10 @@ class BorderServices:
         response = self._ask(names.LIST_BORDERS, ListBorders, ListBordersRequest(), _INTEGRATOR)
         return {border.id: border.name or border.id for border in response.borders.borders}
 
-    def preview(self, border: VirtualBorder) -> messages.PreviewBorderArrayResponse:
+    def preview(self, border: VirtualBorder) -> PreviewBorderArrayResponse:
         """What adding the border would do; an error is in the response."""
         request = PreviewBorderRequest(border=border, frame_id=names.MAP_FRAME)
-        return self._ask(names.PREVIEW_BORDER, messages.PreviewBorderArray, request, _INTEGRATOR)
+        return self._ask(names.PREVIEW_BORDER, PreviewBorderArray, request, _INTEGRATOR)
 
     def _ask(self, name: str, service: Type, request: Any, who: str) -> Any:
         return services.call(name, service, request, who, self._wait_s, self._answer_s)

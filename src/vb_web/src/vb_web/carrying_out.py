@@ -32,7 +32,8 @@ from vb_core import names
 from vb_core.errors import CodedError
 from vb_core.ros import services
 from vb_core.ros.commands import order, send
-from vb_core.ros.messages import PreviewBorderArray, mapping_from_values
+from vb_core.ros.messages import mapping_from_values
+from vb_core.ros.preview_service import PreviewBorderArray
 from vb_web.requests import Request
 from vb_web.ros_view import apply_draft, findings_section, region_uri
 from vb_web.view import number

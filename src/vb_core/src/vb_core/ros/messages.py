@@ -13,7 +13,6 @@ from geometry_msgs.msg import Point, Pose, Quaternion, Transform, TransformStamp
 from nav_msgs.msg import OccupancyGrid
 from rospy.numpy_msg import numpy_msg
 from vb_msgs.msg import BorderPreview
-from vb_msgs.srv import PreviewBorder, PreviewBorderResponse
 
 from vb_core import geometry
 from vb_core.errors import CodedError
@@ -22,13 +21,6 @@ from vb_core.grid_map import GridMap
 # rospy packs and unpacks int8[] cell by cell; with this type for publisher and subscriber it is one copy
 OccupancyGridArray = numpy_msg(OccupancyGrid)
 BorderPreviewArray = numpy_msg(BorderPreview)
-PreviewBorderArrayResponse = numpy_msg(PreviewBorderResponse)
-
-
-class PreviewBorderArray(PreviewBorder):
-    """The service PreviewBorder with numpy arrays in its response; the same on the wire."""
-
-    _response_class = PreviewBorderArrayResponse
 
 
 # ----------------------------------------------------------------- maps

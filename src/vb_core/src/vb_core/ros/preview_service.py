@@ -1,0 +1,14 @@
+"""The service PreviewBorder with numpy arrays; apart from the messages, because service types cost a node 3 MiB."""
+from __future__ import annotations
+
+from rospy.numpy_msg import numpy_msg
+
+from vb_msgs.srv import PreviewBorder, PreviewBorderResponse
+
+PreviewBorderArrayResponse = numpy_msg(PreviewBorderResponse)
+
+
+class PreviewBorderArray(PreviewBorder):
+    """The service PreviewBorder with numpy arrays in its response; the same on the wire."""
+
+    _response_class = PreviewBorderArrayResponse
