@@ -88,13 +88,13 @@ class Command:
 class Player:
     """A camera that shows what it is told to, as often as one can bear."""
 
-    def __init__(self, name, camera, rate):
+    def __init__(self, name, camera, rate, topic="image_raw"):
         self.name, self.camera = name, camera
         self.shown = None
         self._changed = threading.Condition()
         self._began = self._latest = rospy.Time.now()
         self.render = lambda: np.full((camera.height, camera.width), 90, np.uint8)
-        self._images = rospy.Publisher(f"/{name}/image_raw", Image, queue_size=1)
+        self._images = rospy.Publisher(f"/{name}/{topic}", Image, queue_size=1)
         self._infos = rospy.Publisher(f"/{name}/camera_info", CameraInfo, queue_size=1)
         self._timer = rospy.Timer(rospy.Duration(1.0 / rate), self._play)
 
@@ -164,8 +164,8 @@ class CalibrateCameraTest(unittest.TestCase):
         self.addCleanup(command.end)
         return command
 
-    def player(self, name, camera, rate):
-        player = Player(name, camera, rate)
+    def player(self, *arguments):
+        player = Player(*arguments)
         self.addCleanup(player.close)
         return player
 
@@ -241,7 +241,10 @@ class CalibrateCameraTest(unittest.TestCase):
         # a board as large for this small image as an A3 sheet is for 1080p
         board, rng = BoardParams.for_paper("A0"), np.random.default_rng(5)
         camera = CAMERA.scaled_to(800, 450)
-        blue = self.player("blue", camera, 12)
+        blue = self.player("blue", camera, 12, "image_color")
+        # what the lab's file for this camera says
+        rospy.set_param("/spot_detector_blue/image", "blue/image_color")
+        self.addCleanup(rospy.delete_param, "/spot_detector_blue")
         blue.shown = np.full((450, 800), 90, np.uint8)
         blue.render = lambda: blue.shown
         command = self.start("board", "blue", "--folder", self.folder.name, "--paper", "A0")

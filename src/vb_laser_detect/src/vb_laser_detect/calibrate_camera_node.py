@@ -145,11 +145,14 @@ class Guide:
     def __init__(self, arguments: argparse.Namespace) -> None:
         self._arguments = arguments
         self._inputs = Inputs()
-        image = arguments.image or f"/{arguments.camera}/image_raw"
-        info = arguments.camera_info or image.rsplit("/", 1)[0] + "/camera_info"
-        self._input = CameraInput(image, info, arguments.compressed, self.on_image)
+        # what the lab's files say of this camera need not be said again
+        running = rospy.get_param(f"/spot_detector_{arguments.camera}", {})
+        image = arguments.image or "/" + (running.get("image") or f"{arguments.camera}/image_raw").lstrip("/")
+        info = arguments.camera_info or running.get("camera_info") or image.rsplit("/", 1)[0] + "/camera_info"
+        compressed = arguments.compressed or running.get("image_transport") == "compressed"
+        self._input = CameraInput(image, info, compressed, self.on_image)
         self.camera = self._input.wait(arguments.patience)
-        self._frame = arguments.frame or self._input.frame_id or f"{arguments.camera}_optical_frame"
+        self._frame = arguments.frame or running.get("frame") or self._input.frame_id or f"{arguments.camera}_optical_frame"
         # before the person does any work
         calibration_file.require_own_frame(arguments.folder, arguments.camera, self._frame)
         self.session: Any = None
@@ -363,7 +366,7 @@ def _parser() -> argparse.ArgumentParser:
 
     guided = argparse.ArgumentParser(add_help=False)
     guided.add_argument("camera", help="its name: /NAME/image_raw, /NAME/camera_info")
-    guided.add_argument("--image", default="", help="image topic, if it is another")
+    guided.add_argument("--image", default="", help="image topic; default: that of its running detector, else NAME/image_raw")
     guided.add_argument("--camera_info", default="", help="camera_info topic, if it is not beside the image topic")
     guided.add_argument("--compressed", action="store_true", help="take the compressed images")
     guided.add_argument("--frame", default="", help="optical frame; default: what the images say")
