@@ -778,12 +778,14 @@ def main() -> int:
     folder = Path(tempfile.mkdtemp(prefix="soak_"))
     soak = Soak(chosen.hours, chosen.seed, folder, chosen.port, apart)
     began = time.monotonic()
-    # also where a shell that starts it in the background has them ignored
+    # also where a shell that starts it in the background has them ignored; a life that is ended early counts as far as it went
     signal.signal(signal.SIGINT, signal.default_int_handler)
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
         soak.start()
         soak.live()
+    except KeyboardInterrupt:
+        pass
     finally:
         soak.close()
     result = {**soak.result(time.monotonic() - began), "command": f"bench/soak.py --hours {chosen.hours:g} --seed {chosen.seed}"}

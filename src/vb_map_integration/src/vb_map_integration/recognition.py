@@ -48,12 +48,6 @@ class Verdict:
     floor_cells: int = 0
 
 
-@dataclass(frozen=True)
-class _Seen:
-    grid: GridMap
-    verdict: Verdict
-
-
 class Recognizer:
     """Recognises maps by the database.
 

@@ -11,7 +11,7 @@ from scipy.sparse.csgraph import dijkstra
 from vb_core import geometry
 from vb_core.errors import CodedError
 from vb_core.parameters import Parameters, param
-from vb_sim.costmap import INSCRIBED, LETHAL, Costmap
+from vb_sim.costmap import LETHAL, Costmap
 
 NEUTRAL_COST = 50.0  # of a free cell, and how much a cell's cost adds to it: navfn's figures
 COST_FACTOR = 0.8
@@ -84,17 +84,6 @@ class Planner:
         """Whether the robot's centre may be at a place (2,) [m]."""
         cell = self.costmap.grid.world_to_cell(place)[0]
         return bool(self.costmap.grid.contains_cells(cell)[0] and self._ids[cell[0], cell[1]] >= 0)
-
-    def is_free(self, path: np.ndarray) -> bool:
-        """Whether a path (N, 2) [m] is traversable as a whole, but for its first `escape_distance`."""
-        if len(path) == 0:
-            return True
-        path = np.asarray(path, dtype=float)
-        far = np.linalg.norm(path - path[0], axis=1) > self._params.escape_distance
-        cells = self.costmap.grid.world_to_cell(path[far])
-        if not self.costmap.grid.contains_cells(cells).all():
-            return False
-        return bool((self.costmap.costs[cells[:, 0], cells[:, 1]] < INSCRIBED).all())
 
     # ------------------------------------------------------------ ends of the path
     def _cell(self, point: np.ndarray, what: str) -> Tuple[int, int]:
