@@ -12,10 +12,11 @@ import rosgraph
 import rosnode
 import rospy
 import rostest
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from sensor_msgs.msg import CameraInfo, Image
 
 from vb_core import names
-from vb_core.ros.notices import notice_from_message
+from vb_core.ros.messages import mapping_from_values
 from vb_msgs.msg import NoticeArray
 
 
@@ -43,17 +44,25 @@ class CheckLab(unittest.TestCase):
         rospy.init_node("check_lab")
         cls.images = rospy.Publisher("/north/image_raw", Image, queue_size=1)
         cls.infos = rospy.Publisher("/north/camera_info", CameraInfo, queue_size=1)
-        cls.heard = []
+        cls.told, cls.diagnosed = set(), set()
         cls.changed = threading.Condition()
         rospy.Subscriber(names.NOTICES, NoticeArray, cls.on_notices, queue_size=10)
+        rospy.Subscriber("/diagnostics", DiagnosticArray, cls.on_diagnostics, queue_size=10)
         cls.timer = rospy.Timer(rospy.Duration(0.1), cls.play)
 
     @classmethod
     def on_notices(cls, message):
-        if message.source != "/lab_monitor_of_two":
+        if message.source != "/lab_monitor":
             return
         with cls.changed:
-            cls.heard = [notice_from_message(notice) for notice in message.notices]
+            cls.told = {(notice.code, notice.camera) for notice in message.notices}
+            cls.changed.notify_all()
+
+    @classmethod
+    def on_diagnostics(cls, message):
+        with cls.changed:
+            cls.diagnosed.update((status.name, mapping_from_values(status.values).get("code"), status.level)
+                                 for status in message.status)
             cls.changed.notify_all()
 
     @classmethod
@@ -93,11 +102,17 @@ class CheckLab(unittest.TestCase):
             self.assertEqual(listening_beyond_loopback(xmlrpc.client.ServerProxy(uri).getPid("/check_lab")[2]), [], name)
         self.assertGreaterEqual(nodes, 4)
 
-    def test_a_camera_that_should_be_there_is_told_to_people(self):
+    def wait(self, arrived):
         with self.changed:
-            told = self.changed.wait_for(
-                lambda: [(notice.code, notice.camera) for notice in self.heard] == [("detector_missing", "south")], 20.0)
-        self.assertTrue(told, self.heard)
+            self.assertTrue(self.changed.wait_for(arrived, 60.0), (self.told, self.diagnosed))
+
+    def test_a_camera_that_should_be_there_is_told_to_people(self):
+        self.wait(lambda: ("detector_missing", "south") in self.told)
+
+    def test_the_running_lab_says_by_itself_what_is_wrong(self):
+        self.wait(lambda: ("lab_camera_not_calibrated", "north") in self.told)
+        self.wait(lambda: ("lab: camera north", "lab_camera_not_calibrated", DiagnosticStatus.ERROR) in self.diagnosed)
+        self.wait(lambda: ("lab: move_base", "lab_navigation_missing", DiagnosticStatus.WARN) in self.diagnosed)
 
 
 if __name__ == "__main__":

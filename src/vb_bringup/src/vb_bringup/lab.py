@@ -65,7 +65,7 @@ class CameraSeen:
 
     Attributes:
         topic: of its images; publishers: nodes that publish it; others: topics of images that its driver does publish.
-        rate: [1/s]; age: [s] newest stamp to now; both 0 without images.
+        rate: [1/s]; age: [s] from stamp to arrival, of the quickest image; both 0 without images.
         frame: that the images name; bright: share of the image at its white level.
         detector: the detector's node; "" if none runs.
         has_pose: whether tf knows the frame in the map.

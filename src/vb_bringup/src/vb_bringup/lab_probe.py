@@ -51,14 +51,14 @@ class Graph:
 
 
 class Stream:
-    """A topic observed for a while: its message count, newest stamp, and one whole message."""
+    """A topic observed for a while: its messages' times and ages, and one whole message."""
 
     def __init__(self, topic: str, kind: Any) -> None:
         self._kind = kind
         self._lock = threading.Lock()
         self._began = time.monotonic()
         self._times: List[float] = []
-        self._age = 0.0
+        self._ages: List[float] = []
         self._raw: Optional[bytes] = None
         # undecoded: images would keep this process busy for nothing
         self._subscriber = rospy.Subscriber(topic, rospy.AnyMsg, self._on_message, queue_size=5, buff_size=2**24)
@@ -68,7 +68,7 @@ class Stream:
             self._times.append(time.monotonic())
             if len(message._buff) >= 12:
                 _, seconds, nanoseconds = struct.unpack("<III", message._buff[:12])
-                self._age = rospy.get_time() - (seconds + 1e-9 * nanoseconds)
+                self._ages.append(rospy.get_time() - (seconds + 1e-9 * nanoseconds))
             self._raw = message._buff
 
     def rate(self) -> float:
@@ -79,8 +79,12 @@ class Stream:
             return (len(self._times) - 1) / max(self._times[-1] - self._times[0], 1e-6)
 
     def age(self) -> float:
-        """[s] from the newest message's stamp to its arrival; negative: from the future."""
-        return self._age
+        """[s] from a message's stamp to its arrival, of the quickest one; negative: from the future.
+
+        A busy computer delays some messages; clocks that differ shift all of them.
+        """
+        with self._lock:
+            return min(self._ages, default=0.0)
 
     def message(self) -> Optional[Any]:
         """The newest message; None if none arrived or it is not of the right type."""
