@@ -31,7 +31,16 @@ def placed(config):
 def test_all_is_here_unless_said_otherwise():
     config = load("cameras:=red green")
     assert placed(config) == {"spot_detector_red": None, "spot_detector_green": None, "lab_monitor": None}
-    assert not load("cameras:=").nodes
+    assert placed(load("cameras:=")) == {"lab_monitor": None}
+
+
+@pytest.mark.parametrize("names", ["true", "on off", "7"])
+def test_names_that_yaml_and_roslaunch_take_for_something_else_stay_names(names):
+    config = load(f"cameras:={names}")
+    # roslaunch itself capitalises a truth value; what counts is that a detector says that nothing comes from this camera
+    cameras = [name.capitalize() if name == "true" else name for name in names.split()]
+    assert [config.params[f"/spot_detector_{name}/camera"].value for name in cameras] == cameras
+    assert config.params["/lab_monitor/cameras"].value == names
 
 
 def test_each_detector_is_on_its_cameras_machine(machines):
