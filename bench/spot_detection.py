@@ -69,6 +69,8 @@ def measure_time(frames: int) -> Dict[str, Any]:
     bayer = [scene.render([place], smear=(10.0, 4.0), colour=RED, bayer=True) for place in places]
     authors = AuthorsDesign()
     ours = {"bgr8": SpotDetector(DetectorParams.stationary()), "bayer_rggb8": SpotDetector(DetectorParams.stationary())}
+    for encoding, detector in ours.items():
+        detector.encoding = encoding
     times: Dict[str, List[float]] = {"authors_bgr8": [], "bgr8": [], "bayer_rggb8": []}
     for i in range(frames):
         picture = order[i % len(order)]
