@@ -190,7 +190,7 @@ class SpotDetector:
         expected = self._tracker.begin(stamp, diagonal, self._proposer.motion(image))
         view = self._proposer.look(image, p.min_rise, p.max_candidates, self._white, expected)
         self._white = view.white
-        camera = Camera(self._white, diagonal, mosaic, view.moved)
+        camera = Camera(self._white, diagonal, mosaic)
         findings, candidates = self._look(view, camera)
         found = sorted((f for f in findings if not f.refusal), key=lambda f: (not f.certain, -f.confidence))
         spots, refusals = self._confirm(found, mosaic)

@@ -46,15 +46,11 @@ class Blob:
 
 
 class Camera(NamedTuple):
-    """What is known of the camera: the brightest value that it shows, its images' diagonal [px], a Bayer mosaic or not.
-
-    `moved`: the reference was warped to where the camera is now; an edge may be off by a part of a pixel.
-    """
+    """What is known of the camera: the brightest value that it shows, its images' diagonal [px], a Bayer mosaic or not."""
 
     white: float
     diagonal: float
     mosaic: bool
-    moved: bool
 
 
 def measure(
@@ -111,12 +107,11 @@ def measure(
         return replace(place, problem="not_coloured")
     moments = cv2.moments(cv2.copyTo(light, mask))
     area, long, short = _axes(mask)
-    cut_off = x0 + bx == 0 or y0 + by == 0 or x0 + bx + bw == width or y0 + by + bh == height
     return replace(
         place, u=moments["m10"] / moments["m00"] + x0 + sx, v=moments["m01"] / moments["m00"] + y0 + sy,
         diameter=2.0 * math.sqrt(area / math.pi),
         numbers={"elongation": math.log(long / short), "compactness": area / (4.0 * math.pi * long * short),
-                 "cut_off": float(cut_off), **_describe(mask, light, now, rise[part], before, area, tint, camera)})
+                 **_describe(mask, light, now, rise[part], before, area, tint, camera)})
 
 
 def _describe(
@@ -127,7 +122,6 @@ def _describe(
     # cv2 with masks, not numpy with indices: on patches this small the calls take the time
     white, none, diameter = camera.white, math.nan, 2.0 * math.sqrt(area / math.pi)
     peak, highest, level = (float(cv2.minMaxLoc(plane, blob)[1]) for plane in (smooth, max_channel(rise), max_channel(image)))
-    saturated = level >= _SATURATED * white
     ring = _ring(blob, diameter)
     around = cv2.countNonZero(ring)
     rises = cv2.mean(rise, blob)[: 1 if rise.ndim == 2 else 3]
@@ -140,30 +134,23 @@ def _describe(
     off = cv2.absdiff(before, middle_of(before[blob > 0]))
     like = cv2.bitwise_and(ring, cv2.compare(off, max(12.0, 0.25 * rose), cv2.CMP_LT))
     alike = cv2.countNonZero(like)
-    contrast = (cv2.mean(now, blob)[0] - cv2.mean(now, like)[0]) / rose if alike else 0.0
     # a shadow that passes over a spot leaves about half of the light; what hides the floor is an object
     hidden = cv2.compare(now, cv2.addWeighted(before, _SHADOW, before, 0.0, -4.0), cv2.CMP_LT)
     rim = cv2.subtract(cv2.dilate(blob, _SQUARE), cv2.erode(blob, _SQUARE))
     slope, slope_before = cv2.mean(_gradient(now), rim)[0], cv2.mean(_gradient(before), rim)[0]
-    # of the outline, in the image and in the image and the reference together: a ghost's is in the reference alone
-    edge = slope / max(1e-3, slope + slope_before)
     coloured = none if tint is None else chroma(tint)
     return {
         "peak": math.log(max(peak, 1.0) / white),
         # of a spot hardly larger than a pixel, smoothing leaves less than half
-        "rise": none if saturated else math.log(max(highest, 1.0) / white),
+        "rise": none if level >= _SATURATED * white else math.log(max(highest, 1.0) / white),
         "level": level / white,
-        "flatness": none if saturated else cv2.countNonZero(
-            cv2.bitwise_and(cv2.compare(smooth, 0.8 * peak, cv2.CMP_GT), blob)) / area,
         "surround": cv2.mean(smooth, ring)[0] / peak if around else 1.0,
         # near 1 for a light, near 0 where an object has left, more than 1 beside something dark that came
-        "contrast": contrast,
-        "contrast_moved": contrast if camera.moved else none,
+        "contrast": (cv2.mean(now, blob)[0] - cv2.mean(now, like)[0]) / rose if alike else 0.0,
         "likeness": alike / around if around else 1.0,
-        # the longer an outline, the less noise and a table's edge under the spot affect it
-        "edge": edge - 0.14 * min(1.0, max(0.0, diameter / 24.0 - 1.0)),
-        "edge_moved": edge if camera.moved else none,
-        # 0 except where something moves in
+        # of the outline, in the image and in the image and the reference together: a ghost's is in the reference alone; the
+        # longer it is, the less noise and a table's edge under the spot affect it
+        "edge": slope / max(1e-3, slope + slope_before) - 0.14 * min(1.0, max(0.0, diameter / 24.0 - 1.0)),
         "darker": cv2.countNonZero(cv2.bitwise_and(hidden, ring)) / around if around else 0.0,
         # a light darkens no channel, paint does
         "fall": max(0.0, float((floor - levels).max())) / white,

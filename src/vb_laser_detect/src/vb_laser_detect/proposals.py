@@ -40,7 +40,6 @@ class View(NamedTuple):
         reference: what the image would show without a spot where it is examined, the same shape.
         proposals: the most promising first.
         rise: (rows, columns) uint8, of each block; hot, changed: bool, those that became brighter; and those, or darker.
-        moved: the camera moved since the last image.
         white: [grey levels] the brightest value so far.
     """
 
@@ -50,7 +49,6 @@ class View(NamedTuple):
     rise: np.ndarray
     hot: np.ndarray
     changed: np.ndarray
-    moved: bool
     white: float
 
     def around(self, u: float, v: float, diameter: float) -> Dict[str, float]:
@@ -112,7 +110,7 @@ class Proposer:
         background.examine([one.region for one in proposals if not one.refusal], image)
         # while the camera moves, what became darker is taken from the image at once
         changed = hot if background.moved else hot | darker
-        return View(image, background.reference, proposals, rise, hot, changed, background.moved, white)
+        return View(image, background.reference, proposals, rise, hot, changed, white)
 
     def _start(self, image: np.ndarray, expected: Sequence[Expected]) -> None:
         background = self._background = Background(image, self._hold_s)

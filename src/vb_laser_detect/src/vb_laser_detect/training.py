@@ -23,8 +23,8 @@ _WEIGHT = 2000.0  # of the spots of a kind
 _FALSE_COSTS = 10.0  # times a missed spot, which the next image shows again
 _STRENGTH = 0.3  # of the fit against the wish for low ramps
 # which way a curve may go: more of it speaks for a spot, or against; or for it up to a usual value and then against
-_FOR = ("peak", "rise", "level", "compactness", "likeness", "edge", "edge_moved", "smallness", "chroma", "chroma_mosaic")
-_UP_TO = {"contrast": 0.9, "contrast_moved": 0.9, "diameter": math.log(0.01)}
+_FOR = ("peak", "rise", "level", "compactness", "likeness", "edge", "smallness", "chroma", "chroma_mosaic")
+_UP_TO = {"contrast": 0.9, "diameter": math.log(0.01)}
 
 
 class Frame(NamedTuple):
