@@ -229,7 +229,7 @@ class SpotDetector:
         trusted = one is not None and one.trusted
         # a published spot has shown its colour, and in a mosaic that takes longest to measure
         least_chroma = None if trusted and one.published and self.params.confirm_frames > 1 else self._least_chroma
-        largest = _LONGEST * (self.params.max_diameter_mm / 1e3 / metre + _SMEAR_PX if metre else _WIDEST * camera.diagonal)
+        largest = _LONGEST * self._sizes(metre, camera)[1]
         blob = features.measure(view.image, view.reference, proposal.region, largest, camera, least_chroma=least_chroma)
         finding = self._judge(blob, metre, view, camera, False)
         for edge in (features.EDGE, *features.CORES) if trusted and finding.refusal else ():
@@ -292,18 +292,21 @@ class SpotDetector:
         middles = [((left + right) / 2.0, (top + bottom) / 2.0) for (left, top, right, bottom), *_ in proposals]
         return metres_per_pixel(self._to_floor, middles)
 
+    def _sizes(self, metre: Optional[float], camera: Camera) -> Tuple[float, float]:
+        """The least and the largest diameter [px] of a spot where a pixel is this long on the floor [m], or where is unknown."""
+        if not metre:
+            return _LEAST_PX, _WIDEST * camera.diagonal
+        least, largest = (0.001 / metre * size for size in (self.params.min_diameter_mm, self.params.max_diameter_mm))
+        return max(_LEAST_PX, least), largest + _SMEAR_PX
+
     def _wrong_size(self, blob: Blob, metre: Optional[float], camera: Camera) -> str:
-        if blob.diameter < _LEAST_PX:
-            return "too_small"
-        if self._to_floor is None:
-            return "too_large" if blob.diameter > _WIDEST * camera.diagonal else ""
-        # a person's region may have its middle above the horizon, and the spot on the floor
-        metre = metre or metres_per_pixel(self._to_floor, [(blob.u, blob.v)])[0]
-        if metre is None:
-            return "off_floor"
-        if (blob.diameter - _SMEAR_PX) * metre > self.params.max_diameter_mm / 1e3:
-            return "too_large"
-        return "too_small" if blob.diameter * metre < self.params.min_diameter_mm / 1e3 else ""
+        if self._to_floor is not None and not metre:
+            # a person's region may have its middle above the horizon, and the spot on the floor
+            metre = metres_per_pixel(self._to_floor, [(blob.u, blob.v)])[0]
+            if metre is None:
+                return "off_floor"
+        least, largest = self._sizes(metre, camera)
+        return "too_small" if blob.diameter < least else "too_large" if blob.diameter > largest else ""
 
 
 def _checked(image: np.ndarray) -> np.ndarray:
