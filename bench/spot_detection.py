@@ -69,6 +69,8 @@ def measure_time(frames: int) -> Dict[str, Any]:
     bayer = [scene.render([place], smear=(10.0, 4.0), colour=RED, bayer=True) for place in places]
     authors = AuthorsDesign()
     ours = {"bgr8": SpotDetector(DetectorParams.stationary()), "bayer_rggb8": SpotDetector(DetectorParams.stationary())}
+    for encoding, detector in ours.items():
+        detector.encoding = encoding
     times: Dict[str, List[float]] = {"authors_bgr8": [], "bgr8": [], "bayer_rggb8": []}
     for i in range(frames):
         picture = order[i % len(order)]
@@ -92,10 +94,14 @@ def measure_time(frames: int) -> Dict[str, Any]:
     return result
 
 
-def measure_scenes(words: List[str], seed: int, other: Optional[Path], left_out: List[Path]) -> Dict[str, Any]:
+def measure_scenes(
+    words: List[str], seed: int, other: Optional[Path], left_out: List[Path], share: float, without: List[str],
+) -> Dict[str, Any]:
     """Recall, false spots and errors on the floor in rendered scenes; prints each as it is done.
 
     Args:
+        share: of each scene's time that is played.
+        without: no scenes with one of these words in their names.
         other: folder of another version's packages, which see the same pictures.
         left_out: examples that spot_training.py kept: the scenes are also searched with classifiers fitted without them.
     """
@@ -109,7 +115,7 @@ def measure_scenes(words: List[str], seed: int, other: Optional[Path], left_out:
     print(f"{'scene':52s} recall  false/h  error on the floor [mm]: median, 95 % (and with pose errors)")
     for scene in ceiling_scenes(room) + mobile_scenes(room):
         name = ("robot's camera: " if scene.mobile else "") + scene.name
-        if words and not any(word in name for word in words):
+        if words and not any(word in name for word in words) or any(word in name for word in without):
             continue
         cameras = {"this": Camera(scene, rooms)}
         if examples is not None:
@@ -117,7 +123,7 @@ def measure_scenes(words: List[str], seed: int, other: Optional[Path], left_out:
             cameras["left out"] = Camera(scene, rooms, judge=fit(examples.without(group)))
         if other is not None:
             cameras["other"] = Camera(scene, rooms, other)
-        for version, outcome in zip(cameras, play(scene, list(cameras.values()))):
+        for version, outcome in zip(cameras, play(scene, list(cameras.values()), share)):
             figures = outcome.summary()
             result.setdefault(name, {})[version] = figures
             numbers = [np.nan if figures[key] is None else figures[key] for key in SCENE_FIGURES]
@@ -153,6 +159,8 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--frames", type=int, default=200, help="rendered frames to time")
     parser.add_argument("--scenes", nargs="*", metavar="WORD", help="rendered scenes; only those with a WORD in their name")
+    parser.add_argument("--without", nargs="+", default=[], metavar="WORD", help="no scenes with a WORD in their name")
+    parser.add_argument("--share", type=float, default=1.0, help="of each scene's time, for --scenes")
     parser.add_argument("--quiet", type=float, metavar="MINUTES", help="simulated time without a laser")
     parser.add_argument("--seed", type=int, default=1, help="of textures, noise and, with --quiet, who walks where")
     parser.add_argument("--other", type=Path, help="folder of another version's packages, for --scenes: on the same pictures")
@@ -170,7 +178,8 @@ def main() -> int:
         print(f"{name:14s} {timing[name]['median_ms']:6.2f} ms per 1080p frame (95th percentile {timing[name]['p95_ms']:.2f})")
     print(f"faster than the authors' design: {timing['times_faster_bgr8']:.1f} times (bgr8), {timing['times_faster_bayer_rggb8']:.1f} times (Bayer)")
     if arguments.scenes is not None:
-        result["scenes"] = measure_scenes(arguments.scenes, arguments.seed, arguments.other, arguments.left_out)
+        result["scenes"] = measure_scenes(arguments.scenes, arguments.seed, arguments.other, arguments.left_out, arguments.share,
+                                          arguments.without)
         if arguments.csv:
             write_scenes(result["scenes"], arguments.csv, arguments.seed)
     if arguments.quiet:

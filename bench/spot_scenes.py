@@ -266,10 +266,10 @@ def course(scene: Scene, quiet_s: float = QUIET_S, draw_s: float = 0.0) -> Itera
         yield t, scene.world_at(t) if t >= LEARN_S else 0, snapshot
 
 
-def play(scene: Scene, cameras: Sequence[Camera]) -> List[Outcome]:
-    """Plays one scene; several cameras of the scene see the same pictures."""
+def play(scene: Scene, cameras: Sequence[Camera], share: float = 1.0) -> List[Outcome]:
+    """Plays so much of one scene's time; several cameras of the scene see the same pictures."""
     outcomes = [Outcome() for _ in cameras]
-    for t, index, snapshot in course(scene):
+    for t, index, snapshot in course(scene, share * QUIET_S, share * scene.draw_s):
         image, frame, view = cameras[0].picture(t, index, snapshot)
         for camera, outcome in zip(cameras, outcomes):
             camera.look(t, image, frame, view, outcome)

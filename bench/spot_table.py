@@ -31,6 +31,7 @@ from spot_versions import other_detector  # noqa: E402
 from vb_core import geometry  # noqa: E402
 from vb_core.camera_model import CameraModel  # noqa: E402
 from vb_laser_detect.detector import DetectorParams, SpotDetector  # noqa: E402
+from vb_laser_detect.image_format import PixelReader  # noqa: E402
 from vb_laser_detect.image_geometry import search  # noqa: E402
 from vb_laser_detect.projection import floor_points  # noqa: E402
 
@@ -38,7 +39,12 @@ HEIGHT_M, NEAR_PX = 2.95, 5.0
 
 
 class Row(NamedTuple):
-    """One kind of camera; `lens`: raw, rectified or fisheye, "" where only places in the image count."""
+    """One kind of camera.
+
+    Attributes:
+        encoding: as in sensor_msgs/Image; empty: bgr8, or bayer_rggb8.
+        lens: raw, rectified or fisheye, "" where only places in the image count.
+    """
 
     name: str
     colour: Tuple[float, float, float] = GREEN
@@ -48,7 +54,26 @@ class Row(NamedTuple):
     rate: float = 25.0
     white: float = 255.0
     jpeg: int = 0
+    encoding: str = ""
     lens: str = ""
+
+
+# what a driver would send of an image, by encoding
+SENT = {
+    "rgb8": lambda image: image[:, :, ::-1].copy(),
+    "mono8": lambda image: image[:, :, 1].copy(),
+    "mono16": lambda image: image[:, :, 1].astype(np.uint16) * 16,
+    "bayer_rggb16": lambda image: image.astype(np.uint16) * 16,
+    "yuv422": lambda image: uyvy(image),
+}
+
+
+def uyvy(image: np.ndarray) -> np.ndarray:
+    """bgr (H, W, 3) to 4:2:2 (H, W, 2), the luminance second."""
+    luminance, *chroma = (plane.astype(int) for plane in cv2.split(cv2.cvtColor(image, cv2.COLOR_BGR2YUV)))
+    second = np.empty_like(luminance)
+    second[:, ::2], second[:, 1::2] = chroma[0][:, ::2], chroma[1][:, ::2]
+    return np.dstack([second, np.clip(16 + luminance * 219 / 255, 0, 255)]).astype(np.uint8)  # video levels
 
 
 def rows() -> Iterator[Row]:
@@ -63,6 +88,8 @@ def rows() -> Iterator[Row]:
             yield Row(f"{kind}, {rate} images/s", bayer=bayer, rate=rate)
         for width, height in ((320, 240), (1920, 1080), (3840, 2160)):
             yield Row(f"{kind}, {width} x {height}", bayer=bayer, width=width, height=height)
+    for encoding in SENT:
+        yield Row(f"{encoding} images{' of 12 bits' if encoding.endswith('16') else ''}", encoding=encoding, bayer="bayer" in encoding)
     yield Row("bgr8, JPEG of quality 60", jpeg=60)
     yield Row("bgr8, JPEG of quality 60, red laser", RED, jpeg=60)
     for lens in ("raw", "rectified", "fisheye"):
@@ -97,7 +124,7 @@ def pictures(row: Row, moving: bool) -> Iterator[Tuple[float, np.ndarray, Option
         image = cv2.convertScaleAbs(image, alpha=row.white / 255.0)
         if row.jpeg:
             image = cv2.imdecode(cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, row.jpeg])[1], cv2.IMREAD_COLOR)
-        yield t, image, spot
+        yield t, SENT[row.encoding](image) if row.encoding else image, spot
 
 
 def measure(row: Row, role: str, other: Optional[Path]) -> Dict[str, Dict[str, Any]]:
@@ -108,14 +135,21 @@ def measure(row: Row, role: str, other: Optional[Path]) -> Dict[str, Dict[str, A
         (params, detector), find = other_detector(other)
         detectors["other"] = (getattr(params, preset), detector, find)
     made = {version: (detector(params()), find) for version, (params, detector, find) in detectors.items()}
+    encoding, reader = row.encoding or ("bayer_rggb8" if row.bayer else "bgr8"), PixelReader()
     counts = {version: {"images": 0, "told": 0, "false": 0, "errors": []} for version in made}
     camera, truth = camera_of(row), {}
     pose = geometry.transform(np.diag([1.0, -1.0, -1.0]), (0.0, 0.0, HEIGHT_M))
     for t, image, spot in pictures(row, role == "robot"):
         truth[t] = spot
         for version, (detector, find) in made.items():
-            detector.encoding = "bayer_rggb8" if row.bayer else "bgr8"
-            spots, count = find(detector, image, t, None), counts[version]
+            detector.encoding, count = encoding, counts[version]
+            # the version before took pixels as they came
+            try:
+                spots = find(detector, reader.read(image, encoding) if version == "this" else image, t, None)
+            except Exception as refused:
+                if type(refused).__name__ != "CodedError":
+                    raise
+                spots = []
             count["images"] += spot is not None
             for at, one in [(t, one) for one in spots] + [(earlier.stamp, earlier.spot) for earlier in detector.backfilled]:
                 where = truth[at]

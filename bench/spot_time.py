@@ -55,6 +55,7 @@ def work(source: Path, folder: Path) -> None:
         if case not in detectors:
             preset = DetectorParams.mobile if "robot" in case else DetectorParams.stationary
             detectors[case], stamps[case] = SpotDetector(preset()), 0.0
+            detectors[case].encoding = "bayer_rggb8" if "bayer" in case else "bgr8"
             images[case] = np.load(folder / f"{CASES.index(case)}.npy")
             for image in images[case][:2]:
                 stamps[case] += 0.04

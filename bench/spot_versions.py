@@ -18,8 +18,11 @@ def other_detector(source: Path) -> Tuple[Tuple[Any, Any], Callable]:
     sys.path[:0] = [str(source / package / "src") for package in ("vb_core", "vb_laser_detect")]
     try:
         detector = importlib.import_module("vb_laser_detect.detector")
-        found = (detector.DetectorParams, detector.SpotDetector), importlib.import_module("vb_laser_detect.image_geometry").search
-        return found
+        # up to 3655b17 things had other names
+        geometry = "image_geometry" if (Path(detector.__file__).parent / "image_geometry.py").exists() else "frame"
+        if geometry == "frame":
+            detector.SpotDetector.backfilled = property(lambda self: self.recalled)
+        return (detector.DetectorParams, detector.SpotDetector), importlib.import_module(f"vb_laser_detect.{geometry}").search
     finally:
         del sys.path[:2]
         for name in ours():

@@ -161,6 +161,7 @@ class Lit:
 
     def start(self):
         self.detector = SpotDetector(DetectorParams.stationary())
+        self.detector.encoding = self.view.encoding
         self.now = 0.0
         self.view.shine(None)
         self.see(30)

@@ -1,8 +1,14 @@
-"""What a stationary camera sees without a spot: a background updated slowly, never from a spot."""
+"""What a camera sees without a spot: a background updated slowly, never from a spot.
+
+A moving camera is a stationary one over a background that moves along. It is moved tile by tile by whole pixels, and an
+image compared with the brightest of the nine pixels around each place, as the motion is not exactly known; it is warped by
+parts of a pixel only where something is examined. Then all that is steady is taken from the image itself: nothing is
+moved twice and blurred.
+"""
 from __future__ import annotations
 
 import math
-from typing import Optional, Sequence
+from typing import Optional, Sequence, Tuple
 
 import cv2
 import numpy as np
@@ -17,119 +23,101 @@ _ABSORB_S = 1.5  # a change that lasts this long belongs to the background
 _WEIGHT = 0.25  # of a frame whenever a strip is blended in
 _ABSORB_MOVING = 6  # [images] while the camera moves: what an inexact motion leaves of an edge lasts this long
 _MARGIN = 24  # [px] around a region that is examined
+_AROUND = 7  # [blocks] the neighbourhood of a spot, whose median is taken for the floor under it
 _SQUARE = np.ones((3, 3), np.uint8)
-_EVEN = np.zeros((5, 5), np.uint8)  # the same for the places of a Bayer pattern
-_EVEN[::2, ::2] = 1
+_TILE = 96  # [px] in which a motion is the same to a fraction of a pixel
 
 
 class Background:
     """The background of one camera at full resolution, and each block's noise.
 
-    The image is blended in strip by strip, so that every frame costs the same. Blocks that changed are left out
-    until the change has lasted 1.5 s; then they are adopted in one step. Blocks that show a spot are left
+    A stationary camera's image is blended in strip by strip, so that every frame costs the same. Blocks that changed are
+    left out until the change has lasted 1.5 s; then they are adopted in one step. Blocks that show a spot are left
     out for `hold_s`.
 
     Args:
-        image: (H, W) or (H, W, C) uint8, the first image.
+        image: (H, W) or (H, W, 3) uint8, the first image.
         hold_s: [s] how long a spot may shine in the same place before it counts as a lamp.
 
     Attributes:
         image: the background itself.
-        reference: what the next image is compared with.
+        reference: what an image is compared with where it is examined.
+        blocks: their rows and columns.
         moved: whether the camera moved since the last image.
     """
 
     def __init__(self, image: np.ndarray, hold_s: float) -> None:
-        self.image = image.copy()
+        self.image = self.reference = image.copy()
         self.hold_s = hold_s
-        self._sample = sample_blocks(image)
-        blocks = (image.shape[0] // BLOCK, image.shape[1] // BLOCK)
-        self._noise = np.zeros(blocks, np.float32)
-        self._deviation = np.zeros(blocks, np.float32)
-        self._changed_s = np.zeros(blocks, np.float32)
-        self._nothing = np.zeros(blocks, np.float32)
-        self._held_s = np.zeros(blocks, np.float32)
-        self._guessed = np.zeros(blocks, np.uint8)
-        self._limit: Optional[np.ndarray] = None  # of a rise that exceeds the noise, once that is known
-        self._noise_s = 0.0
-        self._holding = False
-        self._row = 0
-        self._owed_rows = 0.0
-        self.reference = self.image  # what the next image is compared with
         self.moved = False
+        self._sample = sample_blocks(image)
+        self.blocks = blocks = (image.shape[0] // BLOCK, image.shape[1] // BLOCK)
+        self._noise, self._deviation, self._changed_s, self._held_s = np.zeros((4,) + blocks, np.float32)
+        self._nothing = np.zeros(blocks, np.float32)
+        self._limit: Optional[np.ndarray] = None  # of a rise that exceeds the noise, once that is known
+        self._noise_s, self._noise_known = 0.0, False
+        self._strip = 0.0  # part of the image that was blended in
 
-    def move(self, motion: Optional[np.ndarray], image: np.ndarray, mosaic: bool) -> None:
-        """Moves the background with the camera; what was out of view is taken from the image.
+    def guess(self, where: np.ndarray) -> None:
+        """Replaces blocks, (rows, columns) bool, by the median of their neighbourhood: the spot on them is no floor."""
+        # edges of carpets, next to which spots are drawn, stay in a median; a Bayer image's places have their own
+        floor = np.empty_like(self.image)
+        for place in [np.s_[y::2, x::2] for y in (0, 1) for x in (0, 1)] if floor.ndim == 2 else [np.s_[:, :]]:
+            means = cv2.resize(np.ascontiguousarray(self.image[place]), where.shape[::-1], interpolation=cv2.INTER_AREA)
+            floor[place] = cv2.resize(cv2.medianBlur(means, _AROUND), floor[place].shape[1::-1])
+        self._take(floor, where, 1.0)
+
+    def rise(self, image: np.ndarray, motion: Optional[np.ndarray]) -> Tuple[np.ndarray, np.ndarray]:
+        """Each block's largest rise above the background, (rows, columns) uint8, and which became darker, bool.
 
         Args:
             motion: (3, 3) maps the background's pixels to the image's; None: the camera is stationary.
         """
         self.moved = motion is not None
         self.reference = self.image
-        if motion is None:
-            return
-        self._before, self._motion = None if mosaic else self.image, motion
-        self.image = _warped(self.image, motion, image, mosaic, cv2.INTER_CUBIC if mosaic else cv2.INTER_NEAREST)
-        size = self._noise.shape[::-1]
-        of_blocks = np.diag((1.0 / BLOCK, 1.0 / BLOCK, 1.0)) @ motion @ np.diag((float(BLOCK), float(BLOCK), 1.0))
-        for name in ("_noise", "_deviation", "_changed_s", "_held_s", "_guessed"):
-            values = getattr(self, name)
-            border = float(values.mean()) if name in ("_noise", "_deviation") else 0.0
-            setattr(self, name, cv2.warpPerspective(
-                values, of_blocks, size, flags=cv2.INTER_NEAREST, borderMode=cv2.BORDER_CONSTANT, borderValue=border))
-        self._limit = None
-        # motion is only known to a fraction of a pixel: a pixel is compared with its brightest neighbour
-        around = _EVEN if mosaic else _SQUARE
-        self.reference = cv2.dilate(self.image, around)
-        self._sample = sample_blocks(cv2.erode(self.image, around))
-
-    def refine(self, regions: Sequence[Region], image: np.ndarray) -> None:
-        """Moves the background exactly around examined regions only: everywhere, this would be the main cost."""
-        if not self.moved or self._before is None:
-            return
-        for left, top, right, bottom in regions:
-            x0, y0 = max(0, left - _MARGIN), max(0, top - _MARGIN)
-            part = (slice(y0, bottom + _MARGIN), slice(x0, right + _MARGIN))
-            there = np.array([[1.0, 0.0, -x0], [0.0, 1.0, -y0], [0.0, 0.0, 1.0]])
-            self.image[part] = _warped(self._before, there @ self._motion, image[part], False, cv2.INTER_CUBIC)
-            self.reference[part] = cv2.dilate(self.image[part], _SQUARE)
-
-    def rise(self, image: np.ndarray) -> np.ndarray:
-        """(H // 8, W // 8) uint8: each block's largest rise above the background."""
+        if self.moved:
+            self._move(motion, image)
         # a colour image has so much data that every second row must do: spots cover several
-        return block_maxima(image, self.reference, row_step=1 if image.ndim == 2 else 2, brightest=True)
+        rise = block_maxima(image, self.reference, row_step=1 if image.ndim == 2 else 2)
+        darker = max_channel(cv2.subtract(self._sample, sample_blocks(image))) > _DARKER
+        return rise, darker
 
-    def darker_blocks(self, image: np.ndarray) -> np.ndarray:
-        """(H // 8, W // 8) bool: blocks that became darker, judged by one pixel of each."""
-        return max_channel(cv2.subtract(self._sample, sample_blocks(image))) > _DARKER
+    def _move(self, motion: np.ndarray, image: np.ndarray) -> None:
+        """Moves all that is known with the camera; what was out of view is taken from the image."""
+        of_blocks = np.diag((1.0 / BLOCK, 1.0 / BLOCK, 1.0)) @ motion @ np.diag((float(BLOCK), float(BLOCK), 1.0))
+        times = cv2.warpPerspective(np.dstack([self._changed_s, self._held_s]), of_blocks, self.blocks[::-1],
+                                    flags=cv2.INTER_NEAREST)
+        self._changed_s, self._held_s = cv2.split(times)
+        # a block's noise belongs to the edges that it showed
+        self._noise[:], self._deviation[:], self._limit = self._noise.mean(), self._deviation.mean(), None
+        self._before, self._motion = self.image, motion
+        self.image = _shifted(self.image, motion, image)
+        self.reference = cv2.dilate(self.image, _SQUARE)
+        self._sample = sample_blocks(cv2.erode(self.image, _SQUARE))
 
-    def learn_noise(self, maxima: np.ndarray) -> None:
-        """Sets each block's noise to the whole scene's; call it with the second frame's rise."""
-        middle = float(np.median(maxima))
-        self._noise[:] = middle
-        self._deviation[:] = max(1.5, 1.5 * float(np.median(np.abs(maxima - middle))))
-        self._limit = None
+    def examine(self, regions: Sequence[Region], image: np.ndarray) -> None:
+        """Makes the reference exact around regions [px]."""
+        for left, top, right, bottom in regions if self.moved else ():
+            x, y = max(0, left - _MARGIN), max(0, top - _MARGIN)
+            part = slice(y, bottom + _MARGIN), slice(x, right + _MARGIN)
+            there = np.array([[1.0, 0.0, -x], [0.0, 1.0, -y], [0.0, 0.0, 1.0]]) @ self._motion
+            # linear would blur what a spot hides, image by image, until a bright thing stood out
+            result = image[part].copy()
+            self.image[part] = cv2.warpPerspective(
+                self._before, there, result.shape[1::-1], result, cv2.INTER_CUBIC, cv2.BORDER_TRANSPARENT)
+            self.reference[part] = cv2.dilate(self.image[part], _SQUARE)
 
     def hot_blocks(self, maxima: np.ndarray, least: float) -> np.ndarray:
         """(rows, columns) bool: blocks whose rise is at least `least` and exceeds the block's own noise."""
+        if not self._noise_known:
+            # the second image's: the whole scene's
+            middle = float(np.median(maxima))
+            self._noise[:], self._deviation[:] = middle, max(1.5, 1.5 * float(np.median(np.abs(maxima - middle))))
+            self._limit, self._noise_known = None, True
         if self._limit is None:
             # whole grey levels, as the rise has: comparing bytes is four times faster
             self._limit = np.ceil(np.minimum(255.0, self._noise + _NOISE_DEVIATIONS * self._deviation)).astype(np.uint8)
         return cv2.compare(maxima, cv2.max(self._limit, math.ceil(least)), cv2.CMP_GE) > 0
-
-    def guess(self, floor: np.ndarray, u: float, v: float, diameter: float) -> None:
-        """Inserts a guess of the floor (H, W) or (H, W, C) where something has shone from the beginning."""
-        reach = int(0.75 * diameter) + 4
-        top, left = max(0, int(v) - reach), max(0, int(u) - reach)
-        part = (slice(top, int(v) + reach), slice(left, int(u) + reach))
-        self.image[part] = floor[part]
-        self._sample = sample_blocks(self.image)
-        self._guessed[blocks_around(self._guessed.shape, u, v, reach)] = 1
-
-    def is_guessed(self, u: float, v: float) -> bool:
-        """Whether the floor at a pixel was never seen."""
-        # a motion by part of a block moves marks by whole blocks: neighbours count too
-        return bool(self._guessed[blocks_around(self._guessed.shape, u, v, BLOCK)].any())
 
     def learn(self, image: np.ndarray, rise: np.ndarray, changed: np.ndarray, spots: np.ndarray, dt: float) -> None:
         """Adds a frame.
@@ -140,13 +128,9 @@ class Background:
             dt: [s] since the last frame.
         """
         dt32 = np.float32(dt)
-        if spots.any() or self._holding:
-            self._held_s = cv2.max(self._held_s + (spots * np.float32(2.0 * dt) - dt32), 0.0)
-            self._holding = bool(self._held_s.any())
+        self._held_s = cv2.max(self._held_s + (spots * np.float32(2.0 * dt) - dt32), 0.0)
         held = spots & (self._held_s < self.hold_s)
         steady = ~(changed | held)
-        if cv2.countNonZero(self._guessed):
-            self._guessed[steady] = 0
         self._changed_s += dt32
         cv2.copyTo(self._nothing, (steady | held).view(np.uint8), self._changed_s)
         self._noise_s += dt
@@ -158,59 +142,45 @@ class Background:
             cv2.accumulateWeighted(cv2.absdiff(values, self._noise), self._deviation, weight, mask)
             self._noise_s, self._limit = 0.0, None
         absorbed = self._changed_s > (min(_ABSORB_S, _ABSORB_MOVING * dt) if self.moved else _ABSORB_S)
-        if absorbed.any():
-            self._absorb(image, absorbed)
+        self._changed_s[absorbed] = 0.0
         if self.moved:
-            # nothing that is still there is warped twice: that would blur it more with each image
-            mask = mask_of_blocks(steady, image.shape[0], image.shape[1])
-            cv2.copyTo(image, mask, self.image)
-            self._sample = sample_blocks(self.image)
-        else:
-            self._blend(image, steady, dt)
+            # all at once: what is moved again and again would blur
+            self._take(image, steady | absorbed, 1.0)
+            return
+        if absorbed.any():
+            self._take(image, absorbed, 1.0)
+        first, self._strip = self._strip, self._strip + min(1.0, dt / _CYCLE_S)
+        self._take(image, steady, _WEIGHT, *(int(round(min(1.0, part) * len(steady))) for part in (first, self._strip)))
+        if self._strip >= 1.0:
+            self._strip = 0.0
 
-    def _absorb(self, image: np.ndarray, blocks: np.ndarray) -> None:
+    def _take(self, image: np.ndarray, blocks: np.ndarray, weight: float, first: int = 0, last: Optional[int] = None) -> None:
+        """Blends blocks of the image in, of some rows of blocks."""
+        blocks = blocks[first:last]
         rows = np.flatnonzero(blocks.any(axis=1))
-        first, last = int(rows[0]), int(rows[-1]) + 1
-        top, bottom = first * BLOCK, last * BLOCK
-        mask = mask_of_blocks(blocks[first:last], bottom - top, image.shape[1])
-        cv2.copyTo(image[top:bottom], mask, self.image[top:bottom])
-        self._sample[first:last] = sample_blocks(self.image[top:bottom])
-        self._changed_s[blocks] = 0.0
-        self._guessed[blocks] = 0
-
-    def _blend(self, image: np.ndarray, steady: np.ndarray, dt: float) -> None:
-        rows = image.shape[0] // BLOCK
-        self._owed_rows += rows * min(1.0, dt / _CYCLE_S)
-        while self._owed_rows >= 1.0:
-            if self._row >= rows:
-                self._row = 0
-            last = min(rows, self._row + int(self._owed_rows))
-            self._owed_rows -= last - self._row
-            top, bottom = self._row * BLOCK, last * BLOCK
-            strip = self.image[top:bottom]
-            blended = cv2.addWeighted(image[top:bottom], _WEIGHT, strip, 1.0 - _WEIGHT, 0.0)
-            mask = mask_of_blocks(steady[self._row : last], bottom - top, image.shape[1])
-            cv2.copyTo(blended, mask, strip)
-            self._sample[self._row : last] = sample_blocks(strip)
-            self._row = last
+        if not len(rows):
+            return
+        first, blocks = first + int(rows[0]), blocks[rows[0] : rows[-1] + 1]
+        part = slice(first * BLOCK, (first + len(blocks)) * BLOCK)
+        strip = self.image[part]
+        new = image[part] if weight == 1.0 else cv2.addWeighted(image[part], weight, strip, 1.0 - weight, 0.0)
+        cv2.copyTo(new, mask_of_blocks(blocks, *strip.shape[:2]), strip)
+        self._sample[first : first + len(blocks)] = sample_blocks(strip)
 
 
-def _warped(background: np.ndarray, motion: np.ndarray, image: np.ndarray, mosaic: bool, how: int) -> np.ndarray:
-    """The background as the camera sees it now; the image itself where nothing was seen before.
+def _shifted(background: np.ndarray, motion: np.ndarray, image: np.ndarray) -> np.ndarray:
+    """The background as the camera sees it now, each tile moved by whole pixels; the image where nothing was in view.
 
-    Args:
-        how: OpenCV's interpolation; linear would blur what a spot hides, image by image, until a bright thing stood out.
+    A warp takes five times as long.
     """
-    if mosaic:
-        height, width = image.shape[0] & ~1, image.shape[1] & ~1
-        planes = [np.dstack([picture[y:height:2, x:width:2] for y in (0, 1) for x in (0, 1)])
-                  for picture in (background, image)]
-        halved = np.diag((0.5, 0.5, 1.0)) @ motion @ np.diag((2.0, 2.0, 1.0))
-        warped, result = _warped(planes[0], halved, planes[1], False, how), image.copy()
-        for number in range(4):
-            result[number // 2 : height : 2, number % 2 : width : 2] = warped[:, :, number]
-        return result
-    result, size = image.copy(), (image.shape[1], image.shape[0])
-    if np.array_equal(motion[2], (0.0, 0.0, 1.0)):
-        return cv2.warpAffine(background, motion[:2], size, result, how, cv2.BORDER_TRANSPARENT)
-    return cv2.warpPerspective(background, motion, size, result, how, cv2.BORDER_TRANSPARENT)
+    result, (height, width) = image.copy(), image.shape[:2]
+    corners = np.array([(x, y) for y in range(0, height, _TILE) for x in range(0, width, _TILE)])
+    middles = corners[None] + 0.5 * _TILE
+    # numpy's inverse starts threads
+    shifts = np.rint(cv2.perspectiveTransform(middles, cv2.invert(motion)[1]) - middles)[0].astype(int)
+    for (x, y), (across, down) in zip(corners.tolist(), shifts.tolist()):
+        left, right = max(x, -across), min(x + _TILE, width, width - across)
+        top, bottom = max(y, -down), min(y + _TILE, height, height - down)
+        if left < right and top < bottom:
+            result[top:bottom, left:right] = background[top + down : bottom + down, left + across : right + across]
+    return result

@@ -22,7 +22,7 @@ VERSION = 1
 BUILT_IN = Path(__file__).resolve().parent / "spot_classifier.json"
 # features of the surroundings do not count against a spot that was seen until now and must be there; nor does colour,
 # which it has shown and other light may now hide; and such light may leave a small and ragged core of its outline
-_NOT_ASKED_AGAIN = ("surround", "contrast", "contrast_moved", "darker", "fall", "busy", "neighbours", "chroma_mosaic",
+_NOT_ASKED_AGAIN = ("surround", "contrast", "darker", "fall", "busy", "neighbours", "chroma_mosaic",
                     "smallness", "compactness")
 
 
@@ -42,38 +42,34 @@ class SpotClassifier:
     """
 
     def __init__(self, curves: Dict[str, Tuple[np.ndarray, np.ndarray]], intercept: float) -> None:
-        self._curves = curves
-        self._intercept = intercept
+        self.curves, self.intercept = curves, intercept
         # for single values numpy's calls take longer than the work
         self._lists = {name: (x.tolist(), y.tolist()) for name, (x, y) in curves.items()}
 
     def least_chroma(self, probability: float) -> float:
         """The least colour with which a mosaic's blob can be this probable if all else is ideal."""
-        if "chroma_mosaic" not in self._curves:
+        if "chroma_mosaic" not in self.curves:
             return 0.0
-        x, y = self._curves["chroma_mosaic"]
-        best = self._intercept + sum(max(0.0, float(values.max())) for name, (_, values) in self._curves.items()
-                                     if name != "chroma_mosaic")
-        needed = math.log(probability / (1.0 - probability)) - best
+        x, y = self.curves["chroma_mosaic"]
+        needed = math.log(probability / (1.0 - probability)) - self.intercept - sum(
+            max(0.0, values.max()) for name, (_, values) in self.curves.items() if name != "chroma_mosaic")
         return float(np.interp(needed, y, x)) if needed > y[0] else 0.0
 
-    def contributions(self, features: Dict[str, float]) -> Dict[str, float]:
-        """What each feature adds [logits]; a feature that says nothing (NaN) adds nothing."""
-        return {name: 0.0 if math.isnan(value) or name not in self._lists else _interpolated(value, *self._lists[name])
-                for name, value in features.items()}
-
     def judge(self, blob: Blob, features: Dict[str, float], expected: bool = False) -> Verdict:
-        """How likely a blob with these features (`features.vector`) is a spot.
+        """How likely a blob with these features is a spot; one that says nothing (NaN) adds nothing.
 
         Args:
             blob: itself; the curves do not use it.
             expected: a spot was seen until now and must be there.
         """
-        parts = self.contributions(features)
-        if expected:
-            parts = {name: part for name, part in parts.items() if name not in _NOT_ASKED_AGAIN}
-        logit = self._intercept + sum(parts.values())
-        return Verdict(1.0 / (1.0 + math.exp(-max(-50.0, min(50.0, logit)))), min(parts, key=lambda name: parts[name]))
+        logit, least, against = self.intercept, math.inf, ""
+        for name, value in features.items():
+            if name in self._lists and not math.isnan(value) and not (expected and name in _NOT_ASKED_AGAIN):
+                part = _interpolated(value, *self._lists[name])
+                logit += part
+                if part < least:
+                    least, against = part, name
+        return Verdict(1.0 / (1.0 + math.exp(-max(-50.0, min(50.0, logit)))), against)
 
 
 def _interpolated(value: float, knots: List[float], values: List[float]) -> float:

@@ -18,16 +18,16 @@ import math
 from dataclasses import dataclass, replace
 from typing import Any, Callable, Dict, List, Optional, Tuple
 
+import cv2
 import numpy as np
 
 from vb_core.errors import CodedError, ParameterError
 from vb_laser_detect import classifier, features
 from vb_laser_detect.blocks import BLOCK
-from vb_laser_detect.colour import chroma
 from vb_laser_detect.detector_params import DetectorParams
-from vb_laser_detect.features import Blob, Camera
+from vb_laser_detect.features import Blob, Camera, chroma
 from vb_laser_detect.floor_scale import ToFloor, metres_per_pixel
-from vb_laser_detect.image_format import is_mosaic
+from vb_laser_detect.image_format import BAYER
 from vb_laser_detect.proposals import Proposal, Proposer, View
 from vb_laser_detect.tracking import Sighting, SpotTracker
 
@@ -37,7 +37,6 @@ _WIDEST = 0.09  # of the image's diagonal, where no pose is known
 _LEAST_PX = 2.5  # smaller blobs are noise
 _LEAST_WHITE = 128.0  # [grey levels] no camera's white is darker
 _VIVID = 0.4  # chroma of a laser's light on a floor; webcams show less, but other bright things even less
-_ONE_MOSAIC = 0.75  # a small spot's colour in one mosaic depends on the places it falls on; in a mean it does not
 # [s] colourless light is followed for longer before it counts: a glint on a shoe, a watch or a cup lasts
 # less than a step, half a second. Nothing is lost, as the spots until then are backfilled
 _STEP_S = 0.6
@@ -92,14 +91,13 @@ class Candidate:
 
 @dataclass(frozen=True)
 class _Finding:
-    """A measured proposal; `told`: it continues a track that was published, and that the image alone shows."""
+    """A measured proposal; `certain`: the image alone shows it, not only that it was expected there."""
 
     blob: Blob
     numbers: Dict[str, float]
     confidence: float = 0.0
     refusal: str = ""
     certain: bool = True
-    told: bool = False
 
 
 class SpotDetector:
@@ -109,7 +107,7 @@ class SpotDetector:
         tag: whatever belongs to the next frame; it comes back with those of its spots that are backfilled later.
         candidates: the last frame's spots and rejected candidates, for debug images.
         backfilled: spots of earlier frames that the last one confirmed, the oldest first: what a stroke began with.
-        encoding: of the images, as in sensor_msgs/Image; empty: a Bayer mosaic is recognised by its pixels.
+        encoding: of the images, as in sensor_msgs/Image; (H, W) images are grey ones unless it says bayer.
     """
 
     def __init__(self, params: Optional[DetectorParams] = None, judge: Optional[classifier.SpotClassifier] = None) -> None:
@@ -117,12 +115,11 @@ class SpotDetector:
         self.tag: Any = None
         self.encoding = ""
         self._given = judge
-        self._classifier = judge or classifier.load(self.params.classifier)
-        self._least_chroma = self._classifier.least_chroma(self.params.min_probability)
         self._to_floor: Optional[ToFloor] = None
         self._place_check: Optional[Callable[[float, float], str]] = None
         self._white = _LEAST_WHITE
         self.reset()
+        self.retune(self.params)
 
     def look_from(
         self, to_floor: Optional[ToFloor], place_check: Optional[Callable[[float, float], str]] = None
@@ -156,7 +153,6 @@ class SpotDetector:
         self.candidates: List[Candidate] = []
         self.backfilled: List[BackfilledSpot] = []
         self._stamp: Optional[float] = None
-        self._mosaic = False
         self._shape: Optional[Tuple[int, ...]] = None
         self._proposer = Proposer(p.moving_camera, p.hold_s)
         self._tracker = SpotTracker(p.confirm_frames, p.max_speed, p.max_gap_s, p.max_spots)
@@ -179,83 +175,77 @@ class SpotDetector:
         Raises:
             CodedError: "bad_image" for any other image.
         """
-        image = _checked(image)
+        p, image = self.params, _checked(image)
+        mosaic = image.ndim == 2 and self.encoding[:10] in BAYER
+        if mosaic and p.moving_camera:
+            # a mosaic cannot be moved by parts of a pixel
+            image, mosaic = cv2.cvtColor(image, BAYER[self.encoding[:10]]), False
         if self._stamp is not None and stamp < self._stamp or self._shape not in (None, image.shape):
             self.reset()
         if self._shape is None:
-            self._mosaic, self._shape = is_mosaic(image, self.encoding), image.shape
             self._white = max(self._white, float(image.max()))
         elapsed = 0.0 if self._stamp is None else stamp - self._stamp
-        self._stamp = stamp
-        p, mosaic, diagonal = self.params, self._mosaic, math.hypot(*image.shape[:2])
-        motion = self._proposer.motion(image, mosaic)
-        expected = self._tracker.begin(stamp, diagonal, motion)
-        view = self._proposer.look(image, mosaic, p.min_rise, p.max_candidates, self._white, expected)
-        self._white = max(self._white, view.white)
-        camera = Camera(self._white, diagonal, mosaic, view.moved)
-        found_spots, left_out = self._look(view, camera)
-        found = sorted((f for f in found_spots if not f.refusal), key=lambda f: (not f.certain, -f.confidence))
-        spots, refusals = self._confirm(found, camera)
-        # a pause must not make one frame outweigh all earlier ones
+        self._stamp, self._shape = stamp, image.shape
+        diagonal = math.hypot(*image.shape[:2])
+        expected = self._tracker.begin(stamp, diagonal, self._proposer.motion(image))
+        view = self._proposer.look(image, p.min_rise, p.max_candidates, self._white, expected)
+        self._white = view.white
+        camera = Camera(self._white, diagonal, mosaic)
+        findings, candidates = self._look(view, camera)
+        found = sorted((f for f in findings if not f.refusal), key=lambda f: (not f.certain, -f.confidence))
+        spots, refusals = self._confirm(found, mosaic)
         kept = [(f.blob.u, f.blob.v, f.blob.diameter) for f in found
-                # whatever floor the light of a moment ago showed: a published spot is not floor
-                if (view.known and f.certain and f.confidence >= max(_CERTAIN, p.min_probability)
-                    and (f.told or self._is_proven(f.blob, camera)))
-                # a robot's first image: whatever is pale belongs to the floor, a lamp more likely than a spot
-                or (not view.known and (not p.moving_camera or _is_vivid(f.blob, camera)))]
+                if f.certain and f.confidence >= max(_CERTAIN, p.min_probability)]
+        # a pause must not make one frame outweigh all earlier ones
         self._proposer.learn(view, kept, min(elapsed, 1.0))
-        self.candidates = [_candidate(f, refusals.get(id(f), f.refusal)) for f in found_spots] + left_out
+        self.candidates = candidates + [
+            Candidate(f.blob.u, f.blob.v, f.blob.diameter, f.confidence, refusals.get(id(f), f.refusal)) for f in findings]
         return spots
 
     def _look(self, view: View, camera: Camera) -> Tuple[List[_Finding], List[Candidate]]:
         """Measures a view's proposals; the second list are those not examined."""
-        found_spots: List[_Finding] = []
-        left_out = [_unmeasured(proposal, proposal.refusal) for proposal in view.proposals if proposal.refusal]
-        proposals = [proposal for proposal in view.proposals if not proposal.refusal]
-        for number, (proposal, metre) in enumerate(zip(proposals, self._metres_in(proposals))):
-            issue = self._examine(proposal, metre, view, camera)
-            one = proposal.expected
-            if one is not None and one.published and one.trusted and one.holds(issue.blob.u, issue.blob.v):
-                issue = replace(issue, told=True)
-            if not _is_double(issue, found_spots):
-                found_spots.append(issue)
-            if (self.params.max_spots == 1 and one is not None and one.published and one.moves and issue.certain
-                    and not issue.refusal and one.holds(issue.blob.u, issue.blob.v)):
-                # the one spot is drawn with, and found where it is expected: nothing else can take its place
-                left_out += [_unmeasured(other, "not_looked_at") for other in proposals[number + 1 :]]
-                break
-        return found_spots, left_out
+        findings: List[_Finding] = []
+        left_out, proposals = [], [one for one in view.proposals if not one.refusal]
+        followed = False
+        for proposal, metre in zip(proposals, self._metres_in(proposals)):
+            if followed:
+                left_out.append((proposal, "not_looked_at"))
+                continue
+            finding, one = self._examine(proposal, metre, view, camera), proposal.expected
+            here = one is not None and one.published and one.holds(finding.blob.u, finding.blob.v)
+            # two regions can lead to the same blob
+            if not any(math.hypot(finding.blob.u - other.blob.u, finding.blob.v - other.blob.v) < 2.0
+                       and bool(other.refusal) == bool(finding.refusal) for other in findings):
+                findings.append(finding)
+            # the one spot is found where it is expected: nothing else can take its place
+            followed = self.params.max_spots == 1 and here and finding.certain and not finding.refusal
+        left_out += [(one, one.refusal) for one in view.proposals if one.refusal]
+        return findings, [Candidate((left + right) / 2.0, (top + bottom) / 2.0, float(right - left), refusal=why)
+                          for ((left, top, right, bottom), *_), why in left_out]
 
     def _examine(self, proposal: Proposal, metre: Optional[float], view: View, camera: Camera) -> _Finding:
-        """Measures and judges one proposal."""
-        largest, one = self._largest(metre, camera), proposal.expected
-        chroma_floor: Optional[float] = 0.0
-        if camera.mosaic and one is None:
-            chroma_floor = _ONE_MOSAIC * self._least_chroma
-        elif camera.mosaic and one.published and one.trusted and self.params.confirm_frames > 1:
-            chroma_floor = None  # a published spot has shown its colour, and in a mosaic that takes longest to measure
-        blob = features.measure(view.image, view.reference, proposal.region, largest, least_chroma=chroma_floor)
-        issue = self._judge(blob, metre, view, camera, False)
-        if one is None or not one.trusted or not issue.refusal:
-            return issue
-        if one.holds(blob.u, blob.v) and not blob.problem:
-            issue = self._judge(blob, metre, view, camera, True)
-        if issue.refusal:
-            # it has come to a bright line, or to the edge of a larger brighter area: its core exceeds that
-            for edge in (features.CORE, features.CORE_OF_MORE):
-                core = features.measure(view.image, view.reference, proposal.part, largest, edge)
-                again = self._judge(core, metre, view, camera, True)
-                if not again.refusal and one.holds(core.u, core.v):
+        """Measures and judges one proposal; where a spot must be, also as what a brighter area left of it."""
+        one = proposal.expected
+        trusted = one is not None and one.trusted
+        # a published spot has shown its colour, and in a mosaic that takes longest to measure
+        least_chroma = None if trusted and one.published and self.params.confirm_frames > 1 else self._least_chroma
+        largest = _LONGEST * self._sizes(metre, camera)[1]
+        blob = features.measure(view.image, view.reference, proposal.region, largest, camera, least_chroma=least_chroma)
+        finding = self._judge(blob, metre, view, camera, False)
+        for edge in (features.EDGE, *features.CORES) if trusted and finding.refusal else ():
+            if edge != features.EDGE:
+                blob = features.measure(view.image, view.reference, proposal.part, largest, camera, edge)
+            if one.holds(blob.u, blob.v):
+                again = self._judge(blob, metre, view, camera, True)
+                if not again.refusal:
                     return again
-        return issue
+        return finding
 
     def _judge(self, blob: Blob, metre: Optional[float], view: View, camera: Camera, expected: bool) -> _Finding:
-        refusal = blob.problem or self._wrong_size(blob, metre)
+        refusal = blob.problem or self._wrong_size(blob, metre, camera)
         if refusal:
             return _Finding(blob, {}, refusal=refusal)
-        numbers = features.vector(blob, view.around(blob.u, blob.v, blob.diameter), camera)
-        if camera.mosaic:
-            numbers["chroma_mosaic"] = min(1.0, numbers["chroma_mosaic"] / _ONE_MOSAIC)
+        numbers = {**blob.numbers, **view.around(blob.u, blob.v, blob.diameter)}
         verdict = self._classifier.judge(blob, numbers, expected)
         least = max(self.params.min_probability, _CERTAIN) if expected else self.params.min_probability
         if verdict.probability < least:
@@ -266,43 +256,35 @@ class SpotDetector:
             refusal = self._place_check(blob.u, blob.v)
         return _Finding(blob, numbers, verdict.probability, refusal, not expected)
 
-    def _confirm(self, found: List[_Finding], camera: Camera) -> Tuple[List[Spot], Dict[int, str]]:
+    def _confirm(self, found: List[_Finding], mosaic: bool) -> Tuple[List[Spot], Dict[int, str]]:
         """The spots to publish, the most certain first; and why others are not."""
-        sightings, spots = [], []
-        floor = None
-        if self._to_floor is not None and found:
-            floor = np.asarray(self._to_floor(np.array([(f.blob.u, f.blob.v) for f in found])), float)[:, :2].tolist()
-        for number, f in enumerate(found):
-            b = f.blob
-            spots.append(Spot(b.u, b.v, b.diameter, f.confidence))
-            sightings.append(Sighting(
-                (b.u, b.v), tuple(floor[number]) if floor is not None else None, f.confidence, f.certain,
-                f.told or self._is_proven(b, camera), b.tint, (spots[-1], self._stamp, self.tag, f.numbers)))
-        tracked = self._tracker.update(
-            sightings, lambda sighting, tint, followed_s: self._agrees(sighting, tint, followed_s, camera))
-        told, refusals = [], {}
-        self.backfilled = []
-        for f, spot, track in zip(found, spots, tracked):
+        places = np.full((len(found), 4), np.nan)
+        if found:
+            places[:, :2] = [(f.blob.u, f.blob.v) for f in found]
+            if self._to_floor is not None:
+                places[:, 2:] = np.asarray(self._to_floor(places[:, :2]), float)[:, :2]
+        spots = [Spot(f.blob.u, f.blob.v, f.blob.diameter, f.confidence) for f in found]
+        sightings = [
+            Sighting(place, f.confidence, f.certain, f.blob.tint, (spot, self._stamp, self.tag, f.numbers))
+            for place, f, spot in zip(places, found, spots)]
+
+        def agrees(sighting: Sighting, tint: Optional[np.ndarray], followed_s: float) -> bool:
+            """Whether a track's last sighting is a spot with the mean colour of all of them; without one, after a while."""
+            if mosaic:
+                numbers = {**sighting.content[3], "chroma_mosaic": chroma(tint)}
+                return self._classifier.judge(None, numbers).probability >= self.params.min_probability
+            return followed_s >= _STEP_S or tint is not None and chroma(tint) >= _VIVID
+
+        told, refusals, self.backfilled = [], {}, []
+        for f, spot, track in zip(found, spots, self._tracker.update(sightings, agrees)):
             if track.published:
                 told.append(replace(spot, track=track.track))
-                self.backfilled += [BackfilledSpot(replace(content[0], track=track.track), *content[1:3])
-                                  for _, content in track.backfilled]
+                self.backfilled += [BackfilledSpot(replace(earlier, track=track.track), stamp, tag)
+                                    for earlier, stamp, tag, _ in track.backfilled]
             else:
                 refusals[id(f)] = "less_certain" if track.confirmed else "unconfirmed"
         return told, refusals
 
-    def _is_proven(self, blob: Blob, camera: Camera) -> bool:
-        """Whether a blob is not a lamp that was there from the start; see `tracking.Sighting`."""
-        return self._proposer.proven(blob.u, blob.v) or _is_vivid(blob, camera)
-
-    def _agrees(self, sighting: Sighting, tint: Optional[np.ndarray], followed_s: float, camera: Camera) -> bool:
-        """Whether a track's last sighting is a spot with the mean colour of all of them; without one, after a while."""
-        if not camera.mosaic:
-            return followed_s >= _STEP_S or len(tint) == 3 and chroma(tint) >= _VIVID
-        numbers = {**sighting.content[3], "chroma_mosaic": chroma(tint)}
-        return self._classifier.judge(None, numbers).probability >= self.params.min_probability
-
-    # ------------------------------------------------------------- sizes
     def _metres_in(self, proposals: List[Proposal]) -> List[Optional[float]]:
         """[m/px] on the floor in the middle of regions; None where the floor, or the camera's pose, is not known."""
         if self._to_floor is None:
@@ -310,46 +292,21 @@ class SpotDetector:
         middles = [((left + right) / 2.0, (top + bottom) / 2.0) for (left, top, right, bottom), *_ in proposals]
         return metres_per_pixel(self._to_floor, middles)
 
-    def _largest(self, metre: Optional[float], camera: Camera) -> float:
-        """[px] the largest extent of a spot where a pixel is this long; anything larger, as clothes, is skipped."""
-        widest = _WIDEST * camera.diagonal
-        return _LONGEST * (self.params.max_diameter_mm / 1e3 / metre + _SMEAR_PX if metre else widest)
+    def _sizes(self, metre: Optional[float], camera: Camera) -> Tuple[float, float]:
+        """The least and the largest diameter [px] of a spot where a pixel is this long on the floor [m], or where is unknown."""
+        if not metre:
+            return _LEAST_PX, _WIDEST * camera.diagonal
+        least, largest = (0.001 / metre * size for size in (self.params.min_diameter_mm, self.params.max_diameter_mm))
+        return max(_LEAST_PX, least), largest + _SMEAR_PX
 
-    def _wrong_size(self, blob: Blob, metre: Optional[float]) -> str:
-        if blob.diameter < _LEAST_PX:
-            return "too_small"
-        if self._to_floor is None:
-            return "too_large" if blob.diameter > _WIDEST * math.hypot(*self._shape[:2]) else ""
-        # a person's region may have its middle above the horizon, and the spot on the floor
-        metre = metre or metres_per_pixel(self._to_floor, [(blob.u, blob.v)])[0]
-        if metre is None:
-            return "off_floor"
-        if (blob.diameter - _SMEAR_PX) * metre > self.params.max_diameter_mm / 1e3:
-            return "too_large"
-        return "too_small" if blob.diameter * metre < self.params.min_diameter_mm / 1e3 else ""
-
-
-def _is_vivid(blob: Blob, camera: Camera) -> bool:
-    """Whether a blob is so coloured that only a laser's light is likely."""
-    coloured = blob.tint is not None and (camera.mosaic or len(blob.tint) == 3)
-    return coloured and chroma(blob.tint) >= _VIVID
-
-
-def _candidate(issue: _Finding, refusal: str) -> Candidate:
-    blob = issue.blob
-    return Candidate(blob.u, blob.v, blob.diameter, issue.confidence, refusal)
-
-
-def _unmeasured(proposal: Proposal, refusal: str) -> Candidate:
-    left, top, right, bottom = proposal.region
-    return Candidate((left + right) / 2.0, (top + bottom) / 2.0, float(right - left), refusal=refusal)
-
-
-def _is_double(issue: _Finding, others: List[_Finding]) -> bool:
-    """Two regions can lead to the same blob; the first stays."""
-    b = issue.blob
-    return any(math.hypot(b.u - o.blob.u, b.v - o.blob.v) < 2.0 and bool(o.refusal) == bool(issue.refusal)
-               for o in others)
+    def _wrong_size(self, blob: Blob, metre: Optional[float], camera: Camera) -> str:
+        if self._to_floor is not None and not metre:
+            # a person's region may have its middle above the horizon, and the spot on the floor
+            metre = metres_per_pixel(self._to_floor, [(blob.u, blob.v)])[0]
+            if metre is None:
+                return "off_floor"
+        least, largest = self._sizes(metre, camera)
+        return "too_small" if blob.diameter < least else "too_large" if blob.diameter > largest else ""
 
 
 def _checked(image: np.ndarray) -> np.ndarray:

@@ -6,9 +6,10 @@ import numpy as np
 
 from vb_core.errors import CodedError
 
-_MOSAIC = 2.0  # [grey levels] by which the means of places in a grey image's tiles may differ
 _YUV = {"yuv422": cv2.COLOR_YUV2BGR_UYVY, "yuv422_yuy2": cv2.COLOR_YUV2BGR_YUYV, "uyvy": cv2.COLOR_YUV2BGR_UYVY,
         "yuyv": cv2.COLOR_YUV2BGR_YUYV}
+BAYER = {"bayer_rggb": cv2.COLOR_BayerRGGB2BGR, "bayer_bggr": cv2.COLOR_BayerBGGR2BGR,
+         "bayer_gbrg": cv2.COLOR_BayerGBRG2BGR, "bayer_grbg": cv2.COLOR_BayerGRBG2BGR}
 
 
 class PixelReader:
@@ -41,23 +42,3 @@ class PixelReader:
         if image.dtype != np.uint8:
             raise CodedError("unknown_encoding", encoding=encoding)
         return image
-
-
-def is_mosaic(image: np.ndarray, encoding: str = "") -> bool:
-    """Whether an image (H, W) comes from a Bayer camera: neighbouring pixels show different colours.
-
-    Args:
-        encoding: as in sensor_msgs/Image. Empty: not known; then the pixels tell, and a white-balanced camera over
-            a colourless floor counts as a grey one.
-    """
-    if encoding or image.ndim != 2:
-        return encoding.startswith("bayer")
-    # the means of tiles 32 pixels wide, of each place in the pattern
-    rows, columns = image.shape[0] // 32, image.shape[1] // 32
-    whole = image[: 32 * rows, : 32 * columns]
-    means = np.stack([
-        cv2.resize(np.ascontiguousarray(whole[y::2, x::2]), (columns, rows), interpolation=cv2.INTER_AREA)
-        for y in (0, 1) for x in (0, 1)
-    ]).astype(np.float32)
-    spread = means.max(axis=0) - means.min(axis=0)
-    return bool(np.median(spread) > _MOSAIC + 0.04 * np.median(means))

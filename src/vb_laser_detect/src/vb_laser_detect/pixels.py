@@ -4,14 +4,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from vb_laser_detect.image_format import PixelReader
-
-_BAYER = {
-    "bayer_rggb": cv2.COLOR_BayerRGGB2BGR,
-    "bayer_bggr": cv2.COLOR_BayerBGGR2BGR,
-    "bayer_gbrg": cv2.COLOR_BayerGBRG2BGR,
-    "bayer_grbg": cv2.COLOR_BayerGRBG2BGR,
-}
+from vb_laser_detect.image_format import BAYER, PixelReader
 
 
 def to_bgr(image: np.ndarray, encoding: str) -> np.ndarray:
@@ -21,8 +14,8 @@ def to_bgr(image: np.ndarray, encoding: str) -> np.ndarray:
         encoding: as in sensor_msgs/Image.
     """
     image = PixelReader().read(image, encoding)
-    if encoding[:10] in _BAYER:
-        return cv2.cvtColor(image, _BAYER[encoding[:10]])
+    if encoding[:10] in BAYER:
+        return cv2.cvtColor(image, BAYER[encoding[:10]])
     if image.ndim == 2:
         return cv2.cvtColor(image, cv2.COLOR_GRAY2BGR)
     if encoding.startswith("rgb"):
@@ -32,6 +25,6 @@ def to_bgr(image: np.ndarray, encoding: str) -> np.ndarray:
 
 def to_grey(image: np.ndarray, encoding: str) -> np.ndarray:
     """(H, W) uint8 likewise."""
-    if image.ndim == 2 and encoding[:10] not in _BAYER:
+    if image.ndim == 2 and encoding[:10] not in BAYER:
         return PixelReader().read(image, encoding)
     return cv2.cvtColor(to_bgr(image, encoding), cv2.COLOR_BGR2GRAY)

@@ -11,8 +11,8 @@ from typing import Optional, Tuple
 import cv2
 import numpy as np
 
-_WIDTH = 320  # [px] of the images in which corners are followed
-_CORNERS, _FEWEST = 60, 12  # looked for; needed to know a motion
+_WIDTH = 240  # [px] of the images in which corners are followed
+_CORNERS, _FEWEST = 48, 12  # looked for; needed to know a motion
 _FEW, _MOST_OF_FEW = 24, 0.75  # corners checked first while the camera is stationary; share that must not have moved
 _AGREE_PX = 0.7  # [px of the small image] corners that are farther off do not agree
 _SHARE = 0.35  # of the corners have to agree

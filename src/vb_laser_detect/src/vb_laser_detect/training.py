@@ -23,8 +23,8 @@ _WEIGHT = 2000.0  # of the spots of a kind
 _FALSE_COSTS = 10.0  # times a missed spot, which the next image shows again
 _STRENGTH = 0.3  # of the fit against the wish for low ramps
 # which way a curve may go: more of it speaks for a spot, or against; or for it up to a usual value and then against
-_FOR = ("peak", "rise", "level", "compactness", "likeness", "edge", "edge_moved", "smallness", "chroma", "chroma_mosaic")
-_UP_TO = {"contrast": 0.9, "contrast_moved": 0.9, "diameter": math.log(0.01)}
+_FOR = ("peak", "rise", "level", "compactness", "likeness", "edge", "smallness", "chroma", "chroma_mosaic")
+_UP_TO = {"contrast": 0.9, "diameter": math.log(0.01)}
 
 
 class Frame(NamedTuple):
@@ -165,10 +165,10 @@ def fit(examples: Examples) -> SpotClassifier:
 
 def logits(classifier: SpotClassifier, examples: Examples) -> np.ndarray:
     """(N,) what the classifier says of each example, from all features."""
-    total = np.full(len(examples.truth), classifier._intercept)
+    total = np.full(len(examples.truth), classifier.intercept)
     for name, column in zip(examples.names, examples.values.T):
-        if name in classifier._curves:
-            total += np.where(np.isnan(column), 0.0, np.interp(np.nan_to_num(column), *classifier._curves[name]))
+        if name in classifier.curves:
+            total += np.where(np.isnan(column), 0.0, np.interp(np.nan_to_num(column), *classifier.curves[name]))
     return total
 
 
@@ -185,9 +185,9 @@ def validate(examples: Examples) -> List[Tuple[str, np.ndarray, np.ndarray]]:
 def save(classifier: SpotClassifier, path: Path, trained_on: str) -> None:
     """Writes a classifier; inverse of `classifier.load`."""
     document = {
-        "version": VERSION, "trained_on": trained_on, "intercept": round(classifier._intercept, 4),
+        "version": VERSION, "trained_on": trained_on, "intercept": round(classifier.intercept, 4),
         "curves": {name: {"knots": [round(float(v), 5) for v in x], "values": [round(float(v), 4) for v in y]}
-                   for name, (x, y) in classifier._curves.items()},
+                   for name, (x, y) in classifier.curves.items()},
     }
     path.write_text(json.dumps(document, indent=1) + "\n", encoding="utf-8")
 
