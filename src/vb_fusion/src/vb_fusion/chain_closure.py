@@ -70,7 +70,7 @@ def decide(points: np.ndarray, kind: str = "decide") -> Closing:
     elif opening > CAME_BACK * cdist(cut, cut).max():
         code = "open_apart"
     elif gap * turn > width * 180.0:
-        code = "open_side_by_side"
+        code = "open_wide"
     elif width < TREMBLE:
         code = "open_flat"
     else:

@@ -184,27 +184,15 @@ def _simplified(chain: np.ndarray, closed: bool, tolerance: float) -> np.ndarray
         return np.asarray(LineString(chain).simplify(tolerance).coords) if len(chain) > 2 else chain
     polygon = Polygon(chain)
     if not polygon.is_valid:
-        polygon = _untangled(polygon)
-    simple = polygon.simplify(tolerance)
-    return np.asarray(simple.exterior.coords)[:-1]
-
-
-def _untangled(polygon: Polygon) -> Polygon:
-    """All that a self-crossing line encloses, as one simple polygon; loops that are slips of the hand go.
-
-    The lobes of an 8 meet in a point; they are joined by a neck.
-    """
-    fixed = make_valid(polygon)
-    parts = [part for part in getattr(fixed, "geoms", [fixed]) if part.area > 0.0]
-    lobes = [Polygon(lobe.exterior) for part in parts for lobe in getattr(part, "geoms", [part])]
-    whole = sum(lobe.area for lobe in lobes)
-    joined = unary_union([lobe.buffer(NECK, join_style=2) for lobe in lobes if lobe.area >= SLIP * whole])
-    if joined.geom_type != "Polygon":
-        raise ExtractionError("crosses_itself")
-    joined = Polygon(joined.exterior).buffer(-0.5 * NECK, join_style=2)
-    if joined.geom_type != "Polygon" or joined.is_empty:
-        raise ExtractionError("crosses_itself")
-    return Polygon(joined.exterior)
+        # all that it encloses, without slips of the hand; the lobes of an 8 meet in a point and are joined by a neck
+        pieces = make_valid(polygon).buffer(0.0)
+        lobes = [Polygon(piece.exterior) for piece in getattr(pieces, "geoms", [pieces])]
+        whole = sum(lobe.area for lobe in lobes)
+        large = unary_union([lobe.buffer(NECK, join_style=2) for lobe in lobes if lobe.area >= SLIP * whole])
+        polygon = large.buffer(-0.5 * NECK, join_style=2)
+        if polygon.geom_type != "Polygon" or polygon.is_empty:
+            raise ExtractionError("crosses_itself")
+    return np.asarray(Polygon(polygon.exterior).simplify(tolerance).exterior.coords)[:-1]
 
 
 def _result(chain: np.ndarray, decision: chain_closure.Closing, left_out: np.ndarray, spots: int, stages) -> BorderChain:

@@ -26,7 +26,7 @@ MOMENT = 0.1  # [s] a hand's pointer moves by centimetres within it, and cameras
 FLOOR = 2.0 * TREMBLE  # [m] width of the floor that a place covers
 BRISK = 6.0  # [m/s] at this speed an unseen path costs as much floor as it crosses
 BLINK = 3.0 * MOMENT  # [s] a pointer that moves is seen again within it
-ABSENCE = 10.0 * MOMENT  # [s] what is seen again after this has come back
+ABSENCE = 20.0 * MOMENT  # [s] what is seen again after this has come back, and what is seen for longer stays
 LOOK_BACK = 40  # places among which a predecessor is looked for: 4 s, less where more than one thing is seen
 
 
@@ -146,9 +146,9 @@ def _swept(points: np.ndarray, times: np.ndarray) -> np.ndarray:
 
 
 def best_path(
-    points: np.ndarray, stamps: np.ndarray, gains: np.ndarray, widest_gap: float
+    points: np.ndarray, stamps: np.ndarray, gains: np.ndarray, widest_gap: float, dearest: float = np.inf
 ) -> Tuple[np.ndarray, float]:
-    """Indices of the places (P, 2) [m] of the best track, and what it gains [m]."""
+    """Indices of the places (P, 2) [m] of the best track, and what it gains; no jump costs more than the dearest."""
     count = len(points)
     earlier = np.arange(count)[:, None] - np.arange(1, LOOK_BACK + 1)
     origin = np.maximum(earlier, 0)
@@ -156,6 +156,7 @@ def best_path(
     time = stamps[:, None] - stamps[origin]
     possible = (earlier >= 0) & (time > 0.0) & ((way <= widest_gap + TREMBLE) | (time <= BLINK))
     effort = np.maximum(way - TREMBLE, 0.0) ** 2 / (np.clip(time, 1e-9, BLINK) * BRISK)
+    effort = np.minimum(effort, dearest)
     effort[~possible] = np.inf
     best, previous = gains.copy(), np.full(count, -1)
     for place in range(count):
