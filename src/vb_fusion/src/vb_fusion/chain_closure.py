@@ -1,9 +1,11 @@
 """Stage 4: polygon or separating curve, as the person means it.
 
-People who mean a closed figure return the pointer to where it began. So the gap between the ends is compared with
-the figure's own size, its largest width: ends that come back by more than half of it are meant to meet. Ends that lie
-side by side like the legs of a U leave an opening on purpose, unless it is small: in between, the angle decides by
-which the line would turn to close. Ends that cross or run past each other are cut there.
+People close a line to enclose floor. So the opening between the ends is compared with the mean width of the floor
+that would be enclosed, which is twice its area over the line's length. The opening of a U is always wider than that,
+however deep the U is: parallel ends that are farther apart lie side by side on purpose. The less the line would have
+to turn from its end to its start, the more is it a side that was not finished, and the wider may the opening be, as
+long as the end came back by more than half of the figure's size. A wave encloses next to nothing however near its ends
+are. Ends that cross or run past each other are cut there; what is cut off counts half as opening.
 """
 from __future__ import annotations
 
@@ -17,12 +19,9 @@ from shapely.geometry import Polygon
 from shapely.validation import make_valid
 
 from vb_core import geometry
+from vb_fusion.observations import TREMBLE
 
-CAME_BACK = 0.5  # gap in widths of the figure: the end is nearer to the start than to the figure's far side
-LEGS = 0.2  # the same for parallel ends: the legs of a U are farther apart than an oversight
-MISSED_CORNER = 120.0  # [deg] turn at the corner of an equilateral triangle; parallel legs would turn by 180
-SLIVER = 0.03  # mean width in widths of the figure: a line that was drawn there and back encloses less
-SAMPLES = 200  # along the line: one per half a per cent
+CAME_BACK = 0.5  # opening in widths of the figure: the end is nearer to the start than to the figure's far side
 
 
 @dataclass(frozen=True)
@@ -55,26 +54,30 @@ def decide(points: np.ndarray, kind: str = "decide") -> Closing:
     end = len(points) - 1
     length = geometry.chain_length(points)
     apart = float(np.linalg.norm(points[-1] - points[0]))
-    if kind == "curve":
-        return Closing(False, "open_requested", apart, 0, end, _values(apart, length))
-    if len(points) < 3 or length == 0.0:
-        return Closing(False, "open_two_points", apart, 0, end, _values(apart, length))
-    first, last = _without_overhang(points, length)
+    straight = len(points) < 3 or length == 0.0
+    if kind == "curve" or straight:
+        code = "open_requested" if kind == "curve" else "open_two_points"
+        return Closing(False, code, apart, 0, end, _values(apart, length))
+    first, last, opening = _without_overhang(points, length)
     cut = points[first : last + 1]
     gap = float(np.linalg.norm(cut[-1] - cut[0]))
-    values = _values(gap, geometry.chain_length(cut))
-    if kind == "polygon":
-        return Closing(True, "closed_requested", gap, first, last, values)
-    dense = geometry.resample_chain(points, length / SAMPLES)
-    width = float(cdist(dense, dense).max())
-    allowed = np.interp(_closing_turn(cut, gap), [MISSED_CORNER, 180.0], [CAME_BACK, LEGS])
-    if apart > CAME_BACK * width or gap > allowed * width:
-        code = "open_apart" if apart > CAME_BACK * width else "open_side_by_side"
-        return Closing(False, code, apart, 0, end, _values(apart, length))
+    kept = geometry.chain_length(cut)
     # what is enclosed, also where the line crosses itself
-    if make_valid(Polygon(cut)).area < SLIVER * width**2:
-        return Closing(False, "open_flat", apart, 0, end, _values(apart, length))
-    return Closing(True, "closed_cut" if last - first < end else "closed_gap", gap, first, last, values)
+    width = 2.0 * make_valid(Polygon(cut)).area / (kept + gap) if len(cut) > 2 else 0.0
+    turn = _closing_turn(cut, gap, 0.1 * kept)
+    if kind == "polygon":
+        code = "closed_requested"
+    elif opening > CAME_BACK * cdist(cut, cut).max():
+        code = "open_apart"
+    elif gap * turn > width * 180.0:
+        code = "open_wide"
+    elif width < TREMBLE:
+        code = "open_flat"
+    else:
+        code = "closed_cut" if last - first < end else "closed_gap"
+    if code.startswith("open"):
+        return Closing(False, code, apart, 0, end, _values(apart, length))
+    return Closing(True, code, gap, first, last, _values(gap, kept))
 
 
 def _values(gap: float, length: float) -> Dict[str, str]:
@@ -82,8 +85,8 @@ def _values(gap: float, length: float) -> Dict[str, str]:
     return {"gap": f"{gap:.2f}", "percent": f"{percent:.0f}", "length": f"{length:.2f}"}
 
 
-def _without_overhang(points: np.ndarray, length: float) -> Tuple[int, int]:
-    """The points of the first and the last third of the line between which it is closed.
+def _without_overhang(points: np.ndarray, length: float) -> Tuple[int, int, float]:
+    """The points of the first and the last third of the line between which it is closed, and the opening [m] there.
 
     What is cut off must bring the ends nearer by half of its length: else the ends stay as they are.
     """
@@ -94,17 +97,17 @@ def _without_overhang(points: np.ndarray, length: float) -> Tuple[int, int]:
     # between two points the line may cross: a gap of less than their spacing is none
     cost = np.maximum(cdist(points[head], points[tail]) - length / len(points), 0.0) + 0.5 * over
     i, j = np.unravel_index(int(np.argmin(cost)), cost.shape)
-    return int(head[i]), int(tail[j])
+    return int(head[i]), int(tail[j]), float(cost[i, j])
 
 
-def _closing_turn(points: np.ndarray, gap: float) -> float:
-    """How far [deg] the line turns from its end to its start."""
-    dense = geometry.resample_chain(points, geometry.chain_length(points) / SAMPLES)
-    tenth = len(dense) // 10
-    if gap == 0.0 or tenth == 0:
-        return 0.0
+def _closing_turn(points: np.ndarray, gap: float, lever: float) -> float:
+    """How far [deg] the line turns from its end to its start; its directions there are those over a lever [m]."""
+    arc = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
+    inner = [np.array([np.interp(at, arc, axis) for axis in points.T]) for at in (lever, arc[-1] - lever)]
     across = points[0] - points[-1]
-    return math.degrees(_angle(dense[-1] - dense[-1 - tenth], across) + _angle(across, dense[tenth] - dense[0]))
+    if gap == 0.0:
+        return 0.0
+    return math.degrees(_angle(points[-1] - inner[1], across) + _angle(across, inner[0] - points[0]))
 
 
 def _angle(a: np.ndarray, b: np.ndarray) -> float:

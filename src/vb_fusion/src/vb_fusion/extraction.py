@@ -24,6 +24,7 @@ from dataclasses import dataclass
 from typing import Optional, Sequence, Tuple
 
 import numpy as np
+from scipy.spatial.distance import cdist
 from shapely.geometry import LineString, Polygon
 from shapely.ops import unary_union
 from shapely.validation import make_valid
@@ -131,13 +132,15 @@ def _robust(seen: Sights, params: ExtractionParams) -> BorderChain:
     stroke = make_stroke(placed.points, placed.weights)
     if len(stroke.points) < 2:
         raise _no_line(seen, params)
-    line, on_line = fit_line(stroke, False, params.eps)
-    decision = chain_closure.decide(on_line, params.kind)
+    decision = chain_closure.decide(stroke.points, params.kind)
     if decision.closed:
         kept = slice(decision.first, decision.last + 1)
-        line, _ = fit_line(Stroke(stroke.points[kept], stroke.trust[kept]), True, params.eps)
+        # a gap that may have been crossed unseen may hide a corner; across a wider one the line is straight
+        line = fit_line(Stroke(stroke.points[kept], stroke.trust[kept]), decision.gap <= params.eps)
         if len(line) < 3:
             decision = chain_closure.decide(line)  # a straight line, though a polygon was asked for
+    else:
+        line = fit_line(stroke, False)
     chain = _simplified(line, decision.closed, params.tolerance)
     stages = {"cluster": drawn.points, "placed": placed.points, "thinned": stroke.points}
     return _result(chain, decision, left_out.points, int(round(left_out.weights.sum())), stages)
@@ -153,27 +156,22 @@ def _strokes(seen: Sights, params: ExtractionParams) -> Tuple[Sights, Sights]:
     tracks = [track for track in tracks if expansion(track.points) > 0.8 * params.min_exp]
     if not tracks:
         raise _no_line(seen, params)
-    parts, ends = [tracks[0].sights], [tracks[0].points[0], tracks[0].points[-1]]
+    line, order = tracks[0].points, tracks[0].sights
     others = [track for track in tracks[1:] if track.gain > params.min_exp and len(track.sights) >= params.min_size]
     while others:
         # which end of another stroke is nearest to which end of the line
-        gaps = [
-            (float(np.linalg.norm(track.points[which] - ends[end])), number, which, end)
-            for number, track in enumerate(others)
-            for which in (0, -1)
-            for end in (0, -1)
-        ]
-        gap, number, which, end = min(gaps)
-        if gap > params.eps:
+        near = [cdist(line[[0, -1]], track.points[[0, -1]]) for track in others]
+        which = int(np.argmin([gaps.min() for gaps in near]))
+        if near[which].min() > params.eps:
             break
-        track = others.pop(number)
+        at, end = np.unravel_index(int(np.argmin(near[which])), (2, 2))
+        track = others.pop(which)
         # it runs away from the line's end, or up to its beginning
-        forward = (which == 0) == (end == -1)
-        sights = track.sights if forward else track.sights[::-1]
-        parts = parts + [sights] if end == -1 else [sights] + parts
-        ends[end] = track.points[-1 if which == 0 else 0]
-    left_out = np.concatenate([track.sights for track in others]) if others else np.zeros(0, dtype=int)
-    return seen.select(np.concatenate(parts)), seen.select(left_out)
+        turn = -1 if at == end else 1
+        joined = [(line, order), (track.points[::turn], track.sights[::turn])][:: 1 if at else -1]
+        line, order = (np.concatenate(parts) for parts in zip(*joined))
+    left_out = np.concatenate([np.zeros(0, dtype=int)] + [track.sights for track in others])
+    return seen.select(order), seen.select(left_out)
 
 
 def _simplified(chain: np.ndarray, closed: bool, tolerance: float) -> np.ndarray:
@@ -186,27 +184,15 @@ def _simplified(chain: np.ndarray, closed: bool, tolerance: float) -> np.ndarray
         return np.asarray(LineString(chain).simplify(tolerance).coords) if len(chain) > 2 else chain
     polygon = Polygon(chain)
     if not polygon.is_valid:
-        polygon = _untangled(polygon)
-    simple = polygon.simplify(tolerance)
-    return np.asarray(simple.exterior.coords)[:-1]
-
-
-def _untangled(polygon: Polygon) -> Polygon:
-    """All that a self-crossing line encloses, as one simple polygon; loops that are slips of the hand go.
-
-    The lobes of an 8 meet in a point; they are joined by a neck.
-    """
-    fixed = make_valid(polygon)
-    parts = [part for part in getattr(fixed, "geoms", [fixed]) if part.area > 0.0]
-    lobes = [Polygon(lobe.exterior) for part in parts for lobe in getattr(part, "geoms", [part])]
-    whole = sum(lobe.area for lobe in lobes)
-    joined = unary_union([lobe.buffer(NECK, join_style=2) for lobe in lobes if lobe.area >= SLIP * whole])
-    if joined.geom_type != "Polygon":
-        raise ExtractionError("crosses_itself")
-    joined = Polygon(joined.exterior).buffer(-0.5 * NECK, join_style=2)
-    if joined.geom_type != "Polygon" or joined.is_empty:
-        raise ExtractionError("crosses_itself")
-    return Polygon(joined.exterior)
+        # all that it encloses, without slips of the hand; the lobes of an 8 meet in a point and are joined by a neck
+        pieces = make_valid(polygon).buffer(0.0)
+        lobes = [Polygon(piece.exterior) for piece in getattr(pieces, "geoms", [pieces])]
+        whole = sum(lobe.area for lobe in lobes)
+        large = unary_union([lobe.buffer(NECK, join_style=2) for lobe in lobes if lobe.area >= SLIP * whole])
+        polygon = large.buffer(-0.5 * NECK, join_style=2)
+        if polygon.geom_type != "Polygon" or polygon.is_empty:
+            raise ExtractionError("crosses_itself")
+    return np.asarray(Polygon(polygon.exterior).simplify(tolerance).exterior.coords)[:-1]
 
 
 def _result(chain: np.ndarray, decision: chain_closure.Closing, left_out: np.ndarray, spots: int, stages) -> BorderChain:

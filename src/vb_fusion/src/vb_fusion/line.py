@@ -3,20 +3,19 @@
 The sights, in the order in which they were drawn, become stations a hand's tremble apart: a spot held still is one
 station, however long. The stations are divided into sides, exactly, by dynamic programming: a corner is worth it if
 leaving it out would lose a detail larger than a hand's tremble, and sooner where the pointer stopped.
-Then the corners are moved to where the line is as near as it can be to all stations, which puts them where the sides
+Then the corners are moved to where the sides fit all stations best (least squares), which puts them where the sides
 meet, even where no camera saw them.
 """
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import List, Tuple
 
 import numpy as np
 from scipy.spatial import cKDTree
 
 from vb_fusion.observations import TREMBLE
 
-LONGEST_SIDE = 200  # stations, 10 m: bounds the time for very long borders
+DETAIL = 1.5 * TREMBLE**3  # [m^3] squared distance times length that a corner must explain
 
 
 @dataclass(frozen=True)
@@ -50,134 +49,92 @@ def make_stroke(sights: np.ndarray, trust: np.ndarray) -> Stroke:
             number, seen, x, y = number + 1, 0, 0.0, 0.0
         seen, x, y = seen + 1, x + px, y + py
         station[row] = number
+    stroke = _means(sights, trust, station)
+    # the line ends where the spot was seen first and last
+    stroke.points[[0, -1]] = calm[[0, -1]]
+    return _merged(stroke)
+
+
+def _means(points: np.ndarray, trust: np.ndarray, station: np.ndarray) -> Stroke:
     total = np.bincount(station, trust)
-    points = np.column_stack([np.bincount(station, trust * sights[:, k]) / total for k in range(2)])
-    return _merged(Stroke(points, total))
+    return Stroke(np.column_stack([np.bincount(station, trust * axis) / total for axis in points.T]), total)
 
 
 def _merged(stroke: Stroke) -> Stroke:
     """The stroke as far as it goes on to new floor: a line or ring that is drawn twice is one, seen twice as often."""
     at = stroke.points
     arc = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(at, axis=0), axis=1))])
-    found = cKDTree(at).query_pairs(2.0 * TREMBLE, output_type="ndarray")
-    earlier, later = found.min(axis=1), found.max(axis=1)
-    # next to each other along the line is not drawn again
-    again = arc[later] - arc[earlier] > 2.0 * np.linalg.norm(at[later] - at[earlier], axis=1) + 4.0 * TREMBLE
+    earlier, later = cKDTree(at).query_pairs(2.0 * TREMBLE, output_type="ndarray").T
+    # the way between them is more than what a bend makes of it
+    again = arc[later] - arc[earlier] > 2.0 * np.linalg.norm(at[later] - at[earlier], axis=1) + TREMBLE
     new = np.ones(len(at), dtype=bool)
     new[later[again]] = False
     # two stations beside the line may be an overshoot; three are new floor
     run = np.flatnonzero(new[:-2] & new[1:-1] & new[2:])
     kept = int(run[-1]) + 3 if len(run) else len(at)
-    if kept == len(at):
-        return stroke
     nearest = cKDTree(at[:kept]).query(at[kept:])[1]
-    trust = stroke.trust.copy()
-    moved = at * trust[:, None]
-    np.add.at(moved, nearest, moved[kept:].copy())
-    np.add.at(trust, nearest, trust[kept:].copy())
-    return Stroke(moved[:kept] / trust[:kept, None], trust[:kept])
+    return _means(at, stroke.trust, np.concatenate([np.arange(kept), nearest]))
 
 
-def fit_line(stroke: Stroke, closed: bool, widest_gap: float) -> Tuple[np.ndarray, np.ndarray]:
-    """The vertices (M, 2) [m] of the line, and where each station is on it (K, 2) [m].
-
-    A closed line goes on from its last vertex to the first. A gap between its ends that is no wider than widest_gap
-    [m] may hide a corner; across a wider one it is straight.
-    """
+def fit_line(stroke: Stroke, joined: bool) -> np.ndarray:
+    """The vertices (M, 2) [m] of the line; if it is joined, it goes on from its last vertex to the first."""
     starts = _divide(stroke)
-    joined = closed and len(starts) > 2 and float(np.linalg.norm(stroke.points[-1] - stroke.points[0])) <= widest_gap
-    if joined:
+    if joined and len(starts) > 2:
         # begin at a corner, so that the side in which the drawing began is one side
-        order = np.roll(np.arange(len(stroke.points)), -_sharpest(stroke, starts))
-        stroke = Stroke(stroke.points[order], stroke.trust[order])
+        shift = int(starts[len(starts) // 2])
+        stroke = Stroke(np.roll(stroke.points, -shift, axis=0), np.roll(stroke.trust, -shift))
         starts = _divide(stroke)
-    return _refined(stroke, starts, joined and len(starts) > 2)
+    return _fitted(stroke, starts, joined and len(starts) > 2)
 
 
-def _divide(stroke: Stroke) -> List[int]:
+def _divide(stroke: Stroke) -> np.ndarray:
     """The first station of each side."""
-    at = stroke.points - stroke.points.mean(axis=0)
-    w, x, y = stroke.weights, at[:, 0], at[:, 1]
-    terms = np.column_stack([w, w * x, w * y, w * x * x, w * y * y, w * x * y])
-    before = np.vstack([np.zeros(6), np.cumsum(terms, axis=0)])
-    count = len(at)
+    x, y = (stroke.points - stroke.points.mean(axis=0)).T
+    terms = stroke.weights * np.array([np.ones_like(x), x, y, x * x, y * y, x * y])
+    before = np.concatenate([np.zeros((6, 1)), np.cumsum(terms, axis=1)], axis=1)
+    count = len(x)
     # people mark corners by stopping: where the spot was seen more than twice as long as usual, less detail will do
     rest = np.maximum(stroke.trust, np.roll(stroke.trust, 1)) / np.median(stroke.trust)
-    corner = TREMBLE**3 * np.clip(2.0 / rest, 0.25, 1.0)
+    corner = DETAIL * np.clip(2.0 / rest, 0.25, 1.0)
     best = np.zeros(count + 1)
     start = np.zeros(count + 1, dtype=int)
     for end in range(1, count + 1):
-        low = max(0, end - LONGEST_SIDE)
-        cost = best[low:end] + _misfit(before[end] - before[low:end])
-        chosen = int(np.argmin(cost))
-        best[end], start[end] = cost[chosen] + corner[end % count], low + chosen
-    starts, end = [], count
-    while end > 0:
-        end = int(start[end])
-        starts.append(end)
-    return starts[::-1]
+        cost = best[:end] + _misfit(before[:, end, None] - before[:, :end])
+        start[end] = np.argmin(cost)
+        best[end] = cost[start[end]] + corner[end % count]
+    starts = [int(start[count])]
+    while starts[-1] > 0:
+        starts.append(int(start[starts[-1]]))
+    return np.array(starts[::-1])
 
 
 def _misfit(sums: np.ndarray) -> np.ndarray:
-    """[m^3] squared distance from the best straight line, times the length, for sums (..., 6)."""
-    w = np.maximum(sums[..., 0], 1e-12)
-    xx = sums[..., 3] - sums[..., 1] ** 2 / w
-    yy = sums[..., 4] - sums[..., 2] ** 2 / w
-    xy = sums[..., 5] - sums[..., 1] * sums[..., 2] / w
-    return np.maximum(0.5 * (xx + yy - np.sqrt((xx - yy) ** 2 + 4.0 * xy**2)), 0.0)
+    """[m^3] squared distance from the best straight line, times the length, for sums (6, ...) of 1, x, y, xx, yy, xy."""
+    w, x, y, xx, yy, xy = sums
+    xx, yy, xy = xx - x * x / w, yy - y * y / w, xy - x * y / w
+    return np.maximum(0.5 * (xx + yy - np.hypot(xx - yy, 2.0 * xy)), 0.0)
 
 
-def _sharpest(stroke: Stroke, starts: List[int]) -> int:
-    """The station at the sharpest corner between two sides."""
-    corners = stroke.points[starts + [len(stroke.points) - 1]]
-    sides = np.diff(corners, axis=0)
-    sides = sides / np.maximum(np.linalg.norm(sides, axis=1), 1e-9)[:, None]
-    return starts[1 + int(np.argmin((sides[:-1] * sides[1:]).sum(axis=1)))]
-
-
-def _refined(stroke: Stroke, starts: List[int], joined: bool) -> Tuple[np.ndarray, np.ndarray]:
-    """The vertices where the stations are least far from the line: least squares, far stations count less."""
-    at, weights = stroke.points, stroke.weights
-    sides = len(starts)
-    vertices = [at[0]] + [0.5 * (at[k - 1] + at[k]) for k in starts[1:]] + [at[-1]]
-    if joined:
-        vertices = [0.5 * (at[0] + at[-1])] + vertices[1:-1]
-    vertices = np.array(vertices)
+def _fitted(stroke: Stroke, starts: np.ndarray, joined: bool) -> np.ndarray:
+    """The vertices where the sides between them are least far from the stations, by weighted least squares."""
+    at = stroke.points
+    vertices = 0.5 * (at[starts - 1] + at[starts])
+    if not joined:
+        vertices = np.vstack([at[:1], vertices[1:], at[-1:]])
     count = len(vertices)
-    # a corner is unseen at most in the circle over the gap between the stations before and after it (Thales)
-    before = [at[-1] if joined else at[0]] + [at[k - 1] for k in starts[1:]] + [at[-1]]
-    after = [at[0]] + [at[k] for k in starts[1:]] + [at[-1]]
-    room = 0.5 * np.linalg.norm(np.array(after)[:count] - np.array(before)[:count], axis=1) + TREMBLE
-    middle = vertices
-    start = np.repeat(np.arange(sides), np.diff(starts + [len(at)]))
-    end = (start + 1) % count
+    side = np.searchsorted(starts, np.arange(len(at)), side="right") - 1
+    ends = np.column_stack([side, (side + 1) % count])
+    along = vertices[ends[:, 1]] - vertices[ends[:, 0]]
+    length = np.maximum(np.linalg.norm(along, axis=1), 1e-9)[:, None]
+    share = np.clip(((at - vertices[ends[:, 0]]) * along).sum(axis=1) / length[:, 0] ** 2, 0.0, 1.0)
+    normal = np.column_stack([-along[:, 1], along[:, 0]]) / length
+    rows = np.zeros((len(at), count, 2))
+    every = np.arange(len(at))
+    rows[every, ends[:, 0]] = (1.0 - share)[:, None] * normal
+    rows[every, ends[:, 1]] += share[:, None] * normal
+    rows = rows.reshape(len(at), -1)
+    off = ((at - vertices[ends[:, 0]]) * normal).sum(axis=1)
     # a corner that the stations leave open, between sides that hardly turn, stays where it is
-    held = 0.1 * TREMBLE * np.eye(2 * count)
-    if not joined:
-        # the ends of an open line are where the drawing ended, along their sides too
-        for corner in (0, count - 1):
-            held[2 * corner : 2 * corner + 2, 2 * corner : 2 * corner + 2] *= 10.0
-    every = np.arange(len(start))
-    for _ in range(3):
-        a, b = vertices[start], vertices[end]
-        along = b - a
-        length = np.maximum((along**2).sum(axis=1), 1e-12)
-        share = np.clip(((at - a) * along).sum(axis=1) / length, 0.0, 1.0)
-        normal = np.column_stack([-along[:, 1], along[:, 0]]) / np.sqrt(length)[:, None]
-        off = ((at - a) * normal).sum(axis=1)
-        weight = weights / np.maximum(1.0, np.abs(off) / TREMBLE)
-        rows = np.zeros((len(off), 2 * count))
-        for axis in range(2):
-            rows[every, 2 * start + axis] += (1.0 - share) * normal[:, axis]
-            rows[every, 2 * end + axis] += share * normal[:, axis]
-        scaled = rows * weight[:, None]
-        move = vertices + np.linalg.solve(scaled.T @ rows + held, scaled.T @ off).reshape(-1, 2) - middle
-        reach = np.maximum(np.linalg.norm(move, axis=1), 1e-12)
-        vertices = middle + move * np.minimum(1.0, room / reach)[:, None]
-    if not joined:
-        # half a station of the line is beyond the middle of the last one
-        for corner, inner in ((0, 1), (count - 1, count - 2)):
-            outwards = vertices[corner] - vertices[inner]
-            vertices[corner] += 0.5 * TREMBLE * outwards / max(float(np.linalg.norm(outwards)), 1e-9)
-    a, b = vertices[start], vertices[end]
-    return vertices, a + share[:, None] * (b - a)
+    scaled = rows * stroke.weights[:, None]
+    move = np.linalg.solve(scaled.T @ rows + 0.3 * TREMBLE * np.eye(2 * count), scaled.T @ off)
+    return vertices + move.reshape(-1, 2)

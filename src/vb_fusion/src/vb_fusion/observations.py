@@ -5,7 +5,7 @@ per second that is one spot, and a million spots become some ten thousand sights
 """
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Optional, Sequence
 
 import numpy as np
@@ -13,8 +13,8 @@ import numpy as np
 from vb_fusion.chain import ExtractionError
 
 TREMBLE = 0.05  # [m] a hand that holds still stays within it, and cameras agree within it
+LOCALISATION = 0.15  # [m] what a robot's pose may be off, differently every second
 QUANTUM = 0.02  # [s] less than the time between two images of a usual camera
-MOBILE_TRUST = 0.25  # weight of a camera whose own pose is estimated: localisation is about twice as far off
 FARTHEST = 1e5  # [m] from the origin: no floor is larger
 
 
@@ -47,7 +47,7 @@ class Sights:
 
     def moved(self, points: np.ndarray) -> "Sights":
         """The same sights at other places (N, 2) [m]."""
-        return Sights(points, self.stamps, self.cameras, self.weights, self.mobile, self.spots)
+        return replace(self, points=points)
 
 
 def gather(
@@ -70,39 +70,37 @@ def gather(
         array = array.reshape(0, 2)
     if array.ndim != 2 or array.shape[1] != 2:
         raise ExtractionError("bad_points", what=f"points of shape (N, 2) instead of {array.shape}")
+    count = len(array)
     columns = {"stamps": stamps, "cameras": cameras, "confidences": confidences, "mobile": mobile}
     for name, values in columns.items():
-        if values is not None and len(values) != len(array):
-            raise ExtractionError("bad_points", what=f"{len(array)} {name} instead of {len(values)}")
-    count = len(array)
+        if values is not None and len(values) != count:
+            raise ExtractionError("bad_points", what=f"{count} {name} instead of {len(values)}")
     known = np.zeros(count, dtype=int) if cameras is None else np.unique(np.asarray(cameras), return_inverse=True)[1]
     moving = np.zeros(count, dtype=bool) if mobile is None else np.asarray(mobile, dtype=bool)
     # a detector that reports 0 still saw something
     trust = np.ones(count) if confidences is None else np.clip(np.nan_to_num(np.asarray(confidences, float)), 0.1, 1.0)
-    trust = np.where(moving, MOBILE_TRUST, 1.0) * trust
+    trust = np.where(moving, TREMBLE / LOCALISATION, 1.0) * trust
     times = None if stamps is None else np.asarray(stamps, dtype=float)
-    usable = np.isfinite(array).all(axis=1)
-    usable[usable] = (np.abs(array[usable]) <= FARTHEST).all(axis=1)
-    if times is not None:
-        usable &= np.isfinite(times)
+    usable = (np.abs(array) <= FARTHEST).all(axis=1) & np.isfinite(0.0 if times is None else times)
     sights = Sights(array, times, known, trust, moving, int(usable.sum())).select(usable)
     return sights if times is None or len(sights.points) == 0 else _condensed(sights)
 
 
 def _condensed(spots: Sights) -> Sights:
     """Spots of one camera, place and quantum become one; the result is in order of time, then of place."""
-    quantum = np.floor((spots.stamps - spots.stamps.min()) / QUANTUM + 0.013).astype(np.int64)
+    offset = spots.stamps.min()
+    quantum = np.floor((spots.stamps - offset) / QUANTUM + 0.013).astype(np.int64)
     cell = np.floor(spots.points / TREMBLE).astype(np.int64)
     cell -= cell.min(axis=0)
     width, height = (int(size) for size in cell.max(axis=0) + 1)
     key = (quantum * (int(spots.cameras.max()) + 1) + spots.cameras) * width * height + cell[:, 0] * height + cell[:, 1]
     _, first, index = np.unique(key, return_index=True, return_inverse=True)
     weights = np.bincount(index, spots.weights)
-    means = [np.bincount(index, spots.weights * v) / weights for v in (spots.points[:, 0], spots.points[:, 1])]
-    offset = spots.stamps.min()
-    stamps = offset + np.bincount(index, spots.weights * (spots.stamps - offset)) / weights
-    order = np.lexsort((means[1], means[0], stamps))
+    x, y, stamps = (
+        np.bincount(index, spots.weights * values) / weights for values in (*spots.points.T, spots.stamps - offset)
+    )
+    order = np.lexsort((y, x, stamps))
     sights = Sights(
-        np.column_stack(means), stamps, spots.cameras[first], weights, spots.mobile[first], spots.spots
+        np.column_stack([x, y]), offset + stamps, spots.cameras[first], weights, spots.mobile[first], spots.spots
     )
     return sights.select(order)

@@ -1,35 +1,23 @@
 """The seed point: the last place where the pointer dwelt.
 
-It is found in the same places of each moment as the border's track (track.py). On its path the pointer dwells
-nowhere for long, strays are alone, and something bright was there before the pointer came.
+The pointer's track is found as for the border (track.py): the sequence of places that explains most with the least
+effort. What a place explains is another thing here: the pointer dwells instead of moving, and may be switched off on
+its way. So what counts is light that is new at its place, and a jump costs no more than a blink of it.
 """
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import List, Optional, Sequence
+from typing import Optional, Sequence
 
 import numpy as np
 from scipy.spatial import cKDTree
 
 from vb_fusion.chain import ExtractionError
-from vb_fusion.observations import TREMBLE, Sights, gather
-from vb_fusion.track import MOMENT, find_places
+from vb_fusion.observations import TREMBLE, gather
+from vb_fusion.track import BLINK, MOMENT, best_path, find_places
 
 HAND = 1.5 * TREMBLE  # [m] a hand that holds still stays within this of its mean, cameras' offsets included
 MIN_SPOTS = 3
 KNOWN = 0.2  # what a place counts that was seen before the seed was asked for
-RIVAL_MOMENTS = 4  # a place that was seen in fewer is not compared
-TOGETHER = 0.3  # two places seen together in this share of the fewer moments cannot both be the pointer
-
-
-@dataclass(frozen=True)
-class _Dwelling:
-    """A place where something dwelt."""
-
-    at: np.ndarray  # (2,) [m]
-    score: float
-    moments: np.ndarray  # (K,) int, ascending: when it was seen
-    cameras: float  # how many cameras saw it at a time, on average
 
 
 def extract_seed(
@@ -41,13 +29,13 @@ def extract_seed(
     mobile: Optional[Sequence[bool]] = None,
     before: Optional[np.ndarray] = None,
 ) -> np.ndarray:
-    """Finds the seed point s (paper, Sect. 3): where the pointer dwelt longest; later places count up to twice.
+    """Finds the seed point s (paper, Sect. 3): where the pointer dwelt last.
 
-    A place that was seen before already counts less: something bright, or the end of the border. Of two places that
-    are seen together one is not the pointer: it is the one that fewer cameras see, else the one that was there first.
+    A place that was seen before already counts less: something bright, or the end of the border. The longer a place
+    has been seen, the less its light is new. Cameras that agree are each other's witnesses.
 
     Args:
-        points: (N, 2) [m], any order. Without stamps all of them count alike.
+        points: (N, 2) [m], any order. Without stamps it is the place where most of them are.
         before: (K, 2) [m] spots that were seen before the seed was asked for, those of the border.
 
     Returns:
@@ -61,58 +49,27 @@ def extract_seed(
         raise ExtractionError("no_spots")
     if seen.spots < MIN_SPOTS:
         raise ExtractionError("no_seed", spots=seen.spots, needed=MIN_SPOTS)
-    dwellings = _dwellings(seen, None if before is None else gather(before).points)
-    best = dwellings[0]
-    for rival in dwellings[1:]:
-        if _overrules(rival, best):
-            best = rival
-    return best.at
-
-
-def _dwellings(seen: Sights, before: Optional[np.ndarray]) -> List[_Dwelling]:
-    """The six places where something dwelt most, none part of another, the one that counts most first."""
     if seen.stamps is None:
-        at, moment, cameras, late = seen.points, np.zeros(len(seen.points), int), np.ones(len(seen.points)), 0.0
+        at, gains = seen.points, np.ones(len(seen.points))
     else:
         places = find_places(seen)
         at = places.points
-        moment = np.floor((places.stamps - places.stamps[0]) / MOMENT).astype(np.int64)
-        pairs = np.unique(places.sights * (int(seen.cameras.max()) + 1) + seen.cameras)
-        cameras = np.bincount(pairs // (int(seen.cameras.max()) + 1), minlength=len(at)).astype(float)
-        late = (places.stamps - places.stamps[0]) / max(float(np.ptp(places.stamps)), 1e-9)
-    counts = cameras * (1.0 + late)
+        pairs = np.unique(np.column_stack([places.sights, seen.cameras]), axis=0)
+        witnesses = np.bincount(pairs[:, 0], minlength=len(at)).astype(float)
+        first = np.array([min(rows) for rows in cKDTree(at).query_ball_point(at, HAND)])
+        gains = (witnesses / (1.0 + places.stamps - places.stamps[first])) ** 2
     if before is not None and len(before) >= MIN_SPOTS:
-        known = cKDTree(before).query(at, k=[MIN_SPOTS], distance_upper_bound=HAND)[0][:, 0]
-        counts = np.where(np.isfinite(known), KNOWN, 1.0) * counts
-    found: List[_Dwelling] = []
-    free = np.ones(len(at), dtype=bool)
-    # where places are many, a few hundred of them say where something dwelt
-    asked = np.unique(np.linspace(0, len(at) - 1, 500).astype(int))
-    while len(found) < 6 and free[asked].any():
-        tree = cKDTree(at[free])
-        near = tree.query_ball_point(at[asked], HAND)
-        scores = np.array([counts[free][rows].sum() if free[k] else -1.0 for k, rows in zip(asked, near)])
-        best = int(np.argmax(scores))
-        middle = at[asked[best]]
-        for _ in range(5):
-            inside = free & (np.linalg.norm(at - middle, axis=1) <= HAND)
-            if inside.any():
-                middle = np.average(at[inside], axis=0, weights=counts[inside])
-        there = np.linalg.norm(at - middle, axis=1) <= 1.5 * HAND
-        unique = np.unique(moment[there])
-        found.append(_Dwelling(middle, float(scores[best]), unique, float(cameras[there].sum()) / max(len(unique), 1)))
-        free &= np.linalg.norm(at - middle, axis=1) > 2.0 * HAND
-        free[asked[best]] = False
-    return found
-
-
-def _overrules(rival: _Dwelling, best: _Dwelling) -> bool:
-    """Is the rival the pointer where the two are seen together, though `best` was seen for longer?"""
-    fewer = min(len(rival.moments), len(best.moments))
-    if fewer < RIVAL_MOMENTS or rival.score < 0.1 * best.score:
-        return False
-    if len(np.intersect1d(rival.moments, best.moments)) < TOGETHER * fewer:
-        return False
-    if abs(rival.cameras - best.cameras) > 0.5:
-        return rival.cameras > best.cameras
-    return bool(rival.moments[0] > best.moments[0] + RIVAL_MOMENTS)
+        known = cKDTree(gather(before).points).query(at, k=[MIN_SPOTS], distance_upper_bound=HAND)[0][:, 0]
+        gains = np.where(np.isfinite(known), KNOWN, 1.0) * gains
+    if seen.stamps is not None:
+        path = best_path(at, places.stamps, gains, np.inf, BLINK / MOMENT)[0]
+        at, gains = at[path], gains[path]
+    near = cKDTree(at).query_ball_point(at, HAND)
+    dwelt = np.array([gains[rows].sum() for rows in near])
+    # on the way it dwells nowhere for half as long
+    last = int(np.argmax(dwelt)) if seen.stamps is None else int(np.flatnonzero(dwelt >= 0.5 * dwelt.max())[-1])
+    middle = at[last]
+    for _ in range(5):
+        inside = np.linalg.norm(at - middle, axis=1) <= HAND
+        middle = at[inside].mean(axis=0)
+    return middle
