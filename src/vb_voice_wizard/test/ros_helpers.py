@@ -20,7 +20,7 @@ from vb_msgs.srv import (
 )
 
 
-def wait_until(condition, what: str, limit_s: float = 60.0):
+def wait_until(condition, what: str, limit_s: float = 120.0):
     """Waits for a condition; gives its first true value, or fails with what was waited for."""
     deadline = time.monotonic() + limit_s
     while time.monotonic() < deadline:
@@ -42,7 +42,7 @@ class Newest:
     def message(self):
         return self.all[-1] if self.all else None
 
-    def wait(self, condition, what: str, limit_s: float = 60.0):
+    def wait(self, condition, what: str, limit_s: float = 120.0):
         """Waits until the newest message fulfils a condition."""
         return wait_until(lambda: self.all and condition(self.all[-1]) and self.all[-1], what, limit_s)
 
