@@ -320,21 +320,27 @@ def axe(path):
     from phone import PHONE, WALL, Browser
 
     source, lines = Path(path).read_text(encoding="utf-8"), []
+    run = "axe.run(document).then((r) => arguments[0](r.violations.map((v) => `${v.impact}: ${v.id}`)))"
     with ExitStack() as stack:
         port, _ = start(stack)
         for size in (PHONE, WALL):
-            for dark in (False, True):
-                page = Browser(f"http://127.0.0.1:{port}/", size, "de" if dark else "en", dark)
-                page.wait_ready()
-                page.run("document.querySelectorAll('details').forEach((e) => { e.open = true })")
-                found = []
-                for step in (None, "#draw", "#settings-button"):
-                    if step:
-                        page.click(step)
-                    page.driver.execute_script(source)
-                    found += page.driver.execute_async_script("axe.run(document).then((r) => arguments[0](r.violations.map((v) => `${v.impact}: ${v.id}`)))")
+            for language in ("en", "de"):
+                page = Browser(f"http://127.0.0.1:{port}/", size, language)
+                found = {}
+                for dark in (False, True):
+                    page.resize(size, dark)
+                    page.driver.refresh()
+                    page.wait_ready()
+                    page.run("document.querySelectorAll('details').forEach((e) => { e.open = true })")
+                    for view, opener in (("main view", None), ("drawing", "#draw"), ("dialog", "#settings-button")):
+                        if opener:
+                            page.click(opener)
+                        page.driver.execute_script(source)
+                        faults = page.driver.execute_async_script(run)
+                        if faults:
+                            found[f"{'dark' if dark else 'light'}, {view}"] = faults
                 page.close()
-                lines.append(f"axe-core, {size[0]} x {size[1]}, {'dark' if dark else 'light'}, main view, drawing, dialog: {found or 'no violation'}")
+                lines.append(f"axe-core, {size[0]} x {size[1]}, {language}, light and dark, main view, drawing, dialog: {found or 'no violation'}")
     return lines
 
 

@@ -17,14 +17,10 @@ from vb_msgs.srv import (
     ListBordersResponse,
     PreviewBorder,
     PreviewBorderResponse,
-    RemoveBorder,
-    RemoveBorderResponse,
-    UpdateBorder,
-    UpdateBorderResponse,
 )
 
 
-def wait_until(condition, what: str, limit_s: float = 60.0):
+def wait_until(condition, what: str, limit_s: float = 120.0):
     """Waits for a condition; gives its first true value, or fails with what was waited for."""
     deadline = time.monotonic() + limit_s
     while time.monotonic() < deadline:
@@ -46,7 +42,7 @@ class Newest:
     def message(self):
         return self.all[-1] if self.all else None
 
-    def wait(self, condition, what: str, limit_s: float = 60.0):
+    def wait(self, condition, what: str, limit_s: float = 120.0):
         """Waits until the newest message fulfils a condition."""
         return wait_until(lambda: self.all and condition(self.all[-1]) and self.all[-1], what, limit_s)
 
@@ -89,7 +85,7 @@ class StubNeighbours:
         self.preview.region.info.width, self.preview.region.info.height = 2, 1
         self.preview.region.data = [100, 0]
         self.before_add = lambda: None
-        self.candidates, self.added, self.previews, self.updated, self.removed = [], [], [], [], []
+        self.candidates, self.added, self.previews = [], [], []
         self.services = []
 
     def offer(self, candidate: bool = True, add: bool = True, preview: bool = True) -> None:
@@ -100,14 +96,6 @@ class StubNeighbours:
             self.services.append(rospy.Service("/virtual_borders/get_drawn_border", GetDrawnBorder, self._on_candidate))
         if add:
             self.services.append(rospy.Service("/virtual_borders/add_border", AddBorder, self._on_add))
-
-    def offer_changes(self) -> list:
-        """Starts the services that change what is stored; gives them."""
-        return [
-            rospy.Service("/virtual_borders/list_borders", ListBorders, lambda _request: ListBordersResponse()),
-            rospy.Service("/virtual_borders/update_border", UpdateBorder, self._on_update),
-            rospy.Service("/virtual_borders/remove_border", RemoveBorder, self._on_remove),
-        ]
 
     def offer_undo(self) -> list:
         """Starts undo over one border, "Nursery", which can be taken back once; gives the services."""
@@ -128,14 +116,6 @@ class StubNeighbours:
         if not self.undone:
             response.borders.borders.append(VirtualBorder(id="b1", name="Nursery"))
         return response
-
-    def _on_update(self, request):
-        self.updated.append(request)
-        return UpdateBorderResponse(success=True, code="ok", message=f"{request.border.name} was changed.")
-
-    def _on_remove(self, request):
-        self.removed.append(request.id)
-        return RemoveBorderResponse(success=True, code="ok", message=f"{request.id} is gone.")
 
     def withdraw(self) -> None:
         """Stops them."""

@@ -12,7 +12,7 @@ from selenium.webdriver.common.actions.pointer_input import PointerInput
 PHONE, WALL = (360, 740), (1920, 1080)
 _SWITCHES = ("--no-sandbox", "--headless=new", "--disable-gpu", "--disable-background-networking", "--disable-dev-shm-usage",
              "--hide-scrollbars", "--disable-extensions", "--no-first-run")
-PATIENCE_S = 40.0
+PATIENCE_S = 120.0  # a busy machine takes ten times as long; only a fault waits to the end
 
 
 class Browser:

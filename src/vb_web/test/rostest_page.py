@@ -17,16 +17,18 @@ import rosgraph
 import rosnode
 import rospy
 import rostest
+from geometry_msgs.msg import Point
 from std_msgs.msg import Bool
 
 sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
 from accessibility import faults_of  # noqa: E402
-from phone import PHONE, WALL, Browser  # noqa: E402
+from phone import PATIENCE_S, PHONE, WALL, Browser  # noqa: E402
 from vb_core import names  # noqa: E402
 from vb_core.notices import Notice, Severity  # noqa: E402
 from vb_core.ros.messages import OccupancyGridArray, grid_from_message, mapping_from_values  # noqa: E402
 from vb_core.ros.notices import NoticePublisher  # noqa: E402
 from vb_msgs.msg import InteractionState, LaserSpot, NoticeArray, StudyEvent, VirtualBorder, VirtualBorderArray  # noqa: E402
+from vb_msgs.srv import AddBorder  # noqa: E402
 
 CARPET = [[3.12, 0.8], [5.12, 0.8], [5.12, 2.05], [3.12, 2.05]]
 
@@ -39,7 +41,7 @@ def round_the(corners, per_side=6):
     return path
 
 
-def until(condition, what, seconds=40.0):
+def until(condition, what, seconds=PATIENCE_S):
     for _ in range(int(seconds / 0.05)):
         found = condition()
         if found:
@@ -114,6 +116,14 @@ class PageTest(unittest.TestCase):
         self.browser.click("#review button", "Save")
         self.browser.wait("document.body.dataset.mode == 'look'", what="the border to be saved")
         return self.wait_borders(before + 1)[-1]
+
+    def store_carpet(self):
+        """A border that a test only needs to be there."""
+        border = VirtualBorder(name="Rug", kind=VirtualBorder.POLYGON, enabled=True, occupancy=1.0,
+                               points=[Point(x, y, 0.0) for x, y in CARPET], seed=Point(4.0, 1.5, 0.0))
+        answer = rospy.ServiceProxy(names.ADD_BORDER, AddBorder)(border=border, frame_id="map", source="test")
+        self.assertTrue(answer.success, answer.message)
+        self.browser.wait_text("#borders", "Rug")
 
     def remove_all(self):
         while self.borders():
@@ -230,8 +240,49 @@ class PageTest(unittest.TestCase):
         self.browser.click("#stop")
         until(lambda: not self.heard[names.STATE].stopped and not self.heard[names.STOP].data, "go on")
 
-    def test_5_the_page_comes_back_after_it_was_killed_and_in_a_network_asks_for_the_code_on_the_display(self):
-        self.draw_carpet("Rug")
+    # ------------------------------------------------------------- what is seen
+    def test_5_two_browsers_two_sizes_two_languages(self):
+        other = Browser(self.browser.url, WALL, "de", dark=True)
+        try:
+            other.wait_ready()
+            self.assertEqual(other.run("return document.documentElement.lang"), "de")
+            self.store_carpet()
+            other.wait_text("#borders", "Rug")
+            other.click("#undo", "Rückgängig")
+            self.browser.wait_text("#borders", "No borders yet")
+            other.wait_text("#borders", "Noch keine Grenzen")
+            notices = NoticePublisher()
+            notices.set([Notice("interaction_ends_soon", Severity.WARNING)])
+            self.browser.wait_text("#notices", "dropped soon")
+            other.wait("document.querySelector('#notices li')", what="the notice")
+            self.assertNotIn("dropped soon", other.text("#notices"))
+            notices.close()
+            for browser, size in ((self.browser, PHONE), (other, WALL)):
+                self.assertLessEqual(browser.run("return document.documentElement.scrollWidth"), size[0])
+                self.assertEqual(faults_of(browser), [])
+            self.assertEqual(other.faults(), [])
+        finally:
+            other.close()
+
+    def test_6_a_spot_is_seen_and_text_stays_text(self):
+        spot = LaserSpot(camera="red")
+        spot.header.frame_id, spot.header.stamp = "map", rospy.Time.now()
+        spot.position.x, spot.position.y = 4.0, 2.5
+        until(lambda: self.spots.get_num_connections(), "the page to listen")
+        self.spots.publish(spot)
+        self.browser.wait("document.querySelector('.spot')", what="the spot")
+        evil = "<img src=x onerror=window.evil=1>"
+        self.browser.run("document.getElementById('study').open = true")
+        self.browser.driver.find_element("css selector", "#mark-form input").send_keys(evil)
+        self.browser.click("#mark-form button")
+        until(lambda: names.STUDY_EVENTS in self.heard and self.heard[names.STUDY_EVENTS].text == evil, "the note")
+        self.browser.wait("document.getElementById('events').textContent.includes(arguments[0])", evil, what="the note in the history")
+        self.assertFalse(self.browser.run("return document.querySelectorAll('#events img').length || window.evil || 0"))
+        self.assertIn(evil, [json.loads(line)["values"].get("text") for line in self.events.read_text().splitlines()])
+
+    # last: the page that it starts asks every browser for a code
+    def test_7_the_page_comes_back_after_it_was_killed_and_in_a_network_asks_for_the_code_on_the_display(self):
+        self.store_carpet()
         self.stop_page(kill=True)
         self.browser.wait("document.body.dataset.state == 'offline'", what="the lost connection")
         self.start_page("_address:=0.0.0.0")
@@ -251,50 +302,6 @@ class PageTest(unittest.TestCase):
         self.browser.click("#commands button", "Cancel")
         until(lambda: self.said["/page"], "the code again")
         self.assertIn("Rug was added", self.browser.run("return document.getElementById('events').textContent"))
-        self.remove_all()
-        # the others need no code; the parameter server remembers the address of before
-        self.stop_page()
-        self.start_page("_address:=127.0.0.1")
-
-    # ------------------------------------------------------------- what is seen
-    def test_6_two_browsers_two_sizes_two_languages(self):
-        other = Browser(self.browser.url, WALL, "de", dark=True)
-        try:
-            other.wait_ready()
-            self.assertEqual(other.run("return document.documentElement.lang"), "de")
-            self.draw_carpet("Rug")
-            other.wait_text("#borders", "Rug")
-            other.click("#undo", "Rückgängig")
-            self.browser.wait_text("#borders", "No borders yet")
-            other.wait_text("#borders", "Noch keine Grenzen")
-            notices = NoticePublisher()
-            notices.set([Notice("interaction_ends_soon", Severity.WARNING)])
-            self.browser.wait_text("#notices", "dropped soon")
-            other.wait("document.querySelector('#notices li')", what="the notice")
-            self.assertNotIn("dropped soon", other.text("#notices"))
-            notices.close()
-            for browser, size in ((self.browser, PHONE), (other, WALL)):
-                self.assertLessEqual(browser.run("return document.documentElement.scrollWidth"), size[0])
-                self.assertEqual(faults_of(browser), [])
-            self.assertEqual(other.faults(), [])
-        finally:
-            other.close()
-
-    def test_7_a_spot_is_seen_and_text_stays_text(self):
-        spot = LaserSpot(camera="red")
-        spot.header.frame_id, spot.header.stamp = "map", rospy.Time.now()
-        spot.position.x, spot.position.y = 4.0, 2.5
-        until(lambda: self.spots.get_num_connections(), "the page to listen")
-        self.spots.publish(spot)
-        self.browser.wait("document.querySelector('.spot')", what="the spot")
-        evil = "<img src=x onerror=window.evil=1>"
-        self.browser.run("document.getElementById('study').open = true")
-        self.browser.driver.find_element("css selector", "#mark-form input").send_keys(evil)
-        self.browser.click("#mark-form button")
-        until(lambda: names.STUDY_EVENTS in self.heard and self.heard[names.STUDY_EVENTS].text == evil, "the note")
-        self.browser.wait("document.getElementById('events').textContent.includes(arguments[0])", evil, what="the note in the history")
-        self.assertFalse(self.browser.run("return document.querySelectorAll('#events img').length || window.evil || 0"))
-        self.assertIn(evil, [json.loads(line)["values"].get("text") for line in self.events.read_text().splitlines()])
 
 
 if __name__ == "__main__":

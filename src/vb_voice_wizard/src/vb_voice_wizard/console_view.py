@@ -14,15 +14,25 @@ from rich.text import Text
 
 from vb_core import sentences
 from vb_core.notices import Notice, Severity
-from vb_voice_wizard.console_keys import DRAWING_KEYS, KEY_HELP, OTHER_KEYS, BorderRow, Controls
+from vb_voice_wizard.console_keys import DRAWING_KEYS, OTHER_KEYS, QUIT_KEY
 
 _STYLES = {"default": "white", "border": "orange1", "seed": "sky_blue2", "guide": "hot_pink"}
 GOOD, BAD, NOTE = "green", "yellow", "cyan"
 
 # [lines] heights of the parts of the screen; the messages have the rest
-_HEAD, _BODY, _PREVIEW, _KEYS = 1, 9, 5, 3
+_HEAD, _BODY, _PREVIEW, _KEYS = 1, 9, 5, 2
 _LEAST_MESSAGES = 3
 _WIDEST = 400
+
+
+@dataclass(frozen=True)
+class BorderRow:
+    """A stored border as the console lists it."""
+
+    name: str
+    area_m2: float
+    enabled: bool
+    occupancy: float = 1.0
 
 
 @dataclass
@@ -57,7 +67,6 @@ class View:
     detectors: Tuple[Tuple[str, float], ...] = ()  # camera and images searched per second, 0 for a silent one
     level_db: float = 0.0  # of the microphone, full scale is 0; 0: there is none
     language: str = sentences.ENGLISH
-    controls: Controls = field(default_factory=Controls)
     messages: Deque[Tuple[str, str, str]] = field(default_factory=lambda: collections.deque(maxlen=50))
 
     def words(self, code: str, **values: Any) -> str:
@@ -157,24 +166,18 @@ def _interaction(view: View) -> Panel:
 
 
 def _borders(view: View, room: int) -> Panel:
-    chosen = view.controls.chosen(view.borders)
-    first = 0
-    if chosen is not None:
-        # the chosen one is always on the screen
-        first = max(0, min(view.borders.index(chosen) - room // 2, len(view.borders) - room))
     lines: List[RenderableType] = []
-    for row in view.borders[first : first + room]:
+    for row in view.borders[-room:]:  # the newest are at the end
         details = f" {row.area_m2:.2f} m\u00b2"
         if row.occupancy < 1.0:
             details += f" {row.occupancy:.0%}"
         if not row.enabled:
             details += " " + view.words("console_off")
-        mark = "> " if row is chosen else "  "
         line = Table.grid(expand=True)
         line.add_column(no_wrap=True, overflow="ellipsis", ratio=1)
         line.add_column(no_wrap=True, justify="right")
-        style = ("bold" if row is chosen else "") if row.enabled else "dim"
-        line.add_row(Text(mark + row.name, style=style), Text(details, style=style))
+        style = "" if row.enabled else "dim"
+        line.add_row(Text(row.name, style=style), Text(details, style=style))
         lines.append(line)
     return Panel(
         Group(*(lines or [Text(view.words("console_none"), style="dim")])),
@@ -221,29 +224,15 @@ def _wrapped(text: str, width: int) -> List[str]:
 
 
 def _keys(view: View) -> Group:
-    controls = view.controls
-    chosen = controls.chosen(view.borders)
-    name = chosen.name if chosen is not None else ""
-    if controls.mode == "rename":
-        return Group(
-            Text.assemble((view.words("console_new_name", border=name), "bold"), controls.text, ("_", "blink")),
-            Text(view.words("console_new_name_keys"), style="dim"),
-        )
-    if controls.mode == "remove":
-        return Group(
-            Text(view.words("console_remove", border=name), style="bold yellow"),
-            Text(view.words("console_remove_keys"), style="dim"),
-        )
-    lines = [Text(no_wrap=True) for _ in range(3)]
+    lines = [Text(no_wrap=True) for _ in range(_KEYS)]
     for line, keys in zip(lines, (DRAWING_KEYS, OTHER_KEYS)):
         for key, command in keys.items():
             sensible = command in view.commands
             shown = view.words("console_space") if key == " " else key
             line.append(f" {shown} ", style="bold reverse" if sensible else "reverse dim")
             line.append(f" {view.words('command_' + command)}  ", style="bold" if sensible else "dim")
-    for key, meaning in KEY_HELP:
-        lines[2].append(f" {key} ", style="reverse")
-        lines[2].append(f" {view.words(meaning)} ")
+    lines[1].append(f" {QUIT_KEY} ", style="reverse")
+    lines[1].append(f" {view.words('console_quit')} ")
     return Group(*lines)
 
 

@@ -20,20 +20,18 @@ from std_msgs.msg import Float32
 from vb_core import names, sentences
 from vb_core.errors import CodedError
 from vb_core.notices import NoticeBook
-from vb_core.ros import commands, node, services
+from vb_core.ros import commands, node
 from vb_core.ros.messages import BorderPreviewArray, mapping_from_values
 from vb_core.ros.notices import notice_from_message
 from vb_core.ros.transforms import TransformLookup
 from vb_msgs.msg import (
-    BorderProgress, DetectorStatus, BorderIssue, SpeechCommand, InteractionState, NoticeArray, VirtualBorder, VirtualBorderArray,
+    BorderProgress, DetectorStatus, BorderIssue, SpeechCommand, InteractionState, NoticeArray, VirtualBorderArray,
 )
-from vb_msgs.srv import (
-    CommandRequest, CommandResponse, RemoveBorder, RemoveBorderRequest, UpdateBorder, UpdateBorderRequest,
-)
+from vb_msgs.srv import CommandRequest, CommandResponse
 
 from vb_voice_wizard import console_view
-from vb_voice_wizard.console_keys import Action, BorderRow, KeyReader
-from vb_voice_wizard.console_view import BAD, GOOD, NOTE, View
+from vb_voice_wizard.console_keys import COMMAND_KEYS, QUIT_KEY, KeyReader
+from vb_voice_wizard.console_view import BAD, GOOD, NOTE, BorderRow, View
 
 _PERIOD_S = 0.2  # between two looks at the screen: an operator cannot follow more
 _WATCH_S = 1.0
@@ -50,7 +48,7 @@ class WizardConsole:
     """Shows the interaction and sends commands.
 
     Subscribes to /virtual_borders/{state,progress,preview,borders,notices,detectors,voice/heard,voice/level} and tf.
-    Calls /virtual_borders/{command,update_border,remove_border}. It waits for the ROS master, reports when the
+    Calls /virtual_borders/command. It waits for the ROS master, reports when the
     master or a node is lost, and goes on when they are back.
 
     Args:
@@ -74,7 +72,6 @@ class WizardConsole:
         self._ends = 0.0
         self._answered = rospy.Time(0)
         self._progress_of = ""
-        self._borders: Dict[str, VirtualBorder] = {}
         self._transforms: Optional[TransformLookup] = None
         self._robot_at: Optional[Tuple[float, float]] = None
         # a master that was restarted knows nothing of this process: it must register again
@@ -86,8 +83,6 @@ class WizardConsole:
         # a socket limit of this process: a master that hangs must not hang the watch for ever
         socket.setdefaulttimeout(5.0)
         self._orders = commands.Orders(source, self._on_answer, answer_s=15.0)
-        self._actions: node.Queue = node.Queue(10)
-        node.Worker(self._actions, self._work)
         node.Worker(node.Beat(_WATCH_S), lambda _woken: self._watch())
 
     # ------------------------------------------------------------------ presence
@@ -241,9 +236,8 @@ class WizardConsole:
 
     def _on_borders(self, message: VirtualBorderArray) -> None:
         with self._lock:
-            self._borders = {border.id: border for border in message.borders}
             self._view.borders = tuple(
-                BorderRow(border.id, border.name or border.id, border.area_m2, border.enabled, border.occupancy)
+                BorderRow(border.name or border.id, border.area_m2, border.enabled, border.occupancy)
                 for border in message.borders
             )
             self._changed.set()
@@ -271,67 +265,30 @@ class WizardConsole:
 
     # ------------------------------------------------------------------ commands
     def press(self, key: str) -> bool:
-        """A key was pressed; its action runs in a separate thread, so the screen goes on.
+        """A key was pressed; its command runs in a separate thread, so the screen goes on.
 
         Returns:
             Whether the console is to be left.
         """
-        with self._lock:
-            action = self._view.controls.press(key, self._view.borders)
-            self._changed.set()
-        if action is None:
-            return False
-        if action.what == "note":
-            self._tell(action.text, NOTE, key=action.key)
-        elif action.what != "quit":
-            if self._master_pid is None:
-                self._tell("console_not_connected", BAD)
-            elif not (self._orders.put(action.text) if action.what == "command" else self._actions.put(action)):
-                self._tell("console_too_many_keys", BAD)
-        return action.what == "quit"
+        if key == QUIT_KEY:
+            return True
+        if key not in COMMAND_KEYS:
+            self._tell("console_key_unknown", NOTE, key=key)
+        elif self._master_pid is None:
+            self._tell("console_not_connected", BAD)
+        elif not self._orders.put(COMMAND_KEYS[key]):
+            self._tell("console_too_many_keys", BAD)
+        return False
 
     def _on_answer(
         self, _request: CommandRequest, _beside: Any, answer: Optional[CommandResponse], error: Optional[CodedError]
     ) -> None:
         # the answer arrives with the state; "busy" is not remembered there
         if error is not None:
-            self._tell_error(error)
+            what = sentences.say(error.code, error.values, self._view.language, error.message)
+            self._tell("console_try_again", BAD, what=what)
         elif answer is not None and answer.code == "busy":
             self._say(self._words_of(answer.code, answer.values, answer.message), BAD)
-
-    def _work(self, action: Action) -> None:
-        try:
-            self._do(action)
-        except CodedError as error:
-            self._tell_error(error)
-
-    def _do(self, action: Action) -> None:
-        if action.what == "remove":
-            service, kind = names.REMOVE_BORDER, RemoveBorder
-            request: Any = RemoveBorderRequest(id=action.border_id, source=self._source)
-        else:
-            with self._lock:
-                border = self._borders.get(action.border_id)
-            if border is None:
-                self._tell("console_border_is_gone", BAD)
-                return
-            service, kind, request = names.UPDATE_BORDER, UpdateBorder, self._changed_border(border, action)
-        answer = services.call(service, kind, request, "$map_integrator", 1.0, 5.0)
-        said = self._words_of(answer.code, answer.values, answer.message or self._view.words("console_done"))
-        self._say(said, GOOD if answer.success else BAD)
-        for found in getattr(answer, "issues", ()):
-            if found.message not in answer.message:
-                self._say(self._words_of(found.code, found.values, found.message), BAD)
-
-    def _changed_border(self, border: VirtualBorder, action: Action) -> UpdateBorderRequest:
-        wanted = VirtualBorder(**{name: getattr(border, name) for name in VirtualBorder.__slots__})
-        if action.what == "rename":
-            wanted.name = action.text
-        else:
-            wanted.enabled = action.what == "enable"
-            # an operator who turns it by hand does not want it to turn back by itself
-            wanted.expires = rospy.Time(0)
-        return UpdateBorderRequest(border=wanted, frame_id=names.MAP_FRAME, source=self._source)
 
     def _words_of(self, code: str, values: List[Any], message: str) -> str:
         """A node's answer in the operator's language; its own English sentence where that has none."""
@@ -339,10 +296,6 @@ class WizardConsole:
 
     def _tell(self, code: str, style: str, **values: Any) -> None:
         self._say(self._view.words(code, **values), style)
-
-    def _tell_error(self, error: CodedError) -> None:
-        what = sentences.say(error.code, error.values, self._view.language, error.message)
-        self._tell("console_try_again", BAD, what=what)
 
     def _say(self, text: str, style: str) -> None:
         with self._lock:

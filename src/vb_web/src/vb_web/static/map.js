@@ -84,8 +84,9 @@ export class MapView {
   }
 
   fit() {
-    if (!this.info) return;
-    const corners = this.corners(), xs = corners.map((p) => p[0]), ys = corners.map((p) => p[1]), [w, h] = this.size();
+    const [w, h] = this.size();
+    if (!this.info || w < 24 || h < 24) return;  // not laid out yet: the observer calls again
+    const corners = this.corners(), xs = corners.map((p) => p[0]), ys = corners.map((p) => p[1]);
     const [x0, x1, y0, y1] = [Math.min(...xs), Math.max(...xs), Math.min(...ys), Math.max(...ys)];
     $("map-area").style.setProperty("--aspect", ((y1 - y0) / (x1 - x0)).toFixed(3));
     this.view = { x: (x0 + x1) / 2, y: (y0 + y1) / 2, scale: Math.max(1, Math.min((w - 12) / (x1 - x0), (h - 12) / (y1 - y0))) };

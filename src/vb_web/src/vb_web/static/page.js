@@ -383,7 +383,8 @@ function drawBanners() {
 const sourceName = (source) => { const [kind, rest] = String(source || "").split(" "); return words.has(`page_source_${kind}`) ? say(`page_source_${kind}`) + (rest ? ` ${rest}` : "") : source; };
 
 function drawNotices() {
-  $("notices").replaceChildren(...(view.notices || []).map((notice) => element("li", { class: ["info", "warning", "error"][notice.severity] || "error" }, words.tell(notice))));
+  const banner = view.state && view.state.stopped;  // says it already
+  $("notices").replaceChildren(...(view.notices || []).filter((notice) => !(banner && notice.code === "robots_stopped")).map((notice) => element("li", { class: ["info", "warning", "error"][notice.severity] || "error" }, words.tell(notice))));
 }
 
 function drawHealth() {
