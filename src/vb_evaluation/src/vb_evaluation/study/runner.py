@@ -144,7 +144,8 @@ class LiveRun:
         cameras = self._method.cameras(self._world)
         arguments = {
             "world": "study", "cameras": " ".join(cameras) or "none", "method": self._task.method,
-            "robots": " ".join(filter(None, self._robots)), "rviz": "false", "page": "false"}
+            "robots": " ".join(filter(None, self._robots)), "rviz": "false", "page": "false",
+            "state": ""}
         import_nodes(top() / LAUNCH, arguments, (*WITHOUT, *LAB_NODES))
         live_chain = vb_fusion.live_extraction.extract_chain
 
