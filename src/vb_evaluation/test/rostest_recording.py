@@ -18,7 +18,7 @@ from geometry_msgs.msg import Point
 from vb_core import names
 from vb_core.grid_map import GridMap
 from vb_core.ros import messages
-from vb_evaluation.kit import bags, measure, replay
+from vb_evaluation.kit import measure, replay
 from vb_evaluation.kit.ground_truth import picture_of
 from vb_evaluation.kit.recording import Recording
 from vb_msgs.msg import InteractionState, LaserSpot
@@ -96,9 +96,7 @@ class RecordingTest(unittest.TestCase):
         (interaction,) = recording.interactions
         self.assertEqual((interaction.outcome, interaction.method), ("saved", "nrs"))
         self.assertEqual(recording.session["cameras"], ["green"])
-        (found,) = replay.compare(
-            recording, bags.events(recording), bags.todays_settings(), bags.physical_map(recording)
-        )
+        (found,) = replay.compare(recording, replay.replay(recording), replay.physical_map(recording))
         self.assertEqual((found.code, found.interaction), ("ok", interaction.id))
         self.assertGreater(found.agreement, 0.97)
         self.assertLess(found.chain_distance_m, 0.05)

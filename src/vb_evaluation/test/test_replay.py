@@ -17,10 +17,11 @@ from vb_core.grid_map import GridMap
 from vb_core.ros.cameras import info_from_camera
 from vb_core.ros.images import image_message
 from vb_core.ros import messages
-from vb_evaluation.kit import bags, perception, replay, session
+from vb_evaluation.kit import replay, session
 from vb_evaluation.kit.__main__ import main
 from vb_evaluation.kit.recording import Recording
-from vb_fusion.collector import CollectorParams, Spot
+from vb_evaluation.virtual_ros.graph import Graph, Node
+from vb_evaluation.virtual_ros.scheduler import Scheduler
 from vb_map_integration.border import VirtualBorder
 from vb_map_integration.integration import integrate
 from vb_map_integration.recording import Recording as MapRecording
@@ -55,19 +56,9 @@ def stroke(per_side=40, noise=0.004):
     return np.column_stack([stamps, points + random.normal(0.0, noise, points.shape)])
 
 
-def drawn_events(rows):
-    """The events of one interaction "one" that draws rows; Seed begins with the last 25 of them."""
-    seed_from = rows[-25, 0] - 0.01
-    found = [replay.StateChange("border", "one", START)]
-    for stamp, x, y in rows:
-        if (
-            stamp > seed_from
-            and found[-1] is not None
-            and all(getattr(event, "state", "") != "seed" for event in found)
-        ):
-            found.append(replay.StateChange("seed", "one", seed_from))
-        found.append(Spot(float(stamp), float(x), float(y), "green"))
-    return found + [replay.StateChange("default", "", rows[-1, 0] + 0.3, "saved")]
+def states(rows, ended=True):
+    """(time [s], state) of one interaction "one" that draws rows; Seed begins with the last 25 of them."""
+    return [(START, "border"), (rows[-25, 0] - 0.01, "seed")] + ([(rows[-1, 0] + 0.3, "default")] if ended else [])
 
 
 def make_recording(folder, rows, saved=True):
@@ -90,35 +81,6 @@ def make_recording(folder, rows, saved=True):
     return Recording(folder)
 
 
-# ------------------------------------------------------------------ events
-def test_todays_code_makes_the_recorded_border_of_the_recorded_spots(tmp_path):
-    rows = stroke()
-    recording = make_recording(tmp_path, rows)
-    truth = integrate(free_floor(), VirtualBorder(SQUARE, SQUARE.mean(axis=0), closed=True)).region
-    (found,) = replay.compare(recording, drawn_events(rows), truths={"one": truth})
-    assert (found.code, found.outcome, found.spots) == ("ok", "saved", len(rows))
-    assert found.agreement > 0.93 and found.chain_distance_m < 0.1
-    assert found.recorded == 1.0 and found.today == found.agreement
-
-
-def test_what_cannot_be_replayed_says_why(tmp_path):
-    rows = stroke()
-    recording = make_recording(tmp_path, rows)
-    (found,) = replay.compare(recording, [])
-    assert found.code == "not_recorded" and math.isnan(found.agreement)
-    (found,) = replay.compare(recording, [event for event in drawn_events(rows) if not isinstance(event, Spot)])
-    assert found.code != "ok" and found.message and found.spots == 0
-    cancelled = make_recording(tmp_path / "cancelled", rows, saved=False)
-    (found,) = replay.compare(cancelled, drawn_events(rows))
-    assert (found.outcome, found.code) == ("cancelled", "ok") and math.isnan(found.agreement)
-
-
-def test_an_interaction_cut_off_by_the_end_of_the_bag_keeps_its_spots():
-    rows = stroke()
-    found = replay.collections(drawn_events(rows)[:-1], CollectorParams())
-    assert found["one"].border_total + found["one"].seed_total == len(rows)
-
-
 # ------------------------------------------------------------------ bags
 CAMERA = CameraModel(480, 360, np.array([[330.0, 0, 240], [0, 330.0, 180], [0, 0, 1]]), np.zeros(5))
 POSE = geometry.transform(
@@ -135,7 +97,7 @@ def picture(random, spot=None):
     return np.clip(image, 0, 255).astype(np.uint8)
 
 
-def write_bag(folder, rows, images):
+def write_bag(folder, rows, images, ended=True, outcome="saved"):
     """A bag as the recorder writes it: states, spots, map, and images of one ceiling camera."""
     (folder / "bags").mkdir(parents=True)
     random = np.random.default_rng(2)
@@ -147,15 +109,13 @@ def write_bag(folder, rows, images):
         )
         bag.write("/green/camera_info", info_from_camera(CAMERA, early, "green_optical_frame"), early)
         entries = [(START - 1.0 + number / 25.0, None) for number in range(25)] + [(row[0], row) for row in rows]
-        for event in drawn_events(rows):
-            if isinstance(event, replay.StateChange):
-                message = InteractionState(
-                    state={"default": 0, "border": 1, "seed": 2}[event.state],
-                    name=event.state,
-                    interaction_id=event.interaction_id,
-                    entered=rospy.Time.from_sec(event.entered),
-                )
-                bag.write("/virtual_borders/state", message, rospy.Time.from_sec(event.entered))
+        for stamp, state in states(rows, ended):
+            entered = rospy.Time.from_sec(stamp)
+            message = InteractionState(
+                state={"default": 0, "border": 1, "seed": 2}[state], name=state,
+                interaction_id="" if state == "default" else "one", entered=entered,
+                last_outcome=outcome if state == "default" else "")
+            bag.write("/virtual_borders/state", message, entered)
         for stamp, row in entries:
             time = rospy.Time.from_sec(stamp)
             if images:
@@ -171,21 +131,64 @@ def write_bag(folder, rows, images):
                 )
             if row is not None:
                 spot = LaserSpot(camera="green", position=Point(row[1], row[2], 0.0), confidence=0.9)
-                spot.header.stamp = time
+                spot.header.stamp, spot.header.frame_id = time, "map"
                 bag.write("/virtual_borders/spots", spot, time + rospy.Duration(0.01))
     (folder / "session.yaml").write_text(yaml.safe_dump({"cameras": ["green"], "robots": [], "images": "raw"}))
 
 
-def test_a_bag_gives_its_events_back(tmp_path):
+def test_todays_nodes_make_the_recorded_border_of_the_recorded_spots(tmp_path):
     rows = stroke()
     make_recording(tmp_path, rows)
     write_bag(tmp_path, rows, images=False)
     recording = Recording(tmp_path)
-    (found,) = replay.compare(recording, bags.events(recording), bags.todays_settings(), bags.physical_map(recording))
-    assert found.code == "ok" and found.spots == len(rows) and found.agreement > 0.93
+    truth = integrate(free_floor(), VirtualBorder(SQUARE, SQUARE.mean(axis=0), closed=True)).region
+    today = replay.replay(recording)
+    (found,) = replay.compare(recording, today, replay.physical_map(recording), {"one": truth})
+    assert (found.code, found.outcome, found.spots) == ("ok", "saved", len(rows))
+    assert found.agreement > 0.93 and found.chain_distance_m < 0.1
+    assert found.recorded == 1.0 and found.today == found.agreement and not today.cameras
     with pytest.raises(CodedError) as caught:
-        perception.events(recording, ["green"], [])
+        replay.replay(recording, images=True)
     assert "record_images" in str(caught.value)
+
+
+def test_a_cancelled_interaction_and_one_that_the_bag_cuts_off(tmp_path):
+    rows = stroke(per_side=25)
+    make_recording(tmp_path / "cancelled", rows, saved=False)
+    write_bag(tmp_path / "cancelled", rows, images=False, outcome="cancelled")
+    cancelled = Recording(tmp_path / "cancelled")
+    (found,) = replay.compare(cancelled, replay.replay(cancelled))
+    assert (found.outcome, found.code, found.spots) == ("cancelled", "ok", len(rows)) and math.isnan(found.agreement)
+    make_recording(tmp_path / "cut", rows)
+    write_bag(tmp_path / "cut", rows, images=False, ended=False)
+    cut = Recording(tmp_path / "cut")
+    today = replay.replay(cut)
+    assert today.spots == {"one": len(rows)} and replay.compare(cut, today)[0].code == "ok"
+
+
+def test_what_cannot_be_replayed_says_why(tmp_path):
+    rows = stroke(per_side=10)
+    recording = make_recording(tmp_path, rows)
+    (found,) = replay.compare(recording, replay.Replayed())
+    assert found.code == "not_recorded" and math.isnan(found.agreement) and found.spots == 0
+    write_bag(tmp_path, rows[-26:], images=False)
+    recording = Recording(tmp_path)
+    (found,) = replay.compare(recording, replay.replay(recording))
+    assert found.code not in ("ok", "not_recorded") and found.message and found.spots <= 26
+
+
+def test_another_definition_of_a_message_is_told(tmp_path):
+    rows = stroke(per_side=10)
+    make_recording(tmp_path, rows)
+    write_bag(tmp_path, rows, images=False)
+    recording = Recording(tmp_path)
+    graph = Graph(Scheduler(0), {})
+    with graph.installed():
+        graph.start(Node("/listener", {}), lambda: rospy.Subscriber("/virtual_borders/spots", LaserSpot))
+        graph.scheduler.run(lambda: False, 10)
+        entry = next(entry for entry in replay.recorded(recording) if entry.topic == "/virtual_borders/spots")
+        with pytest.raises(CodedError, match="another definition"):
+            graph.play(entry.topic, entry.kind, "0" * 32, entry.data)
 
 
 def test_images_go_through_todays_detector(tmp_path, capsys):
@@ -193,16 +196,16 @@ def test_images_go_through_todays_detector(tmp_path, capsys):
     make_recording(tmp_path, rows)
     write_bag(tmp_path, rows, images=True)
     recording = Recording(tmp_path)
-    events, counts = perception.events(recording, ["green"], [])
+    today = replay.replay(recording, images=True)
     capsys.readouterr()
-    assert counts["green"].images == len(rows) + 25 and counts["green"].recorded == len(rows)
-    assert counts["green"].today > 0.9 * len(rows)
-    spots = {round(event.stamp, 4): (event.x, event.y) for event in events if isinstance(event, Spot)}
+    count = today.cameras["green"]
+    assert count.images == len(rows) + 25 and count.recorded == len(rows) and count.today > 0.9 * len(rows)
+    spots = {round(spot.header.stamp.to_sec(), 4): (spot.position.x, spot.position.y) for spot in today.found}
     errors = [
         math.hypot(spots[stamp][0] - x, spots[stamp][1] - y) for stamp, x, y in np.round(rows, 4) if stamp in spots
     ]
     assert len(errors) > 0.9 * len(rows) and np.median(errors) < 0.01
-    (found,) = replay.compare(recording, events, bags.todays_settings())
+    (found,) = replay.compare(recording, today)
     assert found.code == "ok" and found.agreement > 0.9
 
 
@@ -250,9 +253,9 @@ def test_images_of_a_robot_use_its_pose_and_depth_at_their_time(tmp_path):
             # the pose comes after the image, as odometry does
             moved = messages.transform_message(pose, "map", "camera_optical_frame", time)
             bag.write("/tf", TFMessage([moved]), time + rospy.Duration(0.03))
-    events, counts = perception.events(Recording(tmp_path), [], [""])
-    spots = np.array([(event.x, event.y) for event in events])
-    assert counts["robot"].images == 20 and counts["robot"].today >= 15
+    today = replay.replay(Recording(tmp_path), images=True)
+    spots = np.array([(found.position.x, found.position.y) for found in today.found])
+    assert today.cameras["robot"].images == 20 and today.cameras["robot"].today >= 15
     assert np.abs(spots - spot[:2]).max() < 0.02
 
 
@@ -269,12 +272,12 @@ def test_the_command_replays(tmp_path, capsys):
 def test_a_recording_without_bag_or_with_a_damaged_one(tmp_path):
     make_recording(tmp_path, stroke())
     with pytest.raises(CodedError) as caught:
-        list(bags.events(Recording(tmp_path)))
+        list(replay.recorded(Recording(tmp_path)))
     assert "record:=" in str(caught.value)
     (tmp_path / "bags").mkdir()
     (tmp_path / "bags" / "01.bag").write_text("#ROSBAG V2.0\nrest is lost")
     with pytest.raises(CodedError) as caught:
-        list(bags.events(Recording(tmp_path)))
+        list(replay.recorded(Recording(tmp_path)))
     assert "01.bag" in str(caught.value)
 
 

@@ -145,28 +145,22 @@ def _add_replay(commands) -> None:
 
 
 def _replay(given: argparse.Namespace) -> None:
-    # only here: the rest of the kit works on a computer without ROS's bags
-    from vb_evaluation.kit import bags, perception, replay
+    # only here: the rest of the kit works on a computer without ROS
+    from vb_evaluation.kit import replay
 
     rows: List[Dict[str, object]] = []
     for folder in given.recordings:
         recording = Recording(folder)
-        physical = bags.physical_map(recording) or recording.physical()
-        if given.images:
-            session = recording.session
-            events, counts = perception.events(recording, session.get("cameras", []), session.get("robots", [""]))
-            for camera, count in counts.items():
-                _console.print(
-                    f"{folder.name}: camera {camera}: {count.images} images, spot in {count.today} today, "
-                    f"{count.recorded} recorded"
-                )
-        else:
-            events = list(bags.events(recording))
+        physical = replay.physical_map(recording) or recording.physical()
+        today = replay.replay(recording, given.images)
+        for camera, count in today.cameras.items():
+            _console.print(f"{folder.name}: camera {camera}: {count.images} images, spot in {count.today} today, "
+                           f"{count.recorded} recorded")
         truths = {}
         if given.ground_truth:
             truth = read_ground_truth(given.ground_truth, physical)
             truths = {interaction.id: truth for interaction in recording.interactions}
-        for found in replay.compare(recording, events, bags.todays_settings(), physical, truths):
+        for found in replay.compare(recording, today, physical, truths):
             rows.append({"recording": folder.name, **dataclasses.asdict(found)})
     if not rows:
         raise CodedError("bad_recording", "no interaction has ended in these recordings")

@@ -20,6 +20,7 @@ from vb_evaluation.study import config
 from vb_evaluation.study.config import Study
 from vb_evaluation.study.methods import METHODS
 from vb_evaluation.study.result import Result, Task
+from vb_evaluation.study.runner import run
 from vb_map_integration.border import VirtualBorder
 from vb_map_integration.recording import Recording as MapRecording
 from vb_sim import floor_plan
@@ -28,9 +29,6 @@ from vb_voice_wizard.persistence import append_line
 
 def person(study: Study, outcomes: List[bool]) -> Callable[[Planned], Callable[[], None]]:
     """What `conduct` starts instead of the system; appends to `outcomes` whether the person completed the run."""
-
-    # only a rehearsal needs ROS
-    from vb_evaluation.study.runner import run
 
     def start(planned: Planned) -> Callable[[], None]:
         number = int(re.sub(r"\D", "", planned.entry.participant) or 1)

@@ -26,7 +26,7 @@ from vb_evaluation.study.methods import METHODS, Method
 from vb_evaluation.study.people import Traits
 from vb_evaluation.study.result import FALSE_M, Result, SavedBorder, SeenSpot, Task
 from vb_evaluation.virtual_ros.graph import Graph, Node
-from vb_evaluation.virtual_ros.launching import start_launch
+from vb_evaluation.virtual_ros.launching import import_nodes, start_launch
 from vb_evaluation.virtual_ros.scheduler import Scheduler
 from vb_evaluation.virtual_ros.stand_ins import replaced
 from vb_msgs.msg import LabState, LaserSpot, VirtualBorderArray
@@ -49,6 +49,7 @@ START_NS = 1_000_000_000_000  # no stamp is near zero, which would mean that the
 WARM_UP_S = 2.0  # until every node has heard of the others; then the person comes in
 # nothing acts on what these publish or store
 WITHOUT = ("display_markers", "feedback", "lab_monitor", "map_recorder")
+LAB_NODES = ("lab_simulator", "ceiling_cameras", "robot_camera", "map_server")  # of this run's own making
 _LONGEST_END_NS = 600 * 10**9
 LAUNCH = "launch/simulation.launch"
 
@@ -140,6 +141,12 @@ class LiveRun:
         scheduler = Scheduler(START_NS)
         graph = Graph(scheduler, {
             names.COMMAND: timing.command_s, names.CANDIDATE: timing.save_s, names.SPOTS: timing.spot_s})
+        cameras = self._method.cameras(self._world)
+        arguments = {
+            "world": "study", "cameras": " ".join(cameras) or "none", "method": self._task.method,
+            "robots": " ".join(filter(None, self._robots)), "rviz": "false", "page": "false",
+            "state": ""}
+        import_nodes(top() / LAUNCH, arguments, (*WITHOUT, *LAB_NODES))
         live_chain = vb_fusion.live_extraction.extract_chain
 
         def extract_chain(*given: Any) -> Any:
@@ -152,11 +159,7 @@ class LiveRun:
                 replaced({vb_fusion.live_extraction: {"extract_chain": extract_chain}}):
             watching: List[_Observer] = []
             graph.start(Node("/study", {}), lambda: (watching.append(_Observer(self._robots)), watch()))
-            cameras = self._method.cameras(self._world)
-            start_launch(graph, top() / LAUNCH, {
-                "world": "study", "cameras": " ".join(cameras) or "none", "method": self._task.method,
-                "robots": " ".join(filter(None, self._robots)), "state": state, "rviz": "false", "page": "false",
-            }, WITHOUT, self._lab_nodes(cameras))
+            start_launch(graph, top() / LAUNCH, {**arguments, "state": state}, WITHOUT, self._lab_nodes(cameras))
             graph.start(Node("/participant", {}), self._participant_comes)
             until = START_NS + int((WARM_UP_S + timing.time_limit_s) * 1e9)
             scheduler.run(lambda: self._outcome() != "", until)

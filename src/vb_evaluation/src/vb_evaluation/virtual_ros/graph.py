@@ -15,6 +15,7 @@ import rospy
 import rospy.impl.tcpros_service
 import rospy.msg
 
+from vb_core.errors import CodedError
 from vb_evaluation.virtual_ros.scheduler import Scheduler
 from vb_evaluation.virtual_ros.stand_ins import StandIns, replaced
 
@@ -112,6 +113,23 @@ class Graph:
     def topic(self, name: str) -> _Topic:
         """A topic by its resolved name."""
         return self._topics.setdefault(name, _Topic())
+
+    def play(self, name: str, kind: str, definition: str, data: bytes) -> None:
+        """Delivers a recorded message, packed as it was recorded.
+
+        Args:
+            kind: its type, "vb_msgs/LaserSpot".
+            definition: MD5 sum of the type's definition.
+
+        Raises:
+            CodedError: "bad_recording" if a node that listens knows another definition.
+        """
+        delivery = _Delivery(data, {"callerid": self.node.name, "topic": name, "type": kind})
+        for subscriber in self.topic(name).subscribers:
+            if subscriber.kind._type != kind or subscriber.kind._md5sum != definition:
+                raise CodedError("bad_recording", f"{name} was recorded with another definition of {kind}: `rosbag check` and "
+                                 "`rosbag fix` bring old recordings up to date")
+            subscriber.put(delivery)
 
     def set_clock(self, now: genpy.Time) -> None:
         """/clock has come: it is the same for everybody."""
@@ -298,7 +316,7 @@ class Subscriber:
                  tcp_nodelay: bool = False) -> None:
         self._graph = graph
         self.resolved_name = self.name = graph.node.resolve(name)
-        self._kind, self._callback, self._extra = data_class, callback, callback_args
+        self.kind, self._callback, self._extra = data_class, callback, callback_args
         size = queue_size if queue_size is not None and queue_size > 0 else None
         self._queue: Deque[_Delivery] = deque(maxlen=size)
         self._idle = False
@@ -325,7 +343,7 @@ class Subscriber:
                 self._idle = True
                 self._graph.scheduler.wait()
                 continue
-            message = self._queue.popleft().message(self._kind)
+            message = self._queue.popleft().message(self.kind)
             if self._callback is None:
                 continue
             if self._extra is None:

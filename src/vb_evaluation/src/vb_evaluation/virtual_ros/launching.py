@@ -1,6 +1,8 @@
 """The nodes of a launch file, as roslaunch would start them."""
 from __future__ import annotations
 
+import ast
+import importlib
 from functools import lru_cache
 from pathlib import Path
 from typing import Any, Callable, Collection, Dict, List, Mapping, NamedTuple, Tuple
@@ -8,6 +10,8 @@ from typing import Any, Callable, Collection, Dict, List, Mapping, NamedTuple, T
 import rospkg
 
 from vb_evaluation.virtual_ros.graph import Graph, Node
+
+_STATE = "/folder-of-this-run"
 
 
 class Launched(NamedTuple):
@@ -33,6 +37,19 @@ def read_launch(path: str, arguments: Tuple[str, ...]) -> Tuple[Tuple[Launched, 
     return nodes, {key: parameter.value for key, parameter in config.params.items()}
 
 
+def import_nodes(path: Path, arguments: Mapping[str, str], without: Collection[str] = ()) -> None:
+    """Imports the modules of a launch file's nodes; to be called before anything is replaced.
+
+    A module that is imported during a run takes the names it imports as they are then: what replaces them for this run
+    would stay in it, and the next run in this process would call into one that is over.
+    """
+    for launched in read_launch(str(path), _given(arguments))[0]:
+        if launched.type not in without:
+            for statement in ast.walk(ast.parse(_path(launched.package, launched.type).read_text(encoding="utf-8"))):
+                if isinstance(statement, ast.ImportFrom) and statement.module:
+                    importlib.import_module(statement.module)
+
+
 def start_launch(
     graph: Graph, path: Path, arguments: Mapping[str, str], without: Collection[str] = (),
     instead: Mapping[str, Callable[[], Any]] = {},
@@ -40,12 +57,13 @@ def start_launch(
     """Starts the nodes of a launch file; returns their names.
 
     Args:
+        arguments: of the launch file; "state" is this run's folder.
         without: types of nodes to omit.
         instead: type of a node to what is called for it, instead of its script; it gets the node's name.
     """
-    nodes, parameters = read_launch(str(path), tuple(f"{name}:={value}" for name, value in sorted(arguments.items())))
+    nodes, parameters = read_launch(str(path), _given(arguments))
     for key, value in parameters.items():
-        _put(graph.parameters, key, value)
+        _put(graph.parameters, key, value.replace(_STATE, arguments["state"]) if isinstance(value, str) else value)
     started = []
     for launched in nodes:
         if launched.type in without:
@@ -57,8 +75,17 @@ def start_launch(
     return started
 
 
+def _given(arguments: Mapping[str, str]) -> Tuple[str, ...]:
+    # each run has a folder of its own, and would have the file read again if it were among the arguments
+    return tuple(f"{name}:={_STATE if name == 'state' else value}" for name, value in sorted(arguments.items()))
+
+
+def _path(package: str, kind: str) -> Path:
+    return _package(package) / "scripts" / kind
+
+
 def _script(package: str, kind: str) -> Callable[[], Any]:
-    path = _package(package) / "scripts" / kind
+    path = _path(package, kind)
     code = compile(path.read_text(encoding="utf-8"), str(path), "exec")
     # not runpy: it puts the script in the place of this process's own __main__, until the node ends, and what
     # multiprocessing starts meanwhile would start the node once more

@@ -16,10 +16,12 @@ class Task(greenlet.greenlet):
     """One thread of a node.
 
     Attributes:
+        scheduler: of the run that it belongs to.
         owner: whose it is; what it starts belongs to the same.
         waits: counts its waits: a wake-up for an earlier one has no effect.
     """
 
+    scheduler: Any = None
     owner: Any = None
     waits = 0
 
@@ -46,6 +48,7 @@ class Scheduler:
     def spawn(self, work: Callable[[], Any], owner: Any = None) -> Task:
         """Begins a task at the next turn. A fault of it is a fault of the run."""
         task = Task(lambda *_: self._guarded(work), parent=self._hub)
+        task.scheduler = self
         task.owner = owner if owner is not None else getattr(greenlet.getcurrent(), "owner", None)
         if len(self._tasks) > 2000:
             self._tasks = [known for known in self._tasks if not known.dead]
@@ -71,6 +74,9 @@ class Scheduler:
         task = greenlet.getcurrent()
         if not isinstance(task, Task):
             raise RuntimeError("only a node can wait in a run within one process")
+        if task.scheduler is not self:
+            # it would be ended as if its own run were over, and nobody would learn why it does not answer
+            raise RuntimeError("something was kept from an earlier run in this process: a lock, a queue or a function")
         if self.closed:
             raise greenlet.GreenletExit
         task.waits += 1

@@ -101,7 +101,9 @@ class Lock:
             if not blocking or (end is not None and self._scheduler.now_ns >= end):
                 return False
             self._waiting.append(current)
-            self._scheduler.wait(None if end is None else end - self._scheduler.now_ns)
+            if not self._scheduler.wait(None if end is None else end - self._scheduler.now_ns):
+                # `release` would hand it to one that no longer waits, and the next one would wait for ever
+                self._waiting.remove(current)
         self._holder, self._depth = current, 1
         return True
 

@@ -1,0 +1,53 @@
+"""Locks, time and modules of nodes that run within one process."""
+import sys
+
+import pytest
+
+import vb_fusion.live_extraction
+from vb_evaluation.study import config
+from vb_evaluation.study.result import Task
+from vb_evaluation.study.runner import run
+from vb_evaluation.virtual_ros.scheduler import Scheduler
+from vb_evaluation.virtual_ros.stand_ins import Lock, Queue
+
+SECOND = 10**9
+
+
+def test_a_lock_goes_to_the_one_that_still_waits():
+    scheduler, said = Scheduler(0), []
+    lock = Lock(scheduler)
+
+    def holder():
+        with lock:
+            scheduler.wait(3 * SECOND)
+
+    def impatient():
+        said.append(("impatient", lock.acquire(timeout=1.0)))
+        # nothing that the lock does ends this wait
+        said.append(("woken", scheduler.wait(5 * SECOND)))
+
+    def patient():
+        with lock:
+            said.append(("patient", scheduler.now_ns))
+
+    for work in (holder, impatient, patient):
+        scheduler.spawn(work)
+    scheduler.run(lambda: False, 20 * SECOND)
+    assert said == [("impatient", False), ("patient", 3 * SECOND), ("woken", False)]
+
+
+def test_what_is_kept_from_an_earlier_run_is_a_fault_and_no_silence():
+    before = Scheduler(0)
+    kept = Queue(before)
+    before.close()
+    after = Scheduler(0)
+    after.spawn(lambda: kept.get(timeout=1.0))
+    with pytest.raises(RuntimeError, match="earlier run"):
+        after.run(lambda: False, 20 * SECOND)
+
+
+def test_a_run_leaves_nothing_in_modules_that_it_imports_first(monkeypatch):
+    monkeypatch.delitem(sys.modules, "vb_fusion.border_fusion_node", raising=False)
+    run(config.load().changed({"timing/time_limit_s": 0.1}), Task(1, "corner", "robot_only"))
+    # else the next run's candidates are extracted in this one's time, which is over: they never answer
+    assert sys.modules["vb_fusion.border_fusion_node"].extract_chain is vb_fusion.live_extraction.extract_chain
