@@ -95,7 +95,7 @@ class Driver:
         self._swallowed: Optional[bool] = None  # whether the newest map put a border where the robot is; None: not yet known
         self._stamps: Dict[str, float] = {}  # [s] of the newest scan, state and pose
         self._clock_age = 0.0  # [s] for which the clock has stood still
-        self._stopped = {"state": False, "topic": False}
+        self._stopped, self._stopped_at = {"state": False, "topic": False}, -math.inf  # the latter by the topic [s]
         self._scan: Optional[Scan] = None
         self._pose: Optional[Tuple[float, Pose]] = None
         self._doubt_until = -math.inf
@@ -118,14 +118,21 @@ class Driver:
             if self._spots.set_state(state, interaction, entered):
                 self._following.forget()
             self._note("state", stamp)
-            if self._stopped["state"] and not stopped:
-                self._stopped["topic"] = False  # `resume` releases both
+            # `resume` releases both, but not a stop that is newer than it: the two topics have no common order
+            if self._stopped["state"] and not stopped and stamp >= self._stopped_at:
+                self._stopped["topic"] = False
             self._stopped["state"] = stopped
 
-    def set_stop(self, stopped: bool) -> None:
-        """Takes a message of the stop topic; a stop holds until it is released."""
+    def set_stop(self, stopped: bool, now: float) -> None:
+        """Takes a message of the stop topic that comes at a time [s].
+
+        A stop holds until this topic releases it, or a later state that is not stopped after one that was. An
+        interaction manager that starts again and knows of no stop releases none.
+        """
         with self._lock:
             self._stopped["topic"] = stopped
+            if stopped:
+                self._stopped_at = now
 
     def add(self, sighting: Sighting) -> None:
         """Takes a spot of any camera."""

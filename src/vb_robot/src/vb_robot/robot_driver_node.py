@@ -114,7 +114,7 @@ class RobotDriverNode:
             listen("cmd_vel/teleop", Twist, self._on_wish, drivers.TELEOP, queue_size=1, tcp_nodelay=True),
             listen("cmd_vel", rospy.AnyMsg, self._on_command, queue_size=20),
             listen(names.STATE, InteractionState, self._on_state, queue_size=10),
-            listen(names.STOP, Bool, lambda message: self._driver.set_stop(message.data), queue_size=10),
+            listen(names.STOP, Bool, lambda message: self._driver.set_stop(message.data, rospy.get_time()), queue_size=10),
             listen(names.SPOTS, LaserSpot, self._on_spot, queue_size=100),
             listen(names.PROGRESS, BorderProgress,
                    lambda message: self._driver.contributed(message.interaction_id, message.cameras), queue_size=1),
