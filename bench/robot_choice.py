@@ -50,7 +50,7 @@ def choice(grid: GridMap, rng: np.random.Generator, far: bool, view: FloorView) 
     grounds.view = view
     grounds.set_map(grid)
     began = time.process_time()
-    outlook = grounds.outlook(Drawing(chain[-1], chain, direction), RobotStatus(robot), None, [])
+    outlook = grounds.outlook(Drawing(chain[-1], chain, 0.4 * direction), RobotStatus(robot), None, [])
     outlook.best(robot)
     return 1e3 * (time.process_time() - began)
 

@@ -164,7 +164,8 @@ def run_here(study, scenario: str, method: str, seed: int) -> dict:
         """What becomes of goals on either side of the border, and of one in the area it restricts."""
         proof = run.scenario.proof
         client = actionlib.SimpleActionClient("/move_base", MoveBaseAction)
-        client.wait_for_server()
+        while client.action_client.last_status_msg is None:
+            rospy.sleep(0.1)
         for place in [proof.start[:2], proof.goal[:2], run.scenario.seed]:
             goal = MoveBaseGoal()
             goal.target_pose.header.frame_id = names.MAP_FRAME

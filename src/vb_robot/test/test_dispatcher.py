@@ -89,6 +89,18 @@ def test_camera_that_reports_nothing_from_its_place_another_place_is_taken():
     assert len(lab.sent) == known + 2, "it stays where it sees the spot"
 
 
+def test_a_spot_that_went_on_unseen_is_searched_along_the_line():
+    lab = Lab()
+    lab.draw_until(EDGE + 0.02, robot_sees=False)
+    lab.robot = (EDGE + 0.2, 1.2, math.pi / 2)  # it sees where the spot was seen last, and not how far it has gone
+    lab.spot = np.array([EDGE + 1.5, 2.5])
+    assert lab.robot_views((EDGE, 2.5)) and not lab.robot_views(lab.spot)
+    lost = lab.now
+    while not lab.robot_views(lab.spot) and lab.now < lost + 10.0:
+        lab.step()
+    assert lab.now < lost + 6.0
+
+
 def test_lost_spot_people_hold_still_where_they_notice_and_the_robot_looks_there():
     lab = Lab()
     lab.draw_until(EDGE - 0.05, speed=0.5, robot_sees=False)

@@ -113,6 +113,7 @@ class Record:
         self._failed: List[Tuple[float, float, float, float]] = []  # when [s], x, y [m], radius [m]
         self._blind_since: Optional[Tuple[float, Pose]] = None  # since when it has been where it should see the spot
         self._blind_tries = self.failures = 0
+        self.searched = 0.0  # [m] of the line ahead that it has looked at in vain, and looks beyond
         self._progress: Optional[Tuple[float, Pose]] = None
         self._way_judged: Tuple[Optional[Viewpoint], float, bool] = (None, 0.0, True)
         self.endangered = False
@@ -126,6 +127,9 @@ class Record:
             self.goal = None
             self._forget()
             return Decision(Kind.CANCEL if status.running else Kind.KEEP, "no robot is wanted now")
+        if moment.silent <= LOST_AFTER and self._blind_tries:
+            self._blind_tries, self.searched = 0, 0.0
+            self._failed = [entry for entry in self._failed if entry[3] != BLIND_RADIUS]  # it may be seen from there
         if moment.key != before.key:
             if not status.running:
                 self.goal = None  # it belonged to the state before
@@ -204,6 +208,7 @@ class Record:
         self.endangered = under_way and goal is not None and not self._way_is_safe(now, robot, goal, outlook)
         place = goal.pose if under_way and goal is not None else robot
         fits = outlook.fits(place) and not self.endangered and (not under_way or outlook.stands_free(place))
+        fits = fits and all(math.dist(place[:2], (x, y)) >= radius for x, y, radius in self.failed(now))
         blind = self._is_blind(moment, robot, fits and not under_way)
         if fits and not blind:
             self._unfit_since = None
@@ -212,8 +217,11 @@ class Record:
             return "waiting after a failure or for somebody else"
         if blind:
             self.goal = None
+            # first it looks farther along the line, then from elsewhere at where people hold still
+            self.searched = 0.0 if self._blind_tries % 2 else outlook.searched(robot)
             self._blind_tries += 1
             self._failed.append((now, robot[0], robot[1], BLIND_RADIUS))
+            return "nobody sees the spot from where it should be seen"
         elif goal is not None:
             self._unfit_since = now if self._unfit_since is None else self._unfit_since
             recent = now - self._sent < (LOST_INTERVAL if lost else MIN_INTERVAL) and not self.endangered
@@ -250,10 +258,8 @@ class Record:
     def _is_blind(self, moment: Moment, robot: Pose, stands: bool) -> bool:
         """Whether the robot has been long enough where it should see the spot, and no camera reports it.
 
-        Then something hides it from there, or it is not where it is thought to be.
+        Then something hides it from there, or it is farther along the line than it is thought to be.
         """
-        if moment.silent <= LOST_AFTER:
-            self._blind_tries = 0
         before = self._blind_since
         if not stands or before is None or _moved(before[1], robot) > STUCK_DISTANCE:
             self._blind_since = before = (moment.now, robot) if stands else None
@@ -269,6 +275,11 @@ class Fleet:
         self.records: Dict[str, Record] = {name: Record() for name in robots}
         self.serving: Optional[str] = None
         self._before = Moment(-math.inf, False, None)
+
+    @property
+    def searched(self) -> float:
+        """[m] of the line ahead that robots have looked at in vain, beyond where the spot was seen last."""
+        return max(record.searched for record in self.records.values())
 
     def step(
         self, moment: Moment, robots: Mapping[str, Tuple[RobotStatus, Optional[Outlook]]]

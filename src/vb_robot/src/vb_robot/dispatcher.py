@@ -209,7 +209,8 @@ class Dispatcher:
             if len(chain) < 2:
                 chain, closed, ordered = progress.points, False, False
         seeding = known.state == spots.SEED
-        return Drawing(target, chain, known.direction(), closed, seeding, ordered, known.watched(now))
+        return Drawing(target, chain, known.velocity(), closed, seeding, ordered, known.watched(now),
+                       searched=self._fleet.searched)
 
     def _notice(self, lost: bool, drawing: Drawing, unseen: Optional[BlindSpots], able: bool) -> Optional[Notice]:
         """What people should know: that no camera sees the spot, or will soon lose it, and what follows."""

@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 
 from vb_core import geometry
-from vb_robot.drawing import Drawing, KeepOut
+from vb_robot.drawing import STEP, Drawing, KeepOut
 from vb_robot.clearance_map import STAND_MARGIN, ClearanceMap, ShortestPaths, clearance_grid, sample
 from vb_robot.view import FloorView
 
@@ -93,6 +93,12 @@ class Outlook:
         if float(np.linalg.norm(self.drawing.must_see - place[0], axis=1).min()) < 0.6 * MIN_DISTANCE:
             return False
         return bool(self._shows(place, np.array([pose[2]]))[0])
+
+    def searched(self, pose: Pose) -> float:
+        """[m] of the line ahead that is in view from a pose, from where the spot was seen last on."""
+        stretch = self.drawing.stretch
+        seen = self._seen(stretch, np.array([pose[:2]]), np.array([pose[2]]))[0] if len(stretch) else np.zeros(0, bool)
+        return STEP * float(np.flatnonzero(seen)[-1]) if seen.any() else 0.0
 
     def stands_free(self, pose: Pose) -> bool:
         """Whether there still is room at a goal."""
