@@ -9,10 +9,10 @@ from vb_robot.dispatch import GoalStatus, Kind
 from vb_robot.dispatcher import Dispatcher, RobotMap, Progress, RobotStatus, WatchParams
 from vb_robot.drawing import Drawing
 from vb_robot.spots import BORDER, Sighting
-from vb_robot.view import FloorView, ViewParams, to_base
+from vb_robot.view import FloorView, to_base
 
 PERIOD = 0.25
-VIEW = FloorView.at(ViewParams())
+VIEW = FloorView.usual()
 EDGE = 5.0  # [m] the ceiling camera sees x < EDGE
 
 
@@ -50,7 +50,7 @@ class Lab:
         status = RobotStatus(self.robot, True, self.goal)
         decision = self.dispatcher.decide(self.now, {"": status})[""]
         if decision.kind is Kind.SEND:
-            self.robot, self.goal = decision.viewpoint.pose_from(self.robot), GoalStatus.REACHED
+            self.robot, self.goal = decision.viewpoint.pose, GoalStatus.REACHED
             self.sent.append((self.now, self.robot))
         return decision
 

@@ -14,10 +14,10 @@ from vb_robot.following import Frames
 from vb_robot.safety import Scan
 from vb_robot.servoing import BACK_TO_DISTANCE, FAR_DISTANCE, MAX_SPEED, MAX_TURN, NEAR_DISTANCE
 from vb_robot.spots import BORDER, DEFAULT, GUIDE, SEED, Sighting, Sightings
-from vb_robot.view import FloorView, ViewParams, to_base
+from vb_robot.view import FloorView, to_base
 from vb_robot.border_monitor import BorderMonitor
 
-DT, PROFILE, VIEW = 0.05, RobotProfile(), FloorView.at(ViewParams())
+DT, PROFILE, VIEW = 0.05, RobotProfile(), FloorView.usual()
 
 
 def empty(width=8.0, height=5.0, resolution=0.025):

@@ -10,10 +10,10 @@ from shapely.geometry import LineString, Point, Polygon
 from vb_core.grid_map import GridMap
 from vb_robot.drawing import Drawing
 from vb_robot.clearance_map import ClearanceMap
-from vb_robot.view import FloorView, ViewParams
+from vb_robot.view import FloorView
 from vb_robot.viewpoint import Outlook
 
-VIEW = FloorView.at(ViewParams())
+VIEW = FloorView.usual()
 
 
 def open_room():

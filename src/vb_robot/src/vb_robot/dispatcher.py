@@ -25,7 +25,6 @@ class WatchParams(Parameters):
     """Which robots there are."""
 
     robots: list = param([], doc="names of the robots, which are their namespaces; empty: one without a namespace")
-    mobile_cameras: tuple = param(("robot",), doc="names of cameras on robots, beside those of `robots`")
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -106,7 +105,7 @@ class Dispatcher:
         self._fleet = Fleet(watch.robots or [""])
         self._grounds = {name: RobotMap(radii.get(name, 0.18)) for name in self._fleet.records}
         self._lock = threading.RLock()
-        self._sightings = Sightings(mobile_cameras=(*watch.mobile_cameras, *watch.robots))
+        self._sightings = Sightings(mobile_cameras=watch.robots or ("robot",))
         self._progress: Optional[Progress] = None
         self._unseen: Optional[BlindSpots] = None
         self.notice: Optional[Notice] = None

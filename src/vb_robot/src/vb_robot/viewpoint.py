@@ -39,7 +39,6 @@ class Viewpoint:
 
     Attributes:
         sees_spot: False for a place that only leaves the side to be restricted.
-        turns_only: it is where the robot was when it was chosen.
         risky: the path leads through what is being drawn, and was chosen all the same.
     """
 
@@ -51,20 +50,10 @@ class Viewpoint:
     spot: Tuple[float, float]
     sees_spot: bool = True
     risky: bool = False
-    turns_only: bool = False
 
     @property
     def pose(self) -> Pose:
         return self.x, self.y, self.yaw
-
-    def pose_from(self, here: Optional[Pose]) -> Pose:
-        """Where to send a robot that is `here` by now.
-
-        Choosing takes a moment. A robot that drove on meanwhile must not come back only to turn at the same place.
-        """
-        if not self.turns_only or here is None:
-            return self.pose
-        return here[0], here[1], math.atan2(self.spot[1] - here[1], self.spot[0] - here[0])
 
 
 class Outlook:
@@ -170,10 +159,9 @@ class Outlook:
             keep &= np.hypot(places[:, 0] - x, places[:, 1] - y) >= radius
         keep[keep] = self._shows(places[keep], yaws[keep])
         way = ways.lengths_to(places)
-        at_home = np.linalg.norm(places - robot[:2], axis=1) < 1e-6
-        way[at_home] = 0.0
+        way[np.linalg.norm(places - robot[:2], axis=1) < 1e-6] = 0.0
         keep &= np.isfinite(way)
-        places, yaws, distances, way, at_home = (values[keep] for values in (places, yaws, distances, way, at_home))
+        places, yaws, distances, way = (values[keep] for values in (places, yaws, distances, way))
         if not len(places):
             return []
         turns = np.array([_turns(robot, place, yaw) for place, yaw in zip(places, yaws)])
@@ -184,7 +172,7 @@ class Outlook:
             cost += UNSEEN_COST * (1.0 - self._seen(ahead, places, yaws).mean(axis=1))
         return [
             Viewpoint(float(places[i, 0]), float(places[i, 1]), geometry.wrap_angle(float(yaws[i])), float(way[i]),
-                      float(cost[i]), (float(look_at[0]), float(look_at[1])), turns_only=bool(at_home[i]))
+                      float(cost[i]), (float(look_at[0]), float(look_at[1])))
             for i in np.argsort(cost, kind="stable")
         ]
 
