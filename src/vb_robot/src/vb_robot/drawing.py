@@ -16,8 +16,9 @@ from vb_robot.clearance_map import ClearanceMap, clearance_grid, sample
 
 STEP = 0.05  # [m] between places of an extrapolated line
 HORIZON = 2.0  # [m] how far the line is extrapolated to where no stationary camera sees it
-# The robot looks beyond the edge of what they see: people notice there that nobody sees the spot, and hold still ...
-AHEAD, REACTION = 0.3, 0.8  # ... at least [m], or as far as the spot comes in the time [s] that it takes them
+# Beyond the edge of what they see people notice that nobody sees the spot, and hold still. A quick hand is farther by
+# then: the robot looks at the middle of the way that it may have come, as long as both ends are in view.
+AHEAD, REACTION, HALF_VIEW = 0.3, 1.2, 0.6  # [m] at least, [s] until the hand rests, [m] at most
 BESIDE = 1.0  # [m] unseen floor counts this near to the spot on any side
 LEAST_GAP = 0.15  # [m] narrower shadows, as of a table's leg, do not count
 MIN_LINE = 0.3  # [m] a shorter line does not count yet
@@ -100,7 +101,8 @@ class Drawing:
             stretch = spot[None]
         if len(stretch):
             speed = float(np.linalg.norm(self.velocity)) if self.velocity is not None else 0.0
-            ahead = min(int(round(max(AHEAD, REACTION * speed, self.searched) / STEP)), len(stretch) - 1)
+            ahead = max(AHEAD, min(0.5 * REACTION * speed, HALF_VIEW), self.searched)
+            ahead = min(int(round(ahead / STEP)), len(stretch) - 1)
             return replace(self, focus=stretch[ahead], stretch=stretch)
         place = unseen.nearest(spot) if self.watched and unseen is not None else None
         return self if place is None else replace(self, focus=place)
