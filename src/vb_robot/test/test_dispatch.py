@@ -4,8 +4,7 @@ import math
 import numpy as np
 import pytest
 
-from vb_robot.dispatch import (ACK_TIMEOUT, BLIND_AFTER, FAILED_MEMORY, FAILURE_PAUSE, STUCK_AFTER, Fleet, GoalStatus,
-                               Kind, Moment, RobotStatus)
+from vb_robot.dispatch import (FAILED_MEMORY, FAILURE_PAUSE, WAITS, Fleet, GoalStatus, Kind, Moment, RobotStatus)
 from vb_robot.drawing import Drawing
 from vb_robot.spots import BORDER, DEFAULT, SEED, Sighting, Sightings
 from vb_robot.viewpoint import Viewpoint
@@ -339,8 +338,8 @@ def test_place_where_the_camera_reports_nothing_has_failed_and_the_next_is_taken
     bench = blind_bench()
     goals = stand(bench, 60)
     assert [viewpoint.x for _, viewpoint in goals] == [2, 3], "not the one 0.2 m beside, and not for ever"
-    assert goals[0][0] == pytest.approx(BLIND_AFTER, abs=0.5), "the person does not wait long"
-    assert goals[1][0] - goals[0][0] == pytest.approx(BLIND_AFTER, abs=0.5)
+    assert goals[0][0] == pytest.approx(WAITS["seen"], abs=0.5), "the person does not wait long"
+    assert goals[1][0] - goals[0][0] == pytest.approx(WAITS["seen"], abs=0.5)
 
 
 def test_robot_that_sees_the_spot_stays_and_may_try_anew_when_it_is_lost_again():
@@ -427,7 +426,7 @@ def test_another_takes_over_when_one_fails(fault):
         ada.goal = GoalStatus.SENT
     elif fault == "taken":
         ada.goal = GoalStatus.TAKEN
-    limit = {"never accepts": ACK_TIMEOUT, "stuck": STUCK_AFTER}.get(fault, 0.0)
+    limit = {"never accepts": WAITS["sent"], "stuck": WAITS["active"]}.get(fault, 0.0)
     steps = 0
     while not bob.sent and steps < 400:
         bench.step()

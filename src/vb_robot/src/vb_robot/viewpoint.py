@@ -10,7 +10,6 @@ import math
 from dataclasses import dataclass, replace
 from typing import Iterable, List, Optional, Tuple
 
-import cv2
 import numpy as np
 
 from vb_core import geometry
@@ -27,9 +26,9 @@ IMAGE_MARGIN = 0.15  # fraction of the image that must be beyond what a new pose
 SEEN_MARGIN = 0.06  # ... and beyond all that any pose must see
 LINE_MARGIN = 0.10  # [m] beyond the radius, from the line being drawn and from where it goes on
 LINE_AHEAD = 0.8  # [m] how far the line is extrapolated
-# What makes a place worse, in metres of path: turns (their time at 0.5 m/s), not being at the best distance, being inside
-# what the line encloses (the border may lock the robot in), not seeing where the line goes on.
-TURN_COST, DISTANCE_COST, ENCLOSED_COST, UNSEEN_COST = 0.4, 0.5, 3.0, 0.5
+# What makes a place worse, in metres of path: turns (their time at 0.5 m/s), not being at the best distance, not seeing
+# where the line goes on.
+TURN_COST, DISTANCE_COST, UNSEEN_COST = 0.4, 0.5, 0.5
 WAYS_CHECKED = 6  # each costs about 3 ms
 
 
@@ -166,7 +165,6 @@ class Outlook:
             return []
         turns = np.array([_turns(robot, place, yaw) for place, yaw in zip(places, yaws)])
         cost = way + TURN_COST * turns + DISTANCE_COST * np.abs(distances - BEST_DISTANCE)
-        cost += ENCLOSED_COST * self._enclosed(places)
         ahead = np.vstack([self.drawing.line_ahead(LINE_AHEAD), self.drawing.stretch])
         if len(ahead) > 1:
             cost += UNSEEN_COST * (1.0 - self._seen(ahead, places, yaws).mean(axis=1))
@@ -175,14 +173,6 @@ class Outlook:
                       float(cost[i]), (float(look_at[0]), float(look_at[1])))
             for i in np.argsort(cost, kind="stable")
         ]
-
-    def _enclosed(self, places: np.ndarray) -> np.ndarray:
-        """(N,) 1.0 where a place is within the convex hull of what has been drawn, else 0.0."""
-        points = np.vstack([np.asarray(self.drawing.chain, dtype=float).reshape(-1, 2), np.asarray(self.drawing.spot)[None]])
-        if len(points) < 3:
-            return np.zeros(len(places))
-        hull = cv2.convexHull(points.astype(np.float32))
-        return np.array([float(cv2.pointPolygonTest(hull, (float(x), float(y)), False) >= 0) for x, y in places])
 
     def _retreat(self, ways: ShortestPaths, robot: Pose) -> Optional[Viewpoint]:
         """The nearest place off the side to be restricted, if the robot is on it."""
