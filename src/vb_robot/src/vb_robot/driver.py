@@ -72,16 +72,14 @@ class Driver:
 
     Args:
         camera: name of the robot's camera in the spots; mobile_cameras: names of all cameras on robots.
-        in_border: whether it follows the spot while a border is drawn, see `Sightings.follows`.
         leaves: whether it leaves a border that was saved where it is.
     """
 
     def __init__(
-        self, profile: RobotProfile, camera: str = "robot", mobile_cameras: Iterable[str] = (), in_border: str = "auto",
-        leaves: bool = True,
+        self, profile: RobotProfile, camera: str = "robot", mobile_cameras: Iterable[str] = (), leaves: bool = True,
     ) -> None:
         self.profile = profile
-        self._camera, self._in_border = camera, in_border
+        self._camera = camera
         self._lock = threading.RLock()
         self._spots = Sightings(mobile_cameras=(*mobile_cameras, camera))
         self._following = Following()
@@ -251,7 +249,7 @@ class Driver:
         if teleop is not None:
             return TELEOP, teleop
         # a robot that a person guides stays theirs when the state is lost: the gate then stops it
-        if self._spots.follows(self._camera, now, self._in_border):
+        if self._spots.follows(self._camera, now):
             return FOLLOW, self._ramped(dt, self._following.wish(now, dt, frames))
         wish = self._leave(now)
         if wish is not None:

@@ -35,7 +35,7 @@ from vb_robot.camera_view import CameraView
 from vb_robot.driver import Command, Driver
 from vb_robot.following import Frames
 from vb_robot.safety import Scan
-from vb_robot.spots import FOLLOW, Sighting
+from vb_robot.spots import Sighting
 from vb_robot.border_monitor import KnownBorder, BorderContact, BorderMonitor
 
 SLOW_LOCALISATION = 0.15  # [s] for an older spot the newest localisation is used: that is near enough
@@ -55,7 +55,6 @@ class DriverParams(Parameters):
 
     robot: str = param("", doc="the robot's name: in borders, notices, before its frames, its camera's; empty: the only one")
     mobile_cameras: tuple = param(("robot",), doc="names of all cameras on robots; all others are stationary")
-    follow_in_border: str = param("auto", choices=FOLLOW, doc="auto: if no stationary camera has seen the spot")
     leave_borders: bool = param(True, doc="drive out of a border that was put where the robot is")
 
 
@@ -88,8 +87,7 @@ class RobotDriverNode:
         prefix = f"{params.robot}/" if params.robot else ""
         self._base, self._odom = prefix + profile.frames.base, prefix + profile.frames.odom
         self._who = f"robot {params.robot}" if params.robot else "the robot"
-        self._driver = Driver(profile, params.robot or "robot", params.mobile_cameras, params.follow_in_border,
-                              params.leave_borders)
+        self._driver = Driver(profile, params.robot or "robot", params.mobile_cameras, params.leave_borders)
         self._lock = threading.Lock()
         self._maps: Dict[str, GridMap] = {}
         self._borders: List[KnownBorder] = []

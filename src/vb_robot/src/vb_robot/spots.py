@@ -20,7 +20,6 @@ MIN_SPEED = 0.1  # [m/s] a slower spot rests
 RUN_GAP = 2.0  # [s] after this long without the spot another robot's camera may take over
 MIN_CONFIDENCE = 0.4  # the laser has 0.6 and more, reflections have 0.3: less certain spots move no robot
 AUTO_WAIT = 1.0  # [s] how long a stationary camera has to see the spot too before the robot follows
-FOLLOW = ("auto", "true", "false")
 
 
 @dataclass(frozen=True)
@@ -99,19 +98,11 @@ class Sightings:
         """Whether to send a robot to where its camera sees the spot."""
         return self.state in (BORDER, SEED) and self.stationary_seen
 
-    def follows(self, camera: str, now: float, in_border: str = "auto") -> bool:
-        """Whether the robot with this camera should follow the spot.
-
-        Args:
-            in_border: one of FOLLOW; "true" and "false" overrule the policy in Border and Seed.
-        """
-        if self._leader(now) != camera:
+    def follows(self, camera: str, now: float) -> bool:
+        """Whether the robot with this camera should follow the spot."""
+        if self._leader(now) != camera or self.state == DEFAULT:
             return False
         if self.state == GUIDE:
-            return True
-        if self.state == DEFAULT or in_border == "false":
-            return False
-        if in_border == "true":
             return True
         return not self.stationary_seen and self.first_mobile is not None and now - self.first_mobile >= AUTO_WAIT
 
