@@ -97,6 +97,13 @@ def test_half_drawn_polygon_counts_with_what_it_will_enclose():
         assert Polygon(CARPET).distance(LineString(route(robot, viewpoint))) >= 0.15
 
 
+def test_robot_within_a_half_drawn_polygon_is_offered_nothing_within_it():
+    drawing = Drawing(CARPET[3], CARPET, np.array([0.0, -1.0]), watched=True)
+    robot = (4.6, 2.2, math.pi / 2)
+    found = rank(robot, drawing)
+    assert found and all(Polygon(CARPET).distance(Point(place.x, place.y)) >= TERRAIN.radius for place in found)
+
+
 def test_short_line_changes_nothing():
     line = np.array([[4.0, 2.0], [4.2, 2.0]])
     assert rank((6.0, 2.0, 0.0), Drawing(line[1], line, watched=True)) == rank((6.0, 2.0, 0.0), Drawing(line[1], line))

@@ -117,12 +117,13 @@ class Outlook:
         if area is None:
             return found[0] if found else self._retreat(ways, robot)
         keep_out = KeepOut(self.terrain, area)
-        starts_inside = sample(self.terrain.grid, keep_out.zone, np.array([robot[:2]]))[0] > 0
-        crossing = np.zeros(len(found), dtype=bool)
-        if not starts_inside:
-            crossing = ways.cross(keep_out.zone, np.array([(place.x, place.y) for place in found]))
-        for index in np.argsort(crossing, kind="stable")[:WAYS_CHECKED]:
-            if keep_out.allows(ways.route((found[index].x, found[index].y))):
+        places = np.array([robot[:2], *((place.x, place.y) for place in found)])
+        inside = sample(self.terrain.grid, keep_out.zone, places) > 0
+        # a robot within it may leave; of the others the paths that probably cross it come last
+        crossing = np.zeros(len(found), dtype=bool) if inside[0] else ways.cross(keep_out.zone, places[1:])
+        order = [index for index in np.argsort(crossing, kind="stable") if not inside[1 + index]]
+        for index in order[:WAYS_CHECKED]:
+            if keep_out.allows(ways.route(places[1 + index])):
                 return found[index]
         retreat = self._retreat(ways, robot)
         return retreat if retreat is not None or self.drawing.watched else replace(found[0], risky=True)
