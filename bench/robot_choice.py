@@ -17,7 +17,7 @@ from vb_core.grid_map import GridMap
 from vb_robot.dispatch import RobotStatus
 from vb_robot.dispatcher import RobotMap
 from vb_robot.drawing import Drawing
-from vb_robot.view import FloorView, ViewParams
+from vb_robot.view import FloorView
 
 TOP = Path(__file__).resolve().parent.parent
 TABLE = TOP / "docs" / "results" / "robots_choice.md"
@@ -50,13 +50,13 @@ def choice(grid: GridMap, rng: np.random.Generator, far: bool, view: FloorView) 
     grounds.view = view
     grounds.set_map(grid)
     began = time.process_time()
-    outlook = grounds.outlook(Drawing(chain[-1], chain, direction), RobotStatus(robot), None, [])
+    outlook = grounds.outlook(Drawing(chain[-1], chain, 0.4 * direction), RobotStatus(robot), None, [])
     outlook.best(robot)
     return 1e3 * (time.process_time() - began)
 
 
 def main() -> None:
-    view = FloorView.at(ViewParams())
+    view = FloorView.usual()
     revision = subprocess.run(["git", "describe", "--always", "--dirty"], cwd=str(TOP), stdout=subprocess.PIPE,
                               universal_newlines=True).stdout.strip()
     lines = ["# What choosing a place to look from costs", "", f"`python3 bench/robot_choice.py`, {time.strftime('%Y-%m-%d', time.gmtime())}, "

@@ -1,28 +1,33 @@
 #!/usr/bin/env python3
 """Drives with the real move_base: round each scenario's border, into it, and with a border put before the nose.
 
-    make navigation                                                  once
-    python3 bench/robot_drives.py                                    all that is missing in the file
-    python3 bench/robot_drives.py --robots turtlebot2 --amcl --seconds 280      for at most that long, then go on later
+    make navigation                                                     once
+    python3 bench/robot_drives.py --robot turtlebot2                    all that is missing in its file
+    python3 bench/robot_drives.py --robot turtlebot2 --seconds 200      for at most about that long, then go on later
 
-Each robot type drives in the simulated lab (no cameras, no display) with move_base as it is shipped here, through its
-driver, in simulated time. The judge sees where the robot truly is. Goals: GOALS below, from one to the next and back
-again, so that both directions are driven. With --amcl the lab does not localise, AMCL does. Writes each drive to
-out/bench/robot_drives.json, and the tables to docs/results/robots_navigation.md.
+A robot type drives in the simulated lab (no cameras, no display) with move_base and AMCL as they are shipped here,
+through its driver, in simulated time. The judge sees where the robot truly is. Goals: GOALS below, from one to the next
+and back again, so that both directions are driven, until there are ROUNDS. Writes each drive to
+out/bench/robot_drives/, and the tables of all of them to docs/results/robots_navigation.md.
 """
 import argparse
+import itertools
 import json
 import math
 import os
 import subprocess
 import sys
 import tempfile
+import threading
 import time
+from collections import deque
 from pathlib import Path
 
 import numpy as np
 import rosgraph
 import rospy
+import yaml
+from geometry_msgs.msg import PoseWithCovarianceStamped
 
 from vb_core.errors import CodedError
 from vb_core.grid_map import distance_to
@@ -33,41 +38,46 @@ from vb_evaluation.goal_runs import GoalRunner
 from vb_evaluation.observer import Observer, wait_until
 from vb_evaluation.processes import Child, free_port
 from vb_evaluation.statistics import proportion
-from vb_msgs.msg import VirtualBorder
+from vb_msgs.msg import LabState, VirtualBorder
 from vb_msgs.srv import AddBorder, AddBorderRequest, RemoveBorder, RemoveBorderRequest
 from vb_sim.world import load_world
 
 TOP = Path(__file__).resolve().parent.parent
-OUT, TABLE = TOP / "out" / "bench" / "robot_drives.json", TOP / "docs" / "results" / "robots_navigation.md"
-WORLDS = {"turtlebot2": "lab", "turtlebot3_burger": "burger"}
-LIMIT_S = 150.0  # [s] of simulated time for one goal
+OUT, TABLE = TOP / "out" / "bench" / "robot_drives", TOP / "docs" / "results" / "robots_navigation.md"
+ROBOTS = ("turtlebot2", "turtlebot3_burger")
+LIMIT_S = 100.0  # [s] of simulated time for one goal
 # places on either side of each border, [m, m, deg]: the robot drives from each to the next
 GOALS = {
     "carpet": [(7.4, 0.6, 180), (1.6, 1.6, 180), (4.2, 2.5, 0), (7.0, 1.5, 0), (2.6, 0.5, 180), (5.7, 0.6, 0),
                (1.6, 1.6, 90)],
-    "room": [(7.4, 0.6, 180), (4.0, 3.5, 180), (1.6, 1.6, 0), (4.0, 3.5, 0)],
     "corner": [(6.8, 4.2, 0), (7.5, 3.9, 0), (6.5, 4.6, 180), (7.3, 4.5, 90)],
+    "room": [(7.4, 0.6, 180), (4.0, 3.5, 180), (1.6, 1.6, 0), (4.0, 3.5, 0)],
 }
-ROUNDS = {"carpet": 2, "room": 2, "corner": 2}  # forth and back again counts as one
+ROUNDS = 40  # goals round each border
 INSIDE = {"carpet": [(4.1, 1.4, 0), (3.6, 1.1, 0)], "room": [(1.6, 3.6, 0), (0.8, 4.2, 0)],
           "corner": [(4.0, 2.6, 0), (2.0, 1.6, 0)]}
-NOSES = 20
 
 
 class Lab:
     """The running lab: borders, goals, and what truly happened."""
 
-    def __init__(self, robot: str, amcl: bool, folder: Path) -> None:
-        self.world = load_world(str(TOP / "src" / "vb_sim" / "worlds" / f"{WORLDS[robot]}.yaml"))
+    def __init__(self, robot: str, start, folder: Path) -> None:
+        state = tempfile.mkdtemp(prefix="robot_drives")
+        worlds = TOP / "src" / "vb_sim" / "worlds"
+        world = yaml.safe_load((worlds / "burger.yaml").read_text()) if robot == "turtlebot3_burger" else {
+            "name": "lab", "robots": yaml.safe_load((worlds / "lab.yaml").read_text())["robots"]}
+        world["like"] = str(worlds / "lab.yaml")
+        world["robots"][0]["start"] = [float(value) for value in start]
+        path = Path(state) / "world.yaml"
+        path.write_text(yaml.safe_dump(world))
+        self.world = load_world(str(path))
         self.radius = self.world.robots[0].radius
         x, y, yaw = self.world.robots[0].start_pose()
         port = free_port()
         os.environ["ROS_MASTER_URI"] = f"http://127.0.0.1:{port}"
-        state = tempfile.mkdtemp(prefix="robot_drives")
         self.child = Child(
             ["roslaunch", "-p", str(port), str(TOP / "bench" / "robot_drives.launch"),
-             f"world:={TOP / 'src' / 'vb_sim' / 'worlds' / (WORLDS[robot] + '.yaml')}", f"state:={state}",
-             f"robot_type:={robot}", f"amcl:={str(amcl).lower()}", f"x:={x}", f"y:={y}", f"yaw:={yaw}"],
+             f"world:={path}", f"state:={state}", f"robot_type:={robot}", "amcl:=true", f"x:={x}", f"y:={y}", f"yaw:={yaw}"],
             folder / "roslaunch.txt", {**os.environ, "ROS_LOG_DIR": str(folder / "log")})
         if not wait_until(rosgraph.is_master_online, 60.0):
             raise CodedError("not_ready", "no master")
@@ -76,7 +86,24 @@ class Lab:
         self.runner = GoalRunner()
         if not wait_until(lambda: self.observer.posterior is not None and self.observer.lab is not None, 60.0):
             raise CodedError("not_ready", f"no maps, see {folder}")
-        self.border = ""
+        self._truth, self._errors = deque(maxlen=500), []
+        self._subscribers = [rospy.Subscriber(names.LAB_STATE, LabState, self._on_lab),
+                             rospy.Subscriber("/amcl_pose", PoseWithCovarianceStamped, self._on_amcl)]
+
+    def _on_lab(self, message) -> None:
+        pose = message.robot_poses[0]
+        self._truth.append((message.header.stamp.to_sec(), pose.x, pose.y))
+
+    def _on_amcl(self, message) -> None:
+        stamp, place = message.header.stamp.to_sec(), message.pose.pose.position
+        truth = min(list(self._truth), key=lambda entry: abs(entry[0] - stamp), default=None)
+        if truth is not None and abs(truth[0] - stamp) < 0.05:
+            self._errors.append(math.dist((place.x, place.y), truth[1:]))
+
+    def errors(self) -> float:
+        """[m] the largest error of the localisation since it was asked last."""
+        errors, self._errors = self._errors, []
+        return round(max(errors, default=math.nan), 3)
 
     def pose(self):
         pose = self.observer.lab.robot_poses[0]
@@ -112,30 +139,41 @@ class Lab:
         return self.runner.drive((goal[0], goal[1], math.radians(goal[2])), limit)
 
 
-def tasks(robot):
-    """What is to be driven: (kind, scenario, number, goal)."""
-    for scenario, goals in GOALS.items():
-        there = goals + goals[-2::-1]
-        route = there + there[1:] if ROUNDS[scenario] == 2 else there
-        yield from (("round", scenario, i, goal) for i, goal in enumerate(route[1:]))
-        yield from (("inside", scenario, i, goal) for i, goal in enumerate(INSIDE[scenario]))
-    yield from (("nose", "", i, None) for i in range(NOSES))
+def place(scenario, number):
+    """The place (x, y, yaw) [m, m, deg] that a robot comes to as the number-th, forth and back again."""
+    loop = GOALS[scenario] + GOALS[scenario][-2:0:-1]
+    return loop[number % len(loop)]
+
+
+def tasks():
+    """What is to be driven: (kind, scenario, number, goal). In turns, so that each part tells of all."""
+    for begin in range(0, ROUNDS, 10):
+        for scenario in GOALS:
+            yield from (("round", scenario, i, place(scenario, i + 1)) for i in range(begin, begin + 10))
+            if begin == 0:
+                yield from (("inside", scenario, i, goal) for i, goal in enumerate(INSIDE[scenario]))
+        yield from (("nose", "", i, None) for i in range(begin // 2, begin // 2 + 5))
+
+
+def first_place(task):
+    """Where the robot is before a drive (x, y, yaw) [m, m, deg]."""
+    kind, scenario, number, _ = task
+    return place(scenario, number if kind == "round" else 0) if scenario else (7.0, 0.9, 180)
 
 
 def drive_scenario(lab, scenario, todo, keep) -> None:
-    """Puts the robot to the scenario's first goal, adds the border, drives."""
-    what = lab.world.scenarios[scenario]
-    first = todo[0]
-    whole = GOALS[scenario] + GOALS[scenario][-2::-1]
-    route = whole + whole[1:]
-    start = route[first[2]] if first[0] == "round" else route[0]
-    lab.go(start)
+    """Brings the robot to where the first drive begins, adds the border, drives."""
+    what, start = lab.world.scenarios[scenario], first_place(todo[0])
+    if math.dist(lab.pose()[:2], start[:2]) > 0.2:
+        lab.go(start)
     border = lab.add(what.border, what.seed, what.closed)
     try:
         for kind, _, number, goal in todo:
+            began = time.monotonic()
             driven = lab.go(goal)
             keep({"kind": kind, "scenario": scenario, "number": number, "goal": goal, "outcome": driven.outcome,
                   "text": driven.text, "length_m": round(driven.length, 2), "seconds": round(driven.seconds, 1),
+                  "wall_s": round(time.monotonic() - began, 1), "localised_m": lab.errors(),
                   "entered_m": round(lab.entered(driven.path), 3)})
     finally:
         lab.remove(border)
@@ -151,8 +189,8 @@ def drive_nose(lab, number, keep) -> None:
     put = {}
 
     def watch():
-        began = lab.pose()
-        if not wait_until(lambda: math.dist(lab.pose()[:2], began[:2]) > driven_before, 120.0, 0.02):
+        start = lab.pose()
+        if not wait_until(lambda: math.dist(lab.pose()[:2], start[:2]) > driven_before, 120.0, 0.02):
             return
         x, y, yaw = lab.pose()
         ahead, half = lab.radius + gap, 0.3
@@ -165,9 +203,9 @@ def drive_nose(lab, number, keep) -> None:
         except CodedError as error:
             put["error"] = error.code
 
-    import threading
     thread = threading.Thread(target=watch, daemon=True)
     thread.start()
+    began = time.monotonic()
     driven = lab.go(goal)
     thread.join(20.0)
     path = driven.path
@@ -176,6 +214,7 @@ def drive_nose(lab, number, keep) -> None:
     keep({"kind": "nose", "scenario": "", "number": number, "goal": goal, "outcome": driven.outcome, "text": driven.text,
           "gap_m": round(gap, 2), "border": put.get("error", "added" if "id" in put else "none"),
           "length_m": round(driven.length, 2), "seconds": round(driven.seconds, 1),
+          "wall_s": round(time.monotonic() - began, 1), "localised_m": lab.errors(),
           "entered_m": round(lab.entered(path), 3) if "id" in put else None})
     if "id" in put:
         lab.remove(put["id"])
@@ -188,28 +227,34 @@ def _interval(good: int, count: int) -> str:
     return f"{100 * share.low:.0f} to {100 * share.high:.0f} %"
 
 
+def revision() -> str:
+    """The commit that the drives are made with."""
+    return subprocess.run(["git", "describe", "--always", "--dirty"], cwd=str(TOP), stdout=subprocess.PIPE,
+                          universal_newlines=True).stdout.strip()
+
+
 def table(runs) -> str:
     """The results as Markdown."""
-    revision = subprocess.run(["git", "describe", "--always", "--dirty"], cwd=str(TOP), stdout=subprocess.PIPE,
-                              universal_newlines=True).stdout.strip()
     lines = ["# Driving with the real move_base", "", f"`python3 bench/robot_drives.py`, {time.strftime('%Y-%m-%d', time.gmtime())}, "
-             f"revision {revision}. ros-planning/navigation at 9ad6441, parameters of `vb_bringup/config/navigation` and the "
-             "robot's profile, through `robot_driver`; simulated lab, truth judged. *Entered*: the footprint more than one and "
-             "a half cells inside of what a border restricts.", "",
-             "| robot | localisation | drives | scenario | done | as wanted | 95 % interval of that | entered | median time | longest |",
-             "|---|---|---|---|---|---|---|---|---|---|"]
-    keys = sorted({(run["robot"], run["amcl"], run["kind"], run["scenario"]) for run in runs})
-    for robot, amcl, kind, scenario in keys:
-        group = [run for run in runs if (run["robot"], run["amcl"], run["kind"], run["scenario"]) == (robot, amcl, kind, scenario)]
+             f"revisions {', '.join(sorted({run['revision'] for run in runs}))}. ros-planning/navigation at 9ad6441 with AMCL, "
+             "parameters of `vb_bringup/config/navigation` and the robot's profile, through `robot_driver`; simulated lab, "
+             "truth judged. *Entered*: the footprint more than one and a half cells inside of what a border restricts.", "",
+             "| robot | drives | scenario | done | as wanted | 95 % interval of that | entered | localisation off, at most | median time | longest | simulated per real second |",
+             "|---|---|---|---|---|---|---|---|---|---|---|"]
+    keys = sorted({(run["robot"], run["kind"], run["scenario"]) for run in runs})
+    for robot, kind, scenario in keys:
+        group = [run for run in runs if (run["robot"], run["kind"], run["scenario"]) == (robot, kind, scenario)]
         wanted = {"round": ("reached",), "inside": ("refused",), "nose": ("reached", "refused")}[kind]
         counted = [run for run in group if kind != "nose" or run["border"] == "added"]
         good = sum(run["outcome"] in wanted for run in counted)
         entered = sum((run["entered_m"] or -1.0) > 0.0 for run in counted)
         seconds = [run["seconds"] for run in counted] or [0.0]
+        off = max([run["localised_m"] for run in counted if run["localised_m"] > 0] or [0.0])
         what = {"round": "past the border", "inside": "into it", "nose": "border put before the nose"}[kind]
-        lines.append(f"| {robot} | {'AMCL' if amcl else 'simulator'} | {what} | {scenario or '-'} | {len(counted)} | {good} | "
+        lines.append(f"| {robot} | {what} | {scenario or '-'} | {len(counted)} | {good} | "
                      f"{_interval(good, len(counted))} | {entered} | "
-                     f"{np.median(seconds):.0f} s | {max(seconds):.0f} s |")
+                     f"{off:.2f} m | {np.median(seconds):.0f} s | {max(seconds):.0f} s | "
+                     f"{sum(seconds) / max(sum(run['wall_s'] for run in counted), 1e-9):.2f} |")
     bad = [run for run in runs if (run["kind"] == "round" and run["outcome"] != "reached")
            or (run["kind"] == "inside" and run["outcome"] != "refused") or (run["entered_m"] or -1.0) > 0.0
            or (run["kind"] == "nose" and run["outcome"] not in ("reached", "refused"))]
@@ -221,52 +266,42 @@ def table(runs) -> str:
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--robots", nargs="+", default=list(WORLDS), choices=list(WORLDS))
-    parser.add_argument("--amcl", action="store_true", help="AMCL localises, not the lab")
-    parser.add_argument("--kinds", nargs="+", default=["round", "inside", "nose"])
-    parser.add_argument("--scenarios", nargs="+", default=["", *GOALS])
+    parser.add_argument("--robot", default=ROBOTS[0], choices=ROBOTS)
+    parser.add_argument("--scenarios", nargs="+", default=[*GOALS, "nose"], help="each share has a file of its own")
     parser.add_argument("--seconds", type=float, default=math.inf, help="of wall time, then go on another time")
     parser.add_argument("--fresh", action="store_true", help="forget what the file has")
-    parser.add_argument("--only-write", action="store_true", help="the table of what the file has")
+    parser.add_argument("--only-write", action="store_true", help="the table of what the files have")
     arguments = parser.parse_args()
-    OUT.parent.mkdir(parents=True, exist_ok=True)
-    runs = json.loads(OUT.read_text()) if OUT.exists() and not arguments.fresh else []
+    OUT.mkdir(parents=True, exist_ok=True)
+    share = "" if len(arguments.scenarios) == len(GOALS) + 1 else "-" + "-".join(arguments.scenarios)
+    out = OUT / f"{arguments.robot}{share}.json"
+    runs = json.loads(out.read_text()) if out.exists() and not arguments.fresh else []
     until = time.monotonic() + arguments.seconds
-    if not arguments.only_write:
-        robot = arguments.robots[0]  # rospy takes one node name: one robot type per process
-        done = {(run["kind"], run["scenario"], run["number"]) for run in runs
-                if run["robot"] == robot and run["amcl"] == arguments.amcl}
-        todo = [task for task in tasks(robot) if task[0] in arguments.kinds and task[1] in arguments.scenarios
-                and task[:3] not in done]
-        lab = Lab(robot, arguments.amcl, OUT.parent / "robot_drives")
+    done = {(run["kind"], run["scenario"], run["number"]) for run in runs}
+    todo = [task for task in tasks() if task[:3] not in done and (task[1] or "nose") in arguments.scenarios]
+    if todo and not arguments.only_write:
+        lab = Lab(arguments.robot, first_place(todo[0]), OUT / out.stem)
 
         def keep(run) -> None:
-            runs.append({"robot": robot, "amcl": arguments.amcl, **run})
-            OUT.write_text(json.dumps(runs, indent=1) + "\n")
+            runs.append({"robot": arguments.robot, "revision": revision(), **run})
+            out.write_text(json.dumps(runs, indent=1) + "\n")
             print(run, flush=True)
             if time.monotonic() > until:
                 raise TimeoutError
 
         try:
-            for scenario in GOALS:
-                part = [task for task in todo if task[1] == scenario]
-                if part:
-                    drive_scenario(lab, scenario, part, keep)
-            for task in todo:
-                if task[0] == "nose":
-                    drive_nose(lab, task[2], keep)
+            for scenario, part in itertools.groupby(todo, key=lambda task: task[1]):
+                if scenario:
+                    drive_scenario(lab, scenario, list(part), keep)
+                else:
+                    for task in part:
+                        drive_nose(lab, task[2], keep)
         except TimeoutError:
             print("time is up: call it again to go on")
         finally:
             lab.child.stop()
-        for other in arguments.robots[1:]:
-            if time.monotonic() < until:
-                left = ["--seconds", str(until - time.monotonic())] if math.isfinite(until) else []
-                subprocess.run([sys.executable, __file__, "--robots", other, "--kinds", *arguments.kinds, "--scenarios",
-                                *arguments.scenarios, *left, *(["--amcl"] if arguments.amcl else [])])
-                runs = json.loads(OUT.read_text())
     TABLE.parent.mkdir(parents=True, exist_ok=True)
-    TABLE.write_text(table(runs))
+    TABLE.write_text(table([run for path in sorted(OUT.glob("*.json")) for run in json.loads(path.read_text())]))
     return 0
 
 

@@ -47,7 +47,7 @@ class Run:
         self.lab = Lab(world, seed=seed)
         self.rng = np.random.default_rng(seed)
         self.body, self.guided, self.poses = self.lab.robots[0], guided, PoseHistory()
-        self.robot = DrivenRobot(0, self.lab, self.poses, standin_navigator(grid, profile), "robot", "auto", grid, profile)
+        self.robot = DrivenRobot(0, self.lab, self.poses, standin_navigator(grid, profile), "robot", grid, profile)
         self.robot.set_map(posterior)
         self.scan, self.drive, self.control, self.image = Every(SCAN_HZ), Every(RATE), Every(NAVIGATION_HZ), Every(25.0)
         self.now, self.frozen = 100.0, False

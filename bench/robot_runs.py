@@ -11,14 +11,15 @@ In one process the same nodes run without a ROS master, in simulated time as fas
 of it and in it: it must go round or refuse. Over ROS the whole system is started with roslaunch under a master of its
 own, and goes on for some seconds in which a robot that the border swallowed leaves it. Either way the judge sees the
 lab's ground truth 50 times a second, none of what the robot believes.
-Leaves out/bench/robot_runs.json (robot_runs_ros.json), one entry per run; bad runs stay in it. Exits non-zero if a run
-broke a rule.
+Leaves out/bench/robot_runs.json (robot_runs_ros.json), one entry per run; bad runs stay in it; with --table also
+docs/results/robots_runs.md. Exits non-zero if a run broke a rule.
 """
 import argparse
 import itertools
 import json
 import os
 import shutil
+import subprocess
 import sys
 import tempfile
 import threading
@@ -164,7 +165,8 @@ def run_here(study, scenario: str, method: str, seed: int) -> dict:
         """What becomes of goals on either side of the border, and of one in the area it restricts."""
         proof = run.scenario.proof
         client = actionlib.SimpleActionClient("/move_base", MoveBaseAction)
-        client.wait_for_server()
+        while client.action_client.last_status_msg is None:
+            rospy.sleep(0.1)
         for place in [proof.start[:2], proof.goal[:2], run.scenario.seed]:
             goal = MoveBaseGoal()
             goal.target_pose.header.frame_id = names.MAP_FRAME
@@ -302,6 +304,22 @@ def summarise(runs: list) -> str:
     return "\n".join(lines)
 
 
+def page(runs: list, command: str) -> str:
+    """The table with what made it, and every run that broke a rule."""
+    revision = subprocess.run(["git", "describe", "--always", "--dirty"], cwd=str(TOP), stdout=subprocess.PIPE,
+                              universal_newlines=True).stdout.strip()
+    lines = ["# Simulated people and a robot", "", f"`python3 {command}`, {time.strftime('%Y-%m-%d', time.gmtime())}, "
+             f"revision {revision}. *Hold*: the longest time that a person waited for the robot while drawing.", "", "```",
+             summarise(runs), "```", "", "Longest hold of each run, in order of its seed [s]:", ""]
+    for scenario, method in sorted({(run["scenario"], run["method"]) for run in runs}):
+        group = sorted((run for run in runs if (run["scenario"], run["method"]) == (scenario, method)), key=lambda run: run["seed"])
+        lines.append(f"- {scenario}, {method}: " + ", ".join(f"{run['seed']}: {run['longest_hold_s']:.1f}" for run in group))
+    lines += ["", "Rules broken:", ""]
+    lines += [f"- {run['scenario']}, {run['method']}, seed {run['seed']}: {'; '.join(run['breaches'])}"
+              for run in runs if run["breaches"]] or ["- none"]
+    return "\n".join(lines) + "\n"
+
+
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--scenarios", nargs="+", default=["room", "carpet", "corner"])
@@ -313,6 +331,7 @@ def main() -> int:
     parser.add_argument("--out", type=Path, help="the file of results")
     parser.add_argument("--resume", action="store_true", help="keep the runs that the file has")
     parser.add_argument("--only-print", action="store_true", help="the table of the runs that the file has")
+    parser.add_argument("--table", action="store_true", help="write the table of results")
     arguments = parser.parse_args()
     out = arguments.out or TOP / "out" / "bench" / ("robot_runs_ros.json" if arguments.ros else "robot_runs.json")
     runs = json.loads(out.read_text()) if (arguments.resume or arguments.only_print) and out.exists() else []
@@ -331,6 +350,8 @@ def main() -> int:
         print("no runs")
         return 1
     print(summarise(runs))
+    if arguments.table:
+        (TOP / "docs" / "results" / "robots_runs.md").write_text(page(runs, "bench/robot_runs.py --scenarios corner room --methods nrs"))
     return int(any(run["breaches"] for run in runs))
 
 

@@ -104,7 +104,6 @@ class DrivenRobot:
     Args:
         index: of the robot in the world.
         camera: name of its camera in the spots.
-        follow: whether it follows the spot while a border is drawn: "auto", "true" or "false".
 
     Attributes:
         lost: what has broken: "state" (the interaction manager is silent), "scan", "pose", "spots" (the detector),
@@ -118,7 +117,6 @@ class DrivenRobot:
         poses: PoseHistory,
         navigator: Navigator,
         camera: str,
-        follow: str,
         grid: GridMap,
         profile: RobotProfile,
         leaves: bool = False,
@@ -127,7 +125,7 @@ class DrivenRobot:
         self._poses, self._navigator, self._profile = poses, navigator, profile
         self._state = (0, "", 0.0)
         self._said_at = -math.inf
-        self.driver = Driver(profile, camera, (camera,), follow, leaves)
+        self.driver = Driver(profile, camera, (camera,), leaves)
         robot = lab.world.robots[index]
         self.driver.set_view(FloorView(robot.color_model(), robot.camera_mount(), profile.camera.max_range))
         self.driver.set_maps(grid, None, None)

@@ -18,7 +18,7 @@ from stimulus import Stimulus, assert_bad_parameter_is_named, wait_until  # noqa
 
 from vb_core.ros.messages import pose_to_2d  # noqa: E402
 from vb_robot import robot_dispatcher_node  # noqa: E402
-from vb_robot.view import FloorView, ViewParams, to_base  # noqa: E402
+from vb_robot.view import FloorView, to_base  # noqa: E402
 
 DEFAULT, BORDER, SEED, GUIDE = range(4)
 
@@ -73,7 +73,7 @@ class DispatcherTest(unittest.TestCase):
         self.navigation.preempted = 0
 
     def assert_sees(self, pose, spot):
-        self.assertTrue(FloorView.at(ViewParams()).sees(to_base(np.array([spot]), pose), 0.1)[0], f"{pose} and {spot}")
+        self.assertTrue(FloorView.usual().sees(to_base(np.array([spot]), pose), 0.1)[0], f"{pose} and {spot}")
 
     def test_waits_for_a_stationary_camera_then_sends_once_and_calls_off(self):
         self.navigation.behaviour = "hold"
@@ -105,7 +105,7 @@ class DispatcherTest(unittest.TestCase):
         self.assertTrue(wait_until(lambda: len(self.navigation.goals) > reached or self._robot_sees((2.0, 2.5))))
 
     def _robot_sees(self, spot):
-        return FloorView.at(ViewParams()).sees(to_base(np.array([spot]), self.stimulus.pose), 0.05)[0]
+        return FloorView.usual().sees(to_base(np.array([spot]), self.stimulus.pose), 0.05)[0]
 
     def test_spot_that_moves_on_is_followed(self):
         self.navigation.behaviour = "reach"

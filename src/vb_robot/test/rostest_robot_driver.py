@@ -201,7 +201,7 @@ class DriverTest(unittest.TestCase):
             rospy.delete_param("robot_profile")
 
     def test_bad_parameter_is_named(self):
-        assert_bad_parameter_is_named(self, robot_driver_node.build, "follow_in_border", "sometimes")
+        assert_bad_parameter_is_named(self, robot_driver_node.build, "leave_borders", "sometimes")
 
 
 if __name__ == "__main__":

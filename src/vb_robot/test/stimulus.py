@@ -14,7 +14,7 @@ from vb_core.grid_map import GridMap
 from vb_core.ros.cameras import info_from_camera
 from vb_core.ros.messages import OccupancyGridArray, message_from_grid, transform_message
 from vb_msgs.msg import InteractionState, LaserSpot
-from vb_robot.view import FloorView, ViewParams
+from vb_robot.view import FloorView
 
 NAMES = {0: "default", 1: "border", 2: "seed", 3: "guide"}
 
@@ -37,7 +37,7 @@ class Body:
         self.lock = threading.Lock()
         self.name, self.prefix = name, f"{name}/" if name else ""
         self.pose, self.velocity, self.offset = pose, (0.0, 0.0), (0.0, 0.0)
-        self.view = FloorView.at(ViewParams())
+        self.view = FloorView.usual()
         self.info = rospy.Publisher(f"{self.prefix}camera/rgb/camera_info", CameraInfo, queue_size=1)
         self._time = None
 

@@ -104,9 +104,9 @@ def test_counts_outlines_and_what_is_no_floor():
     grid = grid.with_data(data)
     left, right = np.zeros(grid.shape, bool), np.zeros(grid.shape, bool)
     left[:, :100], right[:, 60:] = True, True
-    values = combined(grid, {"left": left, "right": right}, 50)
+    values = combined(grid, {"left": left, "right": right})
     assert (values[:, :14] == -1).all() and (values[:, 14:60] == 1).all() and (values[:, 60:100] == 2).all()
-    assert (combined(grid, {}, 50)[:, 14:] == 0).all()
+    assert (combined(grid, {})[:, 14:] == 0).all()
     (outline,) = outlines(grid, right)
     assert outline[:, 0].min() == pytest.approx(3.0, abs=0.05) and outline[:, 0].max() == pytest.approx(8.0, abs=0.05)
 

@@ -4,8 +4,7 @@ import math
 import numpy as np
 import pytest
 
-from vb_robot.dispatch import (ACK_TIMEOUT, BLIND_AFTER, FAILED_MEMORY, FAILURE_PAUSE, STUCK_AFTER, Fleet, GoalStatus,
-                               Kind, Moment, RobotStatus)
+from vb_robot.dispatch import (FAILED_MEMORY, FAILURE_PAUSE, WAITS, Fleet, GoalStatus, Kind, Moment, RobotStatus)
 from vb_robot.drawing import Drawing
 from vb_robot.spots import BORDER, DEFAULT, SEED, Sighting, Sightings
 from vb_robot.viewpoint import Viewpoint
@@ -31,6 +30,9 @@ class Robot:
 
     def stands_free(self, pose):
         return True
+
+    def searched(self, pose):
+        return 0.6
 
     def keeps_off(self, robot, goal):
         return self.safe
@@ -227,7 +229,7 @@ def test_target_follows_and_a_false_spot_does_not_move_it():
         known.add(seen(10.0 + 0.04 * i, 0.01 * i))
     known.add(seen(11.97, 7.0, 3.0))
     assert np.linalg.norm(known.target() - (0.47, 0.0)) < 0.06
-    assert known.direction() == pytest.approx((1.0, 0.0), abs=0.1)
+    assert known.velocity() == pytest.approx((0.25, 0.0), abs=0.03)
 
 
 def test_spot_that_rests_has_no_direction():
@@ -236,7 +238,7 @@ def test_spot_that_rests_has_no_direction():
     rng = np.random.default_rng(0)
     for i in range(40):
         known.add(seen(1.0 + 0.04 * i, *(rng.normal(0.0, 0.005, 2))))
-    assert known.direction() is None
+    assert known.velocity() is None
 
 
 def test_what_is_remembered_for_how_long():
@@ -285,23 +287,29 @@ def test_how_long_nobody_has_seen_the_spot():
     assert known.silent(12.0) == 0.0, "the seed does not move"
 
 
-def test_spot_that_turns_has_no_direction_and_cameras_that_differ_make_none():
-    known = Sightings()
-    known.set_state(BORDER, "1", 0.0)
-    corner = [(0.02 * min(i, 12), 0.02 * max(i - 12, 0)) for i in range(25)]
-    for i, (x, y) in enumerate(corner):
-        known.add(seen(1.0 + 0.04 * i, x, y))
-    assert known.direction() is None
-    for i in range(25):
-        known.add(seen(2.0 + 0.04 * i, corner[-1][0], corner[-1][1] + 0.02 * i))
-    assert known.direction() == pytest.approx((0.0, 1.0), abs=0.1)
+def test_a_line_goes_on_as_its_last_piece_does_however_quick_the_hand():
+    for speed in (0.25, 0.5, 1.5):  # [m/s] along x, then along y
+        known, straight = Sightings(), {}
+        known.set_state(BORDER, "1", 0.0)
+        for i in range(200):
+            way = 0.04 * speed * i
+            known.add(seen(1.0 + 0.04 * i, min(way, 0.6), max(way - 0.6, 0.0)))
+            if known.velocity() is not None:
+                straight[round(way, 2)] = known.velocity() / np.linalg.norm(known.velocity())
+        before = [v for way, v in straight.items() if way <= 0.6]
+        after = [v for way, v in straight.items() if way > 0.6 + max(0.3, 0.04 * speed * 6)]
+        assert len(before) and np.allclose(before, (1.0, 0.0), atol=0.1)
+        assert len(after) and np.allclose(after, (0.0, 1.0), atol=0.4)
+
+
+def test_cameras_that_differ_are_no_motion():
     known = Sightings()
     known.set_state(BORDER, "1", 0.0)
     for i in range(25):
         known.add(seen(1.0 + 0.04 * i, 0.0))
         if i > 12:
             known.add(seen(1.02 + 0.04 * i, 0.06, camera="robot", mobile=True))
-    assert known.direction() is None, "it rests, and the robot sees it 6 cm off"
+    assert known.velocity() is None, "it rests, and the robot sees it 6 cm off"
 
 
 # ------------------------------------------------------------------ a robot that stands and sees nothing
@@ -330,8 +338,8 @@ def test_place_where_the_camera_reports_nothing_has_failed_and_the_next_is_taken
     bench = blind_bench()
     goals = stand(bench, 60)
     assert [viewpoint.x for _, viewpoint in goals] == [2, 3], "not the one 0.2 m beside, and not for ever"
-    assert goals[0][0] == pytest.approx(BLIND_AFTER, abs=0.5), "the person does not wait long"
-    assert goals[1][0] - goals[0][0] == pytest.approx(BLIND_AFTER, abs=0.5)
+    assert goals[0][0] == pytest.approx(WAITS["seen"], abs=0.5), "the person does not wait long"
+    assert goals[1][0] - goals[0][0] == pytest.approx(WAITS["seen"], abs=0.5)
 
 
 def test_robot_that_sees_the_spot_stays_and_may_try_anew_when_it_is_lost_again():
@@ -418,7 +426,7 @@ def test_another_takes_over_when_one_fails(fault):
         ada.goal = GoalStatus.SENT
     elif fault == "taken":
         ada.goal = GoalStatus.TAKEN
-    limit = {"never accepts": ACK_TIMEOUT, "stuck": STUCK_AFTER}.get(fault, 0.0)
+    limit = {"never accepts": WAITS["sent"], "stuck": WAITS["active"]}.get(fault, 0.0)
     steps = 0
     while not bob.sent and steps < 400:
         bench.step()

@@ -9,10 +9,10 @@ from vb_robot.dispatch import GoalStatus, Kind
 from vb_robot.dispatcher import Dispatcher, RobotMap, Progress, RobotStatus, WatchParams
 from vb_robot.drawing import Drawing
 from vb_robot.spots import BORDER, Sighting
-from vb_robot.view import FloorView, ViewParams, to_base
+from vb_robot.view import FloorView, to_base
 
 PERIOD = 0.25
-VIEW = FloorView.at(ViewParams())
+VIEW = FloorView.usual()
 EDGE = 5.0  # [m] the ceiling camera sees x < EDGE
 
 
@@ -50,7 +50,7 @@ class Lab:
         status = RobotStatus(self.robot, True, self.goal)
         decision = self.dispatcher.decide(self.now, {"": status})[""]
         if decision.kind is Kind.SEND:
-            self.robot, self.goal = decision.viewpoint.pose_from(self.robot), GoalStatus.REACHED
+            self.robot, self.goal = decision.viewpoint.pose, GoalStatus.REACHED
             self.sent.append((self.now, self.robot))
         return decision
 
@@ -87,6 +87,18 @@ def test_camera_that_reports_nothing_from_its_place_another_place_is_taken():
     for _ in range(8):
         lab.step()
     assert len(lab.sent) == known + 2, "it stays where it sees the spot"
+
+
+def test_a_spot_that_went_on_unseen_is_searched_along_the_line():
+    lab = Lab()
+    lab.draw_until(EDGE + 0.02, robot_sees=False)
+    lab.robot = (EDGE + 0.2, 1.2, math.pi / 2)  # it sees where the spot was seen last, and not how far it has gone
+    lab.spot = np.array([EDGE + 1.5, 2.5])
+    assert lab.robot_views((EDGE, 2.5)) and not lab.robot_views(lab.spot)
+    lost = lab.now
+    while not lab.robot_views(lab.spot) and lab.now < lost + 10.0:
+        lab.step()
+    assert lab.now < lost + 6.0
 
 
 def test_lost_spot_people_hold_still_where_they_notice_and_the_robot_looks_there():

@@ -3,11 +3,11 @@ import numpy as np
 import pytest
 
 from vb_core.grid_map import GridMap
-from vb_robot.drawing import AHEAD, Drawing, BlindSpots
+from vb_robot.drawing import AHEAD, HALF_VIEW, REACTION, Drawing, BlindSpots
 from vb_robot.clearance_map import ClearanceMap
 
 NO_CHAIN = np.zeros((0, 2))
-RIGHT = np.array([1.0, 0.0])
+RIGHT = np.array([0.3, 0.0])  # [m/s]
 
 
 def room():
@@ -42,6 +42,8 @@ def test_unseen_floor_is_known_to_a_cell_and_narrow_shadows_do_not_count():
 
 def test_looks_where_the_line_ahead_leaves_what_cameras_see():
     assert focus((4.5, 2.5), RIGHT) == pytest.approx((6.0 + AHEAD, 2.5), abs=0.06)
+    assert focus((4.9, 2.5), 3.0 * RIGHT) == pytest.approx((6.0 + 0.45 * REACTION, 2.5), abs=0.06), "a quick hand"
+    assert focus((4.9, 2.5), 9.0 * RIGHT) == pytest.approx((6.0 + HALF_VIEW, 2.5), abs=0.06), "where it left stays in view"
     assert focus((7.6, 2.5), RIGHT)[0] < 7.95, "not into the wall"
 
 

@@ -14,10 +14,10 @@ from vb_robot.following import Frames
 from vb_robot.safety import Scan
 from vb_robot.servoing import BACK_TO_DISTANCE, FAR_DISTANCE, MAX_SPEED, MAX_TURN, NEAR_DISTANCE
 from vb_robot.spots import BORDER, DEFAULT, GUIDE, SEED, Sighting, Sightings
-from vb_robot.view import FloorView, ViewParams, to_base
+from vb_robot.view import FloorView, to_base
 from vb_robot.border_monitor import BorderMonitor
 
-DT, PROFILE, VIEW = 0.05, RobotProfile(), FloorView.at(ViewParams())
+DT, PROFILE, VIEW = 0.05, RobotProfile(), FloorView.usual()
 
 
 def empty(width=8.0, height=5.0, resolution=0.025):
@@ -151,14 +151,40 @@ def test_stop_is_latched_until_released(by):
     rig.step()
     if by == "state":
         rig.stopped = True
-    rig.driver.set_stop(True)
+    rig.driver.set_stop(True, rig.now)
     rig.step(5.0)
     assert rig.commands[-1].driver == "stop"
     if by == "state":
         rig.stopped = False  # `resume`
     else:
-        rig.driver.set_stop(False)
+        rig.driver.set_stop(False, rig.now)
     assert rig.step(0.6).v == 0.3
+
+
+def test_an_interaction_manager_that_starts_again_releases_no_stop_that_it_did_not_hear():
+    rig = Rig()
+    rig.navigation = rig.teleop = (0.3, 0.0)
+    rig.step(0.5)
+    rig.silent.add("state")
+    rig.step(0.2)
+    rig.driver.set_stop(True, rig.now)
+    rig.step(1.0)
+    rig.silent.clear()  # it is back, and says that nobody is stopped
+    assert rig.step(5.0).driver == "stop"
+    rig.driver.set_stop(False, rig.now)
+    assert rig.step(0.6).v == 0.3
+
+
+def test_a_resume_that_is_older_than_the_stop_does_not_release_it():
+    rig = Rig()
+    rig.navigation, rig.stopped = (0.3, 0.0), True
+    rig.step(0.5)
+    resumed = rig.now
+    rig.step(0.1)
+    rig.driver.set_stop(True, rig.now)
+    rig.silent.add("state")
+    rig.driver.set_state(DEFAULT, "", 0.0, resumed, stopped=False)  # comes on another topic, and late
+    assert rig.step().driver == "stop"
 
 
 # ------------------------------------------------------------ the gate

@@ -10,10 +10,10 @@ from shapely.geometry import LineString, Point, Polygon
 from vb_core.grid_map import GridMap
 from vb_robot.drawing import Drawing
 from vb_robot.clearance_map import ClearanceMap
-from vb_robot.view import FloorView, ViewParams
+from vb_robot.view import FloorView
 from vb_robot.viewpoint import Outlook
 
-VIEW = FloorView.at(ViewParams())
+VIEW = FloorView.usual()
 
 
 def open_room():
@@ -95,6 +95,13 @@ def test_half_drawn_polygon_counts_with_what_it_will_enclose():
     robot = (6.5, 2.3, math.pi)
     for viewpoint in rank(robot, drawing):
         assert Polygon(CARPET).distance(LineString(route(robot, viewpoint))) >= 0.15
+
+
+def test_robot_within_a_half_drawn_polygon_is_offered_nothing_within_it():
+    drawing = Drawing(CARPET[3], CARPET, np.array([0.0, -1.0]), watched=True)
+    robot = (4.6, 2.2, math.pi / 2)
+    found = rank(robot, drawing)
+    assert found and all(Polygon(CARPET).distance(Point(place.x, place.y)) >= TERRAIN.radius for place in found)
 
 
 def test_short_line_changes_nothing():

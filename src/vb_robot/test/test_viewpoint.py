@@ -10,10 +10,10 @@ from vb_core import geometry
 from vb_core.grid_map import GridMap
 from vb_robot.drawing import Drawing
 from vb_robot.clearance_map import STAND_MARGIN, ClearanceMap, clearance_grid
-from vb_robot.view import FloorView, ViewParams, to_base, to_map
+from vb_robot.view import FloorView, to_base, to_map
 from vb_robot.viewpoint import IMAGE_MARGIN, LINE_MARGIN, MAX_DISTANCE, MIN_DISTANCE, Outlook
 
-VIEW = FloorView.at(ViewParams())
+VIEW = FloorView.usual()
 NO_CHAIN = np.zeros((0, 2))
 
 
@@ -212,14 +212,3 @@ def test_seed_side_is_left():
     assert not Outlook(TERRAIN, VIEW, drawing).fits((6.0, 1.0, 0.0))
     # from the left room nothing of the seed can be seen, and there is no need to go anywhere
     assert list(offers(TERRAIN, (1.0, 3.0, 0.0), drawing)) == []
-
-
-def test_robot_that_only_has_to_turn_does_so_where_it_is_by_now():
-    robot = (6.0, 2.0, 0.0)
-    drawing = Drawing(np.array([6.0, 3.2]), NO_CHAIN, None)
-    best = list(offers(TERRAIN, robot, drawing))[0]
-    assert best.turns_only and best.pose == pytest.approx((6.0, 2.0, math.pi / 2))
-    assert best.pose_from((6.3, 2.0, 0.0)) == pytest.approx((6.3, 2.0, math.atan2(1.2, -0.3)))
-    assert best.pose_from(None) == best.pose
-    elsewhere = list(offers(TERRAIN, (7.0, 0.5, 0.0), drawing))[0]
-    assert not elsewhere.turns_only and elsewhere.pose_from((6.9, 0.6, 0.0)) == elsewhere.pose

@@ -13,7 +13,7 @@ from shapely.geometry import LineString, Point
 from vb_core import geometry
 from vb_fusion.extraction import ExtractionParams, extract_border
 from vb_robot.coverage import CoverageParams, floor_seen, obstacle_heights
-from vb_robot.view import FloorView, ViewParams, to_base
+from vb_robot.view import FloorView, to_base
 from vb_sim.camera_calibration import calibrated_pose
 from vb_sim.floor_plan import physical_map
 from vb_sim.models import load_models, section
@@ -46,7 +46,7 @@ def drawn(seed, overlap=True):
     tremor = np.cumsum(rng.normal(0.0, 1.0, line.shape), axis=0)
     line = line + TREMOR * (tremor - tremor.mean(axis=0)) / tremor.std(axis=0)
     by_blue = GRID.with_data(SEEN.astype(np.int8)).values_at(line) > 0
-    view = FloorView.at(ViewParams())
+    view = FloorView.usual()
     by_robot = view.sees(to_base(line, ROBOT), 0.03)
     if not overlap:
         by_robot &= ~by_blue

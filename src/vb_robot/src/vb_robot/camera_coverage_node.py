@@ -53,7 +53,6 @@ class CameraCoverageNode:
         tf: <camera's optical frame> to map
     Published topics, latched, in the geometry of /map:
         /virtual_borders/coverage (nav_msgs/OccupancyGrid): how many cameras see each cell; 0: none; -1: no free floor
-        /virtual_borders/coverage/<camera> (nav_msgs/OccupancyGrid): 100: it sees the cell; 0: not; -1: no free floor
         /virtual_borders/coverage/outlines (visualization_msgs/MarkerArray): the edge of each camera's area, its name
     Parameters:
         ~* CameraCoverageParams, ~coverage/* CoverageParams
@@ -74,10 +73,6 @@ class CameraCoverageNode:
         self._started = rospy.Time.now()
         self._transforms = TransformLookup()
         self._publisher = rospy.Publisher(names.COVERAGE, OccupancyGridArray, queue_size=1, latch=True)
-        self._publishers = {
-            name: rospy.Publisher(f"{names.COVERAGE}/{name}", OccupancyGridArray, queue_size=1, latch=True)
-            for name in params.cameras
-        }
         self._markers = rospy.Publisher(f"{names.COVERAGE}/outlines", MarkerArray, queue_size=1, latch=True)
         self._maps: node.Mailbox = node.Mailbox()
         self._worker = node.Worker(self._maps, self._take_map)
@@ -154,11 +149,8 @@ class CameraCoverageNode:
 
     def _publish(self, grid: GridMap, seen: Dict[str, np.ndarray]) -> None:
         now = rospy.Time.now()
-        values = combined(grid, seen, self._coverage.occupied_threshold)
+        values = combined(grid, seen)
         self._publisher.publish(message_from_grid(grid.with_data(values), now))
-        for name, mask in seen.items():
-            alone = np.where(values < 0, np.int8(-1), np.where(mask, np.int8(100), np.int8(0)))
-            self._publishers[name].publish(message_from_grid(grid.with_data(alone), now))
         markers = MarkerArray([Marker(action=Marker.DELETEALL)])
         for number, (name, mask) in enumerate(sorted(seen.items())):
             markers.markers += _outline_markers(grid, number, name, mask)

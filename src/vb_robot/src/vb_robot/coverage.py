@@ -12,6 +12,7 @@ from vb_core.camera_model import CameraModel
 from vb_core.errors import CodedError, ParameterError
 from vb_core.grid_map import GridMap
 from vb_core.parameters import Parameters, param
+from vb_robot.clearance_map import OCCUPIED
 
 
 @dataclass(frozen=True)
@@ -20,7 +21,6 @@ class CoverageParams(Parameters):
 
     image_margin: float = param(8.0, "px", low=0.0, high=500.0, doc="a spot nearer to the image's edge does not count")
     max_distance: float = param(6.0, "m", above=0.0, high=100.0, doc="from camera to spot; farther, it is too small")
-    occupied_threshold: int = param(50, "%", low=1, high=100, doc="from this occupancy on something stands there")
     obstacle_height: float = param(0.5, "m", low=0.0, high=10.0, doc="of what the map shows, if nothing else is known")
     heights: list = param([], "m", doc="[x_min, y_min, x_max, y_max, height]: what is known better")
 
@@ -34,7 +34,7 @@ class CoverageParams(Parameters):
 
 def obstacle_heights(grid: GridMap, params: CoverageParams) -> np.ndarray:
     """(H, W) float32 [m] how high things are: 0 where the map is free or unknown."""
-    occupied = grid.data >= params.occupied_threshold
+    occupied = grid.data >= OCCUPIED
     heights = np.where(occupied, np.float32(params.obstacle_height), np.float32(0.0))
     for x_min, y_min, x_max, y_max, height in params.heights:
         corners = np.array([[x_min, y_min], [x_max, y_min], [x_max, y_max], [x_min, y_max]])
@@ -73,13 +73,13 @@ def floor_seen(
     return seen
 
 
-def combined(grid: GridMap, seen: Mapping[str, np.ndarray], occupied_threshold: int) -> np.ndarray:
+def combined(grid: GridMap, seen: Mapping[str, np.ndarray]) -> np.ndarray:
     """(H, W) int8: how many cameras see each cell, at most 100; -1 where the map has no free floor."""
     count = np.zeros(grid.shape, dtype=np.int16)
     for mask in seen.values():
         count += mask
     values = np.minimum(count, 100).astype(np.int8)
-    values[(grid.data < 0) | (grid.data >= occupied_threshold)] = -1
+    values[(grid.data < 0) | (grid.data >= OCCUPIED)] = -1
     return values
 
 

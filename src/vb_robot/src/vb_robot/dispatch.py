@@ -22,13 +22,13 @@ PATIENCE = 0.6  # [s] how long the present goal must have been unfit to be repla
 MIN_SPOT_MOVE = 0.3  # [m] how far the spot must have moved since the goal was chosen
 MIN_GAIN = 0.25  # [m] how far a new place must be from the present goal
 FAILED_RADIUS, FAILED_MEMORY = 0.3, 20.0  # [m, s] around a place that failed, nothing is tried for this long
-# [s, m] a robot that stands where it should see the spot, and nobody does, goes elsewhere by at least this, so often
-# until a camera sees it again: the laser may be off
-BLIND_AFTER, BLIND_RADIUS, BLIND_TRIES = 3.0, 0.5, 2
+# A place is a promise with a deadline at each stage [s]: navigation accepts it, the robot gets on (move_base itself needs
+# 40 s to give up), and from there a camera sees the spot. What is not kept in time has failed, and the next one is tried.
+WAITS = {"sent": 4.0, "active": 15.0, "seen": 3.0}
+STUCK_DISTANCE = 0.10  # [m] less is no way
+BLIND_RADIUS, BLIND_TRIES = 0.5, 2  # [m] apart, and so often until a camera sees it again: the laser may be off
 MAX_FAILURES, FAILURE_PAUSE = 5, 8.0  # this many in a row, then a rest [s]
 YIELD_PAUSE = 15.0  # [s] after another node sent the robot elsewhere
-ACK_TIMEOUT = 4.0  # [s] for navigation to accept a goal
-STUCK_AFTER, STUCK_DISTANCE = 15.0, 0.10  # [s, m] without progress the next place is tried; move_base itself needs 40 s
 SWITCH_GAIN = 1.0  # [m] how much better placed another robot must be to take over
 WAY_CHECK = 0.5  # [s] between two checks of the path to the present goal: the search costs up to 20 ms
 
@@ -111,9 +111,9 @@ class Record:
         self._sent = self._quiet_until = -math.inf
         self._unfit_since: Optional[float] = None
         self._failed: List[Tuple[float, float, float, float]] = []  # when [s], x, y [m], radius [m]
-        self._blind_since: Optional[Tuple[float, Pose]] = None  # since when it has been where it should see the spot
+        self._stage: Tuple[str, float, Optional[Pose]] = ("", 0.0, None)  # what is awaited, since when [s], from where
         self._blind_tries = self.failures = 0
-        self._progress: Optional[Tuple[float, Pose]] = None
+        self.searched = 0.0  # [m] of the line ahead that it has looked at in vain, and looks beyond
         self._way_judged: Tuple[Optional[Viewpoint], float, bool] = (None, 0.0, True)
         self.endangered = False
 
@@ -126,6 +126,9 @@ class Record:
             self.goal = None
             self._forget()
             return Decision(Kind.CANCEL if status.running else Kind.KEEP, "no robot is wanted now")
+        if moment.silent <= LOST_AFTER and self._blind_tries:
+            self._blind_tries, self.searched = 0, 0.0
+            self._failed = [entry for entry in self._failed if entry[3] != BLIND_RADIUS]  # it may be seen from there
         if moment.key != before.key:
             if not status.running:
                 self.goal = None  # it belonged to the state before
@@ -142,27 +145,26 @@ class Record:
 
     def _follow_up(self, now: float, status: RobotStatus) -> str:
         """Records how the goal goes; returns why to cancel it, or nothing."""
-        if status.goal is GoalStatus.SENT and now - self._sent > ACK_TIMEOUT:
-            self._fail(now)
-            return "navigation did not accept the goal in time"
-        if status.goal is GoalStatus.FAILED:
+        late = status.running and self._awaits(now, status.goal.value, status.pose) > WAITS[status.goal.value]
+        if status.goal is GoalStatus.FAILED or late:
             self._fail(now)
         elif status.goal is GoalStatus.TAKEN:
             self.goal, self._quiet_until = None, now + YIELD_PAUSE
         elif status.goal is GoalStatus.REACHED:
             self.failures = 0
-        elif status.goal is GoalStatus.ACTIVE and status.pose is not None:
-            if self._progress is None or _moved(self._progress[1], status.pose) >= STUCK_DISTANCE:
-                self._progress = (now, status.pose)
-            elif now - self._progress[0] > STUCK_AFTER:
-                self._fail(now)
-                return "the robot got stuck on its way"
-        return ""
+        return f"what should follow after '{status.goal.value}' did not come in time" if late else ""
+
+    def _awaits(self, now: float, what: str, pose: Optional[Pose]) -> float:
+        """[s] for which the same has been awaited without the robot getting anywhere."""
+        before, since, start = self._stage
+        if what != before or start is None or pose is None or _moved(start, pose) >= STUCK_DISTANCE:
+            self._stage = (what, since if what == before and pose is None else now, pose)
+        return now - self._stage[1]
 
     def _fail(self, now: float) -> None:
         assert self.goal is not None
         self._failed.append((now, self.goal.x, self.goal.y, FAILED_RADIUS))
-        self.goal = self._progress = self._unfit_since = None
+        self.goal = self._unfit_since = None
         self.failures += 1
         self._quiet_until = now + (RETRY_AFTER if self.failures % MAX_FAILURES else FAILURE_PAUSE)
 
@@ -177,12 +179,12 @@ class Record:
 
     def take(self, now: float, viewpoint: Viewpoint, reason: str) -> Decision:
         """Makes a viewpoint the goal."""
-        self.goal, self._sent, self._unfit_since, self._progress = viewpoint, now, None, None
+        self.goal, self._sent, self._unfit_since, self._stage = viewpoint, now, None, ("", now, None)
         return Decision(Kind.SEND, reason, viewpoint)
 
     def release(self, status: RobotStatus) -> Decision:
         """Releases the robot, as another one serves; failed places stay known."""
-        self.goal = self._unfit_since = self._progress = None
+        self.goal = self._unfit_since = None
         return Decision(Kind.CANCEL if status.running else Kind.KEEP, "another robot serves")
 
     def stay(self, now: float) -> Decision:
@@ -204,7 +206,8 @@ class Record:
         self.endangered = under_way and goal is not None and not self._way_is_safe(now, robot, goal, outlook)
         place = goal.pose if under_way and goal is not None else robot
         fits = outlook.fits(place) and not self.endangered and (not under_way or outlook.stands_free(place))
-        blind = self._is_blind(moment, robot, fits and not under_way)
+        fits = fits and all(math.dist(place[:2], (x, y)) >= radius for x, y, radius in self.failed(now))
+        blind = not under_way and self._is_blind(moment, robot, fits)
         if fits and not blind:
             self._unfit_since = None
             return "the spot is in view there"
@@ -212,8 +215,11 @@ class Record:
             return "waiting after a failure or for somebody else"
         if blind:
             self.goal = None
+            # first it looks farther along the line, then from elsewhere at where people hold still
+            self.searched = 0.0 if self._blind_tries % 2 else outlook.searched(robot)
             self._blind_tries += 1
             self._failed.append((now, robot[0], robot[1], BLIND_RADIUS))
+            return "nobody sees the spot from where it should be seen"
         elif goal is not None:
             self._unfit_since = now if self._unfit_since is None else self._unfit_since
             recent = now - self._sent < (LOST_INTERVAL if lost else MIN_INTERVAL) and not self.endangered
@@ -247,19 +253,13 @@ class Record:
             self._way_judged = (goal, now, safe)
         return safe
 
-    def _is_blind(self, moment: Moment, robot: Pose, stands: bool) -> bool:
+    def _is_blind(self, moment: Moment, robot: Pose, fits: bool) -> bool:
         """Whether the robot has been long enough where it should see the spot, and no camera reports it.
 
-        Then something hides it from there, or it is not where it is thought to be.
+        Then something hides it from there, or it is farther along the line than it is thought to be.
         """
-        if moment.silent <= LOST_AFTER:
-            self._blind_tries = 0
-        before = self._blind_since
-        if not stands or before is None or _moved(before[1], robot) > STUCK_DISTANCE:
-            self._blind_since = before = (moment.now, robot) if stands else None
-        if before is None or self._blind_tries >= BLIND_TRIES:
-            return False
-        return min(moment.silent, moment.now - before[0]) >= BLIND_AFTER
+        waited = self._awaits(moment.now, "seen" if fits else "", robot)
+        return fits and self._blind_tries < BLIND_TRIES and min(moment.silent, waited) >= WAITS["seen"]
 
 
 class Fleet:
@@ -269,6 +269,11 @@ class Fleet:
         self.records: Dict[str, Record] = {name: Record() for name in robots}
         self.serving: Optional[str] = None
         self._before = Moment(-math.inf, False, None)
+
+    @property
+    def searched(self) -> float:
+        """[m] of the line ahead that robots have looked at in vain, beyond where the spot was seen last."""
+        return max(record.searched for record in self.records.values())
 
     def step(
         self, moment: Moment, robots: Mapping[str, Tuple[RobotStatus, Optional[Outlook]]]

@@ -25,7 +25,6 @@ class WatchParams(Parameters):
     """Which robots there are."""
 
     robots: list = param([], doc="names of the robots, which are their namespaces; empty: one without a namespace")
-    mobile_cameras: tuple = param(("robot",), doc="names of cameras on robots, beside those of `robots`")
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -106,7 +105,7 @@ class Dispatcher:
         self._fleet = Fleet(watch.robots or [""])
         self._grounds = {name: RobotMap(radii.get(name, 0.18)) for name in self._fleet.records}
         self._lock = threading.RLock()
-        self._sightings = Sightings(mobile_cameras=(*watch.mobile_cameras, *watch.robots))
+        self._sightings = Sightings(mobile_cameras=watch.robots or ("robot",))
         self._progress: Optional[Progress] = None
         self._unseen: Optional[BlindSpots] = None
         self.notice: Optional[Notice] = None
@@ -209,7 +208,8 @@ class Dispatcher:
             if len(chain) < 2:
                 chain, closed, ordered = progress.points, False, False
         seeding = known.state == spots.SEED
-        return Drawing(target, chain, known.direction(), closed, seeding, ordered, known.watched(now))
+        return Drawing(target, chain, known.velocity(), closed, seeding, ordered, known.watched(now),
+                       searched=self._fleet.searched)
 
     def _notice(self, lost: bool, drawing: Drawing, unseen: Optional[BlindSpots], able: bool) -> Optional[Notice]:
         """What people should know: that no camera sees the spot, or will soon lose it, and what follows."""

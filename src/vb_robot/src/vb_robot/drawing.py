@@ -16,7 +16,9 @@ from vb_robot.clearance_map import ClearanceMap, clearance_grid, sample
 
 STEP = 0.05  # [m] between places of an extrapolated line
 HORIZON = 2.0  # [m] how far the line is extrapolated to where no stationary camera sees it
-AHEAD = 0.3  # [m] how far the robot looks beyond the edge of what they see: people notice it there, and hold still
+# Beyond the edge of what they see people notice that nobody sees the spot, and hold still. A quick hand is farther by
+# then: the robot looks at the middle of the way that it may have come, as long as both ends are in view.
+AHEAD, REACTION, HALF_VIEW = 0.3, 1.2, 0.6  # [m] at least, [s] until the hand rests, [m] at most
 BESIDE = 1.0  # [m] unseen floor counts this near to the spot on any side
 LEAST_GAP = 0.15  # [m] narrower shadows, as of a table's leg, do not count
 MIN_LINE = 0.3  # [m] a shorter line does not count yet
@@ -30,7 +32,7 @@ class Drawing:
     Attributes:
         spot: (2,) [m] where the spot is.
         chain: (M, 2) [m] what has been drawn.
-        direction: (2,) unit vector along which the spot moves, or None.
+        velocity: (2,) [m/s] how the spot moves, or None.
         closed: whether the chain is a polygon.
         seeding: the spot marks the side to be restricted: stay off that side.
         ordered: whether the chain's points are in the order of the line.
@@ -38,17 +40,24 @@ class Drawing:
         focus: (2,) [m] what the robot should look at. None: the spot.
         stretch: (K, 2) [m] what it should see if it can: where the line probably goes on while no stationary camera
             sees it. It leads past the focus; the part up to there must be seen.
+        searched: [m] of the stretch that a robot has looked at in vain: the spot is farther on, or hidden from there.
     """
 
     spot: np.ndarray
     chain: np.ndarray = field(default_factory=lambda: NOTHING)
-    direction: Optional[np.ndarray] = None
+    velocity: Optional[np.ndarray] = None
     closed: bool = False
     seeding: bool = False
     ordered: bool = True
     watched: bool = False
     focus: Optional[np.ndarray] = None
     stretch: np.ndarray = field(default_factory=lambda: NOTHING)
+    searched: float = 0.0
+
+    @property
+    def direction(self) -> Optional[np.ndarray]:
+        """(2,) unit vector along which the spot moves, or None."""
+        return None if self.velocity is None else self.velocity / np.linalg.norm(self.velocity)
 
     @property
     def look_at(self) -> np.ndarray:
@@ -59,6 +68,8 @@ class Drawing:
     def must_see(self) -> np.ndarray:
         """(K, 2) [m] without which a pose is none; a spot that no stationary camera sees is among them."""
         wanted = [self.look_at, *self.stretch[:1]]
+        if self.searched > 0.0:
+            return np.array(wanted[:1])
         return np.array(wanted if self.watched else [*wanted, np.asarray(self.spot, dtype=float)])
 
     def line_ahead(self, length: float) -> np.ndarray:
@@ -74,7 +85,8 @@ class Drawing:
         """The same with what a robot is to look at.
 
         While stationary cameras see the spot: the stretch on which they will lose it if it goes straight on, or else
-        the floor beside it that they do not see. When they do not: from where it was seen last on.
+        the floor beside it that they do not see. When they do not: from where it was seen last on, and
+        where that has been searched in vain, the end of what has been.
         """
         if self.seeding:
             return self
@@ -88,7 +100,10 @@ class Drawing:
         elif not self.watched:
             stretch = spot[None]
         if len(stretch):
-            return replace(self, focus=stretch[min(int(round(AHEAD / STEP)), len(stretch) - 1)], stretch=stretch)
+            speed = float(np.linalg.norm(self.velocity)) if self.velocity is not None else 0.0
+            ahead = max(AHEAD, min(0.5 * REACTION * speed, HALF_VIEW), self.searched)
+            ahead = min(int(round(ahead / STEP)), len(stretch) - 1)
+            return replace(self, focus=stretch[ahead], stretch=stretch)
         place = unseen.nearest(spot) if self.watched and unseen is not None else None
         return self if place is None else replace(self, focus=place)
 
@@ -170,9 +185,10 @@ class KeepOut:
     def allows(self, route: Optional[np.ndarray]) -> bool:
         """Whether a way (N, 2) [m] keeps off the area.
 
-        A robot that is too near or inside already may leave, but nowhere come nearer again. No way is not allowed.
+        A robot that is too near or inside already may leave, but nowhere come nearer again, and no way may end there: the
+        border would lock the robot in. No way is not allowed.
         """
         if route is None or not len(route):
             return False
         gaps = np.minimum(sample(self._grid, self._gap, route, outside=np.inf), self._needed)
-        return bool((gaps >= np.maximum.accumulate(gaps) - self._tremble).all())
+        return bool((gaps >= np.maximum.accumulate(gaps) - self._tremble).all() and gaps[-1] >= self._needed - self._tremble)

@@ -20,8 +20,7 @@ from typing import Dict, Iterable, List, Optional, Tuple
 from vb_core.grid_map import GridMap
 from vb_core.robot_profile import RobotProfile
 from vb_robot.following import Following, Frames
-from vb_robot.border_exit import MAP_MARGIN, MARGIN, RETRY, BorderExit, ExitPlanner
-from vb_robot.navigation_parameters import PATH_MARGIN
+from vb_robot.border_exit import MAP_MARGIN, BorderExit
 from vb_robot.safety import (LEAP, KeepoutMap, Keep, Scan, SpeedLimits, pose_jump, safe_speed, stop_distance)
 from vb_robot.servoing import MAX_SPEED, Wish
 from vb_robot.spots import DEFAULT, Sighting, Sightings
@@ -36,7 +35,6 @@ AHEAD = 0.5  # [s] a stamp farther ahead comes from another clock, and its age i
 POSE_DOUBT = 1.0  # [s] after a jump of the localisation it is not known where the borders are
 OTHER_LIMIT = 1.0  # [s] after another node's command nothing is let through: two drivers at one wheel
 CANCEL_EACH = 1.0  # [s] how often navigation's goals are cancelled while another one drives
-PINCHED_AFTER = 1.5  # [s] navigation has a goal and moves nothing: beside something it may find no path from here
 BLIND_SPEED = 0.1  # [m/s] without a scanner, by the map alone, and for a joystick where no beam points
 ACCELERATION, TURN_ACCELERATION = 0.4, 2.0  # [m/s^2, rad/s^2] of the driver's own behaviours: gentle beside people
 
@@ -74,28 +72,21 @@ class Driver:
 
     Args:
         camera: name of the robot's camera in the spots; mobile_cameras: names of all cameras on robots.
-        in_border: whether it follows the spot while a border is drawn, see `Sightings.follows`.
         leaves: whether it leaves a border that was saved where it is.
     """
 
     def __init__(
-        self, profile: RobotProfile, camera: str = "robot", mobile_cameras: Iterable[str] = (), in_border: str = "auto",
-        leaves: bool = True,
+        self, profile: RobotProfile, camera: str = "robot", mobile_cameras: Iterable[str] = (), leaves: bool = True,
     ) -> None:
         self.profile = profile
-        self._camera, self._in_border, self._leaves = camera, in_border, leaves
+        self._camera = camera
         self._lock = threading.RLock()
         self._spots = Sightings(mobile_cameras=(*mobile_cameras, camera))
         self._following = Following()
-        self._leaving: Optional[BorderExit] = None
-        self._grids: Optional[Tuple[GridMap, GridMap]] = None  # with and without borders
-        self._retry_at = -math.inf
-        self._pinched: Optional[BorderExit] = None
-        self._idle_since = -math.inf  # since when navigation has had a goal and moved nothing
-        self._swallowed: Optional[bool] = None  # whether the newest map put a border where the robot is; None: not yet known
+        self._exit = BorderExit(profile.radius, leaves)
         self._stamps: Dict[str, float] = {}  # [s] of the newest scan, state and pose
         self._clock_age = 0.0  # [s] for which the clock has stood still
-        self._stopped = {"state": False, "topic": False}
+        self._stopped, self._stopped_at = {"state": False, "topic": False}, -math.inf  # the latter by the topic [s]
         self._scan: Optional[Scan] = None
         self._pose: Optional[Tuple[float, Pose]] = None
         self._doubt_until = -math.inf
@@ -118,14 +109,21 @@ class Driver:
             if self._spots.set_state(state, interaction, entered):
                 self._following.forget()
             self._note("state", stamp)
-            if self._stopped["state"] and not stopped:
-                self._stopped["topic"] = False  # `resume` releases both
+            # `resume` releases both, but not a stop that is newer than it: the two topics have no common order
+            if self._stopped["state"] and not stopped and stamp >= self._stopped_at:
+                self._stopped["topic"] = False
             self._stopped["state"] = stopped
 
-    def set_stop(self, stopped: bool) -> None:
-        """Takes a message of the stop topic; a stop holds until it is released."""
+    def set_stop(self, stopped: bool, now: float) -> None:
+        """Takes a message of the stop topic that comes at a time [s].
+
+        A stop holds until this topic releases it, or a later state that is not stopped after one that was. An
+        interaction manager that starts again and knows of no stop releases none.
+        """
         with self._lock:
             self._stopped["topic"] = stopped
+            if stopped:
+                self._stopped_at = now
 
     def add(self, sighting: Sighting) -> None:
         """Takes a spot of any camera."""
@@ -174,14 +172,11 @@ class Driver:
     def set_maps(self, borders: GridMap, physical: Optional[GridMap], workspace: Optional[BorderMonitor]) -> None:
         """Takes the map with borders, the one without, and what is known about the borders between them."""
         radius = self.profile.radius
-        same = physical is not None and physical.same_geometry(borders)
         ground = KeepoutMap(borders, radius)
         beneath = KeepoutMap(physical, radius) if physical is not None else None
         with self._lock:
             self._ground, self._physical, self._workspace = ground, beneath, workspace
-            self._grids = (borders, physical) if same and physical is not None else None
-            self._leaving, self._swallowed = None, None
-            self._retry_at = -math.inf
+            self._exit.set_maps(ground, physical, workspace)
 
     def set_speed_limits(self, grid: GridMap) -> None:
         """Takes the highest speeds by place [cm/s]."""
@@ -233,13 +228,12 @@ class Driver:
             dt = 0.0 if self._stepped_at is None else min(max(now - self._stepped_at, 0.0), 0.2)
             self._stepped_at = now
             driver, wish = self._choose(now, dt, frames)
-            if driver not in (LEAVE, NOBODY) and self._leaving is not None:
-                self._leaving.pause()
+            if driver not in (LEAVE, NOBODY):
+                self._exit.pause()
             if driver != FOLLOW:
                 self._following.rest()
             v, w, code = self._gate(now, driver, wish)
-            displaced = driver == FOLLOW or (driver == LEAVE and self._pinched is None)
-            cancel = self._goal_runs and displaced and not 0.0 <= now - self._cancelled_at < CANCEL_EACH
+            cancel = self._goal_runs and driver == FOLLOW and not 0.0 <= now - self._cancelled_at < CANCEL_EACH
             if cancel:
                 self._cancelled_at = now
             # a robot that nobody drives any more is told once to stop, and one that stops on command all the time
@@ -255,7 +249,7 @@ class Driver:
         if teleop is not None:
             return TELEOP, teleop
         # a robot that a person guides stays theirs when the state is lost: the gate then stops it
-        if self._spots.follows(self._camera, now, self._in_border):
+        if self._spots.follows(self._camera, now):
             return FOLLOW, self._ramped(dt, self._following.wish(now, dt, frames))
         wish = self._leave(now)
         if wish is not None:
@@ -270,64 +264,18 @@ class Driver:
         return wish if -0.1 <= now - stamp <= STOP_WITHIN else None
 
     def _leave(self, now: float) -> Optional[Wish]:
-        """The path out, if a border was saved where the robot is, and nobody draws or guides.
-
-        This behaviour ignores a robot that navigation or a person brought near a border, unless it is
-        pinched: navigation's paths keep PATH_MARGIN more than its controller, which may end where no path begins.
-        """
         pose = self.pose(now)
-        if pose is None or self._workspace is None or self._grids is None:
+        if pose is None:
             return None
-        pinched = self._pinch(now, pose)
-        if pinched is not None or not self._leaves:
-            return pinched
-        room = self._workspace.distance_to_keepout(pose[:2])
-        if self._swallowed is None:
-            self._swallowed = room < self.profile.radius and self._workspace.is_hard(pose[:2])
-        if not self._swallowed:
-            return None
-        if room >= self.profile.radius + (MARGIN if self._leaving is not None else 0.0):
-            self._leaving, self._swallowed = None, False
-            return None
-        if self._spots.state != DEFAULT or (self._leaving is None and 0.0 <= self._retry_at - now <= RETRY):
-            return None
-        if self._leaving is None:
-            self._leaving = BorderExit(ExitPlanner(*self._grids, self.profile.radius, pose[:2]))
-        if self._goal_runs:
-            self._leaving.pause()
-            return Wish(0.0, 0.0, "goal_cancelled")
+        last = self._command(NAVIGATION, now)
+        moves = last is not None and (last.v != 0.0 or last.w != 0.0)
         held = self._last.code if self._last.driver == LEAVE and self._last.code != "drives" else ""
-        wish = self._leaving.wish(now, pose, held)
-        if self._leaving.failed:
-            self.leave_failed = self._leaving.failed
-            self._leaving, self._retry_at = None, now + RETRY
-        return wish
-
-    def _pinch(self, now: float, pose: Pose) -> Optional[Wish]:
-        """Moves a few centimetres away from what is too near for navigation to plan; then its goal goes on."""
-        assert self._ground is not None and self._grids is not None
-        _, last = self._commands.get(NAVIGATION, (-math.inf, Wish(0.0, 0.0)))
-        moves = self._command(NAVIGATION, now) is not None and (last.v != 0.0 or last.w != 0.0)
-        if not self._goal_runs or (moves and self._pinched is None) or self._spots.state != DEFAULT:
-            self._idle_since, self._pinched = now, None
-            return None
-        room = float(self._ground.clearance_at([pose[:2]])[0]) - self.profile.radius
-        if self._pinched is None:
-            if not -self.profile.radius < room < PATH_MARGIN + 0.02 or not 0.0 <= now - self._idle_since >= PINCHED_AFTER:
-                return None
-            self._pinched = BorderExit(ExitPlanner(*self._grids, self.profile.radius, pose[:2]))
-        if room >= MARGIN or self._pinched.failed:
-            self._idle_since, self._pinched = now, None
-            return None
-        wish = self._pinched.wish(now, pose, self._last.code if self._last.driver == LEAVE else "")
-        return None if self._pinched.failed else wish
-
-    leave_failed = ""  # why the last try to leave ended, as a code
+        return self._exit.wish(now, pose, self._spots.state == DEFAULT, self._goal_runs, moves, held)
 
     @property
-    def gave_up_leaving(self) -> bool:
-        """Whether it waits to try again to leave a border."""
-        return self._retry_at > -math.inf and self._leaving is None
+    def leave_failed(self) -> str:
+        """Why the last try to leave a border ended, as a code, while it waits to try again; else empty."""
+        return self._exit.failed
 
     def _ramped(self, dt: float, wish: Wish) -> Wish:
         """The wish with bounded accelerations; slowing down is bounded by the brake only."""

@@ -2,7 +2,7 @@
 from __future__ import annotations
 
 from collections import deque
-from typing import Deque, Optional, Tuple
+from typing import Deque, List, Optional, Tuple
 
 import actionlib
 import rospy
@@ -70,33 +70,26 @@ class NavigationClient:
 
     def cancel_leftovers(self) -> int:
         """Cancels goals that an earlier process of this node sent before it died; gives how many."""
+        left = [goal for goal in self._running() if goal not in self._known and goal.startswith(f"{rospy.get_name()}-")]
+        for goal in left:
+            self._known.append(goal)
+            self._client.pub_cancel.publish(GoalID(id=goal))
+        return len(left)
+
+    def _running(self) -> List[str]:
+        """The ids of the goals that the server works on, no matter who gave them."""
         status = self._client.last_status_msg
-        if status is None:
-            return 0
-        count = 0
-        for entry in status.status_list:
-            if entry.status not in (StatusMessage.PENDING, StatusMessage.ACTIVE) or entry.goal_id.id in self._known:
-                continue
-            if entry.goal_id.id.startswith(f"{rospy.get_name()}-"):
-                self._known.append(entry.goal_id.id)
-                self._client.pub_cancel.publish(GoalID(id=entry.goal_id.id))
-                count += 1
-        return count
+        running = (StatusMessage.PENDING, StatusMessage.ACTIVE)
+        return [entry.goal_id.id for entry in status.status_list if entry.status in running] if status is not None else []
 
     def busy(self) -> bool:
         """Whether it drives to a goal that somebody else gave."""
-        status = self._client.last_status_msg
-        running = (StatusMessage.PENDING, StatusMessage.ACTIVE)
-        return status is not None and any(
-            entry.status in running and entry.goal_id.id not in self._known for entry in status.status_list)
+        return any(goal not in self._known for goal in self._running())
 
     def goal_place(self) -> Optional[Tuple[float, float]]:
         """(x, y) [m], map frame, where it drives to, no matter who gave the goal; None if nowhere that is known."""
-        goal, status = self._newest_goal, self._client.last_status_msg
-        if goal is None or status is None:
-            return None
-        running = (StatusMessage.PENDING, StatusMessage.ACTIVE)
-        if not any(entry.status in running and entry.goal_id.id == goal.goal_id.id for entry in status.status_list):
+        goal = self._newest_goal
+        if goal is None or goal.goal_id.id not in self._running():
             return None
         target = goal.goal.target_pose
         return pose_to_2d(target.pose)[:2] if target.header.frame_id.lstrip("/") == MAP_FRAME else None

@@ -144,7 +144,7 @@ class RobotDispatcherNode:
         self._notices.set([self._dispatcher.notice] if self._dispatcher.notice else [])
 
     def _send(self, robot: DispatchedRobot, viewpoint: Viewpoint, key: Tuple[str, int]) -> None:
-        pose = robot.pose_for(viewpoint)
+        pose = viewpoint.pose
         with self._goals:
             if self._dispatcher.key != key:
                 return  # the state has ended meanwhile

@@ -15,7 +15,7 @@ from geometry_msgs.msg import Twist
 from move_base_msgs.msg import MoveBaseActionGoal
 from nav_msgs.msg import Path
 from roslib.message import get_message_class
-from sensor_msgs.msg import CameraInfo, LaserScan
+from sensor_msgs.msg import LaserScan
 from std_msgs.msg import Bool, ColorRGBA
 from visualization_msgs.msg import Marker, MarkerArray
 
@@ -25,18 +25,17 @@ from vb_core.grid_map import GridMap
 from vb_core.notices import Notice, Severity
 from vb_core.parameters import Parameters, param
 from vb_core.robot_profile import Contact, RobotProfile
-from vb_core.ros.cameras import camera_from_info
 from vb_core.ros import parameters, robot_profile
 from vb_core.ros.messages import OccupancyGridArray, array_from_points, grid_from_message, pose_to_2d
 from vb_core.ros.notices import NoticePublisher
 from vb_core.ros.transforms import TransformLookup
 from vb_msgs.msg import BorderProgress, DriverState, InteractionState, LaserSpot, VirtualBorder, VirtualBorderArray
 from vb_robot import driver as drivers
+from vb_robot.camera_view import CameraView
 from vb_robot.driver import Command, Driver
 from vb_robot.following import Frames
 from vb_robot.safety import Scan
-from vb_robot.spots import FOLLOW, Sighting
-from vb_robot.view import FloorView
+from vb_robot.spots import Sighting
 from vb_robot.border_monitor import KnownBorder, BorderContact, BorderMonitor
 
 SLOW_LOCALISATION = 0.15  # [s] for an older spot the newest localisation is used: that is near enough
@@ -54,11 +53,8 @@ HOLDS = {"stopped", "state_lost", "scan_lost", "pose_lost", "pose_leapt", "no_ma
 class DriverParams(Parameters):
     """The node's parameters; what the robot is comes from its profile."""
 
-    robot: str = param("", doc="the robot's name in the borders' lists and in notices; empty for the only one")
-    camera: str = param("robot", doc="name of its camera in the spots")
+    robot: str = param("", doc="the robot's name: in borders, notices, before its frames, its camera's; empty: the only one")
     mobile_cameras: tuple = param(("robot",), doc="names of all cameras on robots; all others are stationary")
-    prefix: str = param("", doc="before the names of its frames, for instance robot1/")
-    follow_in_border: str = param("auto", choices=FOLLOW, doc="auto: if no stationary camera has seen the spot")
     leave_borders: bool = param(True, doc="drive out of a border that was put where the robot is")
 
 
@@ -77,7 +73,7 @@ class RobotDriverNode:
         cmd_vel (geometry_msgs/Twist): whether another node commands the base
     Published topics:
         cmd_vel (geometry_msgs/Twist): while the robot is driven, one zero when that ends, zeros while stopped
-        move_base/cancel (actionlib_msgs/GoalID): while it follows the spot or leaves a border
+        move_base/cancel (actionlib_msgs/GoalID): while it follows the spot
         /virtual_borders/drivers (vb_msgs/DriverState): who drives, and why
         /virtual_borders/notices (vb_msgs/NoticeArray)
         /virtual_borders/plans (visualization_msgs/MarkerArray): navigation's path of a robot with a name, for 5 s
@@ -88,22 +84,23 @@ class RobotDriverNode:
 
     def __init__(self, params: DriverParams, profile: RobotProfile) -> None:
         self._params, self._profile = params, profile
-        self._base, self._odom = params.prefix + profile.frames.base, params.prefix + profile.frames.odom
+        prefix = f"{params.robot}/" if params.robot else ""
+        self._base, self._odom = prefix + profile.frames.base, prefix + profile.frames.odom
         self._who = f"robot {params.robot}" if params.robot else "the robot"
-        self._driver = Driver(profile, params.camera, params.mobile_cameras, params.follow_in_border,
-                              params.leave_borders)
+        self._driver = Driver(profile, params.robot or "robot", params.mobile_cameras, params.leave_borders)
         self._lock = threading.Lock()
         self._maps: Dict[str, GridMap] = {}
         self._borders: List[KnownBorder] = []
         self._workspace: Optional[BorderMonitor] = None
         self._mounts: Dict[str, np.ndarray] = {}
-        self._info: Optional[CameraInfo] = None
         self._bad_goal: Optional[Notice] = None
         self._bad_goal_until = -1.0
         self._held_since: Dict[str, float] = {}
         self._told = (Command(), -1.0)
         self._closing = threading.Event()
         self._transforms = TransformLookup()
+        self._camera = CameraView(
+            profile.camera.info, self._base, profile.camera.max_range, self._transforms, self._driver.set_view)
         self._notices = NoticePublisher()
         self._cmd_vel = rospy.Publisher("cmd_vel", Twist, queue_size=1, tcp_nodelay=True)
         self._cancel = rospy.Publisher("move_base/cancel", GoalID, queue_size=1)
@@ -114,7 +111,7 @@ class RobotDriverNode:
             listen("cmd_vel/teleop", Twist, self._on_wish, drivers.TELEOP, queue_size=1, tcp_nodelay=True),
             listen("cmd_vel", rospy.AnyMsg, self._on_command, queue_size=20),
             listen(names.STATE, InteractionState, self._on_state, queue_size=10),
-            listen(names.STOP, Bool, lambda message: self._driver.set_stop(message.data), queue_size=10),
+            listen(names.STOP, Bool, lambda message: self._driver.set_stop(message.data, rospy.get_time()), queue_size=10),
             listen(names.SPOTS, LaserSpot, self._on_spot, queue_size=100),
             listen(names.PROGRESS, BorderProgress,
                    lambda message: self._driver.contributed(message.interaction_id, message.cameras), queue_size=1),
@@ -122,7 +119,6 @@ class RobotDriverNode:
             listen(names.PHYSICAL_MAP, OccupancyGridArray, self._on_map, "physical", queue_size=1),
             listen(names.SPEED_LIMITS, OccupancyGridArray, self._on_map, "speed", queue_size=1),
             listen(names.BORDERS, VirtualBorderArray, self._on_borders, queue_size=1),
-            listen(profile.camera.info, CameraInfo, self._on_camera, queue_size=1),
             listen("move_base/status", GoalStatusArray, self._on_status, queue_size=1),
             listen("move_base/goal", MoveBaseActionGoal, self._on_goal, queue_size=5),
         ]
@@ -179,21 +175,6 @@ class RobotDriverNode:
         scan = Scan(np.asarray(message.ranges), message.angle_min, message.angle_increment, message.range_min,
                     message.range_max, self._mounts[frame], self._profile.radius, self._profile.scanner.zero_is_nothing)
         self._driver.set_scan(scan, message.header.stamp.to_sec())
-
-    def _on_camera(self, message: CameraInfo) -> None:
-        known = self._info
-        if known is not None and (message.K, message.header.frame_id) == (known.K, known.header.frame_id):
-            return
-        T = self._lookup(self._base, message.header.frame_id, rospy.Time(0), warn=True)
-        if T is None:
-            return
-        try:
-            view = FloorView(camera_from_info(message), T, self._profile.camera.max_range)
-        except CodedError as error:
-            rospy.logwarn_throttle(5.0, f"{rospy.get_name()}: {error}")
-            return
-        self._info = message
-        self._driver.set_view(view)
 
     def _on_contact(self, contact: Contact, message: Any) -> None:
         self._driver.set_contact(contact.topic, int(getattr(message, contact.field)) == contact.alarm)
@@ -332,11 +313,11 @@ class RobotDriverNode:
             found.append(self._notice(code, severity, border=_quoted(borders)))
             if command.driver == drivers.LEAVE:
                 found.append(self._notice("robot_leaves_border", Severity.INFO, border=_quoted(borders)))
-            elif self._driver.gave_up_leaving:
+            elif self._driver.leave_failed:
                 reason = sentences.say(f"robot_{self._driver.leave_failed}", {"who": self._who})
                 found.append(self._notice(
                     "robot_cannot_leave", Severity.WARNING, border=_quoted(borders), reason=reason))
-        if command.code == "goal_cancelled" or command.cancel:
+        if command.cancel:
             found.append(self._notice("goal_cancelled", Severity.INFO))
         self._held_since = {command.code: self._held_since.get(command.code, now)}
         held = now - self._held_since[command.code] >= HELD_FOR or command.driver == drivers.STOP

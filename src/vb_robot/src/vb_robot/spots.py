@@ -14,10 +14,12 @@ import numpy as np
 DEFAULT, BORDER, SEED, GUIDE = range(4)  # the values of vb_msgs/InteractionState
 LOST_AFTER = 0.7  # [s] a spot that no camera has seen for this long is lost: cameras miss some images
 STRAIGHT = 0.7  # cosine of the angle up to which a spot goes straight on
+PIECE = 0.25  # [m] of the line tell where it goes on: ten times what cameras are off
+LEAST_SIGHTINGS = 6  # two in each third of that piece, so that one wrong spot does not count
+MIN_SPEED = 0.1  # [m/s] a slower spot rests
 RUN_GAP = 2.0  # [s] after this long without the spot another robot's camera may take over
 MIN_CONFIDENCE = 0.4  # the laser has 0.6 and more, reflections have 0.3: less certain spots move no robot
 AUTO_WAIT = 1.0  # [s] how long a stationary camera has to see the spot too before the robot follows
-FOLLOW = ("auto", "true", "false")
 
 
 @dataclass(frozen=True)
@@ -96,19 +98,11 @@ class Sightings:
         """Whether to send a robot to where its camera sees the spot."""
         return self.state in (BORDER, SEED) and self.stationary_seen
 
-    def follows(self, camera: str, now: float, in_border: str = "auto") -> bool:
-        """Whether the robot with this camera should follow the spot.
-
-        Args:
-            in_border: one of FOLLOW; "true" and "false" overrule the policy in Border and Seed.
-        """
-        if self._leader(now) != camera:
+    def follows(self, camera: str, now: float) -> bool:
+        """Whether the robot with this camera should follow the spot."""
+        if self._leader(now) != camera or self.state == DEFAULT:
             return False
         if self.state == GUIDE:
-            return True
-        if self.state == DEFAULT or in_border == "false":
-            return False
-        if in_border == "true":
             return True
         return not self.stationary_seen and self.first_mobile is not None and now - self.first_mobile >= AUTO_WAIT
 
@@ -158,26 +152,32 @@ class Sightings:
             last = [s.position for s in self._recent if s.stamp >= newest.stamp - self._window]
         return np.median(np.array(last), axis=0) if len(last) >= min_sightings else None
 
-    def direction(self, min_speed: float = 0.1) -> Optional[np.ndarray]:
-        """(2,) unit vector along which the spot moved over the window; None if it moved too little to tell, or turned.
+    def velocity(self) -> Optional[np.ndarray]:
+        """(2,) [m/s] how the spot moved on the last PIECE of its line; None if it rests, or turned on it.
 
-        Cameras differ by centimetres: only the one that saw most of the window counts.
+        The last piece of the line tells where it goes on, not the last second: a quick hand is past a corner long before
+        that. Cameras differ by centimetres: only one counts, the one that saw the spot last if it saw it often enough.
         """
         newest = self.newest()
         if newest is None:
             return None
         recent = [s for s in self._recent if s.stamp >= newest.stamp - self._window]
-        most = Counter(s.camera for s in recent).most_common(1)[0][0]
-        recent = sorted((s for s in recent if s.camera == most), key=lambda s: s.stamp)
-        if len(recent) < 6 or recent[-1].stamp - recent[0].stamp < 0.3 * self._window:
+        counts = Counter(s.camera for s in recent)
+        camera = newest.camera if counts[newest.camera] >= LEAST_SIGHTINGS else counts.most_common(1)[0][0]
+        recent = sorted((s for s in recent if s.camera == camera), key=lambda s: s.stamp)
+        places = np.array([s.position for s in recent])
+        if len(recent) < LEAST_SIGHTINGS:
             return None
+        earlier = places[:len(places) - LEAST_SIGHTINGS + 1]
+        far = np.flatnonzero(np.linalg.norm(earlier - np.median(places[-3:], axis=0), axis=1) >= PIECE)
+        begin = int(far[-1]) if len(far) else 0
         times, places = (
             [np.median(third, axis=0) for third in np.array_split(values, 3)]
-            for values in (np.array([s.stamp for s in recent]), np.array([s.position for s in recent]))
+            for values in (np.array([s.stamp for s in recent[begin:]]), places[begin:])
         )
         before, after, whole = places[1] - places[0], places[2] - places[1], places[2] - places[0]
-        length, seconds = float(np.linalg.norm(whole)), float(times[2] - times[0])
-        if seconds <= 0 or length / seconds < min_speed:
+        seconds = float(times[2] - times[0])
+        if seconds <= 0 or float(np.linalg.norm(whole)) < MIN_SPEED * max(seconds, 0.5 * self._window):
             return None
         straight = float(np.dot(before, after)) >= STRAIGHT * float(np.linalg.norm(before) * np.linalg.norm(after))
-        return whole / length if straight else None
+        return whole / seconds if straight else None

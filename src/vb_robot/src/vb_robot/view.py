@@ -2,26 +2,11 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 
 from vb_core import geometry
 from vb_core.camera_model import CameraModel
-from vb_core.parameters import Parameters, param
-
-
-@dataclass(frozen=True)
-class ViewParams(Parameters):
-    """Where the camera sits on the robot, and its lens."""
-
-    x: float = param(0.10, "m", low=-1.0, high=1.0, doc="ahead of base_link")
-    height: float = param(0.45, "m", above=0.0, high=3.0, doc="above the floor")
-    pitch_deg: float = param(30.0, "deg", low=0.0, high=90.0, doc="downwards from the horizontal")
-    horizontal_fov_deg: float = param(58.0, "deg", low=5.0, high=150.0)
-    image_width: int = param(640, "px", low=16)
-    image_height: int = param(480, "px", low=16)
-    max_range: float = param(3.0, "m", above=0.0, doc="farther away a spot is too small to be found")
 
 
 class FloorView:
@@ -40,12 +25,11 @@ class FloorView:
         self._T_camera_base = geometry.invert(T_base_camera)
 
     @classmethod
-    def at(cls, params: ViewParams) -> "FloorView":
-        """The view of an ideal camera."""
-        focal = (params.image_width / 2.0) / math.tan(math.radians(params.horizontal_fov_deg) / 2.0)
-        rotation = geometry.rotation_from_rpy(0.0, math.radians(params.pitch_deg), 0.0) @ geometry.optical_rotation()
-        return cls(CameraModel.ideal(params.image_width, params.image_height, focal),
-                   geometry.transform(rotation, (params.x, 0.0, params.height)), params.max_range)
+    def usual(cls) -> "FloorView":
+        """The view of an ideal camera of 58 degrees, 0.45 m above the floor and 30 degrees downwards."""
+        rotation = geometry.rotation_from_rpy(0.0, math.radians(30.0), 0.0) @ geometry.optical_rotation()
+        focal = 320.0 / math.tan(math.radians(29.0))
+        return cls(CameraModel.ideal(640, 480, focal), geometry.transform(rotation, (0.10, 0.0, 0.45)))
 
     def pixels(self, points: np.ndarray) -> np.ndarray:
         """(N, 2) [px] of floor points (N, 2) [m] in the base frame; NaN for what is behind the camera."""

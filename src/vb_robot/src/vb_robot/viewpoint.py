@@ -10,11 +10,10 @@ import math
 from dataclasses import dataclass, replace
 from typing import Iterable, List, Optional, Tuple
 
-import cv2
 import numpy as np
 
 from vb_core import geometry
-from vb_robot.drawing import Drawing, KeepOut
+from vb_robot.drawing import STEP, Drawing, KeepOut
 from vb_robot.clearance_map import STAND_MARGIN, ClearanceMap, ShortestPaths, clearance_grid, sample
 from vb_robot.view import FloorView
 
@@ -27,9 +26,9 @@ IMAGE_MARGIN = 0.15  # fraction of the image that must be beyond what a new pose
 SEEN_MARGIN = 0.06  # ... and beyond all that any pose must see
 LINE_MARGIN = 0.10  # [m] beyond the radius, from the line being drawn and from where it goes on
 LINE_AHEAD = 0.8  # [m] how far the line is extrapolated
-# What makes a place worse, in metres of path: turns (their time at 0.5 m/s), not being at the best distance, being inside
-# what the line encloses (the border may lock the robot in), not seeing where the line goes on.
-TURN_COST, DISTANCE_COST, ENCLOSED_COST, UNSEEN_COST = 0.4, 0.5, 3.0, 0.5
+# What makes a place worse, in metres of path: turns (their time at 0.5 m/s), not being at the best distance, not seeing
+# where the line goes on.
+TURN_COST, DISTANCE_COST, UNSEEN_COST = 0.4, 0.5, 0.5
 WAYS_CHECKED = 6  # each costs about 3 ms
 
 
@@ -39,7 +38,6 @@ class Viewpoint:
 
     Attributes:
         sees_spot: False for a place that only leaves the side to be restricted.
-        turns_only: it is where the robot was when it was chosen.
         risky: the path leads through what is being drawn, and was chosen all the same.
     """
 
@@ -51,20 +49,10 @@ class Viewpoint:
     spot: Tuple[float, float]
     sees_spot: bool = True
     risky: bool = False
-    turns_only: bool = False
 
     @property
     def pose(self) -> Pose:
         return self.x, self.y, self.yaw
-
-    def pose_from(self, here: Optional[Pose]) -> Pose:
-        """Where to send a robot that is `here` by now.
-
-        Choosing takes a moment. A robot that drove on meanwhile must not come back only to turn at the same place.
-        """
-        if not self.turns_only or here is None:
-            return self.pose
-        return here[0], here[1], math.atan2(self.spot[1] - here[1], self.spot[0] - here[0])
 
 
 class Outlook:
@@ -93,6 +81,12 @@ class Outlook:
         if float(np.linalg.norm(self.drawing.must_see - place[0], axis=1).min()) < 0.6 * MIN_DISTANCE:
             return False
         return bool(self._shows(place, np.array([pose[2]]))[0])
+
+    def searched(self, pose: Pose) -> float:
+        """[m] of the line ahead that is in view from a pose, from where the spot was seen last on."""
+        stretch = self.drawing.stretch
+        seen = self._seen(stretch, np.array([pose[:2]]), np.array([pose[2]]))[0] if len(stretch) else np.zeros(0, bool)
+        return STEP * float(np.flatnonzero(seen)[-1]) if seen.any() else 0.0
 
     def stands_free(self, pose: Pose) -> bool:
         """Whether there still is room at a goal."""
@@ -123,12 +117,13 @@ class Outlook:
         if area is None:
             return found[0] if found else self._retreat(ways, robot)
         keep_out = KeepOut(self.terrain, area)
-        starts_inside = sample(self.terrain.grid, keep_out.zone, np.array([robot[:2]]))[0] > 0
-        crossing = np.zeros(len(found), dtype=bool)
-        if not starts_inside:
-            crossing = ways.cross(keep_out.zone, np.array([(place.x, place.y) for place in found]))
-        for index in np.argsort(crossing, kind="stable")[:WAYS_CHECKED]:
-            if keep_out.allows(ways.route((found[index].x, found[index].y))):
+        places = np.array([robot[:2], *((place.x, place.y) for place in found)])
+        inside = sample(self.terrain.grid, keep_out.zone, places) > 0
+        # a robot within it may leave; of the others the paths that probably cross it come last
+        crossing = np.zeros(len(found), dtype=bool) if inside[0] else ways.cross(keep_out.zone, places[1:])
+        order = [index for index in np.argsort(crossing, kind="stable") if not inside[1 + index]]
+        for index in order[:WAYS_CHECKED]:
+            if keep_out.allows(ways.route(places[1 + index])):
                 return found[index]
         retreat = self._retreat(ways, robot)
         return retreat if retreat is not None or self.drawing.watched else replace(found[0], risky=True)
@@ -164,31 +159,21 @@ class Outlook:
             keep &= np.hypot(places[:, 0] - x, places[:, 1] - y) >= radius
         keep[keep] = self._shows(places[keep], yaws[keep])
         way = ways.lengths_to(places)
-        at_home = np.linalg.norm(places - robot[:2], axis=1) < 1e-6
-        way[at_home] = 0.0
+        way[np.linalg.norm(places - robot[:2], axis=1) < 1e-6] = 0.0
         keep &= np.isfinite(way)
-        places, yaws, distances, way, at_home = (values[keep] for values in (places, yaws, distances, way, at_home))
+        places, yaws, distances, way = (values[keep] for values in (places, yaws, distances, way))
         if not len(places):
             return []
         turns = np.array([_turns(robot, place, yaw) for place, yaw in zip(places, yaws)])
         cost = way + TURN_COST * turns + DISTANCE_COST * np.abs(distances - BEST_DISTANCE)
-        cost += ENCLOSED_COST * self._enclosed(places)
         ahead = np.vstack([self.drawing.line_ahead(LINE_AHEAD), self.drawing.stretch])
         if len(ahead) > 1:
             cost += UNSEEN_COST * (1.0 - self._seen(ahead, places, yaws).mean(axis=1))
         return [
             Viewpoint(float(places[i, 0]), float(places[i, 1]), geometry.wrap_angle(float(yaws[i])), float(way[i]),
-                      float(cost[i]), (float(look_at[0]), float(look_at[1])), turns_only=bool(at_home[i]))
+                      float(cost[i]), (float(look_at[0]), float(look_at[1])))
             for i in np.argsort(cost, kind="stable")
         ]
-
-    def _enclosed(self, places: np.ndarray) -> np.ndarray:
-        """(N,) 1.0 where a place is within the convex hull of what has been drawn, else 0.0."""
-        points = np.vstack([np.asarray(self.drawing.chain, dtype=float).reshape(-1, 2), np.asarray(self.drawing.spot)[None]])
-        if len(points) < 3:
-            return np.zeros(len(places))
-        hull = cv2.convexHull(points.astype(np.float32))
-        return np.array([float(cv2.pointPolygonTest(hull, (float(x), float(y)), False) >= 0) for x, y in places])
 
     def _retreat(self, ways: ShortestPaths, robot: Pose) -> Optional[Viewpoint]:
         """The nearest place off the side to be restricted, if the robot is on it."""
