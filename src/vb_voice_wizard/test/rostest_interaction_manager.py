@@ -13,9 +13,7 @@ import unittest
 
 import rospy
 import rostest
-from vb_core import names, sentences
-from vb_core.notices import Notice, Severity
-from vb_core.ros.notices import message_from_notice
+from vb_core import sentences
 from std_msgs.msg import Bool, String
 
 sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
@@ -180,15 +178,6 @@ class InteractionManagerTest(unittest.TestCase):
         self.stub.candidate = GetDrawnBorderResponse(success=False, code="too_few", message="Draw more.")
         answer = self.command("save")
         self.assertEqual((answer.success, answer.code, answer.message), (False, "too_few", "Draw more."))
-        # not the laser is to blame, but a camera
-        self.stub.candidate = GetDrawnBorderResponse(success=False, code="no_spots")
-        self.assertEqual(self.command("save").code, "no_spots")
-        notice = Notice("camera_no_pose", Severity.ERROR, camera="south", values={"camera": "south"})
-        notices = rospy.Publisher(names.NOTICES, NoticeArray, queue_size=1, latch=True)
-        notices.publish(NoticeArray(source="/lab_monitor", notices=[message_from_notice(notice)]))
-        wait_until(lambda: self.command("save").code == "camera_no_pose", "the camera's fault as the answer")
-        self.assertIn("south", self.command("save").message)
-        notices.unregister()
         self.stub.candidate = good
         self.stub.add = AddBorderResponse(success=False, code="no_separation", message="It separates nothing.")
         answer = self.command("save")
