@@ -348,6 +348,8 @@ def main() -> int:
         for words in (("link", "set", "lo", "up"), ("link", "add", "switch", "type", "bridge"),
                       ("address", "add", f"{address(0)}/24", "dev", "switch"), ("link", "set", "switch", "up")):
             subprocess.run(["ip", *words], check=True)
+    # a shell that starts it in the background has interrupts ignored, and the nodes would ignore them too
+    signal.signal(signal.SIGINT, signal.default_int_handler)
     folder = Path(tempfile.mkdtemp(prefix="lab_scale_"))
     here = address(0) if apart else "127.0.0.1"
     os.environ.update({"ROS_MASTER_URI": f"http://{here}:{PORT}", "ROS_IP": here, "ROS_LOG_DIR": str(folder)})
