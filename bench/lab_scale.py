@@ -240,7 +240,9 @@ def measure(count: int, hosts: int, seconds: float, images: Path, folder: Path) 
 
 def cable() -> int:
     """Bytes that have passed the switch's ports to the other hosts."""
-    return sum(int(path.read_text()) for path in Path("/sys/class/net").glob("port*/statistics/[rt]x_bytes"))
+    # not /sys/class/net, which shows the namespace that it was mounted in
+    ports = [line.split(":") for line in Path("/proc/net/dev").read_text().splitlines() if line.lstrip().startswith("port")]
+    return sum(int(counts.split()[column]) for _, counts in ports for column in (0, 8))
 
 
 def live_apart() -> bool:
@@ -346,6 +348,8 @@ def main() -> int:
         for words in (("link", "set", "lo", "up"), ("link", "add", "switch", "type", "bridge"),
                       ("address", "add", f"{address(0)}/24", "dev", "switch"), ("link", "set", "switch", "up")):
             subprocess.run(["ip", *words], check=True)
+    # a shell that starts it in the background has interrupts ignored, and the nodes would ignore them too
+    signal.signal(signal.SIGINT, signal.default_int_handler)
     folder = Path(tempfile.mkdtemp(prefix="lab_scale_"))
     here = address(0) if apart else "127.0.0.1"
     os.environ.update({"ROS_MASTER_URI": f"http://{here}:{PORT}", "ROS_IP": here, "ROS_LOG_DIR": str(folder)})

@@ -50,9 +50,10 @@ def test_each_mistake_with_a_camera_is_named(changes, code):
 
 
 def test_two_cameras_with_the_drivers_default_frame_are_both_named():
-    both = [dataclasses.replace(GOOD, name=name, frame="head_camera", file_frame="head_camera") for name in "ab"]
+    both = [dataclasses.replace(GOOD, name=name, frame="head_camera", file_error="there is no such file") for name in "ab"]
     lines = check_cameras(both)
-    assert codes(lines) == ["lab_camera_frame_shared"] * 2
+    # not also that the pose is not known: it will get another frame first
+    assert codes(lines) == ["lab_camera_frame_shared"] * 2 and len(notices(lines)) == 2
     assert "b" in lines[0].values["others"] and "camera_frame_id" in lines[0].sentence()
 
 
@@ -103,6 +104,23 @@ def test_a_mistyped_launch_argument_is_named_with_the_nearest():
 def test_an_argument_for_a_launch_file_without_any_is_named():
     lines = check_launch_arguments(["cameras"], [])
     assert codes(lines) == ["lab_no_arguments"] and "cameras:=" in lines[0].sentence()
+
+
+@pytest.mark.parametrize("words, declared", [
+    (["-p", "11311", "lab.launch"], ["cameras"]), (["lab.launch", "--wait"], ["cameras"]), (["-p", "11311"], []),
+])
+def test_the_arguments_of_a_running_roslaunch_are_found(tmp_path, monkeypatch, words, declared):
+    from vb_bringup.lab_probe import launch_arguments
+
+    monkeypatch.setenv("ROS_MASTER_URI", "http://127.0.0.1:11311")
+    (tmp_path / "lab.launch").write_text('<launch><arg name="cameras" default=""/></launch>')
+    process = tmp_path / "proc" / "77"
+    process.mkdir(parents=True)
+    command = ["/usr/bin/python3", "/usr/bin/roslaunch", *words, "camera:=north south", "__name:=x"]
+    (process / "cmdline").write_bytes("".join(word + "\0" for word in command).encode())
+    (process / "environ").write_bytes(b"HOME=/\0ROS_MASTER_URI=http://127.0.0.1:11311\0")
+    (process / "cwd").symlink_to(tmp_path)
+    assert launch_arguments(tmp_path / "proc") == ((["camera"], declared) if declared else ([], []))
 
 
 def test_people_are_told_of_errors_that_nobody_else_tells():

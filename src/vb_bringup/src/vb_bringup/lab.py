@@ -158,8 +158,9 @@ def _pose_faults(camera: CameraSeen, by_frame: Mapping[str, Sequence[str]], faul
         return
     sharing = [name for name in by_frame[camera.frame] if name != camera.name]
     if sharing:
+        # it will get another frame: then comes the pose
         yield fault(State.ERROR, "lab_camera_frame_shared", frame=camera.frame, others=", ".join(sharing))
-    if camera.file_error:
+    elif camera.file_error:
         yield fault(State.ERROR, "lab_camera_no_calibration", file=camera.file, error=camera.file_error)
     elif camera.file_frame and camera.file_frame != camera.frame:
         yield fault(
@@ -304,8 +305,8 @@ def _nearest(name: str, known: Sequence[str]) -> str:
 
 # people are told of these at once, by the node that the fault is in: a check that comes later adds nothing
 _TOLD_BY_OTHERS = frozenset({
-    "lab_camera_no_detector", "lab_camera_no_publisher", "lab_camera_silent", "lab_camera_frame_shared", "lab_robot_no_pose",
-    "lab_robot_old_pose", "lab_borders_need_confirmation",
+    "lab_camera_no_detector", "lab_camera_no_publisher", "lab_camera_silent", "lab_robot_no_pose", "lab_robot_old_pose",
+    "lab_borders_need_confirmation",
 })
 
 

@@ -93,17 +93,19 @@ class LabMonitorNode:
     def _check_again_and_again(self) -> None:
         """Checks once all nodes have started, whenever one came or went or a camera's notices changed, and now and then."""
         situation: Tuple[FrozenSet[str], List[Notice]] = (frozenset(), [])
-        due = float("inf")
+        checked, due = time.monotonic(), float("inf")
         while not self._closed.wait(LOOK_S):
             with self._lock:
                 told = self._told
             before, situation = situation, (_running_nodes(), told)
             if situation != before:
-                due = time.monotonic() + SETTLED_S
+                # a node that dies again and again must not keep it from the others
+                due = min(time.monotonic() + SETTLED_S, checked + AGAIN_S[State.ERROR])
             if situation[0] and time.monotonic() > due:
                 lines = self._check()
+                checked = time.monotonic()
                 if lines is not None:
-                    due = time.monotonic() + AGAIN_S[State.ERROR if notices(lines) else State.OK]
+                    due = checked + AGAIN_S[State.ERROR if notices(lines) else State.OK]
                     self._adopt(lines)
 
     def _check(self) -> Optional[List[Line]]:

@@ -150,7 +150,6 @@ def probe(seconds: float) -> List[Line]:
 def launch_arguments(processes: Path = Path("/proc")) -> Tuple[List[str], List[str]]:
     """The arguments passed to roslaunch processes on this computer, and those that their files declare."""
     import roslaunch.arg_dump
-    import roslaunch.rlutil
 
     given: List[str] = []
     declared: Set[str] = set()
@@ -165,16 +164,28 @@ def launch_arguments(processes: Path = Path("/proc")) -> Tuple[List[str], List[s
             continue
         words = [word for word in words[start + 1:] if not word.startswith("-")]
         plain = [word for word in words if ":=" not in word]
-        plain = [os.path.join(folder, word) if os.path.isfile(os.path.join(folder, word)) else word for word in plain]
+        files = next((files for k in range(len(plain)) for files in [_launch_files(plain[k:], folder)] if files), [])
+        if not files:
+            continue
         try:
-            # what is not a file is an option's value
-            files = [word for word in roslaunch.rlutil.resolve_launch_arguments(plain) if os.path.isfile(word)]
             found = roslaunch.arg_dump.get_args(files)
         except Exception:  # a launch file that cannot be read was reported by roslaunch itself
             continue
         declared |= set(found)
         given += [word.split(":=")[0] for word in words if ":=" in word and not word.startswith("__")]
     return given, sorted(declared)
+
+
+def _launch_files(words: Sequence[str], folder: str) -> List[str]:
+    """The files that roslaunch was given in a folder; none if one of the words is an option's value."""
+    import roslaunch.rlutil
+
+    paths = [os.path.join(folder, word) if os.path.isfile(os.path.join(folder, word)) else word for word in words]
+    try:
+        found = roslaunch.rlutil.resolve_launch_arguments(paths)
+    except Exception:  # no package of this name
+        return []
+    return found if all(os.path.isfile(word) for word in found) else []
 
 
 def _master_of(process: Path) -> str:

@@ -1,14 +1,18 @@
 """Calls the services of border_fusion and map_integrator for the interaction manager, each within a known time."""
 from __future__ import annotations
 
+import threading
 from typing import Any, Dict, Type
 
+import rospy
 from std_srvs.srv import Trigger, TriggerRequest
 from vb_core import names
 from vb_core.errors import CodedError
+from vb_core.notices import NoticeBook, Severity
 from vb_core.ros import messages, services
+from vb_core.ros.notices import notice_from_message
 from vb_core.ros.preview_service import PreviewBorderArray, PreviewBorderArrayResponse
-from vb_msgs.msg import VirtualBorder
+from vb_msgs.msg import NoticeArray, VirtualBorder
 from vb_msgs.srv import (
     AddBorder, AddBorderRequest, GetDrawnBorder, GetDrawnBorderRequest, ListBorders, ListBordersRequest, PreviewBorderRequest,
 )
@@ -36,11 +40,27 @@ class BorderServices:
         self._occupancy = occupancy
         self._wait_s = wait_s
         self._answer_s = answer_s
+        self._lock = threading.Lock()
+        self._book = NoticeBook()
+        rospy.Subscriber(names.NOTICES, NoticeArray, self._on_notices, queue_size=20)
+
+    def _on_notices(self, message: NoticeArray) -> None:
+        with self._lock:
+            self._book.hear(message.source, map(notice_from_message, message.notices), rospy.get_time())
 
     def candidate(self, interaction_id: str) -> VirtualBorder:
-        """The border as drawn, ready to be added."""
+        """The border as drawn, ready to be added.
+
+        Without any spot, a camera that is known to be faulty is the reason to name, not the laser.
+        """
         request = GetDrawnBorderRequest(interaction_id=interaction_id)
         response = self._ask(names.CANDIDATE, GetDrawnBorder, request, "$border_fusion")
+        if response.code == "no_spots":
+            with self._lock:
+                told = self._book.current(rospy.get_time())
+            for notice in told:
+                if notice.camera and notice.severity is Severity.ERROR:
+                    raise CodedError(notice.code, **notice.values)
         _check(response)
         border = response.border
         border.id = ""
