@@ -31,8 +31,8 @@ def extract_seed(
 ) -> np.ndarray:
     """Finds the seed point s (paper, Sect. 3): where the pointer dwelt last.
 
-    A place that was seen before already counts less: something bright, or the end of the border. The longer a place
-    has been seen, the less its light is new. Cameras that agree are each other's witnesses.
+    A place that was seen before already counts less: something bright, or the end of the border. The longer light has
+    been at its place [s], the less it is new. Cameras that agree are each other's witnesses.
 
     Args:
         points: (N, 2) [m], any order. Without stamps it is the place where most of them are.
@@ -56,8 +56,9 @@ def extract_seed(
         at = places.points
         pairs = np.unique(np.column_stack([places.sights, seen.cameras]), axis=0)
         witnesses = np.bincount(pairs[:, 0], minlength=len(at)).astype(float)
-        first = np.array([min(rows) for rows in cKDTree(at).query_ball_point(at, HAND)])
-        gains = (witnesses / (1.0 + places.stamps - places.stamps[first])) ** 2
+        around = cKDTree(at).query_ball_point(at, HAND)
+        earlier = np.array([np.count_nonzero(np.array(rows) < place) for place, rows in enumerate(around)])
+        gains = witnesses / (1.0 + MOMENT * earlier)
     if before is not None and len(before) >= MIN_SPOTS:
         known = cKDTree(gather(before).points).query(at, k=[MIN_SPOTS], distance_upper_bound=HAND)[0][:, 0]
         gains = np.where(np.isfinite(known), KNOWN, 1.0) * gains
