@@ -4,10 +4,11 @@
     python3 bench/extraction.py --judge              people's strokes and the generator on judging data, about an hour
     python3 bench/extraction.py --judge --strokes 20 --only people usual
     python3 bench/extraction.py --against 3655b17    beside it, on the same strokes, the code of another revision
+    python3 bench/extraction.py --judge --seed 300000 seeds that nobody has seen: a range is fresh once
     python3 bench/extraction.py --figures docs/images
 
 Without --judge the developing half of people's strokes and seeds below 1,000 are used; with it the other half and
-seeds from 100,000. A stroke of the generator is bad if its chain is more than 0.25 m (Hausdorff distance) from the
+seeds from 100,000 or --seed. A stroke of the generator is bad if its chain is more than 0.25 m (Hausdorff distance) from the
 intended one, or if there is none. A person's stroke is bad if the line lies more than 0.25 m from what was drawn;
 where a polygon was meant, the distance is that from the extracted line to the drawn one, and a Jaccard index below
 0.8 is bad too. Writes docs/results/extraction.csv; --out changes that.
@@ -289,6 +290,7 @@ def main() -> int:
     parser.add_argument("--strokes", type=int, default=20, help="of the generator per cell")
     parser.add_argument("--draws", type=int, default=3, help="how often each person's stroke is seen")
     parser.add_argument("--judge", action="store_true", help="data that the code was not developed with")
+    parser.add_argument("--seed", type=int, help="the first one; 0, or 100000 with --judge")
     parser.add_argument("--against", help="a revision to compare with, on the same strokes")
     parser.add_argument("--methods", nargs="*", help="only these")
     parser.add_argument("--only", nargs="*", choices=groups, default=groups)
@@ -303,6 +305,7 @@ def main() -> int:
     tools = methods(before)
     tools = {name: tools[name] for name in (arguments.methods or tools)}
     which, base = ("judge", 100_000) if arguments.judge else ("develop", 0)
+    base = base if arguments.seed is None else arguments.seed
     rows: List[Dict[str, object]] = []
     for group in arguments.only:
         if group == "people":

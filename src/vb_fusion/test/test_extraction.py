@@ -190,6 +190,23 @@ def test_a_wave_whose_ends_are_far_apart_is_open_however_long_it_is():
     assert not chain_closure.decide(np.column_stack([x, 0.8 * np.sin(12 * x)])).closed
 
 
+@pytest.mark.parametrize("bend", [200, 240, 280])
+def test_a_wave_whose_ends_come_near_each_other_is_open(bend):
+    """It encloses next to nothing, however near its ends are."""
+    along = np.radians(np.linspace(0, bend, 600))
+    radius = 1.0 + 0.45 * np.sin(9 * along)
+    wave = radius[:, None] * np.column_stack([np.cos(along), np.sin(along)]) * [1.0, 0.45]
+    assert not chain_closure.decide(wave).closed
+
+
+def test_a_loop_in_the_middle_of_a_line_does_not_close_it():
+    turn = np.linspace(0, 2 * np.pi, 100)
+    loop = np.column_stack([0.25 * np.sin(turn), 0.25 - 0.25 * np.cos(turn)])
+    line = np.vstack([np.column_stack([np.linspace(-1, 0, 50), np.zeros(50)]), loop,
+                      np.column_stack([np.linspace(0, 1, 50), np.zeros(50)])])
+    assert not chain_closure.decide(line).closed
+
+
 @pytest.mark.parametrize("scale", [0.1, 1.0, 10.0])
 def test_line_with_tremor_is_open(scale):
     rng = np.random.default_rng(2)
@@ -341,6 +358,28 @@ def test_a_robot_that_is_lost_for_a_second_does_not_move_the_border():
     points = points + 0.12 * lost[:, None] * [0.0, 1.0]
     chain = extract_border(points, stamps=stamps, cameras=cameras, mobile=cameras == 1)
     assert np.abs(geometry.resample_chain(chain.points, 0.02)[:, 1]).max() < 0.025
+
+
+def test_a_line_that_is_drawn_back_over_itself_ends_where_it_turned():
+    distances = []
+    for seed in range(12):
+        stroke = draw("doorway", BASE.replace(passes=2), np.random.default_rng(seed))
+        chain = extract_border(stroke.points, stamps=stroke.stamps, cameras=stroke.cameras)
+        distances.append(hausdorff(chain.points, stroke.truth, False))
+    assert np.median(distances) < 0.07, distances
+
+
+def test_legs_that_lie_almost_on_each_other_keep_their_tip():
+    points, stamps, _ = line_spots([[0, 0], [0.01, 1.0], [0.02, 0], [0.8, 0]])
+    chain = extract_border(points, stamps=stamps)
+    assert np.linalg.norm(chain.points - [0.01, 1.0], axis=1).min() < 0.25
+
+
+def test_a_hook_that_is_drawn_slowly_is_no_rest():
+    hook, rest = line_spots([[0, 0.2], [-0.2, 0.1], [-0.15, 0], [0, 0]], speed=0.04), line_spots([[0, 0], [1.5, 0]])
+    stamps = np.concatenate([hook[1], hook[1][-1] + 0.04 + rest[1]])
+    chain = extract_border(np.vstack([hook[0], rest[0]]), stamps=stamps)
+    assert np.linalg.norm(geometry.resample_chain(chain.points, 0.01) - [-0.19, 0.1], axis=1).min() < 0.06
 
 
 def test_a_second_stroke_that_goes_on_from_an_end_is_joined():

@@ -36,6 +36,18 @@ def test_of_two_places_the_later_one():
     assert np.linalg.norm(extract_seed(points, stamps=-np.arange(120) / 25.0)) < 0.02
 
 
+def test_a_place_that_the_pointer_came_back_to():
+    points, extra = scene(((0, 0), 0.0, 2.0, 25, "red"), ((1, 2), 2.0, 4.0, 25, "red"), ((0, 0), 4.0, 6.0, 25, "red"))
+    assert np.linalg.norm(extract_seed(points, **extra)) < 0.02
+
+
+def test_a_pointer_that_moves_on_in_the_end_dwells_no_more():
+    points, extra = scene(((1, 2), 0.0, 2.0, 25, "red"))
+    away = np.column_stack([np.linspace(1, 1.8, 20), np.full(20, 2.0)])
+    stamps, cameras = np.append(extra["stamps"], 2.0 + np.arange(20) / 25.0), np.append(extra["cameras"], ["red"] * 20)
+    assert np.linalg.norm(extract_seed(np.vstack([points, away]), stamps=stamps, cameras=cameras) - [1, 2]) < 0.03
+
+
 @pytest.mark.parametrize(
     "points, code",
     [([], "no_spots"), ([[np.nan, 1]], "no_spots"), ([[0, 0]], "no_seed"), (np.zeros(3), "bad_points")],

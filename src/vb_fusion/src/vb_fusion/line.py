@@ -98,8 +98,12 @@ def _divide(stroke: Stroke) -> np.ndarray:
     corner = DETAIL * np.clip(2.0 / rest, 0.25, 1.0)
     best = np.zeros(count + 1)
     start = np.zeros(count + 1, dtype=int)
+    arc = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(x), np.diff(y)))])
     for end in range(1, count + 1):
         cost = best[:end] + _misfit(before[:, end, None] - before[:, :end])
+        # what goes back over itself is two sides
+        chord = np.hypot(x[:end] - x[end - 1], y[:end] - y[end - 1])
+        cost[arc[end - 1] - arc[:end] > 1.5 * chord + 4.0 * TREMBLE] = np.inf
         start[end] = np.argmin(cost)
         best[end] = cost[start[end]] + corner[end % count]
     starts = [int(start[count])]

@@ -6,7 +6,7 @@ its way. So what counts is light that is new at its place, and a jump costs no m
 """
 from __future__ import annotations
 
-from typing import Optional, Sequence
+from typing import Optional, Sequence, Tuple
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -31,8 +31,8 @@ def extract_seed(
 ) -> np.ndarray:
     """Finds the seed point s (paper, Sect. 3): where the pointer dwelt last.
 
-    A place that was seen before already counts less: something bright, or the end of the border. The longer a place
-    has been seen, the less its light is new. Cameras that agree are each other's witnesses.
+    A place that was seen before already counts less: something bright, or the end of the border. The longer light has
+    been at its place [s], the less it is new. Cameras that agree are each other's witnesses.
 
     Args:
         points: (N, 2) [m], any order. Without stamps it is the place where most of them are.
@@ -49,27 +49,38 @@ def extract_seed(
         raise ExtractionError("no_spots")
     if seen.spots < MIN_SPOTS:
         raise ExtractionError("no_seed", spots=seen.spots, needed=MIN_SPOTS)
-    if seen.stamps is None:
-        at, gains = seen.points, np.ones(len(seen.points))
-    else:
-        places = find_places(seen)
-        at = places.points
-        pairs = np.unique(np.column_stack([places.sights, seen.cameras]), axis=0)
-        witnesses = np.bincount(pairs[:, 0], minlength=len(at)).astype(float)
-        first = np.array([min(rows) for rows in cKDTree(at).query_ball_point(at, HAND)])
-        gains = (witnesses / (1.0 + places.stamps - places.stamps[first])) ** 2
+    places = None if seen.stamps is None else find_places(seen)
+    at = seen.points if places is None else places.points
+    spot, earlier = _spots_of_floor(at)
+    gains, path = np.ones(len(at)), np.arange(len(at))
     if before is not None and len(before) >= MIN_SPOTS:
         known = cKDTree(gather(before).points).query(at, k=[MIN_SPOTS], distance_upper_bound=HAND)[0][:, 0]
-        gains = np.where(np.isfinite(known), KNOWN, 1.0) * gains
-    if seen.stamps is not None:
+        gains[np.isfinite(known)] = KNOWN
+    if places is not None:
+        pairs = np.unique(np.column_stack([places.sights, seen.cameras]), axis=0)
+        gains *= np.bincount(pairs[:, 0]) / (1.0 + MOMENT * earlier)
         path = best_path(at, places.stamps, gains, np.inf, BLINK / MOMENT)[0]
-        at, gains = at[path], gains[path]
-    near = cKDTree(at).query_ball_point(at, HAND)
-    dwelt = np.array([gains[rows].sum() for rows in near])
-    # on the way it dwells nowhere for half as long
-    last = int(np.argmax(dwelt)) if seen.stamps is None else int(np.flatnonzero(dwelt >= 0.5 * dwelt.max())[-1])
-    middle = at[last]
+    dwelt = np.bincount(spot[path], gains[path])[spot[path]]
+    # on its way it dwells nowhere for half as long
+    last = int(np.argmax(dwelt)) if places is None else int(np.flatnonzero(dwelt >= 0.5 * dwelt.max())[-1])
+    middle = at[path[last]]
     for _ in range(5):
-        inside = np.linalg.norm(at - middle, axis=1) <= HAND
-        middle = at[inside].mean(axis=0)
+        inside = np.linalg.norm(at[path] - middle, axis=1) <= HAND
+        middle = at[path[inside]].mean(axis=0)
     return middle
+
+
+def _spots_of_floor(at: np.ndarray) -> Tuple[np.ndarray, np.ndarray]:
+    """(P,) which spot of floor each place (P, 2) [m] belongs to, a HAND wide, and how many were there before it."""
+    spot, earlier = np.zeros(len(at), dtype=int), np.zeros(len(at), dtype=int)
+    middles, seen = np.empty_like(at), np.zeros(len(at), dtype=int)
+    count = 0
+    for place, point in enumerate(at):
+        away = np.hypot(*(middles[:count] - point).T) if count else np.array([np.inf])
+        spot[place] = int(np.argmin(away))
+        if away[spot[place]] > HAND:
+            spot[place], middles[count] = count, point
+            count += 1
+        earlier[place] = seen[spot[place]]
+        seen[spot[place]] += 1
+    return spot, earlier

@@ -27,6 +27,7 @@ FLOOR = 2.0 * TREMBLE  # [m] width of the floor that a place covers
 BRISK = 6.0  # [m/s] at this speed an unseen path costs as much floor as it crosses
 BLINK = 3.0 * MOMENT  # [s] a pointer that moves is seen again within it
 ABSENCE = 20.0 * MOMENT  # [s] what is seen again after this has come back, and what is seen for longer stays
+STRAY = 0.02  # of the spots of the strongest place of the same moment: the rest of a moment with hundreds of spots
 LOOK_BACK = 40  # places among which a predecessor is looked for: 4 s, less where more than one thing is seen
 
 
@@ -63,7 +64,12 @@ def find_tracks(seen: Sights, widest_gap: float, shortest: float) -> List[Track]
         shortest: [m] of floor that a stroke explains.
     """
     places = find_places(seen)
-    points, stamps = places.points, places.stamps
+    weights = np.bincount(places.sights, seen.weights)
+    moment = ((places.stamps - places.stamps[0]) / MOMENT).astype(np.int64)
+    strongest = np.zeros(int(moment[-1]) + 1)
+    np.maximum.at(strongest, moment, weights)
+    strong = weights >= STRAY * strongest[moment]
+    points, stamps = places.points[strong], places.stamps[strong]
     gains = _gains(points, stamps)
     left = np.arange(len(points))
     tracks: List[Track] = []
