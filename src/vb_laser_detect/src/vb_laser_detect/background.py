@@ -53,7 +53,6 @@ class Background:
         self._sample = sample_blocks(image)
         self.blocks = blocks = (image.shape[0] // BLOCK, image.shape[1] // BLOCK)
         self._noise, self._deviation, self._changed_s, self._held_s = np.zeros((4,) + blocks, np.float32)
-        self._nothing = np.zeros(blocks, np.float32)
         self._limit: Optional[np.ndarray] = None  # of a rise that exceeds the noise, once that is known
         self._noise_s, self._noise_known = 0.0, False
         self._strip = 0.0  # part of the image that was blended in
@@ -131,8 +130,7 @@ class Background:
         self._held_s = cv2.max(self._held_s + (spots * np.float32(2.0 * dt) - dt32), 0.0)
         held = spots & (self._held_s < self.hold_s)
         steady = ~(changed | held)
-        self._changed_s += dt32
-        cv2.copyTo(self._nothing, (steady | held).view(np.uint8), self._changed_s)
+        self._changed_s = (self._changed_s + dt32) * ~(steady | held)
         self._noise_s += dt
         if self._noise_s >= _NOISE_TIME / 8:
             # noise changes slowly: not updated with each image
