@@ -90,7 +90,7 @@ class Background:
         self._before, self._motion = self.image, motion
         self.image = _shifted(self.image, motion, image)
         self.reference = cv2.dilate(self.image, _SQUARE)
-        self._sample = sample_blocks(cv2.erode(self.image, _SQUARE))
+        self._sample = sample_blocks(self.image)
 
     def examine(self, regions: Sequence[Region], image: np.ndarray) -> None:
         """Makes the reference exact around regions [px]."""
