@@ -13,7 +13,7 @@ from vb_core import names
 from vb_core.camera_model import CameraModel
 from vb_core.errors import CodedError
 from vb_core.ros.cameras import camera_from_info
-from vb_core.ros.images import compressed_image_array, image_array
+from vb_core.ros.images import compressed_encoding, compressed_image_array, image_array
 from vb_core.ros import messages
 from vb_evaluation.kit import bags
 from vb_evaluation.kit.recording import Recording
@@ -162,7 +162,7 @@ def _search(
             count.images += 1
             image = image_array(message) if topic in images else compressed_image_array(message)
             try:
-                encoding = message.encoding if topic in images else "bgr8" if image.ndim == 3 else ""
+                encoding = message.encoding if topic in images else compressed_encoding(message, image)
                 spots = camera.search(image, message.header.stamp, message.header.frame_id, encoding)
             except CodedError as error:
                 if error.code in ("no_transform", "no_camera_info"):
