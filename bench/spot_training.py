@@ -37,15 +37,12 @@ from vb_laser_detect.training import Examples, Frame, collect, fit, load_example
 VARIANTS = {"stationary": ("plain",), "window": ("plain",)}
 NEAR_FRAMES, FIRST_FRAMES = 8, 60  # of long clips those near a shot, and the first ones, tell enough
 SCENE_REACH_PX = 14.0
-UNLABELLED = {  # pulses that nobody labelled, looked at one by one (docs/explanation/detection.md): frames that say nothing
-    "logitech-indoor-tree-green.mp4": (43, 44, 70, 71, 87, 88, 126, 127, 222, 223),
-}
 
 
 def from_clip(folder: Path, name: str, video: dict, role: str, variant: str) -> Examples:
     """Examples of one clip in a role; see spot_clips."""
     size = spot_clips.VARIANTS[variant][1] * max(1.0, video["width"] / 640.0)
-    skipped, step = UNLABELLED.get(name, ()), spot_clips.VARIANTS[variant][2]
+    skipped, step = spot_clips.UNLABELLED.get(name, ()), spot_clips.VARIANTS[variant][2]
 
     def frames() -> Iterator[Frame]:
         shots = np.array([one["frame"] for one in video["labels"]])

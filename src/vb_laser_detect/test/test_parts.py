@@ -49,22 +49,22 @@ def test_background_takes_in_what_stays_and_leaves_out_what_is_a_spot():
     changed = floor.copy()
     changed[8:16, 8:16] = 200
     changed[32:40, 32:40] = 200
-    background = Background(floor, 60.0)
+    background = Background(floor)
     spots = np.zeros((8, 8), bool)
     spots[4, 4] = True
     for _ in range(60):
         maxima, _ = background.rise(changed, None)
-        background.learn(changed, maxima, maxima > 18, spots, 0.04)
+        background.learn(changed, maxima, maxima > 18, spots, 60.0, 0.04)
     assert (background.image[8:16, 8:16] == 200).all()
     assert (background.image[32:40, 32:40] == 100).all()
 
 
 def test_background_follows_a_slow_drift():
-    background = Background(np.full((64, 64), 100, np.uint8), 60.0)
+    background = Background(np.full((64, 64), 100, np.uint8))
     for i in range(500):
         image = np.full((64, 64), 100 + i // 25, np.uint8)
         maxima, _ = background.rise(image, None)
-        background.learn(image, maxima, maxima > 18, np.zeros((8, 8), bool), 0.04)
+        background.learn(image, maxima, maxima > 18, np.zeros((8, 8), bool), 60.0, 0.04)
     assert abs(int(background.image.mean()) - 119) <= 4
 
 

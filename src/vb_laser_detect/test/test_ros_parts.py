@@ -2,17 +2,19 @@
 import threading
 import time
 
+import cv2
 import numpy as np
 import pytest
 import rospy
 from diagnostic_msgs.msg import DiagnosticStatus
 from diagnostic_updater import DiagnosticStatusWrapper
-from sensor_msgs.msg import Image
+from sensor_msgs.msg import CompressedImage, Image
 from std_msgs.msg import Header
 
 from vb_core.camera_model import CameraModel
 from vb_core.errors import CodedError
 from vb_core.ros import cameras
+from vb_core.ros.images import compressed_encoding, compressed_image_array
 from vb_laser_detect import clock_check_node
 from vb_laser_detect.clock_offset import ClockOffset
 from vb_laser_detect.ros import camera_geometry
@@ -105,3 +107,15 @@ def test_a_clock_that_was_right_says_nothing_once_its_computer_is_silent():
         node._offsets, node._measured = {"red": ClockOffset(0.001, 0.001)}, {"red": time.monotonic() - age}
         levels.append(node._diagnose(DiagnosticStatusWrapper(), "red").level)
     assert levels == [DiagnosticStatus.OK, DiagnosticStatus.WARN]
+
+
+@pytest.mark.parametrize("kind, shape, encoding", [
+    ("bgr8; jpeg compressed bgr8", (32, 32, 3), "bgr8"),
+    ("bayer_rggb8; jpeg compressed bgr8", (32, 32, 3), "bgr8"),  # converted by the driver
+    ("bayer_rggb8; png compressed ", (32, 32), "bayer_rggb8"),
+    ("mono8; jpeg compressed ", (32, 32), "mono8"),
+    ("jpeg", (32, 32), "mono8"),
+])
+def test_a_compressed_image_s_format_says_whether_it_is_a_mosaic(kind, shape, encoding):
+    message = CompressedImage(format=kind, data=cv2.imencode(".png", np.zeros(shape, np.uint8))[1].tobytes())
+    assert compressed_encoding(message, compressed_image_array(message)) == encoding

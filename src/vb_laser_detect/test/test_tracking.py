@@ -2,6 +2,7 @@
 import numpy as np
 import pytest
 
+from vb_laser_detect.detector_params import DetectorParams
 from vb_laser_detect.tracking import Sighting, SpotTracker
 
 DIAGONAL = 800.0
@@ -17,7 +18,7 @@ class Film:
     """Feeds a tracker images at a rate [1/s]."""
 
     def __init__(self, rate=25.0, **changes):
-        self.tracker = SpotTracker(**{**dict(confirm_frames=3, max_speed=8.0, max_gap_s=0.25, max_spots=1), **changes})
+        self.tracker = SpotTracker(DetectorParams(**{"confirm_frames": 3, **changes}))
         self.period, self.now = 1.0 / rate, 0.0
 
     def see(self, *sightings, agrees=lambda *_: True):

@@ -33,11 +33,10 @@ class Background:
 
     A stationary camera's image is blended in strip by strip, so that every frame costs the same. Blocks that changed are
     left out until the change has lasted 1.5 s; then they are adopted in one step. Blocks that show a spot are left
-    out for `hold_s`.
+    out for a longer time.
 
     Args:
         image: (H, W) or (H, W, 3) uint8, the first image.
-        hold_s: [s] how long a spot may shine in the same place before it counts as a lamp.
 
     Attributes:
         image: the background itself.
@@ -46,14 +45,12 @@ class Background:
         moved: whether the camera moved since the last image.
     """
 
-    def __init__(self, image: np.ndarray, hold_s: float) -> None:
+    def __init__(self, image: np.ndarray) -> None:
         self.image = self.reference = image.copy()
-        self.hold_s = hold_s
         self.moved = False
         self._sample = sample_blocks(image)
         self.blocks = blocks = (image.shape[0] // BLOCK, image.shape[1] // BLOCK)
         self._noise, self._deviation, self._changed_s, self._held_s = np.zeros((4,) + blocks, np.float32)
-        self._nothing = np.zeros(blocks, np.float32)
         self._limit: Optional[np.ndarray] = None  # of a rise that exceeds the noise, once that is known
         self._noise_s, self._noise_known = 0.0, False
         self._strip = 0.0  # part of the image that was blended in
@@ -93,7 +90,7 @@ class Background:
         self._before, self._motion = self.image, motion
         self.image = _shifted(self.image, motion, image)
         self.reference = cv2.dilate(self.image, _SQUARE)
-        self._sample = sample_blocks(cv2.erode(self.image, _SQUARE))
+        self._sample = sample_blocks(self.image)
 
     def examine(self, regions: Sequence[Region], image: np.ndarray) -> None:
         """Makes the reference exact around regions [px]."""
@@ -119,20 +116,20 @@ class Background:
             self._limit = np.ceil(np.minimum(255.0, self._noise + _NOISE_DEVIATIONS * self._deviation)).astype(np.uint8)
         return cv2.compare(maxima, cv2.max(self._limit, math.ceil(least)), cv2.CMP_GE) > 0
 
-    def learn(self, image: np.ndarray, rise: np.ndarray, changed: np.ndarray, spots: np.ndarray, dt: float) -> None:
+    def learn(self, image: np.ndarray, rise: np.ndarray, changed: np.ndarray, spots: np.ndarray, hold_s: float, dt: float) -> None:
         """Adds a frame.
 
         Args:
             rise: (rows, columns) of the blocks.
             changed, spots: (rows, columns) bool; blocks that changed, and blocks that show a spot.
+            hold_s: [s] how long a spot may shine in the same place before it counts as a lamp.
             dt: [s] since the last frame.
         """
         dt32 = np.float32(dt)
         self._held_s = cv2.max(self._held_s + (spots * np.float32(2.0 * dt) - dt32), 0.0)
-        held = spots & (self._held_s < self.hold_s)
+        held = spots & (self._held_s < hold_s)
         steady = ~(changed | held)
-        self._changed_s += dt32
-        cv2.copyTo(self._nothing, (steady | held).view(np.uint8), self._changed_s)
+        self._changed_s = (self._changed_s + dt32) * ~(steady | held)
         self._noise_s += dt
         if self._noise_s >= _NOISE_TIME / 8:
             # noise changes slowly: not updated with each image

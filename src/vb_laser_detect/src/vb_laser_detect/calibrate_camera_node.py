@@ -20,7 +20,7 @@ from vb_core import names
 from vb_core.camera_model import CameraModel
 from vb_core.errors import CodedError
 from vb_core.ros.cameras import camera_from_info
-from vb_core.ros.images import compressed_image_array, image_array
+from vb_core.ros.images import compressed_encoding, compressed_image_array, image_array
 from vb_core.ros.node import Mailbox, Worker
 from vb_laser_detect import calibration_file
 from vb_laser_detect.calibration import CalibrationParams
@@ -81,7 +81,8 @@ class CameraInput:
             self.frame_id = message.header.frame_id
             self._size = (image.shape[1], image.shape[0])
             self._ready.notify_all()
-        self._handle(image, "bgr8" if self._compressed else message.encoding, message.header.stamp.to_sec())
+        encoding = compressed_encoding(message, image) if self._compressed else message.encoding
+        self._handle(image, encoding, message.header.stamp.to_sec())
 
     def wait(self, patience_s: float) -> CameraModel:
         """The camera's model, once images and camera_info have come.

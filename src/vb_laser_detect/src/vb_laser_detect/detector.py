@@ -144,18 +144,15 @@ class SpotDetector:
         self._classifier = self._given or classifier.load(params.classifier)
         self.params = params
         self._least_chroma = self._classifier.least_chroma(params.min_probability)
-        self._tracker.retune(params.confirm_frames, params.max_speed, params.max_gap_s, params.max_spots)
-        self._proposer.retune(params.hold_s)
+        self._tracker.params = self._proposer.params = params
 
     def reset(self) -> None:
         """Forgets the scene; the next frame begins a new one."""
-        p = self.params
         self.candidates: List[Candidate] = []
         self.backfilled: List[BackfilledSpot] = []
         self._stamp: Optional[float] = None
         self._shape: Optional[Tuple[int, ...]] = None
-        self._proposer = Proposer(p.moving_camera, p.hold_s)
-        self._tracker = SpotTracker(p.confirm_frames, p.max_speed, p.max_gap_s, p.max_spots)
+        self._proposer, self._tracker = Proposer(self.params), SpotTracker(self.params)
 
     @property
     def confirmation_s(self) -> float:
@@ -188,7 +185,7 @@ class SpotDetector:
         self._stamp, self._shape = stamp, image.shape
         diagonal = math.hypot(*image.shape[:2])
         expected = self._tracker.begin(stamp, diagonal, self._proposer.motion(image))
-        view = self._proposer.look(image, p.min_rise, p.max_candidates, self._white, expected)
+        view = self._proposer.look(image, self._white, expected)
         self._white = view.white
         camera = Camera(self._white, diagonal, mosaic)
         findings, candidates = self._look(view, camera)

@@ -14,6 +14,7 @@ import numpy as np
 
 from vb_laser_detect.background import Background
 from vb_laser_detect.blocks import BLOCK, Region, blocks_around, regions
+from vb_laser_detect.detector_params import DetectorParams
 from vb_laser_detect.registration import Registration
 from vb_laser_detect.tracking import Expected
 
@@ -63,21 +64,15 @@ class View(NamedTuple):
 class Proposer:
     """Finds regions in one camera's images, and keeps its background.
 
-    Args:
-        moving: whether the camera may move; then its motion is found in the images.
-        hold_s: [s] how long a spot may shine in one place before it counts as a lamp.
+    Attributes:
+        params: the detector's; they may be changed between images.
     """
 
-    def __init__(self, moving: bool, hold_s: float) -> None:
-        self._registration = Registration() if moving else None
+    def __init__(self, params: DetectorParams) -> None:
+        self.params = params
+        # if the camera may move its motion is found in the images
+        self._registration = Registration() if params.moving_camera else None
         self._background: Optional[Background] = None
-        self.retune(hold_s)
-
-    def retune(self, hold_s: float) -> None:
-        """Changes that time."""
-        self._hold_s = hold_s
-        if self._background is not None:
-            self._background.hold_s = hold_s
 
     def motion(self, image: np.ndarray) -> Optional[np.ndarray]:
         """(3, 3) how the camera moved since the last image; None if it was stationary. Call it before `look`."""
@@ -87,15 +82,14 @@ class Proposer:
             self._motion = None
         return self._motion
 
-    def look(self, image: np.ndarray, min_rise: float, most: int, white: float, expected: Sequence[Expected]) -> View:
+    def look(self, image: np.ndarray, white: float, expected: Sequence[Expected]) -> View:
         """Compares an image with the background.
 
         Args:
-            min_rise: [grey levels] of a block to be examined.
-            most: regions, twice as many where some are small.
             white: [grey levels] the brightest that the camera has shown.
             expected: where spots should be.
         """
+        min_rise, most = self.params.min_rise, self.params.max_candidates
         if self._background is not None:
             rise, darker = self._background.rise(image, self._motion)
             hot = self._background.hot_blocks(rise, min_rise)
@@ -113,7 +107,7 @@ class Proposer:
         return View(image, background.reference, proposals, rise, hot, changed, white)
 
     def _start(self, image: np.ndarray, expected: Sequence[Expected]) -> None:
-        background = self._background = Background(image, self._hold_s)
+        background = self._background = Background(image)
         if self._registration is not None:
             self._registration.take()
         if expected:
@@ -131,7 +125,7 @@ class Proposer:
         held = np.zeros_like(view.hot)
         for u, v, diameter in spots:
             held[blocks_around(held.shape, u, v, 1.25 * diameter + BLOCK)] = True
-        self._background.learn(view.image, view.rise, view.changed, held, elapsed)
+        self._background.learn(view.image, view.rise, view.changed, held, self.params.hold_s, elapsed)
 
 
 def _ranked(

@@ -11,7 +11,7 @@ from typing import Optional, Tuple
 import cv2
 import numpy as np
 
-_WIDTH = 240  # [px] of the images in which corners are followed
+_WIDTH = 240  # [px] at least, of the images in which corners are followed
 _CORNERS, _FEWEST = 48, 12  # looked for; needed to know a motion
 _FEW, _MOST_OF_FEW = 24, 0.75  # corners checked first while the camera is stationary; share that must not have moved
 _AGREE_PX = 0.7  # [px of the small image] corners that are farther off do not agree
@@ -41,15 +41,16 @@ class Registration:
         Args:
             image: (H, W) or (H, W, 3) uint8.
         """
-        height, width = image.shape[:2]
-        small = (min(width, _WIDTH), max(1, round(height * min(width, _WIDTH) / width)))
-        # the mean over an area makes a grey image of a Bayer mosaic too
-        grey = cv2.resize(image, small, interpolation=cv2.INTER_AREA)
+        grey, scale = image, 1.0
+        while grey.shape[1] >= 2 * _WIDTH:
+            # by halves: any other ratio takes ten times as long
+            height, width = grey.shape[0] // 2, grey.shape[1] // 2
+            grey, scale = cv2.resize(grey[: 2 * height, : 2 * width], (width, height), interpolation=cv2.INTER_AREA), 0.5 * scale
         self._latest, self._followed = grey if grey.ndim == 2 else cv2.cvtColor(grey, cv2.COLOR_BGR2GRAY), None
         if self._reference is None or self._reference.shape != self._latest.shape:
             self.take()
         elif self._moved or not self._stands():
-            motion = self._follow((small[0] / width, small[1] / height))
+            motion = self._follow(scale)
             if motion is None:
                 return None
             self._moved = _farthest(motion, image.shape) >= _STILL_PX
@@ -77,7 +78,7 @@ class Registration:
         off = np.abs(found - few).max(axis=(1, 2)) + np.where(good.ravel() > 0, 0.0, np.inf)
         return bool(np.mean(off < 0.5 * _STILL_PX) >= _MOST_OF_FEW)
 
-    def _follow(self, scale: Tuple[float, float]) -> Optional[np.ndarray]:
+    def _follow(self, scale: float) -> Optional[np.ndarray]:
         if self._corners is None or len(self._corners) < _FEWEST:
             return None
         found, good, _ = cv2.calcOpticalFlowPyrLK(
@@ -99,8 +100,7 @@ class Registration:
         if count < max(_FEWEST, _SHARE * len(before)) or not self._explains(motion):
             return None
         self._followed = after[agree.ravel() > 0]
-        (sx, sy) = scale
-        shrink = np.array([[sx, 0, 0.5 * sx - 0.5], [0, sy, 0.5 * sy - 0.5], [0, 0, 1.0]])
+        shrink = np.array([[scale, 0, 0.5 * scale - 0.5], [0, scale, 0.5 * scale - 0.5], [0, 0, 1.0]])
         # numpy's inverse starts threads
         return cv2.invert(shrink)[1] @ motion @ shrink
 

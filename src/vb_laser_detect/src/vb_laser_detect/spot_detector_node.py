@@ -16,7 +16,7 @@ from sensor_msgs.msg import CompressedImage, Image
 from vb_core import names
 from vb_core.errors import CodedError, ParameterError
 from vb_core.parameters import Parameters, param
-from vb_core.ros.images import compressed_image_array, image_array, image_message
+from vb_core.ros.images import compressed_encoding, compressed_image_array, image_array, image_message
 from vb_core.ros import messages, node, parameters
 from vb_core.ros.node import Mailbox, Worker
 from vb_core.ros.reconfigure import ReconfigureServer
@@ -168,9 +168,7 @@ class SpotDetectorNode:
             raise CodedError("no_stamp", "the images carry no time: they cannot be matched with poses")
         if self._compressed:
             raw = compressed_image_array(message)
-            # "bayer_rggb8; jpeg compressed ..." where the driver says what was compressed
-            of_driver = message.format.split(";")[0].strip()
-            encoding = "bgr8" if raw.ndim == 3 else of_driver if of_driver.startswith("bayer") else "mono8"
+            encoding = compressed_encoding(message, raw)
         else:
             raw, encoding = image_array(message), message.encoding
         image = self._detector_input(raw, encoding)

@@ -16,6 +16,8 @@ import cv2
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
+from vb_laser_detect.detector_params import DetectorParams
+
 _SLACK_M, _SLACK_PX = 0.05, 12.0  # what noise alone may move a spot between two images
 _GAP_PERIODS = 3.5  # a spot may be missing in two images of any camera
 _RECALL_S = 1.0  # older sightings of a spot confirmed late are not published
@@ -89,29 +91,19 @@ class _Track:
 class SpotTracker:
     """Follows the spots of one camera.
 
-    Args:
-        confirm_frames: a spot must be seen in this many images; 1: each image counts by itself.
-        max_speed: [m/s] of a spot on the floor.
-        max_gap_s: [s] it may be hidden this long; two images in any case.
-        max_spots: published at most.
-
     Attributes:
+        params: the detector's; they may be changed between images.
         period_s: [s] from one image to the next, the median of the last ones; 0 before the second.
     """
 
-    def __init__(self, confirm_frames: int, max_speed: float, max_gap_s: float, max_spots: int) -> None:
+    def __init__(self, params: DetectorParams) -> None:
+        self.params = params
         self._tracks: List[_Track] = []
         self._numbers = 0
         self._periods: Deque[float] = deque(maxlen=_PERIODS)
         self.period_s = 0.0
         self._stamp: Optional[float] = None
         self._axes = slice(0, 2)  # of a place, in which spots are told apart
-        self.retune(confirm_frames, max_speed, max_gap_s, max_spots)
-
-    def retune(self, confirm_frames: int, max_speed: float, max_gap_s: float, max_spots: int) -> None:
-        """Changes the limits."""
-        self._confirm_frames, self._max_speed = confirm_frames, max_speed
-        self._max_gap_s, self._max_spots = max_gap_s, max_spots
 
     def begin(self, stamp: float, diagonal: float, motion: Optional[np.ndarray]) -> List[Expected]:
         """Begins the next image; call it before `update`.
@@ -128,7 +120,7 @@ class SpotTracker:
             self._periods.append(stamp - self._stamp)
             self.period_s = median(self._periods)
         self._stamp, self._diagonal = stamp, diagonal
-        gap = max(self._max_gap_s, _GAP_PERIODS * self.period_s)
+        gap = max(self.params.max_gap_s, _GAP_PERIODS * self.period_s)
         self._tracks = [track for track in self._tracks if stamp - track.stamp <= gap]
         if motion is not None:
             for track in self._tracks:
@@ -163,12 +155,12 @@ class SpotTracker:
             if axes != self._axes:
                 self._tracks, self._axes = [], axes
         tracks = self._assign(sightings)
-        oldest = self._stamp - max(_RECALL_S, (self._confirm_frames + 1) * self.period_s)
+        oldest = self._stamp - max(_RECALL_S, (self.params.confirm_frames + 1) * self.period_s)
         for sighting, track in zip(sightings, tracks):
             self._see(track, sighting)
-            if not track.confirmed and track.hits >= self._confirm_frames:
+            if not track.confirmed and track.hits >= self.params.confirm_frames:
                 mean = None if track.tint is None else track.tint / track.tint.max()
-                track.confirmed = self._confirm_frames <= 1 or agrees(sighting, mean, self._stamp - track.since)
+                track.confirmed = self.params.confirm_frames <= 1 or agrees(sighting, mean, self._stamp - track.since)
             while track.waiting and track.waiting[0][0] < oldest:
                 track.waiting.popleft()
         self._choose(tracks, sightings)
@@ -184,8 +176,8 @@ class SpotTracker:
 
     def _assign(self, sightings: Sequence[Sighting]) -> List[_Track]:
         """The track of each sighting; the nearest pairs within reach, else a new one."""
-        slack, speed = (_SLACK_M, self._max_speed) if self._axes.start else (
-            _SLACK_PX, self._max_speed * self._diagonal / _DIAGONAL_M)
+        slack, speed = (_SLACK_M, self.params.max_speed) if self._axes.start else (
+            _SLACK_PX, self.params.max_speed * self._diagonal / _DIAGONAL_M)
         found: List[Optional[_Track]] = [None] * len(sightings)
         if self._tracks and sightings:
             places = np.array([s.place[self._axes] for s in sightings])[:, None]
@@ -217,10 +209,10 @@ class SpotTracker:
 
     def _choose(self, tracks: Sequence[_Track], sightings: Sequence[Sighting]) -> None:
         """Chooses the confirmed tracks to publish: those that were, then the most certain."""
-        if self._confirm_frames <= 1:
+        if self.params.confirm_frames <= 1:
             for track in self._tracks:
                 track.published = False
-        left = self._max_spots - sum(track.published for track in self._tracks)
+        left = self.params.max_spots - sum(track.published for track in self._tracks)
         for track, _ in sorted(zip(tracks, sightings), key=lambda both: (not both[1].certain, -both[1].confidence)):
             if track.confirmed and not track.published and left > 0:
                 track.published = True

@@ -135,8 +135,8 @@ def fit(examples: Examples) -> SpotClassifier:
             weights[of_kind] *= share * _WEIGHT / weights[of_kind].sum()
     # where a feature says nothing it counts as a usual spot's
     usual = np.array([np.median(c[truth & ~np.isnan(c)]) if (truth & ~np.isnan(c)).any() else np.nan for c in values.T])
+    knots = [_knots(column, truth) for column in values.T]  # where it says something: else most would lie at the usual value
     values = np.where(np.isnan(values), usual, values)
-    knots = [_knots(column, truth) for column in values.T]
     ramps = [_ramps(column, x) for column, x in zip(values.T, knots)]
     design = np.hstack(ramps)
     signs = np.concatenate([_signs(name, x) for name, x in zip(examples.names, knots)])

@@ -80,6 +80,13 @@ def compressed_image_array(message: CompressedImage) -> np.ndarray:
     return image
 
 
+def compressed_encoding(message: CompressedImage, image: np.ndarray) -> str:
+    """The encoding, as in sensor_msgs/Image, of a compressed image's pixels `compressed_image_array`."""
+    # "bayer_rggb8; jpeg compressed ..." where the driver says what was compressed
+    of_driver = message.format.split(";")[0].strip()
+    return "bgr8" if image.ndim == 3 else of_driver if of_driver.startswith("bayer") else "mono8"
+
+
 def image_message(image: np.ndarray, encoding: str, stamp: rospy.Time, frame_id: str) -> Image:
     """Pixels to a message; inverse of `image_array`."""
     image = np.ascontiguousarray(image)
