@@ -67,8 +67,8 @@ NESTED = {
 }
 # amcl/src/amcl_node.cpp, amcl/cfg/AMCL.cfg; those that the launch file sets
 AMCL = set(
-    "base_frame_id odom_model_type first_map_only global_frame_id initial_pose_a initial_pose_x initial_pose_y odom_frame_id "
-    "use_map_topic".split()
+    "base_frame_id odom_model_type first_map_only global_frame_id initial_pose_a initial_pose_x initial_pose_y laser_max_beams "
+    "odom_alpha1 odom_alpha2 odom_alpha3 odom_alpha4 odom_frame_id update_min_a update_min_d use_map_topic".split()
 )
 
 
@@ -166,6 +166,8 @@ def test_the_launch_file_gives_each_node_its_map():
     nodes = {node.get("name"): node for node in launch.iter("node")}
     amcl = {param.get("name"): param.get("value") for param in nodes["amcl"].iter("param")}
     assert set(amcl) - {"prefix"} <= AMCL and amcl["use_map_topic"] == amcl["first_map_only"] == "true"
+    # the corrected model takes them as variances: the defaults, meant for the other, are half of each motion
+    assert amcl["odom_model_type"] == "diff-corrected" and all(float(amcl[f"odom_alpha{i}"]) <= 0.05 for i in (1, 2, 3, 4))
     assert ("map", "/map") in {(remap.get("from"), remap.get("to")) for remap in nodes["amcl"].iter("remap")}
     loaded = [(param.get("file").rsplit("/", 1)[1], param.get("ns")) for param in nodes["move_base"].iter("rosparam")]
     # what is common comes first: what is loaded later wins
