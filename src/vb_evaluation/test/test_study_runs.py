@@ -88,7 +88,7 @@ def test_a_row_of_each_file_is_made_again_alone(name, tmp_path, capsys, monkeypa
     path = tmp_path / "short.yaml"
     path.write_text("design: {worlds: 2}\n")
     study = config.load(path)
-    job = plan.jobs(study, 1, only=name)[0]
+    job = plan.jobs(study, "full", only=name)[0]
     assert campaign.conduct(study, [job], tmp_path, console=QUIET) == 0
     asked = [part for key, value in job.columns(1).items() for part in (f"--{key}", str(value))]
     given = ["run", "--config", str(path), *asked, "--compare", str(tmp_path / name)]
