@@ -19,7 +19,6 @@ from vb_evaluation.provenance import revision
 from vb_evaluation.study import config
 from vb_evaluation.study.config import METHODS, Study
 from vb_evaluation.study.result import Result, Task
-from vb_evaluation.study.runner import run
 from vb_map_integration.border import VirtualBorder
 from vb_map_integration.recording import Recording as MapRecording
 from vb_sim import floor_plan
@@ -37,6 +36,14 @@ def person(study: Study, outcomes: List[bool]) -> Callable[[Planned], Callable[[
         return lambda: None
 
     return start
+
+
+def run(study: Study, task: Task) -> Result:
+    """A run of the simulated study."""
+    # the rest of the kit works without ROS
+    from vb_evaluation.study import runner
+
+    return runner.run(study, task)
 
 
 def write_recording(result: Result, folder: Path) -> None:
