@@ -7,6 +7,7 @@ WORLD    ?=
 SEED     ?= 1
 NAVIGATION ?= standin
 QUICK    ?=
+SIZE     ?= usual
 FRESH    ?=
 CONFIG   ?=
 OUT      ?= out/study
@@ -14,7 +15,6 @@ HOURS    ?= 24
 EXAMPLES ?= 3000
 PROCESSES ?=
 SCHEDULER ?=
-WORLDS   ?=
 
 .DEFAULT_GOAL := help
 .PHONY: help setup navigation demo test unit rostest screenshots study soak clean
@@ -44,10 +44,10 @@ rostest: setup ## only the tests of nodes
 screenshots: setup ## pictures of the smart display in every state, into docs/images/display
 	@. scripts/env.sh && python3 scripts/screenshots
 
-study: setup ## the paper's experiment with simulated people, into out/study: QUICK=1 FRESH=1 CONFIG=file OUT=folder PROCESSES=number WORLDS=number SCHEDULER=address
-	@. scripts/env.sh && python3 -m vb_evaluation.study all --out "$(OUT)" $(if $(QUICK),--quick) $(if $(FRESH),--fresh) \
+study: setup ## the paper's experiment with simulated people, into out/study: QUICK=1 SIZE=usual|full FRESH=1 CONFIG=file OUT=folder PROCESSES=number SCHEDULER=address
+	@. scripts/env.sh && python3 -m vb_evaluation.study all --out "$(OUT)" --size $(if $(QUICK),quick,$(SIZE)) $(if $(FRESH),--fresh) \
 	    $(if $(CONFIG),--config "$(CONFIG)") $(if $(PROCESSES),--processes $(PROCESSES)) $(if $(SCHEDULER),--scheduler "$(SCHEDULER)") \
-	    $(if $(filter-out file,$(origin SEED)),--seed $(SEED)) $(if $(and $(WORLDS),$(filter-out file,$(origin WORLDS))),--worlds $(WORLDS)) \
+	    $(if $(filter-out file,$(origin SEED)),--seed $(SEED)) \
 	    && python3 -m vb_evaluation.report "$(OUT)"
 
 soak: setup ## simulated days with people, crashes, cut cables, full disks, then examples drawn for every input: HOURS=24 SEED=1 EXAMPLES=3000

@@ -78,7 +78,7 @@ def make_study(folder, participants=15, sweeps=True, maps=True, seed=1, people=F
                     row["map"] = f"maps/{name}.yaml"
                     row["jaccard"] = f"{metrics.jaccard(truth, drawn):.4f}"
     write(folder / "runs.csv", RUN_COLUMNS, rows)
-    meta = {"world": "lab", "seed": seed, "quick": participants < 15, "people": people, "revision": "abc1234",
+    meta = {"world": "lab", "seed": seed, "size": "full", "people": people, "revision": "abc1234",
             "assumptions": [{"key": "participant/tremor", "value": "0.01", "unit": "m", "range": "0.005 to 0.02",
                              "source": "assumed", "why": "nobody measured it"}],
             "caveats": ["People of a simulation know what they do."]}

@@ -11,7 +11,7 @@ import pytest
 
 from vb_core.errors import CodedError
 from vb_evaluation.report import __main__ as command
-from vb_evaluation.report import charts, sections, worlds, write_report
+from vb_evaluation.report import background, beside, charts, worlds, write_report
 from vb_evaluation.report.data import read_study
 from vb_evaluation.report.maps import nearest_to_median
 from vb_evaluation.statistics import Interval
@@ -73,7 +73,7 @@ def test_no_p_of_simulated_people_and_p_of_people(full, tmp_path, no_pictures):
     (Interval(0.982, 0.975, 0.990, 0.95), 0.856, "better"), (Interval(0.80, 0.78, 0.82, 0.95), 0.856, "worse"),
     (Interval(0.86, 0.84, 0.88, 0.95), 0.856, "same")])
 def test_better_than_the_paper_is_no_agreement(full, ours, published, reading):
-    row = sections._beside(read_study(full[0]), "carpet", "Jaccard index, robot only", published, ours, 3)
+    row = beside._beside(read_study(full[0]), "carpet", "Jaccard index, robot only", published, ours, 3)
     assert row["reading"] == reading and bool(row["why"]) == (reading != "same")
 
 
@@ -112,7 +112,7 @@ def test_order_effects_are_found(tmp_path):
         if int(row["order"]) > 3:
             row["time_total_s"] = str(float(row["time_total_s"]) - 20.0)
     study_rows.write(folder / "runs.csv", study_rows.RUN_COLUMNS, rows)
-    found = [row for block in sections.order(read_study(folder)).blocks if hasattr(block, "rows") for row in block.rows]
+    found = [row for block in background.order(read_study(folder)).blocks if hasattr(block, "rows") for row in block.rows]
     period, carried = [row for row in found if row["measure"] == "time [s]"]
     assert float(period["difference"].split()[0].replace("−", "-")) == pytest.approx(-20.0, abs=3.0)
     assert period["p"] == "< .001" or float(period["p"]) < 0.01

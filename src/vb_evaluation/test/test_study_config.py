@@ -198,3 +198,13 @@ def test_the_examples_of_the_documentation_work(tmp_path):
     assert [study.world.name for study in studies].count("studio") == 1 and len(studies) > 1
     for study in studies:
         assert plan.curve_jobs(study, ["coverage", "robots"])
+
+
+def test_each_size_is_part_of_the_next():
+    jobs = {size: plan.jobs(STUDY, size) for size in plan.SIZES}
+    quick, usual, full = ({(job.file, *map(str, job.columns(1).values())) for job in of_size} for of_size in jobs.values())
+    assert quick < usual < full
+    assert {row[0] for row in usual} == {"runs.csv", "ungated.csv", "worlds.csv"}
+    # a row's world is the same in each size
+    worlds = [{job.conditions["draw"]: job.changes for job in jobs[size] if job.file == "worlds.csv"} for size in ("usual", "full")]
+    assert len(worlds[0]) == 20 and len(worlds[1]) == 200 and all(worlds[1][draw] == changes for draw, changes in worlds[0].items())

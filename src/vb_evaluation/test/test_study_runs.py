@@ -23,22 +23,22 @@ def moments(seconds, **changes):
 
 
 def test_robot_only_is_led_there():
-    result = run(moments(6.0), Task(1, "carpet", "robot_only"))
+    result = run(moments(10.0), Task(1, "carpet", "robot_only"))
     assert result.spots and all(spot.mobile for spot in result.spots) and result.left_out > 0
     # time was up while the robot was being led
-    assert result.records[0]["guide_s"] > 1.0 and result.records[0]["border_s"] == 0.0
-    assert np.linalg.norm(result.path[-1] - result.path[0]) > 0.1
+    assert result.records[0]["guide_s"] > 3.0 and result.records[0]["border_s"] == 0.0
+    assert np.linalg.norm(result.path[-1] - result.path[0]) > 0.5
 
 
 def test_the_same_whatever_was_run_before():
-    task, study = Task(2, "carpet", "nrs"), moments(4.0)
+    task, study = Task(2, "carpet", "nrs"), moments(7.0)
     first = run(study, task)
     run(moments(0.1), Task(5, "corner", "nrs"))
     again = run(study, task)
     assert [(spot.camera, spot.stamp) for spot in first.spots] == [(spot.camera, spot.stamp) for spot in again.spots]
     # the last bits of what OpenCV works out depend on where its arrays lie in memory
     assert np.allclose([spot.position for spot in first.spots], [spot.position for spot in again.spots], atol=1e-6)
-    assert first.spots and np.allclose(first.path, again.path, atol=1e-6)
+    assert len(first.spots) > 10 and np.allclose(first.path, again.path, atol=1e-6)
 
 
 def tell(key, document, sources, job):
@@ -88,7 +88,7 @@ def test_a_row_of_each_file_is_made_again_alone(name, tmp_path, capsys, monkeypa
     path = tmp_path / "short.yaml"
     path.write_text("design: {worlds: 2}\n")
     study = config.load(path)
-    job = plan.jobs(study, 1, only=name)[0]
+    job = plan.jobs(study, "full", only=name)[0]
     assert campaign.conduct(study, [job], tmp_path, console=QUIET) == 0
     asked = [part for key, value in job.columns(1).items() for part in (f"--{key}", str(value))]
     given = ["run", "--config", str(path), *asked, "--compare", str(tmp_path / name)]

@@ -254,13 +254,6 @@ def proportion(successes: int, n: int, confidence: float = CONFIDENCE) -> Interv
     return Interval(successes / n, float(limits.low), float(limits.high), confidence)
 
 
-def mcnemar(first: np.ndarray, second: np.ndarray) -> float:
-    """Exact p that two paired success rates (N,) bool differ by chance: a sign test of the pairs that disagree."""
-    first, second = np.asarray(first, bool), np.asarray(second, bool)
-    gained, lost = int((first & ~second).sum()), int((~first & second).sum())
-    return float(stats.binomtest(gained, gained + lost).pvalue) if gained + lost else 1.0
-
-
 def format_p(p: float) -> str:
     """p as the paper writes it: "< .001", ".016", "1"."""
     if not math.isfinite(p):

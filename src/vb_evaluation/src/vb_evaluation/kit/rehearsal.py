@@ -17,10 +17,8 @@ from vb_evaluation.kit.conduct import Planned
 from vb_evaluation.kit.recording import LOG, MAPS, SESSION
 from vb_evaluation.provenance import revision
 from vb_evaluation.study import config
-from vb_evaluation.study.config import Study
-from vb_evaluation.study.methods import METHODS
+from vb_evaluation.study.config import METHODS, Study
 from vb_evaluation.study.result import Result, Task
-from vb_evaluation.study.runner import run
 from vb_map_integration.border import VirtualBorder
 from vb_map_integration.recording import Recording as MapRecording
 from vb_sim import floor_plan
@@ -40,11 +38,19 @@ def person(study: Study, outcomes: List[bool]) -> Callable[[Planned], Callable[[
     return start
 
 
+def run(study: Study, task: Task) -> Result:
+    """A run of the simulated study."""
+    # the rest of the kit works without ROS
+    from vb_evaluation.study import runner
+
+    return runner.run(study, task)
+
+
 def write_recording(result: Result, folder: Path) -> None:
     """Writes what the nodes leave: interactions, maps with their borders, and how the system was started."""
     maps = MapRecording(folder / MAPS)
     maps.record(result.prior, [], 0.0, {})
-    cameras = sorted(METHODS[result.task.method].cameras(result.world))
+    cameras = sorted(METHODS[result.task.method](result.world))
     for record in result.records:
         if record["border_id"] and result.border is not None:
             border = VirtualBorder(result.border.points, result.border.seed, 1.0, result.border.closed, id=record["border_id"])

@@ -20,7 +20,6 @@ from vb_core import names
 from vb_core.errors import CodedError
 from vb_core.grid_map import GridMap
 from vb_core.ros import messages, services
-from vb_core.ros.images import compressed_image_array, image_message
 from vb_evaluation import metrics
 from vb_evaluation.kit.recording import Recording
 from vb_evaluation.kit.session import ROBOT_IMAGES

@@ -8,7 +8,6 @@ CITATION = (
     "D. Sprute, K. Tönnies, M. König: Interactive Restriction of a Mobile Robot's Workspace in a Smart Home "
     "Environment. Journal of Ambient Intelligence and Smart Environments, 2019, doi:10.3233/AIS-190539"
 )
-PARTICIPANTS = 15
 
 
 @dataclass(frozen=True)
@@ -79,10 +78,6 @@ PAPER: Dict[str, Published] = {
     ),
 }
 
-# Sect. 5.8.2: what people said; a simulation has nothing to put beside it
-QUESTIONNAIRE_MEANS = {"nrs": (4.53, 4.60, 4.47, 4.60, 4.33), "robot_only": (3.80, 3.60, 3.13, 3.87, 3.07)}
-QUESTIONNAIRE_Z = (-3.051, -2.830, -3.126, -2.373, -2.745)
-SMART_HOME_HELPED = (14, 15)
 METHOD_TITLES = {"nrs": "Network robot system", "robot_only": "Robot only"}
 
 

@@ -18,7 +18,6 @@ from rich.console import Console
 from vb_core.errors import CodedError
 from vb_evaluation.report.data import CURVES, RUNS, UNGATED, WORLDS
 from vb_evaluation.study import campaign, config, plan
-from vb_evaluation.study.config import Study
 
 RERUN = ("python3 -m vb_evaluation.study run --participant {participant} --scenario {scenario} --method {method} --seed {seed}; "
          "for curves.csv with --sweep {sweep} --value {value}, for worlds.csv with --draw {draw}")
@@ -48,15 +47,13 @@ def _parser() -> argparse.ArgumentParser:
         sub.set_defaults(command=function)
         sub.add_argument("--config", type=Path, default=None, help="a configuration of your own (YAML)")
         sub.add_argument("--seed", type=int, default=None, help="instead of the configuration's")
-        sub.add_argument("--worlds", type=int, default=None, help="draws of all assumptions, instead of the configuration's")
         return sub
 
     out = config.top() / "out" / "study"
     every = command("all", _all, "every run that has not been done yet")
     every.add_argument("--out", type=Path, default=out)
-    every.add_argument("--quick", action="store_true", help="fewer participants, no curves and worlds")
+    every.add_argument("--size", choices=plan.SIZES, default="usual", help="quick: two people; full: curves, and all worlds")
     every.add_argument("--only", choices=[Path(file).stem for file in (RUNS, CURVES, WORLDS, UNGATED)], help="one part alone")
-    every.add_argument("--participants", type=int, default=None, help="instead of the configuration's number")
     every.add_argument("--processes", type=int, default=os.cpu_count() or 1)
     every.add_argument("--scheduler", default="", help="address of a Dask scheduler, for instance tcp://10.0.0.1:8786")
     every.add_argument("--fresh", action="store_true", help="throws away what is in the folder")
@@ -71,18 +68,12 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
-def _load(given: argparse.Namespace) -> Study:
-    study = config.load(given.config, given.seed)
-    return study if given.worlds is None else study.changed({"design/worlds": given.worlds})
-
-
 def _all(given: argparse.Namespace, console: Console) -> int:
-    study = _load(given)
-    participants = given.participants or (study.design.quick_participants if given.quick else study.design.participants)
-    jobs = plan.jobs(study, participants, given.quick, f"{given.only}.csv" if given.only else None)
+    study = config.load(given.config, given.seed)
+    jobs = plan.jobs(study, given.size, f"{given.only}.csv" if given.only else None)
     counts = {file: sum(job.file == file for job in jobs) for file in (RUNS, UNGATED, WORLDS, CURVES)}
-    console.print(f"{participants} participants: " + ", ".join(f"{count} runs for {file}" for file, count in counts.items()))
-    facts = {**campaign.made_by(), "date": datetime.date.today().isoformat(), "quick": given.quick,
+    console.print(", ".join(f"{count} runs for {file}" for file, count in counts.items()))
+    facts = {**campaign.made_by(), "date": datetime.date.today().isoformat(), "size": given.size,
              "rerun": RERUN + (f" --config {given.config}" if given.config else "")}
     failed = campaign.conduct(study, jobs, given.out, max(1, given.processes), given.fresh, facts, console, given.scheduler)
     console.print(f"written to {given.out}")
@@ -90,7 +81,7 @@ def _all(given: argparse.Namespace, console: Console) -> int:
 
 
 def _run(given: argparse.Namespace, console: Console) -> int:
-    study = _load(given)
+    study = config.load(given.config, given.seed)
     among = plan.main_jobs(study, given.participant)
     if given.draw is not None:
         among = plan.world_jobs(study)

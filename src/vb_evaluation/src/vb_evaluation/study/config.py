@@ -8,20 +8,26 @@ import math
 import zlib
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Dict, Iterable, Mapping, Optional, Tuple
+from typing import Any, Callable, Dict, Iterable, Mapping, Optional, Tuple
 
 import numpy as np
 import yaml
 
 from vb_core.errors import CodedError, ParameterError
 from vb_core.parameters import Parameters, param
-from vb_evaluation.study.methods import METHODS
 from vb_evaluation.study.people import Distribution, Population, Streams, Traits
 from vb_sim.models import section
 from vb_sim.models_cameras import CameraModels, CameraNoise, Optics, RobotCamera
 from vb_sim.models_motion import LocalisationModel, RobotModel, ScanModel
 from vb_sim.models_participant import ParticipantModel
 from vb_sim.world import World, world_from_mapping
+
+
+# which ceiling cameras look with each method: all of them with the paper's, none with its baseline
+METHODS: Dict[str, Callable[[World], Tuple[str, ...]]] = {
+    "nrs": lambda world: tuple(camera.name for camera in world.cameras),
+    "robot_only": lambda world: (),
+}
 
 
 def top() -> Path:
@@ -38,12 +44,14 @@ class Design(Parameters):
     """Who does what."""
 
     seed: int = param(1, low=0, doc="of everything that is drawn")
-    participants: int = param(15, low=1, high=1000)
-    quick_participants: int = param(5, low=1, high=1000)
+    quick_participants: int = param(2, low=1, high=1000, doc="of the size quick")
+    participants: int = param(10, low=1, high=1000, doc="of the size usual")
+    full_participants: int = param(15, low=1, high=1000, doc="of the size full")
     scenarios: list = param(["room", "carpet", "corner"], doc="keys of the world's scenarios")
     methods: list = param(["nrs", "robot_only"])
     ungated_share: float = param(0.1, low=0.0, high=1.0, doc="of the runs, done again with every picture searched")
-    worlds: int = param(200, low=0, high=100000, doc="draws of all assumptions together")
+    worlds: int = param(200, low=0, high=100000, doc="draws of all assumptions together, in the size full")
+    usual_worlds: int = param(20, low=0, high=100000, doc="the first of these draws, in the size usual")
 
 
 @dataclass(frozen=True)

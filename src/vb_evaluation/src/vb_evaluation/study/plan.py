@@ -11,6 +11,7 @@ from vb_evaluation.study import assumptions, sweeps
 from vb_evaluation.study.config import Study
 from vb_evaluation.study.result import Task
 
+SIZES = ("quick", "usual", "full")
 # the columns that name a row beside KEY, by file
 CONDITIONS = {RUNS: (), UNGATED: (), CURVES: ("sweep", "value"), WORLDS: ("draw",)}
 
@@ -46,17 +47,19 @@ class Job:
         return ", ".join([f"participant {self.task.participant}", self.task.scenario, self.task.method, *changed])
 
 
-def jobs(study: Study, participants: int, quick: bool = False, only: Optional[str] = None) -> List[Job]:
-    """All runs of a study, the longest of each part early, so that no core waits for a last long one.
+def jobs(study: Study, size: str, only: Optional[str] = None) -> List[Job]:
+    """All runs of a study; those of a size are among those of the next one.
 
     Args:
-        quick: leaves out curves and worlds.
+        size: "quick" shows that all works; "usual" answers the paper's questions with intervals; "full" also says which
+            assumption decides, and has the curves.
         only: the name of one file.
     """
+    design = study.design
+    participants, worlds = {"quick": (design.quick_participants, 0), "usual": (design.participants, design.usual_worlds),
+                            "full": (design.full_participants, design.worlds)}[size]
     main = main_jobs(study, participants)
-    found = main + ungated_jobs(study, main)
-    if not quick:
-        found += world_jobs(study) + curve_jobs(study)
+    found = main + ungated_jobs(study, main) + world_jobs(study, worlds) + (curve_jobs(study) if size == "full" else [])
     return [job for job in found if only in (None, job.file)]
 
 
@@ -80,12 +83,12 @@ def ungated_jobs(study: Study, main: List[Job]) -> List[Job]:
     ]
 
 
-def world_jobs(study: Study) -> List[Job]:
-    """Both methods in each world, each world with another person and one scenario in turn."""
+def world_jobs(study: Study, first: Optional[int] = None) -> List[Job]:
+    """Both methods in each of the first worlds, each world with another person and one scenario in turn."""
     scenarios = study.design.scenarios
     return [
         Job(Task(draw, scenarios[draw % len(scenarios)], method), WORLDS, assumptions.changes(study, factors), {"draw": draw})
-        for draw, factors in enumerate(assumptions.draw_worlds(study, study.design.worlds, study.design.seed), 1)
+        for draw, factors in enumerate(assumptions.draw_worlds(study, study.design.worlds, study.design.seed)[:first], 1)
         for method in study.design.methods
     ]
 

@@ -20,9 +20,8 @@ from vb_core.errors import CodedError
 from vb_core.grid_map import GridMap
 from vb_core.ros import commands, parameters
 from vb_core.ros.messages import OccupancyGridArray, array_from_points, grid_from_message
-from vb_evaluation.study.config import Study, top
+from vb_evaluation.study.config import METHODS, Study, top
 from vb_evaluation.study.lab_node import Room, StudyCeilingCameras, StudyRobotCamera
-from vb_evaluation.study.methods import METHODS, Method
 from vb_evaluation.study.people import Traits
 from vb_evaluation.study.result import FALSE_M, Result, SavedBorder, SeenSpot, Task
 from vb_evaluation.virtual_ros.graph import Graph, Node
@@ -116,7 +115,6 @@ class LiveRun:
     def __init__(self, study: Study, task: Task, room: Optional[Room] = None, thorough: bool = False) -> None:
         self._study, self._task = study, task
         self._traits = study.traits(task.participant)
-        self._method: Method = METHODS[task.method]()
         self._world = study.world
         self._seed = study.run_seed(task.participant)
         self._prior = floor_plan.physical_map(self._world)
@@ -141,7 +139,7 @@ class LiveRun:
         scheduler = Scheduler(START_NS)
         graph = Graph(scheduler, {
             names.COMMAND: timing.command_s, names.CANDIDATE: timing.save_s, names.SPOTS: timing.spot_s})
-        cameras = self._method.cameras(self._world)
+        cameras = METHODS[self._task.method](self._world)
         arguments = {
             "world": "study", "cameras": " ".join(cameras) or "none", "method": self._task.method,
             "robots": " ".join(filter(None, self._robots)), "rviz": "false", "page": "false",

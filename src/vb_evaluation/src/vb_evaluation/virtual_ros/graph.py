@@ -20,7 +20,6 @@ from vb_evaluation.virtual_ros.scheduler import Scheduler
 from vb_evaluation.virtual_ros.stand_ins import StandIns, replaced
 
 LOG = logging.getLogger("vb_evaluation.nodes")
-_FOREVER = 10**18
 _LEVELS = {"debug": logging.DEBUG, "info": logging.INFO, "warn": logging.WARNING, "err": logging.ERROR,
            "error": logging.ERROR, "fatal": logging.CRITICAL}
 

@@ -63,7 +63,7 @@ def start_launch(
     """
     nodes, parameters = read_launch(str(path), _given(arguments))
     for key, value in parameters.items():
-        _put(graph.parameters, key, value.replace(_STATE, arguments["state"]) if isinstance(value, str) else value)
+        _put(graph.parameters, key, value.replace(_STATE, arguments.get("state", "")) if isinstance(value, str) else value)
     started = []
     for launched in nodes:
         if launched.type in without:
