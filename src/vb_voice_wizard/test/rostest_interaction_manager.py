@@ -325,6 +325,26 @@ class InteractionManagerTest(unittest.TestCase):
         stop.wait(lambda message: not message.data, "the end of the stop")
         self.state.wait(lambda message: not message.stopped, "robots that may drive")
 
+    def test_a_stop_that_came_while_the_node_was_away_holds_until_resume(self):
+        stop = Newest("/virtual_borders/stop", Bool)
+        topic = rospy.Publisher("/virtual_borders/stop", Bool, queue_size=1)
+        wait_until(lambda: topic.get_num_connections() > 1, "the manager's ear and this test's")
+        self.node.kill()
+        wait_until(lambda: stop.subscriber.get_num_connections() == 1, "the manager to be gone")
+        topic.publish(True)
+        stop.wait(lambda message: message.data, "the stop")
+        del stop.all[:]
+        self.node.start()
+        wait_until(lambda: stop.subscriber.get_num_connections() == 2, "the restarted manager")
+        rospy.wait_for_service("/virtual_borders/command", 60)
+        self.command("stop")  # so that there is a first word of the restarted manager: it must not be "drive"
+        self.assertTrue(stop.wait(lambda message: True, "the manager's first word") and stop.all[0].data)
+        for code in ("resumed", "not_stopped"):
+            del stop.all[:]
+            self.assertEqual(self.command("resume").code, code)
+            # also when the manager knows of no stop: a robot may hold one
+            stop.wait(lambda message: not message.data, "the end of the stop")
+
     def _answers(self, name):
         try:
             return self.command(name).success

@@ -52,8 +52,12 @@ class Browser:
             if found:
                 return found
             if time.monotonic() > end:
-                raise AssertionError(f"waited for {what or script}; the page says:\n{self.run('return document.body.innerText')}")
+                raise AssertionError(f"waited for {what or script}; the page says: {self.said()}")
             time.sleep(0.05)
+
+    def said(self):
+        """The page's words on one line, what is urgent last: a report of failed tests keeps the end."""
+        return " | ".join(line for part in ("main", "#dialog", "#toast", "#banners") for line in self.text(part).splitlines() if line.strip())
 
     def wait_ready(self):
         """The map is there and fitted, and the system's state is known."""

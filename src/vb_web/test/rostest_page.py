@@ -234,11 +234,11 @@ class PageTest(unittest.TestCase):
         self.browser.wait("document.body.dataset.state == 'absent'", what="the manager to be missed")
         self.browser.click("#stop")
         until(lambda: names.STOP in self.heard and self.heard[names.STOP].data, "stop on its topic")
-        # roslaunch restarts the manager, which takes the stop up or not: then everybody may go on
-        self.browser.wait("document.body.dataset.state == 'default'", what="the manager to be back")
-        if self.browser.run("return document.getElementById('stop').dataset.command") == "resume":
-            self.browser.click("#stop")
-        until(lambda: not self.heard[names.STATE].stopped, "go on")
+        # roslaunch restarts the manager, and nobody's stop is forgotten by that
+        self.browser.wait_text("#banners", "All robots are stopped")
+        until(lambda: self.heard[names.STATE].stopped, "the manager to know of the stop")
+        self.browser.click("#stop")
+        until(lambda: not self.heard[names.STATE].stopped and not self.heard[names.STOP].data, "go on")
 
     # ------------------------------------------------------------- what is seen
     def test_5_two_browsers_two_sizes_two_languages(self):

@@ -63,7 +63,7 @@ class InteractionManager:
 
     Published topics:
         /virtual_borders/state (vb_msgs/InteractionState, latched): on each change, and every 0.1 s of wall time.
-        /virtual_borders/stop (std_msgs/Bool, latched): on `stop` and `resume`, before anything else.
+        /virtual_borders/stop (std_msgs/Bool, latched): on `stop` and `resume`, before anything else; at the start if stopped.
         /virtual_borders/notices (vb_msgs/NoticeArray): robots_stopped, stop_memory_lost, interaction_ends_soon.
         /virtual_borders/preview (vb_msgs/BorderPreview, latched): what saving now would do, as soon as there are
             border and seed, and again when they, the map or the borders in it change.
@@ -111,7 +111,8 @@ class InteractionManager:
         self._stop = rospy.Publisher(names.STOP, Bool, queue_size=10, latch=True)
         self._publisher = rospy.Publisher(names.STATE, InteractionState, queue_size=10, latch=True)
         self._notices = NoticePublisher()
-        self._stop.publish(self._interaction.stopped)
+        if self._interaction.stopped:
+            self._stop.publish(True)  # but never false: a stop that was pressed while this node was away holds until resume
         with self._lock:
             self._publish()
         self._texts: node.Queue = node.Queue(20)
@@ -197,13 +198,13 @@ class InteractionManager:
     def _carry_out(self, command: str, order: CommandRequest) -> Answer:
         with self._lock:
             interaction, now = self._interaction, rospy.get_time()
-            stopped = interaction.stopped
             if command != STOP and not order.expires.is_zero() and now > order.expires.to_sec():
                 answer = interaction.expired(command, order.source, now)
             else:
                 doubtful = self._preview.is_doubtful(interaction.interaction_id)
                 answer = interaction.command(command, order.source, now, order.unclear, doubtful)
-            if command == STOP or interaction.stopped != stopped:
+            if command == STOP or (command == RESUME and answer.success):
+                # also a resume that changes nothing here: robots may hold a stop that this node has not heard
                 self._memory_lost = False
                 self._stop.publish(interaction.stopped)
             pending = interaction.pending if command in (SAVE, UNDO, REDO) and answer.success else ""

@@ -66,6 +66,7 @@ class Carrier:
         self._lock = threading.Lock()
         self.participant, self.condition = "", ""
         self._stop = rospy.Publisher(names.STOP, Bool, queue_size=5)
+        self._unheard_stop = ""  # who pressed stop while the manager was away
         self._study_out = rospy.Publisher(names.STUDY_EVENTS, StudyEvent, queue_size=50)
 
     def carry_out(self, request: Request, source: str) -> Dict[str, Any]:
@@ -82,6 +83,7 @@ class Carrier:
         if command in ("stop", "resume"):
             # robots hear this themselves: it works without any other node
             self._stop.publish(Bool(command == "stop"))
+            self._unheard_stop = ""
         elif command in ("undo", "redo") and not self._manager_there():
             return self._trigger(names.UNDO if command == "undo" else names.REDO)
         wanted = order(command, source, COMMAND_EXPIRES_S)
@@ -90,8 +92,20 @@ class Carrier:
             return _answer(send(wanted))
         except CodedError as error:
             if command in ("stop", "resume") and error.code in _UNREACHED:
+                if command == "stop":
+                    self._unheard_stop = source
                 return {"ok": True, "code": _SENT[command], "values": {}, "message": ""}
             raise
+
+    def repeat_stop(self) -> None:
+        """Tells the manager, once it is there, of a stop that only the robots have heard, so that everybody is shown it."""
+        source = self._unheard_stop
+        if source and self._manager_there():
+            try:
+                send(order("stop", source, COMMAND_EXPIRES_S))
+            except CodedError:
+                return  # asked again at the next call
+            self._unheard_stop = ""
 
     @staticmethod
     def _trigger(name: str) -> Dict[str, Any]:

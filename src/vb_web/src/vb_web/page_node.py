@@ -326,6 +326,7 @@ class PageNode(Backend):
             self._view.put("level", None)
         self._show_notices()
         self._looker.tidy()
+        self._carrier.repeat_stop()
 
     def _connected(self, topic: str) -> bool:
         return self._subscribers[topic].get_num_connections() > 0
