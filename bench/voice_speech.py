@@ -1,18 +1,17 @@
 """Synthetic speech in room noise, for training and for judging the voice recogniser.
 
-Four groups of voices, sentences and styles of music that share none: "training" teaches the phone network, "calibration" the
-decision; "development" is looked at while the recogniser is worked on, "evaluation" once, when it is frozen. Near misses come
-from the dictionary (vb_voice_wizard.rivals), a third for each group that hears any, beside sentences written by hand.
+Three groups of voices, sentences, noises and styles of music that share none: "training" teaches, "development" chooses what
+training leaves open, "evaluation" judges once, when all is frozen. Near misses are words that sound like commands, from a
+dictionary by phonetic distance and by hand.
 
-Voices are from espeak-ng (accents and variants), flite and festival, all Debian packages:
-apt-get install espeak-ng flite festival festvox-kdlpc16k festvox-kallpc16k festvox-us-slt-hts. A voice "recorded" is a folder
-out/bench/recordings/NAME with a WAV file per text (make_recordings.py fills one with Piper's voice joe; people may too).
+Formant voices are from espeak-ng (accents and variants), recorded people's from flite (diphones and clusters) and festival
+(diphones, hidden Markov model), all Debian packages: apt-get install espeak-ng flite festival festvox-kdlpc16k festvox-kallpc16k
+festvox-us-slt-hts. A voice "recorded" is a folder out/bench/recordings/NAME with WAV files TEXT-NUMBER.wav: voice_recordings.py
+fills some with neural voices; people may fill others.
 """
 from __future__ import annotations
 
-import functools
 import io
-import itertools
 import subprocess
 import sys
 import tempfile
@@ -20,7 +19,7 @@ import wave
 import zlib
 from dataclasses import dataclass
 from pathlib import Path
-from typing import List, Optional, Sequence, Tuple
+from typing import Callable, List, Optional, Sequence, Tuple
 
 import numpy as np
 from scipy.signal import fftconvolve, resample_poly
@@ -28,25 +27,21 @@ from scipy.signal import fftconvolve, resample_poly
 TOP = Path(__file__).resolve().parent.parent
 sys.path[:0] = [str(TOP / "src" / package / "src") for package in ("vb_voice_wizard", "vb_core")]
 RATE = 16000
-GROUPS = ("calibration", "development", "evaluation")
-RIVALS_SAID = 45  # near misses per command that are shared out among the groups
 RECORDINGS = TOP / "out" / "bench" / "recordings"
 
-from vb_voice_wizard import command_grammar  # noqa: E402
-from vb_voice_wizard.acoustic_model import embedded_model  # noqa: E402
-from vb_voice_wizard.rivals import PHONES, Lexicon  # noqa: E402
-
+# what people say for each command: train again after a change
 COMMANDS = {
-    "define_border": "define border",
-    "define_seed": "define seed",
-    "guide_robot": "guide robot",
-    "save": "save",
-    "cancel": "cancel",
-    "stop": "stop",
-    "resume": "resume",
-    "undo": "undo",
-    "redo": "redo",
+    "define_border": ["define border"],
+    "define_seed": ["define seed"],
+    "guide_robot": ["guide robot"],
+    "save": ["save"],
+    "cancel": ["cancel"],
+    "stop": ["stop", "stop robot"],
+    "resume": ["resume"],
+    "undo": ["undo"],
+    "redo": ["redo"],
 }
+MEANING = {text: command for command, texts in COMMANDS.items() for text in texts}
 
 # what the interaction manager asks about when it is unclear
 ASKED_ABOUT = ("save", "cancel", "resume", "undo", "redo")
@@ -58,83 +53,43 @@ def _espeak(accent: str, *variants: str) -> List[Voice]:
     return [("espeak-ng", accent + (f"+{variant}" if variant else "")) for variant in variants]
 
 
-CALIBRATION_VOICES = [
-    *_espeak("en-us", "", "f2", "m3", "f4", "m6", "Annie", "john", "linda", "Mike", "boris", "klatt2"),
-    *_espeak("en-gb", "f1", "m1", "f5", "Andy", "adam", "steph"),
-    *_espeak("en-gb-x-rp", "", "m2", "f3"),
-    *_espeak("en-029", "m5", "f1"),
-    ("flite", "rms"),
-]
 DEVELOPMENT_VOICES = [
-    *_espeak("en-gb-scotland", "", "f3", "m7"),
-    *_espeak("en-us-nyc", "", "f5", "belinda"),
-    *_espeak("en-gb-x-gbclan", "m4"),
-    *_espeak("en-gb-x-gbcwmd", ""),
-    *_espeak("en-us", "benjamin", "pablo", "max", "zac", "Lee"),
+    *_espeak("en-gb-scotland", "", "f3", "m7", "paul"),
+    *_espeak("en-us-nyc", "", "f5", "belinda", "edward"),
+    *_espeak("en-gb-x-gbclan", "m4", "david", "Alicia"),
+    *_espeak("en-gb-x-gbcwmd", "", "m8", "Gene"),
+    *_espeak("en-us", "benjamin", "pablo", "max", "Lee"),
     *_espeak("en-gb", "iven", "quincy"),
-    ("flite", "awb"),
-    ("festival", "ked_diphone"),
+    *[("flite", "awb"), ("festival", "ked_diphone")] * 4,  # as often as a fifth of all: they were people
 ]
-EVALUATION_VOICES = [
-    *_espeak("en-us-nyc", "edward", "klatt3"),
-    *_espeak("en-gb-scotland", "paul", "shelby"),
-    *_espeak("en-gb-x-gbclan", "david", "Alicia"),
-    *_espeak("en-gb-x-gbcwmd", "m8", "steph2", "Gene"),
-    *_espeak("en-us", "paul"),
-    *_espeak("en-gb", "shelby", "klatt3"),
-    ("flite", "slt"),
-    ("festival", "cmu_us_slt_arctic_hts"),
-    ("recorded", "joe"),
-    ("recorded", "joe_slow"),
-    ("recorded", "joe_fast"),
-    ("recorded", "joe_high"),
-    ("recorded", "joe_low"),
-]
+KOKORO = ("jf_alpha", "jf_gongitsune", "jf_nezumi", "jf_tebukuro", "jm_kumo")
+EVALUATION_VOICES = [*(("recorded", name) for name in KOKORO), ("recorded", "hibari")]
 TRAINING_ACCENTS = ("en-us", "en-gb", "en-gb-x-rp", "en-029")
 # whispers, monsters and an announcer's echo: nobody would give commands with them
 ODD_VARIANTS = {"whisper", "whisperf", "Demonic", "croak", "Mr serious", "fast", "UniRobot", "anikaRobot"}
-NOISES = ("white", "pink", "brown", "hoth", "fan", "office")
-# styles of music; no group hears those of another
-TRAINING_MUSIC = ("piano", "strings")
-DEVELOPMENT_MUSIC = ("organ", "band")
-EVALUATION_MUSIC = ("guitar", "brass")
+_PEOPLE = [("flite", "kal16"), ("flite", "rms"), ("flite", "slt"), ("festival", "kal_diphone"), ("festival", "cmu_us_slt_arctic_hts")]
+# no group hears the noises or music of another, but for "babble"
+NOISES = {
+    "training": ("white", "pink", "brown", "hoth", "fan", "office"),
+    "development": ("white", "pink", "brown", "hoth", "fan", "office"),
+    "evaluation": ("vacuum", "shower", "street"),
+}
+MUSIC = {"training": ("piano", "strings", "organ", "band"), "development": ("guitar", "brass"), "evaluation": ("marimba", "choir")}
 
 
 def training_voices() -> List[Voice]:
-    """Every espeak-ng variant that no other group uses, in four accents, and one voice of flite."""
+    """Three tenths each espeak-ng's variants in four accents and Piper's joe, four tenths the voices of flite and festival."""
     listing = subprocess.run(["espeak-ng", "--voices=variant"], stdout=subprocess.PIPE, check=True).stdout.decode()
     variants = {line.split("!v/")[1].split("  ")[0].strip() for line in listing.splitlines() if "!v/" in line}
-    used = {name.split("+")[1] for program, name in CALIBRATION_VOICES + DEVELOPMENT_VOICES + EVALUATION_VOICES if "+" in name}
-    free = sorted(variants - used - ODD_VARIANTS)
-    return [voice for accent in TRAINING_ACCENTS for voice in _espeak(accent, *free)] + [("flite", "kal16"), ("festival", "kal_diphone")] * 12
+    used = {name.split("+")[1] for _, name in DEVELOPMENT_VOICES if "+" in name}
+    formants = [voice for accent in TRAINING_ACCENTS for voice in _espeak(accent, *sorted(variants - used - ODD_VARIANTS))]
+    share = len(formants) // 3
+    return formants + [("recorded", "joe")] * 3 * share + [_PEOPLE[index % len(_PEOPLE)] for index in range(4 * share)]
 
 
 def sentences(name: str) -> List[str]:
     """The lines of bench/voice_sentences/<name>.txt."""
     return (Path(__file__).parent / "voice_sentences" / f"{name}.txt").read_text().split("\n")[:-1]
-
-
-def near_misses(group: str) -> List[str]:
-    """What sounds nearly like a command and is none: sentences written by hand, and every other rival of the dictionary."""
-    return sentences(f"{group}_near_misses") + _rivals()[GROUPS.index(group) :: len(GROUPS)]
-
-
-@functools.lru_cache(maxsize=None)
-def _rivals() -> List[str]:
-    """Texts that sound like commands, all commands in turn, the worst first."""
-    folder = embedded_model().parent
-    lexicon = Lexicon(folder / "cmudict-en-us.dict", folder / "en-us.lm.bin")
-    files = [command_grammar.find("dictionary", "", "commands.dict")]
-    words = {word for text in COMMANDS.values() for word in text.split()}
-    sounds = command_grammar.read_dictionary(files[0], words, PHONES)
-    lists = []
-    for text in COMMANDS.values():
-        variants = list(itertools.product(*(sounds[word] for word in text.split())))
-        found = lexicon.rivals(text.split(), variants[0], {sum(variant, ()) for variant in variants}, RIVALS_SAID)
-        lists.append([" ".join(rival.words) for rival in found])
-    # by turns, so that every group gets its share of every command
-    texts = [text for row in itertools.zip_longest(*lists) for text in row if text is not None and text not in COMMANDS.values()]
-    return list(dict.fromkeys(texts))
 
 
 # ------------------------------------------------------------------ speech
@@ -145,7 +100,10 @@ def synthesise(voice: Voice, text: str, speed: float = 1.0, pitch: int = 50) -> 
         command = ["espeak-ng", "-v", name, "-s", str(int(160 * speed)), "-p", str(pitch), "--stdout", text]
         data = subprocess.run(command, stdout=subprocess.PIPE, check=True).stdout
     elif program == "recorded":
-        data = (RECORDINGS / name / f"{text.replace(' ', '_')}.wav").read_bytes()
+        takes = sorted((RECORDINGS / name).glob(f"{text.replace(' ', '_')}-*.wav"))
+        if not takes:
+            raise FileNotFoundError(text)
+        data = takes[pitch % len(takes)].read_bytes()
     else:
         with tempfile.NamedTemporaryFile(suffix=".wav") as file:
             if program == "flite":
@@ -180,11 +138,15 @@ def room_noise(rng: np.random.Generator, count: int, kind: str, talkers: Sequenc
             talker = talkers[rng.integers(len(talkers))]
             noise += np.resize(np.roll(talker, -int(rng.integers(len(talker)))), count) / talker.std()
         return noise
-    if kind in TRAINING_MUSIC + DEVELOPMENT_MUSIC + EVALUATION_MUSIC:
+    if any(kind in styles for styles in MUSIC.values()):
         return music(rng, count, kind)
-    noise = _coloured(rng, count, {"white": 0.0, "pink": 1.0, "brown": 2.0, "hoth": 1.6, "fan": 1.3, "office": 1.2}[kind])
-    if kind == "fan":
-        time, base = np.arange(count) / RATE, rng.uniform(80, 140)
+    colours = {"white": 0.0, "pink": 1.0, "brown": 2.0, "hoth": 1.6, "fan": 1.3, "office": 1.2, "vacuum": 0.7, "shower": 0.3, "street": 1.8}
+    noise = _coloured(rng, count, colours[kind])
+    if kind == "street":
+        # cars pass
+        noise *= 1.0 + 0.6 * np.sin(2 * np.pi * rng.uniform(0.2, 0.5) * np.arange(count) / RATE + rng.uniform(0, 6))
+    if kind in ("fan", "vacuum"):
+        time, base = np.arange(count) / RATE, rng.uniform(80, 140) * (1 if kind == "fan" else 3)
         hum = sum(
             rng.uniform(0.2, 1) / k * np.sin(2 * np.pi * base * k * time + rng.uniform(0, 6)) for k in range(1, 8)
         )
@@ -206,6 +168,8 @@ def music(rng: np.random.Generator, count: int, style: str) -> np.ndarray:
         "organ": ((1.0, 0.8, 0.1, 0.6, 0.1, 0.1, 0.1, 0.4), 9.0, 0.02, False),
         "guitar": ((1.0, 0.8, 0.6, 0.25, 0.3, 0.1), 0.25, 0.002, False),
         "brass": ((0.7, 1.0, 0.9, 0.7, 0.5, 0.4, 0.3), 4.0, 0.06, True),
+        "marimba": ((1.0, 0.0, 0.0, 0.5, 0.0, 0.0, 0.0, 0.0, 0.15), 0.15, 0.002, False),
+        "choir": ((1.0, 0.6, 0.8, 0.3, 0.2, 0.1), 6.0, 0.2, False),
         "band": ((1.0, 0.6, 0.45, 0.3, 0.25, 0.2, 0.1), 0.35, 0.003, True),
     }[style]
     sound = np.zeros(count)
@@ -242,14 +206,14 @@ def music(rng: np.random.Generator, count: int, style: str) -> np.ndarray:
 
 
 def in_a_room(
-    rng: np.random.Generator, speech: np.ndarray, kind: str, snr_db: float = 10.0, talkers: Sequence[np.ndarray] = ()
-) -> Tuple[np.ndarray, int]:
-    """Speech with noise, in every other case with reverberation of 0.15 to 0.4 s, between two pauses.
+    rng: np.random.Generator, speech: np.ndarray, noise_of: Callable[[int], np.ndarray], snr_db: float = 10.0
+) -> np.ndarray:
+    """Speech with noise, in every other case with reverberation of 0.15 to 0.4 s, between two pauses: (N,) int16.
 
     The ratio counts the speech alone, its pauses before and after left out.
 
-    Returns:
-        (N,) int16, and the index of the first sample of speech.
+    Args:
+        noise_of: returns so many samples of noise.
     """
     if rng.random() < 0.5:
         length = int(rng.uniform(0.15, 0.4) * RATE)
@@ -257,32 +221,21 @@ def in_a_room(
         tail *= rng.uniform(0.1, 0.35) / np.sqrt((tail**2).sum())
         tail[0] = 1.0
         speech = fftconvolve(speech, tail)
-    before, after = int(rng.uniform(0.3, 1.0) * RATE), int(rng.uniform(0.4, 1.0) * RATE)
-    padded = np.concatenate([np.zeros(before), speech, np.zeros(after)])
-    noise = room_noise(rng, len(padded), kind, talkers)
-    noise *= np.sqrt(np.mean(speech**2) / 10 ** (snr_db / 10) / np.mean(noise**2))
-    mixed = padded + noise
-    return (mixed / np.abs(mixed).max() * rng.uniform(2000, 25000)).astype(np.int16), before
+    padded = np.pad(speech, (int(rng.uniform(0.3, 1.0) * RATE), int(rng.uniform(0.4, 1.0) * RATE)))
+    noise = noise_of(len(padded))
+    mixed = padded + noise * np.sqrt(np.mean(speech**2) / 10 ** (snr_db / 10) / np.mean(noise**2))
+    return (mixed / np.abs(mixed).max() * rng.uniform(2000, 25000)).astype(np.int16)
 
 
 # ------------------------------------------------------------------ utterances
 @dataclass(frozen=True)
-class Spoken:
-    """One utterance to be recognised: its command or "", kind "command", "other" or "near_miss", and the sound."""
-
-    command: str
-    kind: str
-    text: str
-    voice: Voice
-    noise: str
-    pcm: np.ndarray
-
-
-@dataclass(frozen=True)
 class Plan:
-    """What is to be said, by whom, in which noise; everything else follows from it."""
+    """What is to be said, by whom, in which noise; everything else follows from it.
 
-    command: str
+    Attributes:
+        kind: "command", "other" or "near_miss".
+    """
+
     kind: str
     text: str
     voice: Voice
@@ -290,32 +243,57 @@ class Plan:
     take: int
     snr_db: float = 10.0
 
-    def speak(self, talkers: Sequence[np.ndarray] = ()) -> Optional[Spoken]:
-        """Makes the sound; the same plan gives the same sound. None if the voice is not installed."""
+    @property
+    def command(self) -> str:
+        """The command that is meant, or ""."""
+        return MEANING.get(self.text, "")
+
+    def speak(self, talkers: Sequence[np.ndarray] = ()) -> Optional[np.ndarray]:
+        """(N,) int16; the same plan gives the same sound. None if the voice is not installed or has no such recording."""
         rng = np.random.default_rng(zlib.crc32(repr(self).encode()))
         try:
-            speech = synthesise(self.voice, self.text, rng.uniform(0.8, 1.25), int(rng.integers(30, 71)))
+            speech = synthesise(self.voice, self.text, rng.uniform(0.8, 1.25), self.take + int(rng.integers(15, 36)) * 2)
         except (OSError, subprocess.CalledProcessError, wave.Error, EOFError):
             return None
-        pcm, _ = in_a_room(rng, speech, self.noise, self.snr_db, talkers)
-        return Spoken(self.command, self.kind, self.text, self.voice, self.noise, pcm)
+        return in_a_room(rng, speech, lambda count: room_noise(rng, count, self.noise, talkers), self.snr_db)
 
 
-def plans(group: str, voices: Sequence[Voice], takes: int, noises: Sequence[str] = NOISES, snr_db: float = 10.0) -> List[Plan]:
-    """Every command by every voice `takes` times; every other sentence and near miss by `takes` voices."""
-    rng = np.random.default_rng(zlib.crc32(group.encode()))
+def plans(group: str, voices: Sequence[Voice], takes: int, noises: Sequence[str], snr_db: float = 10.0) -> List[Plan]:
+    """Every command by every voice `takes` times; every other sentence and near miss once."""
+    rng = np.random.default_rng(zlib.crc32(f"{group} {noises}".encode()))
 
     def noise() -> str:
-        return noises[rng.integers(len(noises))]
+        return str(rng.choice(noises))
+
+    def can_say(voice: Voice, text: str) -> bool:
+        return voice[0] != "recorded" or any((RECORDINGS / voice[1]).glob(f"{text.replace(' ', '_')}-*.wav"))
 
     result = [
-        Plan(command, "command", text, voice, noise(), take, snr_db)
-        for command, text in COMMANDS.items()
-        for voice in voices
-        for take in range(takes)
+        Plan("command", text, voice, noise(), take, snr_db)
+        for text in MEANING for voice in voices if can_say(voice, text) for take in range(takes)
     ]
-    for kind, texts in (("other", sentences(f"{group}_others")), ("near_miss", near_misses(group))):
-        for text in texts:
-            for take, index in enumerate(rng.permutation(len(voices))[:takes]):
-                result.append(Plan("", kind, text, voices[index], noise(), take, snr_db))
+    for kind, name in (("other", "others"), ("near_miss", "near_misses")):
+        for text in sentences(f"{group}_{name}"):
+            able = [voice for voice in voices if can_say(voice, text)]
+            if able:
+                result.append(Plan(kind, text, able[rng.integers(len(able))], noise(), 0, snr_db))
     return result
+
+
+def everything(group: str, takes: int = 1, share: float = 1.0, snr_db: float = 10.0) -> Tuple[List[Plan], List[np.ndarray]]:
+    """What a group is judged by: in steady noise, over music, while people talk; and the talkers.
+
+    Args:
+        share: of the plans, at random, the same each time.
+
+    Returns:
+        The plans in a random order, so that what is stopped early has something of everything; talkers' sound.
+    """
+    voices = EVALUATION_VOICES if group == "evaluation" else DEVELOPMENT_VOICES
+    # the neural voices have not recorded such long sentences
+    people = [voice for voice in voices if voice[0] != "recorded"] or [("flite", "awb"), ("flite", "slt"), ("festival", "ked_diphone")]
+    texts, rng = sentences(f"{group}_others"), np.random.default_rng(0)
+    talkers = [synthesise(people[index % len(people)], f"{texts[index]}, {texts[-index - 1]}") for index in range(0, 40, 2)]
+    planned = [plan for noises in (NOISES[group], MUSIC[group], ("babble",)) for plan in plans(group, voices, takes, noises, snr_db)]
+    order = [index for index in rng.permutation(len(planned)) if rng.random() < share]
+    return [planned[index] for index in order], talkers

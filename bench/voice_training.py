@@ -1,298 +1,198 @@
 #!/usr/bin/env python3
-"""Makes config/voice/phones.npz (the phone network) and config/voice/decision.yaml (the recogniser's decision).
+"""Makes config/voice/commands.npz, the network that says which command an utterance is.
 
-    bench/voice_training.py             both; about half an hour on two idle cores
-    bench/voice_training.py refine      both, but the network that is there is only taught on
-    bench/voice_training.py decision    the decision only, with the network that is there
+    bench/voice_training.py hear --seed 1 --seconds 600    makes lessons: out/bench/voice/training-1.npz; as many as you like
+    bench/voice_training.py hear --group development       the utterances that the thresholds are chosen with
+    bench/voice_training.py learn                          trains with all of them; a minute
 
-The network learns phones from sentences and random words by the training voices, the decision from
-commands and other sentences by the calibration voices, which the network never heard. Neither hears a
-voice or a sentence of bench/voice.py.
+A lesson is one utterance, cut out by the endpointing that the robot uses, as speech_encoder hears it. Two fifths are commands,
+the rest what must not be taken for one: words that sound like one, parts of one, sentences, random words.
+The thresholds come from the development group alone. A missed command and a near miss that is taken cost the same, one more
+word: a command is accepted from where both happen equally often, in steady noise. It is sure
+with a third of the doubt that the surest of the others left. Nothing of the evaluation group (bench/voice.py) is heard here.
 """
 from __future__ import annotations
 
 import argparse
-import functools
 import os
 import sys
 import time
-from multiprocessing import Pool
 from pathlib import Path
-from typing import Any, Dict, List, Optional, Tuple
+from typing import Callable, Iterator, List, Tuple
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
-from scipy.signal import resample_poly
 
 import voice_speech as speech
-from voice_speech import CALIBRATION_VOICES, COMMANDS, NOISES, RATE, TOP, TRAINING_MUSIC
+from voice_speech import MEANING, MUSIC, NOISES, RATE, TOP
 
-from vb_voice_wizard import recognizer as recognition
-from vb_voice_wizard.acoustic_model import SILENCE, AcousticModel, embedded_model
-from vb_voice_wizard.phone_network import network_input
-from vb_voice_wizard.phone_scoring import PhoneSet, PhraseScorer
-from vb_voice_wizard.rivals import Lexicon
-from vb_voice_wizard.speech_features import FRAME_LENGTH, FRAME_SHIFT, cepstra, clean_spectrum, dynamic, mel_spectrum, remove_noise
+from vb_voice_wizard.endpointing import EndpointParams, utterances
+from vb_voice_wizard.speech_encoder import FEATURES, SpeechEncoder, word_shape
 
-OUTPUT = TOP / "src" / "vb_voice_wizard" / "config" / "voice"
-UTTERANCES = 4000
-COPIES = 2
-LAYERS = (384, 192)
-RATES = (1e-3, 1e-3, 1e-3, 5e-4, 3e-4, 1e-4, 3e-5)
-# teaching on: fewer utterances and smaller steps, so that what is known is kept
-REFINE_UTTERANCES = 1500
-REFINE_RATES = (3e-4, 3e-4, 1e-4, 3e-5)
-ROOMS = (*NOISES, *TRAINING_MUSIC, "babble")
-COMMON_WORDS = 4000
-RANDOM_OTHERS = 900
-# share of calibration's commands that has to be said again: the price of what else is let through
-MISSED_COMMANDS = 0.02
-
-_phones: Optional[PhoneSet] = None
-_dictionary: Dict[str, List[List[str]]] = {}
-_talkers: List[np.ndarray] = []
+LESSONS = TOP / "out" / "bench" / "voice"
+NETWORK = TOP / "src" / "vb_voice_wizard" / "config" / "voice" / "commands.npz"
+HEARD_PLACES = 20  # of a lesson; a network may use fewer
+PLACES = 10
+COMPONENTS = 256  # of the lessons' variation: the rest is voice and room
+HIDDEN = (192,)
+EPOCHS = 25
+DOUBT = 3.0  # how many times less of it than the surest near miss left is sure
+PARTS = ["define", "border", "seed", "guide", "robot", "the robot", "border border", "stop it", "save it", "save file", "undo that"]
 
 
-@functools.lru_cache(maxsize=None)
-def common_words() -> List[str]:
-    """The most probable words of the embedded language model."""
-    folder = embedded_model().parent
-    return list(dict.fromkeys(Lexicon(folder / "cmudict-en-us.dict", folder / "en-us.lm.bin").words))[:COMMON_WORDS]
+def _texts(rng: np.random.Generator) -> Iterator[str]:
+    commands, near, others = list(MEANING), speech.sentences("training_near_misses"), speech.sentences("training_others")
+    words = speech.sentences("common_words")
+    while True:
+        draw = rng.random()
+        pool = commands if draw < 0.42 else near if draw < 0.75 else others if draw < 0.81 else PARTS if draw < 0.86 else None
+        if pool is not None:
+            yield str(rng.choice(pool))
+        else:
+            yield " ".join(words[int(len(words) * rng.random() ** 2)] for _ in range(rng.integers(1, 4)))
 
 
-def dictionary() -> Dict[str, List[List[str]]]:
-    """The embedded pronunciation dictionary."""
-    if not _dictionary:
-        for line in (embedded_model().parent / "cmudict-en-us.dict").read_text().splitlines():
-            word, *phones = line.split()
-            _dictionary.setdefault(word.split("(")[0], []).append(phones)
-    return _dictionary
+def _training(rng: np.random.Generator) -> Iterator[Tuple[str, str, str, np.ndarray]]:
+    """(text, voice, noise, sound) without end."""
+    voices, noises = speech.training_voices(), (*NOISES["training"], *MUSIC["training"], "babble")
+    talkers = [speech.synthesise(("espeak-ng", "en-us+f2"), text) for text in speech.sentences("training_others")[:8]]
+    talkers += [speech.synthesise(("flite", "rms"), text) for text in speech.sentences("training_others")[8:24]]
+    # noise is cut out of long pieces: to make it anew each time would take longer than all the rest
+    long = {noise: speech.room_noise(rng, 25 * RATE, noise, talkers) for noise in noises}
+
+    def noise_of(noise: str) -> Callable[[int], np.ndarray]:
+        return lambda count: long[noise][rng.integers(len(long[noise]) - count) :][:count]
+
+    for text in _texts(rng):
+        voice = voices[rng.integers(len(voices))]
+        try:
+            clean = speech.synthesise(voice, text, rng.uniform(0.75, 1.3), int(rng.integers(25, 76)))
+        except (OSError, IndexError, ValueError, EOFError, speech.wave.Error, speech.subprocess.CalledProcessError):
+            continue  # nobody recorded that
+        if len(clean) > 2.5 * RATE:
+            continue  # too long for a command, which needs no lesson
+        for _ in range(5 if text in MEANING else 4):
+            # playing faster or slower shifts pitch and formants alike, as a shorter or longer vocal tract does
+            stretch = 1.0 if rng.random() < 0.25 else rng.uniform(0.8, 1.22)
+            snr_db = rng.uniform(7, 14) if rng.random() < 0.65 else rng.uniform(3, 25)
+            noise = str(rng.choice(noises))
+            spoken = np.interp(np.arange(0, len(clean) - 1, 1.0 / stretch), np.arange(len(clean)), clean)
+            yield text, " ".join(voice), noise, speech.in_a_room(rng, spoken, noise_of(noise), snr_db)
 
 
-def random_words(rng: np.random.Generator, most: int) -> str:
-    """One to `most` common words, the commonest most often."""
-    words = common_words()
-    return " ".join(words[int(len(words) * rng.random() ** 2)] for _ in range(rng.integers(1, most + 1)))
+def _development() -> Iterator[Tuple[str, str, str, np.ndarray]]:
+    """The same of all that is planned for the development."""
+    plans, talkers = speech.everything("development")
+    for plan in plans:
+        pcm = plan.speak(talkers)
+        if pcm is not None:
+            yield plan.text, " ".join(plan.voice), plan.noise, pcm
 
 
-# ------------------------------------------------------------------ the network
-def _setup(talkers: List[np.ndarray]) -> None:
-    global _phones
-    _phones = PhoneSet(AcousticModel(embedded_model()))
-    _talkers[:] = talkers
-    dictionary()
+def hear(group: str, seed: int, seconds: float) -> None:
+    """Writes a file of lessons."""
+    rng, encoder, ends = np.random.default_rng(seed), SpeechEncoder(), time.monotonic() + seconds
+    rows: List[Tuple[np.ndarray, str, str, str, float]] = []
+    for text, voice, noise, pcm in _training(rng) if group == "training" else _development():
+        cut = [one for one in utterances(pcm, EndpointParams()) if not one.too_long]
+        if cut:
+            longest = max(cut, key=lambda one: len(one.pcm)).pcm
+            rows.append((word_shape(encoder.moments(longest), len(longest), HEARD_PLACES).astype(np.float16), text, voice, noise, len(cut)))
+        elif group == "development":
+            rows.append((np.zeros(HEARD_PLACES * FEATURES + 1, np.float16), text, voice, noise, 0))
+        if time.monotonic() > ends:
+            break
+    LESSONS.mkdir(parents=True, exist_ok=True)
+    shapes, texts, voices, noises, found = zip(*rows)
+    np.savez(str(LESSONS / f"{group}-{seed}.npz"), shapes=np.array(shapes), texts=np.array(texts), voices=np.array(voices),
+             noises=np.array(noises), found=np.array(found))
+    print(f"{len(rows)} lessons, {sum(text in MEANING for text in texts)} of commands")
 
 
-def _labels(text: str, samples: np.ndarray) -> Optional[np.ndarray]:
-    """The phone of each frame of clean speech, by aligning it with its text; None if that fails."""
-    words = [word.strip(".,'").lower() for word in text.split()]
-    if any(word not in _dictionary for word in words):
-        return None
-    variants = [[_dictionary[word][0] for word in words], [_dictionary[word][-1] for word in words]]
-    likelihoods = _phones.likelihoods(dynamic(cepstra(remove_noise(mel_spectrum(samples)))))
-    found = PhraseScorer(_phones, variants).align(likelihoods)
-    alignment = found.trace(int(found.scores.argmax()))
-    if alignment.score < -1e9:
-        return None
-    labels = np.full(len(likelihoods.best), len(_phones.names), dtype=np.int8)
-    for name, first, behind in alignment.phones:
-        if name != SILENCE:
-            labels[first:behind] = _phones.index[name]
-    return labels
+def lessons(group: str) -> Tuple[np.ndarray, ...]:
+    """(shapes at PLACES, texts, voices, noises, how many utterances were found) of all files of a group."""
+    files = [np.load(str(path)) for path in sorted(LESSONS.glob(f"{group}-*.npz"))]
+    shapes, *rest = (np.concatenate([file[name] for file in files]) for name in ("shapes", "texts", "voices", "noises", "found"))
+    shapes = shapes.astype(np.float32)
+    places = shapes[:, :-1].reshape(len(shapes), PLACES, HEARD_PLACES // PLACES, FEATURES).mean(axis=2)
+    return (np.hstack([places.reshape(len(shapes), -1), shapes[:, -1:]]), *rest)
 
 
-def _lesson(job: Tuple[int, str, speech.Voice]) -> Optional[Tuple[np.ndarray, np.ndarray]]:
-    """Inputs and labels of one utterance, said in several rooms by several lengths of the vocal tract."""
-    number, text, voice = job
-    rng = np.random.default_rng(number)
-    try:
-        clean = speech.synthesise(voice, text, rng.uniform(0.75, 1.3), int(rng.integers(25, 76)))
-    except (OSError, IndexError, ValueError, speech.wave.Error, speech.subprocess.CalledProcessError):
-        return None
-    pad = RATE // 5
-    quiet = np.concatenate([np.zeros(pad), clean * 8000, np.zeros(pad)])
-    labels = _labels(text, quiet + rng.normal(0, 20, len(quiet)))
-    if labels is None:
-        return None
-    inputs, wanted = [], []
-    for _ in range(COPIES):
-        # playing faster or slower shifts pitch and formants alike, as a shorter or longer vocal tract does
-        stretch = 1.0 if rng.random() < 0.3 else rng.uniform(0.78, 1.25)
-        spoken = resample_poly(clean, int(round(100 * stretch)), 100)
-        stretch = len(spoken) / len(clean)
-        snr_db = rng.uniform(7, 13) if rng.random() < 0.6 else rng.uniform(4, 22)
-        noise = ROOMS[rng.integers(len(ROOMS))]
-        pcm, before = speech.in_a_room(rng, spoken, noise, snr_db, _talkers)
-        # cut as the endpointing cuts
-        start = max(0, before - int(rng.uniform(0.12, 0.28) * RATE))
-        pcm = pcm[start : before + len(spoken) + int(rng.uniform(0.12, 0.28) * RATE)]
-        values = network_input(clean_spectrum(pcm))
-        middle = np.arange(len(values)) * FRAME_SHIFT + FRAME_LENGTH // 2 - (before - start)
-        source = np.floor((middle / stretch + pad - FRAME_LENGTH // 2) / FRAME_SHIFT + 0.5).astype(int)
-        inside = (source >= 0) & (source < len(labels))
-        inputs.append(values.astype(np.float16))
-        wanted.append(np.where(inside, labels[np.clip(source, 0, len(labels) - 1)], len(_phones.names)))
-    return np.vstack(inputs), np.concatenate(wanted).astype(np.int8)
-
-
-def train_network(processes: int, output: Path, start: Optional[Path]) -> None:
-    """Writes phones.npz; goes on from the network `start` if there is one."""
+def learn(output: Path) -> None:
+    """Writes the network."""
+    from sklearn.decomposition import PCA
     from sklearn.neural_network import MLPClassifier
 
-    rng = np.random.default_rng(0)
-    voices, known, phrases = speech.training_voices(), speech.sentences("calibration_others"), list(COMMANDS.values())
-    near = speech.near_misses("calibration")
-    rates, count = (RATES, UTTERANCES) if start is None else (REFINE_RATES, REFINE_UTTERANCES)
-    jobs = []
-    for number in range(count):
-        draw = rng.random()
-        if draw < 0.15:
-            text = phrases[rng.integers(len(phrases))]
-        elif draw < 0.35:
-            text = known[rng.integers(len(known))]
-        elif draw < 0.55:
-            text = near[rng.integers(len(near))]
-        else:
-            text = random_words(rng, 6)
-        jobs.append((number, text, voices[rng.integers(len(voices))]))
-    talkers = [speech.synthesise(voices[rng.integers(len(voices))], text) for text in known[:40]]
-    started = time.monotonic()
-    with Pool(processes, _setup, (talkers,)) as pool:
-        lessons = [lesson for lesson in pool.imap(_lesson, jobs, chunksize=20) if lesson is not None]
-    inputs = np.vstack([lesson[0] for lesson in lessons])
-    labels = np.concatenate([lesson[1] for lesson in lessons])
-    del lessons
-    print(f"{len(labels)} frames of {len(voices)} voices after {time.monotonic() - started:.0f} s", flush=True)
-    phones = [*PhoneSet(AcousticModel(embedded_model())).names, SILENCE]
-    network = MLPClassifier(LAYERS, batch_size=512, alpha=3e-5, learning_rate_init=rates[0], random_state=0)
-    prior = np.bincount(labels, minlength=len(phones)) / len(labels)
-    if start is None:
-        mean, deviation = inputs[::7].astype(np.float32).mean(axis=0), inputs[::7].astype(np.float32).std(axis=0)
-    else:
-        mean, deviation = _take_over(network, start, len(phones))
-    for epoch, rate in enumerate(rates):
-        order = rng.permutation(len(labels))
-        for at in range(0, len(order), 65536):
-            if hasattr(network, "_optimizer"):
-                network._optimizer.learning_rate_init = rate
-            rows = order[at : at + 65536]
-            values = (inputs[rows].astype(np.float32) - mean) / deviation
-            network.partial_fit(values, labels[rows], classes=np.arange(len(phones)))
-        right = network.score(values, labels[rows])
-        print(f"epoch {epoch + 1} of {len(rates)}: {100 * right:.1f} % of frames, {time.monotonic() - started:.0f} s", flush=True)
-        arrays = {f"weights{index}": weights.astype(np.float16) for index, weights in enumerate(network.coefs_)}
-        arrays.update({f"bias{index}": bias.astype(np.float16) for index, bias in enumerate(network.intercepts_)})
-        np.savez_compressed(
-            str(output / "phones.npz"),
-            phones=np.array(phones),
-            mean=mean,
-            deviation=deviation,
-            prior=prior,
-            **arrays,
-        )
+    commands = list(speech.COMMANDS)
+    number = {text: commands.index(command) + 1 for text, command in MEANING.items()}
+    shapes, texts, voices, _, _ = lessons("training")
+    wanted = np.array([number.get(text, 0) for text in texts])
+    print(f"{len(shapes)} lessons by {len(set(voices))} voices, {np.mean(wanted > 0):.2f} of commands")
+    mean, deviation = shapes.mean(axis=0), shapes.std(axis=0) + 1e-3
+    parts = PCA(COMPONENTS, whiten=True, svd_solver="randomized", random_state=0).fit((shapes - mean) / deviation)
+    network = MLPClassifier(HIDDEN, alpha=1.0, batch_size=128, learning_rate_init=1e-3, max_iter=EPOCHS, random_state=0)
+    network.fit(parts.transform((shapes - mean) / deviation), wanted)
+    # scaling, components and first layer are one matrix
+    project = (parts.components_ / np.sqrt(parts.explained_variance_)[:, None]).T
+    weights, bias = list(network.coefs_), list(network.intercepts_)
+    shift = -(mean / deviation + parts.mean_) @ project
+    weights[0], bias[0] = (project / deviation[:, None]) @ weights[0], shift @ weights[0] + bias[0]
+    arrays = {f"weights{index}": one.astype(np.float16) for index, one in enumerate(weights)}
+    arrays.update({f"bias{index}": one.astype(np.float32) for index, one in enumerate(bias)})
+
+    def save(threshold: float, sure: float) -> None:
+        output.parent.mkdir(parents=True, exist_ok=True)
+        np.savez_compressed(str(output), commands=np.array(commands), places=PLACES, threshold=threshold, sure=sure, **arrays)
+
+    save(0.5, 1.0)
+    _choose(output, save, commands)
 
 
-def _take_over(network: Any, start: Path, phones: int) -> Tuple[np.ndarray, np.ndarray]:
-    """Gives a network the weights of a file; returns the mean and deviation of its inputs."""
-    with np.load(str(start), allow_pickle=False) as file:
-        mean, deviation = file["mean"].astype(np.float32), file["deviation"].astype(np.float32)
-        # one step, so that everything is allocated
-        network.partial_fit(np.zeros((phones, len(mean)), np.float32), np.arange(phones), classes=np.arange(phones))
-        for index in range(len(network.coefs_)):
-            network.coefs_[index][:] = file[f"weights{index}"]
-            network.intercepts_[index][:] = file[f"bias{index}"]
-    return mean, deviation
+def _choose(output: Path, save, commands: List[str]) -> None:
+    """Chooses the thresholds with the development group."""
+    from vb_voice_wizard.recognizer import CommandNetwork
 
-
-# ------------------------------------------------------------------ the decision
-_recognizer: Optional[recognition.CommandRecognizer] = None
-
-
-def _setup_recognizer(network: str, decision: str) -> None:
-    global _recognizer
-    # threshold 0: with nothing in doubt there is no second look, the decision is made for the first one
-    _recognizer = recognition.CommandRecognizer(recognition.RecognizerParams(network=network, decision=decision, threshold=0.0))
-
-
-def _measure(plan: speech.Plan) -> List[Tuple[str, str, str, Tuple[float, ...]]]:
-    """(kind, command meant, command found, measures) of each utterance that is found in a recording."""
-    spoken = plan.speak()
-    if spoken is None:
-        return []
-    issues = [issue for issue in _recognizer.examine(spoken.pcm) if issue.measures]
-    return [(plan.kind, plan.command, issue.best, tuple(issue.measures)) for issue in issues]
-
-
-def train_decision(processes: int, output: Path, takes: int) -> None:
-    """Writes decision.yaml."""
-    from sklearn.linear_model import LogisticRegression
-    from sklearn.preprocessing import StandardScaler
-
-    path = output / "decision.yaml"
-    names = recognition.MEASURES
-    if not path.exists():
-        _write_decision(path, np.zeros(len(names)), 0.0, 1.0, "")
-    rng = np.random.default_rng(1)
-    noises = (*NOISES, *TRAINING_MUSIC)
-    jobs = speech.plans("calibration", CALIBRATION_VOICES, takes, noises)
-    for take in range(RANDOM_OTHERS * takes // 4):
-        voice, noise = CALIBRATION_VOICES[rng.integers(len(CALIBRATION_VOICES))], noises[rng.integers(len(noises))]
-        text = random_words(rng, 4)
-        if text not in COMMANDS.values():
-            jobs.append(speech.Plan("", "other", text, voice, noise, take))
-    with Pool(processes, _setup_recognizer, (str(output / "phones.npz"), str(path))) as pool:
-        rows = [row for result in pool.imap(_measure, jobs, chunksize=20) for row in result]
-    # a command taken for another one teaches nothing about commands and other speech
-    rows = [row for row in rows if row[1] in ("", row[2])]
-    values = np.array([row[3] for row in rows])
-    right = np.array([row[1] != "" for row in rows])
-    near = np.array([row[0] == "near_miss" for row in rows])
-    scaler = StandardScaler().fit(values)
-    model = LogisticRegression(C=0.3, max_iter=5000)
-    model.fit(scaler.transform(values), right)
-    weights = model.coef_[0] / scaler.scale_
-    scores = values @ weights
-    # a confidence of one half is where the wanted share of commands is let through
-    offset = -float(np.quantile(scores[right], MISSED_COMMANDS))
-    # without asking: what none of those reached that were no command, but were taken for one that is asked about
-    asked = np.array([row[2] in speech.ASKED_ABOUT for row in rows])
-    sure = 1.0 / (1.0 + np.exp(-(scores[~right & asked].max() + offset)))
-    note = (
-        f"{right.sum()} commands, {(~right & ~near).sum()} other utterances, {near.sum()} near misses; "
-        f"accepted {100 * np.mean(scores[right] + offset >= 0):.1f} %, "
-        f"{100 * np.mean(scores[~right & ~near] + offset >= 0):.1f} %, {100 * np.mean(scores[near] + offset >= 0):.1f} %"
-    )
-    print(note)
-    _write_decision(path, weights, offset, float(np.ceil(sure * 1e4) / 1e4), note)
-
-
-def _write_decision(path: Path, weights: np.ndarray, offset: float, sure: float, note: str) -> None:
-    lines = [
-        "# Made by bench/voice_training.py from synthetic voices in 10 dB of room noise and music; recognizer.MEASURES says what is weighed.",
-        "# confidence = 1 / (1 + exp(-(weights . measures + offset)))",
-        f"# {note}",
-        f"offset: {offset:.4f}",
-        f"sure: {sure:.4f}",
-        "weights:",
-    ]
-    lines += [f"  {name}: {weight:.5f}" for name, weight in zip(recognition.MEASURES, weights)]
-    path.write_text("\n".join(lines) + "\n")
+    network = CommandNetwork(output)
+    shapes, texts, voices, noises, found = lessons("development")
+    chance = np.array([network.probabilities(shape) for shape in shapes]) * (found > 0)[:, None]
+    best, sure_of = chance.argmax(axis=1), chance.max(axis=1)
+    meant = np.array([commands.index(MEANING[text]) if text in MEANING else -1 for text in texts])
+    near = np.isin(texts, speech.sentences("development_near_misses"))
+    steady = np.isin(noises, NOISES["development"])
+    right = np.where(best == meant, sure_of, 0.0)[steady & (meant >= 0)]
+    threshold = float(min(np.linspace(0.01, 0.99, 99), key=lambda at: abs(np.mean(right < at) - np.mean(sure_of[near & steady] >= at))))
+    asked = np.isin(best, [commands.index(name) for name in speech.ASKED_ABOUT])
+    sure = float(1.0 - (1.0 - sure_of[(meant < 0) & asked].max()) / DOUBT)
+    save(threshold, sure)
+    print(f"threshold {threshold:.3f}, sure {sure:.4f}")
+    for name, kinds in (("steady", NOISES["development"]), ("music", MUSIC["development"]), ("babble", ("babble",))):
+        here = np.isin(noises, kinds)
+        right = (best == meant) & (sure_of >= threshold)
+        figures = [f"{100 * values.mean():.1f} % of {len(values)}" for values in (
+            right[here & (meant >= 0)], (sure_of >= threshold)[here & near], (sure_of >= threshold)[here & ~near & (meant < 0)],
+            (right & (sure_of >= sure))[here & (meant >= 0)],
+        )]
+        print(f"{name}: right {figures[0]}, near misses taken {figures[1]}, others {figures[2]}; sure {figures[3]}")
+    wrong = np.flatnonzero((meant >= 0) & steady & ~((best == meant) & (sure_of >= threshold)))
+    print("missed:", [(str(texts[row]), str(voices[row]), str(noises[row]), commands[best[row]], round(float(sure_of[row]), 2)) for row in wrong[:30]])
+    taken = np.flatnonzero((meant < 0) & (sure_of >= threshold))
+    print("taken:", [(str(texts[row]), commands[best[row]], round(float(sure_of[row]), 3)) for row in taken[:40]])
 
 
 def main() -> None:
     """See the module's text."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("what", nargs="?", choices=("all", "refine", "decision"), default="all")
-    parser.add_argument("--processes", type=int, default=os.cpu_count())
-    parser.add_argument("--takes", type=int, default=4, help="how often the decision hears each command from each voice")
-    parser.add_argument("--output", type=Path, default=OUTPUT, help="folder to write to")
-    arguments = parser.parse_args()
-    arguments.output.mkdir(parents=True, exist_ok=True)
-    if arguments.what != "decision":
-        start = OUTPUT / "phones.npz" if arguments.what == "refine" else None
-        train_network(arguments.processes, arguments.output, start)
-    train_decision(arguments.processes, arguments.output, arguments.takes)
+    parser.add_argument("what", choices=("hear", "learn"))
+    parser.add_argument("--group", choices=("training", "development"), default="training")
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--seconds", type=float, default=600.0)
+    parser.add_argument("--output", type=Path, default=NETWORK)
+    given = parser.parse_args()
+    if given.what == "hear":
+        hear(given.group, given.seed, given.seconds)
+    else:
+        learn(given.output)
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""The voice recogniser: the library as an oracle for its parts, spoken words for the whole."""
+"""The voice recogniser: spoken words for the whole, and its network's file."""
 from __future__ import annotations
 
 import sys
@@ -6,103 +6,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from pocketsphinx import Decoder
-from scipy.signal import resample_poly
 
 from vb_core.errors import CodedError, ParameterError
-from vb_voice_wizard import acoustic_model, phone_scoring, speech_features
-from vb_voice_wizard.recognizer import MEASURES, CommandRecognizer, RecognizerParams
+from vb_voice_wizard.recognizer import ALWAYS_UNCLEAR, CommandNetwork, CommandRecognizer, RecognizerParams
+from vb_voice_wizard.speech_encoder import FEATURES, SpeechEncoder, word_shape
 
 sys.path.insert(0, str(Path(__file__).parent))
 from speech import RATE, room_noise, say, tone  # noqa: E402
-
-
-@pytest.fixture(scope="module")
-def recognizer():
-    return CommandRecognizer()
-
-
-@pytest.fixture(scope="module")
-def logged(tmp_path_factory):
-    """One utterance, and the cepstra and senone scores that the library made of it."""
-    folder = tmp_path_factory.mktemp("logs")
-    pcm = say("guide robot")
-    decoder = Decoder(
-        samprate=RATE, lm=None, loglevel="FATAL", compallsen=True, mfclogdir=str(folder), senlogdir=str(folder)
-    )
-    decoder.add_jsgf_string("commands", "#JSGF V1.0; grammar g; public <c> = guide robot;")
-    decoder.activate_search("commands")
-    decoder.start_utt()
-    decoder.process_raw(pcm.tobytes(), full_utt=True)
-    decoder.end_utt()
-    cepstra = np.frombuffer(next(folder.glob("*.mfc")).read_bytes(), ">f4", offset=4).reshape(-1, 13)
-    data = next(folder.glob("*.sen")).read_bytes()
-    data = data[data.index(b"endhdr\n") + 11 :]
-    senones = int(np.frombuffer(data, "<i2", count=1)[0])
-    scores = np.frombuffer(data, "<i2").reshape(-1, senones + 1)[:, 1:]
-    return pcm, cepstra, -scores.astype(float) * 1024 * np.log(1.0001)
-
-
-def test_cepstra_are_those_of_the_library(logged):
-    pcm, expected, _ = logged
-    ours = speech_features.cepstra(speech_features.remove_noise(speech_features.mel_spectrum(pcm)))
-    # the library adds a last frame, padded with nothing
-    np.testing.assert_allclose(ours, expected[: len(ours)], atol=1e-3)
-    assert len(ours) >= len(expected) - 1
-
-
-def test_senone_scores_are_those_of_the_library(logged):
-    _, cepstra, expected = logged
-    model = acoustic_model.AcousticModel(acoustic_model.embedded_model())
-    ours = model.score(speech_features.dynamic(cepstra.astype(float)), np.arange(model.senones))
-    ours = ours - ours.max(axis=1, keepdims=True)
-    # the library counts only the four nearest Gaussians of each mixture, in steps of 0.1; and pads both ends
-    middle = slice(10, -10)
-    assert np.corrcoef(ours[middle].ravel(), expected[middle].ravel())[0, 1] > 0.93
-    best = expected[np.arange(len(ours)), ours.argmax(axis=1)][middle]
-    assert np.median(best) > -0.5
-
-
-def test_a_broken_model_is_one_clear_error(tmp_path):
-    (tmp_path / "mdef").write_bytes(b"BMDF nonsense")
-    with pytest.raises(CodedError) as caught:
-        acoustic_model.AcousticModel(tmp_path)
-    assert caught.value.code == "bad_speech_model"
-
-
-def test_alignment_prefers_what_was_drawn():
-    """Likelihoods that favour one phrase's states in turn: its phones come out where they were put."""
-    phones = phone_scoring.PhoneSet(acoustic_model.AcousticModel(acoustic_model.embedded_model()))
-    scorer = phone_scoring.PhraseScorer(phones, [[["S", "EY", "V"]], [["K", "AE", "T"]]])
-    count = 60
-    senones = np.full((count, phones.model.senones), -20.0, dtype=np.float32)
-    grouped = np.full((count, len(phones.names), 3), -20.0, dtype=np.float32)
-    silence = np.full(count, -20.0, dtype=np.float32)
-    silence[:10] = silence[50:] = 0.0
-    for number, name in enumerate(("S", "EY", "V")):
-        for place in range(3):
-            frames = slice(10 + 15 * number + 5 * place - 0, 15 + 15 * number + 5 * place)
-            frames = slice(min(frames.start, 50), min(frames.stop, 50))
-            mine = (phones.model.codebook == phones.model.number[name]) & (phones.model.place == place)
-            senones[frames, mine] = 0.0
-            grouped[frames, phones.index[name], place] = 0.0
-    likelihoods = phone_scoring.Likelihoods(senones, senones.max(axis=1), silence, grouped)
-    alignments = scorer.align(likelihoods)
-    first, second = alignments.trace(0), alignments.trace(1)
-    assert alignments.scores.tolist() == [first.score, second.score]
-    assert [phone for phone, _, _ in first.phones] == ["S", "EY", "V"]
-    assert [start for _, start, _ in first.phones] == [10, 25, 40]
-    assert first.score > second.score
-    scores, heard = phone_scoring.phone_loop(phones, likelihoods, -5.0)
-    assert [phone for phone, _, _ in heard] == ["SIL", "S", "EY", "V", "SIL"]
-    assert scores.shape == (count,)
-
-
-@pytest.mark.parametrize("text", ["council", "castle", "say", "shave", "saves", "five", "we do", "resumed", "and you"])
-def test_near_misses_are_never_acted_on_unasked(recognizer, text):
-    for issue in recognizer.examine(say(text)):
-        assert issue.command is None or issue.unclear, f"{text} is surely {issue.command}"
-
 
 COMMANDS = {
     "define_border": ("define border", "en-us"),
@@ -110,24 +20,51 @@ COMMANDS = {
     "guide_robot": ("guide robot", "en-us+f2"),
     "save": ("save", "en-gb+m3"),
     "cancel": ("cancel", "en-us+f4"),
+    "stop": ("stop", "en-us"),
+    "resume": ("resume", "en-gb"),
+    "undo": ("undo", "en-us+m3"),
+    "redo": ("redo", "en-gb+f2"),
 }
 
 
-@pytest.mark.parametrize("command", sorted(COMMANDS))
-def test_commands_are_recognised(recognizer, command):
-    assert recognizer.recognize(say(*COMMANDS[command])) == command
+@pytest.fixture(scope="module")
+def recognizer():
+    return CommandRecognizer()
 
 
-def test_a_recording_without_any_noise(recognizer):
-    pcm = say("define seed", snr_db=200.0)
-    assert recognizer.recognize(pcm) == "define_seed"
-    assert recognizer.recognize(pcm[int(0.5 * RATE) : -int(0.5 * RATE)]) == "define_seed"
+def test_commands_are_recognised_most_of_the_time(recognizer):
+    """One voice in one noise each: how often is bench/voice.py's matter."""
+    issues = {command: recognizer.examine(say(*spoken))[0] for command, spoken in COMMANDS.items()}
+    assert all(issue.command in (None, command) for command, issue in issues.items()), issues
+    heard = [issue for command, issue in issues.items() if issue.command == command]
+    assert len(heard) >= 6, issues
+    assert all(issue.best == issue.command and issue.reason == "ok" for issue in heard)
+    assert all(issue.confidence >= recognizer.threshold for issue in heard)
 
 
-@pytest.mark.parametrize(
-    "text", ["what is for dinner tonight", "good afternoon", "the robot got stuck under the sofa", "has anyone seen my glasses"]
-)
-def test_other_sentences_are_not(recognizer, text):
+def test_what_was_made_of_it_can_be_seen(recognizer):
+    (issue,) = recognizer.examine(say("has anyone seen my glasses"))
+    assert issue.command is None and issue.best and issue.confidence < recognizer.threshold
+    assert issue.reason == "unlike_a_command"
+    long = say("this sentence goes on and on and on for much longer than any command could ever take")
+    assert [issue.reason for issue in recognizer.examine(long)] == ["too_long"]
+
+
+@pytest.mark.parametrize("text", ["saving", "defined border", "cancelled", "undone", "council", "stopped", "resumed"])
+def test_near_misses_are_never_acted_on_unasked(recognizer, text):
+    for issue in recognizer.examine(say(text)):
+        assert issue.command in (None, "stop") or issue.unclear, f"{text} is surely {issue.command}"
+
+
+def test_one_word_never_lets_robots_drive_again(recognizer):
+    for voice in ("en-us", "en-gb", "en-us+f2"):
+        for issue in recognizer.examine(say("resume", voice, snr_db=25.0)):
+            assert issue.command is None or issue.unclear
+    assert "resume" in ALWAYS_UNCLEAR
+
+
+@pytest.mark.parametrize("text", ["what is for dinner tonight", "good afternoon", "the robot got stuck under the sofa"])
+def test_other_sentences_are_not_commands(recognizer, text):
     assert recognizer.recognize(say(text, "en-gb+f2")) is None
 
 
@@ -140,41 +77,23 @@ def test_noise_beeps_and_nothing_are_no_commands(recognizer):
         assert recognizer.recognize(np.concatenate([quiet, tone(hertz, 0.3), quiet])) is None
 
 
-def test_a_short_vocal_tract_gets_a_second_look(recognizer):
-    """Played faster, pitch and formants rise alike: what was understood stays understood, and more is."""
-    texts = [text for text, _ in COMMANDS.values()]
-    short = [np.rint(resample_poly(say(text).astype(float), 66, 100)).astype(np.int16) for text in texts]
-    once = CommandRecognizer(RecognizerParams(rescore_threshold=1.0))
-    first, both = ([listener.recognize(pcm) for pcm in short] for listener in (once, recognizer))
-    assert all(one in (None, two) for one, two in zip(first, both))
-    # what was doubted at first is asked about, however sure the second look is
-    looked = [issue for pcm, before in zip(short, first) if before is None for issue in recognizer.examine(pcm)]
-    assert all(issue.unclear for issue in looked if issue.command)
-    right = [sum(found == command for found, command in zip(each, COMMANDS)) for each in (first, both)]
-    assert right[1] >= right[0] and right[1] >= 3
+def test_loudness_is_no_part_of_a_word():
+    encoder, pcm = SpeechEncoder(), say("define seed")
+    loud, soft = encoder.moments(pcm), encoder.moments((pcm // 8).astype(np.int16))
+    assert loud.shape == soft.shape and loud.shape[1] == FEATURES
+    assert np.corrcoef(loud.ravel(), soft.ravel())[0, 1] > 0.99
+    assert np.isfinite(encoder.moments(np.zeros(RATE // 5, np.int16))).all()
 
 
-def test_warped_bands_meet_moved_tones():
-    for hertz in (300.0, 800.0, 2000.0):
-        for warp in (0.85, 1.18):
-            plain, warped = (
-                speech_features.mel_spectrum(tone(hertz * factor, 0.3), factor)[5:-5].mean(axis=0).argmax()
-                for factor in (1.0, warp)
-            )
-            assert abs(int(plain) - int(warped)) <= 1
-    # the highest band stays within the range that the models know
-    noise = room_noise(16000, 1000.0)
-    assert np.isfinite(speech_features.mel_spectrum(noise, 1.4)).all()
-
-
-def test_what_was_made_of_it_can_be_seen(recognizer):
-    (issue,) = recognizer.examine(say("define border"))
-    assert issue.command == issue.best == "define_border" and issue.reason == "ok"
-    assert 0.5 <= issue.confidence <= 1.0 and len(issue.measures) == len(MEASURES) and issue.heard
-    (issue,) = recognizer.examine(say("has anyone seen my glasses"))
-    assert issue.command is None and issue.best and issue.confidence < 0.5
-    long = say("this sentence goes on and on and on for much longer than any command could ever take")
-    assert [issue.reason for issue in recognizer.examine(long)] == ["too_long"]
+def test_an_utterance_of_any_length_is_one_vector():
+    moments = np.repeat(np.arange(8.0)[:, None], FEATURES, axis=1)
+    shape = word_shape(moments, RATE, 4)
+    assert shape.shape == (4 * FEATURES + 1,) and shape[-1] == 1.0
+    np.testing.assert_allclose(shape[:-1].reshape(4, FEATURES)[:, 0], [0.5, 2.5, 4.5, 6.5])
+    # slower speech of the same word has the same shape, but for its duration
+    slow = np.repeat(moments, 2, axis=0)
+    assert np.abs(word_shape(slow, 2 * RATE, 4) - shape)[:-1].max() <= 0.5
+    assert np.isfinite(word_shape(moments[:1], RATE, 4)).all()
 
 
 def test_only_sound_of_the_expected_kind(recognizer):
@@ -183,29 +102,29 @@ def test_only_sound_of_the_expected_kind(recognizer):
             recognizer.recognize(wrong)
 
 
-def test_other_words_by_configuration(tmp_path):
-    (tmp_path / "grammar.yaml").write_text("save: [remember this]\ncancel: [stop it]\n")
-    (tmp_path / "words.dict").write_text("this DH IH S\n")
-    params = RecognizerParams(
-        grammar=str(tmp_path / "grammar.yaml"), dictionary=str(tmp_path / "words.dict"), wake_word="computer"
-    )
-    recognizer = CommandRecognizer(params)
-    assert recognizer.recognize(say("computer remember this")) == "save"
-    assert recognizer.recognize(say("define border")) is None
+def write_network(path, commands=("save", "cancel")):
+    """A network that finds "save" whatever it hears."""
+    np.savez(str(path), commands=np.array(commands), places=2, threshold=0.5, sure=0.99,
+             weights0=np.zeros((2 * FEATURES + 1, 3), np.float16), bias0=np.array([0.0, 3.0, 0.0]))
+    return path
+
+
+def test_another_network_by_configuration(tmp_path):
+    path = write_network(tmp_path / "mine.npz")
+    assert CommandRecognizer(RecognizerParams(model=str(path))).recognize(say("define border")) == "save"
+    surer = CommandRecognizer(RecognizerParams(model=str(path), threshold=0.95))
+    assert surer.recognize(say("define border")) is None
+    chance = CommandNetwork(path).probabilities(np.zeros(2 * FEATURES + 1, np.float32))
+    assert chance.shape == (2,) and 0.0 < chance.sum() < 1.0
 
 
 def test_bad_files_are_named(tmp_path):
-    with pytest.raises(ParameterError) as caught:
-        CommandRecognizer(RecognizerParams(wake_word="xyzzyx"))
-    assert caught.value.key == "dictionary" and "xyzzyx" in caught.value.message
-    with pytest.raises(ParameterError) as caught:
-        CommandRecognizer(RecognizerParams(network=str(tmp_path / "none.npz")))
-    assert caught.value.key == "network"
-    (tmp_path / "decision.yaml").write_text("offset: 0\nweights: {loop: 1}\n")
-    with pytest.raises(ParameterError) as caught:
-        CommandRecognizer(RecognizerParams(decision=str(tmp_path / "decision.yaml")))
-    assert caught.value.key == "decision"
-    (tmp_path / "phones.npz").write_bytes(b"nothing")
-    with pytest.raises(CodedError) as caught:
-        CommandRecognizer(RecognizerParams(network=str(tmp_path / "phones.npz")))
-    assert caught.value.code == "bad_phone_network"
+    (tmp_path / "bad.npz").write_bytes(b"nothing")
+    for path in (tmp_path / "none.npz", tmp_path / "bad.npz", write_network(tmp_path / "dance.npz", ("dance", "save"))):
+        with pytest.raises(ParameterError) as caught:
+            CommandRecognizer(RecognizerParams(model=str(path)))
+        assert caught.value.key == "model" and path.name in caught.value.message
+    for path in (tmp_path / "none.ort", tmp_path / "bad.npz"):
+        with pytest.raises(CodedError) as caught:
+            SpeechEncoder(path)
+        assert caught.value.code == "no_speech_model"

@@ -1,4 +1,4 @@
-"""Endpointing, wording and reading of sound."""
+"""Endpointing and reading of sound."""
 from __future__ import annotations
 
 import itertools
@@ -10,17 +10,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from vb_core.errors import CodedError, ParameterError
+from vb_core.errors import CodedError
 from vb_core.ros.node import start_thread
-from vb_voice_wizard import command_grammar
 from vb_voice_wizard.audio_sources import Microphone, Resampler, level_db, read_wav, to_model_rate
 from vb_voice_wizard.endpointing import CHUNK, Endpointer, EndpointParams, utterances
 
 sys.path.insert(0, str(Path(__file__).parent))
 from speech import RATE, room_noise, say, tone  # noqa: E402
-
-PHONES = ["S", "EY", "V", "B", "AO", "R", "D", "ER"]
-
 
 # ------------------------------------------------------------------ endpointing
 STEP = CHUNK / RATE
@@ -93,54 +89,6 @@ def test_a_long_stream_needs_no_memory():
         endpointer.push(numbered(1.0))
     kept = sum(chunk.size for chunk in [*endpointer._kept, *endpointer._before])
     assert endpointer.speaking and kept < 3 * RATE
-
-
-# ------------------------------------------------------------------ wording
-def grammar(tmp_path, text):
-    path = tmp_path / "grammar.yaml"
-    path.write_text(text)
-    return path
-
-
-@pytest.mark.parametrize(
-    "text, word",
-    [
-        ("", "expected commands"),
-        ("save: [a", "cannot read"),
-        ("dance: [dance]", "dance"),
-        ("save: save", "list of phrases"),
-        ("save: ['']", "list of phrases"),
-        ("save: [go]\ncancel: [Go]", "both"),
-    ],
-)
-def test_bad_grammars(tmp_path, text, word):
-    with pytest.raises(ParameterError, match=word):
-        command_grammar.read_grammar(grammar(tmp_path, text))
-
-
-def test_phrases_in_every_pronunciation(tmp_path):
-    words = tmp_path / "a.dict"
-    words.write_text("# comment\nsave S EY V\nsave(2) S EY\nborder B AO R D ER # why\n")
-    found = command_grammar.phrases({"save": ["save border"]}, "", [words], PHONES)
-    assert [phrase.words for phrase in found] == [
-        (("S", "EY", "V"), ("B", "AO", "R", "D", "ER")),
-        (("S", "EY"), ("B", "AO", "R", "D", "ER")),
-    ]
-    other = tmp_path / "b.dict"
-    other.write_text("save S\nrobot R\n")
-    found = command_grammar.phrases({"save": ["save"]}, "robot", [words, other], PHONES)
-    assert [phrase.words for phrase in found] == [(("R",), ("S", "EY", "V")), (("R",), ("S", "EY"))]
-
-
-def test_unknown_words_and_phones_are_named(tmp_path):
-    words = tmp_path / "a.dict"
-    words.write_text("save S EY V\nseed S IY D\n")
-    with pytest.raises(ParameterError, match="'frobnicate'"):
-        command_grammar.phrases({"save": ["frobnicate"]}, "", [words], PHONES)
-    with pytest.raises(ParameterError, match="'seed'.*IY"):
-        command_grammar.phrases({"save": ["seed"]}, "", [words], PHONES)
-    with pytest.raises(ParameterError, match="no file"):
-        command_grammar.find("grammar", str(tmp_path / "none"), "commands.yaml")
 
 
 # ------------------------------------------------------------------ sound

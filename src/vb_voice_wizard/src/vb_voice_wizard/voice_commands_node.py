@@ -20,10 +20,9 @@ from vb_core.ros.notices import NoticePublisher
 from vb_msgs.msg import Audio, SpeechCommand, Sound
 from vb_msgs.srv import CommandRequest, CommandResponse
 
-from vb_voice_wizard.audio_sources import Microphone, Resampler, arecord, level_db, read_wav
+from vb_voice_wizard.audio_sources import SAMPLE_RATE, Microphone, Resampler, arecord, level_db, read_wav
 from vb_voice_wizard.endpointing import Endpointer, EndpointParams, Utterance
 from vb_voice_wizard.recognizer import CommandRecognizer, RecognitionResult, RecognizerParams
-from vb_voice_wizard.speech_features import SAMPLE_RATE
 
 AUDIO = "/virtual_borders/voice/audio"
 
