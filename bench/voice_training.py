@@ -58,7 +58,7 @@ def _training(rng: np.random.Generator) -> Iterator[Tuple[str, str, str, np.ndar
     voices, noises = speech.training_voices(), (*NOISES["training"], *MUSIC["training"], "babble")
     talkers = [speech.synthesise(("espeak-ng", "en-us+f2"), text) for text in speech.sentences("training_others")[:8]]
     talkers += [speech.synthesise(("flite", "rms"), text) for text in speech.sentences("training_others")[8:24]]
-    # noise is cut out of long pieces: to make it anew each time would take longer than all the rest
+    # noise is cut out of long pieces: to make it for each lesson would take longer than all the rest
     long = {noise: speech.room_noise(rng, 25 * RATE, noise, talkers) for noise in noises}
 
     def noise_of(noise: str) -> Callable[[int], np.ndarray]:
