@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """How well spoken commands are recognised: writes out/bench/voice_GROUP.json and docs/results/voice.md.
 
-    bench/voice.py                         every command twice by every voice, every sentence by two
+    bench/voice.py                         every command four times by every voice, every sentence once, in each kind of noise
     bench/voice.py --share 0.3             a random part of it, the same each time
     bench/voice.py --group development     the same with what the thresholds were chosen with
 
@@ -27,7 +27,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import numpy as np
 
 import voice_speech as speech
-from voice_speech import ASKED_ABOUT, DEVELOPMENT_VOICES, EVALUATION_VOICES, MUSIC, NOISES, RATE, TOP
+from voice_speech import ASKED_ABOUT, MUSIC, NOISES, RATE, TOP
 
 from vb_voice_wizard.endpointing import Endpointer, EndpointParams
 from vb_voice_wizard.recognizer import CommandRecognizer, RecognizerParams
@@ -143,7 +143,7 @@ def main() -> int:
     """See the module's text."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--group", choices=("development", "evaluation"), default="evaluation")
-    parser.add_argument("--takes", type=int, default=2, help="how often each command is said by each voice")
+    parser.add_argument("--takes", type=int, default=4, help="how often each command is said by each voice")
     parser.add_argument("--share", type=float, default=1.0, help="of all that could be said")
     parser.add_argument("--snr", type=float, default=10.0, help="[dB]")
     parser.add_argument("--model", default="", help="another commands.npz")
@@ -151,20 +151,8 @@ def main() -> int:
     arguments = parser.parse_args()
     params, group = RecognizerParams(model=arguments.model), arguments.group
     threshold = CommandRecognizer(params).threshold
-    voices = EVALUATION_VOICES if group == "evaluation" else DEVELOPMENT_VOICES
-    texts = speech.sentences(f"{group}_others")
-    # the neural voices have not recorded such long sentences
-    talking = [voice for voice in voices if voice[0] != "recorded"] or [("flite", "awb"), ("flite", "slt"), ("festival", "ked_diphone")]
-    talkers = [
-        speech.synthesise(talking[index % len(talking)], f"{texts[index]}, {texts[-index - 1]}") for index in range(0, 40, 2)
-    ]
-    jobs, rng, styles = [], np.random.default_rng(0), MUSIC[group]
-    for noises in (NOISES[group], styles, ("babble",)):
-        planned = speech.plans(group, voices, arguments.takes, noises, arguments.snr)
-        keep = rng.random(len(planned)) < arguments.share
-        jobs += [plan for plan, wanted in zip(planned, keep) if wanted]
-    # whatever is stopped early has something of everything
-    jobs = [jobs[index] for index in rng.permutation(len(jobs))]
+    jobs, talkers = speech.everything(group, arguments.takes, arguments.share, arguments.snr)
+    styles = MUSIC[group]
     with Pool(arguments.processes, _setup, (params, talkers)) as pool:
         results = []
         try:

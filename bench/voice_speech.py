@@ -259,15 +259,41 @@ class Plan:
 
 
 def plans(group: str, voices: Sequence[Voice], takes: int, noises: Sequence[str], snr_db: float = 10.0) -> List[Plan]:
-    """Every command by every voice `takes` times; every other sentence and near miss by `takes` voices."""
+    """Every command by every voice `takes` times; every other sentence and near miss once."""
     rng = np.random.default_rng(zlib.crc32(f"{group} {noises}".encode()))
 
     def noise() -> str:
         return str(rng.choice(noises))
 
-    result = [Plan("command", text, voice, noise(), take, snr_db) for text in MEANING for voice in voices for take in range(takes)]
+    def can_say(voice: Voice, text: str) -> bool:
+        return voice[0] != "recorded" or any((RECORDINGS / voice[1]).glob(f"{text.replace(' ', '_')}-*.wav"))
+
+    result = [
+        Plan("command", text, voice, noise(), take, snr_db)
+        for text in MEANING for voice in voices if can_say(voice, text) for take in range(takes)
+    ]
     for kind, name in (("other", "others"), ("near_miss", "near_misses")):
         for text in sentences(f"{group}_{name}"):
-            for take, index in enumerate(rng.permutation(len(voices))[:takes]):
-                result.append(Plan(kind, text, voices[index], noise(), take, snr_db))
+            able = [voice for voice in voices if can_say(voice, text)]
+            if able:
+                result.append(Plan(kind, text, able[rng.integers(len(able))], noise(), 0, snr_db))
     return result
+
+
+def everything(group: str, takes: int = 1, share: float = 1.0, snr_db: float = 10.0) -> Tuple[List[Plan], List[np.ndarray]]:
+    """What a group is judged by: in steady noise, over music, while people talk; and the talkers.
+
+    Args:
+        share: of the plans, at random, the same each time.
+
+    Returns:
+        The plans in a random order, so that what is stopped early has something of everything; talkers' sound.
+    """
+    voices = EVALUATION_VOICES if group == "evaluation" else DEVELOPMENT_VOICES
+    # the neural voices have not recorded such long sentences
+    people = [voice for voice in voices if voice[0] != "recorded"] or [("flite", "awb"), ("flite", "slt"), ("festival", "ked_diphone")]
+    texts, rng = sentences(f"{group}_others"), np.random.default_rng(0)
+    talkers = [synthesise(people[index % len(people)], f"{texts[index]}, {texts[-index - 1]}") for index in range(0, 40, 2)]
+    planned = [plan for noises in (NOISES[group], MUSIC[group], ("babble",)) for plan in plans(group, voices, takes, noises, snr_db)]
+    order = [index for index in rng.permutation(len(planned)) if rng.random() < share]
+    return [planned[index] for index in order], talkers
