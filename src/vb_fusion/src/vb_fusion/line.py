@@ -113,7 +113,7 @@ def _divide(stroke: Stroke) -> np.ndarray:
 
 
 def _misfit(sums: np.ndarray) -> np.ndarray:
-    """[m^3] squared distance from the best straight line, times the length, for sums (6, ...) of 1, x, y, xx, yy, xy."""
+    """[m^3] squared distance from the best straight line, times the length, for sums (6, ...): 1, x, y, xx, yy, xy."""
     w, x, y, xx, yy, xy = sums
     xx, yy, xy = xx - x * x / w, yy - y * y / w, xy - x * y / w
     return np.maximum(0.5 * (xx + yy - np.hypot(xx - yy, 2.0 * xy)), 0.0)
