@@ -94,7 +94,8 @@ class BorderExit:
         self._grids: Optional[Tuple[GridMap, GridMap]] = None  # with and without borders
         self._monitor: Optional[BorderMonitor] = None
         self._ground: Optional[KeepoutMap] = None
-        self._swallowed: Optional[bool] = None  # whether the newest map put a border where the robot is; None: not yet known
+        # whether the newest map put a border where the robot is; None: not yet known
+        self._swallowed: Optional[bool] = None
         self._idle_since = self._retry_at = -math.inf
         self.failed = ""
         self._end()

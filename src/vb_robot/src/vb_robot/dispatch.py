@@ -22,8 +22,8 @@ PATIENCE = 0.6  # [s] how long the present goal must have been unfit to be repla
 MIN_SPOT_MOVE = 0.3  # [m] how far the spot must have moved since the goal was chosen
 MIN_GAIN = 0.25  # [m] how far a new place must be from the present goal
 FAILED_RADIUS, FAILED_MEMORY = 0.3, 20.0  # [m, s] around a place that failed, nothing is tried for this long
-# A place is a promise with a deadline at each stage [s]: navigation accepts it, the robot gets on (move_base itself needs
-# 40 s to give up), and from there a camera sees the spot. What is not kept in time has failed, and the next one is tried.
+# A place is a promise with a deadline at each stage [s]: navigation accepts it, the robot gets on (move_base itself
+# needs 40 s to give up), and from there a camera sees the spot. What is not kept in time has failed.
 WAITS = {"sent": 4.0, "active": 15.0, "seen": 3.0}
 STUCK_DISTANCE = 0.10  # [m] less is no way
 BLIND_RADIUS, BLIND_TRIES = 0.5, 2  # [m] apart, and so often until a camera sees it again: the laser may be off

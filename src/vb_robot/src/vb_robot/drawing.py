@@ -185,10 +185,11 @@ class KeepOut:
     def allows(self, route: Optional[np.ndarray]) -> bool:
         """Whether a way (N, 2) [m] keeps off the area.
 
-        A robot that is too near or inside already may leave, but nowhere come nearer again, and no way may end there: the
-        border would lock the robot in. No way is not allowed.
+        A robot that is too near or inside already may leave, but nowhere come nearer again, and no way may end there:
+        the border would lock the robot in. No way is not allowed.
         """
         if route is None or not len(route):
             return False
         gaps = np.minimum(sample(self._grid, self._gap, route, outside=np.inf), self._needed)
-        return bool((gaps >= np.maximum.accumulate(gaps) - self._tremble).all() and gaps[-1] >= self._needed - self._tremble)
+        nowhere_nearer = (gaps >= np.maximum.accumulate(gaps) - self._tremble).all()
+        return bool(nowhere_nearer and gaps[-1] >= self._needed - self._tremble)

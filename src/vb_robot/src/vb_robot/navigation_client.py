@@ -79,8 +79,9 @@ class NavigationClient:
     def _running(self) -> List[str]:
         """The ids of the goals that the server works on, no matter who gave them."""
         status = self._client.last_status_msg
+        entries = status.status_list if status is not None else []
         running = (StatusMessage.PENDING, StatusMessage.ACTIVE)
-        return [entry.goal_id.id for entry in status.status_list if entry.status in running] if status is not None else []
+        return [entry.goal_id.id for entry in entries if entry.status in running]
 
     def busy(self) -> bool:
         """Whether it drives to a goal that somebody else gave."""

@@ -53,7 +53,7 @@ HOLDS = {"stopped", "state_lost", "scan_lost", "pose_lost", "pose_leapt", "no_ma
 class DriverParams(Parameters):
     """The node's parameters; what the robot is comes from its profile."""
 
-    robot: str = param("", doc="the robot's name: in borders, notices, before its frames, its camera's; empty: the only one")
+    robot: str = param("", doc="its name: in borders and notices, before its frames, its camera's; empty: the only one")
     mobile_cameras: tuple = param(("robot",), doc="names of all cameras on robots; all others are stationary")
     leave_borders: bool = param(True, doc="drive out of a border that was put where the robot is")
 
