@@ -85,7 +85,7 @@ class WizardConsoleTest(unittest.TestCase):
         self.assertEqual(self.stub.added[-1].source, "wizard")
         terminal.shows("Saved")
         terminal.press("u")
-        terminal.shows("the borders are changed")
+        terminal.shows("Nursery is gone")
         terminal.press(" ")
         terminal.shows("STOPPED")
         self.state.wait(lambda message: message.stopped and message.stopped_by == "wizard", "the stop")
