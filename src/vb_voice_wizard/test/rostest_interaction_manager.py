@@ -321,6 +321,7 @@ class InteractionManagerTest(unittest.TestCase):
         # what was answered before is answered again, and still nobody may drive
         self.assertEqual(self.command("undo", id="before").code, "no_service")
         self.assertEqual(self.command("guide_robot").code, "guide_stopped")
+        wait_until(lambda: stop.subscriber.get_num_connections() > 1, "the restarted node's topic")
         self.assertTrue(self.command("resume").success)
         stop.wait(lambda message: not message.data, "the end of the stop")
         self.state.wait(lambda message: not message.stopped, "robots that may drive")

@@ -8,7 +8,7 @@ Whatever the gate depends on has one age limit: STOP_WITHIN after the last messa
 older the oldest input, the slower the robot drives, so that its brakes keep that promise from any speed. A message that
 is a little late, on a busy computer, slows the robot for a moment and does not stop it.
 
-Who drives, in order of priority: stop (latched), teleoperation, following the spot, leaving a border, navigation.
+Who drives, in order of priority: stop (it holds until resume), teleoperation, following the spot, leaving a border, navigation.
 """
 from __future__ import annotations
 

@@ -63,7 +63,7 @@ class InteractionManager:
 
     Published topics:
         /virtual_borders/state (vb_msgs/InteractionState, latched): on each change, and every 0.1 s of wall time.
-        /virtual_borders/stop (std_msgs/Bool, latched): on `stop` and `resume`, before anything else; at the start if stopped.
+        /virtual_borders/stop (std_msgs/Bool): on `stop` and `resume`, before anything else; not latched, the state has it too.
         /virtual_borders/notices (vb_msgs/NoticeArray): robots_stopped, stop_memory_lost, interaction_ends_soon.
         /virtual_borders/preview (vb_msgs/BorderPreview, latched): what saving now would do, as soon as there are
             border and seed, and again when they, the map or the borders in it change.
@@ -108,11 +108,9 @@ class InteractionManager:
             params.border_name, params.occupancy, params.service_wait, params.service_answer
         )
         self._preview = Previewer(preview, self._neighbours)
-        self._stop = rospy.Publisher(names.STOP, Bool, queue_size=10, latch=True)
+        self._stop = rospy.Publisher(names.STOP, Bool, queue_size=10)  # not latched: an old word must never come again
         self._publisher = rospy.Publisher(names.STATE, InteractionState, queue_size=10, latch=True)
         self._notices = NoticePublisher()
-        if self._interaction.stopped:
-            self._stop.publish(True)  # but never false: a stop that was pressed while this node was away holds until resume
         with self._lock:
             self._publish()
         self._texts: node.Queue = node.Queue(20)
