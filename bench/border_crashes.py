@@ -32,7 +32,7 @@ from result_table import revision, write_table  # noqa: E402
 from vb_core.errors import CodedError  # noqa: E402
 from vb_core.grid_map import GridMap  # noqa: E402
 from vb_map_integration.border import VirtualBorder  # noqa: E402
-from vb_map_integration.border_files import border_to_mapping  # noqa: E402
+from vb_map_integration.borders.border_files import border_to_mapping  # noqa: E402
 from vb_map_integration.integrator import IntegratorParams, MapIntegrator  # noqa: E402
 
 KINDS = ("kill", "full", "flip")

@@ -29,7 +29,7 @@ from result_table import revision, write_table  # noqa: E402
 from vb_core.errors import CodedError  # noqa: E402
 from vb_map_integration.border import VirtualBorder  # noqa: E402
 from vb_map_integration.integrator import IntegratorParams, MapIntegrator  # noqa: E402
-from vb_map_integration.registration import IDENTITY, Transform  # noqa: E402
+from vb_map_integration.places.registration import IDENTITY, Transform  # noqa: E402
 
 WEEK = ("static", "slam", "static", "recorded again", "furniture", "upstairs", "static", "shifted 0.3 m",
         "recorded again", "upstairs again", "slam", "turned 3 degrees", "upstairs",

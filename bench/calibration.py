@@ -31,19 +31,19 @@ sys.path.insert(0, str(TOP / "src" / "vb_laser_detect" / "test"))
 from board_scene import render_board  # noqa: E402
 from vb_core.camera_model import CameraModel  # noqa: E402
 from vb_core.errors import CodedError  # noqa: E402
-from vb_laser_detect.calibration import CalibrationParams, Observations, estimate_pose  # noqa: E402
-from vb_laser_detect.calibration_board import BoardParams, corners_on_map, find_board, merge_views  # noqa: E402
-from vb_laser_detect.calibration_session import HeldSpot  # noqa: E402
+from vb_laser_detect.calibration.pose import CalibrationParams, Observations, estimate_pose  # noqa: E402
+from vb_laser_detect.calibration.board import BoardParams, corners_on_map, find_board, merge_views  # noqa: E402
+from vb_laser_detect.calibration.session import HeldSpot  # noqa: E402
 from vb_laser_detect.detector import DetectorParams, SpotDetector  # noqa: E402
-from vb_laser_detect.pixels import to_grey  # noqa: E402
-from vb_laser_detect.projection import floor_points, pixels_of  # noqa: E402
-from vb_sim.camera_calibration import calibrated_pose  # noqa: E402
-from vb_sim.ceiling_view import CeilingView  # noqa: E402
-from vb_sim.floor_texture import render_floor  # noqa: E402
+from vb_laser_detect.detection.pixels import to_grey  # noqa: E402
+from vb_laser_detect.detection.projection import floor_points, pixels_of  # noqa: E402
+from vb_sim.cameras.camera_calibration import calibrated_pose  # noqa: E402
+from vb_sim.cameras.ceiling_view import CeilingView  # noqa: E402
+from vb_sim.room.floor_texture import render_floor  # noqa: E402
 from vb_sim.lab_history import Snapshot  # noqa: E402
-from vb_sim.mesh import world_mesh  # noqa: E402
-from vb_sim.models_cameras import load_camera_models  # noqa: E402
-from vb_sim.world import load_world  # noqa: E402
+from vb_sim.room.mesh import world_mesh  # noqa: E402
+from vb_sim.room.models_cameras import load_camera_models  # noqa: E402
+from vb_sim.room.world import load_world  # noqa: E402
 
 # where a person puts spots and boards, as parts of the image's width and height, the first ones first; and how loosely
 SPOTS = np.array([(0.1, 0.1), (0.9, 0.9), (0.9, 0.1), (0.1, 0.9), (0.5, 0.1), (0.5, 0.9), (0.1, 0.5), (0.9, 0.5)])

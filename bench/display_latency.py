@@ -40,8 +40,8 @@ from vb_evaluation.processes import Child, free_port, start_screen
 from vb_feedback.display_markers_node import RESTRICTED
 from vb_msgs.msg import BorderPreview, DetectorStatus, LabState, LaserSpot, ParticipantState
 from vb_msgs.srv import Command
-from vb_sim.frame_clock import SmoothClock
-from vb_sim.world import load_world
+from vb_sim.cameras.frame_clock import SmoothClock
+from vb_sim.room.world import load_world
 
 TOP = Path(__file__).resolve().parents[1]
 SPEED = 0.4  # [m/s] of the spot, what a person draws with

@@ -34,9 +34,9 @@ from vb_evaluation.study.runner import personal_scenario
 from vb_fusion.extraction import ExtractionParams, extract_border
 from vb_map_integration.border import VirtualBorder
 from vb_map_integration.integration import integrate
-from vb_sim import floor_plan
-from vb_sim.hand import Stroke, Tremor, styles
-from vb_sim.world import Scenario
+from vb_sim.room import floor_plan
+from vb_sim.person.hand import Stroke, Tremor, styles
+from vb_sim.room.world import Scenario
 
 RATE, NOISE = 25.0, 0.003  # [1/s] of a camera, [m] of its spots
 # what people and marks err by, in the study's configuration

@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 
 from vb_core.grid_map import GridMap
-from vb_map_integration.registration import IDENTITY, Transform
+from vb_map_integration.places.registration import IDENTITY, Transform
 
 _SHIFT = 8  # bits of sub-cell accuracy for OpenCV's polygons
 

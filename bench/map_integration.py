@@ -34,8 +34,8 @@ from map_integration_scene import curve, house, polygon  # noqa: E402
 from vb_core import names  # noqa: E402
 from vb_core.grid_map import GridMap  # noqa: E402
 from vb_core.ros import messages  # noqa: E402
-from vb_map_integration.border_messages import message_from_border  # noqa: E402
-from vb_map_integration.database import FILE, Database, fingerprint  # noqa: E402
+from vb_map_integration.borders.border_messages import message_from_border  # noqa: E402
+from vb_map_integration.storage.database import FILE, Database, fingerprint  # noqa: E402
 from vb_map_integration.integration import integrate  # noqa: E402
 from vb_map_integration.integrator import IntegratorParams, MapIntegrator  # noqa: E402
 

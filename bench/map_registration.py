@@ -23,7 +23,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parent))
 from homes import corridor_home, draw_map, furnished, split_home  # noqa: E402
 from result_table import revision, write_table  # noqa: E402
 
-from vb_map_integration.registration import IDENTITY, Transform, register  # noqa: E402
+from vb_map_integration.places.registration import IDENTITY, Transform, register  # noqa: E402
 
 HOMES = {"split": split_home, "corridor": corridor_home}
 SAME = ("again", "furniture", "missing_rooms", "grown", "resolution", "all")

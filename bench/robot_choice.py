@@ -14,10 +14,10 @@ from pathlib import Path
 import numpy as np
 
 from vb_core.grid_map import GridMap
-from vb_robot.dispatch import RobotStatus
-from vb_robot.dispatcher import RobotMap
-from vb_robot.drawing import Drawing
-from vb_robot.view import FloorView
+from vb_robot.dispatching.dispatch import RobotStatus
+from vb_robot.dispatching.dispatcher import RobotMap
+from vb_robot.dispatching.drawing import Drawing
+from vb_robot.dispatching.view import FloorView
 
 TOP = Path(__file__).resolve().parent.parent
 TABLE = TOP / "docs" / "results" / "robots_choice.md"

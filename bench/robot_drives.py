@@ -40,7 +40,7 @@ from vb_evaluation.processes import Child, free_port
 from vb_evaluation.statistics import proportion
 from vb_msgs.msg import LabState, VirtualBorder
 from vb_msgs.srv import AddBorder, AddBorderRequest, RemoveBorder, RemoveBorderRequest
-from vb_sim.world import load_world
+from vb_sim.room.world import load_world
 
 TOP = Path(__file__).resolve().parent.parent
 OUT, TABLE = TOP / "out" / "bench" / "robot_drives", TOP / "docs" / "results" / "robots_navigation.md"

@@ -24,11 +24,11 @@ from robot_stand import NAVIGATION_HZ, SCAN_HZ, DrivenRobot, Every, PoseHistory,
 from vb_core.robot_profile import RobotProfile
 from vb_map_integration.border import VirtualBorder
 from vb_map_integration.integrator import IntegratorParams, MapIntegrator
-from vb_robot.driver import RATE
+from vb_robot.driving.driver import RATE
 from vb_robot.spots import DEFAULT, GUIDE, Sighting
-from vb_sim.floor_plan import physical_map
+from vb_sim.room.floor_plan import physical_map
 from vb_sim.lab import Lab
-from vb_sim.world import load_world
+from vb_sim.room.world import load_world
 
 TOP = Path(__file__).resolve().parent.parent
 OUT = TOP / "out" / "bench" / "robot_faults.json"

@@ -44,7 +44,7 @@ from vb_evaluation.study import config
 from vb_evaluation.study.result import Task
 from vb_evaluation.study.runner import LiveRun
 from vb_msgs.msg import DetectorStatus, InteractionState, LabState, LaserSpot
-from vb_sim.world import load_world
+from vb_sim.room.world import load_world
 
 TOP = Path(__file__).resolve().parent.parent
 GUIDED_SPEED = 0.2  # [m/s] while a person leads the robot or draws with it alone

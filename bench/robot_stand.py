@@ -13,19 +13,19 @@ from vb_core import geometry
 from vb_core.errors import CodedError
 from vb_core.grid_map import GridMap
 from vb_core.robot_profile import RobotProfile
-from vb_robot.dispatch import GoalStatus
-from vb_robot.dispatcher import RobotStatus
-from vb_robot.driver import NAVIGATION, Command, Driver
-from vb_robot.following import Frames
-from vb_robot.safety import Scan
+from vb_robot.dispatching.dispatch import GoalStatus
+from vb_robot.dispatching.dispatcher import RobotStatus
+from vb_robot.driving.driver import NAVIGATION, Command, Driver
+from vb_robot.driving.following import Frames
+from vb_robot.driving.safety import Scan
 from vb_robot.spots import Sighting
-from vb_robot.view import FloorView
-from vb_sim.costmap import CostmapParams
-from vb_sim.follower import FollowerParams
+from vb_robot.dispatching.view import FloorView
+from vb_sim.robot.costmap import CostmapParams
+from vb_sim.robot.follower import FollowerParams
 from vb_sim.lab import Lab
-from vb_sim.navigator import Navigator, NavigatorParams, for_robot
-from vb_sim.planner import PlannerParams
-from vb_sim.robot_body import Pose
+from vb_sim.robot.navigator import Navigator, NavigatorParams, for_robot
+from vb_sim.robot.planner import PlannerParams
+from vb_sim.robot.robot_body import Pose
 
 NAVIGATION_HZ, SCAN_HZ = 10.0, 10.0
 STATE_EACH = 0.1  # [s] the interaction manager repeats the state that often

@@ -39,7 +39,7 @@ sys.path.insert(0, str(TOP / "bench"))
 
 from spot_versions import other_detector  # noqa: E402
 from vb_laser_detect.detector import DetectorParams, SpotDetector  # noqa: E402
-from vb_laser_detect.training import fit, load_examples  # noqa: E402
+from vb_laser_detect.detection.training import fit, load_examples  # noqa: E402
 
 REACH_PX, FRINGE = 10.0, 2
 ROLES = ("stationary", "mobile", "window")

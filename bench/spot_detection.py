@@ -106,7 +106,7 @@ def measure_scenes(
         left_out: examples that spot_training.py kept: the scenes are also searched with classifiers fitted without them.
     """
     from spot_scenes import Camera, CameraModels, Rooms, ceiling_scenes, lab, mobile_scenes, play
-    from vb_laser_detect.training import fit, load_examples
+    from vb_laser_detect.detection.training import fit, load_examples
 
     examples = load_examples(left_out) if left_out else None
 

@@ -20,22 +20,22 @@ for package in ("vb_core", "vb_laser_detect", "vb_sim"):
 
 from spot_versions import other_detector  # noqa: E402
 from vb_core import geometry  # noqa: E402
-from vb_laser_detect import projection  # noqa: E402
+from vb_laser_detect.detection import projection  # noqa: E402
 from vb_laser_detect.detector import DetectorParams, Spot, SpotDetector  # noqa: E402
-from vb_laser_detect.image_geometry import Frame, search  # noqa: E402
-from vb_laser_detect.projection import FloorProjector, ProjectionParams  # noqa: E402
-from vb_sim.camera_calibration import calibrated_pose  # noqa: E402
-from vb_sim.ceiling_view import CeilingView  # noqa: E402
-from vb_sim.disturbances import Bystander, Glint, SceneConditions  # noqa: E402
-from vb_sim.floor_plan import physical_map  # noqa: E402
-from vb_sim.floor_texture import FloorTexture, render_floor  # noqa: E402
+from vb_laser_detect.detection.image_geometry import Frame, search  # noqa: E402
+from vb_laser_detect.detection.projection import FloorProjector, ProjectionParams  # noqa: E402
+from vb_sim.cameras.camera_calibration import calibrated_pose  # noqa: E402
+from vb_sim.cameras.ceiling_view import CeilingView  # noqa: E402
+from vb_sim.room.disturbances import Bystander, Glint, SceneConditions  # noqa: E402
+from vb_sim.room.floor_plan import physical_map  # noqa: E402
+from vb_sim.room.floor_texture import FloorTexture, render_floor  # noqa: E402
 from vb_sim.lab_history import Snapshot  # noqa: E402
-from vb_sim.mesh import world_mesh  # noqa: E402
-from vb_sim.models_cameras import CameraModels  # noqa: E402
-from vb_sim.models_motion import LocalisationModel  # noqa: E402
-from vb_sim.raycast import DistanceField  # noqa: E402
-from vb_sim.robot_view import RobotView  # noqa: E402
-from vb_sim.world import Light, Patch, World, load_world  # noqa: E402
+from vb_sim.room.mesh import world_mesh  # noqa: E402
+from vb_sim.room.models_cameras import CameraModels  # noqa: E402
+from vb_sim.room.models_motion import LocalisationModel  # noqa: E402
+from vb_sim.room.raycast import DistanceField  # noqa: E402
+from vb_sim.cameras.robot_view import RobotView  # noqa: E402
+from vb_sim.room.world import Light, Patch, World, load_world  # noqa: E402
 
 DETECTOR = (DetectorParams, SpotDetector), search
 RATE = 25.0

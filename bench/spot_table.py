@@ -31,9 +31,9 @@ from spot_versions import other_detector  # noqa: E402
 from vb_core import geometry  # noqa: E402
 from vb_core.camera_model import CameraModel  # noqa: E402
 from vb_laser_detect.detector import DetectorParams, SpotDetector  # noqa: E402
-from vb_laser_detect.image_format import PixelReader  # noqa: E402
-from vb_laser_detect.image_geometry import search  # noqa: E402
-from vb_laser_detect.projection import floor_points  # noqa: E402
+from vb_laser_detect.detection.image_format import PixelReader  # noqa: E402
+from vb_laser_detect.detection.image_geometry import search  # noqa: E402
+from vb_laser_detect.detection.projection import floor_points  # noqa: E402
 
 HEIGHT_M, NEAR_PX = 2.95, 5.0
 

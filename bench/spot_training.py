@@ -32,7 +32,7 @@ sys.path.insert(0, str(TOP / "src" / "vb_laser_detect" / "test"))
 import spot_clips  # noqa: E402
 from scenes import GREEN, RED, Scene, tinted  # noqa: E402
 from vb_laser_detect.detector import DetectorParams  # noqa: E402
-from vb_laser_detect.training import Examples, Frame, collect, fit, load_examples, save, save_examples, validate  # noqa: E402
+from vb_laser_detect.detection.training import Examples, Frame, collect, fit, load_examples, save, save_examples, validate  # noqa: E402
 
 VARIANTS = {"stationary": ("plain",), "window": ("plain",)}
 NEAR_FRAMES, FIRST_FRAMES = 8, 60  # of long clips those near a shot, and the first ones, tell enough
@@ -63,7 +63,7 @@ def from_recording(bag_file: str, topic: str) -> Examples:
     """Examples of a camera's recorded images, with clicks on the spot; see above."""
     import rosbag
     from vb_core.ros.images import image_array
-    from vb_laser_detect.image_format import PixelReader
+    from vb_laser_detect.detection.image_format import PixelReader
 
     with rosbag.Bag(bag_file) as bag:
         clicks = [(stamp.to_sec(), message.x, message.y)

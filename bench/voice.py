@@ -29,7 +29,7 @@ import numpy as np
 import voice_speech as speech
 from voice_speech import ASKED_ABOUT, MUSIC, NOISES, RATE, TOP
 
-from vb_voice_wizard.endpointing import Endpointer, EndpointParams
+from vb_voice_wizard.voice.endpointing import Endpointer, EndpointParams
 from vb_voice_wizard.recognizer import CommandRecognizer, RecognizerParams
 
 MAY_BE_SURE = ("save", "cancel", "undo", "redo")  # resume is asked about always

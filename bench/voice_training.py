@@ -27,8 +27,8 @@ import numpy as np
 import voice_speech as speech
 from voice_speech import MEANING, MUSIC, NOISES, RATE, TOP
 
-from vb_voice_wizard.endpointing import EndpointParams, utterances
-from vb_voice_wizard.speech_encoder import FEATURES, SpeechEncoder, word_shape
+from vb_voice_wizard.voice.endpointing import EndpointParams, utterances
+from vb_voice_wizard.voice.speech_encoder import FEATURES, SpeechEncoder, word_shape
 
 LESSONS = TOP / "out" / "bench" / "voice"
 NETWORK = TOP / "src" / "vb_voice_wizard" / "config" / "voice" / "commands.npz"

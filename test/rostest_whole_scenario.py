@@ -10,8 +10,8 @@ import rostest
 from vb_core.geometry import chain_length
 from vb_evaluation import metrics
 from vb_evaluation.observer import Observer, wait_until
-from vb_sim import floor_plan
-from vb_sim.world import load_world
+from vb_sim.room import floor_plan
+from vb_sim.room.world import load_world
 
 
 class WholeScenario(unittest.TestCase):

@@ -32,10 +32,10 @@ from vb_core.map_files import read_map, write_map
 from vb_core.parameters import Parameters
 from vb_core.robot_profile import RobotProfile
 from vb_core.ros import cameras, images, messages
-from vb_laser_detect import calibration_file
-from vb_map_integration import border_files, border_messages, geojson
+from vb_laser_detect.calibration import file as calibration_file
+from vb_map_integration.borders import border_files, border_messages, geojson
 from vb_msgs.msg import VirtualBorder
-from vb_sim.world import load_world
+from vb_sim.room.world import load_world
 from vb_web import requests
 
 TOP = Path(__file__).resolve().parents[1]

@@ -18,7 +18,7 @@ from vb_evaluation.virtual_ros.graph import Graph, Node
 from vb_evaluation.virtual_ros.launching import start_launch
 from vb_evaluation.virtual_ros.scheduler import Scheduler
 from vb_msgs.msg import BorderProgress, InteractionState, LaserSpot, VirtualBorderArray
-from vb_sim.hand import styles
+from vb_sim.person.hand import styles
 
 RATE = 50.0
 

@@ -9,8 +9,8 @@ import numpy as np
 
 from vb_core.map_files import write_map
 from vb_evaluation import metrics
-from vb_sim import floor_plan
-from vb_sim.world import load_world
+from vb_sim.room import floor_plan
+from vb_sim.room.world import load_world
 
 WORLD = Path(__file__).resolve().parents[2] / "vb_sim" / "worlds" / "lab.yaml"
 MEASURES = ["completed", "time_guide_s", "time_border_s", "time_seed_s", "time_total_s", "jaccard", "error_mean_cm",

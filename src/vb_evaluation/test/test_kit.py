@@ -19,9 +19,9 @@ from vb_evaluation.report.data import read_study
 from vb_evaluation.study import config, measures, runner
 from vb_map_integration.border import VirtualBorder
 from vb_map_integration.integration import integrate
-from vb_map_integration.recording import Recording as MapRecording
+from vb_map_integration.storage.recording import Recording as MapRecording
 from vb_voice_wizard.interaction import Interaction
-from vb_voice_wizard.persistence import append_line, record_line
+from vb_voice_wizard.dialogue.persistence import append_line, record_line
 
 
 def room():

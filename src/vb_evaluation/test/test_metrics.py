@@ -9,8 +9,8 @@ from shapely.geometry import box
 from vb_core.errors import CodedError
 from vb_core.grid_map import GridMap
 from vb_evaluation import metrics
-from vb_sim import floor_plan
-from vb_sim.world import load_world
+from vb_sim.room import floor_plan
+from vb_sim.room.world import load_world
 
 masks = arrays(bool, (6, 7))
 

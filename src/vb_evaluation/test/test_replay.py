@@ -24,10 +24,10 @@ from vb_evaluation.virtual_ros.graph import Graph, Node
 from vb_evaluation.virtual_ros.scheduler import Scheduler
 from vb_map_integration.border import VirtualBorder
 from vb_map_integration.integration import integrate
-from vb_map_integration.recording import Recording as MapRecording
+from vb_map_integration.storage.recording import Recording as MapRecording
 from vb_msgs.msg import InteractionState, LaserSpot
 from vb_voice_wizard.interaction import Interaction
-from vb_voice_wizard.persistence import append_line, record_line
+from vb_voice_wizard.dialogue.persistence import append_line, record_line
 
 # the messages themselves call it when a bag is written
 pytestmark = pytest.mark.filterwarnings("ignore:tostring")

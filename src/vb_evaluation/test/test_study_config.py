@@ -11,7 +11,7 @@ from vb_evaluation.report.data import CURVES, RUNS, WORLDS
 from vb_evaluation.study import assumptions, campaign, config, plan
 from vb_evaluation.study.people import Distribution
 from vb_evaluation.study.runner import personal_scenario
-from vb_sim import floor_plan
+from vb_sim.room import floor_plan
 
 STUDY = config.load()
 

@@ -21,8 +21,8 @@ from vb_core.grid_map import GridMap  # noqa: E402
 from vb_core.ros.messages import BorderPreviewArray, OccupancyGridArray, message_from_grid  # noqa: E402
 from vb_core.notices import Notice, Severity  # noqa: E402
 from vb_core.ros.notices import message_from_notice  # noqa: E402
-from vb_feedback.layout import Box, fit  # noqa: E402
-from vb_feedback.restriction_overlay import PREVIEW  # noqa: E402
+from vb_feedback.display.layout import Box, fit  # noqa: E402
+from vb_feedback.display.restriction_overlay import PREVIEW  # noqa: E402
 from vb_msgs.msg import (  # noqa: E402
     BorderProgress, BorderIssue, InteractionState, LaserSpot, NoticeArray, VirtualBorder, VirtualBorderArray,
 )

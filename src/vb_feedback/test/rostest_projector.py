@@ -19,7 +19,7 @@ from ros_helpers import wait_until  # noqa: E402
 from vb_core.grid_map import GridMap  # noqa: E402
 from vb_core.ros.images import image_array  # noqa: E402
 from vb_core.ros.messages import BorderPreviewArray, message_from_grid  # noqa: E402
-from vb_feedback import projector_calibration  # noqa: E402
+from vb_feedback.projector import projector_calibration  # noqa: E402
 from vb_msgs.msg import BorderProgress, InteractionState, LaserSpot, VirtualBorder, VirtualBorderArray  # noqa: E402
 
 SIZE = (320, 200)

@@ -16,7 +16,7 @@ from rosgraph_msgs.msg import Log
 
 sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
 from ros_helpers import wait_until  # noqa: E402
-from vb_feedback.tone_synthesis import samples  # noqa: E402
+from vb_feedback.sound.tone_synthesis import samples  # noqa: E402
 from vb_msgs.msg import InteractionState, Sound  # noqa: E402
 
 

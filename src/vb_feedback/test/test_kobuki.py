@@ -7,7 +7,7 @@ import pytest
 import yaml
 
 from vb_core.errors import ParameterError
-from vb_feedback.colours import STATE
+from vb_feedback.display.colours import STATE
 from vb_feedback.kobuki import BEEPS, LEDS, KobukiParams
 
 

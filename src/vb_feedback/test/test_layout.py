@@ -8,8 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from vb_core.errors import CodedError
-from vb_feedback.layout import Box, fit, fit_text, fit_texts, place_labels, place_words, plain, text_width, wrap
-from vb_feedback.rviz_fonts import is_drawn, overlay
+from vb_feedback.display.layout import Box, fit, fit_text, fit_texts, place_labels, place_words, plain, text_width, wrap
+from vb_feedback.display.rviz_fonts import is_drawn, overlay
 
 sizes = st.floats(0.5, 200.0)
 places = st.floats(-1000.0, 1000.0)

@@ -6,7 +6,7 @@ import numpy as np
 from vb_core.grid_map import GridMap
 from vb_core.notices import Notice as Held
 from vb_core.notices import Severity
-from vb_feedback.notices import Issue, Preview, of_others, preview_notices, coverage_notices
+from vb_feedback.display.notices import Issue, Preview, of_others, preview_notices, coverage_notices
 
 
 def texts(found):

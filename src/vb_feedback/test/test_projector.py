@@ -16,11 +16,11 @@ from hypothesis import strategies as st
 from vb_core.errors import CodedError
 from vb_core.grid_map import GridMap
 from vb_core.ros import node
-from vb_feedback import floor_picture
-from vb_feedback.floor_picture import FloorContent, FloorPicture
-from vb_feedback.projector_calibration import ProjectorCalibration, calibrate, load, markers
-from vb_feedback.projector_window import ProjectorWindow
-from vb_feedback.scene import Border, Drawing
+from vb_feedback.projector import floor_picture
+from vb_feedback.projector.floor_picture import FloorContent, FloorPicture
+from vb_feedback.projector.projector_calibration import ProjectorCalibration, calibrate, load, markers
+from vb_feedback.projector.projector_window import ProjectorWindow
+from vb_feedback.display.scene import Border, Drawing
 
 SIZE = (640, 400)
 

@@ -8,9 +8,9 @@ import pytest
 import yaml
 
 from vb_core.errors import CodedError
-from vb_feedback import fit_display
-from vb_feedback.layout import Box, fit
-from vb_feedback.rviz_config import fit_config, screen_size
+from vb_feedback.display import fit_display
+from vb_feedback.display.layout import Box, fit
+from vb_feedback.display.rviz_config import fit_config, screen_size
 
 RVIZ = Path(__file__).resolve().parents[3] / "rviz"
 

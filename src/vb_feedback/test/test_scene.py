@@ -5,10 +5,10 @@ import itertools
 
 import numpy as np
 
-from vb_feedback import colours, scene
-from vb_feedback.layout import Box, fit
-from vb_feedback.restriction_overlay import CLEAR, PREVIEW, STRIPE, overlay
-from vb_feedback.text_panel import PanelContent, words
+from vb_feedback.display import colours, scene
+from vb_feedback.display.layout import Box, fit
+from vb_feedback.display.restriction_overlay import CLEAR, PREVIEW, STRIPE, overlay
+from vb_feedback.display.text_panel import PanelContent, words
 
 COMMANDS = ("save", "define_border", "define_seed", "guide_robot", "cancel")
 LONG = "The map integrator refuses this border because it would part the kitchen from the rest of the home, " * 2

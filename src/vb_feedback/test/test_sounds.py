@@ -11,9 +11,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from vb_core.errors import CodedError
-from vb_feedback.audio_sink import AudioSink
-from vb_feedback.playlist import SoundQueue
-from vb_feedback.tone_synthesis import RATE, SOUNDS, samples
+from vb_feedback.sound.audio_sink import AudioSink
+from vb_feedback.sound.playlist import SoundQueue
+from vb_feedback.sound.tone_synthesis import RATE, SOUNDS, samples
 
 
 def pitch(pcm):

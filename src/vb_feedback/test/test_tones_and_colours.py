@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from vb_feedback import colours
-from vb_feedback.sound_events import SoundEvents
+from vb_feedback.display import colours
+from vb_feedback.sound.sound_events import SoundEvents
 
 
 def test_tones_of_an_interaction():

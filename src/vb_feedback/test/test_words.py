@@ -6,10 +6,10 @@ import math
 
 import pytest
 
-from vb_feedback import colours
-from vb_feedback.layout import Box, fit
-from vb_feedback.scene import PLATE, TEXT, text_boxes
-from vb_feedback.text_panel import Notice, PanelContent, words
+from vb_feedback.display import colours
+from vb_feedback.display.layout import Box, fit
+from vb_feedback.display.scene import PLATE, TEXT, text_boxes
+from vb_feedback.display.text_panel import Notice, PanelContent, words
 
 COMMANDS = ("save", "define_border", "define_seed", "guide_robot", "cancel")
 LONG = "The map integrator refuses this border because it would part the kitchen from the rest of the home, " * 2

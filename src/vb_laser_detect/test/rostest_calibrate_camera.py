@@ -20,9 +20,9 @@ from vb_core.camera_model import CameraModel
 from vb_core.ros.cameras import info_from_camera
 from vb_core.ros.images import image_message
 from vb_core.ros import messages
-from vb_laser_detect import calibration_file
-from vb_laser_detect.calibration_board import BoardParams
-from vb_laser_detect.projection import floor_points
+from vb_laser_detect.calibration import file as calibration_file
+from vb_laser_detect.calibration.board import BoardParams
+from vb_laser_detect.detection.projection import floor_points
 from vb_msgs.msg import LaserSpot
 
 sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))

@@ -8,10 +8,10 @@ from board_scene import CAMERA, POSE
 from vb_core import geometry
 from vb_core.camera_model import CameraModel
 from vb_core.errors import CodedError
-from vb_laser_detect import calibration_file
-from vb_laser_detect.calibration import CalibrationParams, Observations, estimate_pose
-from vb_laser_detect.calibration_session import HeldSpot, SpotSession, describe, parse_numbers
-from vb_laser_detect.projection import floor_points, pixels_of
+from vb_laser_detect.calibration import file as calibration_file
+from vb_laser_detect.calibration.pose import CalibrationParams, Observations, estimate_pose
+from vb_laser_detect.calibration.session import HeldSpot, SpotSession, describe, parse_numbers
+from vb_laser_detect.detection.projection import floor_points, pixels_of
 
 GRID = np.array([(u, v) for u in (96, 960, 1824) for v in (54, 540, 1026)], float)
 SPREAD = np.array(

@@ -7,8 +7,8 @@ import pytest
 
 from board_scene import CAMERA, POSE, p2_of, render_board
 from vb_core.errors import CodedError
-from vb_laser_detect.calibration import CalibrationParams
-from vb_laser_detect.calibration_board import (
+from vb_laser_detect.calibration.pose import CalibrationParams
+from vb_laser_detect.calibration.board import (
     PAPERS_MM,
     BoardParams,
     BoardView,
@@ -18,9 +18,9 @@ from vb_laser_detect.calibration_board import (
     merge_views,
     write_board,
 )
-from vb_laser_detect.calibration_session import BoardSession
-from vb_laser_detect.camera_consistency import agreement
-from vb_laser_detect.projection import floor_points, pixels_of
+from vb_laser_detect.calibration.session import BoardSession
+from vb_laser_detect.calibration.consistency import agreement
+from vb_laser_detect.detection.projection import floor_points, pixels_of
 
 BOARD = BoardParams.for_paper("A3")
 PLACES = [((3.1, 3.2), -1.2), ((5.0, 3.0), 0.3), ((4.9, 1.7), 2.0), ((2.9, 2.0), 0.0)]

@@ -12,7 +12,7 @@ from std_msgs.msg import String
 from vb_core import geometry, names
 from vb_core.camera_model import CameraModel
 from vb_laser_detect import calibrate_camera_node
-from vb_laser_detect.projection import floor_points, pixels_of
+from vb_laser_detect.detection.projection import floor_points, pixels_of
 from vb_msgs.msg import LaserSpot
 
 CAMERA = CameraModel(1920, 1080, [[1100.0, 0, 950], [0, 1105.0, 545], [0, 0, 1]], [-0.2, 0.05, 0.001, -0.001, 0])

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from vb_core.errors import CodedError
-from vb_laser_detect.clock_offset import ClockOffset, clock_offset
+from vb_laser_detect.calibration.clock_offset import ClockOffset, clock_offset
 
 
 def exchange(offset, there, within, back, start=1000.0):

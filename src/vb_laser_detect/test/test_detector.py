@@ -5,9 +5,9 @@ import pytest
 
 from scenes import GREEN, RED, Scene, tinted
 from vb_core.errors import CodedError, ParameterError
-from vb_laser_detect.classifier import SpotClassifier, Verdict
+from vb_laser_detect.detection.classifier import SpotClassifier, Verdict
 from vb_laser_detect.detector import DetectorParams, SpotDetector
-from vb_laser_detect.floor_scale import metres_per_pixel
+from vb_laser_detect.detection.floor_scale import metres_per_pixel
 
 PERIOD = 0.04
 

@@ -7,7 +7,7 @@ from scenes import GREEN, Scene, tinted
 from vb_core.camera_model import CameraModel
 from vb_core.errors import CodedError
 from vb_laser_detect.detector import DetectorParams, SpotDetector
-from vb_laser_detect.image_format import PixelReader
+from vb_laser_detect.detection.image_format import PixelReader
 
 PERIOD = 0.04
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from vb_laser_detect.detector import DetectorParams, SpotDetector
-from vb_laser_detect.registration import Registration
+from vb_laser_detect.detection.registration import Registration
 
 PALE = np.array([0.86, 1.0, 0.84], np.float32)
 WIDE, HIGH = 400, 300

@@ -10,14 +10,14 @@ import pytest
 import yaml
 
 from scenes import GREEN, RED, Scene, tinted
-from vb_laser_detect import features
+from vb_laser_detect.detection import features
 from vb_laser_detect.detector import Candidate, DetectorParams
-from vb_laser_detect.background import Background
-from vb_laser_detect.blocks import block_maxima, mask_of_blocks, max_channel, regions
-from vb_laser_detect.debug_image import draw
+from vb_laser_detect.detection.background import Background
+from vb_laser_detect.detection.blocks import block_maxima, mask_of_blocks, max_channel, regions
+from vb_laser_detect.detection.debug_image import draw
 
-from vb_laser_detect.projection import ProjectionParams
-from vb_laser_detect.detector_counts import DetectorCounts
+from vb_laser_detect.detection.projection import ProjectionParams
+from vb_laser_detect.detection.detector_counts import DetectorCounts
 
 PACKAGE = Path(__file__).resolve().parents[1]
 

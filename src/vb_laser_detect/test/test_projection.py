@@ -10,7 +10,7 @@ from vb_core import geometry
 from vb_core.camera_model import CameraModel
 from vb_core.errors import CodedError, ParameterError
 from vb_core.grid_map import GridMap
-from vb_laser_detect.projection import (
+from vb_laser_detect.detection.projection import (
     DEPTH, GROUND_PLANE, GROUND_PLANE_FALLBACK, FloorProjector, ProjectionParams, depth_at, floor_points, pixels_of,
 )
 

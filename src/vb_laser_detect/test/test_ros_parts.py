@@ -16,7 +16,7 @@ from vb_core.errors import CodedError
 from vb_core.ros import cameras
 from vb_core.ros.images import compressed_encoding, compressed_image_array
 from vb_laser_detect import clock_check_node
-from vb_laser_detect.clock_offset import ClockOffset
+from vb_laser_detect.calibration.clock_offset import ClockOffset
 from vb_laser_detect.ros import camera_geometry
 from vb_laser_detect.ros.diagnostics import DetectorDiagnostics
 from vb_laser_detect.spot_detector_node import is_rectified

@@ -3,7 +3,7 @@ import numpy as np
 import pytest
 
 from vb_laser_detect.detector_params import DetectorParams
-from vb_laser_detect.tracking import Sighting, SpotTracker
+from vb_laser_detect.detection.tracking import Sighting, SpotTracker
 
 DIAGONAL = 800.0
 

@@ -9,7 +9,7 @@ from geometry_msgs.msg import Point
 
 from scenes import GREEN, Scene
 from vb_core.ros.images import image_message
-from vb_laser_detect.training import load_examples, save_examples
+from vb_laser_detect.detection.training import load_examples, save_examples
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[3] / "bench"))
 from spot_training import from_recording  # noqa: E402

@@ -16,7 +16,7 @@ from std_srvs.srv import Trigger
 sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
 from ros_helpers import MapServer, lab, polygon, wait_until  # noqa: E402
 from vb_core.map_files import read_map  # noqa: E402
-from vb_map_integration.border_files import borders_from_yaml  # noqa: E402
+from vb_map_integration.borders.border_files import borders_from_yaml  # noqa: E402
 from vb_msgs.srv import AddBorder  # noqa: E402
 
 

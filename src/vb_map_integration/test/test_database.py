@@ -14,11 +14,11 @@ import numpy as np
 import pytest
 
 from vb_core.errors import CodedError
-from vb_map_integration import database as module
-from vb_map_integration.border_files import borders_to_yaml
-from vb_map_integration.database import FILE, Database, fingerprint
+from vb_map_integration.storage import database as module
+from vb_map_integration.borders.border_files import borders_to_yaml
+from vb_map_integration.storage.database import FILE, Database, fingerprint
 from vb_map_integration.integrator import IntegratorParams, MapIntegrator
-from vb_map_integration.repair import repair_borders
+from vb_map_integration.storage.repair import repair_borders
 
 sys.path.insert(0, str(Path(__file__).resolve().parent))
 from keepers import GRID, integrator, square  # noqa: E402

@@ -8,8 +8,8 @@ import pytest
 from vb_core.errors import CodedError
 from vb_core.map_files import read_map
 from vb_map_integration.border import VirtualBorder
-from vb_map_integration.border_files import borders_from_yaml, borders_to_yaml
-from vb_map_integration.recording import Recording
+from vb_map_integration.borders.border_files import borders_from_yaml, borders_to_yaml
+from vb_map_integration.storage.recording import Recording
 
 sys.path.insert(0, str(Path(__file__).resolve().parent))
 from keepers import GRID, at, integrator, square  # noqa: E402

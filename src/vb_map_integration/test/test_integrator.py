@@ -11,7 +11,7 @@ from vb_core.errors import CodedError
 from vb_core.grid_map import GridMap
 from vb_map_integration.border import VirtualBorder
 from vb_map_integration.integrator import IntegratorParams, MapIntegrator
-from vb_map_integration.preview import ways
+from vb_map_integration.grid.preview import ways
 
 sys.path.insert(0, str(Path(__file__).resolve().parent))
 from keepers import GRID, at, expected, integrator, square  # noqa: E402
@@ -134,7 +134,7 @@ def test_a_gap_narrower_than_the_robot_is_no_way():
 
 
 def test_a_large_map_is_looked_at_in_coarser_cells(monkeypatch):
-    from vb_map_integration import preview
+    from vb_map_integration.grid import preview
 
     data = np.zeros((100, 160), np.int8)
     data[:, 78:82] = 100
@@ -148,7 +148,7 @@ def test_a_large_map_is_looked_at_in_coarser_cells(monkeypatch):
 
 def test_the_hundredth_border_touches_no_other(monkeypatch):
     """Not a measurement: adding one paints one region, whatever else is there."""
-    from vb_map_integration import composition
+    from vb_map_integration.grid import composition
 
     keeper = integrator(check_reachability=False)
     painted = []

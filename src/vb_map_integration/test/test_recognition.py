@@ -8,7 +8,7 @@ import pytest
 from vb_core.errors import CodedError
 from vb_core.grid_map import GridMap
 from vb_map_integration.integrator import IntegratorParams, MapIntegrator
-from vb_map_integration.registration import IDENTITY, Transform, register
+from vb_map_integration.places.registration import IDENTITY, Transform, register
 
 sys.path.insert(0, str(Path(__file__).resolve().parent))
 from keepers import GRID, integrator, square  # noqa: E402

@@ -9,11 +9,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from vb_core.errors import CodedError
-from vb_map_integration import editing
+from vb_map_integration.borders import editing
 from vb_map_integration.border import MAX_POINTS, VirtualBorder
-from vb_map_integration.clicks import ClickParams, Clicks
-from vb_map_integration.costmap_settings import soft_value_issue
-from vb_map_integration.geojson import borders_from_geojson, borders_to_geojson
+from vb_map_integration.borders.clicks import ClickParams, Clicks
+from vb_map_integration.grid.costmap_settings import soft_value_issue
+from vb_map_integration.borders.geojson import borders_from_geojson, borders_to_geojson
 
 sys.path.insert(0, str(Path(__file__).resolve().parent))
 from keepers import square  # noqa: E402

@@ -4,10 +4,10 @@ import math
 import numpy as np
 import pytest
 
-from vb_robot.dispatch import (FAILED_MEMORY, FAILURE_PAUSE, WAITS, Fleet, GoalStatus, Kind, Moment, RobotStatus)
-from vb_robot.drawing import Drawing
+from vb_robot.dispatching.dispatch import (FAILED_MEMORY, FAILURE_PAUSE, WAITS, Fleet, GoalStatus, Kind, Moment, RobotStatus)
+from vb_robot.dispatching.drawing import Drawing
 from vb_robot.spots import BORDER, DEFAULT, SEED, Sighting, Sightings
-from vb_robot.viewpoint import Viewpoint
+from vb_robot.dispatching.viewpoint import Viewpoint
 
 
 def place(x, y=0.0, spot=(0.0, 0.0)):

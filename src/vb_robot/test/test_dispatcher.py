@@ -5,11 +5,11 @@ import numpy as np
 import pytest
 
 from vb_core.grid_map import GridMap
-from vb_robot.dispatch import GoalStatus, Kind
-from vb_robot.dispatcher import Dispatcher, RobotMap, Progress, RobotStatus, WatchParams
-from vb_robot.drawing import Drawing
+from vb_robot.dispatching.dispatch import GoalStatus, Kind
+from vb_robot.dispatching.dispatcher import Dispatcher, RobotMap, Progress, RobotStatus, WatchParams
+from vb_robot.dispatching.drawing import Drawing
 from vb_robot.spots import BORDER, Sighting
-from vb_robot.view import FloorView, to_base
+from vb_robot.dispatching.view import FloorView, to_base
 
 PERIOD = 0.25
 VIEW = FloorView.usual()

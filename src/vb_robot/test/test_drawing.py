@@ -3,7 +3,7 @@ import numpy as np
 import pytest
 
 from vb_core.grid_map import GridMap
-from vb_robot.drawing import AHEAD, HALF_VIEW, REACTION, Drawing, BlindSpots
+from vb_robot.dispatching.drawing import AHEAD, HALF_VIEW, REACTION, Drawing, BlindSpots
 from vb_robot.clearance_map import ClearanceMap
 
 NO_CHAIN = np.zeros((0, 2))

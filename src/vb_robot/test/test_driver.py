@@ -9,13 +9,13 @@ from hypothesis import strategies as st
 from vb_core import geometry
 from vb_core.grid_map import GridMap
 from vb_core.robot_profile import RobotProfile
-from vb_robot.driver import NAVIGATION, STOP_WITHIN, TELEOP, Driver
-from vb_robot.following import Frames
-from vb_robot.safety import Scan
-from vb_robot.servoing import BACK_TO_DISTANCE, FAR_DISTANCE, MAX_SPEED, MAX_TURN, NEAR_DISTANCE
+from vb_robot.driving.driver import NAVIGATION, STOP_WITHIN, TELEOP, Driver
+from vb_robot.driving.following import Frames
+from vb_robot.driving.safety import Scan
+from vb_robot.driving.servoing import BACK_TO_DISTANCE, FAR_DISTANCE, MAX_SPEED, MAX_TURN, NEAR_DISTANCE
 from vb_robot.spots import BORDER, DEFAULT, GUIDE, SEED, Sighting, Sightings
-from vb_robot.view import FloorView, to_base
-from vb_robot.border_monitor import BorderMonitor
+from vb_robot.dispatching.view import FloorView, to_base
+from vb_robot.driving.border_monitor import BorderMonitor
 
 DT, PROFILE, VIEW = 0.05, RobotProfile(), FloorView.usual()
 

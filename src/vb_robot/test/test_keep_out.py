@@ -8,10 +8,10 @@ from hypothesis import strategies as st
 from shapely.geometry import LineString, Point, Polygon
 
 from vb_core.grid_map import GridMap
-from vb_robot.drawing import Drawing
+from vb_robot.dispatching.drawing import Drawing
 from vb_robot.clearance_map import ClearanceMap
-from vb_robot.view import FloorView
-from vb_robot.viewpoint import Outlook
+from vb_robot.dispatching.view import FloorView
+from vb_robot.dispatching.viewpoint import Outlook
 
 VIEW = FloorView.usual()
 

@@ -8,11 +8,11 @@ from hypothesis import strategies as st
 
 from vb_core.grid_map import GridMap
 from vb_core.robot_profile import RobotProfile
-from vb_robot.driver import RATE, Driver
-from vb_robot.following import Frames
-from vb_robot.border_exit import MARGIN, ExitPlanner
-from vb_robot.safety import KeepoutMap, Scan
-from vb_robot.border_monitor import BorderMonitor
+from vb_robot.driving.driver import RATE, Driver
+from vb_robot.driving.following import Frames
+from vb_robot.driving.border_exit import MARGIN, ExitPlanner
+from vb_robot.driving.safety import KeepoutMap, Scan
+from vb_robot.driving.border_monitor import BorderMonitor
 
 RADIUS, DT = 0.18, 1.0 / RATE
 OPEN = np.full(360, math.inf)

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from vb_core.grid_map import GridMap
 from vb_core.robot_profile import Limits
-from vb_robot.safety import KeepoutMap, Keep, Scan, SpeedLimits, arc, safe_speed, stop_distance
+from vb_robot.driving.safety import KeepoutMap, Keep, Scan, SpeedLimits, arc, safe_speed, stop_distance
 
 LIMITS, RADIUS, KEEP = Limits(), 0.18, Keep(0.12, 0.04, 0.05)
 

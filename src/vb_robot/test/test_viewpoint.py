@@ -8,10 +8,10 @@ from hypothesis import strategies as st
 
 from vb_core import geometry
 from vb_core.grid_map import GridMap
-from vb_robot.drawing import Drawing
+from vb_robot.dispatching.drawing import Drawing
 from vb_robot.clearance_map import STAND_MARGIN, ClearanceMap, clearance_grid
-from vb_robot.view import FloorView, to_base, to_map
-from vb_robot.viewpoint import IMAGE_MARGIN, LINE_MARGIN, MAX_DISTANCE, MIN_DISTANCE, Outlook
+from vb_robot.dispatching.view import FloorView, to_base, to_map
+from vb_robot.dispatching.viewpoint import IMAGE_MARGIN, LINE_MARGIN, MAX_DISTANCE, MIN_DISTANCE, Outlook
 
 VIEW = FloorView.usual()
 NO_CHAIN = np.zeros((0, 2))

@@ -2,7 +2,7 @@
 import numpy as np
 
 from vb_core.grid_map import GridMap
-from vb_robot.border_monitor import KnownBorder, BorderContact, BorderMonitor
+from vb_robot.driving.border_monitor import KnownBorder, BorderContact, BorderMonitor
 
 
 def workspace(borders, *squares, value=100):

@@ -4,8 +4,8 @@ import math
 import numpy as np
 
 from vb_core import geometry
-from vb_sim.participant import Answer, Percept
-from vb_sim.robot_body import advance
+from vb_sim.person.participant import Answer, Percept
+from vb_sim.robot.robot_body import advance
 
 DT = 0.04  # [s] half the real rate: the same behaviour in half the time
 COMMANDS = {"define_border": "border", "define_seed": "seed", "guide_robot": "guide"}

@@ -11,16 +11,17 @@ import pytest
 from vb_core import geometry
 from vb_core.camera_model import CameraModel
 from vb_core.errors import CodedError, ParameterError
-from vb_sim import bodies, pixels
-from vb_sim.ceiling_view import CeilingView
-from vb_sim.floor_texture import render_floor
-from vb_sim.frame_clock import FrameSchedule, SmoothClock
+from vb_sim.cameras import pixels
+from vb_sim.room import bodies
+from vb_sim.cameras.ceiling_view import CeilingView
+from vb_sim.room.floor_texture import render_floor
+from vb_sim.cameras.frame_clock import FrameSchedule, SmoothClock
 from vb_sim.lab_history import History, Snapshot
-from vb_sim.mesh import DepthBuffer, RayGrid, world_mesh
-from vb_sim.models_cameras import CameraModels, Optics, load_camera_models
-from vb_sim.robot_view import RobotView
-from vb_sim.spot import render_spot
-from vb_sim.world import world_from_mapping
+from vb_sim.room.mesh import DepthBuffer, RayGrid, world_mesh
+from vb_sim.room.models_cameras import CameraModels, Optics, load_camera_models
+from vb_sim.cameras.robot_view import RobotView
+from vb_sim.room.spot import render_spot
+from vb_sim.room.world import world_from_mapping
 
 PACKAGE = Path(__file__).resolve().parent.parent
 WORLD = {

@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 
 from vb_core import geometry
-from vb_sim import pixels
-from vb_sim.ceiling_view import CeilingView
-from vb_sim.disturbances import Bystander, Glint, SceneConditions
-from vb_sim.floor_texture import render_floor
+from vb_sim.cameras import pixels
+from vb_sim.cameras.ceiling_view import CeilingView
+from vb_sim.room.disturbances import Bystander, Glint, SceneConditions
+from vb_sim.room.floor_texture import render_floor
 from vb_sim.lab_history import Snapshot
-from vb_sim.mesh import world_mesh
-from vb_sim.models_cameras import CameraModels
-from vb_sim.robot_view import RobotView
-from vb_sim.world import load_world
+from vb_sim.room.mesh import world_mesh
+from vb_sim.room.models_cameras import CameraModels
+from vb_sim.cameras.robot_view import RobotView
+from vb_sim.room.world import load_world
 
 SUN = ((1.3, 0.8), (1.7, 0.8), (1.7, 1.2), (1.3, 1.2))
 

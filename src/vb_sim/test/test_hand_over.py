@@ -13,13 +13,13 @@ from shapely.geometry import LineString, Point
 from vb_core import geometry
 from vb_fusion.extraction import ExtractionParams, extract_border
 from vb_robot.coverage import CoverageParams, floor_seen, obstacle_heights
-from vb_robot.view import FloorView, to_base
-from vb_sim.camera_calibration import calibrated_pose
-from vb_sim.floor_plan import physical_map
-from vb_sim.models import load_models, section
-from vb_sim.models_cameras import load_camera_models
-from vb_sim.models_motion import LocalisationModel
-from vb_sim.world import load_world
+from vb_robot.dispatching.view import FloorView, to_base
+from vb_sim.cameras.camera_calibration import calibrated_pose
+from vb_sim.room.floor_plan import physical_map
+from vb_sim.room.models import load_models, section
+from vb_sim.room.models_cameras import load_camera_models
+from vb_sim.room.models_motion import LocalisationModel
+from vb_sim.room.world import load_world
 
 PACKAGE = Path(__file__).resolve().parents[1]
 WORLD = load_world(str(PACKAGE / "worlds" / "lab.yaml"))

@@ -12,13 +12,13 @@ from vb_core import geometry
 from vb_core.errors import CodedError, ParameterError
 from vb_core.grid_map import FREE, OCCUPIED, GridMap
 from vb_sim.lab import PARTICIPANT_SILENCE, Lab, Participant
-from vb_sim.models import load_models, section
-from vb_sim.models_motion import LocalisationModel, RobotModel, ScanModel
+from vb_sim.room.models import load_models, section
+from vb_sim.room.models_motion import LocalisationModel, RobotModel, ScanModel
 from vb_sim.pacing import Pacer, RealTimeFactor
-from vb_sim.raycast import DistanceField, cast_disc
-from vb_sim.robot_body import RobotBody, advance
+from vb_sim.room.raycast import DistanceField, cast_disc
+from vb_sim.robot.robot_body import RobotBody, advance
 from vb_sim.state_file import StateFile
-from vb_sim.world import load_world, world_from_mapping
+from vb_sim.room.world import load_world, world_from_mapping
 
 WORLDS = Path(__file__).resolve().parents[1] / "worlds"
 

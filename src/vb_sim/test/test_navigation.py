@@ -12,10 +12,10 @@ from scipy.sparse.csgraph import dijkstra
 from vb_core import geometry
 from vb_core.errors import CodedError
 from vb_core.grid_map import FREE, OCCUPIED, UNKNOWN, GridMap
-from vb_sim.costmap import INSCRIBED, LETHAL, NO_INFORMATION, Costmap, CostmapParams
-from vb_sim.follower import Follower, FollowerParams
-from vb_sim.planner import COST_FACTOR, NEUTRAL_COST, Planner
-from vb_sim.robot_body import advance
+from vb_sim.robot.costmap import INSCRIBED, LETHAL, NO_INFORMATION, Costmap, CostmapParams
+from vb_sim.robot.follower import Follower, FollowerParams
+from vb_sim.robot.planner import COST_FACTOR, NEUTRAL_COST, Planner
+from vb_sim.robot.robot_body import advance
 
 PARAMS = CostmapParams()
 

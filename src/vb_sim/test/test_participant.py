@@ -10,15 +10,15 @@ from shapely.geometry import Point, Polygon
 
 from vb_core import geometry
 from vb_core.errors import ParameterError
-from vb_sim.hand import Stroke, Tremor, meant_border, styles
-from vb_sim.legs import distance_to_chain
-from vb_sim.models import load_models, section
-from vb_sim.models_participant import ParticipantModel
-from vb_sim.participant import Percept, Person
-from vb_sim.participant_nrs import NetworkRobotSystemScript
-from vb_sim.participant_robot_only import RobotOnlyScript
-from vb_sim.stroke_order import best_order, orders
-from vb_sim.world import load_world
+from vb_sim.person.hand import Stroke, Tremor, meant_border, styles
+from vb_sim.person.legs import distance_to_chain
+from vb_sim.room.models import load_models, section
+from vb_sim.room.models_participant import ParticipantModel
+from vb_sim.person.participant import Percept, Person
+from vb_sim.person.participant_nrs import NetworkRobotSystemScript
+from vb_sim.person.participant_robot_only import RobotOnlyScript
+from vb_sim.person.stroke_order import best_order, orders
+from vb_sim.room.world import load_world
 
 sys.path.insert(0, str(Path(__file__).parent))
 from closed_loop import DT, System  # noqa: E402

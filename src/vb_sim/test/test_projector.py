@@ -6,18 +6,18 @@ import pytest
 
 from vb_core import geometry
 from vb_core.errors import ParameterError
-from vb_feedback import projector_calibration
-from vb_feedback.floor_picture import FloorContent, FloorPicture
-from vb_feedback.scene import Border, Drawing
+from vb_feedback.projector import projector_calibration
+from vb_feedback.projector.floor_picture import FloorContent, FloorPicture
+from vb_feedback.display.scene import Border, Drawing
 from vb_laser_detect.detector import DetectorParams, SpotDetector
-from vb_sim.ceiling_view import CeilingView
-from vb_sim.floor_texture import render_floor
+from vb_sim.cameras.ceiling_view import CeilingView
+from vb_sim.room.floor_texture import render_floor
 from vb_sim.lab_history import Snapshot
-from vb_sim.mesh import world_mesh
-from vb_sim.models_cameras import CameraModels, Optics
-from vb_sim.projected_light import floor_light
-from vb_sim.robot_view import RobotView
-from vb_sim.world import Projector, load_world, world_from_mapping
+from vb_sim.room.mesh import world_mesh
+from vb_sim.room.models_cameras import CameraModels, Optics
+from vb_sim.room.projected_light import floor_light
+from vb_sim.cameras.robot_view import RobotView
+from vb_sim.room.world import Projector, load_world, world_from_mapping
 
 PACKAGE = Path(__file__).resolve().parent.parent
 WORLD = {

@@ -4,7 +4,7 @@ from pathlib import Path
 import pytest
 
 from vb_core.errors import CodedError, ParameterError
-from vb_sim.world import load_world
+from vb_sim.room.world import load_world
 
 WORLDS = Path(__file__).resolve().parents[1] / "worlds"
 

@@ -7,7 +7,7 @@ from vb_core.ros import services
 from vb_core.ros.notices import message_from_notice
 from vb_msgs.msg import NoticeArray
 from vb_msgs.srv import GetDrawnBorderResponse
-from vb_voice_wizard import border_services
+from vb_voice_wizard.dialogue import border_services
 
 
 @pytest.fixture

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from vb_voice_wizard.console_keys import COMMAND_KEYS, QUIT_KEY, KeyReader
+from vb_voice_wizard.console.keys import COMMAND_KEYS, QUIT_KEY, KeyReader
 from vb_voice_wizard.interaction import COMMANDS
 
 

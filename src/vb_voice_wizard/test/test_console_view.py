@@ -8,7 +8,7 @@ from rich.console import Console
 
 from vb_core import sentences
 from vb_core.notices import Notice, Severity
-from vb_voice_wizard.console_view import BAD, GOOD, BorderRow, View, render
+from vb_voice_wizard.console.view import BAD, GOOD, BorderRow, View, render
 
 
 def screen(view, width=80, height=24):

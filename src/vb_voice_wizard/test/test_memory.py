@@ -8,7 +8,7 @@ import pytest
 
 from vb_core.errors import CodedError, ParameterError
 from vb_voice_wizard.interaction import Record
-from vb_voice_wizard.persistence import StateFile, append_line, record_line, writable
+from vb_voice_wizard.dialogue.persistence import StateFile, append_line, record_line, writable
 
 RECORD = Record("i1", "saved", "b7", 10.0, 31.23456, 1.0, 15.0, 5.23456, 21.23456, ("voice", "wizard"))
 

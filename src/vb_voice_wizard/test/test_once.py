@@ -6,7 +6,7 @@ import threading
 import pytest
 
 from vb_voice_wizard.interaction import Answer
-from vb_voice_wizard.once import Once
+from vb_voice_wizard.dialogue.once import Once
 
 
 class Counter:

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from vb_core.errors import ParameterError
-from vb_voice_wizard.preview_scheduler import PreviewScheduler, PreviewParams, PreviewInputs
+from vb_voice_wizard.dialogue.preview_scheduler import PreviewScheduler, PreviewParams, PreviewInputs
 
 PARAMS = PreviewParams(period=0.5, retry=2.0, tolerance=0.02, share=0.25)
 DRAWN = PreviewInputs("i1", np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0]]), np.array([[0.5, 0.5]]), (7.0, 3))

@@ -9,7 +9,7 @@ import pytest
 
 from vb_core.errors import CodedError, ParameterError
 from vb_voice_wizard.recognizer import ALWAYS_UNCLEAR, CommandNetwork, CommandRecognizer, RecognizerParams
-from vb_voice_wizard.speech_encoder import FEATURES, SpeechEncoder, word_shape
+from vb_voice_wizard.voice.speech_encoder import FEATURES, SpeechEncoder, word_shape
 
 sys.path.insert(0, str(Path(__file__).parent))
 from speech import RATE, room_noise, say, tone  # noqa: E402

@@ -12,8 +12,8 @@ import pytest
 
 from vb_core.errors import CodedError
 from vb_core.ros.node import start_thread
-from vb_voice_wizard.audio_sources import Microphone, Resampler, level_db, read_wav, to_model_rate
-from vb_voice_wizard.endpointing import CHUNK, Endpointer, EndpointParams, utterances
+from vb_voice_wizard.voice.audio_sources import Microphone, Resampler, level_db, read_wav, to_model_rate
+from vb_voice_wizard.voice.endpointing import CHUNK, Endpointer, EndpointParams, utterances
 
 sys.path.insert(0, str(Path(__file__).parent))
 from speech import RATE, room_noise, say, tone  # noqa: E402

@@ -232,7 +232,7 @@ class _CalibrationFiles:
     """The files whose poses camera_poses publishes."""
 
     def __init__(self, graph: Graph) -> None:
-        from vb_laser_detect import calibration_file
+        from vb_laser_detect.calibration import file as calibration_file
 
         self._files = calibration_file
         node = next((node for node in graph.nodes if node.split("/")[-1] == "camera_poses"), "")

@@ -36,11 +36,11 @@ from vb_evaluation.goal_runs import Driven, GoalRunner
 from vb_evaluation.progress_log import ProgressLog, live_line, result_table
 from vb_evaluation.observer import CameraAlbum, Observer, wait_until
 from vb_evaluation.processes import Child, find_window, free_port, screenshot, start_screen
-from vb_feedback import fit_display
+from vb_feedback.display import fit_display
 from vb_msgs.msg import VirtualBorder
 from vb_msgs.srv import SaveMap
-from vb_sim import floor_plan
-from vb_sim.world import DetourCheck, Scenario, World, load_world
+from vb_sim.room import floor_plan
+from vb_sim.room.world import DetourCheck, Scenario, World, load_world
 
 METHODS = ("nrs", "robot_only")
 NAVIGATIONS = ("standin", "move_base")

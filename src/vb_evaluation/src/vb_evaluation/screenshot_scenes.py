@@ -12,8 +12,8 @@ from vb_core.grid_map import GridMap
 from vb_core.notices import Notice, Severity
 from vb_map_integration.border import VirtualBorder
 from vb_map_integration.integration import integrate
-from vb_sim import floor_plan
-from vb_sim.world import Scenario, World
+from vb_sim.room import floor_plan
+from vb_sim.room.world import Scenario, World
 
 
 @dataclass(frozen=True)

@@ -36,13 +36,13 @@ from vb_core.ros.notices import message_from_notice
 from vb_evaluation.observer import wait_until
 from vb_evaluation.processes import Child, free_port, screenshot, start_screen
 from vb_evaluation.screenshot_scenes import Scene, scenes
-from vb_feedback import fit_display, rviz_fonts
-from vb_feedback.layout import plain
+from vb_feedback.display import fit_display, rviz_fonts
+from vb_feedback.display.layout import plain
 from vb_msgs.msg import (
     BorderProgress, BorderIssue, InteractionState, LaserSpot, NoticeArray, VirtualBorder, VirtualBorderArray,
 )
-from vb_sim import floor_plan
-from vb_sim.world import load_world
+from vb_sim.room import floor_plan
+from vb_sim.room.world import load_world
 from visualization_msgs.msg import Marker, MarkerArray
 
 SIZES = ((1920, 1080), (1280, 720))

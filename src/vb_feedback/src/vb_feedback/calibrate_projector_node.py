@@ -17,10 +17,10 @@ from vb_core.parameters import Parameters, param
 from vb_core.ros.images import image_message
 from vb_core.ros import node, parameters
 
-from vb_feedback import floor_picture
+from vb_feedback.projector import floor_picture
 from vb_feedback.floor_projector_node import FRAME
-from vb_feedback.projector_calibration import calibrate
-from vb_feedback.projector_window import ProjectorWindow
+from vb_feedback.projector.projector_calibration import calibrate
+from vb_feedback.projector.projector_window import ProjectorWindow
 
 _MARKERS = 4
 

@@ -24,10 +24,10 @@ from vb_msgs.msg import (
 )
 from visualization_msgs.msg import Marker, MarkerArray
 
-from vb_feedback import display_messages, notices, restriction_overlay, scene
-from vb_feedback.display_messages import marker_from_shape
-from vb_feedback.layout import Box, Layout, fit
-from vb_feedback.text_panel import Notice, words
+from vb_feedback.display import display_messages, notices, restriction_overlay, scene
+from vb_feedback.display.display_messages import marker_from_shape
+from vb_feedback.display.layout import Box, Layout, fit
+from vb_feedback.display.text_panel import Notice, words
 
 _REFRESH_S = 2.0
 # [s] a spot that no camera has seen for this long is lost; a hand that hides it briefly does not count

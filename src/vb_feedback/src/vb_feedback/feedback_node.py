@@ -11,8 +11,8 @@ from vb_core.parameters import Parameters, param
 from vb_core.ros import node, parameters
 from vb_msgs.msg import InteractionState, LaserSpot, Sound
 
-from vb_feedback import colours
-from vb_feedback.sound_events import SoundEvents
+from vb_feedback.display import colours
+from vb_feedback.sound.sound_events import SoundEvents
 
 
 @dataclass(frozen=True)

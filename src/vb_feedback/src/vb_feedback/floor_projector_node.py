@@ -18,11 +18,11 @@ from vb_core.ros import node, parameters
 from vb_core.ros.messages import BorderPreviewArray, grid_from_message
 from vb_msgs.msg import BorderPreview, BorderProgress, InteractionState, LaserSpot, VirtualBorderArray
 
-from vb_feedback import projector_calibration
-from vb_feedback.display_messages import border_from_message, drawing_from_progress
-from vb_feedback.floor_picture import FloorContent, FloorPicture
-from vb_feedback.projector_window import ProjectorWindow
-from vb_feedback.scene import Border, Drawing
+from vb_feedback.projector import projector_calibration
+from vb_feedback.display.display_messages import border_from_message, drawing_from_progress
+from vb_feedback.projector.floor_picture import FloorContent, FloorPicture
+from vb_feedback.projector.projector_window import ProjectorWindow
+from vb_feedback.display.scene import Border, Drawing
 
 FRAME = "projector"
 # [s] a spot that no camera has seen for this long is gone

@@ -6,8 +6,8 @@ from typing import Mapping
 
 from vb_core.errors import ParameterError
 from vb_core.parameters import Parameters, param
-from vb_feedback.colours import STATE
-from vb_feedback.tone_synthesis import SOUNDS
+from vb_feedback.display.colours import STATE
+from vb_feedback.sound.tone_synthesis import SOUNDS
 
 # the constants of kobuki_msgs/Led and kobuki_msgs/Sound
 LEDS = ("BLACK", "GREEN", "ORANGE", "RED")

@@ -17,9 +17,9 @@ from vb_core.parameters import Parameters, param
 from vb_core.ros import parameters
 from vb_core.ros.messages import OccupancyGridArray, grid_from_message
 
-from vb_feedback import rviz_fonts
-from vb_feedback.layout import Box
-from vb_feedback.rviz_config import fit_config, screen_size
+from vb_feedback.display import rviz_fonts
+from vb_feedback.display.layout import Box
+from vb_feedback.display.rviz_config import fit_config, screen_size
 
 _ASPECT = "/display_markers/screen_aspect"
 _USUAL = (1920, 1080)

@@ -13,9 +13,9 @@ from vb_core.parameters import Parameters, param
 from vb_core.ros import node, parameters
 from vb_msgs.msg import Sound
 
-from vb_feedback import tone_synthesis
-from vb_feedback.audio_sink import AudioSink
-from vb_feedback.playlist import SoundQueue
+from vb_feedback.sound import tone_synthesis
+from vb_feedback.sound.audio_sink import AudioSink
+from vb_feedback.sound.playlist import SoundQueue
 
 
 @dataclass(frozen=True)

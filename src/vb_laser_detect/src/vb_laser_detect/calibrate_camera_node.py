@@ -22,14 +22,14 @@ from vb_core.errors import CodedError
 from vb_core.ros.cameras import camera_from_info
 from vb_core.ros.images import compressed_encoding, compressed_image_array, image_array
 from vb_core.ros.node import Mailbox, Worker
-from vb_laser_detect import calibration_file
-from vb_laser_detect.calibration import CalibrationParams
-from vb_laser_detect.calibration_board import BoardParams, BoardView, find_board, write_board
-from vb_laser_detect.calibration_session import BoardSession, HeldSpot, SpotSession, describe, parse_numbers
-from vb_laser_detect.camera_consistency import Sighting, agreement
+from vb_laser_detect.calibration import file as calibration_file
+from vb_laser_detect.calibration.pose import CalibrationParams
+from vb_laser_detect.calibration.board import BoardParams, BoardView, find_board, write_board
+from vb_laser_detect.calibration.session import BoardSession, HeldSpot, SpotSession, describe, parse_numbers
+from vb_laser_detect.calibration.consistency import Sighting, agreement
 from vb_laser_detect.detector import DetectorParams, SpotDetector
-from vb_laser_detect.image_format import PixelReader
-from vb_laser_detect.pixels import to_grey
+from vb_laser_detect.detection.image_format import PixelReader
+from vb_laser_detect.detection.pixels import to_grey
 from vb_laser_detect.spot_detector_node import is_rectified
 from vb_msgs.msg import LaserSpot
 

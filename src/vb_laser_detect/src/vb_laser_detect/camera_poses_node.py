@@ -11,7 +11,7 @@ from geometry_msgs.msg import TransformStamped
 from vb_core.errors import CodedError, ParameterError
 from vb_core.parameters import Parameters, param
 from vb_core.ros import messages, parameters
-from vb_laser_detect import calibration_file
+from vb_laser_detect.calibration import file as calibration_file
 
 
 @dataclass(frozen=True)

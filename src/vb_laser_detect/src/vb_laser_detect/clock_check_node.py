@@ -14,7 +14,7 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from vb_core.errors import CodedError, ParameterError
 from vb_core.parameters import Parameters, param
 from vb_core.ros import parameters
-from vb_laser_detect.clock_offset import ClockOffset, Exchange, clock_offset
+from vb_laser_detect.calibration.clock_offset import ClockOffset, Exchange, clock_offset
 from vb_msgs.srv import GetTime
 
 

@@ -22,14 +22,14 @@ import cv2
 import numpy as np
 
 from vb_core.errors import CodedError, ParameterError
-from vb_laser_detect import classifier, features
-from vb_laser_detect.blocks import BLOCK
+from vb_laser_detect.detection import classifier, features
+from vb_laser_detect.detection.blocks import BLOCK
 from vb_laser_detect.detector_params import DetectorParams
-from vb_laser_detect.features import Blob, Camera, chroma
-from vb_laser_detect.floor_scale import ToFloor, metres_per_pixel
-from vb_laser_detect.image_format import BAYER
-from vb_laser_detect.proposals import Proposal, Proposer, View
-from vb_laser_detect.tracking import Sighting, SpotTracker
+from vb_laser_detect.detection.features import Blob, Camera, chroma
+from vb_laser_detect.detection.floor_scale import ToFloor, metres_per_pixel
+from vb_laser_detect.detection.image_format import BAYER
+from vb_laser_detect.detection.proposals import Proposal, Proposer, View
+from vb_laser_detect.detection.tracking import Sighting, SpotTracker
 
 _SMEAR_PX = 3.0  # optics and pixels smear every spot by this, whatever its size
 _LONGEST = 2.0  # times its diameter: a fast one is elongated

@@ -20,12 +20,12 @@ from vb_core.ros.images import compressed_encoding, compressed_image_array, imag
 from vb_core.ros import messages, node, parameters
 from vb_core.ros.node import Mailbox, Worker
 from vb_core.ros.reconfigure import ReconfigureServer
-from vb_laser_detect import projection
-from vb_laser_detect.debug_image import draw
+from vb_laser_detect.detection import projection
+from vb_laser_detect.detection.debug_image import draw
 from vb_laser_detect.detector import DetectorParams, Spot, SpotDetector
-from vb_laser_detect.image_geometry import Frame, placed, search
-from vb_laser_detect.image_format import PixelReader
-from vb_laser_detect.projection import FloorPoint, FloorProjector, ProjectionParams
+from vb_laser_detect.detection.image_geometry import Frame, placed, search
+from vb_laser_detect.detection.image_format import PixelReader
+from vb_laser_detect.detection.projection import FloorPoint, FloorProjector, ProjectionParams
 from vb_laser_detect.ros.camera_geometry import DepthTopic, InfoTopic, CameraGeometry
 from vb_laser_detect.ros.diagnostics import DetectorDiagnostics
 from vb_laser_detect.ros.time_server import TimeServer

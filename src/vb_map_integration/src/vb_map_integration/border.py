@@ -14,9 +14,9 @@ from typing import Optional, Tuple
 import numpy as np
 
 from vb_core import geometry
-from vb_map_integration.issues import IntegrationError
-from vb_map_integration.registration import Transform
-from vb_map_integration.schedule import parse_schedule
+from vb_map_integration.borders.issues import IntegrationError
+from vb_map_integration.places.registration import Transform
+from vb_map_integration.borders.schedule import parse_schedule
 
 # more than a person can draw: at 25 spots a second this is over three minutes without a pause
 MAX_POINTS = 5000

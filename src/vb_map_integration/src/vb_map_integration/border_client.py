@@ -22,8 +22,8 @@ from vb_core.errors import CodedError
 from vb_core.ros import services
 from vb_core.ros.preview_service import PreviewBorderArray
 from vb_map_integration.border import VirtualBorder
-from vb_map_integration.border_messages import issues_from_messages, message_from_border
-from vb_map_integration.issues import Issue
+from vb_map_integration.borders.border_messages import issues_from_messages, message_from_border
+from vb_map_integration.borders.issues import Issue
 
 # [s] a preview of 16 million cells takes half a second on a busy computer
 _PATIENCE_S = 20.0

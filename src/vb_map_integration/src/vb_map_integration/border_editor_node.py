@@ -21,10 +21,10 @@ from vb_core import names
 from vb_core.errors import CodedError
 from vb_core.parameters import Parameters, param
 from vb_core.ros import node, parameters
-from vb_map_integration import draft_markers, editing
+from vb_map_integration.borders import draft_markers, editing
 from vb_map_integration.border import VirtualBorder
 from vb_map_integration.border_client import Answer, BorderClient
-from vb_map_integration.border_messages import border_from_message
+from vb_map_integration.borders.border_messages import border_from_message
 
 SERVER = "/virtual_borders/edit"
 TOOL, NEW = "tool", "new"

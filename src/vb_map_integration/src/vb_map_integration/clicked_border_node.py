@@ -17,10 +17,10 @@ from vb_core.errors import CodedError
 from vb_core.parameters import Parameters, param
 from vb_core.ros import node, parameters
 from vb_core.ros.transforms import TransformLookup
-from vb_map_integration import draft_markers
+from vb_map_integration.borders import draft_markers
 from vb_map_integration.border import VirtualBorder
 from vb_map_integration.border_client import BorderClient
-from vb_map_integration.clicks import ClickParams, Clicks
+from vb_map_integration.borders.clicks import ClickParams, Clicks
 
 
 @dataclass(frozen=True)

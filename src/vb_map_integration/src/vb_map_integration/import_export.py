@@ -15,10 +15,10 @@ from vb_core.files import write_atomically
 from vb_core.ros import services
 from vb_map_integration.border import VirtualBorder
 from vb_map_integration.border_client import Answer, BorderClient
-from vb_map_integration.border_files import borders_from_yaml, borders_to_yaml
-from vb_map_integration.border_messages import border_from_message
-from vb_map_integration.issues import ERROR
-from vb_map_integration.geojson import borders_from_geojson, borders_to_geojson
+from vb_map_integration.borders.border_files import borders_from_yaml, borders_to_yaml
+from vb_map_integration.borders.border_messages import border_from_message
+from vb_map_integration.borders.issues import ERROR
+from vb_map_integration.borders.geojson import borders_from_geojson, borders_to_geojson
 
 _GEOJSON = (".geojson", ".json")
 

@@ -22,9 +22,9 @@ import shapely
 from vb_core import masks
 from vb_core.grid_map import GridMap
 from vb_core.parameters import Parameters, param
-from vb_map_integration import curve, raster
+from vb_map_integration.grid import curve, raster
 from vb_map_integration.border import SLOW, VirtualBorder
-from vb_map_integration.issues import ERROR, WARNING, Issue, IntegrationError
+from vb_map_integration.borders.issues import ERROR, WARNING, Issue, IntegrationError
 
 __all__ = [
     "ERROR", "WARNING", "Area", "Issue", "Integration", "IntegrationError", "IntegrationParams", "integrate",

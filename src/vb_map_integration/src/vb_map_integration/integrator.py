@@ -19,17 +19,17 @@ from vb_core.grid_map import GridMap
 from vb_core.notices import Notice, Severity
 from vb_core.parameters import param
 from vb_map_integration.border import SLOW, VirtualBorder
-from vb_map_integration.border_files import borders_to_yaml
-from vb_map_integration.composition import Composition, Region
-from vb_map_integration.database import Change, Database, Entry, StoredMap, fingerprint
-from vb_map_integration.issues import WARNING, Issue, IntegrationError
+from vb_map_integration.borders.border_files import borders_to_yaml
+from vb_map_integration.grid.composition import Composition, Region
+from vb_map_integration.storage.database import Change, Database, Entry, StoredMap, fingerprint
+from vb_map_integration.borders.issues import WARNING, Issue, IntegrationError
 from vb_map_integration.integration import Area, IntegrationParams, restricted_area
-from vb_map_integration.legacy_folders import read_folders
-from vb_map_integration.map_picture import map_picture
-from vb_map_integration.preview import Reachability, ways
-from vb_map_integration.recognition import Recognizer, Verdict
-from vb_map_integration.registration import Registration, Transform, register
-from vb_map_integration.schedule import is_scheduled
+from vb_map_integration.storage.legacy_folders import read_folders
+from vb_map_integration.places.map_picture import map_picture
+from vb_map_integration.grid.preview import Reachability, ways
+from vb_map_integration.places.recognition import Recognizer, Verdict
+from vb_map_integration.places.registration import Registration, Transform, register
+from vb_map_integration.borders.schedule import is_scheduled
 
 
 @dataclass(frozen=True)

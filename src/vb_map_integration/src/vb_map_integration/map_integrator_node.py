@@ -41,11 +41,11 @@ from vb_core.ros.notices import NoticePublisher
 from vb_core.ros.preview_service import PreviewBorderArray, PreviewBorderArrayResponse
 from vb_core.ros.transforms import TransformLookup
 from vb_map_integration.border import VirtualBorder
-from vb_map_integration.border_messages import border_from_message, issue_messages, message_from_border
-from vb_map_integration.costmap_settings import soft_value_issue
-from vb_map_integration.issues import ERROR, Issue, IntegrationError
+from vb_map_integration.borders.border_messages import border_from_message, issue_messages, message_from_border
+from vb_map_integration.grid.costmap_settings import soft_value_issue
+from vb_map_integration.borders.issues import ERROR, Issue, IntegrationError
 from vb_map_integration.integrator import IntegratorParams, MapIntegrator, Outcome
-from vb_map_integration.registration import Transform
+from vb_map_integration.places.registration import Transform
 
 _MAP_PATIENCE_S = 5.0  # warns after this long without a map
 

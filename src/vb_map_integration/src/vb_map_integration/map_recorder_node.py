@@ -13,8 +13,8 @@ from vb_msgs.msg import VirtualBorderArray
 from vb_core import names
 from vb_core.parameters import Parameters, param
 from vb_core.ros import messages, node, parameters
-from vb_map_integration.border_messages import border_from_message
-from vb_map_integration.recording import Recording
+from vb_map_integration.borders.border_messages import border_from_message
+from vb_map_integration.storage.recording import Recording
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ from sensor_msgs.msg import CameraInfo
 from vb_core.errors import CodedError
 from vb_core.ros.cameras import camera_from_info
 from vb_core.ros.transforms import TransformLookup
-from vb_robot.view import FloorView
+from vb_robot.dispatching.view import FloorView
 
 
 class CameraView:

@@ -19,11 +19,11 @@ from vb_core.ros.messages import OccupancyGridArray, array_from_points, grid_fro
 from vb_core.ros.notices import NoticePublisher
 from vb_core.ros.transforms import TransformLookup
 from vb_msgs.msg import BorderProgress, InteractionState, LaserSpot
-from vb_robot.dispatch import Kind
-from vb_robot.dispatched_robot import DispatchedRobot
-from vb_robot.dispatcher import Dispatcher, Progress, WatchParams
+from vb_robot.dispatching.dispatch import Kind
+from vb_robot.dispatching.dispatched_robot import DispatchedRobot
+from vb_robot.dispatching.dispatcher import Dispatcher, Progress, WatchParams
 from vb_robot.spots import BORDER, SEED, Sighting
-from vb_robot.viewpoint import Viewpoint
+from vb_robot.dispatching.viewpoint import Viewpoint
 
 PERIOD = 0.25  # [s] between two decisions: the spot moves 0.1 m at most in that time
 

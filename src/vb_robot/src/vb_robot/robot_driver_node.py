@@ -30,13 +30,13 @@ from vb_core.ros.messages import OccupancyGridArray, array_from_points, grid_fro
 from vb_core.ros.notices import NoticePublisher
 from vb_core.ros.transforms import TransformLookup
 from vb_msgs.msg import BorderProgress, DriverState, InteractionState, LaserSpot, VirtualBorder, VirtualBorderArray
-from vb_robot import driver as drivers
+from vb_robot.driving import driver as drivers
 from vb_robot.camera_view import CameraView
-from vb_robot.driver import Command, Driver
-from vb_robot.following import Frames
-from vb_robot.safety import Scan
+from vb_robot.driving.driver import Command, Driver
+from vb_robot.driving.following import Frames
+from vb_robot.driving.safety import Scan
 from vb_robot.spots import Sighting
-from vb_robot.border_monitor import KnownBorder, BorderContact, BorderMonitor
+from vb_robot.driving.border_monitor import KnownBorder, BorderContact, BorderMonitor
 
 SLOW_LOCALISATION = 0.15  # [s] for an older spot the newest localisation is used: that is near enough
 STATE_EACH = 0.5  # [s] between reports of who drives, even if nothing changes

@@ -7,11 +7,11 @@ from typing import Any, Dict, List, Optional, Tuple
 
 import numpy as np
 
-from vb_sim.floor_plan import physical_map
-from vb_sim.models_motion import LocalisationModel, RobotModel, ScanModel
-from vb_sim.raycast import DistanceField, cast_disc
-from vb_sim.robot_body import RobotBody
-from vb_sim.world import World
+from vb_sim.room.floor_plan import physical_map
+from vb_sim.room.models_motion import LocalisationModel, RobotModel, ScanModel
+from vb_sim.room.raycast import DistanceField, cast_disc
+from vb_sim.robot.robot_body import RobotBody
+from vb_sim.room.world import World
 
 PARTICIPANT_SILENCE = 0.5  # [s] after which the participant counts as gone
 

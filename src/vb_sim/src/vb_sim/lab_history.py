@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 from typing import Deque, Dict, Optional, Tuple
 
 from vb_core.geometry import wrap_angle
-from vb_sim.disturbances import SceneConditions
+from vb_sim.room.disturbances import SceneConditions
 
 Pose2 = Tuple[float, float, float]
 Point2 = Tuple[float, float]

@@ -24,11 +24,11 @@ from vb_core.parameters import Parameters, param
 from vb_core.ros import messages, node, parameters
 from vb_msgs.msg import LabState, ParticipantState
 from vb_sim.lab import Lab, Participant
-from vb_sim.models import load_models, section
-from vb_sim.models_motion import LocalisationModel, RobotModel, ScanModel
+from vb_sim.room.models import load_models, section
+from vb_sim.room.models_motion import LocalisationModel, RobotModel, ScanModel
 from vb_sim.pacing import Pacer, RealTimeFactor
 from vb_sim.state_file import StateFile
-from vb_sim.world import Robot, load_world
+from vb_sim.room.world import Robot, load_world
 
 
 @dataclass(frozen=True)

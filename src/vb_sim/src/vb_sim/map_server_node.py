@@ -64,8 +64,8 @@ def build() -> MapServerNode:
 
 def _map_of_world(path: str) -> GridMap:
     # a real lab does without the simulator
-    from vb_sim.floor_plan import physical_map
-    from vb_sim.world import load_world
+    from vb_sim.room.floor_plan import physical_map
+    from vb_sim.room.world import load_world
 
     return physical_map(load_world(path))
 

@@ -23,10 +23,10 @@ from vb_core.grid_map import GridMap
 from vb_core.parameters import param
 from vb_core.ros import messages, node, parameters, robot_profile
 from vb_core.ros.transforms import TransformLookup
-from vb_sim.costmap import CostmapParams
-from vb_sim.follower import FollowerParams
-from vb_sim.navigator import Navigator, NavigatorParams, for_robot
-from vb_sim.planner import PlannerParams
+from vb_sim.robot.costmap import CostmapParams
+from vb_sim.robot.follower import FollowerParams
+from vb_sim.robot.navigator import Navigator, NavigatorParams, for_robot
+from vb_sim.robot.planner import PlannerParams
 
 OccupancyGridUpdateArray = numpy_msg(OccupancyGridUpdate)
 Pose = Tuple[float, float, float]

@@ -19,12 +19,12 @@ from vb_core.parameters import Parameters, param
 from vb_core.ros import commands, node, parameters
 from vb_msgs.msg import BorderProgress, InteractionState, LabState, LaserSpot, NoticeArray, ParticipantState
 from vb_sim.lab_simulator_node import default_models
-from vb_sim.models import load_models, section
-from vb_sim.models_participant import ParticipantModel
-from vb_sim.participant import Action, Answer, ParticipantScript, Percept, Person
-from vb_sim.participant_nrs import NetworkRobotSystemScript
-from vb_sim.participant_robot_only import RobotOnlyScript
-from vb_sim.world import Scenario, World, load_world
+from vb_sim.room.models import load_models, section
+from vb_sim.room.models_participant import ParticipantModel
+from vb_sim.person.participant import Action, Answer, ParticipantScript, Percept, Person
+from vb_sim.person.participant_nrs import NetworkRobotSystemScript
+from vb_sim.person.participant_robot_only import RobotOnlyScript
+from vb_sim.room.world import Scenario, World, load_world
 
 
 @dataclass(frozen=True)

@@ -18,16 +18,16 @@ from vb_core.ros.cameras import info_from_camera
 from vb_core.ros import node, parameters
 from vb_core.ros.messages import transform_message
 from vb_msgs.msg import LabState
-from vb_sim.camera_loop import run_cameras
-from vb_sim.floor_texture import render_floor
-from vb_sim.frame_clock import FrameSchedule, SmoothClock
+from vb_sim.cameras.camera_loop import run_cameras
+from vb_sim.room.floor_texture import render_floor
+from vb_sim.cameras.frame_clock import FrameSchedule, SmoothClock
 from vb_sim.lab_history import History, Snapshot
 from vb_sim.lab_messages import array_image, camera_diagnostics, models_file, snapshot_from_message
-from vb_sim.mesh import world_mesh
-from vb_sim.models_cameras import CameraModels, load_camera_models
-from vb_sim.projector_input import ProjectorInput
-from vb_sim.robot_view import RobotView
-from vb_sim.world import Robot, World, load_world
+from vb_sim.room.mesh import world_mesh
+from vb_sim.room.models_cameras import CameraModels, load_camera_models
+from vb_sim.cameras.projector_input import ProjectorInput
+from vb_sim.cameras.robot_view import RobotView
+from vb_sim.room.world import Robot, World, load_world
 
 
 class RobotCameraNode:

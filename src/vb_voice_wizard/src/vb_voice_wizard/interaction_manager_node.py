@@ -19,14 +19,14 @@ from vb_core.ros.notices import NoticePublisher
 from vb_msgs.msg import BorderProgress, InteractionState, VirtualBorderArray
 from vb_msgs.srv import Command, CommandRequest, CommandResponse
 
-from vb_voice_wizard import persistence
+from vb_voice_wizard.dialogue import persistence
 from vb_voice_wizard.interaction import (
     REDO, RESUME, SAVE, STOP, UNDO, Answer, Interaction, InteractionParams, State, normalise,
 )
-from vb_voice_wizard.border_services import UNANSWERED, BorderServices
-from vb_voice_wizard.once import Once
-from vb_voice_wizard.preview_scheduler import PreviewParams
-from vb_voice_wizard.previewer import Previewer
+from vb_voice_wizard.dialogue.border_services import UNANSWERED, BorderServices
+from vb_voice_wizard.dialogue.once import Once
+from vb_voice_wizard.dialogue.preview_scheduler import PreviewParams
+from vb_voice_wizard.dialogue.previewer import Previewer
 
 # [s] wall time: half a second after the last state robots rest, see vb_msgs/InteractionState
 _REPEATED_AFTER = 0.1

@@ -22,10 +22,10 @@ import numpy as np
 from vb_core.errors import ParameterError
 from vb_core.parameters import Parameters, param
 
-from vb_voice_wizard.audio_sources import SAMPLE_RATE
-from vb_voice_wizard.endpointing import EndpointParams, Utterance, utterances
+from vb_voice_wizard.voice.audio_sources import SAMPLE_RATE
+from vb_voice_wizard.voice.endpointing import EndpointParams, Utterance, utterances
 from vb_voice_wizard.interaction import COMMANDS, RESUME
-from vb_voice_wizard.speech_encoder import SpeechEncoder, word_shape
+from vb_voice_wizard.voice.speech_encoder import SpeechEncoder, word_shape
 
 # one spoken word never lets robots drive again
 ALWAYS_UNCLEAR = (RESUME,)

@@ -20,8 +20,8 @@ from vb_core.ros.notices import NoticePublisher
 from vb_msgs.msg import Audio, SpeechCommand, Sound
 from vb_msgs.srv import CommandRequest, CommandResponse
 
-from vb_voice_wizard.audio_sources import SAMPLE_RATE, Microphone, Resampler, arecord, level_db, read_wav
-from vb_voice_wizard.endpointing import Endpointer, EndpointParams, Utterance
+from vb_voice_wizard.voice.audio_sources import SAMPLE_RATE, Microphone, Resampler, arecord, level_db, read_wav
+from vb_voice_wizard.voice.endpointing import Endpointer, EndpointParams, Utterance
 from vb_voice_wizard.recognizer import CommandRecognizer, RecognitionResult, RecognizerParams
 
 AUDIO = "/virtual_borders/voice/audio"

@@ -29,9 +29,9 @@ from vb_msgs.msg import (
 )
 from vb_msgs.srv import CommandRequest, CommandResponse
 
-from vb_voice_wizard import console_view
-from vb_voice_wizard.console_keys import COMMAND_KEYS, QUIT_KEY, KeyReader
-from vb_voice_wizard.console_view import BAD, GOOD, NOTE, BorderRow, View
+from vb_voice_wizard.console import view as console_view
+from vb_voice_wizard.console.keys import COMMAND_KEYS, QUIT_KEY, KeyReader
+from vb_voice_wizard.console.view import BAD, GOOD, NOTE, BorderRow, View
 
 _PERIOD_S = 0.2  # between two looks at the screen: an operator cannot follow more
 _WATCH_S = 1.0

@@ -21,7 +21,7 @@ from vb_core.errors import CodedError
 from vb_core.grid_map import GridMap
 from vb_core.map_files import read_map
 from vb_map_integration.border import VirtualBorder
-from vb_map_integration.border_files import borders_from_yaml
+from vb_map_integration.borders.border_files import borders_from_yaml
 from vb_map_integration.integration import IntegrationParams, integrate
 
 LOG, MAPS, INDEX, BAGS, SESSION = "interactions.jsonl", "recordings", "index.jsonl", "bags", "session.yaml"

@@ -20,9 +20,9 @@ from vb_evaluation.study import config
 from vb_evaluation.study.config import METHODS, Study
 from vb_evaluation.study.result import Result, Task
 from vb_map_integration.border import VirtualBorder
-from vb_map_integration.recording import Recording as MapRecording
-from vb_sim import floor_plan
-from vb_voice_wizard.persistence import append_line
+from vb_map_integration.storage.recording import Recording as MapRecording
+from vb_sim.room import floor_plan
+from vb_voice_wizard.dialogue.persistence import append_line
 
 
 def person(study: Study, outcomes: List[bool]) -> Callable[[Planned], Callable[[], None]]:

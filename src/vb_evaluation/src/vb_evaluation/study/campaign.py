@@ -33,7 +33,7 @@ from vb_evaluation.study import assumptions, measures, plan
 from vb_evaluation.study.config import Study, study_of, top
 from vb_evaluation.study.plan import CONDITIONS, Job
 from vb_evaluation.study.store import RowFile, claim
-from vb_sim import floor_plan
+from vb_sim.room import floor_plan
 
 # what a run's result depends on
 PACKAGES = ("vb_core", "vb_laser_detect", "vb_fusion", "vb_map_integration", "vb_msgs", "vb_robot", "vb_voice_wizard", "vb_sim")

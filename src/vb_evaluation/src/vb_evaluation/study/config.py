@@ -16,11 +16,11 @@ import yaml
 from vb_core.errors import CodedError, ParameterError
 from vb_core.parameters import Parameters, param
 from vb_evaluation.study.people import Distribution, Population, Streams, Traits
-from vb_sim.models import section
-from vb_sim.models_cameras import CameraModels, CameraNoise, Optics, RobotCamera
-from vb_sim.models_motion import LocalisationModel, RobotModel, ScanModel
-from vb_sim.models_participant import ParticipantModel
-from vb_sim.world import World, world_from_mapping
+from vb_sim.room.models import section
+from vb_sim.room.models_cameras import CameraModels, CameraNoise, Optics, RobotCamera
+from vb_sim.room.models_motion import LocalisationModel, RobotModel, ScanModel
+from vb_sim.room.models_participant import ParticipantModel
+from vb_sim.room.world import World, world_from_mapping
 
 
 # which ceiling cameras look with each method: all of them with the paper's, none with its baseline

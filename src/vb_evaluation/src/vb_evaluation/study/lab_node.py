@@ -9,14 +9,14 @@ import numpy as np
 
 from vb_core import geometry
 from vb_sim.ceiling_cameras_node import CeilingCamerasNode
-from vb_sim.ceiling_view import CeilingView
-from vb_sim.floor_texture import FloorTexture, render_floor
+from vb_sim.cameras.ceiling_view import CeilingView
+from vb_sim.room.floor_texture import FloorTexture, render_floor
 from vb_sim.lab_history import Snapshot
-from vb_sim.mesh import Mesh, world_mesh
-from vb_sim.models_cameras import CameraModels
+from vb_sim.room.mesh import Mesh, world_mesh
+from vb_sim.room.models_cameras import CameraModels
 from vb_sim.robot_camera_node import RobotCameraNode
-from vb_sim.robot_view import RobotView
-from vb_sim.world import CeilingCamera, Robot, World
+from vb_sim.cameras.robot_view import RobotView
+from vb_sim.room.world import CeilingCamera, Robot, World
 
 FLOOR_SEED = 1  # everybody draws on the same floor
 _SPOT_MARGIN_PX = 40.0  # a spot whose middle is outside the image by less may still shine into it

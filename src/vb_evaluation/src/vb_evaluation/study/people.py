@@ -9,8 +9,8 @@ import numpy as np
 
 from vb_core.errors import ParameterError
 from vb_core.parameters import Parameters
-from vb_sim.bodies import Build
-from vb_sim.models_participant import ParticipantModel
+from vb_sim.room.bodies import Build
+from vb_sim.room.models_participant import ParticipantModel
 
 # a random generator for each name: drawing from one leaves all others unchanged
 Streams = Callable[[str], np.random.Generator]

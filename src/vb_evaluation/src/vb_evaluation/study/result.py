@@ -9,7 +9,7 @@ from shapely.geometry import Point, Polygon
 
 from vb_core.grid_map import GridMap
 from vb_evaluation.study.people import Traits
-from vb_sim.world import Scenario, World
+from vb_sim.room.world import Scenario, World
 
 FALSE_M = 0.3  # [m] from the true spot beyond which a reported one is something else
 

@@ -29,19 +29,19 @@ from vb_evaluation.virtual_ros.launching import import_nodes, start_launch
 from vb_evaluation.virtual_ros.scheduler import Scheduler
 from vb_evaluation.virtual_ros.stand_ins import replaced
 from vb_msgs.msg import LabState, LaserSpot, VirtualBorderArray
-from vb_sim import floor_plan
-from vb_sim.costmap import Costmap, CostmapParams
-from vb_sim.hand import meant_border
+from vb_sim.room import floor_plan
+from vb_sim.robot.costmap import Costmap, CostmapParams
+from vb_sim.person.hand import meant_border
 from vb_sim.lab import Lab
 from vb_sim.lab_history import History
 from vb_sim.lab_messages import snapshot_from_message
 from vb_sim.lab_simulator_node import LabSimulatorNode, LabSimulatorParams
-from vb_sim.legs import distance_to_chain
+from vb_sim.person.legs import distance_to_chain
 from vb_sim.map_server_node import MapServerNode
-from vb_sim.models_cameras import CameraModels
+from vb_sim.room.models_cameras import CameraModels
 from vb_sim.participant_node import ParticipantNode, ParticipantParams
-from vb_sim.planner import Planner
-from vb_sim.world import Scenario, World
+from vb_sim.robot.planner import Planner
+from vb_sim.room.world import Scenario, World
 
 OFF_THE_LINE = 0.4  # [m] people do not stand on what they draw
 START_NS = 1_000_000_000_000  # no stamp is near zero, which would mean that there is none

@@ -11,10 +11,10 @@ from vb_core import geometry
 from vb_core.errors import CodedError, ParameterError
 from vb_core.grid_map import FREE
 from vb_evaluation.study.config import Study
-from vb_sim import floor_plan
-from vb_sim.costmap import Costmap, CostmapParams
-from vb_sim.planner import Planner
-from vb_sim.world import CeilingCamera, Scenario, World
+from vb_sim.room import floor_plan
+from vb_sim.robot.costmap import Costmap, CostmapParams
+from vb_sim.robot.planner import Planner
+from vb_sim.room.world import CeilingCamera, Scenario, World
 
 # a person who guides a robot keeps off walls: it must still see the spot once that is around the corner
 _LED = CostmapParams(inflation_radius=1.0, cost_scaling_factor=3.0)

@@ -16,8 +16,8 @@ from vb_core.errors import CodedError
 from vb_core.ros.cameras import camera_from_info
 from vb_core.ros.images import image_array
 from vb_core.ros.transforms import TransformLookup
-from vb_laser_detect.image_geometry import Frame
-from vb_laser_detect.projection import FloorProjector
+from vb_laser_detect.detection.image_geometry import Frame
+from vb_laser_detect.detection.projection import FloorProjector
 from vb_laser_detect.ros.diagnostics import DetectorDiagnostics
 
 

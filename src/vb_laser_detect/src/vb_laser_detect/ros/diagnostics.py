@@ -13,8 +13,8 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from vb_core import names
 from vb_core.errors import CodedError
 from vb_core.ros.node import Mailbox
-from vb_laser_detect.blocks import sample_blocks
-from vb_laser_detect.detector_counts import DetectorCounts
+from vb_laser_detect.detection.blocks import sample_blocks
+from vb_laser_detect.detection.detector_counts import DetectorCounts
 from vb_msgs.msg import DetectorStatus
 
 _SILENCE_S = 2.0  # without an image for this long, diagnostics call the camera silent

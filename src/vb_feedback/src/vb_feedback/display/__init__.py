@@ -1,0 +1,1 @@
+"""What the smart display shows."""

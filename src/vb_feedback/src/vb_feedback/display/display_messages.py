@@ -1,0 +1,130 @@
+"""Converts messages to the display's contents, and these to markers."""
+from __future__ import annotations
+
+from typing import Optional, Sequence, Tuple
+
+import rospy
+from diagnostic_msgs.msg import KeyValue
+from geometry_msgs.msg import Point
+from std_msgs.msg import ColorRGBA
+from vb_core import names, sentences
+from vb_core.ros.messages import array_from_points, mapping_from_values
+from vb_msgs.msg import BorderPreview, BorderProgress, BorderIssue, InteractionState, VirtualBorder
+from visualization_msgs.msg import Marker
+
+from vb_feedback.display import notices, scene
+from vb_feedback.display.notices import Preview
+from vb_feedback.display.text_panel import Notice, PanelContent
+
+_KINDS = {
+    scene.LINES: Marker.LINE_LIST,
+    scene.POINTS: Marker.POINTS,
+    scene.DISC: Marker.CYLINDER,
+    scene.PLATE: Marker.CUBE,
+    scene.TEXT: Marker.TEXT_VIEW_FACING,
+}
+
+
+def marker_from_shape(shape: scene.Shape) -> Marker:
+    """A shape to a marker; its stamp stays zero: "wherever the frame is now"."""
+    marker = Marker()
+    marker.header.frame_id = shape.frame or names.MAP_FRAME
+    marker.frame_locked = bool(shape.frame)
+    marker.ns, marker.id = shape.namespace, shape.number
+    marker.type, marker.action = _KINDS[shape.kind], Marker.ADD
+    marker.pose.orientation.w = 1.0
+    marker.lifetime = rospy.Duration.from_sec(shape.lifetime)
+    tints = [ColorRGBA(*colour, shape.alpha) for colour in shape.colours]
+    marker.color = tints[0]
+    scale = marker.scale
+    if shape.kind in (scene.LINES, scene.POINTS):
+        marker.points = [Point(x, y, shape.z) for x, y in shape.points]
+        if len(tints) == len(shape.points) > 1:
+            marker.colors = tints
+        scale.x = shape.size[0]
+        scale.y = shape.size[0] if shape.kind == scene.POINTS else 0.0
+        return marker
+    marker.pose.position = Point(*shape.points[0], shape.z)
+    if shape.kind == scene.TEXT:
+        marker.text, scale.z = shape.text, shape.size[0]
+    else:
+        scale.x, scale.y, scale.z = shape.size[0], shape.size[-1], 0.01
+    return marker
+
+
+def removal(namespace: str, number: int) -> Marker:
+    """The marker that takes another one away."""
+    marker = Marker(ns=namespace, id=number, action=Marker.DELETE)
+    marker.header.frame_id = names.MAP_FRAME
+    marker.pose.orientation.w = 1.0
+    return marker
+
+
+def talk_from_state(
+    state: Optional[InteractionState], seeing: Sequence[str], said: Sequence[Notice], has_map: bool, language: str
+) -> PanelContent:
+    """The words' contents; without a map nothing else matters but that robots are stopped."""
+    stopped = state is not None and state.stopped
+    if not has_map:
+        return PanelContent(message=sentences.say("display_waiting_map", {}, language), stopped=stopped, language=language)
+    if state is None:
+        return PanelContent(language=language)
+    message = state.last_message
+    if state.last_code:
+        message = sentences.say(state.last_code, mapping_from_values(state.last_values), language, message)
+    return PanelContent(
+        state.name,
+        # whole seconds, as they are shown: less is not a change
+        float(int(state.guide_s + state.border_s + state.seed_s)),
+        tuple(state.commands),
+        state.last_success,
+        message,
+        tuple(seeing),
+        tuple(said),
+        stopped,
+        language,
+    )
+
+
+def drawing_from_progress(progress: BorderProgress) -> scene.Drawing:
+    """Progress message to plain values; points whose camera is unknown get the name ""."""
+    cameras = list(progress.cameras)
+    indices = bytes(progress.point_cameras)
+    names_of_points = [
+        cameras[indices[number]] if number < len(indices) and indices[number] < len(cameras) else ""
+        for number in range(len(progress.points))
+    ]
+    return scene.Drawing(
+        tuple(map(tuple, array_from_points(progress.points).tolist())),
+        tuple(names_of_points),
+        tuple(map(tuple, array_from_points(progress.chain).tolist())),
+        progress.closed,
+        (progress.seed.x, progress.seed.y) if progress.has_seed else None,
+    )
+
+
+def border_from_message(border: VirtualBorder) -> scene.Border:
+    """Border message to plain values."""
+    return scene.Border(
+        border.name or border.id,
+        tuple(map(tuple, array_from_points(border.points).tolist())),
+        border.kind == VirtualBorder.POLYGON,
+        (border.seed.x, border.seed.y),
+        border.occupancy,
+        border.enabled,
+        border.area_m2,
+    )
+
+
+def preview_from_message(preview: BorderPreview) -> Preview:
+    """Preview message to plain values, without its region."""
+    why = notices.Issue(True, preview.code, _items(preview.values), preview.message)
+    issues = tuple(
+        notices.Issue(found.severity == BorderIssue.ERROR, found.code, _items(found.values), found.message)
+        for found in preview.issues
+    )
+    return Preview(preview.success, why, issues, preview.area_m2)
+
+
+def _items(values: Sequence[KeyValue]) -> Tuple[Tuple[str, str], ...]:
+    return tuple(mapping_from_values(values).items())

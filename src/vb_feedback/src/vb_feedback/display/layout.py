@@ -1,0 +1,269 @@
+"""The layout of the smart display: the map, a panel to its right, a strip below it.
+
+The view is a rectangle in the map frame with the screen's aspect. Sizes of letters are shares of its
+height, so that the same share is the same size on the screen whatever the map's size.
+"""
+from __future__ import annotations
+
+import unicodedata
+from dataclasses import dataclass
+from typing import List, Sequence, Tuple
+
+import numpy as np
+from anyascii import anyascii
+
+from vb_core.errors import CodedError
+from vb_feedback.display.rviz_fonts import is_drawn
+
+PANEL = 0.5  # shares of the view's height: width of the panel, ...
+STRIP = 0.23  # ... height of the strip, ...
+MARGIN = 0.015  # ... and the free margin around the map
+PANEL_MOST = 0.38  # share of the view's width, for screens that are hardly wider than high
+LINE = 1.2  # distance of lines, in heights of a line's letters
+_GAP, _TOUCHING = 0.1, 1e-6  # between labels, in heights of the one that moves: usual, and where room is scarce
+
+
+@dataclass(frozen=True)
+class Box:
+    """A rectangle [m] in the map frame."""
+
+    x0: float
+    y0: float
+    x1: float
+    y1: float
+
+    @property
+    def width(self) -> float:
+        """[m]"""
+        return self.x1 - self.x0
+
+    @property
+    def height(self) -> float:
+        """[m]"""
+        return self.y1 - self.y0
+
+    @property
+    def centre(self) -> Tuple[float, float]:
+        """(x, y) [m]"""
+        return (self.x0 + self.x1) / 2.0, (self.y0 + self.y1) / 2.0
+
+    def overlaps(self, other: "Box") -> bool:
+        """Whether the two share an area; touching edges do not."""
+        return self.x0 < other.x1 and other.x0 < self.x1 and self.y0 < other.y1 and other.y0 < self.y1
+
+    def contains(self, other: "Box", tolerance: float = 1e-9) -> bool:
+        """Whether the other is within this one."""
+        return (
+            self.x0 - tolerance <= other.x0
+            and self.y0 - tolerance <= other.y0
+            and self.x1 + tolerance >= other.x1
+            and self.y1 + tolerance >= other.y1
+        )
+
+    @staticmethod
+    def around(points: np.ndarray) -> "Box":
+        """The smallest box that holds points (N, 2) [m]."""
+        low, high = np.min(points, axis=0), np.max(points, axis=0)
+        return Box(float(low[0]), float(low[1]), float(high[0]), float(high[1]))
+
+    @staticmethod
+    def centred(x: float, y: float, width: float, height: float) -> "Box":
+        """A box by its centre and size [m]."""
+        return Box(x - width / 2.0, y - height / 2.0, x + width / 2.0, y + height / 2.0)
+
+
+@dataclass(frozen=True)
+class Layout:
+    """The parts of the view; none overlaps another."""
+
+    view: Box
+    map: Box
+    panel: Box
+    strip: Box
+
+    @property
+    def unit(self) -> float:
+        """[m] the view's height, of which letters' heights are shares."""
+        return self.view.height
+
+
+def fit(extent: Box, aspect: float) -> Layout:
+    """The smallest view that shows the whole map beside panel and strip.
+
+    Args:
+        extent: of the map.
+        aspect: width by height of the screen.
+
+    Raises:
+        CodedError: "bad_layout" for an empty map or a screen that leaves no room for the map.
+    """
+    panel = min(PANEL / aspect, PANEL_MOST)
+    across = (1.0 - panel) * aspect - 2.0 * MARGIN  # room for the map, in heights of the view
+    upwards = 1.0 - STRIP - 2.0 * MARGIN
+    if extent.width <= 0 or extent.height <= 0:
+        raise CodedError("bad_layout", f"the map's extent is {extent.width} m x {extent.height} m")
+    if not 0.5 <= aspect <= 5.0:
+        raise CodedError("bad_layout", f"the screen's aspect must be 0.5 to 5, got {aspect}")
+    height = max(extent.width / across, extent.height / upwards)
+    width = aspect * height
+    x, y = extent.centre
+    x0 = x - (1.0 - panel) * width / 2.0
+    y1 = y + (1.0 - STRIP) * height / 2.0
+    view = Box(x0, y1 - height, x0 + width, y1)
+    edge = x0 + (1.0 - panel) * width
+    low = view.y0 + STRIP * height
+    return Layout(view, extent, Box(edge, low, view.x1, view.y1), Box(view.x0, view.y0, view.x1, low))
+
+
+# ----------------------------------------------------------------- letters
+# advance widths of Liberation Sans, RViz's font, in thousandths of its size, from "!" on
+_WIDTHS = (
+    278, 355, 556, 556, 889, 667, 191, 333, 333, 389, 584, 278, 333, 278, 278, 556, 556, 556, 556, 556, 556, 556,
+    556, 556, 556, 278, 278, 584, 584, 584, 556, 1015, 667, 667, 722, 722, 667, 611, 778, 722, 278, 500, 667, 556,
+    833, 722, 778, 667, 778, 722, 667, 611, 722, 667, 944, 667, 667, 611, 278, 278, 278, 469, 556, 333, 556, 556,
+    500, 556, 556, 278, 556, 556, 222, 222, 500, 222, 833, 556, 556, 556, 556, 333, 500, 278, 556, 500, 722, 500,
+    500, 500, 334, 260, 334, 584,
+)
+_SPACE = 310
+_MARKS = {
+    "\u00b2": 333, "\u00b3": 333, "\u00b7": 333, "\u00df": 611, "\u2013": 556, "\u2014": 1000, "\u2018": 222, "\u2019": 222,
+    "\u201a": 222, "\u201c": 333, "\u201d": 333, "\u201e": 333, "\u2026": 1000, "\u20ac": 556,
+}
+_WIDE, _NARROW = 1015, 660  # the widest Greek and Cyrillic capital; hardly a small letter is wider, few marks are
+# the font's size in heights of RViz's text markers: measured on words of 4 to 11 letters, 0.83 to 0.84
+_FONT = 0.84
+
+
+def plain(text: str) -> str:
+    """A text in the characters that RViz can show: those of its font as they are, others transliterated (anyascii)."""
+    composed = unicodedata.normalize("NFC", text)
+    shown = "".join(letter if is_drawn(letter) else _transliterated(letter) for letter in composed)
+    return " ".join(shown.split())
+
+
+def _transliterated(letter: str) -> str:
+    kind = unicodedata.category(letter)
+    if kind.startswith("M"):
+        return ""
+    return " " if kind.startswith(("C", "Z")) else anyascii(letter) or "_"
+
+
+def _width(letter: str) -> int:
+    """Advance width in thousandths of the font's size; an accent does not change it."""
+    if letter in _MARKS:
+        return _MARKS[letter]
+    base = unicodedata.normalize("NFKD", letter)[0]
+    index = ord(base) - 33
+    if letter == " ":
+        return _SPACE
+    if 0 <= index < len(_WIDTHS):
+        return _WIDTHS[index]
+    return _WIDE if base.isupper() else _NARROW
+
+
+def text_width(text: str, size: float) -> float:
+    """Width [m] of a line of text, letters of `size` [m]; of the longest of several lines."""
+
+    return size * _FONT * max((sum(map(_width, line)) for line in text.split("\n")), default=0) / 1000.0
+
+
+def place_words(text: str, x: float, y: float, size: float) -> List[Tuple[str, float, float]]:
+    """The words of a text, lines parted by newlines and centred at (x, y) [m], each with its own centre.
+
+    RViz makes spaces more than twice as wide as they should be, so each word is placed alone.
+    """
+    lines = text.split("\n")
+    placed = []
+    for number, line in enumerate(lines):
+        left = x - text_width(line, size) / 2.0
+        level = y + ((len(lines) - 1) / 2.0 - number) * LINE * size
+        words = line.split(" ")
+        for index, word in enumerate(words):
+            before = text_width(" ".join(words[:index] + [""]), size) if index else 0.0
+            if word:
+                placed.append((word, left + before + text_width(word, size) / 2.0, level))
+    return placed
+
+
+def text_box(text: str, x: float, y: float, size: float) -> Box:
+    """The box of a text centred at (x, y) [m]; lines are parted by newlines."""
+    lines = text.count("\n") + 1
+    return Box.centred(x, y, text_width(text, size), text_height(lines, size))
+
+
+def wrap(text: str, size: float, width: float) -> List[str]:
+    """A sentence in lines that are no wider than `width` [m]; a word that is wider alone is cut."""
+    lines: List[str] = []
+    for word in text.split():
+        while text_width(word, size) > width and len(word) > 1:
+            keep = len(word) - 1
+            while keep > 1 and text_width(word[:keep], size) > width:
+                keep -= 1
+            lines.append(word[:keep])
+            word = word[keep:]
+        if lines and text_width(f"{lines[-1]} {word}", size) <= width:
+            lines[-1] = f"{lines[-1]} {word}"
+        else:
+            lines.append(word)
+    return lines
+
+
+def fit_text(text: str, sizes: Sequence[float], width: float, height: float) -> Tuple[str, float]:
+    """A sentence in the largest of the sizes [m] in which it fits a box, wrapped, and that size; see `fit_texts`."""
+    texts, size = fit_texts([text], sizes, width, height)
+    return texts[0], size
+
+
+def fit_texts(
+    texts: Sequence[str], sizes: Sequence[float], width: float, height: float
+) -> Tuple[List[str], float]:
+    """Sentences below each other in the largest of the sizes [m] in which all fit a box, wrapped, and that size.
+
+    In the smallest size what does not fit is left out, with an ellipsis at its end: of the longest first, each keeps
+    at least one line.
+    """
+    for size in sizes:
+        wrapped = [wrap(text, size, width) for text in texts]
+        if text_height(sum(map(len, wrapped)), size) <= height:
+            return ["\n".join(lines) for lines in wrapped], size
+    size = sizes[-1]
+    room = max(len(texts), int((height / size - 1.0) / LINE) + 1)
+    wrapped = [wrap(text, size, width) for text in texts]
+    keep = [len(lines) for lines in wrapped]
+    while sum(keep) > room:
+        keep[keep.index(max(keep))] -= 1
+    return [_cut(lines, count, size, width) for lines, count in zip(wrapped, keep)], size
+
+
+def text_height(lines: int, size: float) -> float:
+    """[m] of lines of text, letters of `size` [m]."""
+    return (1.0 + LINE * (lines - 1)) * size
+
+
+def _cut(lines: List[str], count: int, size: float, width: float) -> str:
+    if count >= len(lines):
+        return "\n".join(lines)
+    last = lines[count - 1]
+    while last and text_width(last + "...", size) > width:
+        last = last[:-1]
+    return "\n".join([*lines[: count - 1], last.rstrip() + "..."])
+
+
+def place_labels(wanted: Sequence[Box], within: Box) -> List[Box]:
+    """Moves labels up or down, as little as needed to be within a box and, if there is room, not on each other."""
+    placed: List[Box] = []
+    for box in wanted:
+        wanted_x, wanted_y = box.centre
+        half_width, half_height = box.width / 2.0, box.height / 2.0
+        x = min(max(wanted_x, within.x0 + half_width), max(within.x0 + half_width, within.x1 - half_width))
+        low, high = within.y0 + half_height, max(within.y0 + half_height, within.y1 - half_height)
+        unmoved = Box.centred(x, min(max(wanted_y, low), high), box.width, box.height)
+        free: List[Box] = []
+        for gap in (_GAP, _TOUCHING):
+            # if there is room, there is some beside the edge or another label: no other heights need be tried
+            away = [(other.centre[1], (other.height + box.height) / 2.0 + gap * box.height) for other in placed]
+            heights = [wanted_y, low, high] + [y + side * step for y, step in away for side in (1, -1)]
+            options = [Box.centred(x, min(max(y, low), high), box.width, box.height) for y in heights]
+            free = free or [option for option in options if not any(option.overlaps(other) for other in placed)]
+        placed.append(min(free, key=lambda option: abs(option.centre[1] - wanted_y)) if free else unmoved)
+    return placed

@@ -1,0 +1,50 @@
+"""Fits an RViz config to a map and a screen."""
+from __future__ import annotations
+
+import copy
+import re
+from typing import Any, Dict, Optional, Tuple
+
+from vb_core.errors import CodedError
+from vb_feedback.display.layout import Box, fit
+
+
+def fit_config(
+    config: Dict[str, Any], extent: Box, width: int, height: int, aspect: Optional[float] = None
+) -> Dict[str, Any]:
+    """An RViz config whose top view shows the whole display on a screen.
+
+    The view is the one for which display_markers lays its words out, see `layout.fit`.
+
+    Args:
+        config: an RViz config, as parsed YAML, with a TopDownOrtho view; it is not changed.
+        extent: of the map [m].
+        width, height: of the screen [px].
+        aspect: width by height for which display_markers lays out; the screen's own if None. On a screen of another
+            one there is a margin, and nothing is cut.
+
+    Raises:
+        CodedError: "bad_config" if it has no such view; "bad_layout" if screen or map have no sensible size.
+    """
+    if width < 320 or height < 240:
+        raise CodedError("bad_layout", f"the screen must be at least 320 x 240 pixels, got {width} x {height}")
+    result = copy.deepcopy(config)
+    try:
+        view = result["Visualization Manager"]["Views"]["Current"]
+        window = result["Window Geometry"]
+        kind = view["Class"]
+    except (KeyError, TypeError):
+        raise CodedError("bad_config", "this is no RViz config with a view and a window") from None
+    if kind != "rviz/TopDownOrtho":
+        raise CodedError("bad_config", f"the config's view must be rviz/TopDownOrtho, it is {kind}")
+    layout = fit(extent, aspect or width / height)
+    x, y = layout.view.centre
+    view.update({"Angle": 0, "Scale": min(width / layout.view.width, height / layout.view.height), "X": x, "Y": y})
+    window.update({"X": 0, "Y": 0, "Width": int(width), "Height": int(height)})
+    return result
+
+
+def screen_size(description: str) -> Optional[Tuple[int, int]]:
+    """(width, height) [px] of the screen that xdpyinfo describes; None if it does not."""
+    found = re.search(r"dimensions:\s+(\d+)x(\d+) pixels", description)
+    return (int(found.group(1)), int(found.group(2))) if found else None

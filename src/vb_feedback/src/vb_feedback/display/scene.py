@@ -1,0 +1,259 @@
+"""Makes what the smart display shows, as plain shapes in the map frame; no ROS.
+
+Each function makes the shapes of one part of the display from plain values. Shapes are compared with the
+ones shown before, so that only what changed is sent.
+"""
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Dict, List, Optional, Sequence, Tuple
+
+import numpy as np
+
+from vb_feedback.display import colours
+from vb_feedback.display.colours import Colour
+from vb_feedback.display.layout import Box, Layout, fit_text, place_labels, place_words, plain, text_box
+
+LINES = "lines"
+POINTS = "points"
+DISC = "disc"
+PLATE = "plate"
+TEXT = "text"
+
+
+# heights in the scene [m]: seen from above, the higher one hides the lower one. What is being drawn hides names.
+_LEVELS = tuple(0.06 * step for step in range(1, 11))
+Z_BORDER, Z_LABEL, Z_NAME, Z_POINTS, Z_CHAIN, Z_SEED, Z_ROBOT, Z_SPOT, Z_PLATE, Z_TEXT = _LEVELS
+
+
+@dataclass(frozen=True)
+class Shape:
+    """One marker. Shapes with the same namespace and number replace each other.
+
+    Attributes:
+        kind: LINES between pairs of points, POINTS at all; DISC, PLATE (size is width, height), TEXT at the first one.
+        points: (x, y) [m] each.
+        size: [m] width of a line, diameter of points and disc, (width, height) of a plate, height of letters.
+        colours: one, or one per point.
+        frame: "" is the map frame; a shape in another frame moves with it.
+        lifetime: [s] 0 is for ever.
+    """
+
+    namespace: str
+    number: int
+    kind: str
+    points: Tuple[Tuple[float, float], ...]
+    z: float
+    size: Tuple[float, ...]
+    colours: Tuple[Colour, ...]
+    alpha: float = 1.0
+    text: str = ""
+    frame: str = ""
+    lifetime: float = 0.0
+
+    @property
+    def key(self) -> Tuple[str, int]:
+        """The identity of the shape."""
+        return self.namespace, self.number
+
+
+def changes(
+    before: Dict[Tuple[str, int], Shape], now: Sequence[Shape]
+) -> Tuple[List[Shape], List[Tuple[str, int]]]:
+    """The shapes that are new or differ, and the keys of those that are gone.
+
+    A shape with a lifetime counts as new each time, since it would expire otherwise.
+    """
+    keys = {shape.key for shape in now}
+    news = [shape for shape in now if shape.lifetime or before.get(shape.key) != shape]
+    return news, [key for key in before if key not in keys]
+
+
+def _pairs(points: np.ndarray) -> Tuple[Tuple[float, float], ...]:
+    return tuple((float(x), float(y)) for x, y in np.asarray(points, dtype=float).reshape(-1, 2))
+
+
+def segments(points: Sequence[Sequence[float]], closed: bool, width: float) -> Tuple[Tuple[float, float], ...]:
+    """A chain as pairs of points, each lengthened by half a line's width so that corners are filled.
+
+    RViz's own line strips taper at sharp corners.
+    """
+    chain = np.asarray(points, dtype=float).reshape(-1, 2)
+    if closed and len(chain) > 2:
+        chain = np.vstack([chain, chain[:1]])
+    pairs: List[Tuple[float, float]] = []
+    for start, end in zip(chain[:-1], chain[1:]):
+        length = float(np.hypot(*(end - start)))
+        if length > 1e-6:
+            over = (end - start) / length * width / 2.0
+            pairs += _pairs([start - over, end + over])
+    return tuple(pairs)
+
+
+def write(
+    namespace: str, text: str, x: float, y: float, size: float, tints: Sequence[Colour], z: float = Z_TEXT
+) -> List[Shape]:
+    """A text centred at (x, y), one shape per word; one colour for all words, or one per word."""
+    placed = place_words(text, x, y, size)
+    return [
+        Shape(namespace, number, TEXT, ((at_x, at_y),), z, (size,), (tints[number % len(tints)],), text=word)
+        for number, (word, at_x, at_y) in enumerate(placed)
+    ]
+
+
+def text_boxes(shapes: Sequence[Shape]) -> List[Box]:
+    """The boxes that texts and plates take, for tests and for placing."""
+    boxes = []
+    for shape in shapes:
+        x, y = shape.points[0] if shape.points else (0.0, 0.0)
+        if shape.kind == TEXT:
+            boxes.append(text_box(shape.text, x, y, shape.size[0]))
+        elif shape.kind == PLATE:
+            boxes.append(Box.centred(x, y, *shape.size))
+    return boxes
+
+
+# ----------------------------------------------------------------- borders
+@dataclass(frozen=True)
+class Border:
+    """A border in the store."""
+
+    name: str
+    points: Tuple[Tuple[float, float], ...]
+    closed: bool
+    seed: Tuple[float, float]
+    occupancy: float = 1.0
+    enabled: bool = True
+    area_m2: float = 0.0
+
+
+def borders(layout: Layout, stored: Sequence[Border], off: str = "off") -> List[Shape]:
+    """Outline, name and area of each border: soft ones lighter, disabled ones grey and called `off`."""
+    unit, shapes = layout.unit, []
+    size = 0.055 * unit
+    texts, wanted = [], []
+    for border in stored:
+        # a name too long for the map's smaller half goes over two lines, and is cut at the end of the second
+        text, _ = fit_text(plain(border.name) or "?", (size,), 0.45 * layout.map.width, 2.4 * size)
+        if not border.enabled:
+            text += f"\n{off}"
+        elif border.area_m2 > 0:
+            text += f"\n{border.area_m2:.2f} m\u00b2"
+        box = text_box(text, *border.seed, size)
+        texts.append(text)
+        wanted.append(Box.centred(*box.centre, box.width + 0.5 * size, box.height + 0.3 * size))
+    for number, (border, text, box) in enumerate(zip(stored, texts, place_labels(wanted, layout.map))):
+        tint = border_colour(border)
+        width = 0.009 * unit
+        outline = segments(border.points, border.closed, width)
+        plate = (box.width, box.height)
+        label = colours.BLACK if border.enabled else colours.blend(colours.GREY, colours.BLACK, 0.3)
+        shapes.append(Shape("borders/outline", number, LINES, outline, Z_BORDER, (width,), (tint,)))
+        shapes.append(Shape("borders/plate", number, PLATE, (box.centre,), Z_LABEL, plate, (colours.WHITE,), 0.9))
+        shapes += write(f"borders/label/{number}", text, *box.centre, size, (label,), Z_NAME)
+    return shapes
+
+
+def border_colour(border: Border) -> Colour:
+    """Dark red, the lighter the softer; grey if it is disabled."""
+    if not border.enabled:
+        return colours.GREY
+    return colours.blend(colours.CRIMSON, colours.WHITE, 0.55 * (1.0 - border.occupancy))
+
+
+# ----------------------------------------------------------------- drawing in progress
+@dataclass(frozen=True)
+class Drawing:
+    """What has been drawn in the current interaction."""
+
+    points: Tuple[Tuple[float, float], ...] = ()
+    point_cameras: Tuple[str, ...] = ()
+    chain: Tuple[Tuple[float, float], ...] = ()
+    closed: bool = False
+    seed: Optional[Tuple[float, float]] = None
+
+
+def drawing(layout: Layout, drawn: Drawing) -> List[Shape]:
+    """Points by camera, the chain as it grows, the seed."""
+    unit, shapes = layout.unit, []
+    if drawn.points:
+        tints = tuple(colours.blend(colours.camera_colour(name), colours.WHITE, 0.25) for name in drawn.point_cameras)
+        shapes.append(
+            Shape("drawing/points", 0, POINTS, drawn.points, Z_POINTS, (0.009 * unit,), tints or (colours.GREY,))
+        )
+    if len(drawn.chain) > 1:
+        # a dark rim keeps the line visible on white floor, on stripes and on walls
+        for name, lift, share, tint in (("rim", 0.0, 0.014, colours.BLACK), ("chain", 0.02, 0.009, colours.ORANGE)):
+            width = share * unit
+            line = segments(drawn.chain, drawn.closed, width)
+            shapes.append(Shape(f"drawing/{name}", 0, LINES, line, Z_CHAIN + lift, (width,), (tint,)))
+    if drawn.seed is not None:
+        for number, (share, tint) in enumerate(
+            ((0.052, colours.BLACK), (0.044, colours.SKY_BLUE), (0.020, colours.BLACK))
+        ):
+            shapes.append(
+                Shape("drawing/seed", number, DISC, (drawn.seed,), Z_SEED + 0.015 * number, (share * unit,), (tint,))
+            )
+    return shapes
+
+
+# ----------------------------------------------------------------- live spots
+@dataclass(frozen=True)
+class Spot:
+    """A spot that a camera saw at a time [s]."""
+
+    camera: str
+    x: float
+    y: float
+    stamp: float
+
+
+def trails(layout: Layout, seen: Sequence[Spot], now: float, fade_s: float, lifetime: float) -> List[Shape]:
+    """Per camera a trail that fades into the floor's white.
+
+    Args:
+        seen: the newest last; those older than `fade_s`, or from the future by more than that, are left out.
+        lifetime: [s] after which RViz removes them by itself.
+    """
+    by_camera: Dict[str, List[Spot]] = {}
+    for spot in seen:
+        if abs(now - spot.stamp) <= fade_s:
+            by_camera.setdefault(spot.camera, []).append(spot)
+    shapes = []
+    for camera, trail in by_camera.items():
+        tint = colours.camera_colour(camera)
+        faded = tuple(
+            colours.blend(tint, colours.WHITE, 0.85 * max(0.0, now - spot.stamp) / fade_s) for spot in trail
+        )
+        points, width = tuple((spot.x, spot.y) for spot in trail), 0.014 * layout.unit
+        shapes.append(Shape(f"spots/{camera}/trail", 0, POINTS, points, Z_SPOT, (width,), faded, lifetime=lifetime))
+    return shapes
+
+
+def live_spots(layout: Layout, seen: Sequence[Spot], now: float, fade_s: float, lifetime: float) -> List[Shape]:
+    """Per camera a disc where it saw the spot last; arguments as for `trails`."""
+    newest = {spot.camera: spot for spot in seen if abs(now - spot.stamp) <= fade_s}
+    shapes = []
+    for camera, spot in newest.items():
+        for number, (share, tint) in enumerate(((0.036, colours.BLACK), (0.028, colours.camera_colour(camera)))):
+            z, size = Z_SPOT + 0.015 * (number + 1), (share * layout.unit,)
+            shapes.append(Shape(f"spots/{camera}", number, DISC, ((spot.x, spot.y),), z, size, (tint,), lifetime=lifetime))
+    return shapes
+
+
+# ----------------------------------------------------------------- robot
+def robot(base_frame: str, number: int, radius: float) -> List[Shape]:
+    """A robot's footprint and heading, in its own frame: RViz moves it along with tf."""
+    nose = np.array([[0.7, 0.0], [-0.4, 0.5], [-0.15, 0.0], [-0.4, -0.5]]) * radius
+    width = 0.14 * radius
+    arrow = segments(nose, True, width)
+    middle = ((0.0, 0.0),)
+    parts = (
+        ("rim", DISC, middle, 0.0, 2.0 * radius, colours.BLACK),
+        ("body", DISC, middle, 0.015, 1.7 * radius, colours.YELLOW),
+        ("nose", LINES, arrow, 0.03, width, colours.BLACK),
+    )
+    return [
+        Shape(f"robot/{name}", number, kind, points, Z_ROBOT + lift, (size,), (tint,), frame=base_frame)
+        for name, kind, points, lift, size, tint in parts
+    ]

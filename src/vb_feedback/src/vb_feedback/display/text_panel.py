@@ -1,0 +1,118 @@
+"""The text on the smart display: a panel to the right of the map, a strip below it. No ROS."""
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import List, Tuple
+
+from vb_core import sentences
+from vb_feedback.display import colours
+from vb_feedback.display.colours import Colour
+from vb_feedback.display.layout import LINE, Layout, fit_texts, plain, text_height, text_width
+from vb_feedback.display.scene import PLATE, Z_PLATE, Shape, write
+
+# heights of letters as RViz counts them, in shares of the screen's height; docs/explanation/display.md has them in minutes of arc
+TITLE, COMMAND, CLOCK, NAME, LABEL = 0.125, 0.088, 0.07, 0.062, 0.055
+# of the strip's sentences: the largest in which they all fit
+SENTENCES = (0.088, 0.08, 0.074, 0.068, 0.062, 0.056, 0.05, 0.045)
+
+MOST_COMMANDS = 4
+MOST_CAMERAS = 3
+
+
+@dataclass(frozen=True)
+class Notice:
+    """A sentence beside the last answer; a warning stands out."""
+
+    text: str
+    warning: bool = False
+
+
+@dataclass(frozen=True)
+class PanelContent:
+    """What the text on the display depends on."""
+
+    state: str = ""  # "": no state is known yet
+    elapsed_s: float = 0.0
+    commands: Tuple[str, ...] = ()
+    success: bool = True
+    message: str = ""
+    seeing: Tuple[str, ...] = ()  # cameras that see the spot
+    notices: Tuple[Notice, ...] = ()
+    stopped: bool = False
+    language: str = sentences.ENGLISH
+
+    def words(self, code: str) -> str:
+        """The words for a code in the display's language."""
+        return sentences.say(code, {}, self.language)
+
+
+def words(layout: Layout, talk: PanelContent) -> List[Shape]:
+    """State, time, available commands, who sees the spot; the last answer and other notices."""
+    return _panel(layout, talk) + _strip(layout, talk)
+
+
+def clock(seconds: float) -> str:
+    """Minutes and seconds, "1:05"."""
+    whole = max(0, int(seconds))
+    return f"{whole // 60}:{whole % 60:02d}"
+
+
+def _panel(layout: Layout, talk: PanelContent) -> List[Shape]:
+    unit, panel = layout.unit, layout.panel
+    centre, room = panel.centre[0], panel.width - 0.03 * unit
+    shapes: List[Shape] = []
+
+    def line(name: str, text: str, down: float, share: float, *tints: Colour) -> None:
+        size = share * unit
+        # text that is too wide, for instance a camera's long name, is shrunk
+        text = plain(text)
+        size *= min(1.0, room / max(text_width(text, size), 1e-9))
+        shapes.extend(write(f"words/{name}", text, centre, panel.y1 - down * unit, size, tints))
+
+    if talk.stopped:
+        # in place of the state: a person who wonders why nothing moves reads this first
+        plate = (panel.width - 0.02 * unit, 1.2 * TITLE * unit)
+        shapes.append(Shape("words/state/plate", 0, PLATE, ((centre, panel.y1 - 0.08 * unit),), Z_PLATE, plate, (colours.YELLOW,)))
+        line("state", talk.words("display_stopped"), 0.08, TITLE, colours.BLACK)
+    else:
+        title = talk.words("state_" + talk.state if talk.state in colours.STATE else "display_not_ready")
+        line("state", title, 0.08, TITLE, colours.state_colour(talk.state))
+    if talk.state not in ("", "default"):
+        line("elapsed", clock(talk.elapsed_s), 0.185, CLOCK, colours.PALE)
+    if talk.commands:
+        line("say", talk.words("display_say"), 0.253, LABEL, colours.PALE)
+        for number, command in enumerate(talk.commands[:MOST_COMMANDS]):
+            line(f"say/{number}", command.replace("_", " "), 0.333 + 0.089 * number, COMMAND, colours.WHITE)
+    if talk.seeing:
+        line("seen", talk.words("display_seen_by"), 0.676, LABEL, colours.PALE)
+        names = [plain(camera).replace(" ", "_") for camera in talk.seeing]
+        tints = [colours.blend(colours.camera_colour(camera), colours.WHITE, 0.3) for camera in talk.seeing]
+        if len(names) > MOST_CAMERAS:
+            rest = len(names) - MOST_CAMERAS + 1
+            names[MOST_CAMERAS - 1 :], tints[MOST_CAMERAS - 1 :] = [f"+{rest}"], [colours.PALE]
+        line("seen/0", " ".join(names), 0.736, NAME, *tints)
+    return shapes
+
+
+def _strip(layout: Layout, talk: PanelContent) -> List[Shape]:
+    start = talk.words("display_start" if talk.state else "display_waiting_system")
+    said = [Notice(plain(talk.message or start), warning=not talk.success)]
+    said += [Notice(plain(notice.text), notice.warning) for notice in talk.notices]
+    unit, strip = layout.unit, layout.strip
+    width, height = strip.width - 0.08 * unit, strip.height - 0.03 * unit
+    texts, size = fit_texts([notice.text for notice in said], [share * unit for share in SENTENCES], width, height)
+    x, y = strip.centre
+    top = y + text_height(sum(text.count("\n") + 1 for text in texts), size) / 2.0
+    shapes: List[Shape] = []
+    for number, (text, notice) in enumerate(zip(texts, said)):
+        lines = text.count("\n") + 1
+        middle = top - text_height(lines, size) / 2.0
+        top -= LINE * lines * size
+        name = "words/answer" if number == 0 else f"words/notice/{number}"
+        # bright ground and black letters: a warning is one for eyes without colours too
+        tint = colours.BLACK if notice.warning else colours.WHITE if number == 0 else colours.SKY_BLUE
+        if notice.warning:
+            plate = (text_width(text, size) + 0.04 * unit, text_height(lines, size) + (LINE - 1.0) * size)
+            shapes.append(Shape(f"{name}/plate", 0, PLATE, ((x, middle),), Z_PLATE, plate, (colours.YELLOW,)))
+        shapes += write(name, text, x, middle, size, (tint,))
+    return shapes

@@ -1,0 +1,162 @@
+"""What the projector shows on the floor: borders, the drawing as it grows, what save would restrict. No ROS.
+
+A projector adds light. Two things follow. Dark colours cannot be seen, so the palette is the display's brighter half.
+And the cameras see the light too: nothing here looks like a laser spot. Lines are long, the seed is a ring, nothing is
+as bright as a spot, and near the spot itself nothing changes: the drawing's newest piece waits until the spot moves on.
+"""
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Optional, Sequence, Tuple
+
+import cv2
+import numpy as np
+
+from vb_core.grid_map import GridMap
+from vb_feedback.display import colours
+from vb_feedback.display.colours import Colour
+from vb_feedback.projector.projector_calibration import ProjectorCalibration, markers
+from vb_feedback.display.scene import Border, Drawing
+
+# [m] edge of a pixel of the drawing, before it becomes the projector's image
+_RESOLUTION = 0.005
+_LINE, _SEED_RADIUS, _STRIPE = 0.03, 0.15, 0.10  # [m]
+# [m] the drawing's newest end is left out: light growing beside the spot would disturb the detectors
+_GAP = 0.35
+_SHIFT = 4
+
+
+@dataclass(frozen=True)
+class FloorContent:
+    """The content to show.
+
+    Attributes:
+        state: name of the interaction's state; active ones get a frame in their colour.
+        spot: (x, y) [m] where the laser spot is; None: no camera sees one.
+        region: what save would restrict, above 0; None: nothing. Ignored when contents are compared.
+    """
+
+    state: str = "default"
+    borders: Tuple[Border, ...] = ()
+    drawing: Drawing = Drawing()
+    spot: Optional[Tuple[float, float]] = None
+    region: Optional[GridMap] = field(default=None, compare=False)
+
+
+class FloorPicture:
+    """Renders a projector's image.
+
+    Args:
+        calibration: of the projector.
+        brightness: 0 .. 1, of the full light.
+    """
+
+    def __init__(self, calibration: ProjectorCalibration, brightness: float = 1.0) -> None:
+        self.calibration = calibration
+        self._brightness = brightness
+        footprint = calibration.footprint()
+        self._low = footprint.min(axis=0)
+        columns, rows = np.maximum(2, np.ceil((footprint.max(axis=0) - self._low) / _RESOLUTION)).astype(int)
+        # an image that spans a hall is drawn no finer than the projector can show it
+        self._scale = 1.0 / _RESOLUTION * min(1.0, 4096.0 / max(columns, rows))
+        self._shape = (int(rows * self._scale * _RESOLUTION) + 1, int(columns * self._scale * _RESOLUTION) + 1)
+        to_floor = np.array([[1 / self._scale, 0, self._low[0]], [0, 1 / self._scale, self._low[1]], [0, 0, 1.0]])
+        self._to_picture = calibration.matrix @ to_floor
+
+    def render(self, content: FloorContent) -> np.ndarray:
+        """(height, width, 3) uint8 rgb."""
+        canvas = np.zeros((*self._shape, 3), np.uint8)
+        if content.region is not None:
+            self._stripes(canvas, content.region, colours.ORANGE, 0.45)
+        for border in content.borders:
+            if border.enabled:
+                self._line(canvas, border.points, border.closed, colours.VERMILION, 0.45 + 0.35 * border.occupancy)
+        cv2.max(canvas, self._drawing(content), dst=canvas)
+        size = (self.calibration.width, self.calibration.height)
+        picture = cv2.warpPerspective(canvas, self._to_picture, size, flags=cv2.INTER_LINEAR)
+        if content.state != "default":
+            self._frame(picture, self._shade(colours.state_colour(content.state), 0.6))
+        return picture
+
+    # ------------------------------------------------------------- parts
+    def _drawing(self, content: FloorContent) -> np.ndarray:
+        """What changes during drawing. Only this is left out around the spot: a border there stays lit."""
+        canvas, drawn = np.zeros((*self._shape, 3), np.uint8), content.drawing
+        if len(drawn.chain) > 1:
+            self._line(canvas, drawn.chain, drawn.closed, colours.ORANGE, 0.8)
+        if drawn.seed is not None:
+            self._ring(canvas, drawn.seed, _SEED_RADIUS, colours.blend(colours.SKY_BLUE, colours.WHITE, 0.5))
+        if content.spot is not None:
+            centre = tuple(map(int, self._fixed([content.spot])[0]))
+            cv2.circle(canvas, centre, int(_GAP * self._scale * (1 << _SHIFT)), (0, 0, 0), -1, cv2.LINE_8, _SHIFT)
+        return canvas
+
+    def _shade(self, colour: Colour, level: float) -> Tuple[int, int, int]:
+        return tuple(int(round(255.0 * level * self._brightness * share)) for share in colour)  # type: ignore[return-value]
+
+    def _fixed(self, points: Sequence[Sequence[float]]) -> np.ndarray:
+        """Map coordinates to pixels of the drawing as OpenCV wants them, with fractional bits."""
+        pixels = (np.asarray(points, dtype=float).reshape(-1, 2) - self._low) * self._scale
+        return np.clip(np.rint(pixels * (1 << _SHIFT)), -(2**26), 2**26).astype(np.int32)
+
+    def _line(self, canvas: np.ndarray, points, closed: bool, colour: Colour, level: float) -> None:
+        thickness = max(1, int(round(_LINE * self._scale)))
+        cv2.polylines(canvas, [self._fixed(points)], closed, self._shade(colour, level), thickness, cv2.LINE_AA, _SHIFT)
+
+    def _ring(self, canvas: np.ndarray, centre, radius: float, colour: Colour) -> None:
+        thickness = max(1, int(round(_LINE * self._scale)))
+        at = tuple(map(int, self._fixed([centre])[0]))
+        reach = int(radius * self._scale * (1 << _SHIFT))
+        cv2.circle(canvas, at, reach, self._shade(colour, 0.8), thickness, cv2.LINE_AA, _SHIFT)
+
+    def _stripes(self, canvas: np.ndarray, region: GridMap, colour: Colour, level: float) -> None:
+        rows, columns = np.indices(canvas.shape[:2], sparse=True)
+        striped = ((rows - columns) // max(1, int(_STRIPE * self._scale))) % 2 == 0
+        corner = region.world_to_grid(np.array([self._low, self._low + 1.0 / self._scale]))
+        step = corner[1] - corner[0]
+        if abs(region.origin[2]) > 1e-9:
+            # a map that is turned: each pixel is asked for alone
+            grid = np.stack(np.meshgrid(np.arange(canvas.shape[1]), np.arange(canvas.shape[0])), axis=-1).reshape(-1, 2)
+            inside = (region.values_at(grid / self._scale + self._low, 0) > 0).reshape(canvas.shape[:2])
+        else:
+            to_canvas = np.array([[step[0], 0, corner[0, 0]], [0, step[1], corner[0, 1]]])
+            inside = cv2.warpAffine(
+                (region.data > 0).astype(np.uint8), to_canvas, (canvas.shape[1], canvas.shape[0]),
+                flags=cv2.INTER_NEAREST | cv2.WARP_INVERSE_MAP,
+            ) > 0
+        canvas[inside & striped] = self._shade(colour, level)
+
+    @staticmethod
+    def _frame(picture: np.ndarray, colour: Tuple[int, int, int]) -> None:
+        height, width = picture.shape[:2]
+        thick = max(2, int(0.012 * min(height, width)))
+        for part in (picture[:thick], picture[-thick:], picture[:, :thick], picture[:, -thick:]):
+            part[...] = colour
+
+
+def calibration_picture(width: int, height: int, number: int) -> np.ndarray:
+    """(height, width, 3) uint8 rgb: the marker that is to be clicked now (0 .. 3) as a cross, the others dim."""
+    picture = np.zeros((height, width, 3), np.uint8)
+    reach, thick = int(0.06 * height), max(2, int(0.006 * height))
+    for index, (x, y) in enumerate(np.rint(markers(width, height)).astype(int).tolist()):
+        level = 255 if index == number else 50
+        cv2.line(picture, (x - reach, y), (x + reach, y), (level, level, level), thick)
+        cv2.line(picture, (x, y - reach), (x, y + reach), (level, level, level), thick)
+        if index == number:
+            cv2.circle(picture, (x, y), reach, (level, level, level), thick)
+    return picture
+
+
+def grid_picture(calibration: ProjectorCalibration, step: float = 0.5) -> np.ndarray:
+    """(height, width, 3) uint8 rgb: lines of the map's grid, `step` [m] apart, to see whether a calibration fits."""
+    picture = np.zeros((calibration.height, calibration.width, 3), np.uint8)
+    footprint = calibration.footprint()
+    low, high = np.floor(footprint.min(axis=0) / step) * step, np.ceil(footprint.max(axis=0) / step) * step
+    for axis in (0, 1):
+        for value in np.arange(low[axis], high[axis] + step / 2, step)[:400]:
+            ends = np.array([low, high])
+            ends[:, axis] = value
+            a, b = np.clip(np.rint(calibration.to_pixels(ends)), -(2**20), 2**20).astype(int).tolist()
+            colour = (255, 255, 255) if abs(value / step) % 2 < 0.5 else (110, 110, 110)
+            cv2.line(picture, tuple(a), tuple(b), colour, 2, cv2.LINE_AA)
+    return picture

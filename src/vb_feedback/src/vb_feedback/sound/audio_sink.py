@@ -1,0 +1,43 @@
+"""Plays samples through ALSA's aplay, the counterpart of the voice recognition's arecord."""
+from __future__ import annotations
+
+import subprocess
+
+import numpy as np
+
+from vb_core.errors import CodedError
+from vb_feedback.sound.tone_synthesis import RATE
+
+# [s] beyond a sound's own length, then the device counts as stuck
+_PATIENCE_S = 3.0
+
+
+class AudioSink:
+    """A sound device.
+
+    Args:
+        device: ALSA's name of it, as `aplay -L` lists them.
+        program: aplay, or one with the same arguments.
+    """
+
+    def __init__(self, device: str, program: str = "aplay") -> None:
+        self._command = [program, "-q", "-D", device, "-t", "raw", "-f", "S16_LE", "-r", str(RATE), "-c", "1"]
+
+    def play(self, pcm: np.ndarray) -> None:
+        """Plays (N,) int16 at `synthesis.RATE` to its end.
+
+        Raises:
+            CodedError: "no_audio" with the program's own reason.
+        """
+        try:
+            done = subprocess.run(
+                self._command, input=pcm.astype("<i2").tobytes(), stdout=subprocess.DEVNULL, stderr=subprocess.PIPE,
+                timeout=len(pcm) / RATE + _PATIENCE_S, check=False,
+            )
+        except OSError as error:
+            raise CodedError("no_audio", f"'{self._command[0]}' cannot be run: {error.strerror}") from None
+        except subprocess.TimeoutExpired:
+            raise CodedError("no_audio", "the sound device takes no samples") from None
+        if done.returncode != 0:
+            lines = done.stderr.decode(errors="replace").strip().splitlines()
+            raise CodedError("no_audio", lines[-1] if lines else f"'{self._command[0]}' failed")

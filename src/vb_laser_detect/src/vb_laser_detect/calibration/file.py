@@ -1,0 +1,144 @@
+"""A calibrated camera's file: its pose, which the launch file publishes, and what it was computed from."""
+from __future__ import annotations
+
+import os
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, List, Mapping
+
+import numpy as np
+import yaml
+
+from vb_core import geometry
+from vb_core.errors import CodedError
+
+if TYPE_CHECKING:  # a node that only publishes poses does without OpenCV
+    from vb_laser_detect.calibration.pose import Observations, PoseEstimate
+
+_HEAD = """\
+# Pose of the ceiling camera '{camera}' in the map, written by calibrate_camera.
+# launch/parts/perception.launch publishes it as a static transform from `parent` to `frame`. Only `camera`, `parent`,
+# `frame`, `translation` and `rotation` are read; the rest says how good it is and what it was worked out from.
+"""
+
+
+@dataclass(frozen=True)
+class CameraPose:
+    """What is read from a calibration file.
+
+    Attributes:
+        camera: its name.
+        parent, frame: the transform's frames, usually map and <camera>_optical_frame.
+        T: (4, 4) T_parent_frame.
+    """
+
+    camera: str
+    parent: str
+    frame: str
+    T: np.ndarray
+
+
+def calibration_path(folder: str, camera: str) -> Path:
+    """The path of a camera's file."""
+    return Path(os.path.expanduser(folder)) / f"{camera}.yaml"
+
+
+def document(
+    pose: CameraPose, estimate: PoseEstimate, observed: Observations, method: str, date: str
+) -> Mapping[str, Any]:
+    """Everything that a calibration file holds; lengths in metres unless the key says otherwise."""
+
+    def numbers(values: Any, digits: int) -> List[float]:
+        return [round(float(value), digits) for value in np.ravel(values)]
+
+    return {
+        "camera": pose.camera,
+        "parent": pose.parent,
+        "frame": pose.frame,
+        "translation": numbers(pose.T[:3, 3], 6),
+        "rotation": numbers(geometry.quaternion_from_rotation(pose.T[:3, :3]), 9),  # x, y, z, w
+        "date": date,
+        "method": method,
+        "error_px": {"rms": round(estimate.rms_px, 3), "max": round(float(estimate.errors_px[estimate.used].max()), 3)},
+        "error_cm": {
+            "rms": round(100 * estimate.rms_m, 3),
+            "max": round(100 * float(estimate.errors_m[estimate.used].max()), 3),
+        },
+        "uncertainty": {
+            "position_cm": numbers(100 * estimate.position_sigma, 3),
+            "angle_deg": numbers(np.degrees(estimate.angle_sigma), 4),
+            "floor_cm": {
+                "middle": round(100 * estimate.floor_sigma[0], 2),
+                "worst": round(100 * estimate.floor_sigma[1], 2),
+            },
+        },
+        "points": [
+            {
+                "pixel": numbers(pixel, 2),
+                "map": numbers(point, 4),
+                "error_cm": round(100 * float(error), 2) if np.isfinite(error) else None,
+                "used": bool(used),
+            }
+            for pixel, point, error, used in zip(observed.pixels, observed.points, estimate.errors_m, estimate.used)
+        ],
+    }
+
+
+def save(path: Path, content: Mapping[str, Any]) -> None:
+    """Writes a calibration file, atomically; the previous one is kept beside it as *.old.
+
+    Raises:
+        CodedError: "bad_file" if it cannot be written.
+    """
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with tempfile.NamedTemporaryFile("w", dir=str(path.parent), suffix=".part", delete=False) as file:
+            file.write(_HEAD.format(camera=content["camera"]))
+            yaml.safe_dump(dict(content), file, sort_keys=False, default_flow_style=None, width=110)
+        os.chmod(file.name, 0o644)
+        if path.exists():
+            os.replace(str(path), str(path) + ".old")
+        os.replace(file.name, str(path))
+    except OSError as error:
+        raise CodedError("bad_file", f"cannot write '{path}': {error.strerror}") from None
+
+
+def load(path: Path) -> CameraPose:
+    """Reads a calibration file; inverse of `save` for what the launch file needs.
+
+    Raises:
+        CodedError: "no_calibration" if there is no such file; "bad_calibration" if it holds no pose.
+    """
+    try:
+        content = yaml.safe_load(path.read_text())
+    except FileNotFoundError:
+        raise CodedError("no_calibration", f"there is no '{path}': run calibrate_camera") from None
+    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+        raise CodedError("bad_calibration", f"cannot read '{path}': {error}") from None
+    try:
+        camera, parent, frame = (content[key] for key in ("camera", "parent", "frame"))
+        translation = np.array(content["translation"], dtype=float).reshape(3)
+        rotation = geometry.rotation_from_quaternion(np.array(content["rotation"], dtype=float).reshape(4))
+        if not all(isinstance(name, str) and name for name in (camera, parent, frame)):
+            raise ValueError("camera, parent and frame must be names")
+        if not np.isfinite(translation).all():
+            raise ValueError(f"translation {translation}")
+    except (KeyError, TypeError, ValueError) as error:
+        raise CodedError("bad_calibration", f"'{path}' is no calibration: {error}") from None
+    return CameraPose(camera, parent, frame, geometry.transform(rotation, translation))
+
+
+def require_own_frame(folder: str, camera: str, frame: str) -> None:
+    """Refuses an optical frame that another calibration in the folder uses: a frame has one pose.
+
+    Raises:
+        CodedError: "shared_frame", naming the cameras.
+    """
+    for path in sorted(Path(folder).expanduser().glob("*.yaml")):
+        try:
+            other = load(path)
+        except CodedError:
+            continue
+        if other.frame == frame and other.camera != camera:
+            raise CodedError("shared_frame", cameras=f"{other.camera}, {camera}", frame=frame)

@@ -1,0 +1,102 @@
+"""Whether a blob is a laser spot: a sum of what each feature says for or against it.
+
+An additive logistic model. Each feature has a curve, linear between knots, whose value is what it adds to the logarithm of
+the odds; it is 0 for a usual spot, so the feature that lowers it most is the reason for a rejection. The curves are
+trained by bench/spot_training.py and stored as numbers.
+"""
+from __future__ import annotations
+
+import json
+import math
+from bisect import bisect_right
+from functools import lru_cache
+from pathlib import Path
+from typing import Dict, List, NamedTuple, Tuple
+
+import numpy as np
+
+from vb_core.errors import CodedError
+from vb_laser_detect.detection.features import Blob
+
+VERSION = 1
+BUILT_IN = Path(__file__).resolve().parent / "spot_classifier.json"
+# features of the surroundings do not count against a spot that was seen until now and must be there; nor does colour,
+# which it has shown and other light may now hide; and such light may leave a small and ragged core of its outline
+_NOT_ASKED_AGAIN = ("surround", "contrast", "darker", "fall", "busy", "neighbours", "chroma_mosaic",
+                    "smallness", "compactness")
+
+
+class Verdict(NamedTuple):
+    """How likely a blob is a spot, 0 ... 1, and the feature that lowers it most."""
+
+    probability: float
+    against: str
+
+
+class SpotClassifier:
+    """The curves of all features.
+
+    Args:
+        curves: feature to (knots, values), both (K,); values in logits.
+        intercept: [logits] of a usual spot.
+    """
+
+    def __init__(self, curves: Dict[str, Tuple[np.ndarray, np.ndarray]], intercept: float) -> None:
+        self.curves, self.intercept = curves, intercept
+        # for single values numpy's calls take longer than the work
+        self._lists = {name: (x.tolist(), y.tolist()) for name, (x, y) in curves.items()}
+
+    def least_chroma(self, probability: float) -> float:
+        """The least colour with which a mosaic's blob can be this probable if all else is ideal."""
+        if "chroma_mosaic" not in self.curves:
+            return 0.0
+        x, y = self.curves["chroma_mosaic"]
+        needed = math.log(probability / (1.0 - probability)) - self.intercept - sum(
+            max(0.0, values.max()) for name, (_, values) in self.curves.items() if name != "chroma_mosaic")
+        return float(np.interp(needed, y, x)) if needed > y[0] else 0.0
+
+    def judge(self, blob: Blob, features: Dict[str, float], expected: bool = False) -> Verdict:
+        """How likely a blob with these features is a spot; one that says nothing (NaN) adds nothing.
+
+        Args:
+            blob: itself; the curves do not use it.
+            expected: a spot was seen until now and must be there.
+        """
+        logit, least, against = self.intercept, math.inf, ""
+        for name, value in features.items():
+            if name in self._lists and not math.isnan(value) and not (expected and name in _NOT_ASKED_AGAIN):
+                part = _interpolated(value, *self._lists[name])
+                logit += part
+                if part < least:
+                    least, against = part, name
+        return Verdict(1.0 / (1.0 + math.exp(-max(-50.0, min(50.0, logit)))), against)
+
+
+def _interpolated(value: float, knots: List[float], values: List[float]) -> float:
+    """np.interp of one value."""
+    right = bisect_right(knots, value)
+    if right == 0 or right == len(knots):
+        return values[max(0, right - 1)]
+    part = (value - knots[right - 1]) / (knots[right] - knots[right - 1])
+    return values[right - 1] + part * (values[right] - values[right - 1])
+
+
+@lru_cache(maxsize=None)
+def load(path: str = "") -> SpotClassifier:
+    """Reads a stored classifier; an empty path means the one that comes with the package.
+
+    Raises:
+        CodedError: "bad_classifier" if there is none, or one of another version.
+    """
+    where = Path(path).expanduser() if path else BUILT_IN
+    try:
+        document = json.loads(where.read_text(encoding="utf-8"))
+        if document["version"] != VERSION:
+            raise ValueError(f"version {document['version']}, expected {VERSION}")
+        curves = {name: (np.array(curve["knots"], float), np.array(curve["values"], float))
+                  for name, curve in document["curves"].items()}
+        if any(len(x) != len(y) or len(x) < 2 or not (np.diff(x) > 0).all() for x, y in curves.values()):
+            raise ValueError("a curve's knots do not rise")
+        return SpotClassifier(curves, float(document["intercept"]))
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise CodedError("bad_classifier", path=str(where), why=str(error)) from None

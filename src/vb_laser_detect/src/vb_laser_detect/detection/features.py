@@ -1,0 +1,258 @@
+"""What a proposal looks like at full resolution, in numbers that a classifier can weigh.
+
+One pure function: `measure` cuts a blob out of the rise over the reference and describes it. Light falls on a floor that
+goes on beside it, is brightest in its middle, ends within some pixels and darkens nothing; each number tells one of these.
+"""
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field, replace
+from typing import Dict, List, NamedTuple, Optional, Tuple
+
+import cv2
+import numpy as np
+
+from vb_laser_detect.detection.blocks import Region, max_channel
+
+EDGE = 0.35  # the blob is where the rise exceeds this part of its peak; ...
+CORES = (0.6, 0.75)  # ... its core, where it touches a bright line, or more that became brighter with it
+_SHADOW = 0.5  # part of the light that a shadow leaves at least
+_SATURATED = 0.97  # of the camera's white: from here on the sensor shows no more
+_ONE_MOSAIC = 0.75  # a small spot's colour in one mosaic depends on the places it falls on; in a mean it does not
+_WHITE = 240.0  # [grey levels] a pixel whose weakest channel is above says nothing about colour
+_GREY = 0.85  # a floor is grey if its weakest channel has this share of the strongest
+_SQUARE, _QUAD = np.ones((3, 3), np.uint8), np.ones((2, 2), np.uint8)
+_HALO = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (5, 5))
+
+
+@dataclass(frozen=True)
+class Blob:
+    """A place that became brighter, in the image's pixels.
+
+    Attributes:
+        u, v: [px] centroid, sub-pixel; the centre of the first pixel is 0.
+        diameter: [px] of a disc of the same area.
+        problem: "too_large", "too_faint" or "not_coloured" if only the place was measured.
+        tint: (C,) each channel's part in its light, see `tint_of`; None for grey images.
+        numbers: its features by name; NaN where one says nothing.
+    """
+
+    u: float
+    v: float
+    diameter: float
+    problem: str = ""
+    tint: Optional[np.ndarray] = None
+    numbers: Dict[str, float] = field(default_factory=dict)
+
+
+class Camera(NamedTuple):
+    """What is known of the camera: the brightest value that it shows, its images' diagonal [px], a Bayer mosaic or not."""
+
+    white: float
+    diagonal: float
+    mosaic: bool
+
+
+def measure(
+    image: np.ndarray, background: np.ndarray, seed: Region, largest: float, camera: Camera, edge: float = EDGE,
+    least_chroma: Optional[float] = 0.0,
+) -> Blob:
+    """Measures the brightest blob of a region.
+
+    Args:
+        image: (H, W) or (H, W, 3) uint8.
+        background: the same shape; what the place looks like without a spot.
+        seed: region that holds the peak.
+        largest: [px] largest extent looked for.
+        edge: the part of the peak that the rise exceeds in the blob.
+        least_chroma: less coloured blobs of a mosaic are not described: most of what rises is white or grey, and
+            describing it is most of the work. None: its colour is not looked at.
+
+    Returns:
+        The blob; see its `problem`.
+    """
+    height, width = image.shape[:2]
+    left, top, right, bottom = seed
+    middle = Blob((left + right) / 2.0, (top + bottom) / 2.0, float(max(right - left, bottom - top)))
+    margin = 12
+    while True:
+        # even bounds keep each pixel's place in a Bayer image's pattern
+        x0, y0 = max(0, left - margin) & ~1, max(0, top - margin) & ~1
+        x1, y1 = min(width, right + margin), min(height, bottom + margin)
+        # [1 2 1]: noise, and a Bayer image's mosaic, cancel out in it
+        rise = cv2.subtract(image[y0:y1, x0:x1], background[y0:y1, x0:x1])
+        smooth = cv2.GaussianBlur(max_channel(rise), (3, 3), 0, borderType=cv2.BORDER_REFLECT_101)
+        _, peak, _, at = cv2.minMaxLoc(smooth[top - y0 : bottom - y0, left - x0 : right - x0])
+        if peak < 4:
+            return replace(middle, problem="too_faint")
+        _, labels, stats, _ = cv2.connectedComponentsWithStats((smooth > edge * peak).astype(np.uint8), connectivity=8)
+        label = labels[at[1] + top - y0, at[0] + left - x0]
+        bx, by, bw, bh, _ = stats[label].tolist()
+        if max(bw, bh) > largest:
+            return replace(middle, problem="too_large")
+        # the blob's surroundings must be in the window too
+        pad = int(math.ceil(0.6 * max(bw, bh))) + 4
+        missing = max(pad - bx if x0 > 0 else 0, pad - (x1 - x0 - bx - bw) if x1 < width else 0,
+                      pad - by if y0 > 0 else 0, pad - (y1 - y0 - by - bh) if y1 < height else 0)
+        if missing <= 0:
+            break
+        margin += missing
+    sx, sy = max(0, bx - pad) & ~1, max(0, by - pad) & ~1
+    part = slice(sy, by + bh + pad), slice(sx, bx + bw + pad)
+    now, before = image[y0:y1, x0:x1][part], background[y0:y1, x0:x1][part]
+    mask, light = (labels[part] == label).view(np.uint8), smooth[part].astype(np.float32)
+    tint = tint_of(mask, light, now, before) if image.ndim == 3 or camera.mosaic and least_chroma is not None else None
+    place = replace(middle, u=x0 + bx + (bw - 1) / 2.0, v=y0 + by + (bh - 1) / 2.0, diameter=float(max(bw, bh)), tint=tint)
+    if camera.mosaic and tint is not None and chroma(tint) < _ONE_MOSAIC * least_chroma:
+        return replace(place, problem="not_coloured")
+    moments = cv2.moments(cv2.copyTo(light, mask))
+    area, long, short = _axes(mask)
+    return replace(
+        place, u=moments["m10"] / moments["m00"] + x0 + sx, v=moments["m01"] / moments["m00"] + y0 + sy,
+        diameter=2.0 * math.sqrt(area / math.pi),
+        numbers={"elongation": math.log(long / short), "compactness": area / (4.0 * math.pi * long * short),
+                 **_describe(mask, light, now, rise[part], before, area, tint, camera)})
+
+
+def _describe(
+    blob: np.ndarray, smooth: np.ndarray, image: np.ndarray, rise: np.ndarray, background: np.ndarray, area: float,
+    tint: Optional[np.ndarray], camera: Camera,
+) -> Dict[str, float]:
+    """The features of a blob; grey levels count as parts of the camera's white."""
+    # cv2 with masks, not numpy with indices: on patches this small the calls take the time
+    white, none, diameter = camera.white, math.nan, 2.0 * math.sqrt(area / math.pi)
+    peak, highest, level = (float(cv2.minMaxLoc(plane, blob)[1]) for plane in (smooth, max_channel(rise), max_channel(image)))
+    ring = _ring(blob, diameter)
+    around = cv2.countNonZero(ring)
+    rises = cv2.mean(rise, blob)[: 1 if rise.ndim == 2 else 3]
+    best = int(np.argmax(rises))
+    rose = max(rises[best], 1.0)
+    _, levels, floor = means_over(blob, image, background, camera.mosaic)
+    now, before = _plane(image, best), _plane(background, best)
+    # a light falls on a floor that goes on beside it; where an object has left, the background still shows the object,
+    # and nothing beside it looks the same
+    off = cv2.absdiff(before, middle_of(before[blob > 0]))
+    like = cv2.bitwise_and(ring, cv2.compare(off, max(12.0, 0.25 * rose), cv2.CMP_LT))
+    alike = cv2.countNonZero(like)
+    # a shadow that passes over a spot leaves about half of the light; what hides the floor is an object
+    hidden = cv2.compare(now, cv2.addWeighted(before, _SHADOW, before, 0.0, -4.0), cv2.CMP_LT)
+    rim = cv2.subtract(cv2.dilate(blob, _SQUARE), cv2.erode(blob, _SQUARE))
+    slope, slope_before = cv2.mean(_gradient(now), rim)[0], cv2.mean(_gradient(before), rim)[0]
+    coloured = none if tint is None else chroma(tint)
+    return {
+        "peak": math.log(max(peak, 1.0) / white),
+        # of a spot hardly larger than a pixel, smoothing leaves less than half
+        "rise": none if level >= _SATURATED * white else math.log(max(highest, 1.0) / white),
+        "level": level / white,
+        "surround": cv2.mean(smooth, ring)[0] / peak if around else 1.0,
+        # near 1 for a light, near 0 where an object has left, more than 1 beside something dark that came
+        "contrast": (cv2.mean(now, blob)[0] - cv2.mean(now, like)[0]) / rose if alike else 0.0,
+        "likeness": alike / around if around else 1.0,
+        # of the outline, in the image and in the image and the reference together: a ghost's is in the reference alone; the
+        # longer it is, the less noise and a table's edge under the spot affect it
+        "edge": slope / max(1e-3, slope + slope_before) - 0.14 * min(1.0, max(0.0, diameter / 24.0 - 1.0)),
+        "darker": cv2.countNonZero(cv2.bitwise_and(hidden, ring)) / around if around else 0.0,
+        # a light darkens no channel, paint does
+        "fall": max(0.0, float((floor - levels).max())) / white,
+        "diameter": math.log(diameter / camera.diagonal),
+        "smallness": min(diameter, 6.0),
+        "chroma": none if camera.mosaic else coloured,
+        "chroma_mosaic": min(1.0, coloured / _ONE_MOSAIC) if camera.mosaic else none,
+    }
+
+
+# ------------------------------------------------------------------ colour
+def means_over(
+    mask: np.ndarray, image: np.ndarray, background: np.ndarray, mosaic: bool
+) -> Tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Mean rise, level and floor (C,) of each channel over a mask (H, W), which must not be empty.
+
+    The four places in a Bayer image's pattern count as channels, in the order of the first two rows.
+    """
+    if mosaic:
+        parts = _places(mask)
+        if not all(map(cv2.countNonZero, parts)):
+            parts = _places(cv2.dilate(mask, _SQUARE))  # nine pixels hold all four places
+        level, floor = (np.array([cv2.mean(*pair)[0] for pair in zip(_places(plane), parts)]) for plane in (image, background))
+    else:
+        level, floor = (np.array(cv2.mean(picture, mask)[: 1 if image.ndim == 2 else 3]) for picture in (image, background))
+    return np.maximum(level - floor, 0.0), level, floor
+
+
+def tint_of(blob: np.ndarray, smooth: np.ndarray, image: np.ndarray, background: np.ndarray) -> np.ndarray:
+    """Each channel's share (C,) of a blob's light; 1 for the strongest, and for all of them if the light is white.
+
+    White paper on a brown floor rises most in blue, and still looks white: a laser's light rises most in its own colour
+    and has that colour. Where the core is white, since it saturates every channel, the light around it must show the
+    colour; that counts on a grey floor only, where white things rise evenly.
+
+    Args:
+        blob: (H, W) uint8 mask.
+        smooth: (H, W) the rise of the brightest channel, smoothed.
+        image, background: (H, W, 3) or a Bayer image's (H, W), uint8; its window starts on an even row and column.
+    """
+    mosaic = image.ndim == 2
+    rise, level, _ = means_over(blob, image, background, mosaic)
+    core = rise / max(rise.max(), 1.0)
+    looks = 1.0 - level.min() / max(level.max(), 1.0)
+    if looks < chroma(core):
+        core = 1.0 - (1.0 - core) * looks / chroma(core)
+    weakest = cv2.erode(image, _QUAD) if mosaic else np.minimum.reduce(cv2.split(image))
+    bright = cv2.compare(smooth, 0.12 * cv2.minMaxLoc(smooth, blob)[1], cv2.CMP_GT)
+    halo = cv2.bitwise_and(cv2.dilate(blob, _HALO), cv2.bitwise_and(bright, cv2.compare(weakest, _WHITE, cv2.CMP_LT)))
+    if cv2.countNonZero(halo) < 6:
+        return core
+    _, level, floor = means_over(halo, image, background, mosaic)
+    if floor.min() < _GREY * floor.max():
+        return core
+    # in a person's shadow a white light would seem to rise unevenly: less is left of the floor's light
+    beside = cv2.bitwise_or(bright, blob) == 0
+    shade = min(1.0, middle_of(image[beside].ravel()) / max(middle_of(background[beside].ravel()), 1.0)) if beside.any() else 1.0
+    rise = np.maximum(level - shade * floor, 0.0)
+    rim = rise / max(rise.max(), 1e-6)
+    return rim if rise.max() >= 4.0 and chroma(rim) > chroma(core) else core
+
+
+def middle_of(values: np.ndarray) -> float:
+    """The upper median of values (N,): np.median also looks for NaN and takes the mean of two, in three times the time."""
+    half = len(values) // 2
+    return float(np.partition(values, half)[half])
+
+
+def chroma(tint: np.ndarray) -> float:
+    """How coloured a light is: 0 for white, 1 if a channel shows nothing of it."""
+    return float(1.0 - tint.min() / max(tint.max(), 1e-6))
+
+
+def _places(image: np.ndarray) -> List[np.ndarray]:
+    """The pixels at each of the four places of a Bayer pattern."""
+    return [np.ascontiguousarray(image[y::2, x::2]) for y in (0, 1) for x in (0, 1)]
+
+
+# ------------------------------------------------------------------ shape
+def _axes(blob: np.ndarray) -> Tuple[float, float, float]:
+    """Area [px] and the two axes, as standard deviations [px]."""
+    moments = cv2.moments(blob, binaryImage=True)
+    area = moments["m00"]
+    # a pixel is a square with its own second moments: without them a single pixel would have no extent
+    xx, yy, xy = moments["mu20"] / area + 1 / 12.0, moments["mu02"] / area + 1 / 12.0, moments["mu11"] / area
+    half, mean = math.hypot((xx - yy) / 2.0, xy), (xx + yy) / 2.0
+    return area, math.sqrt(mean + half), math.sqrt(max(mean - half, 1e-3))
+
+
+def _ring(blob: np.ndarray, diameter: float) -> np.ndarray:
+    """A mask of what surrounds a blob, a little apart from it."""
+    gap, thick = max(2, int(round(0.2 * diameter))), max(2, int(round(0.35 * diameter)))
+    # dilating with a disc would cost its area for each pixel, a hundred times more for a person's clothes
+    away = cv2.distanceTransform(cv2.compare(blob, 0, cv2.CMP_EQ), cv2.DIST_L2, cv2.DIST_MASK_5)
+    return cv2.inRange(away, gap + 0.5, gap + thick + 0.5)
+
+
+def _plane(image: np.ndarray, channel: int) -> np.ndarray:
+    plane = image if image.ndim == 2 else np.ascontiguousarray(image[:, :, channel])
+    return cv2.GaussianBlur(plane, (3, 3), 0).astype(np.float32)
+
+
+def _gradient(plane: np.ndarray) -> np.ndarray:
+    return cv2.magnitude(cv2.Sobel(plane, cv2.CV_32F, 1, 0, borderType=cv2.BORDER_REPLICATE),
+                         cv2.Sobel(plane, cv2.CV_32F, 0, 1, borderType=cv2.BORDER_REPLICATE))

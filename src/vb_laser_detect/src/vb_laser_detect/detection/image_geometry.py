@@ -1,0 +1,119 @@
+"""One image's geometry: where its pixels are on the floor, computed only where a candidate needs it."""
+from __future__ import annotations
+
+from typing import Any, Callable, Dict, List, Optional, Tuple
+
+import numpy as np
+
+from vb_core.camera_model import CameraModel
+from vb_core.errors import CodedError
+from vb_laser_detect.detection import projection
+from vb_laser_detect.detector import Spot, SpotDetector
+from vb_laser_detect.detection.projection import FloorPoint, FloorProjector
+
+# a depth image (h, w), and its camera if that is known; (None, None) where there is none near the image's time
+DepthAt = Callable[[], Tuple[Optional[np.ndarray], Optional[CameraModel]]]
+
+
+class Frame:
+    """Places the pixels of one image on the floor. Most images hold no candidate and cost nothing here.
+
+    Attributes:
+        unplaced: why the requested pose is not known; None while all is well.
+
+    Args:
+        camera: of the image.
+        pose: returns (4, 4) T_map_camera at the image's time; asked at most once. CodedError "no_transform" if unknown.
+        projector: the camera's.
+        depth: returns the depth image of that time; None: the floor is a plane.
+        stamp: the image's, in whatever form the caller keeps it: seconds as a float lose its nanoseconds.
+    """
+
+    def __init__(
+        self,
+        camera: CameraModel,
+        pose: Callable[[], np.ndarray],
+        projector: FloorProjector,
+        depth: Optional[DepthAt] = None,
+        stamp: Any = None,
+    ) -> None:
+        self.stamp = stamp
+        self.unplaced: Optional[CodedError] = None
+        self._camera = camera
+        self._ask_pose = pose
+        self._pose: Optional[np.ndarray] = None
+        self._projector = projector
+        self._depth = depth
+        self._points: Dict[Tuple[float, float], FloorPoint] = {}
+
+    @property
+    def pose(self) -> np.ndarray:
+        """(4, 4) T_map_camera."""
+        if self._pose is None:
+            self._pose = self._ask_pose()
+        return self._pose
+
+    def to_floor(self, pixels: np.ndarray) -> np.ndarray:
+        """Pixels (N, 2) to the floor (N, 3) [m]; NaN without a pose, see `unplaced`."""
+        if self.unplaced is None:
+            try:
+                return projection.floor_points(self._camera, self.pose, pixels, self._projector.params.floor_height)
+            except CodedError as error:
+                if error.code not in ("no_transform", "bad_transform"):
+                    raise
+                self.unplaced = error
+        return np.full((len(pixels), 3), np.nan)
+
+    def point(self, u: float, v: float) -> FloorPoint:
+        """The floor point of a pixel, computed once; CodedError where there is none."""
+        if (u, v) not in self._points:
+            self._points[u, v] = self._project(u, v)
+        return self._points[u, v]
+
+    def _project(self, u: float, v: float) -> FloorPoint:
+        if self._depth is None:
+            return self._projector.on_plane(self._camera, self.pose, u, v)
+        return self._projector.with_depth(self._camera, self.pose, u, v, *self._depth())
+
+    def refusal_at(self, u: float, v: float) -> str:
+        """Why no spot can be at a pixel, or ""."""
+        try:
+            self.point(u, v)
+        except CodedError as error:
+            if error.code in ("no_transform", "bad_transform"):
+                raise
+            return error.code
+        return ""
+
+
+def search(
+    detector: SpotDetector, image: np.ndarray, stamp: float, frame: Optional[Frame], encoding: str = ""
+) -> List[Spot]:
+    """Searches one image; each spot's place is `frame.point(spot.u, spot.v)`.
+
+    The frames of earlier spots that this image confirmed are the tags in `detector.backfilled`.
+
+    Args:
+        stamp: [s] when the image was taken.
+        frame: None while camera or pose are unknown: sizes and speeds are judged in pixels then.
+        encoding: of the image, as in sensor_msgs/Image; empty: as `detector.encoding` says.
+    """
+    detector.encoding = encoding or detector.encoding
+    if frame is None:
+        detector.look_from(None)
+    else:
+        detector.look_from(frame.to_floor, frame.refusal_at)
+    detector.tag = frame
+    return detector.detect(image, stamp)
+
+
+def placed(detector: SpotDetector, spots: List[Spot], frame: Optional[Frame]) -> List[Tuple[Frame, Spot]]:
+    """The spots that a search has confirmed, each with its own image, the oldest first.
+
+    Those of images without a known place are left out.
+
+    Args:
+        spots: what `search` found in the image of `frame`.
+    """
+    backfilled = [(earlier.tag, earlier.spot) for earlier in detector.backfilled if earlier.tag is not None]
+    return backfilled if frame is None else backfilled + [(frame, spot) for spot in spots]

@@ -1,0 +1,165 @@
+"""Regions worth examining: what became brighter than the scene was, for every camera.
+
+One idea: a moving camera is a stationary one over a background that moves along (`background`); `registration` estimates
+its motion. The first image of a scene is its background: what shines there may be a lamp, and only its motion can tell.
+Under a spot that was followed until a light was switched, the median of its surroundings replaces the floor.
+"""
+from __future__ import annotations
+
+import math
+from typing import Dict, List, NamedTuple, Optional, Sequence, Tuple
+
+import cv2
+import numpy as np
+
+from vb_laser_detect.detection.background import Background
+from vb_laser_detect.detection.blocks import BLOCK, Region, blocks_around, regions
+from vb_laser_detect.detector_params import DetectorParams
+from vb_laser_detect.detection.registration import Registration
+from vb_laser_detect.detection.tracking import Expected
+
+_NEAR = 6  # [blocks] whose changes count as nearby
+_LEAST_LEVEL = 0.74  # of the camera's white: a spot saturates, unless it is smaller than a pixel
+_SATURATED = 0.97
+_MAX_CHANGE = 0.3  # of the image became brighter, or twice as much darker: a light, nothing known holds any more
+_MAX_CHANGE_LOST = 0.12  # the same, for a moving camera whose motion is not known
+
+
+class Proposal(NamedTuple):
+    """A region [px] to examine; which expected spot may be in it, and in which part; why it is not examined."""
+
+    region: Region
+    expected: Optional[Expected] = None
+    part: Optional[Region] = None
+    refusal: str = ""
+
+
+class View(NamedTuple):
+    """An image, and what is known of the scene.
+
+    Attributes:
+        reference: what the image would show without a spot where it is examined, the same shape.
+        proposals: the most promising first.
+        rise: (rows, columns) uint8, of each block; hot, changed: bool, those that became brighter; and those, or darker.
+        white: [grey levels] the brightest value so far.
+    """
+
+    image: np.ndarray
+    reference: np.ndarray
+    proposals: Tuple[Proposal, ...]
+    rise: np.ndarray
+    hot: np.ndarray
+    changed: np.ndarray
+    white: float
+
+    def around(self, u: float, v: float, diameter: float) -> Dict[str, float]:
+        """Features of what else changed, apart from a blob and its own light: in the image, and nearby."""
+        own = blocks_around(self.hot.shape, u, v, 1.25 * diameter + BLOCK)
+        near = blocks_around(self.hot.shape, u, v, _NEAR * BLOCK)
+        busy = np.count_nonzero(self.changed) - np.count_nonzero(self.changed[own])
+        neighbours = np.count_nonzero(self.hot[near]) - np.count_nonzero(self.hot[own])
+        return {"busy": math.sqrt(busy / self.hot.size), "neighbours": math.sqrt(max(0, neighbours))}
+
+
+class Proposer:
+    """Finds regions in one camera's images, and keeps its background.
+
+    Attributes:
+        params: the detector's; they may be changed between images.
+    """
+
+    def __init__(self, params: DetectorParams) -> None:
+        self.params = params
+        # if the camera may move its motion is found in the images
+        self._registration = Registration() if params.moving_camera else None
+        self._background: Optional[Background] = None
+
+    def motion(self, image: np.ndarray) -> Optional[np.ndarray]:
+        """(3, 3) how the camera moved since the last image; None if it was stationary. Call it before `look`."""
+        self._motion = None if self._registration is None else self._registration.motion_to(image)
+        self._lost = self._registration is not None and self._motion is None
+        if self._lost or self._background is None or np.array_equal(self._motion, np.eye(3)):
+            self._motion = None
+        return self._motion
+
+    def look(self, image: np.ndarray, white: float, expected: Sequence[Expected]) -> View:
+        """Compares an image with the background.
+
+        Args:
+            white: [grey levels] the brightest that the camera has shown.
+            expected: where spots should be.
+        """
+        min_rise, most = self.params.min_rise, self.params.max_candidates
+        if self._background is not None:
+            rise, darker = self._background.rise(image, self._motion)
+            hot = self._background.hot_blocks(rise, min_rise)
+            limit = _MAX_CHANGE_LOST if self._lost else _MAX_CHANGE
+        # a person close to the camera darkens much of the image too, and must not become its background
+        if self._background is None or max(np.count_nonzero(hot), 0.5 * np.count_nonzero(darker)) > limit * hot.size:
+            self._start(image, expected)
+            rise, darker = self._background.rise(image, None)
+            hot = rise >= min_rise
+        background = self._background
+        proposals, white = _ranked(image, regions(rise, hot, 4 * most), most, white, expected)
+        background.examine([one.region for one in proposals if not one.refusal], image)
+        # while the camera moves, what became darker is taken from the image at once
+        changed = hot if background.moved else hot | darker
+        return View(image, background.reference, proposals, rise, hot, changed, white)
+
+    def _start(self, image: np.ndarray, expected: Sequence[Expected]) -> None:
+        background = self._background = Background(image)
+        if self._registration is not None:
+            self._registration.take()
+        if expected:
+            where = np.zeros(background.blocks, bool)
+            for one in expected:
+                where[blocks_around(where.shape, one.u, one.v, one.reach)] = True
+            background.guess(where)
+
+    def learn(self, view: View, spots: Sequence[Tuple[float, float, float]], elapsed: float) -> None:
+        """Adds an image, except the blobs (u, v, diameter) [px] of spots.
+
+        Args:
+            elapsed: [s] since the last image.
+        """
+        held = np.zeros_like(view.hot)
+        for u, v, diameter in spots:
+            held[blocks_around(held.shape, u, v, 1.25 * diameter + BLOCK)] = True
+        self._background.learn(view.image, view.rise, view.changed, held, self.params.hold_s, elapsed)
+
+
+def _ranked(
+    image: np.ndarray, found: List[Tuple[Region, float]], most: int, white: float, expected: Sequence[Expected]
+) -> Tuple[Tuple[Proposal, ...], float]:
+    """Proposals of regions with their rise, and the brightest value so far [grey levels].
+
+    Those where a spot is expected come first. A spot shows the camera's white wherever it falls; by how much it rises
+    depends on the floor, and on a bright one a person beside it rises more. So white regions come next, among them those
+    that rose most.
+    """
+    rated = []
+    for region, peak in found:
+        left, top, right, bottom = region
+        part = image[top:bottom, left:right]
+        # columns and channels side by side: the brightest sample is all that counts
+        rated.append((region, float(cv2.minMaxLoc(part.reshape(part.shape[0], -1))[1]), peak))
+    white = max([white] + [level for _, level, _ in rated])
+    rated.sort(key=lambda one: (-min(one[1], _SATURATED * white), -one[2]))
+    proposals = []
+    # most of what a person's clothes leave is found too large at once, and must not use up all places
+    for region, level, _ in rated[: 2 * most]:
+        part, spot = _part_of(region, expected)
+        proposals.append(Proposal(region, spot, part, "" if level >= _LEAST_LEVEL * white else "too_dark"))
+    # published ones, other expected ones, the rest
+    rank = [2 if one.refusal or one.expected is None else int(not one.expected.published) for one in proposals]
+    return tuple(proposals[number] for number in np.argsort(rank, kind="stable")), white
+
+
+def _part_of(region: Region, expected: Sequence[Expected]) -> Tuple[Optional[Region], Optional[Expected]]:
+    """The part of a region where a spot is expected, and which; None if none is."""
+    for one in expected:
+        left, top = max(region[0], int(one.u - one.reach)), max(region[1], int(one.v - one.reach))
+        right, bottom = min(region[2], int(one.u + one.reach) + 1), min(region[3], int(one.v + one.reach) + 1)
+        if left < right and top < bottom:
+            return (left, top, right, bottom), one
+    return None, None

@@ -1,0 +1,97 @@
+"""Borders and issues as messages."""
+from __future__ import annotations
+
+from typing import Iterable, List, Sequence, Tuple
+
+import rospy
+from vb_msgs.msg import BorderIssue
+from vb_msgs.msg import VirtualBorder as BorderMessage
+
+from vb_core.ros import messages
+from vb_map_integration.border import AVOID, KEEP_OUT, SLOW, VirtualBorder
+from vb_map_integration.borders.issues import ERROR, WARNING, Issue, IntegrationError
+
+# whether the chain is closed, by kind
+KINDS = {
+    BorderMessage.DECIDE: None, BorderMessage.POLYGON: True, BorderMessage.SEPARATING_CURVE: False,
+    BorderMessage.VIRTUAL_WALL: False,
+}
+ZONES = {BorderMessage.KEEP_OUT: KEEP_OUT, BorderMessage.AVOID: AVOID, BorderMessage.SLOW: SLOW}
+_SEVERITIES = {WARNING: BorderIssue.WARNING, ERROR: BorderIssue.ERROR}
+
+
+def border_from_message(message: BorderMessage) -> VirtualBorder:
+    """A message to a border; inverse of `message_from_border`.
+
+    Raises:
+        IntegrationError: if it is invalid.
+    """
+    if message.kind not in KINDS:
+        raise IntegrationError("bad_kind", f"the kind must be one of {sorted(KINDS)}, got {message.kind}")
+    if message.zone not in ZONES:
+        raise IntegrationError("bad_zone", values={"zone": message.zone})
+    return VirtualBorder(
+        points=messages.array_from_points(message.points),
+        seed=[message.seed.x, message.seed.y],
+        # float32 on the wire: 0.2 comes as 0.20000000298
+        occupancy=round(message.occupancy, 6),
+        closed=KINDS[message.kind],
+        id=message.id,
+        name=message.name,
+        enabled=message.enabled,
+        created=message.created.to_sec(),
+        modified=message.modified.to_sec(),
+        expires=message.expires.to_sec(),
+        robots=tuple(message.robots),
+        wall=message.kind == BorderMessage.VIRTUAL_WALL,
+        zone=ZONES[message.zone],
+        max_speed=round(message.max_speed, 6),
+        schedule=message.schedule,
+    )
+
+
+def message_from_border(
+    border: VirtualBorder, area_m2: float = 0.0, acting: bool = False, reason: str = ""
+) -> BorderMessage:
+    """A border to a message; inverse of `border_from_message`."""
+    kind = BorderMessage.POLYGON if border.closed else BorderMessage.SEPARATING_CURVE
+    message = BorderMessage(
+        id=border.id,
+        name=border.name,
+        points=messages.points_from_array(border.points),
+        kind=BorderMessage.VIRTUAL_WALL if border.wall else kind,
+        occupancy=border.occupancy,
+        enabled=border.enabled,
+        created=rospy.Time.from_sec(border.created),
+        modified=rospy.Time.from_sec(border.modified),
+        expires=rospy.Time.from_sec(border.expires),
+        robots=list(border.robots),
+        area_m2=area_m2,
+        zone=next(number for number, zone in ZONES.items() if zone == border.zone),
+        max_speed=border.max_speed,
+        schedule=border.schedule,
+        acting=acting,
+        reason=reason,
+    )
+    message.seed.x, message.seed.y = (float(value) for value in border.seed)
+    return message
+
+
+def issue_messages(issues: Sequence[Issue]) -> List[BorderIssue]:
+    """Issues to messages; inverse of `issues_from_messages`."""
+    return [
+        BorderIssue(
+            severity=_SEVERITIES[one.severity], code=one.code, message=one.message,
+            values=messages.values_from_mapping(one.values),
+        )
+        for one in issues
+    ]
+
+
+def issues_from_messages(found: Iterable[BorderIssue]) -> Tuple[Issue, ...]:
+    """Messages to issues; inverse of `issue_messages`."""
+    severities = {value: key for key, value in _SEVERITIES.items()}
+    return tuple(
+        Issue(severities.get(one.severity, ERROR), one.code, one.message, messages.mapping_from_values(one.values))
+        for one in found
+    )

@@ -1,0 +1,109 @@
+"""Borders as GeoJSON (RFC 7946), in metres of the map frame instead of degrees on the earth.
+
+A Polygon is a polygon, a LineString a separating curve. The seed and the rest are the feature's properties, named as
+in the YAML files; a polygon without a seed restricts its inside, and a LineString of kind "virtual_wall" needs none.
+Properties of other programs are ignored; errors in ours, or in the geometry, are reported.
+"""
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+from typing import Any, Dict, List, Sequence
+
+import numpy as np
+import shapely
+
+from vb_core.errors import CodedError
+from vb_map_integration.border import VirtualBorder
+from vb_map_integration.borders.border_files import border_from_mapping, border_to_mapping
+
+_GEOMETRY = ("points", "seed", "kind")
+_PROPERTIES = tuple(
+    one.name for one in dataclasses.fields(VirtualBorder) if one.name not in (*_GEOMETRY, "closed", "wall")
+)
+
+
+def borders_to_geojson(borders: Sequence[VirtualBorder]) -> str:
+    """A FeatureCollection; inverse of `borders_from_geojson`."""
+    features = []
+    for border in borders:
+        values = border_to_mapping(border)
+        points = values["points"]
+        geometry: Dict[str, Any] = {"type": "LineString", "coordinates": points}
+        if border.closed:
+            geometry = {"type": "Polygon", "coordinates": [points + points[:1]]}
+        properties = {key: value for key, value in values.items() if key not in _GEOMETRY}
+        properties["seed"] = values["seed"]
+        if border.wall:
+            properties["kind"] = values["kind"]
+        features.append({"type": "Feature", "geometry": geometry, "properties": properties})
+    return json.dumps({"type": "FeatureCollection", "features": features}, indent=1) + "\n"
+
+
+def borders_from_geojson(text: str) -> List[VirtualBorder]:
+    """The borders of a FeatureCollection or a single Feature; inverse of `borders_to_geojson`.
+
+    Raises:
+        CodedError: "bad_border_file" or what a border raises; the message names the feature's number.
+    """
+    try:
+        document = json.loads(text)
+    except ValueError as error:
+        raise CodedError("bad_border_file", f"this is no JSON: {error}") from None
+    if not isinstance(document, dict):
+        raise CodedError("bad_border_file", "expected a FeatureCollection")
+    features = document.get("features") if document.get("type") == "FeatureCollection" else [document]
+    if not isinstance(features, list):
+        raise CodedError("bad_border_file", "features: expected a list")
+    borders = []
+    for number, feature in enumerate(features, 1):
+        try:
+            borders.append(_border(feature))
+        except CodedError as error:
+            raise CodedError(error.code, f"feature {number}: {error.message}") from None
+    return borders
+
+
+def _border(feature: Any) -> VirtualBorder:
+    if not isinstance(feature, dict) or feature.get("type") != "Feature":
+        raise CodedError("bad_border_file", "expected an object of type Feature")
+    geometry, properties = feature.get("geometry"), feature.get("properties")
+    kind = geometry.get("type") if isinstance(geometry, dict) else None
+    coordinates = geometry.get("coordinates") if isinstance(geometry, dict) else None
+    if kind not in ("Polygon", "LineString") or not isinstance(coordinates, list):
+        raise CodedError("bad_border_file", f"geometry: must be a Polygon or a LineString, got {kind!r}")
+    if kind == "Polygon" and len(coordinates) != 1:
+        raise CodedError("bad_border_file", f"a border has one ring and no holes, got {len(coordinates)} rings")
+    points = _positions(coordinates[0] if kind == "Polygon" else coordinates)
+    given = dict(properties) if isinstance(properties, dict) else {}
+    wall = kind == "LineString" and given.get("kind") == "virtual_wall"
+    values = {key: value for key, value in given.items() if key in (*_PROPERTIES, "seed")}
+    plain = "polygon" if kind == "Polygon" else "separating_curve"
+    values.update(points=points, kind="virtual_wall" if wall else plain)
+    if "seed" not in values and not wall:
+        if kind == "LineString":
+            raise CodedError("bad_seed", "properties: a separating curve needs a seed, [x, y], on the restricted side")
+        values["seed"] = _point_inside(points)
+    return border_from_mapping(values)
+
+
+def _positions(values: Any) -> List[List[float]]:
+    """The x and y of positions, whose height is left out; a ring's repeated first point goes with the rest."""
+    if not isinstance(values, list):
+        raise CodedError("bad_border_file", f"coordinates: expected a list of positions, got {values!r}")
+    for value in values:
+        numbers = isinstance(value, list) and len(value) in (2, 3) and all(
+            isinstance(number, (int, float)) and not isinstance(number, bool) for number in value
+        )
+        if not numbers:
+            raise CodedError("bad_border_file", f"coordinates: a position is [x, y] in metres, got {value!r}")
+    return [value[:2] for value in values]
+
+
+def _point_inside(points: List[List[float]]) -> List[float]:
+    """A point within a polygon, as far from its outline as a few centimetres tell."""
+    if len(points) < 4 or not all(math.isfinite(value) for point in points for value in point):
+        return points[0] if points else [0.0, 0.0]  # what is wrong is the points: the border says so
+    inside = shapely.polygons(np.array(points)).buffer(0).representative_point()
+    return points[0] if inside.is_empty else [inside.x, inside.y]

@@ -1,0 +1,102 @@
+"""The posterior map, always computed from the physical map and all regions that act."""
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Dict, Mapping, Optional
+
+import numpy as np
+
+from vb_core.grid_map import GridMap
+from vb_map_integration.grid import raster
+from vb_map_integration.integration import Area
+
+
+@dataclass(frozen=True)
+class Region:
+    """What one border does to the map; one bit for each cell of its window.
+
+    Attributes:
+        window: the part of the map that it is in.
+        bits: the packed mask of that window.
+        value: 0 .. 100.
+        over_unknown: whether it covers unknown cells.
+        area_m2: [m^2].
+    """
+
+    window: raster.Window
+    bits: np.ndarray
+    value: int
+    over_unknown: bool
+    area_m2: float
+
+    @classmethod
+    def of(cls, area: Area) -> "Region":
+        """The region of an area."""
+        return cls(area.window, np.packbits(area.mask), area.value, area.over_unknown, area.area_m2)
+
+    @property
+    def mask(self) -> np.ndarray:
+        """(h, w) uint8 mask of the window."""
+        rows, columns = self.window
+        shape = rows.stop - rows.start, columns.stop - columns.start
+        bits = np.unpackbits(self.bits, count=shape[0] * shape[1]).reshape(shape)
+        return np.negative(bits, out=bits)  # 1 becomes 255
+
+    def paint(self, cells: np.ndarray) -> None:
+        """Raises the cells (H, W) int8 in place."""
+        raster.paint(cells[self.window], self.mask, self.value, self.over_unknown)
+
+    def paint_within(self, cells: np.ndarray, window: raster.Window) -> None:
+        """`paint`, limited to a window of the map."""
+        rows, columns = (_overlap(own, other) for own, other in zip(self.window, window))
+        if rows is None or columns is None:
+            return
+        part = self.mask[
+            rows.start - self.window[0].start : rows.stop - self.window[0].start,
+            columns.start - self.window[1].start : columns.stop - self.window[1].start,
+        ]
+        raster.paint(cells[rows, columns], part, self.value, self.over_unknown)
+
+
+class Composition:
+    """Physical map plus regions by border id. It never changes: `changed` returns a new one.
+
+    The order of the regions does not matter, as none lowers a cell. Adding one costs the same however many there
+    are; removing one checks only those that overlap its window.
+
+    Attributes:
+        physical: the map without borders.
+        posterior: the map with them.
+    """
+
+    def __init__(self, physical: GridMap) -> None:
+        self.physical = physical
+        self.posterior = physical
+        self._regions: Dict[str, Region] = {}
+
+    def area_m2(self, key: str) -> float:
+        """[m^2] that a region restricts; 0 if it does not act."""
+        return self._regions[key].area_m2 if key in self._regions else 0.0
+
+    def changed(self, changes: Mapping[str, Optional[Region]]) -> "Composition":
+        """The composition with some regions added or replaced, and those left out whose value is None."""
+        result = Composition(self.physical)
+        result._regions = {key: region for key, region in self._regions.items() if key not in changes}
+        cells = np.array(self.posterior.data, order="C")
+        for key in changes:
+            old = self._regions.get(key)
+            if old is not None:
+                cells[old.window] = self.physical.data[old.window]
+                for region in result._regions.values():
+                    region.paint_within(cells, old.window)
+        for key, region in changes.items():
+            if region is not None:
+                result._regions[key] = region
+                region.paint(cells)
+        result.posterior = self.physical.with_data(cells)
+        return result
+
+
+def _overlap(a: slice, b: slice) -> Optional[slice]:
+    start, stop = max(a.start, b.start), min(a.stop, b.stop)
+    return slice(start, stop) if start < stop else None

@@ -1,0 +1,228 @@
+"""Separating curves: extended to the physical borders, and the side that the seed is on.
+
+Paper, Sect. 3: "its first and last line segments are linearly extended to the physical borders of the
+environment to allow the separation of the area".
+
+What makes a curve separate is topology: blocked cells (obstacles, unknown, everything off the map) form
+connected pieces, and a curve divides the free space round it exactly if both its ends meet the same piece. A
+table leg is a separate piece, so an extension that meets one goes on.
+"""
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Callable, Iterator, List, Optional, Tuple
+
+import cv2
+import numpy as np
+
+from vb_core import masks
+from vb_map_integration.grid import raster
+
+# share of the samples beside the curve from which the restricted area counts as touching a side
+TOUCHES = 0.1
+# where on the end of a chain, as shares of the fitted length, its direction is sampled
+_SAMPLES = np.linspace(0.0, 1.0, 16)
+FindSeed = Callable[[np.ndarray, Optional[np.ndarray]], Tuple[int, int]]
+# what cells of the map in work are: free ones, ones reached from the seed, blocked ones, and blocked pieces that
+# were met from the curve's start, its end, or both
+_FREE, _FILLED, _BLOCKED = 0, 128, 255
+_MET_BY_START, _MET_BY_END, _MET_BY_BOTH = 1, 2, 3
+
+
+@dataclass(frozen=True)
+class Cut:
+    """A separating curve cut into the map.
+
+    Attributes:
+        window: the part of the map that the region is in.
+        region: (h, w) uint8 mask of that window, the free cells on the seed's side.
+        left, right: share of the free cells beside the drawn curve that the region holds; NaN if there are none.
+        line: (M, 2) (column, row) the curve with its extensions.
+        stops: for each end, the (row, column) of the blocked cell where it ends; may be one beyond the map's rim.
+    """
+
+    window: raster.Window
+    region: np.ndarray
+    left: float
+    right: float
+    line: np.ndarray
+    stops: Tuple[Tuple[int, int], Tuple[int, int]]
+
+    @property
+    def separates(self) -> bool:
+        """Whether the region is on one side of the curve only, and there is something on the other."""
+        sides = sorted((self.left, self.right))
+        return not any(math.isnan(side) for side in sides) and sides[1] > 0.0 and sides[0] < TOUCHES
+
+
+def end_direction(points: np.ndarray, length: float) -> np.ndarray:
+    """Unit vector (2,) in which a chain (N, 2) leaves its last point, fitted to its last `length`.
+
+    The last two points alone would follow the hand's tremor.
+    """
+    back = points[::-1, 0] + 1j * points[::-1, 1]
+    arc = np.concatenate([[0.0], np.cumsum(np.abs(back[1:] - back[:-1]))])
+    tail = np.interp(min(length, arc[-1]) * _SAMPLES, arc, back)
+    chord = complex(tail[0] - tail[-1])
+    # the squares of complex numbers add up to a vector of twice the angle of the tail's main axis
+    axis = complex(np.sqrt(np.square(tail - tail.sum() / len(tail)).sum()))
+    if abs(axis) < 1e-12:
+        axis = chord or 1.0 + 0.0j
+    if (axis * chord.conjugate()).real < 0.0:
+        axis = -axis
+    return np.array([axis.real, axis.imag]) / abs(axis)
+
+
+def separate(
+    cells: np.ndarray, points: np.ndarray, fit_length: float, overshoot: float, seed: np.ndarray, find_seed: FindSeed
+) -> Optional[Cut]:
+    """Cuts a separating curve into the map and fills the seed's side.
+
+    Args:
+        cells: (H + 2, W + 2) uint8, 255 where the fill may not enter, else 0, with a frame of 255 round the map;
+            is worked in.
+        points: (N, 2) (column, row), the drawn chain.
+        fit_length: [cells] how much of the chain's ends gives the extensions' direction.
+        overshoot: [cells] how far a drawn end may reach beyond the wall that it belongs to.
+        seed: (2,) (column, row).
+        find_seed: gets the (row, column) where the fill begins, for a mask (H, W) of barred cells, those of the curve
+            among them, and, for a seed in one of these, the direction (2,) that leads away from the curve.
+
+    Returns:
+        The cut, which separates or does not; None if the curve never touches the map.
+    """
+    shape = (cells.shape[0] - 2, cells.shape[1] - 2)
+    reach = 2.0 * sum(shape) + float(np.abs(points).max())
+    first = points[0] + reach * end_direction(points[::-1], fit_length)
+    last = points[-1] + reach * end_direction(points, fit_length)
+    chain = np.concatenate([[first], points, [last]])
+    trace = raster.trace_chain(chain, shape)
+    arc = trace.arc - reach
+    drawn_length = float(np.hypot(*(points[1:] - points[:-1]).T).sum())
+    drawn = (arc >= -1.0) & (arc <= drawn_length + 1.0)
+    on_map = (trace.rows >= 0) & (trace.rows < shape[0]) & (trace.columns >= 0) & (trace.columns < shape[1])
+    if not (on_map & drawn).any():
+        return None
+    shut = cells[trace.rows + 1, trace.columns + 1] != _FREE
+    slack = min(overshoot, 0.25 * drawn_length)
+    starts = _stops(shut, arc <= slack, outwards=-1)
+    ends = _stops(shut, arc >= drawn_length - slack, outwards=1)
+    start, end = _common_piece(cells, trace, arc, starts, ends, drawn_length) or (starts[0], ends[0])
+    return _cut(cells, chain, trace, drawn & ~shut, shut, int(start), int(end), seed, find_seed)
+
+
+def _stops(shut: np.ndarray, where: np.ndarray, outwards: int) -> np.ndarray:
+    """Indices at which the trace, followed outwards, runs into something blocked; the nearest one first.
+
+    The outermost cell is beyond the map's rim, so there always is one.
+    """
+    indices = np.flatnonzero(where)[::outwards]
+    if len(indices) == 0:  # the whole end is off the map
+        return np.array([0 if outwards < 0 else len(shut) - 1])
+    hit = shut[indices]
+    hit[1:] &= ~hit[:-1]
+    return indices[hit] if hit.any() else indices[-1:]
+
+
+def _common_piece(
+    cells: np.ndarray, trace: raster.Trace, arc: np.ndarray, starts: np.ndarray, ends: np.ndarray, drawn_length: float
+) -> Optional[Tuple[int, int]]:
+    """The nearest stops of both ends on one and the same connected piece of blocked cells.
+
+    Both extensions grow at the same pace; each piece that one of them meets is marked.
+    """
+
+    def at(stop: int) -> Tuple[int, int]:
+        return int(trace.columns[stop]) + 1, int(trace.rows[stop]) + 1
+
+    def value(stop: int) -> int:
+        return int(cells[at(stop)[::-1]])
+
+    def first(stops: np.ndarray, mark: int) -> int:
+        return next(int(stop) for stop in stops if value(stop) == mark)
+
+    for stop, mark, other in _by_extension(starts, ends, arc, drawn_length):
+        met = value(stop)
+        if met == other:
+            cv2.floodFill(cells, None, at(stop), _MET_BY_BOTH, flags=8)
+            return first(starts, _MET_BY_BOTH), first(ends, _MET_BY_BOTH)
+        if met == _BLOCKED:
+            cv2.floodFill(cells, None, at(stop), mark, flags=8)
+    return None
+
+
+def _by_extension(
+    starts: np.ndarray, ends: np.ndarray, arc: np.ndarray, drawn_length: float
+) -> Iterator[Tuple[int, int, int]]:
+    """The stops of both ends, those with the shortest extension first; with the marks of their end and the other."""
+    stops = np.concatenate([starts, ends])
+    extension = np.maximum(np.concatenate([-arc[starts], arc[ends] - drawn_length]), 0.0)
+    for index in np.argsort(extension, kind="stable").tolist():
+        own, other = (_MET_BY_START, _MET_BY_END) if index < len(starts) else (_MET_BY_END, _MET_BY_START)
+        yield int(stops[index]), own, other
+
+
+def _cut(
+    cells: np.ndarray,
+    chain: np.ndarray,
+    trace: raster.Trace,
+    beside: np.ndarray,
+    shut: np.ndarray,
+    start: int,
+    end: int,
+    seed: np.ndarray,
+    find_seed: FindSeed,
+) -> Cut:
+    """Fills the seed's side of the curve between two of its stops."""
+    part = slice(start, end + 1)
+    rows, columns, segment = trace.rows[part], trace.columns[part], trace.segment[part]
+    flat, stride = cells.reshape(-1), cells.shape[1]
+    line_cells = (rows + 1) * stride + columns + 1
+    flat[line_cells] = _BLOCKED
+    step = chain[1:] - chain[:-1]
+    steps = np.maximum(np.hypot(step[:, 0], step[:, 1]), 1e-12)
+    normal = step[:, ::-1] * (-1.0, 1.0) / steps[:, None]
+
+    away = None
+    hit = np.flatnonzero((columns == math.floor(seed[0] + 0.5)) & (rows == math.floor(seed[1] + 0.5)))
+    if len(hit):  # within a cell of the curve, but on one side of it
+        crossed = segment[hit[0]]
+        side = float((seed - chain[crossed]) @ normal[crossed])
+        away = math.copysign(1.0, side) * normal[crossed] if abs(side) > 0.01 else None
+    row, column = find_seed(cells[1:-1, 1:-1], away)
+    _, _, _, (left, top, width, depth) = cv2.floodFill(cells, None, (column + 1, row + 1), _FILLED, flags=4)
+
+    middle = beside[part]
+    points, aside = trace.points[part][middle], 1.6 * normal[segment[middle]]
+    left_share, right_share = _shares(cells, np.array([points + aside, points - aside]))
+
+    # the cells that the curve runs through go to the side that their centre is on
+    offset = (normal * chain[:-1]).sum(axis=1)
+    height = columns * normal[segment, 0] + rows * normal[segment, 1] - offset[segment]
+    towards = 1.0 if not left_share <= right_share else -1.0
+    own = line_cells[(height * towards > 0.0) & ~shut[part]]
+    round_it = (np.array([-stride, 0, stride])[:, None] + [-1, 0, 1]).ravel()
+    flat[own[(flat[own[:, None] + round_it] == _FILLED).any(axis=1)]] = _FILLED
+
+    # one cell more all round for those of the curve, and from the frame's coordinates to the map's
+    window = (
+        slice(max(top - 2, 0), min(top + depth, cells.shape[0] - 2)),
+        slice(max(left - 2, 0), min(left + width, cells.shape[1] - 2)),
+    )
+    region = masks.threshold_mask(cells[1:-1, 1:-1][window], _FILLED, cv2.CMP_EQ)
+    vertex_arc = np.cumsum(steps[:-1])
+    between = chain[1:-1][(vertex_arc > trace.arc[start]) & (vertex_arc < trace.arc[end])]
+    line = np.concatenate([trace.points[start : start + 1], between, trace.points[end : end + 1]])
+    stops = tuple((int(trace.rows[k]), int(trace.columns[k])) for k in (start, end))
+    return Cut(window, region, left_share, right_share, line, stops)  # type: ignore[arg-type]
+
+
+def _shares(cells: np.ndarray, points: np.ndarray) -> List[float]:
+    """Shares of the cells at points (2, K, 2) (column, row) that were filled, of the free ones; NaN if none is free."""
+    # from the map's coordinates to the frame's, whose cells are neither
+    at = np.minimum(np.maximum(points + 1.5, 0.0), (cells.shape[1] - 1, cells.shape[0] - 1)).astype(np.int64)
+    values = cells[at[..., 1], at[..., 0]]
+    filled = (values == _FILLED).sum(axis=1)
+    count = filled + (values == _FREE).sum(axis=1)
+    return [f / c if c else math.nan for f, c in zip(filled.tolist(), count.tolist())]

@@ -1,0 +1,162 @@
+"""Polygons, chains and regions on the cells of a grid.
+
+Coordinates are (column, row) as from `GridMap.world_to_grid`: whole numbers are the centres of cells.
+Masks are uint8, 0 or 255, as OpenCV uses them; most belong to a window of the map, as the less of a large map is
+touched the better.
+"""
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Iterator, Tuple
+
+import numpy as np
+
+from vb_map_integration.borders.issues import IntegrationError
+
+# rows and columns of a part of a map
+Window = Tuple[slice, slice]
+
+BLOCK_BYTES = 200_000
+
+# [cells] crossings of edges and rows that one polygon may have; a scribble beyond it would fill the memory
+MAX_CROSSINGS = 4_000_000
+
+
+def filled(shape: Tuple[int, int], value: int) -> np.ndarray:
+    """(H, W) uint8 of one value. Not numpy.zeros: its memory comes in small pages, each at the price of a fault."""
+    return np.full(shape, value, np.uint8)
+
+
+def row_blocks(shape: Tuple[int, int]) -> Iterator[slice]:
+    """Parts of the rows of (H, W) bytes, each small enough for a processor's cache: what is in between of a
+    calculation then never reaches the memory, which for large maps is most of the time."""
+    rows = max(1, BLOCK_BYTES // max(1, shape[1]))
+    return (slice(top, top + rows) for top in range(0, shape[0], rows))
+
+
+def polygon_mask(vertices: np.ndarray, shape: Tuple[int, int]) -> Tuple[Window, np.ndarray]:
+    """The cells whose centre is in a polygon, clipped to the map.
+
+    Where the outline crosses itself everything is inside that it winds round (nonzero rule), so that an
+    overshoot at the closing point tears no hole.
+
+    Args:
+        vertices: (N, 2) (column, row), the first one not repeated.
+        shape: (H, W) of the map.
+
+    Returns:
+        The window of the map that the polygon reaches, which may be empty, and a (h, w) uint8 mask of it.
+
+    Raises:
+        IntegrationError: "too_complex" for an outline that crosses millions of rows.
+    """
+    corners = np.array([vertices.min(axis=0), vertices.max(axis=0) + 1.0])
+    (left, top), (right, bottom) = np.ceil(np.minimum(np.maximum(corners, 0.0), shape[::-1])).astype(int).tolist()
+    window = slice(top, bottom), slice(left, right)
+    mask = filled((bottom - top, right - left), 0)
+    start = vertices - (left, top)
+    end = np.concatenate([start[1:], start[:1]])
+    y0, y1 = start[:, 1], end[:, 1]
+    reach = np.array([np.minimum(y0, y1), np.maximum(y0, y1)])
+    low, high = np.ceil(np.minimum(np.maximum(reach, 0.0), len(mask))).astype(np.int64)
+    counts = high - low
+    total = int(counts.sum())
+    if total == 0:
+        return window, mask
+    if total > MAX_CROSSINGS:
+        raise IntegrationError("too_complex", "the border goes up and down too often: draw a simpler one")
+    edge = np.repeat(np.arange(len(start)), counts)
+    row = np.arange(total) - (np.cumsum(counts) - counts - low)[edge]
+    slope = np.divide(end[:, 0] - start[:, 0], y1 - y0, out=np.zeros(len(start)), where=counts > 0)
+    x = start[edge, 0] + (row - y0[edge]) * slope[edge]
+    order = np.lexsort((x, row))
+    row, x = row[order], x[order]
+    winding = np.cumsum(np.where(y1 > y0, 1, -1)[edge[order]])
+    # in each row the windings add up to zero, so no span reaches into the next one
+    spans = np.flatnonzero(winding[:-1] != 0)
+    column = np.ceil(np.minimum(np.maximum(x, 0.0), mask.shape[1])).astype(np.int64)
+    for r, a, b in zip(row[spans].tolist(), column[spans].tolist(), column[spans + 1].tolist()):
+        mask[r, a:b] = 255
+    return window, mask
+
+
+@dataclass(frozen=True)
+class Trace:
+    """The cells that a chain runs through; neighbours share an edge, except where the chain was outside the map.
+
+    Attributes:
+        rows, columns: (K,) int64; cells up to one beyond the map's rim occur.
+        points: (K, 2) (column, row), a point of the chain in the cell.
+        segment: (K,) int64, which of the chain's segments it belongs to.
+        arc: (K,) [cells] where on the chain the point is.
+    """
+
+    rows: np.ndarray
+    columns: np.ndarray
+    points: np.ndarray
+    segment: np.ndarray
+    arc: np.ndarray
+
+
+def trace_chain(vertices: np.ndarray, shape: Tuple[int, int]) -> Trace:
+    """The cells along a chain (N, 2) (column, row), clipped to one cell beyond the map's rim."""
+    start = vertices[:-1]
+    step = vertices[1:] - start
+    length = np.hypot(step[:, 0], step[:, 1])
+    arc_start = np.cumsum(length) - length
+    # the part of each segment within the map and its rim (Liang and Barsky's clipping)
+    low, high = np.array([-1.0, -1.0]), np.array([shape[1], shape[0]], dtype=float)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        t_low, t_high = (low - start) / step, (high - start) / step
+    still, within = step == 0.0, (start >= low) & (start <= high)
+    enter = np.where(still, np.where(within, -np.inf, np.inf), np.minimum(t_low, t_high))
+    leave = np.where(still, np.inf, np.maximum(t_low, t_high))
+    t0 = np.maximum(enter.max(axis=1), 0.0)
+    t1 = np.minimum(leave.min(axis=1), 1.0)
+    # two samples per cell: the cells of neighbouring samples are the same or touch
+    part = np.maximum(t1 - t0, 0.0)
+    counts = np.where(t1 >= t0, np.ceil(2.0 * part * length).astype(np.int64) + 1, 0)
+    total = int(counts.sum())
+    if total > MAX_CROSSINGS:
+        raise IntegrationError("too_complex", "the border is too long for this map: draw a simpler one")
+    segment = np.repeat(np.arange(len(step)), counts)
+    index = np.arange(total) - (np.cumsum(counts) - counts)[segment]
+    t = t0[segment] + (part / np.maximum(counts - 1, 1))[segment] * index
+    columns, rows = (np.floor(s[segment] + t * d[segment] + 0.5).astype(np.int64) for s, d in zip(start.T, step.T))
+    if total == 0:
+        return Trace(rows, columns, np.zeros((0, 2)), segment, t)
+    distance = np.full(total, 2)
+    np.add(np.abs(rows[1:] - rows[:-1]), np.abs(columns[1:] - columns[:-1]), out=distance[1:])
+    new = np.flatnonzero(distance)
+    # over a corner: one of the two cells beside it is taken too, so that nothing slips through; but not where the
+    # chain was outside the map
+    distance = distance[new]
+    corner = (distance == 2) & (rows[new] != rows[new - 1]) & (columns[new] != columns[new - 1])
+    corner[0] = False
+    times = 1 + corner
+    twice = np.repeat(new, times)
+    extra = np.flatnonzero(times == 2)
+    extra = extra + np.arange(len(extra))  # the first of each pair is the cell put in
+    rows, columns, segment, t = rows[twice], columns[twice], segment[twice], t[twice]
+    rows[extra] = rows[extra - 1]
+    points = start[segment] + t[:, None] * step[segment]
+    return Trace(rows, columns, points, segment, arc_start[segment] + t * length[segment])
+
+
+def paint(cells: np.ndarray, mask: np.ndarray, value: int, over_unknown: bool) -> None:
+    """Raises the cells under a mask to a value, in place; none is lowered.
+
+    Args:
+        cells: (H, W) int8 occupancies.
+        mask: (H, W) uint8.
+        value: 0 .. 100.
+        over_unknown: whether unknown cells take the value too.
+    """
+    level = np.uint8(value)
+    for block in row_blocks(mask.shape):
+        part = cells[block]
+        if over_unknown:  # as int8 unknown is -1, the least there is
+            np.maximum(part, np.bitwise_or(np.invert(mask[block]), level).view(np.int8), out=part)
+        else:  # as uint8 it is 255, the greatest
+            as_bytes = part.view(np.uint8)
+            np.maximum(as_bytes, np.bitwise_and(mask[block], level), out=as_bytes)

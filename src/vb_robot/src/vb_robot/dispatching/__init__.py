@@ -1,0 +1,1 @@
+"""Which robot goes where to see the spot."""

@@ -1,0 +1,213 @@
+"""Poses from which a robot's own camera sees the spot (paper, Sect. 4.2: a robot is sent to the area).
+
+The idea: one test says whether a pose shows what the camera has to see, for the robot's pose, its goal and every
+candidate alike; candidates need some more margin. Those that pass are sorted by their cost in metres of
+path, and their paths are checked in that order until one avoids what is being drawn.
+"""
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import Iterable, List, Optional, Tuple
+
+import numpy as np
+
+from vb_core import geometry
+from vb_robot.dispatching.drawing import STEP, Drawing, KeepOut
+from vb_robot.clearance_map import STAND_MARGIN, ClearanceMap, ShortestPaths, clearance_grid, sample
+from vb_robot.dispatching.view import FloorView
+
+Pose = Tuple[float, float, float]
+
+MIN_DISTANCE, MAX_DISTANCE = 0.8, 1.5  # [m] to what the camera looks at: nearer it leaves the image, farther it is small
+BEST_DISTANCE = 1.1  # [m]
+DISTANCES, BEARINGS = 4, 36  # how many are checked
+IMAGE_MARGIN = 0.15  # fraction of the image that must be beyond what a new pose looks at ...
+SEEN_MARGIN = 0.06  # ... and beyond all that any pose must see
+LINE_MARGIN = 0.10  # [m] beyond the radius, from the line being drawn and from where it goes on
+LINE_AHEAD = 0.8  # [m] how far the line is extrapolated
+# What makes a place worse, in metres of path: turns (their time at 0.5 m/s), not being at the best distance, not seeing
+# where the line goes on.
+TURN_COST, DISTANCE_COST, UNSEEN_COST = 0.4, 0.5, 0.5
+WAYS_CHECKED = 6  # each costs about 3 ms
+
+
+@dataclass(frozen=True)
+class Viewpoint:
+    """A pose (map frame) [m, m, rad], the path's length [m], the cost [m], and the spot it was chosen for [m].
+
+    Attributes:
+        sees_spot: False for a place that only leaves the side to be restricted.
+        risky: the path leads through what is being drawn, and was chosen all the same.
+    """
+
+    x: float
+    y: float
+    yaw: float
+    way: float
+    cost: float
+    spot: Tuple[float, float]
+    sees_spot: bool = True
+    risky: bool = False
+
+    @property
+    def pose(self) -> Pose:
+        return self.x, self.y, self.yaw
+
+
+class Outlook:
+    """What one robot can see of a drawing, from where it is and from where it could go.
+
+    Args:
+        others: (K, 2) [m] where other robots are or drive to.
+    """
+
+    def __init__(self, terrain: ClearanceMap, view: FloorView, drawing: Drawing, others: Iterable = ()) -> None:
+        self.terrain, self.view, self.drawing = terrain, view, drawing
+        self._others = np.asarray(list(others), dtype=float).reshape(-1, 2)
+        side = terrain.side_of(drawing.spot, drawing.chain, drawing.closed) if drawing.seeding else None
+        # while the seed is shown its side is left: the border to come would lock the robot in
+        self._off_side = None if side is None else (
+            clearance_grid(side, terrain.grid.resolution) >= terrain.radius + STAND_MARGIN)
+        lines = [drawing.line_ahead(LINE_AHEAD)]
+        if len(drawing.chain):
+            chain = np.asarray(drawing.chain, dtype=float)
+            lines.append(geometry.resample_chain(chain, 0.1, drawing.closed) if len(chain) > 1 else chain)
+        self._line = np.vstack(lines)
+
+    def fits(self, pose: Pose) -> bool:
+        """Whether a robot at a pose would see its target well enough."""
+        place = np.array([pose[:2]])
+        if float(np.linalg.norm(self.drawing.must_see - place[0], axis=1).min()) < 0.6 * MIN_DISTANCE:
+            return False
+        return bool(self._shows(place, np.array([pose[2]]))[0])
+
+    def searched(self, pose: Pose) -> float:
+        """[m] of the line ahead that is in view from a pose, from where the spot was seen last on."""
+        stretch = self.drawing.stretch
+        seen = self._seen(stretch, np.array([pose[:2]]), np.array([pose[2]]))[0] if len(stretch) else np.zeros(0, bool)
+        return STEP * float(np.flatnonzero(seen)[-1]) if seen.any() else 0.0
+
+    def stands_free(self, pose: Pose) -> bool:
+        """Whether there still is room at a goal."""
+        return bool(self.terrain.stands_free(np.array([pose[:2]]))[0])
+
+    def keeps_off(self, robot: Pose, goal: Pose) -> bool:
+        """Whether the robot's path to a goal avoids what is being drawn; also true if there is no path at all."""
+        area = self.drawing.expected_area(self.terrain)
+        if area is None:
+            return True
+        route = self.terrain.ways(robot[:2]).route(goal[:2])
+        return route is None or KeepOut(self.terrain, area).allows(route)
+
+    def best(self, robot: Pose, avoid: Iterable[Tuple[float, float, float]] = ()) -> Optional[Viewpoint]:
+        """The cheapest reachable pose that shows the target; None if there is none.
+
+        It is clear of obstacles and borders by radius and margin, off the line drawn and the line ahead, and has a path
+        that avoids what is being drawn. The robot's own place counts if it only has to turn. If there is no such
+        pose and the robot itself is on the side that the seed marks, the nearest place off it. If there is none at
+        all, and no camera sees the spot, also one whose path leads through what is being drawn.
+
+        Args:
+            avoid: (x, y, radius) [m]: places that failed.
+        """
+        ways = self.terrain.ways(robot[:2], self._others)
+        found = self._in_order(robot, ways, avoid)
+        area = self.drawing.expected_area(self.terrain) if found else None
+        if area is None:
+            return found[0] if found else self._retreat(ways, robot)
+        keep_out = KeepOut(self.terrain, area)
+        places = np.array([robot[:2], *((place.x, place.y) for place in found)])
+        inside = sample(self.terrain.grid, keep_out.zone, places) > 0
+        # a robot within it may leave; of the others the paths that probably cross it come last
+        crossing = np.zeros(len(found), dtype=bool) if inside[0] else ways.cross(keep_out.zone, places[1:])
+        order = [index for index in np.argsort(crossing, kind="stable") if not inside[1 + index]]
+        for index in order[:WAYS_CHECKED]:
+            if keep_out.allows(ways.route(places[1 + index])):
+                return found[index]
+        retreat = self._retreat(ways, robot)
+        return retreat if retreat is not None or self.drawing.watched else replace(found[0], risky=True)
+
+    # ------------------------------------------------------------- one test for all poses
+    def _shows(self, places: np.ndarray, yaws: np.ndarray) -> np.ndarray:
+        """(N,) bool: which poses show what must be seen, off the line and off the seed's side."""
+        keep = self._seen(self.drawing.must_see, places, yaws, SEEN_MARGIN).all(axis=1)
+        gaps = np.linalg.norm(places[:, None, :] - self._line[None, :, :], axis=2).min(axis=1)
+        keep &= gaps >= self.terrain.radius + LINE_MARGIN
+        if self._off_side is not None:
+            keep &= sample(self.terrain.grid, self._off_side, places) > 0
+        keep[keep] = self.terrain.line_of_sight(places[keep], self.drawing.look_at)
+        return keep
+
+    def _seen(self, points: np.ndarray, places: np.ndarray, yaws: np.ndarray, margin: float = 0.0) -> np.ndarray:
+        """(N, K) bool: which points (K, 2) [m] are in the image from each pose."""
+        ahead = np.column_stack([np.cos(yaws), np.sin(yaws)])
+        left = np.column_stack([-ahead[:, 1], ahead[:, 0]])
+        offsets = points[None, :, :] - places[:, None, :]
+        in_base = np.stack([(offsets * axis[:, None, :]).sum(axis=2) for axis in (ahead, left)], axis=2)
+        return self.view.sees(in_base.reshape(-1, 2), margin).reshape(len(places), len(points))
+
+    # ------------------------------------------------------------- candidates
+    def _in_order(self, robot: Pose, ways: ShortestPaths, avoid: Iterable) -> List[Viewpoint]:
+        """The reachable poses that show the target, the cheapest first."""
+        look_at = self.drawing.look_at
+        places, yaws, distances = _poses_round(look_at, robot)
+        keep = self.view.sees(np.column_stack([distances, np.zeros_like(distances)]), IMAGE_MARGIN)
+        keep &= self.terrain.stands_free(places)
+        apart = 2.0 * self.terrain.radius + STAND_MARGIN
+        for x, y, radius in [*((*other, apart) for other in self._others), *avoid]:
+            keep &= np.hypot(places[:, 0] - x, places[:, 1] - y) >= radius
+        keep[keep] = self._shows(places[keep], yaws[keep])
+        way = ways.lengths_to(places)
+        way[np.linalg.norm(places - robot[:2], axis=1) < 1e-6] = 0.0
+        keep &= np.isfinite(way)
+        places, yaws, distances, way = (values[keep] for values in (places, yaws, distances, way))
+        if not len(places):
+            return []
+        turns = np.array([_turns(robot, place, yaw) for place, yaw in zip(places, yaws)])
+        cost = way + TURN_COST * turns + DISTANCE_COST * np.abs(distances - BEST_DISTANCE)
+        ahead = np.vstack([self.drawing.line_ahead(LINE_AHEAD), self.drawing.stretch])
+        if len(ahead) > 1:
+            cost += UNSEEN_COST * (1.0 - self._seen(ahead, places, yaws).mean(axis=1))
+        return [
+            Viewpoint(float(places[i, 0]), float(places[i, 1]), geometry.wrap_angle(float(yaws[i])), float(way[i]),
+                      float(cost[i]), (float(look_at[0]), float(look_at[1])))
+            for i in np.argsort(cost, kind="stable")
+        ]
+
+    def _retreat(self, ways: ShortestPaths, robot: Pose) -> Optional[Viewpoint]:
+        """The nearest place off the side to be restricted, if the robot is on it."""
+        terrain, spot = self.terrain, self.drawing.spot
+        if self._off_side is None or sample(terrain.grid, self._off_side, np.array([robot[:2]]))[0] > 0:
+            return None
+        cells = np.argwhere(self._off_side & (terrain.clearance >= terrain.radius + STAND_MARGIN))
+        places = terrain.grid.cell_to_world(cells)
+        way = ways.lengths_to(places)
+        if not np.isfinite(way).any():
+            return None
+        best = int(np.argmin(way))
+        x, y = (float(value) for value in places[best])
+        yaw = math.atan2(spot[1] - y, spot[0] - x)
+        return Viewpoint(x, y, yaw, float(way[best]), float(way[best]), (float(spot[0]), float(spot[1])), sees_spot=False)
+
+
+def _poses_round(look_at: np.ndarray, robot: Pose) -> Tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Places (N, 2) [m], yaws (N,) [rad], distances (N,) [m] of poses that face a point; the robot's place too."""
+    own = look_at - robot[:2]
+    home = float(np.hypot(*own)), math.atan2(own[1], own[0])
+    # from the robot's own bearing on, so that a robot that only has to come nearer need not go round
+    yaw = np.arange(BEARINGS) * (2.0 * math.pi / BEARINGS) + home[1]
+    distance, yaw = (values.ravel() for values in np.meshgrid(np.linspace(MIN_DISTANCE, MAX_DISTANCE, DISTANCES), yaw))
+    if 0.8 * MIN_DISTANCE <= home[0] <= 1.3 * MAX_DISTANCE:
+        # turning is quicker than driving to a slightly better place
+        distance, yaw = np.append(distance, home[0]), np.append(yaw, home[1])
+    return look_at - distance[:, None] * np.column_stack([np.cos(yaw), np.sin(yaw)]), yaw, distance
+
+
+def _turns(robot: Pose, place: np.ndarray, yaw: float) -> float:
+    """[rad] that a robot turns in total: towards the place, and there to a yaw."""
+    way = place - robot[:2]
+    if float(np.hypot(*way)) < 0.1:
+        return abs(geometry.wrap_angle(yaw - robot[2]))
+    heading = math.atan2(way[1], way[0])
+    return abs(geometry.wrap_angle(heading - robot[2])) + abs(geometry.wrap_angle(yaw - heading))

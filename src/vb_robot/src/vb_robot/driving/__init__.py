@@ -1,0 +1,1 @@
+"""Whether a robot may drive, and how it follows the spot and leaves a border."""

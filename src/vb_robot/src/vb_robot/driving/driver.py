@@ -1,0 +1,403 @@
+"""One driver per robot: decides who drives it now, and whether it may.
+
+The idea: several want to drive (a person with a joystick, the spot, the path out of a border, navigation), exactly one
+does, and every command passes one gate. The gate lets through what it can show to be safe. In doubt the robot
+stops, and the driver tells people by a code who drives and why.
+
+Whatever the gate depends on has one age limit: STOP_WITHIN after the last message of any input the robot stops. The
+older the oldest input, the slower the robot drives, so that its brakes keep that promise from any speed. A message that
+is a little late, on a busy computer, slows the robot for a moment and does not stop it.
+
+Who drives, in order of priority: stop (it holds until resume), teleoperation, following the spot, leaving a border, navigation.
+"""
+from __future__ import annotations
+
+import math
+import threading
+from dataclasses import dataclass
+from typing import Dict, Iterable, List, Optional, Tuple
+
+from vb_core.grid_map import GridMap
+from vb_core.robot_profile import RobotProfile
+from vb_robot.driving.following import Following, Frames
+from vb_robot.driving.border_exit import MAP_MARGIN, BorderExit
+from vb_robot.driving.safety import (LEAP, KeepoutMap, Keep, Scan, SpeedLimits, pose_jump, safe_speed, stop_distance)
+from vb_robot.driving.servoing import MAX_SPEED, Wish
+from vb_robot.spots import DEFAULT, Sighting, Sightings
+from vb_robot.dispatching.view import FloorView
+from vb_robot.dispatching.viewpoint import Pose
+from vb_robot.driving.border_monitor import BorderContact, BorderMonitor
+
+RATE = 20.0  # [1/s] how soon late messages are noticed
+STOP_WITHIN = 0.5  # [s] after the last scan, state, pose or command the robot stops
+BASE_DELAY = 0.02  # [s] from a command to the wheels
+AHEAD = 0.5  # [s] a stamp farther ahead comes from another clock, and its age is not known
+POSE_DOUBT = 1.0  # [s] after a jump of the localisation it is not known where the borders are
+OTHER_LIMIT = 1.0  # [s] after another node's command nothing is let through: two drivers at one wheel
+CANCEL_EACH = 1.0  # [s] how often navigation's goals are cancelled while another one drives
+BLIND_SPEED = 0.1  # [m/s] without a scanner, by the map alone, and for a joystick where no beam points
+ACCELERATION, TURN_ACCELERATION = 0.4, 2.0  # [m/s^2, rad/s^2] of the driver's own behaviours: gentle beside people
+
+NOBODY, STOP, TELEOP, FOLLOW, LEAVE, NAVIGATION = "nobody", "stop", "teleop", "follow", "leave", "navigation"
+KEEPS = {
+    TELEOP: Keep(0.05, 0.02, 0.0),
+    FOLLOW: Keep(0.12, 0.04, 0.06),  # from where a person leaves it, navigation must still find a path
+    LEAVE: Keep(0.12, 0.04, MAP_MARGIN),
+    NAVIGATION: Keep(0.04, 0.0, -0.04),  # it keeps its own distance; here is only what must never happen
+}
+
+
+@dataclass(frozen=True)
+class Command:
+    """The command that goes to the wheels now.
+
+    Attributes:
+        v, w: [m/s, rad/s]
+        driver: who drives: "nobody", "stop", "teleop", "follow", "leave" or "navigation".
+        code: "drives", or what holds the robot.
+        speaks: whether to publish it: a robot that nobody drives is left alone.
+        cancel: whether to cancel navigation's goals.
+    """
+
+    v: float = 0.0
+    w: float = 0.0
+    driver: str = NOBODY
+    code: str = "idle"
+    speaks: bool = False
+    cancel: bool = False
+
+
+class Driver:
+    """Drives one robot. Several threads may feed it; one calls `step`.
+
+    Args:
+        camera: name of the robot's camera in the spots; mobile_cameras: names of all cameras on robots.
+        leaves: whether it leaves a border that was saved where it is.
+    """
+
+    def __init__(
+        self, profile: RobotProfile, camera: str = "robot", mobile_cameras: Iterable[str] = (), leaves: bool = True,
+    ) -> None:
+        self.profile = profile
+        self._camera = camera
+        self._lock = threading.RLock()
+        self._spots = Sightings(mobile_cameras=(*mobile_cameras, camera))
+        self._following = Following()
+        self._exit = BorderExit(profile.radius, leaves)
+        self._stamps: Dict[str, float] = {}  # [s] of the newest scan, state and pose
+        self._clock_age = 0.0  # [s] for which the clock has stood still
+        self._stopped, self._stopped_at = {"state": False, "topic": False}, -math.inf  # the latter by the topic [s]
+        self._scan: Optional[Scan] = None
+        self._pose: Optional[Tuple[float, Pose]] = None
+        self._doubt_until = -math.inf
+        self._ground: Optional[KeepoutMap] = None
+        self._physical: Optional[KeepoutMap] = None
+        self._workspace: Optional[BorderMonitor] = None
+        self._speed_limits: Optional[SpeedLimits] = None
+        self._contacts: Dict[str, bool] = {}
+        self._others: Dict[str, float] = {}  # who else commanded this robot, and when
+        self._commands: Dict[str, Tuple[float, Wish]] = {}
+        self._goal_runs = False
+        self._cancelled_at = -math.inf
+        self._last = Command()
+        self._stepped_at: Optional[float] = None
+
+    # ------------------------------------------------------------- inputs
+    def set_state(self, state: int, interaction: str, entered: float, stamp: float, stopped: bool = False) -> None:
+        """Takes the interaction's state, said at a time [s]."""
+        with self._lock:
+            if self._spots.set_state(state, interaction, entered):
+                self._following.forget()
+            self._note("state", stamp)
+            # `resume` releases both, but not a stop that is newer than it: the two topics have no common order
+            if self._stopped["state"] and not stopped and stamp >= self._stopped_at:
+                self._stopped["topic"] = False
+            self._stopped["state"] = stopped
+
+    def set_stop(self, stopped: bool, now: float) -> None:
+        """Takes a message of the stop topic that comes at a time [s].
+
+        A stop holds until this topic releases it, or a later state that is not stopped after one that was. An
+        interaction manager that starts again and knows of no stop releases none.
+        """
+        with self._lock:
+            self._stopped["topic"] = stopped
+            if stopped:
+                self._stopped_at = now
+
+    def add(self, sighting: Sighting) -> None:
+        """Takes a spot of any camera."""
+        with self._lock:
+            self._spots.add(sighting)
+            if sighting.mobile and sighting.camera == self._camera and self._spots.newest() is sighting:
+                self._following.add(sighting)
+
+    def contributed(self, interaction: str, cameras: Iterable[str]) -> None:
+        """Learns which cameras contributed to an interaction, for instance before this program started."""
+        with self._lock:
+            if interaction == self._spots.key[0]:
+                self._spots.contributed(cameras)
+
+    def set_view(self, view: FloorView) -> None:
+        """Takes what the robot's camera sees of the floor."""
+        self._following.view = view
+
+    def set_scan(self, scan: Scan, stamp: float) -> None:
+        """Takes a scan of a time [s]."""
+        with self._lock:
+            self._scan = scan
+            self._note("scan", stamp)
+
+    def set_pose(self, pose: Optional[Pose], stamp: float) -> None:
+        """Takes where the robot was (x, y, yaw), map frame, at a time [s]; None: it is not known."""
+        with self._lock:
+            before = self._pose
+            if pose is None:
+                self._pose = None
+                self._stamps.pop("pose", None)
+                return
+            if before is None or stamp != before[0]:
+                self._note("pose", stamp)  # the same one again is as old as before
+            self._pose = (stamp, pose)
+            since = stamp - before[0] if before is not None else math.inf
+            # after a pause a robot may be anywhere
+            if before is not None and 0.0 <= since < 1.0 and pose_jump(before[1], pose, since) > LEAP:
+                self._doubt_until = stamp + POSE_DOUBT
+
+    def set_clock(self, age: float) -> None:
+        """Learns for how long [s] of real time the clock has stood still: messages age without it."""
+        with self._lock:
+            self._clock_age = age
+
+    def set_maps(self, borders: GridMap, physical: Optional[GridMap], workspace: Optional[BorderMonitor]) -> None:
+        """Takes the map with borders, the one without, and what is known about the borders between them."""
+        radius = self.profile.radius
+        ground = KeepoutMap(borders, radius)
+        beneath = KeepoutMap(physical, radius) if physical is not None else None
+        with self._lock:
+            self._ground, self._physical, self._workspace = ground, beneath, workspace
+            self._exit.set_maps(ground, physical, workspace)
+
+    def set_speed_limits(self, grid: GridMap) -> None:
+        """Takes the highest speeds by place [cm/s]."""
+        with self._lock:
+            self._speed_limits = SpeedLimits(grid)
+
+    def set_contact(self, name: str, touched: bool) -> None:
+        """Takes what a bumper or cliff sensor says."""
+        with self._lock:
+            self._contacts[name] = touched
+
+    def wish(self, driver: str, v: float, w: float, now: float) -> None:
+        """Takes a command of navigation or teleoperation [m/s, rad/s]."""
+        with self._lock:
+            self._commands[driver] = (now, Wish(v, w))
+
+    def set_goal(self, runs: bool) -> None:
+        """Learns whether navigation has a goal."""
+        self._goal_runs = runs
+
+    def heard_other(self, name: str, now: float) -> None:
+        """Another node has commanded this robot's base."""
+        with self._lock:
+            self._others[name] = now
+
+    # ------------------------------------------------------------- outputs
+    @property
+    def others(self) -> str:
+        """Who else commanded the robot lately."""
+        return ", ".join(sorted(self._others))
+
+    def pose(self, now: float) -> Optional[Pose]:
+        """Where the robot is (x, y, yaw), map frame; None if unknown, or doubtful a moment ago."""
+        if self._doubt_until > now + POSE_DOUBT:
+            self._doubt_until = -math.inf  # time has jumped back
+        if self._pose is None or self._age(now, "pose") > STOP_WITHIN or now < self._doubt_until:
+            return None
+        return self._pose[1]
+
+    def halt(self, code: str) -> Command:
+        """Stops the robot, whatever is wished: the program has a fault."""
+        with self._lock:
+            self._last = Command(0.0, 0.0, self._last.driver, code, True)
+            return self._last
+
+    def step(self, now: float, frames: Frames) -> Command:
+        """The command for a time [s]; once in 1 / RATE."""
+        with self._lock:
+            dt = 0.0 if self._stepped_at is None else min(max(now - self._stepped_at, 0.0), 0.2)
+            self._stepped_at = now
+            driver, wish = self._choose(now, dt, frames)
+            if driver not in (LEAVE, NOBODY):
+                self._exit.pause()
+            if driver != FOLLOW:
+                self._following.rest()
+            v, w, code = self._gate(now, driver, wish)
+            cancel = self._goal_runs and driver == FOLLOW and not 0.0 <= now - self._cancelled_at < CANCEL_EACH
+            if cancel:
+                self._cancelled_at = now
+            # a robot that nobody drives any more is told once to stop, and one that stops on command all the time
+            speaks = driver != NOBODY or self._last.driver != NOBODY
+            self._last = Command(v, w, driver, code, speaks, cancel)
+            return self._last
+
+    def _choose(self, now: float, dt: float, frames: Frames) -> Tuple[str, Wish]:
+        """Chooses who drives; returns that one and its wish."""
+        if any(self._stopped.values()):
+            return STOP, Wish(0.0, 0.0, "stopped")
+        teleop = self._command(TELEOP, now)
+        if teleop is not None:
+            return TELEOP, teleop
+        # a robot that a person guides stays theirs when the state is lost: the gate then stops it
+        if self._spots.follows(self._camera, now):
+            return FOLLOW, self._ramped(dt, self._following.wish(now, dt, frames))
+        wish = self._leave(now)
+        if wish is not None:
+            return LEAVE, self._ramped(dt, wish)
+        navigation = self._command(NAVIGATION, now)
+        if navigation is not None:
+            return NAVIGATION, navigation
+        return NOBODY, Wish(0.0, 0.0, "idle")
+
+    def _command(self, driver: str, now: float) -> Optional[Wish]:
+        stamp, wish = self._commands.get(driver, (-math.inf, Wish(0.0, 0.0)))
+        return wish if -0.1 <= now - stamp <= STOP_WITHIN else None
+
+    def _leave(self, now: float) -> Optional[Wish]:
+        pose = self.pose(now)
+        if pose is None:
+            return None
+        last = self._command(NAVIGATION, now)
+        moves = last is not None and (last.v != 0.0 or last.w != 0.0)
+        held = self._last.code if self._last.driver == LEAVE and self._last.code != "drives" else ""
+        return self._exit.wish(now, pose, self._spots.state == DEFAULT, self._goal_runs, moves, held)
+
+    @property
+    def leave_failed(self) -> str:
+        """Why the last try to leave a border ended, as a code, while it waits to try again; else empty."""
+        return self._exit.failed
+
+    def _ramped(self, dt: float, wish: Wish) -> Wish:
+        """The wish with bounded accelerations; slowing down is bounded by the brake only."""
+        brake = self.profile.limits.brake
+        speed = ACCELERATION if abs(wish.v) > abs(self._last.v) and wish.v * self._last.v >= 0 else brake
+        v = _towards(self._last.v, wish.v, speed * dt)
+        turn = TURN_ACCELERATION if abs(wish.w) > abs(self._last.w) else 4.0 * TURN_ACCELERATION
+        return Wish(v, _towards(self._last.w, wish.w, turn * dt), wish.code)
+
+    # ------------------------------------------------------------- the gate
+    def _gate(self, now: float, driver: str, wish: Wish) -> Tuple[float, float, str]:
+        """What of a wish is safe: (v, w, code)."""
+        if driver in (NOBODY, STOP):
+            return 0.0, 0.0, wish.code
+        if not (math.isfinite(wish.v) and math.isfinite(wish.w)):
+            return 0.0, 0.0, "bad_command"
+        lacks = self._lacks(now, driver)
+        if lacks:
+            return 0.0, 0.0, lacks
+        v, w, code = self._slowed_by_floor(now, driver, wish)
+        share, late = self._slowed_by_age(now, driver, v, w)
+        return share * v, share * w, late or code
+
+    def _slowed_by_floor(self, now: float, driver: str, wish: Wish) -> Tuple[float, float, str]:
+        """The wish as fast as the floor ahead allows: (v, w, code)."""
+        w = min(max(wish.w, -self.profile.limits.max_turn), self.profile.limits.max_turn)
+        if wish.v == 0.0:
+            return 0.0, w, wish.code
+        allowed, code = self._allowed(now, driver, wish.v, w)
+        if abs(wish.v) <= allowed:
+            return wish.v, w, wish.code
+        if allowed < 0.02:
+            # turning enters no new floor: the robot is round
+            return 0.0, w, code
+        # the same arc, more slowly: it is the one that was checked
+        share = allowed / abs(wish.v)
+        return share * wish.v, share * w, code
+
+    def _slowed_by_age(self, now: float, driver: str, v: float, w: float) -> Tuple[float, str]:
+        """Which part of a command the brakes can end before the oldest of its inputs is too old.
+
+        Returns what was lost, as a code, if that is nothing; else "".
+        """
+        ages = {f"{what}_lost": self._age(now, what) for what in self._needs(driver)}
+        if driver in self._commands:
+            ages["drives"] = now - self._commands[driver][0]
+        ages["clock_stands"] = self._clock_age
+        oldest = max(ages, key=lambda what: ages[what])
+        # the command of this step holds until the next one, and the base takes a moment
+        left = STOP_WITHIN - 1.0 / RATE - BASE_DELAY - ages[oldest]
+        if left <= 0.0:
+            return 0.0, oldest
+        limits = self.profile.limits
+        return min(1.0, left / max(abs(v) / limits.brake, abs(w) / limits.turn_acceleration, 1e-9)), ""
+
+    def _needs(self, driver: str) -> List[str]:
+        """The inputs that must keep coming while the robot is driven."""
+        scan = ["scan"] if self.profile.scanner.present else []
+        # a person beside the robot may have come because all else is lost
+        return scan if driver == TELEOP else [*scan, "state", "pose"]
+
+    def _note(self, what: str, stamp: float) -> None:
+        """Something has come that is dated so [s]; a date a little ahead makes it no younger than it is."""
+        ahead = self._stepped_at is not None and self._stepped_at < stamp < self._stepped_at + AHEAD
+        self._stamps[what] = self._stepped_at if ahead and self._stepped_at is not None else stamp
+
+    def _age(self, now: float, what: str) -> float:
+        """[s] how old the newest of something is; inf if it never came, or comes from another clock."""
+        age = now - self._stamps.get(what, -math.inf)
+        return age if age >= -AHEAD else math.inf
+
+    def _lacks(self, now: float, driver: str) -> str:
+        """What is still unknown and must be known before anything moves, as a code; empty if all is known."""
+        self._others = {name: at for name, at in self._others.items() if 0.0 <= now - at <= OTHER_LIMIT}
+        if self._others:
+            return "somebody_else_drives"
+        for what in self._needs(driver):
+            if self._age(now, what) > STOP_WITHIN:
+                return f"{what}_lost"
+        if driver != TELEOP and now < self._doubt_until:
+            return "pose_leapt"
+        if driver != TELEOP and (self._physical if driver == LEAVE else self._ground) is None:
+            return "no_map"
+        return ""
+
+    def _allowed(self, now: float, driver: str, v: float, w: float) -> Tuple[float, str]:
+        """The highest speed [m/s] on the arc of (v, w), and what limits it."""
+        limits, keep, radius = self.profile.limits, KEEPS[driver], self.profile.radius
+        found = [(MAX_SPEED if driver in (FOLLOW, LEAVE) else limits.max_speed, "speed_limit")]
+        if v > 0 and any(self._contacts.values()):
+            found.append((0.0, "contact"))
+        blind = self._scan is None or not self.profile.scanner.present
+        if not blind:
+            assert self._scan is not None
+            found.append((safe_speed(self._scan.free_distance(v, w, radius, keep), limits), "obstacle"))
+            blind = not self._scan.sees_way(v, w, radius, stop_distance(v, limits))
+            if blind and driver != TELEOP:
+                found.append((0.0, "unseen_floor"))
+        if blind:
+            found.append((BLIND_SPEED, "unseen_floor"))
+        pose = self.pose(now)
+        if pose is not None:
+            ground = self._physical if driver == LEAVE else self._ground
+            if driver == NAVIGATION and self._workspace is not None and self._workspace.distance_to_keepout(pose[:2]) <= 0.0:
+                found.append((0.0, "inside_border"))
+            if ground is not None:
+                found.append((safe_speed(ground.free_distance(pose, v, w, keep.cells), limits), "border"))
+            if self._speed_limits is not None:
+                found.append((self._speed_limits.at(pose, v, w, stop_distance(v, limits)), "speed_zone"))
+        return min(found, key=lambda entry: entry[0])
+
+    # ------------------------------------------------------------- for people
+    def standing(self, now: float) -> Tuple[BorderContact, list, bool]:
+        """Where the robot is with respect to the borders, their names, and whether one of them may not be entered."""
+        pose, workspace = self.pose(now), self._workspace
+        if pose is None or workspace is None:
+            return BorderContact.FREE, [], False
+        standing = workspace.standing(pose[:2])
+        if standing is BorderContact.FREE:
+            return standing, [], False
+        return standing, workspace.names_at(pose[:2]), workspace.is_hard(pose[:2])
+
+
+def _towards(value: float, target: float, step: float) -> float:
+    return min(max(target, value - step), value + step)

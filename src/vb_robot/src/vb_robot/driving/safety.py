@@ -1,0 +1,181 @@
+"""Computes how far a robot may drive, by what its scanner sees and does not see, and by the map with borders.
+
+The idea: floor is free only if a sensor or a map says so. A direction without a beam is not free, an echo nearer than
+the scanner can measure is an obstacle, and floor without a map is unknown.
+"""
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from vb_core import geometry
+from vb_core.grid_map import GridMap
+from vb_core.robot_profile import Limits
+from vb_robot.clearance_map import clearance_grid, sample
+from vb_robot.dispatching.view import to_map
+from vb_robot.dispatching.viewpoint import Pose
+
+HORIZON = 0.8  # [m] how far along its arc a robot is checked: 1 m/s stops within it at 1.5 m/s^2
+HARD = 99  # [%] from this occupancy on a cell is never entered
+TIGHT = 0.3  # [m] on arcs narrower than this a robot counts as driving straight on
+GAP_DEG = 4.0  # [deg] holes in a scan up to this hide nothing wider than a hand at arm's length
+LEAP = 0.25  # [m] of the localisation: ten times what AMCL corrects; a turn of 1 rad counts as 0.5 m
+
+
+@dataclass(frozen=True)
+class Keep:
+    """What a driver keeps clear [m]: ahead and to the sides of what the scanner sees, and of the map's cells."""
+
+    ahead: float
+    sides: float
+    cells: float
+
+
+def safe_speed(free: float, limits: Limits) -> float:
+    """The largest speed [m/s] from which the robot stops within a free distance [m], reaction time included."""
+    if free <= 0.0:
+        return 0.0
+    # v * reaction + v^2 / (2 brake) = free
+    b = limits.brake
+    return b * (math.sqrt(limits.reaction ** 2 + 2.0 * free / b) - limits.reaction)
+
+
+def stop_distance(v: float, limits: Limits) -> float:
+    """[m] that a robot needs to stop from a speed [m/s]; inverse of `safe_speed`."""
+    return abs(v) * limits.reaction + v * v / (2.0 * limits.brake)
+
+
+class Scan:
+    """One scan in the robot's base frame: where something is, and where a beam pointed.
+
+    Args:
+        ranges: (N,) [m] as in sensor_msgs/LaserScan; nan is an invalid beam, inf one without an echo.
+        angle_min, angle_increment: [rad]; range_min, range_max: [m].
+        mount: T_base_scanner, 4x4.
+        radius: [m] of the robot. Echoes within half of it are the robot's own parts.
+        zero_is_nothing: a range of 0 means no echo; otherwise something is too near to be measured.
+    """
+
+    def __init__(
+        self, ranges: np.ndarray, angle_min: float, angle_increment: float, range_min: float, range_max: float,
+        mount: np.ndarray, radius: float, zero_is_nothing: bool = False,
+    ) -> None:
+        ranges = np.asarray(ranges, dtype=float)
+        if zero_is_nothing:
+            ranges = np.where(ranges == 0.0, np.inf, ranges)
+        angles = angle_min + angle_increment * np.arange(len(ranges))
+        units = np.column_stack([np.cos(angles), np.sin(angles), np.zeros(len(angles))])
+        with np.errstate(invalid="ignore"):
+            near = ranges < range_min
+            hit = (ranges >= range_min) & (ranges <= range_max)
+        ends = geometry.apply(mount, ranges[hit, None] * units[hit])[:, :2]
+        ends = ends[np.hypot(ends[:, 0], ends[:, 1]) > 0.5 * radius]
+        # how near is not known: it may touch the robot
+        close = geometry.apply(mount, np.clip(ranges[near, None], 0.0, None) * units[near])[:, :2]
+        directions = units[near, :2] @ mount[:2, :2].T
+        close = np.where(np.hypot(*close.T)[:, None] > radius, close, radius * directions)
+        self.points = np.vstack([ends, close])
+        looked = units[~np.isnan(ranges), :2] @ mount[:2, :2].T
+        self._bearings = np.arctan2(looked[:, 1], looked[:, 0])
+        self._gap = max(math.radians(GAP_DEG), 3.0 * abs(angle_increment))
+
+    def covers(self, bearing: float, half: float) -> bool:
+        """Whether beams cover all directions up to `half` [rad] beside a bearing [rad], without a wide hole."""
+        off = (self._bearings - bearing + math.pi) % (2.0 * math.pi) - math.pi
+        off = np.sort(off[np.abs(off) <= half + self._gap])
+        if not len(off) or off[0] > -half + self._gap or off[-1] < half - self._gap:
+            return False
+        return bool((np.diff(off) <= self._gap).all())
+
+    def free_distance(self, v: float, w: float, radius: float, keep: Keep) -> float:
+        """[m] along the arc of (v, w) [m/s, rad/s] before the robot comes too near to a point; inf if it never does."""
+        x, y = math.copysign(1.0, v) * self.points[:, 0], self.points[:, 1]
+        bend = math.copysign(1.0, v) * w / abs(v)
+        width = radius + keep.sides
+        if abs(bend) < 1e-3 or abs(bend) > 1.0 / TIGHT:
+            along, across = x, y
+        else:
+            centre = 1.0 / bend
+            sign = math.copysign(1.0, centre)
+            across = (np.hypot(x, y - centre) - abs(centre)) * sign
+            along = np.arctan2(x, (centre - y) * sign) * abs(centre)
+        hit = (np.abs(across) < width) & (along > 0.0)
+        if not hit.any():
+            return math.inf
+        # the front is round: off the centre line an obstacle may be nearer
+        nose = np.sqrt(width ** 2 - across[hit] ** 2)
+        return float(np.maximum(along[hit] - nose, 0.0).min() - keep.ahead + keep.sides)
+
+    def sees_way(self, v: float, w: float, radius: float, needed: float) -> bool:
+        """Whether beams reach along the arc of (v, w), farther than the stop distance [m]."""
+        reach = max(TIGHT, radius + needed)
+        turn = math.copysign(1.0, v) * w / abs(v) * reach / 2.0
+        bearing = min(max(turn, -math.pi / 2), math.pi / 2)
+        if v < 0:
+            bearing = math.pi - bearing
+        return self.covers(bearing, math.atan2(radius, radius + HORIZON))
+
+
+class KeepoutMap:
+    """The cells of a map that the footprint never enters.
+
+    Args:
+        grid: occupied cells are forbidden.
+        radius: [m] of the robot.
+    """
+
+    def __init__(self, grid: GridMap, radius: float) -> None:
+        self.grid = grid
+        self._radius = radius
+        # the map's edge is not an obstacle: the map ends there, the floor may go on
+        self._clearance = clearance_grid(grid.data >= HARD, grid.resolution, edge=False)
+
+    def clearance_at(self, points: np.ndarray) -> np.ndarray:
+        """(N,) [m] from points (N, 2) to the next forbidden cell; 0 off the map."""
+        return sample(self.grid, self._clearance, points)
+
+    def free_distance(self, pose: Pose, v: float, w: float, margin: float) -> float:
+        """[m] the robot can drive along the arc of (v, w) before it comes nearer to a cell than `margin` [m].
+
+        A robot that is too near already may move so that it does not come nearer; one that a new border has
+        swallowed may move within it, so that a person can guide it out.
+        """
+        steps = np.arange(0.0, HORIZON + 1e-9, 0.02)
+        clearance = self.clearance_at(arc(pose, steps * math.copysign(1.0, v), w / v))
+        needed = min(self._radius + margin, float(clearance[0]))
+        bad = np.flatnonzero(clearance < needed - 1e-6)
+        return float(max(0.0, steps[bad[0]] - 0.02)) if len(bad) else math.inf
+
+
+class SpeedLimits:
+    """The highest speed by place, from the map that map_integrator publishes [cm/s]; 0 is no limit."""
+
+    def __init__(self, grid: GridMap) -> None:
+        self._grid = grid
+
+    def at(self, pose: Pose, v: float, w: float, ahead: float) -> float:
+        """[m/s] the lowest limit where the robot is and on the next `ahead` [m] of its arc; inf without one."""
+        lengths = math.copysign(1.0, v) * np.linspace(0.0, ahead, 8)
+        values = sample(self._grid, self._grid.data, arc(pose, lengths, w / v))
+        values = values[values > 0]
+        return float(values.min()) / 100.0 if len(values) else math.inf
+
+
+def pose_jump(before: Pose, after: Pose, seconds: float) -> float:
+    """[m] by which a pose changed beyond what a robot can drive (1 m/s, 3 rad/s); a turn of 1 rad counts as 0.5 m."""
+    moved = max(0.0, math.dist(before[:2], after[:2]) - seconds)
+    turned = max(0.0, abs(math.remainder(after[2] - before[2], 2.0 * math.pi)) - 3.0 * seconds)
+    return moved + 0.5 * turned
+
+
+def arc(pose: Pose, lengths: np.ndarray, curvature: float) -> np.ndarray:
+    """(N, 2) [m] places after driving signed lengths (N,) [m] along an arc of a curvature [1/m] from a pose."""
+    lengths = np.asarray(lengths, dtype=float)
+    if abs(curvature) < 1e-6:
+        local = np.column_stack([lengths, np.zeros_like(lengths)])
+    else:
+        angle = lengths * curvature
+        local = np.column_stack([np.sin(angle), 1.0 - np.cos(angle)]) / curvature
+    return to_map(local, pose)

@@ -1,0 +1,374 @@
+"""Renders what a ceiling camera sees.
+
+Everything static is drawn once, with several draws of sensor noise. A frame takes one of
+these images and changes only the rectangles where something moves; the next frame undoes that. So
+a frame costs little, whatever its size.
+"""
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Dict, List, Optional, Sequence, Tuple
+
+import cv2
+import numpy as np
+
+from vb_core import masks
+from vb_sim.cameras import pixels
+from vb_sim.room import bodies, disturbances
+from vb_sim.room.floor_texture import FloorTexture
+from vb_sim.lab_history import Snapshot
+from vb_sim.room.mesh import DepthBuffer, Mesh, RayGrid
+from vb_sim.room.models_cameras import CameraModels, generator
+from vb_sim.room.projected_light import FloorLight
+from vb_sim.room.spot import SpotImage, render_spot
+from vb_sim.room.world import CeilingCamera
+
+# moving things are drawn with half the resolution; a Bayer pattern has no more colour anyway
+_HALF = 2
+_NOISE_OFFSET = 16
+_SHIFT = 4
+
+
+def _fixed(points: np.ndarray) -> np.ndarray:
+    """Points as OpenCV's drawing functions want them, with fractional bits."""
+    return np.rint(points * (1 << _SHIFT)).astype(np.int32)
+
+
+@dataclass(frozen=True)
+class _Sprite:
+    """A moving thing as one camera sees it.
+
+    The part of the image that it changes becomes image * keep / 255 + color.
+    """
+
+    rows: slice
+    columns: slice
+    keep: np.ndarray
+    color: np.ndarray
+    solid: np.ndarray
+    opacity: np.ndarray
+
+
+class CeilingView:
+    """Renders one ceiling camera.
+
+    Args:
+        camera: the camera.
+        radii: name of each robot to its radius [m].
+        floor, mesh: the world as it is drawn.
+        models: figures of optics and noise.
+        seed: of the noise.
+        noise: False renders without noise.
+    """
+
+    def __init__(
+        self,
+        camera: CeilingCamera,
+        radii: Dict[str, float],
+        floor: FloorTexture,
+        mesh: Mesh,
+        models: CameraModels,
+        seed: int,
+        noise: bool = True,
+    ) -> None:
+        self.name = camera.name
+        self.encoding = camera.encoding
+        self.model = camera.model()
+        self.pose = camera.pose()
+        self._radii = radii
+        self._optics, self._noise = models.optics, models.noise
+        self._body, self._hand_height = models.body, models.hand_height
+        self._noisy = noise
+        self._rng = generator(seed, f"ceiling camera {camera.name}")
+        background = self._draw_background(floor, mesh)
+        self._pictures = self._noisy_pictures(background)
+        size = (self.model.width // _HALF, self.model.height // _HALF)
+        self._albedo = cv2.resize(background, size, interpolation=cv2.INTER_AREA)
+        self._noise_tile = self._make_noise_tile()
+        self._chosen = 0
+        self._undo: List[Tuple[slice, slice, np.ndarray]] = []
+        self._sprites: Dict[str, Tuple[Tuple, Optional[_Sprite]]] = {}
+        # of the projector's light, once there is one: the pictures without it, what it changed, pixels to its picture's
+        self._unlit: Optional[List[np.ndarray]] = None
+        self._light_area = (slice(0, 0), slice(0, 0))
+        self._light_maps: Optional[Tuple[np.ndarray, np.ndarray]] = None
+
+    # ------------------------------------------------------------- static parts
+    def _floor_coordinates(self, grid: RayGrid) -> Tuple[np.ndarray, np.ndarray]:
+        """x and y (H, W) float32 [m] where each pixel's ray meets the floor; far away at and above the horizon."""
+        rotation, origin = self.pose[:3, :3].astype(np.float32), self.pose[:3, 3]
+        down = np.minimum(grid.combine(*rotation[2]), np.float32(-1e-4))
+        steps = np.float32(-origin[2]) / (down * np.ones((grid.camera.height, grid.camera.width), np.float32))
+        x, y = (grid.combine(*rotation[axis]) * steps + np.float32(origin[axis]) for axis in (0, 1))
+        return x, y
+
+    def _draw_background(self, floor: FloorTexture, mesh: Mesh) -> np.ndarray:
+        grid = RayGrid(self.model)
+        to_texture = floor.matrix()
+        columns, rows = (
+            at * np.float32(to_texture[axis, axis]) + np.float32(to_texture[axis, 2])
+            for axis, at in enumerate(self._floor_coordinates(grid))
+        )
+        image = cv2.remap(floor.rgb, columns, rows, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+        buffer = DepthBuffer(grid)
+        buffer.draw_mesh(mesh, self.pose)
+        buffer.paint(image)
+        image = cv2.GaussianBlur(image, (0, 0), 0.6)
+        half = (slice(_HALF // 2, None, _HALF), slice(_HALF // 2, None, _HALF))
+        self._inverse_half = np.ascontiguousarray(buffer.inverse[half][: self.model.height // _HALF, : self.model.width // _HALF])
+        self._floor_free = (buffer.ids == 0).view(np.uint8)
+        radius2 = (grid.x * grid.x + grid.y * grid.y) * np.ones_like(columns)
+        corner = max(1e-9, float(radius2.max()))
+        shade = self._optics.exposure_gain * (1.0 - self._optics.vignetting * radius2 / corner)
+        return np.clip(image * shade[..., None] + 0.5, 0, 255).astype(np.uint8)
+
+    def _noisy_pictures(self, background: np.ndarray) -> List[np.ndarray]:
+        clean = np.ascontiguousarray(pixels.encode(background, self.encoding))
+        if not self._noisy:
+            return [clean.copy()]
+        values = clean.astype(np.float32)
+        values *= 1.0 + self._noise.prnu * self._rng.standard_normal(values.shape, dtype=np.float32)
+        sigma = self._noise.sigma(values).astype(np.float32)
+        pictures = []
+        for _ in range(self._noise.frames):
+            noisy = values + sigma * self._rng.standard_normal(values.shape, dtype=np.float32)
+            pictures.append(np.clip(noisy + 0.5, 0, 255).astype(np.uint8))
+        return pictures
+
+    def _make_noise_tile(self) -> np.ndarray:
+        """Noise of a mid-grey surface, shifted to above zero, larger than the image to be cut from anywhere."""
+        shape = (self.model.height + 64, self.model.width + 64)
+        if self._pictures[0].ndim == 3:
+            shape += (3,)
+        noise = float(self._noise.sigma(100.0)) * self._rng.standard_normal(shape, dtype=np.float32)
+        return np.clip(noise + _NOISE_OFFSET + 0.5, 0, 255).astype(np.uint8)
+
+    def shine(self, light: Optional[FloorLight]) -> None:
+        """Lets a projector's light fall on the floor until the next call; None: it is switched off."""
+        self._clean()
+        if self._unlit is None:
+            if light is None:
+                return
+            self._prepare_light(light)
+        rows, columns = self._light_area
+        full = (slice(2 * rows.start, 2 * rows.stop), slice(2 * columns.start, 2 * columns.stop))
+        if light is None or self._light_maps is None:
+            for picture, unlit in zip(self._pictures, self._unlit):
+                picture[full] = unlit
+            return
+        added = cv2.multiply(self._albedo[rows, columns], light.on_floor(*self._light_maps), scale=light.strength / 255.0)
+        layer = pixels.encode_doubled(cv2.bitwise_and(added, added, mask=self._light_mask), self.encoding)
+        for picture, unlit in zip(self._pictures, self._unlit):
+            cv2.add(unlit, layer, dst=picture[full])
+
+    def _prepare_light(self, light: FloorLight) -> None:
+        """Notes which part of the images a projector can light, at half the resolution, and what they are without."""
+        half = self.model.scaled_to(self._albedo.shape[1], self._albedo.shape[0])
+        at, inside = light.pixel_maps(*self._floor_coordinates(RayGrid(half)))
+        left, top, width, height = cv2.boundingRect(inside.view(np.uint8))
+        rows, columns = self._light_area = (slice(top, top + height), slice(left, left + width))
+        # a camera that sees none of it has no maps
+        self._light_maps = light.remap_maps(at[rows, columns]) if width else None
+        free = self._floor_free[_HALF // 2 :: _HALF, _HALF // 2 :: _HALF]
+        self._light_mask = np.ascontiguousarray(free[rows, columns])
+        self._unlit = [picture[2 * top : 2 * (top + height), 2 * left : 2 * (left + width)].copy() for picture in self._pictures]
+
+    # ------------------------------------------------------------- moving parts
+    def restart(self, models: CameraModels) -> None:
+        """Forgets what moved, for another person in the same room: only the body may differ from before."""
+        self._clean()
+        self._sprites.clear()
+        self._chosen = 0
+        self._body, self._hand_height = models.body, models.hand_height
+
+    def _clean(self) -> None:
+        picture = self._pictures[self._chosen]
+        for rows, columns, saved in reversed(self._undo):
+            picture[rows, columns] = saved
+        self._undo.clear()
+
+    def frame(self, snapshot: Snapshot, draw: Optional[np.random.Generator] = None) -> np.ndarray:
+        """The image of a scene: (H, W) or (H, W, 3) uint8 in the camera's encoding.
+
+        It belongs to this object and is changed by the next call.
+
+        Args:
+            draw: the source of this frame's noise, for frames that do not depend on those before; None: the view's own.
+        """
+        self._clean()
+        if draw is not None:
+            self._rng = draw
+            self._chosen = int(draw.integers(len(self._pictures)))
+        elif len(self._pictures) > 1:
+            # any but the last one, so that no frame repeats the one before
+            self._chosen = (self._chosen + int(self._rng.integers(1, len(self._pictures)))) % len(self._pictures)
+        picture = self._pictures[self._chosen]
+        sprites = self._moving(snapshot)
+        for sprite in sprites:
+            self._blend(picture, sprite)
+        if snapshot.around.lit:
+            self._undo.append((slice(None), slice(None), picture.copy()))
+            disturbances.relight(picture, snapshot.around, self.model, self.pose)
+        if snapshot.laser is not None:
+            self._add_spot(picture, snapshot, sprites)
+        for glint in snapshot.around.glints:
+            area = disturbances.glint_area(glint, self.model, self.pose)
+            if area is not None:
+                self._undo.append((*area[0], picture[area[0]].copy()))
+                disturbances.add_glint(picture, glint, area, self.encoding, snapshot.around.exposure)
+        return picture
+
+    def _moving(self, snapshot: Snapshot) -> List[_Sprite]:
+        sprites = []
+        for name, pose in snapshot.robots.items():
+            radius = self._radii.get(name, 0.18)
+            key = bodies.robot_key(pose)
+            sprites.append(self._sprite(f"robot {name}", key, lambda: (bodies.robot_pieces(pose, radius), pose, radius)))
+        person, laser = snapshot.person, snapshot.laser
+        if person is not None:
+            sprites.append(self._sprite(
+                "person", bodies.person_key(person, laser),
+                lambda: (bodies.person_pieces(person, laser, self._hand_height, self._body), person, 0.26 * self._body.breadth),
+            ))
+        for index, other in enumerate(snapshot.around.bystanders):
+            sprites.append(self._sprite(f"bystander {index}", other.key(), lambda: (other.pieces(), other.pose, 0.26)))
+        return [sprite for sprite in sprites if sprite is not None]
+
+    def _sprite(self, name: str, key: Tuple, build) -> Optional[_Sprite]:
+        known = self._sprites.get(name)
+        if known is None or known[0] != key:
+            known = (key, self._draw_sprite(*build()))
+            self._sprites[name] = known
+        return known[1]
+
+    def _draw_sprite(self, pieces: bodies.Pieces, pose, radius: float) -> Optional[_Sprite]:
+        outlines = bodies.project_pieces(pieces, self.model, self.pose)
+        if not len(outlines.points):
+            return None
+        shadow = self._shadow_outline(pose, radius)
+        blur_px = 0.10 * self.model.focal_px / self.pose[2, 3] / _HALF
+        everything = outlines.points.reshape(-1, 2)
+        if len(shadow):
+            reach = 3.0 * blur_px * _HALF
+            everything = np.concatenate([everything, shadow - reach, shadow + reach])
+        width, height = self.model.width // _HALF, self.model.height // _HALF
+        low = np.maximum(np.floor(everything.min(axis=0) / _HALF).astype(int) - 2, 0)
+        high = np.minimum(np.ceil(everything.max(axis=0) / _HALF).astype(int) + 3, (width, height))
+        if (high <= low).any():
+            return None
+        shape = (high[1] - low[1], high[0] - low[0])
+        color, inverse = np.zeros((*shape, 3), np.uint8), np.zeros(shape, np.float32)
+        offset = 0.5 / _HALF - 0.5 - low
+        outer = outlines.points / _HALF + offset
+        middle = 0.5 * (outer.min(axis=1, keepdims=True) + outer.max(axis=1, keepdims=True))
+        inner = _fixed(middle + 0.72 * (outer - middle))
+        outer = _fixed(outer)
+        # lighter inside than at the rim looks round
+        dark, light = (0.72 * outlines.colors).tolist(), (0.92 * outlines.colors).tolist()
+        for index, depth in enumerate(outlines.depths):
+            hull = cv2.convexHull(outer[index], returnPoints=False)[:, 0]
+            cv2.fillConvexPoly(color, outer[index][hull], dark[index], cv2.LINE_8, _SHIFT)
+            cv2.fillConvexPoly(color, inner[index][hull], light[index], cv2.LINE_8, _SHIFT)
+            cv2.fillConvexPoly(inverse, outer[index][hull], 1.0 / depth, cv2.LINE_8, _SHIFT)
+        opacity = masks.threshold_mask(inverse, 0.0, cv2.CMP_GT)
+        # soft edges; both alike, since the colour is what is added to what shines through
+        color, opacity = cv2.blur(color, (3, 3)), cv2.blur(opacity, (3, 3))
+        rows, columns = slice(low[1], high[1]), slice(low[0], high[0])
+        hidden = cv2.compare(self._inverse_half[rows, columns], np.maximum(inverse * 1.02, 1e-6), cv2.CMP_GT)
+        if cv2.countNonZero(hidden):
+            seen = cv2.bitwise_not(hidden)
+            color, opacity = cv2.bitwise_and(color, color, mask=seen), cv2.bitwise_and(opacity, seen)
+        # what the camera's gain and lens do to everything
+        gain = self._optics.exposure_gain
+        if gain != 1.0:
+            color = cv2.convertScaleAbs(color, alpha=gain)
+        lit = np.full(shape, 255, np.uint8)
+        if len(shadow):
+            small = np.zeros((shape[0] // 4 + 1, shape[1] // 4 + 1), np.uint8)
+            cv2.fillConvexPoly(small, _fixed((shadow / _HALF + offset) * 0.25), 110, cv2.LINE_AA, _SHIFT)
+            box = 2 * int(max(1.0, blur_px / 4.0)) + 1
+            small = cv2.blur(cv2.blur(small, (box, box)), (box, box))
+            cv2.subtract(lit, cv2.resize(small, (shape[1], shape[0]), interpolation=cv2.INTER_LINEAR), dst=lit)
+        keep = cv2.multiply(lit, cv2.bitwise_not(opacity), scale=1.0 / 255.0)
+        keep = cv2.resize(keep, (shape[1] * 2, shape[0] * 2), interpolation=cv2.INTER_LINEAR)
+        # a shadow alone keeps more
+        solid = masks.threshold_mask(keep, 127, cv2.CMP_LT)
+        pattern = pixels.encode_doubled(color, self.encoding)
+        if self._noisy:
+            darker = cv2.subtract(pattern, np.full(pattern.shape, _NOISE_OFFSET, np.uint8))
+            cv2.copyTo(darker, solid, pattern)
+        if pattern.ndim == 3:
+            keep = cv2.merge([keep] * 3)
+        return _Sprite(
+            slice(2 * low[1], 2 * high[1]), slice(2 * low[0], 2 * high[0]), keep, pattern, solid, opacity
+        )
+
+    def _shadow_outline(self, pose, radius: float) -> np.ndarray:
+        """(N, 2) [px] outline of a shadow on the floor; the lamps hang all over the ceiling, so it is small."""
+        circle = bodies._CIRCLE * radius * 1.1 + (pose[0] + 0.05, pose[1] - 0.04)
+        points = np.column_stack([circle, np.zeros(len(circle))]) - self.pose[:3, 3]
+        in_camera = points @ self.pose[:3, :3]
+        if (in_camera[:, 2] < 0.15).any():
+            return np.zeros((0, 2))
+        outline = self.model.project(in_camera)
+        limit = 3.0 * max(self.model.width, self.model.height)
+        return outline if np.abs(outline).max() < limit else np.zeros((0, 2))
+
+    def _blend(self, picture: np.ndarray, sprite: _Sprite) -> None:
+        part = picture[sprite.rows, sprite.columns]
+        self._undo.append((sprite.rows, sprite.columns, part.copy()))
+        mixed = cv2.multiply(part, sprite.keep, scale=1.0 / 255.0)
+        cv2.add(mixed, sprite.color, dst=mixed)
+        if self._noisy:
+            top, left = (int(value) for value in self._rng.integers(0, 64, 2))
+            tile = self._noise_tile[top : top + part.shape[0], left : left + part.shape[1]]
+            cv2.add(mixed, tile, dst=mixed, mask=sprite.solid)
+        part[...] = mixed
+
+    # ------------------------------------------------------------- the laser
+    def spot(self, snapshot: Snapshot) -> Optional[SpotImage]:
+        """The light of the laser's spot, as if nothing hid it."""
+        source = None
+        if snapshot.person is not None:
+            source = bodies.hand_position(snapshot.person, snapshot.laser, self._hand_height)
+        return render_spot(snapshot.laser, snapshot.laser_velocity, source, self.model, self.pose, self._optics)
+
+    def spot_visible(self, center: Tuple[float, float], sprites: Sequence[_Sprite]) -> float:
+        """Share of the light that reaches the camera from a floor point seen at (u, v) [px]."""
+        column, row = int(round(center[0])), int(round(center[1]))
+        height, width = self._floor_free.shape
+        if not (0 <= column < width and 0 <= row < height):
+            return 0.0
+        around = self._floor_free[max(0, row - 1) : row + 2, max(0, column - 1) : column + 2]
+        visible = float(around.mean()) if self._floor_free[row, column] else 0.0
+        for sprite in sprites:
+            if sprite.rows.start <= row < sprite.rows.stop and sprite.columns.start <= column < sprite.columns.stop:
+                cell = sprite.opacity[(row - sprite.rows.start) // _HALF, (column - sprite.columns.start) // _HALF]
+                visible *= 1.0 - float(cell) / 255.0
+        return visible
+
+    def spot_share(self, snapshot: Snapshot) -> float:
+        """Share of the laser's light on the floor that reaches the camera; 0 without a spot in the image."""
+        spot = self.spot(snapshot) if snapshot.laser is not None else None
+        return 0.0 if spot is None else self.spot_visible(spot.center, self._moving(snapshot))
+
+    def _add_spot(self, picture: np.ndarray, snapshot: Snapshot, sprites: Sequence[_Sprite]) -> None:
+        spot = self.spot(snapshot)
+        if spot is None:
+            return
+        visible = self.spot_visible(spot.center, sprites)
+        if visible < 0.01:
+            return
+        column = min(max(int(spot.center[0]) // _HALF, 0), self._albedo.shape[1] - 1)
+        row = min(max(int(spot.center[1]) // _HALF, 0), self._albedo.shape[0] - 1)
+        albedo = self._albedo[row, column] / (255.0 * self._optics.exposure_gain)
+        weights = visible * snapshot.around.exposure * albedo * self._optics.response(snapshot.laser_color)
+        light = pixels.spread(spot.light, weights, self.encoding, spot.column, spot.row)
+        rows = slice(spot.row, spot.row + spot.light.shape[0])
+        columns = slice(spot.column, spot.column + spot.light.shape[1])
+        part = picture[rows, columns]
+        self._undo.append((rows, columns, part.copy()))
+        if self._noisy:
+            sigma = np.sqrt(np.minimum(light, 255.0) * np.float32(255.0 / self._noise.full_well_e))
+            light += sigma * self._rng.standard_normal(light.shape, dtype=np.float32)
+        part[...] = np.clip(part + light + 0.5, 0, 255)

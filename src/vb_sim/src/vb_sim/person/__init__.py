@@ -1,0 +1,1 @@
+"""The simulated person: perceiving, deciding, walking, drawing."""

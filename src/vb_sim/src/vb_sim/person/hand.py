@@ -1,0 +1,200 @@
+"""The hand with the laser pointer: its tremor, and the stroke that it draws.
+
+A person moves as one real person did (config/strokes.json, made by bench/strokes.py): each side is drawn with that person's
+deviation from the straight line and with that person's speed along it, so that stops at corners, peak speeds, uneven
+sides, overshot corners and gaps are people's own. What is assumed is that they scale with the side's length.
+"""
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import Callable, List, Optional, Tuple
+
+import numpy as np
+
+from vb_sim.room.models_participant import ParticipantModel
+
+IsFloor = Callable[[np.ndarray], np.ndarray]
+RESOURCE = Path(__file__).resolve().parents[3] / "config" / "strokes.json"
+BIN = 0.02  # [m] of arc over which the pace is given: a pause is within one
+FURTHEST = 0.45  # [side] an overshoot or a gap leaves a separate side
+
+
+class Tremor:
+    """Band-limited motion of the spot around its intended place.
+
+    A sum of sines with random phases: smooth, of known strength, and the same for the same seed at any rate.
+
+    Args:
+        rms: [m] root mean square of the offset's length.
+        band: lowest and highest frequency [1/s].
+    """
+
+    def __init__(self, rms: float, band: Tuple[float, float], rng: np.random.Generator, components: int = 24) -> None:
+        self._frequencies = 2.0 * math.pi * rng.uniform(band[0], max(band[1], band[0]), (components, 2))
+        self._phases = rng.uniform(0.0, 2.0 * math.pi, (components, 2))
+        self._amplitude = rms / math.sqrt(components)
+
+    def at(self, time: float) -> np.ndarray:
+        """(2,) [m] offset at a time [s]."""
+        return self._amplitude * np.sin(self._frequencies * time + self._phases).sum(axis=0)
+
+
+@dataclass(frozen=True)
+class Side:
+    """How a person drew one straight side; samples at equal times.
+
+    Attributes:
+        along: (N,) share of the side that is done, from 0 to 1.
+        lateral: (N,) deviation from the straight line [share of the side's length].
+        tempo: time that the side took, over what its length would have taken at that person's mean speed.
+    """
+
+    along: np.ndarray
+    lateral: np.ndarray
+    tempo: float
+
+
+@dataclass(frozen=True)
+class Style:
+    """How one real person draws.
+
+    Attributes:
+        overshoot: how far corners are passed [share of the side]; negative where they are cut.
+        gap: how far the end of a closed figure is beyond its start [share of the diagonal]; negative: short of it.
+    """
+
+    sides: Tuple[Side, ...]
+    overshoot: Tuple[float, ...]
+    gap: float
+
+
+@lru_cache(maxsize=1)
+def styles() -> Tuple[Style, ...]:
+    """All people of the resource; one who drew no closed figure gets the gap of another."""
+    people = json.loads(RESOURCE.read_text(encoding="utf-8"))["people"]
+    gaps = [person["gap"] for person in people if person["gap"] is not None]
+    return tuple(
+        Style(
+            tuple(Side(np.array(side["along"]), np.array(side["lateral"]), side["tempo"]) for side in person["sides"]),
+            tuple(person["overshoot"]), person["gap"] if person["gap"] is not None else gaps[index % len(gaps)])
+        for index, person in enumerate(people))
+
+
+class Stroke:
+    """What the hand draws instead of the chain that the person has in mind.
+
+    Args:
+        border: (N, 2) [m] the chain that the person has in mind.
+        closed: whether it comes back to its start.
+        style: whose movement it is; `model.stroke_scale` times its deviations are made, 0 draws straight and evenly.
+        is_floor: says for places (N, 2) [m] whether they are floor; ends are drawn only as far as the floor goes.
+    """
+
+    def __init__(self, border: np.ndarray, closed: bool, model: ParticipantModel, rng: np.random.Generator,
+                 is_floor: Optional[IsFloor] = None, style: Optional[Style] = None) -> None:
+        style = style or styles()[0]
+        scale = model.stroke_scale
+        border = np.asarray(border, dtype=float)
+        # every corner is missed, the ends of an open border too
+        aimed = border + model.aim_sigma / math.sqrt(2.0) * rng.standard_normal(border.shape)
+        if closed:
+            reach = scale * style.gap * float(np.linalg.norm(np.ptp(border, axis=0)))
+            chain = np.vstack([aimed, aimed[:1]])
+            chain = _beyond(chain, reach + abs(rng.normal(0.0, model.overlap)))
+        else:
+            chain = _ends_on_floor(aimed, is_floor) if is_floor is not None else aimed
+        self.points, times = self._draw(chain, style, scale)
+        steps = np.linalg.norm(np.diff(self.points, axis=0), axis=1)
+        self._arc = np.concatenate([[0.0], np.cumsum(steps)])
+        bins = np.linspace(0.0, self._arc[-1], max(int(self._arc[-1] / BIN), 1) + 1)
+        self._bin = bins[1]
+        self._pace = self._bin / np.maximum(np.diff(np.interp(bins, self._arc, times)), 1e-6)
+        first = float(np.linalg.norm(chain[1] - chain[0]))
+        self.start = min(abs(rng.normal(0.0, model.late_start)), 0.2 * first, 0.5 * float(self._arc[-1]))
+        self.length = float(self._arc[-1])
+
+    @staticmethod
+    def _draw(chain: np.ndarray, style: Style, scale: float) -> Tuple[np.ndarray, np.ndarray]:
+        """Points (M, 2) [m], and when (M,) the hand is there, in seconds at a mean speed of 1 m/s."""
+        points: List[np.ndarray] = [chain[:1]]
+        times: List[np.ndarray] = [np.zeros(1)]
+        begin = chain[0]
+        for index, corner in enumerate(chain[1:]):
+            side = style.sides[index % len(style.sides)]
+            straight = corner - begin
+            length = float(np.linalg.norm(straight))
+            if length < 1e-9:
+                continue
+            if index < len(chain) - 2 and style.overshoot:
+                # beyond the corner or short of it, and from there on to the next one
+                share = float(np.clip(scale * style.overshoot[index % len(style.overshoot)], -FURTHEST, FURTHEST))
+                corner = corner + straight * share
+                straight = corner - begin
+                length = float(np.linalg.norm(straight))
+            across = np.array([-straight[1], straight[0]])
+            # between the samples as densely as 1 cm
+            fine = np.linspace(0.0, 1.0, max(int(length / 0.01), len(side.along)) + 1)
+            known = np.linspace(0.0, 1.0, len(side.along))
+            along = (1.0 - min(scale, 1.0)) * fine + min(scale, 1.0) * np.interp(fine, known, side.along)
+            drawn = begin + along[:, None] * straight + scale * np.interp(fine, known, side.lateral)[:, None] * across
+            took = length * side.tempo ** min(scale, 1.0)
+            points.append(drawn[1:])
+            times.append(times[-1][-1] + took * fine[1:])
+            begin = corner
+        return np.vstack(points), np.concatenate(times)
+
+    def at(self, arc: float) -> np.ndarray:
+        """(2,) [m] the place at an arc length [m] from the stroke's start."""
+        return np.array([np.interp(arc, self._arc, self.points[:, i]) for i in range(2)])
+
+    def pace(self, arc: float) -> float:
+        """Share of the mean speed at which the hand moves there: nearly 0 at corners, several times 1 between them."""
+        return float(self._pace[min(max(int(arc / self._bin), 0), len(self._pace) - 1)])
+
+
+def meant_border(border: np.ndarray, closed: bool, offset: Tuple[float, float], turn: float, margin: float) -> np.ndarray:
+    """The chain that a person has in mind, who sees marks on the floor and no map.
+
+    Args:
+        border: (N, 2) [m] as the map has it.
+        offset, turn: [m], [rad] by which the marks are off, about its middle.
+        margin: [m] by which the person keeps outside of a closed border's marks; negative: inside.
+    """
+    middle = border.mean(axis=0)
+    rotation = np.array([[math.cos(turn), -math.sin(turn)], [math.sin(turn), math.cos(turn)]])
+    moved = (border - middle) @ rotation.T + middle + np.asarray(offset)
+    if not closed:
+        return moved
+    before, after = moved - np.roll(moved, 1, axis=0), np.roll(moved, -1, axis=0) - moved
+    area = float(np.sum(moved[:, 0] * np.roll(moved[:, 1], -1) - np.roll(moved[:, 0], -1) * moved[:, 1]))
+    outwards = np.array([[0.0, 1.0], [-1.0, 0.0]]) * math.copysign(1.0, area)  # turns a side to its right or left
+    normals = [(side / np.linalg.norm(side, axis=1, keepdims=True)) @ outwards.T for side in (before, after)]
+    bisector = normals[0] + normals[1]
+    return moved + margin * 2.0 * bisector / np.maximum((bisector**2).sum(axis=1, keepdims=True), 0.2)
+
+
+def _beyond(chain: np.ndarray, reach: float) -> np.ndarray:
+    """A closed chain whose end is beyond its start [m], along its first side, or short of it on the last one."""
+    first, last = chain[1] - chain[0], chain[-1] - chain[-2]
+    if reach >= 0.0:
+        length = float(np.linalg.norm(first))
+        return np.vstack([chain, chain[-1] + first / length * min(reach, FURTHEST * length)])
+    length = float(np.linalg.norm(last))
+    return np.vstack([chain[:-1], chain[-1] - last / length * min(-reach, FURTHEST * length)])
+
+
+def _ends_on_floor(border: np.ndarray, is_floor: IsFloor, margin: float = 0.01) -> np.ndarray:
+    """The chain with its first and last point moved along it to where the floor begins [m]."""
+    result = border.copy()
+    for end, neighbour in ((0, 1), (-1, -2)):
+        side = border[neighbour] - border[end]
+        length = float(np.linalg.norm(side))
+        arcs = np.arange(0.0, 0.5 * length, 0.005)
+        floor = np.asarray(is_floor(border[end] + arcs[:, None] / length * side), dtype=bool)
+        if not floor[0] and floor.any():
+            result[end] = border[end] + min(arcs[int(np.argmax(floor))] + margin, 0.5 * length) / length * side
+    return result

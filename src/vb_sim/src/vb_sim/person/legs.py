@@ -1,0 +1,166 @@
+"""The person's legs: walking between the furniture, and where to stand for pointing."""
+from __future__ import annotations
+
+import math
+from typing import Optional, Tuple
+
+import numpy as np
+
+from vb_core import geometry
+from vb_core.errors import CodedError
+from vb_core.grid_map import GridMap
+from vb_sim.robot.costmap import Costmap, CostmapParams
+from vb_sim.room.models_participant import ParticipantModel
+from vb_sim.robot.planner import Planner
+
+ROBOT_DISTANCE = 0.5  # [m] between a person's and a robot's middle
+NEAREST_STAND = 0.8  # [m] from the spot: nearer, the person's body blocks the view
+
+
+def distance_to_chain(point: np.ndarray, chain: np.ndarray) -> float:
+    """[m] from a point (2,) to a chain (N, 2)."""
+    if len(chain) == 1:
+        return float(np.linalg.norm(chain[0] - point))
+    a, b = chain[:-1], chain[1:]
+    along = b - a
+    share = np.clip(((point - a) * along).sum(axis=1) / np.maximum((along**2).sum(axis=1), 1e-12), 0.0, 1.0)
+    return float(np.linalg.norm(a + share[:, None] * along - point, axis=1).min())
+
+
+class Legs:
+    """A person's place and path through a room.
+
+    Args:
+        grid: the physical map.
+        here: (2,) [m] where the person is.
+    """
+
+    def __init__(self, grid: GridMap, model: ParticipantModel, here: np.ndarray) -> None:
+        self._grid = grid
+        self._model = model
+        self._params = CostmapParams(robot_radius=model.body_radius, inflation_radius=model.body_radius + 0.15)
+        self._planner = Planner(Costmap(grid, self._params))
+        self._way = np.zeros((0, 2))
+        self._waited = 0.0
+        self._round_robot: Optional[Tuple[np.ndarray, Planner]] = None
+        self.here = np.asarray(here, dtype=float)
+        self.yaw = 0.0
+
+    @property
+    def walking(self) -> bool:
+        """Whether some path is left."""
+        return len(self._way) > 0
+
+    def free_place_near(self, place: np.ndarray, least: float, most: float, rng: np.random.Generator) -> np.ndarray:
+        """(2,) [m] a random place from which one can walk to `place`, between `least` and `most` [m] away."""
+        for _ in range(200):
+            angle, distance = rng.uniform(0.0, 2.0 * math.pi), rng.uniform(least, most)
+            candidate = place + distance * np.array([math.cos(angle), math.sin(angle)])
+            way = self._plan(candidate, place)
+            if way is not None and geometry.chain_length(way) < most + 1.0:
+                return candidate
+        return np.asarray(place, dtype=float)
+
+    def go(self, place: np.ndarray, robot: Optional[np.ndarray] = None) -> bool:
+        """Begins to walk; returns whether there is a path. A place that is too narrow is approached within 0.4 m."""
+        way = self._plan(self.here, np.asarray(place, dtype=float), robot, 0.4)
+        self._way = way if way is not None else np.zeros((0, 2))
+        self._waited = 0.0
+        return way is not None
+
+    def stop(self) -> None:
+        """Stands still."""
+        self._way = np.zeros((0, 2))
+
+    def step(self, dt: float, robot: Optional[np.ndarray], look_at: Optional[np.ndarray]) -> None:
+        """Walks on for `dt` [s]; does not walk into the robot at (2,) [m]; turns to what it looks at."""
+        left = self._model.walking_speed * dt
+        facing = look_at
+        while left > 0.0 and len(self._way):
+            to_next = self._way[0] - self.here
+            distance = float(np.linalg.norm(to_next))
+            stride = min(left, distance)
+            after = self.here + to_next / distance * stride if distance > 1e-9 else self._way[0]
+            if robot is not None and self._runs_into(after, robot):
+                self._wait_for_robot(dt, robot)
+                break
+            self.here = after
+            facing = self._way[-1] if look_at is None else look_at
+            left -= max(stride, 1e-6)
+            if distance <= stride + 1e-9:
+                self._way = self._way[1:]
+        if facing is not None and np.linalg.norm(facing - self.here) > 0.05:
+            wanted = math.atan2(facing[1] - self.here[1], facing[0] - self.here[0])
+            turn = geometry.wrap_angle(wanted - self.yaw)
+            limit = self._model.turning_speed * dt
+            self.yaw = geometry.wrap_angle(self.yaw + min(max(turn, -limit), limit))
+
+    def stand_for(
+        self, spot: np.ndarray, line: np.ndarray, robot: Optional[np.ndarray], away_from: Optional[np.ndarray] = None
+    ) -> Optional[np.ndarray]:
+        """(2,) [m] the nearest good place for pointing at `spot`; None if there is none.
+
+        Args:
+            line: (N, 2) [m] what is being drawn: the person does not stand on it.
+            robot: (2,) [m]; the person stands neither at it nor in its view of the spot.
+            away_from: (2,) [m] a place to leave, since the body hides the spot from there.
+        """
+        angles = np.linspace(0.0, 2.0 * math.pi, 24, endpoint=False)
+        places = [
+            spot + radius * np.array([math.cos(a), math.sin(a)]) for radius in (1.0, 1.4, 1.8, 2.2) for a in angles
+        ]
+        places = [place for place in places if self.suits(place, spot, line, robot)]
+        if away_from is not None:
+            places = [place for place in places if np.linalg.norm(place - away_from) > 0.7]
+        places.sort(key=lambda place: float(np.linalg.norm(place - self.here)))
+        for place in places[:6]:
+            way = self._plan(self.here, place, robot)
+            # the other side of a wall is near as the crow flies only
+            if way is not None and geometry.chain_length(way) < 2.0 * np.linalg.norm(place - self.here) + 1.0:
+                return place
+        return None
+
+    def suits(self, place: np.ndarray, spot: np.ndarray, line: np.ndarray, robot: Optional[np.ndarray]) -> bool:
+        """Whether a place (2,) [m] is good for pointing at the spot."""
+        distance = float(np.linalg.norm(place - spot))
+        if not NEAREST_STAND <= distance <= self._model.reach:
+            return False
+        if not self._planner.is_traversable(place):
+            return False
+        if len(line) and distance_to_chain(place, line) < 0.4:
+            return False
+        if robot is None:
+            return True
+        return bool(np.linalg.norm(place - robot) >= ROBOT_DISTANCE + 0.1 and distance_to_chain(place, np.array([robot, spot])) >= 0.45)
+
+    def _runs_into(self, after: np.ndarray, robot: np.ndarray) -> bool:
+        near = float(np.linalg.norm(after - robot))
+        return near < ROBOT_DISTANCE and near < float(np.linalg.norm(self.here - robot))
+
+    def _wait_for_robot(self, dt: float, robot: np.ndarray) -> None:
+        self._waited += dt
+        if self._waited > 1.0:
+            self.go(self._way[-1], robot)
+
+    def _plan(
+        self, start: np.ndarray, goal: np.ndarray, robot: Optional[np.ndarray] = None, tolerance: float = 0.0
+    ) -> Optional[np.ndarray]:
+        if robot is not None:
+            try:
+                return self._planner_round(robot).plan(start, goal, tolerance)
+            except CodedError:
+                pass  # the robot is in a doorway, or at the person's feet: plan as if it will move on
+        try:
+            return self._planner.plan(start, goal, tolerance)
+        except CodedError:
+            return None
+
+    def _planner_round(self, robot: np.ndarray) -> Planner:
+        """A planner for which the robot is an obstacle; kept while the robot stays about where it is."""
+        if self._round_robot is None or np.linalg.norm(self._round_robot[0] - robot) > 0.1:
+            rows, columns = np.indices(self._grid.shape)
+            column, row = self._grid.world_to_grid(robot)[0]
+            # a disc that makes, with the person's own radius, the distance that is kept
+            disc = np.hypot(rows - row, columns - column) * self._grid.resolution < ROBOT_DISTANCE - self._model.body_radius
+            self._round_robot = (np.array(robot), Planner(Costmap(self._grid, self._params, disc)))
+        return self._round_robot[1]

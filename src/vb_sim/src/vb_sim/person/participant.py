@@ -1,0 +1,448 @@
+"""The simulated person: what they perceive and do, and the skills that both methods share.
+
+A person is a script (a generator) that is resumed once per step. It knows only what a person in the room
+could know: where they and the robot are, the feedback that the spot is being seen, the answers to the commands,
+and whether the display shows a seed point.
+"""
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Collection, Generator, Optional, Tuple
+
+import numpy as np
+
+from vb_core import geometry
+from vb_core.grid_map import FREE, GridMap
+from vb_sim.room.floor_plan import physical_map
+from vb_sim.person.hand import Stroke, Tremor, styles
+from vb_sim.person.legs import Legs
+from vb_sim.room.models_participant import ParticipantModel
+from vb_sim.room.world import Scenario, World
+
+Step = Generator[None, None, None]
+FEEDBACK_GAP = 0.3  # [s] between two sounds of "I see it" after which there is none
+OWN_SPOT = 0.5  # [m] a dot on the display farther from the spot than this is not taken for it
+
+DEFAULT = "default"
+# codes of what the display says, and of what the interaction answers
+HOLD_STILL = "spot_unseen_robot_comes"
+CONFIRM_SAVE = "confirm_save"
+WORDS = ("define_border", "define_seed", "guide_robot", "save", "cancel")
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What the system answers to a command."""
+
+    success: bool
+    code: str
+    message: str
+
+
+@dataclass
+class Percept:
+    """What the person perceives now; times in seconds.
+
+    Attributes:
+        robot: true pose (x, y, yaw) [m, m, rad] of the robot, which the person sees; None before it is known.
+        last_seen: when some camera reported the spot last.
+        last_seen_by_robot: when the robot's camera did.
+        has_seed: whether the display shows a seed point.
+        state: name of the state that the display shows.
+        told_to_hold: when the display last said that a robot is coming and to hold still.
+        answer: to the command with the number `answered`.
+    """
+
+    now: float = 0.0
+    robot: Optional[Tuple[float, float, float]] = None
+    last_seen: float = -math.inf
+    last_seen_by_robot: float = -math.inf
+    has_seed: bool = False
+    state: str = DEFAULT
+    told_to_hold: float = -math.inf
+    answer: Optional[Answer] = None
+    answered: int = 0
+
+    def read(self, codes: Collection[str]) -> None:
+        """Reads the display, by the codes of its notices."""
+        if HOLD_STILL in codes:
+            self.told_to_hold = self.now
+
+    def hear(self, spot: Optional[Tuple[float, float]], stamp: float, seen: Tuple[float, float], mobile: bool) -> None:
+        """Takes note that some camera saw something.
+
+        Args:
+            spot: (x, y) [m] where the person's own spot is now; None while the laser is off.
+            stamp: [s] of the camera's image.
+            seen: (x, y) [m] where the camera saw it.
+            mobile: whether it is a robot's camera.
+        """
+        # a spot seen seconds ago is not feedback, nor is one from the future
+        if spot is None or not -0.2 < self.now - stamp < 1.0:
+            return
+        if math.hypot(seen[0] - spot[0], seen[1] - spot[1]) > OWN_SPOT:
+            return
+        # people hear the sound when it comes, however old the image is
+        self.last_seen = self.now
+        if mobile:
+            self.last_seen_by_robot = self.now
+
+
+@dataclass(frozen=True)
+class Action:
+    """What the person does now.
+
+    Attributes:
+        laser: (x, y) [m] where the spot is; None while the laser is off.
+        pose: (x, y, yaw) [m, m, rad].
+        command: to send now, with its number; empty otherwise.
+        outcome: "saved", "gave_up" or "failed" once everything is over; empty before.
+    """
+
+    laser: Optional[Tuple[float, float]]
+    pose: Tuple[float, float, float]
+    doing: str
+    command: str = ""
+    number: int = 0
+    source: str = "participant"
+    outcome: str = ""
+
+
+class ParticipantGaveUp(Exception):
+    """The person has had enough; the message says why."""
+
+
+class DrawingSlip(Exception):
+    """The drawing went wrong, and the person has noticed."""
+
+
+class Person:
+    """Body, hand and speech. `ParticipantScript` classes control it.
+
+    Args:
+        scenario: what is to be drawn.
+        seed: of everything that differs between people and between their tries.
+        start_near: (2,) [m] the person comes from somewhere near this place.
+    """
+
+    def __init__(self, world: World, scenario: Scenario, model: ParticipantModel, seed: int, start_near: np.ndarray) -> None:
+        # another scenario is another day: the same seed must not tremble alike in all of them
+        self.rng = np.random.default_rng([seed, *scenario.key.encode()])
+        self._seed = seed
+        self.model = model
+        self.scenario = scenario
+        self.grid: GridMap = physical_map(world)
+        self.legs = Legs(self.grid, model, start_near)
+        self.legs.here = self.legs.free_place_near(np.asarray(start_near, dtype=float), 1.2, 2.0, self.rng)
+        self.drawing_speed = float(self.rng.uniform(model.drawing_speed[0], max(model.drawing_speed)))
+        self._tremor = Tremor(model.tremor, (model.tremor_band[0], model.tremor_band[1]), self.rng)
+        self.percept = Percept()
+        self.spot: Optional[np.ndarray] = None  # where the laser is meant to point
+        # whose movement it is: the same person in all scenarios, with all methods
+        chosen = np.random.default_rng([seed, 2]).integers(len(styles()))
+        self.style = styles()[int(chosen)]
+        self.doing = "comes in"
+        self.dt = 0.0
+        self.tries = 0
+        self.last_answer = Answer(True, "ok", "")
+        self._command, self._number, self._source = "", 0, "participant"
+        self._err()
+
+    def _err(self) -> None:
+        """Decides what this person will do wrong; separately from all other chance, so that those who err are otherwise the same."""
+        self._slips_of_the_tongue = np.random.default_rng([self._seed, *self.scenario.key.encode(), 3])
+        rng = np.random.default_rng([self._seed, *self.scenario.key.encode(), 1])
+        slips, wrong_side = rng.random(2) < (self.model.slip, self.model.wrong_side)
+        # where along the border it goes wrong [share], and to which side
+        self._slip: Optional[Tuple[float, float]] = (rng.uniform(0.2, 0.9), rng.choice([-1.0, 1.0])) if slips else None
+        self.seed = self._mirrored_seed() if wrong_side else self.scenario.seed.copy()
+
+    def _mirrored_seed(self) -> np.ndarray:
+        """(2,) [m] the seed on the other side of the border, by the shortest path across it that ends on free floor."""
+        chain = geometry.resample_chain(self.scenario.border, 0.05, self.scenario.closed)
+        across = chain - self.scenario.seed
+        for index in np.argsort(np.linalg.norm(across, axis=1), kind="stable"):
+            place = self.scenario.seed + 2.0 * across[index]
+            around = place + 0.15 * np.array([[0, 0], [1, 0], [-1, 0], [0, 1], [0, -1]])
+            if self.is_floor(around).all() and np.linalg.norm(chain - place, axis=1).min() > 0.25:
+                return place
+        return self.scenario.seed.copy()
+
+    # ------------------------------------------------------------ the world's side
+    def step(self, percept: Percept, script: Step) -> None:
+        """Perceives, acts for the time since the last percept, and goes on with the script."""
+        self.dt = min(max(percept.now - self.percept.now, 0.0), 0.1) if self.percept.now else 0.0
+        self.percept = percept
+        self._command = ""
+        next(script)
+        self.legs.step(self.dt, self.robot_place(), self.spot)
+
+    def action(self, outcome: str) -> Action:
+        """What can be seen of the person now."""
+        pose = (float(self.legs.here[0]), float(self.legs.here[1]), self.legs.yaw)
+        return Action(self._beam(), pose, self.doing, self._command, self._number, self._source, outcome)
+
+    def is_floor(self, points: np.ndarray) -> np.ndarray:
+        """(N,) bool: which places (N, 2) [m] are floor, where a spot can be seen."""
+        return self.grid.values_at(points) == FREE
+
+    def _beam(self) -> Optional[Tuple[float, float]]:
+        if self.spot is None:
+            return None
+        trembling = self.spot + self._tremor.at(self.percept.now)
+        # on a wall's foot people hold the spot on the floor
+        x, y = trembling if self.is_floor(trembling)[0] else self.spot
+        return float(x), float(y)
+
+    # ------------------------------------------------------------ perception
+    def robot_place(self) -> Optional[np.ndarray]:
+        """(2,) [m] where the robot is."""
+        return None if self.percept.robot is None else np.array(self.percept.robot[:2])
+
+    def unseen_for(self, by_robot: bool = False) -> float:
+        """[s] since the spot was reported last."""
+        return self.percept.now - (self.percept.last_seen_by_robot if by_robot else self.percept.last_seen)
+
+    # ------------------------------------------------------------ skills
+    def wait(self, seconds: float) -> Step:
+        """Does nothing new for a while."""
+        until = self.percept.now + seconds
+        while self.percept.now < until:
+            yield
+
+    def react(self) -> Step:
+        """Takes a moment, longer or shorter."""
+        yield from self.wait(self.model.reaction_time * float(self.rng.uniform(0.7, 1.6)))
+
+    def walk(self, place: np.ndarray) -> Step:
+        """Walks somewhere and arrives."""
+        self.legs.go(place, self.robot_place())
+        while self.legs.walking:
+            yield
+
+    def come_within_reach(self, spot: np.ndarray, line: np.ndarray) -> None:
+        """Begins to walk to where the spot can be pointed at, if it cannot from here."""
+        if self.legs.walking or np.linalg.norm(self.legs.here - spot) <= self.model.reach:
+            return
+        place = self.legs.stand_for(spot, line, self.robot_place())
+        if place is not None:
+            self.legs.go(place, self.robot_place())
+
+    def step_aside(self, spot: np.ndarray, line: np.ndarray) -> None:
+        """Begins to walk to another side of the spot: perhaps the person's body is in the way."""
+        place = self.legs.stand_for(spot, line, self.robot_place(), self.legs.here)
+        if place is not None:
+            self.legs.go(place, self.robot_place())
+
+    def say(self, command: str, source: str = "participant") -> Step:
+        """Sends a command and waits for the answer, which is left in `last_answer`."""
+        before, self.doing = self.doing, f"says {command.replace('_', ' ')}"
+        yield from self.wait(self.model.speaking_time)
+        self._number += 1
+        self._command, self._source = command, source
+        asked = self.percept.now
+        yield
+        while self.percept.answered != self._number:
+            if self.percept.now - asked > 20.0:
+                self.last_answer = Answer(False, "no_answer", "nobody answered")
+                break
+            yield
+        else:
+            self.last_answer = self.percept.answer or Answer(False, "no_answer", "nobody answered")
+        self.doing = before
+
+    def insist(self, command: str, source: str = "participant", times: int = 6) -> Step:
+        """Repeats a command while there is no answer or the system is busy.
+
+        Raises:
+            ParticipantGaveUp: if it stays without a good answer.
+            DrawingSlip: if another command came out and changed something.
+        """
+        yield from self._maybe_wrong_word(command, source)
+        for _ in range(times):
+            yield from self.say(command, source)
+            if self.last_answer.success:
+                return
+            yield from self.wait(1.0)
+        raise ParticipantGaveUp(f"{command} was not taken: {self.last_answer.message} [{self.last_answer.code}]")
+
+    def _maybe_wrong_word(self, command: str, source: str) -> Step:
+        """Now and then another command is said, understood or pressed; the person sees on the display what it did.
+
+        Raises:
+            DrawingSlip: if the state is another one now, so that the person starts over.
+        """
+        others = [word for word in WORDS if word != command]
+        wrong, other = self._slips_of_the_tongue.random() < self.model.wrong_word, self._slips_of_the_tongue.integers(len(others))
+        if not wrong or command == "cancel":
+            return
+        before = self.percept.state
+        yield from self.say(others[int(other)], source)
+        yield from self.look()
+        yield from self.react()
+        if self.percept.state != before:
+            raise DrawingSlip()
+
+    def look(self) -> Step:
+        """Looks at the display before going on."""
+        yield from self.wait(self.model.look_time * float(self.rng.uniform(0.5, 1.5)))
+
+    def move_spot(self, target: np.ndarray, speed: float) -> Step:
+        """Moves the spot straight to a place [m] at a speed [m/s]."""
+        target = np.asarray(target, dtype=float)
+        if self.spot is None:
+            self.spot = target.copy()
+        while np.linalg.norm(target - self.spot) > 1e-6:
+            way = target - self.spot
+            distance = float(np.linalg.norm(way))
+            self.spot = self.spot + way / distance * min(speed * self.dt, distance)
+            yield
+
+    def new_stroke(self, border: Optional[np.ndarray] = None) -> Stroke:
+        """The border, or the same in another order (N, 2) [m], as this person is going to draw it this time."""
+        border = self.scenario.border if border is None else border
+        return Stroke(border, self.scenario.closed, self.model, self.rng, self.is_floor, self.style)
+
+    def may_slip(self, stroke: Stroke, arc: float, speed: float) -> Step:
+        """Once in a lifetime, at some place of the stroke, the hand goes wrong.
+
+        Raises:
+            DrawingSlip: when the person has noticed.
+        """
+        if self._slip is None or arc < self._slip[0] * stroke.length:
+            return
+        side, self._slip = self._slip[1], None
+        along = stroke.at(min(arc + 0.05, stroke.length)) - stroke.at(max(arc - 0.05, 0.0))
+        across = np.array([-along[1], along[0]]) / max(float(np.linalg.norm(along)), 1e-9)
+        aside = stroke.at(arc) + self.model.slip_size * side * across
+        yield from self.move_spot(aside if self.is_floor(aside)[0] else stroke.at(arc), speed)
+        yield from self.react()
+        self.spot = None
+        raise DrawingSlip()
+
+    def see_and_wait(self, seconds: float, patience: float, by_robot: bool = False) -> Step:
+        """Holds the spot until it has been seen for some time in all, or patience ends."""
+        seen, began = 0.0, self.percept.now
+        while seen < seconds and self.percept.now - began < patience + seconds:
+            if self.unseen_for(by_robot) < FEEDBACK_GAP:
+                seen += self.dt
+            yield
+
+
+class ParticipantScript:
+    """Runs a border from entering to walking away; the methods add how to get ready, draw and show the seed."""
+
+    source = "participant"
+
+    def __init__(self, person: Person) -> None:
+        self.person = person
+        self.outcome = ""
+        self.reason = ""
+        self._began: Optional[float] = None
+        self._script = self._run()
+
+    def step(self, percept: Percept) -> Action:
+        """One step of the person's life."""
+        self.person.step(percept, self._script)
+        return self.person.action(self.outcome)
+
+    # ------------------------------------------------------------ for subclasses
+    def prepare(self) -> Step:
+        """What comes before the border: walking there, or guiding the robot."""
+        raise NotImplementedError
+
+    def draw(self) -> Step:
+        """Draws the border; the state is Border."""
+        raise NotImplementedError
+
+    def show_seed(self) -> Step:
+        """Shines at the seed; the state is Seed."""
+        raise NotImplementedError
+
+    # ------------------------------------------------------------ the common course
+    def _run(self) -> Step:
+        person = self.person
+        while not person.percept.now:
+            yield
+        self._began = person.percept.now
+        course = self._course()
+        try:
+            for _ in course:
+                if person.percept.now - self._began > person.model.time_limit:
+                    raise ParticipantGaveUp(f"it took longer than {person.model.time_limit:g} s")
+                yield
+            outcome = "saved"
+        except ParticipantGaveUp as reason:
+            course.close()
+            outcome, self.reason = "gave_up", str(reason)
+            person.spot = None
+            yield from person.say("cancel", self.source)
+        person.spot = None
+        person.doing = "walks away"
+        away = person.legs.free_place_near(person.legs.here, 0.8, 1.5, person.rng)
+        person.legs.go(away, person.robot_place())
+        for _ in range(500):
+            if not person.legs.walking:
+                break
+            yield
+        person.legs.stop()
+        person.doing = "is done"
+        self.outcome = outcome
+        while True:
+            yield
+
+    def _course(self) -> Step:
+        person = self.person
+        if person.percept.state != DEFAULT:
+            # another person, or an earlier process of this one, left something half done
+            person.doing = "starts over"
+            yield from person.insist("cancel", self.source)
+        refusal = person.last_answer
+        for tries in range(1, person.model.tries + 1):
+            person.tries = tries
+            try:
+                if (yield from self._attempt()):
+                    return
+                refusal = person.last_answer
+            except DrawingSlip:
+                refusal = Answer(False, "slipped", "it went wrong")
+            if person.percept.state != DEFAULT:
+                person.doing, person.spot = "starts over", None
+                yield from person.insist("cancel", self.source)
+        raise ParticipantGaveUp(f"not saved: {refusal.message} [{refusal.code}]")
+
+    def _attempt(self) -> Generator[None, None, bool]:
+        """Draws, shows the seed and saves once; whether a border was saved.
+
+        Raises:
+            DrawingSlip: the person has noticed that something went wrong.
+        """
+        person = self.person
+        yield from self.prepare()
+        yield from self.draw()
+        yield from person.look()
+        for _ in range(person.model.tries):
+            yield from self.show_seed()
+            person.spot = None
+            yield from person.look()
+            yield from person.react()
+            yield from self._save()
+            if person.last_answer.success or "seed" not in person.last_answer.code:
+                break
+        return person.last_answer.success
+
+    def _save(self) -> Step:
+        for _ in range(4):
+            yield from self.person.say("save", self.source)
+            if self.person.last_answer.code == CONFIRM_SAVE:
+                # the display shows what would be restricted: looks at it, and means it
+                yield from self.person.react()
+                continue
+            if self.person.last_answer.code not in ("busy", "no_service", "no_answer", "save_unanswered"):
+                return
+            # the node that should answer is being restarted; perhaps the border was saved all the same
+            yield from self.person.wait(1.5)
+            if self.person.last_answer.code in ("no_answer", "save_unanswered") and self.person.percept.state == DEFAULT:
+                self.person.last_answer = Answer(True, "ok", "the display says that nothing is under way")
+                return

@@ -1,0 +1,200 @@
+"""A person who has nothing but the robot: guides it with the spot, draws before its camera, presses its buttons."""
+from __future__ import annotations
+
+import math
+from typing import Callable, List, Optional
+
+import numpy as np
+from shapely.geometry import Point, Polygon
+
+from vb_core import geometry
+from vb_sim.person.hand import Stroke
+from vb_sim.person.legs import distance_to_chain
+from vb_sim.person.participant import FEEDBACK_GAP, ParticipantScript, Step
+from vb_sim.person.stroke_order import best_order
+
+LOST = 1.5  # [s] without feedback after which the robot has lost the spot
+SIDE = math.radians(24.0)  # off the robot's axis, where the camera's image is about to end
+RETURN_SPEED = 0.6  # [m/s] of the spot on its way back to the robot
+
+
+class RobotOnlyScript(ParticipantScript):
+    """The paper's baseline: guide the robot to the border, draw with the robot following, turn it to the seed."""
+
+    source = "buttons"
+    _stroke: Stroke
+    _look_again = 0.0
+    _lags_since = 0.0
+
+    # ------------------------------------------------------------ the course
+    def prepare(self) -> Step:
+        person = self.person
+        person.doing = "walks"
+        while person.percept.robot is None:
+            yield
+        # the buttons are on the robot
+        yield from self._come_near(self._before_robot())
+        yield from person.react()
+        yield from person.insist("guide_robot", self.source)
+        person.spot = self._before_robot()
+        guide = person.scenario.guide
+        from_here = guide[-1] if len(guide) else person.robot_place()
+        self._stroke = person.new_stroke(best_order(person.scenario.border, person.scenario.closed, from_here))
+        yield from self._lead([*guide, self._stroke.at(self._stroke.start)])
+        yield from person.insist("define_border", self.source)
+        yield from person.react()
+
+    def draw(self) -> Step:
+        person = self.person
+        stroke = self._stroke
+        arc = seen_at = stroke.start
+        missed = 0
+        person.doing = "draws"
+        yield from person.move_spot(stroke.at(arc), person.model.robot_drawing_speed)
+        while arc < stroke.length:
+            unseen = person.unseen_for(by_robot=True)
+            yield from person.may_slip(stroke, arc, person.model.robot_drawing_speed)
+            if unseen < FEEDBACK_GAP:
+                seen_at = arc
+                arc = min(arc + self._pace() * person.model.robot_drawing_speed * min(stroke.pace(arc), 1.0) * person.dt, stroke.length)
+                person.spot = stroke.at(arc)
+            elif unseen > person.model.patience / 2.0 and missed < person.model.retries + 2:
+                missed += 1
+                yield from self._lead_back(stroke, seen_at)
+                arc = max(seen_at - 0.05, stroke.start)
+            elif unseen > person.model.patience:
+                # often enough: draws on, as people do
+                arc = min(arc + person.model.robot_drawing_speed * person.dt, stroke.length)
+                person.spot = stroke.at(arc)
+            self._follow(stroke.points)
+            yield
+        yield from person.see_and_wait(0.3, 2.0, by_robot=True)
+
+    def _lead_back(self, stroke: Stroke, arc: float) -> Step:
+        """Picks the robot up where it looks, and leads it to where it lost the spot; nothing is drawn meanwhile."""
+        person = self.person
+        person.spot = None
+        yield from person.insist("guide_robot", self.source)
+        person.spot = self._before_robot()
+        yield from self._lead([stroke.at(arc)])
+        yield from person.insist("define_border", self.source)
+        person.doing = "draws"
+
+    def show_seed(self) -> Step:
+        person = self.person
+        end = person.spot
+        person.spot = None
+        yield from person.insist("define_seed", self.source)
+        yield from person.react()
+        person.spot = end.copy() if end is not None else self._before_robot()
+        yield from self._lead([person.seed], "shows the seed", self._is_as_good)
+        person.doing = "shows the seed"
+        # longer than anywhere on the path, as the place where the spot dwells is the seed
+        yield from person.see_and_wait(person.model.seed_time + 1.0, person.model.patience, by_robot=True)
+        began = person.percept.now
+        while not person.percept.has_seed and person.percept.now - began < 3.0:
+            yield
+
+    # ------------------------------------------------------------ leading
+    def _is_as_good(self, place: np.ndarray) -> bool:
+        """Whether a place (2,) [m] is on the side of the seed that the person has in mind, and clearly so."""
+        person = self.person
+        region, border = Polygon(person.scenario.region), person.scenario.border
+        chain = np.vstack([border, border[:1]]) if person.scenario.closed else border
+        same_side = region.contains(Point(place)) == region.contains(Point(person.seed))
+        return bool(same_side and distance_to_chain(np.asarray(place), chain) > 0.2)
+
+    def _lead(
+        self,
+        waypoints: List[np.ndarray],
+        doing: str = "leads the robot",
+        good_enough: Optional[Callable[[np.ndarray], bool]] = None,
+    ) -> Step:
+        """Moves the spot along waypoints (2,) [m], no faster than the robot follows.
+
+        Args:
+            good_enough: asked about where the robot was picked up after it lost the spot twice; if so, that is where
+                the way ends.
+        """
+        person = self.person
+        person.doing = doing
+        for index, waypoint in enumerate(waypoints):
+            lost = 0
+            last = index == len(waypoints) - 1
+            while np.linalg.norm(waypoint - person.spot) > 1e-6:
+                unseen = person.unseen_for(by_robot=True)
+                if unseen < FEEDBACK_GAP + person.model.notice_time:
+                    way = waypoint - person.spot
+                    distance = float(np.linalg.norm(way))
+                    stride = self._pace() * person.model.leading_speed * person.dt
+                    person.spot = person.spot + way / distance * min(stride, distance)
+                elif unseen > LOST:
+                    lost += 1
+                    yield from self._pick_up(waypoint, lost)
+                    if lost > 2 and good_enough is not None and good_enough(person.spot):
+                        return
+                self._follow(np.zeros((0, 2)))
+                yield
+            if last:
+                yield from person.see_and_wait(0.5, person.model.patience, by_robot=True)
+
+    def _pick_up(self, waypoint: np.ndarray, lost: int) -> Step:
+        """Brings the spot back to where the robot looks and waits until it sees it.
+
+        Of several times the robot is picked up a little more to the side on which it should go on: straight ahead
+        it perhaps cannot go.
+        """
+        person = self.person
+        before, person.doing = person.doing, "waits for the robot"
+        x, y, yaw = person.percept.robot
+        side = geometry.wrap_angle(math.atan2(waypoint[1] - y, waypoint[0] - x) - yaw)
+        turn = math.copysign(min(abs(side), math.radians(6.0) * (lost - 1), SIDE * 0.7), side)
+        yield from person.move_spot(self._before_robot(turn, 1.0 - 0.08 * min(lost - 1, 3)), RETURN_SPEED)
+        yield from person.see_and_wait(0.1, person.model.patience / 2.0, by_robot=True)
+        person.doing = before
+
+    def _before_robot(self, turn: float = 0.0, share: float = 1.0) -> np.ndarray:
+        """(2,) [m] a place ahead of the robot, on the floor."""
+        person = self.person
+        x, y, yaw = person.percept.robot
+        direction = np.array([math.cos(yaw + turn), math.sin(yaw + turn)])
+        distance = person.model.leading_distance * share
+        for shorter in np.linspace(distance, 0.5, 9):
+            place = np.array([x, y]) + shorter * direction
+            if person.is_floor(place)[0]:
+                return place
+        return np.array([x, y]) + distance * direction
+
+    def _pace(self) -> float:
+        """Share of the speed at which the spot moves: slower where the robot is about to lose it, 0 where it lags."""
+        person = self.person
+        x, y, yaw = person.percept.robot
+        dx, dy = person.spot[0] - x, person.spot[1] - y
+        distance = math.hypot(dx, dy)
+        bearing = abs(geometry.wrap_angle(math.atan2(dy, dx) - yaw))
+        if distance <= person.model.leading_distance_max:
+            self._lags_since = person.percept.now
+        else:
+            # a robot that does not come after some time will not come; as long as the spot is seen one goes on
+            return 0.0 if person.percept.now - self._lags_since < person.model.patience / 2.0 else 0.5
+        if bearing > SIDE and distance > 0.3:
+            # the robot is turning; a person who still hears that it sees goes on with care
+            return 0.25
+        return 1.0 if distance > 0.5 else 0.6
+
+    # ------------------------------------------------------------ walking along
+    def _follow(self, line: np.ndarray) -> None:
+        """Keeps near the spot, out of the robot's path and view."""
+        person = self.person
+        if person.legs.walking or person.spot is None or person.percept.now < self._look_again:
+            return
+        self._look_again = person.percept.now + 0.5
+        if not person.legs.suits(person.legs.here, person.spot, line, person.robot_place()):
+            place = person.legs.stand_for(person.spot, line, person.robot_place())
+            if place is not None:
+                person.legs.go(place, person.robot_place())
+
+    def _come_near(self, spot: np.ndarray) -> Step:
+        place = self.person.legs.stand_for(spot, np.zeros((0, 2)), self.person.robot_place())
+        if place is not None:
+            yield from self.person.walk(place)

@@ -1,0 +1,1 @@
+"""The simulated robot and its stand-in for the navigation stack."""

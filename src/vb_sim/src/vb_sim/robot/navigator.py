@@ -1,0 +1,194 @@
+"""Drives to a goal as move_base does, without ROS: plan, follow, plan again, give up."""
+from __future__ import annotations
+
+import threading
+from dataclasses import dataclass
+from typing import Optional, Tuple
+
+import numpy as np
+
+from vb_core.errors import CodedError
+from vb_core.grid_map import GridMap
+from vb_core.parameters import Parameters, param
+from vb_core.robot_profile import RobotProfile
+from vb_sim.robot.costmap import Costmap, CostmapParams
+from vb_sim.robot.follower import Follower, FollowerParams
+from vb_sim.robot.planner import Planner, PlannerParams
+
+Pose = Tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class NavigatorParams(Parameters):
+    """When it plans and when it gives up; names as in move_base where it has them."""
+
+    planner_frequency: float = param(1.0, "1/s", low=0.1, high=10.0)
+    planner_patience: float = param(3.0, "s", low=0.0)
+    controller_patience: float = param(15.0, "s", low=0.0)
+    replan_distance: float = param(0.3, "m", above=0.0)
+    obstacle_range: float = param(2.5, "m", low=0.0)
+    map_tolerance: float = param(0.10, "m", low=0.0)
+
+
+def for_robot(
+    profile: RobotProfile, costmap: CostmapParams, follower: FollowerParams
+) -> Tuple[CostmapParams, FollowerParams]:
+    """The parameters of costmap and follower with what follows from the robot, as move_base gets it too."""
+    radius, limits = profile.radius, profile.limits
+    return (
+        costmap.replace(robot_radius=radius, inflation_radius=radius + 0.17),
+        follower.replace(robot_radius=radius, max_speed=limits.max_speed,
+                         max_turn_rate=min(limits.max_turn, follower.max_turn_rate)),
+    )
+
+
+@dataclass(frozen=True)
+class Drive:
+    """What to do now.
+
+    Attributes:
+        speed, turn_rate: [m/s, rad/s]
+        arrived: the goal is reached.
+        path: (N, 2) [m] a new path, if there is one since the last step.
+    """
+
+    speed: float = 0.0
+    turn_rate: float = 0.0
+    arrived: bool = False
+    path: Optional[np.ndarray] = None
+
+
+class Navigator:
+    """Plans on the map with the virtual borders and follows the plan. Maps may come from another thread."""
+
+    def __init__(
+        self,
+        params: NavigatorParams = NavigatorParams(),
+        costmap: CostmapParams = CostmapParams(),
+        planner: PlannerParams = PlannerParams(),
+        follower: FollowerParams = FollowerParams(),
+    ) -> None:
+        self._params = params
+        self._costmap_params = costmap
+        self._planner_params = planner
+        self._follower = Follower(follower)
+        self._lock = threading.Lock()
+        self._planner: Optional[Planner] = None  # on the static map
+        self._revision = 0
+        self._goal: Pose = (0.0, 0.0, 0.0)
+        self._forget()
+
+    def _forget(self) -> None:
+        self._planned_at: Optional[float] = None
+        self._reached_at: Optional[float] = None  # when there was a plan last
+        self._moved_at: Optional[float] = None
+        self._planned_revision = -1
+        self._failed = False
+
+    # ------------------------------------------------------------ maps
+    def set_map(self, grid: GridMap) -> Costmap:
+        """Takes the static map; returns its costs."""
+        costmap = Costmap(grid, self._costmap_params)
+        planner = Planner(costmap, self._planner_params)
+        with self._lock:
+            self._planner = planner
+            self._revision += 1
+        return costmap
+
+    def static(self) -> Tuple[Planner, int]:
+        """The planner on the map alone, and a number that grows with every map; CodedError "no_map"."""
+        with self._lock:
+            if self._planner is None:
+                raise CodedError("no_map", "no map has come yet")
+            return self._planner, self._revision
+
+    def with_obstacles(self, static: Planner, pose: Pose, seen: np.ndarray) -> Planner:
+        """The planner on map and scan; that on the map alone where the scan shows nothing new.
+
+        Args:
+            seen: (N, 2) [m] what the scanner sees, robot's frame.
+        """
+        fresh = self._unmapped(static, pose, seen)
+        if not len(fresh):
+            return static
+        grid = static.costmap.grid
+        cells = grid.world_to_cell(fresh)
+        mask = np.zeros(grid.shape, bool)
+        mask[cells[:, 0], cells[:, 1]] = True
+        return Planner(Costmap(grid, self._costmap_params, mask), self._planner_params)
+
+    def _unmapped(self, static: Planner, pose: Pose, seen: np.ndarray) -> np.ndarray:
+        """(N, 2) [m] what the scanner sees and the map lacks, map frame."""
+        if not len(seen):
+            return seen
+        seen = seen[np.hypot(seen[:, 0], seen[:, 1]) < self._params.obstacle_range]
+        c, s = np.cos(pose[2]), np.sin(pose[2])
+        points = seen @ np.array([[c, s], [-s, c]]) + pose[:2]
+        grid = static.costmap.grid
+        cells = grid.world_to_cell(points)
+        inside = grid.contains_cells(cells)
+        points, cells = points[inside], cells[inside]
+        # a wall seen slightly off its place is not a new obstacle
+        return points[static.costmap.distance[cells[:, 0], cells[:, 1]] > self._params.map_tolerance]
+
+    # ------------------------------------------------------------ driving
+    def begin(self, goal: Pose) -> None:
+        """Begins a new goal (x, y, yaw) [m, m, rad], map frame."""
+        self._goal = goal
+        self._follower.set_goal(goal)
+        self._forget()
+
+    def halt(self) -> None:
+        """Takes note that another node stopped the robot."""
+        self._follower.halt()
+
+    def step(self, now: float, pose: Pose, obstacles: np.ndarray, dt: float) -> Drive:
+        """What to do now.
+
+        Args:
+            now: [s]
+            pose: (x, y, yaw) [m, m, rad], map frame.
+            obstacles: (N, 2) [m] what the scanner sees, robot's frame.
+            dt: [s] since the last step.
+
+        Raises:
+            CodedError: why the goal cannot be reached.
+        """
+        static, newest = self.static()
+        path = None
+        due = self._planned_at is None or not 0.0 <= now - self._planned_at < 1.0 / self._params.planner_frequency
+        if due or newest != self._planned_revision:
+            self._planned_at, self._planned_revision = now, newest
+            path = self._replan(static, pose, obstacles, now)
+        if self._failed:
+            # do not drive on along a path that the map no longer allows
+            self._follower.halt()
+            return Drive()
+        motion = self._follower.step(pose, obstacles, dt)
+        if motion.arrived:
+            return Drive(arrived=True, path=path)
+        self._moved_at = now if self._moved_at is None or not motion.blocked else self._moved_at
+        if now - self._moved_at >= self._params.controller_patience:
+            raise CodedError("blocked", "something has been standing in the way for too long")
+        if motion.off_path > self._params.replan_distance:
+            self._planned_at = None
+        return Drive(motion.speed, motion.turn_rate, path=path)
+
+    def _replan(self, static: Planner, pose: Pose, obstacles: np.ndarray, now: float) -> Optional[np.ndarray]:
+        """Gives the follower a new path; raises CodedError if there has been none for too long."""
+        start, end = np.array(pose[:2]), np.array(self._goal[:2])
+        try:
+            try:
+                path = self.with_obstacles(static, pose, obstacles).plan(start, end)
+            except CodedError:
+                # a person at the goal or at the robot's side: plan by the map alone, the follower stops before them
+                path = static.plan(start, end)
+        except CodedError:
+            self._failed = True
+            self._reached_at = now if self._reached_at is None else self._reached_at
+            if now - self._reached_at >= self._params.planner_patience:
+                raise
+            return None
+        self._failed, self._reached_at = False, now
+        self._follower.set_path(path)
+        return path

@@ -1,0 +1,174 @@
+"""One simulated robot: its true motion, its odometry, and the pose that localisation reports."""
+from __future__ import annotations
+
+import math
+from typing import Any, Callable, Dict, List, Tuple
+
+import numpy as np
+
+from vb_core import geometry
+from vb_sim.room.models_motion import LocalisationModel, RobotModel
+
+Pose = Tuple[float, float, float]
+
+
+def advance(pose: Pose, distance: float, turn: float) -> Pose:
+    """The pose [m, m, rad] after driving an arc of length `distance` [m] while turning by `turn` [rad]."""
+    x, y, yaw = pose
+    # chord of the arc: exact, also for a turn of zero
+    chord = distance * float(np.sinc(turn / 2.0 / math.pi))
+    middle = yaw + turn / 2.0
+    return x + chord * math.cos(middle), y + chord * math.sin(middle), geometry.wrap_angle(yaw + turn)
+
+
+def toward(value: float, target: float, faster: float, slower: float) -> float:
+    """`value` moved towards `target`, by at most `faster` away from zero and `slower` towards it."""
+    limit = faster if abs(target) > abs(value) and target * value >= 0 else slower
+    return value + min(max(target - value, -limit), limit)
+
+
+class RobotBody:
+    """A differential drive on the floor of a room.
+
+    Args:
+        start: true pose at the beginning, (x, y, yaw) [m, m, rad], map frame.
+        radius: [m] of the round body.
+        clearance: returns the distance [m] from a place to the nearest obstacle.
+        rng: source of all its noise.
+    """
+
+    def __init__(
+        self,
+        start: Pose,
+        radius: float,
+        robot: RobotModel,
+        localisation: LocalisationModel,
+        clearance: Callable[[float, float], float],
+        rng: np.random.Generator,
+    ) -> None:
+        self._start = start
+        self._radius = radius
+        self._model = robot
+        self._localisation = localisation
+        self._clearance = clearance
+        self._rng = rng
+        self.pose: Pose = start
+        self.odometry: Pose = (0.0, 0.0, 0.0)
+        self.velocity: Tuple[float, float] = (0.0, 0.0)  # [m/s, rad/s]
+        self.collisions = 0
+        self._touching = False
+        self._command: Tuple[float, float] = (0.0, 0.0)
+        self._command_time = -math.inf
+        # encoders and wheel diameters are slightly off, always by the same amount
+        self._scale = 1.0 + robot.odometry_scale_sigma * rng.standard_normal(2)
+        self._error = self._fresh_error()
+
+    # ------------------------------------------------------------ commands
+    def command(self, speed: float, turn_rate: float, now: float) -> None:
+        """Takes a velocity command [m/s, rad/s] that holds until `command_timeout` after `now` [s]."""
+        if math.isfinite(speed) and math.isfinite(turn_rate):
+            self._command = (speed, turn_rate)
+            self._command_time = now
+
+    def reset(self) -> None:
+        """Puts the robot back to its start and localises it again, as an operator would."""
+        self.pose = self._start
+        self.velocity = (0.0, 0.0)
+        self._command_time = -math.inf
+        self._touching = False
+        self._error = self._fresh_error()
+
+    def relocalise(self, pose: Pose) -> None:
+        """Makes the estimate the given pose; the robot itself stays where it is."""
+        self._error = np.array([pose[0] - self.pose[0], pose[1] - self.pose[1], geometry.wrap_angle(pose[2] - self.pose[2])])
+
+    # ------------------------------------------------------------ motion
+    def step(self, dt: float, now: float) -> None:
+        """Moves on by `dt` [s] to the time `now` [s]."""
+        speed, turn_rate = self._velocity_after(dt, now)
+        distance, turn = speed * dt, turn_rate * dt
+        after = advance(self.pose, distance, turn)
+        room = self._clearance(after[0], after[1])
+        # a robot that already touches something may still back away from it
+        if room < self._radius and room < self._clearance(self.pose[0], self.pose[1]) + 1e-9 and distance != 0.0:
+            if not self._touching:
+                self.collisions += 1
+            self._touching = True
+            speed = distance = 0.0
+            after = advance(self.pose, 0.0, turn)
+        elif room > self._radius + 0.02:
+            # pushing on in small steps is still the same collision
+            self._touching = False
+        self.pose = after
+        self.velocity = (speed, turn_rate)
+        self._count_wheels(distance, turn)
+        if distance != 0.0 or turn != 0.0:
+            self._vary_error(dt)
+
+    def _velocity_after(self, dt: float, now: float) -> Tuple[float, float]:
+        m = self._model
+        alive = now - self._command_time <= m.command_timeout
+        target_speed, target_turn = self._command if alive else (0.0, 0.0)
+        target_speed = min(max(target_speed, -m.max_speed), m.max_speed)
+        target_turn = min(max(target_turn, -m.max_turn_rate), m.max_turn_rate)
+        speed = toward(self.velocity[0], target_speed, m.acceleration * dt, m.deceleration * dt)
+        turn_rate = toward(self.velocity[1], target_turn, m.turn_acceleration * dt, m.turn_acceleration * dt)
+        return speed, turn_rate
+
+    def _count_wheels(self, distance: float, turn: float) -> None:
+        if distance == 0.0 and turn == 0.0:
+            return
+        m = self._model
+        noise = self._rng.standard_normal(3)
+        measured = distance * self._scale[0] + m.odometry_distance_noise * math.sqrt(abs(distance)) * noise[0]
+        turned = turn * self._scale[1] + m.odometry_turn_noise * math.sqrt(abs(turn)) * noise[1]
+        turned += m.odometry_drift_noise * math.sqrt(abs(distance)) * noise[2]
+        self.odometry = advance(self.odometry, measured, turned)
+
+    # ------------------------------------------------------------ localisation
+    def _sigmas(self) -> np.ndarray:
+        p = self._localisation
+        return np.array([p.position_sigma, p.position_sigma, p.yaw_sigma])
+
+    def _fresh_error(self) -> np.ndarray:
+        return self._sigmas() * self._rng.standard_normal(3)
+
+    def _vary_error(self, dt: float) -> None:
+        # Ornstein-Uhlenbeck process; it rests while the robot does, since AMCL updates only on motion
+        share = dt / self._localisation.correlation_time
+        self._error = self._error * (1.0 - share) + self._sigmas() * math.sqrt(2.0 * share) * self._rng.standard_normal(3)
+
+    def estimate(self) -> Pose:
+        """The pose that localisation reports, (x, y, yaw) [m, m, rad], map frame."""
+        x, y, yaw = self.pose
+        return x + self._error[0], y + self._error[1], geometry.wrap_angle(yaw + self._error[2])
+
+    def map_to_odom(self) -> np.ndarray:
+        """T_map_odom, 4x4: what makes odometry the estimate."""
+        odometry = geometry.pose2d_transform(*self.odometry)
+        return geometry.pose2d_transform(*self.estimate()) @ geometry.invert(odometry)
+
+    # ------------------------------------------------------------ checkpoint
+    def checkpoint(self) -> Dict[str, List[float]]:
+        """What a new process needs to continue from here; inverse of `restore`."""
+        return {
+            "pose": list(map(float, self.pose)),
+            "odometry": list(map(float, self.odometry)),
+            "error": list(map(float, self._error)),
+            "collisions": [self.collisions],
+        }
+
+    def restore(self, saved: Dict[str, Any]) -> None:
+        """Adopts a checkpoint; the robot is at rest.
+
+        Raises:
+            ValueError, KeyError, TypeError: if it is none.
+        """
+        numbers = {key: [float(value) for value in saved[key]] for key in ("pose", "odometry", "error")}
+        if any(len(value) != 3 or not np.isfinite(value).all() for value in numbers.values()):
+            raise ValueError("a checkpoint holds three finite numbers per pose")
+        self.pose = (numbers["pose"][0], numbers["pose"][1], numbers["pose"][2])
+        self.odometry = (numbers["odometry"][0], numbers["odometry"][1], numbers["odometry"][2])
+        self._error = np.array(numbers["error"])
+        self.collisions = int(saved["collisions"][0])
+        self.velocity = (0.0, 0.0)

@@ -1,0 +1,1 @@
+"""What a simulated room consists of, and the models' figures."""

@@ -1,0 +1,145 @@
+"""What changes in a room besides robots, participant and laser: light, sun, reflections, other people."""
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import Optional, Tuple
+
+import cv2
+import numpy as np
+
+from vb_core import geometry
+from vb_core.camera_model import CameraModel
+from vb_sim.cameras import pixels
+from vb_sim.room.bodies import SHIRT, SHOES, Pieces, person_key, person_pieces
+
+Rectangle = Tuple[slice, slice]
+_SHIFT = 4
+
+
+@dataclass(frozen=True)
+class Bystander:
+    """A person who stands or walks there without a laser pointer.
+
+    Attributes:
+        pose: (x, y, yaw) [m, m, rad].
+        shirt, shoes: rgb.
+    """
+
+    pose: Tuple[float, float, float]
+    shirt: Tuple[int, int, int] = SHIRT
+    shoes: Tuple[int, int, int] = SHOES
+
+    def pieces(self) -> Pieces:
+        """This person's pieces; clothes differ by colour."""
+        pieces = person_pieces(self.pose, None, 0.0)
+        colors = pieces.colors.copy()
+        tints = np.mean(colors / SHIRT, axis=1, keepdims=True)
+        of_shirt = np.isclose(tints * SHIRT, colors, rtol=1e-5, atol=1.0).all(axis=1)
+        colors[of_shirt] = np.floor(np.minimum(255.0, tints * self.shirt))[of_shirt]
+        colors[(pieces.colors == SHOES).all(axis=1)] = self.shoes
+        return replace(pieces, colors=colors)
+
+    def key(self) -> Tuple:
+        """The same for people who look the same."""
+        return (self.shirt, self.shoes, *person_key(self.pose, None))
+
+
+@dataclass(frozen=True)
+class Glint:
+    """The reflection of a lamp on something shiny: white, small, and as bright as the sensor can measure.
+
+    Attributes:
+        position: (x, y, z) [m], map frame.
+        diameter: [m] over which it falls to 1/e^2.
+        brightness: [grey levels] of its middle at the reference exposure, may exceed 255.
+    """
+
+    position: Tuple[float, float, float]
+    diameter: float = 0.012
+    brightness: float = 400.0
+
+
+@dataclass(frozen=True)
+class SceneConditions:
+    """The state of a room at one time; by default nothing is unusual.
+
+    Attributes:
+        light: of the room's lamps, as a multiple of what the world is drawn with; a laser stays as it is.
+        exposure: of the camera, as a multiple of what it is drawn with; a laser is brightened too.
+        sun: (x, y) [m] corners of the sun's patch on the floor, none without sun.
+        sun_gain: how much brighter the floor is in the sun.
+    """
+
+    light: float = 1.0
+    exposure: float = 1.0
+    sun: Tuple[Tuple[float, float], ...] = ()
+    sun_gain: float = 1.8
+    glints: Tuple[Glint, ...] = ()
+    bystanders: Tuple[Bystander, ...] = ()
+
+    @property
+    def lit(self) -> bool:
+        """Whether the light differs from that of the drawn world."""
+        return self.light * self.exposure != 1.0 or bool(self.sun)
+
+
+def relight(picture: np.ndarray, around: SceneConditions, camera: CameraModel, T_map_optical: np.ndarray) -> None:
+    """Applies lamps, exposure and sun to an image without laser, (H, W) or (H, W, 3) uint8, in place."""
+    if around.sun:
+        outline = geometry.resample_chain(np.array([*around.sun, around.sun[0]], dtype=float), 0.05)
+        _brighten(picture, _project(np.column_stack([outline, np.zeros(len(outline))]), camera, T_map_optical), around.sun_gain)
+    gain = around.light * around.exposure
+    if gain != 1.0:
+        cv2.convertScaleAbs(picture, picture, alpha=gain)
+
+
+def _brighten(picture: np.ndarray, outline: np.ndarray, gain: float) -> None:
+    height, width = picture.shape[:2]
+    outline = outline[np.isfinite(outline).all(axis=1)]
+    if len(outline) < 3:
+        return
+    low = np.clip(np.floor(outline.min(axis=0)).astype(int) - 4, 0, (width, height))
+    high = np.clip(np.ceil(outline.max(axis=0)).astype(int) + 5, 0, (width, height))
+    if (high <= low).any():
+        return
+    mask = np.zeros((high[1] - low[1], high[0] - low[0]), np.float32)
+    cv2.fillPoly(mask, [np.round((outline - low) * (1 << _SHIFT)).astype(np.int32)], gain - 1.0, cv2.LINE_8, _SHIFT)
+    # the sun is not a point: its shadows have soft edges
+    mask = 1.0 + cv2.GaussianBlur(mask, (0, 0), 1.5)
+    part = picture[low[1] : high[1], low[0] : high[0]]
+    part[...] = np.minimum(part * (mask if part.ndim == 2 else mask[..., None]) + 0.5, 255.0)
+
+
+def glint_area(glint: Glint, camera: CameraModel, T_map_optical: np.ndarray) -> Optional[Tuple[Rectangle, np.ndarray, float]]:
+    """Where a camera sees a glint: rows and columns, its middle (2,) [px], its sigma [px]; None if it does not."""
+    T = geometry.invert(T_map_optical)
+    in_camera = T[:3, :3] @ np.array(glint.position) + T[:3, 3]
+    if in_camera[2] < 0.1:
+        return None
+    middle = camera.project(in_camera[None])[0]
+    sigma = math.hypot(0.25 * glint.diameter * camera.focal_px / in_camera[2], 0.75)
+    low = np.maximum(np.floor(middle - 4.0 * sigma).astype(int), 0)
+    high = np.minimum(np.ceil(middle + 4.0 * sigma).astype(int) + 1, (camera.width, camera.height))
+    if (high <= low).any():
+        return None
+    return (slice(int(low[1]), int(high[1])), slice(int(low[0]), int(high[0]))), middle, sigma
+
+
+def add_glint(picture: np.ndarray, glint: Glint, area: Tuple[Rectangle, np.ndarray, float], encoding: str, exposure: float) -> None:
+    """Adds a glint to an image (H, W) or (H, W, 3) uint8, in place."""
+    (rows, columns), middle, sigma = area
+    u = np.arange(columns.start, columns.stop) - middle[0]
+    v = np.arange(rows.start, rows.stop) - middle[1]
+    light = glint.brightness * exposure * np.exp(-0.5 * (u[None, :] ** 2 + v[:, None] ** 2) / sigma**2)
+    part = picture[rows, columns]
+    part[...] = np.minimum(part + pixels.spread(light, np.ones(3), encoding, columns.start, rows.start) + 0.5, 255.0)
+
+
+def _project(points: np.ndarray, camera: CameraModel, T_map_optical: np.ndarray) -> np.ndarray:
+    T = geometry.invert(T_map_optical)
+    in_camera = points @ T[:3, :3].T + T[:3, 3]
+    outline = camera.project(in_camera)
+    outline[in_camera[:, 2] < 0.05] = np.nan
+    # a lens model is meaningless far outside the image
+    return np.clip(outline, -2.0 * camera.width, 3.0 * camera.width)

@@ -1,0 +1,77 @@
+"""The occupancy grid that SLAM would have made of a world, and the ground truth of its scenarios."""
+from __future__ import annotations
+
+import math
+from functools import lru_cache
+from typing import Tuple
+
+import numpy as np
+import shapely
+from shapely.geometry import Polygon
+
+from vb_core.grid_map import FREE, OCCUPIED, UNKNOWN, GridMap
+from vb_sim.room.world import Furniture, Room, Scenario, Wall, World
+
+
+def physical_map(world: World) -> GridMap:
+    """The physical map: walls and things on the floor; unknown beyond the walls."""
+    grid = _physical_map(world.room, world.walls, world.furniture)
+    return grid.with_data(grid.data.copy())
+
+
+@lru_cache(maxsize=4)
+def _physical_map(room: Room, walls: Tuple[Wall, ...], furniture: Tuple[Furniture, ...]) -> GridMap:
+    margin_cells = int(math.ceil(room.margin / room.resolution - 1e-9))
+    columns = int(round(room.size[0] / room.resolution)) + 2 * margin_cells
+    rows = int(round(room.size[1] / room.resolution)) + 2 * margin_cells
+    offset = -margin_cells * room.resolution
+    grid = GridMap(np.full((rows, columns), UNKNOWN, np.int8), room.resolution, (offset, offset, 0.0))
+    width, height = room.size
+    t = min(room.wall_thickness, room.margin)
+    data = grid.data
+    data[outline_mask(grid, np.array([[-t, -t], [width + t, -t], [width + t, height + t], [-t, height + t]]))] = OCCUPIED
+    data[outline_mask(grid, np.array([[0, 0], [width, 0], [width, height], [0, height]], dtype=float))] = FREE
+    for wall in walls:
+        data[outline_mask(grid, wall_outline(wall))] = OCCUPIED
+    for thing in furniture:
+        for contact in thing.floor_contacts():
+            data[outline_mask(grid, contact)] = OCCUPIED
+    return grid
+
+
+def ground_truth(world: World, scenario: Scenario) -> np.ndarray:
+    """(H, W) bool: the free cells that the scenario asks to restrict, in the geometry of `physical_map`.
+
+    It stands for the ground truth map that the paper's authors drew by hand (Sect. 5.5) and uses
+    nothing of the code that integrates borders.
+    """
+    grid = physical_map(world)
+    return outline_mask(grid, scenario.region) & (grid.data == FREE)
+
+
+def wall_outline(wall: Wall) -> np.ndarray:
+    """(4, 2) [m] a wall's outline seen from above."""
+    a, b = np.array(wall.start, dtype=float), np.array(wall.end, dtype=float)
+    along = (b - a) / max(float(np.linalg.norm(b - a)), 1e-9)
+    across = np.array([-along[1], along[0]]) * wall.thickness / 2.0
+    return np.array([a - across, b - across, b + across, a + across])
+
+
+def outline_mask(grid: GridMap, outline: np.ndarray) -> np.ndarray:
+    """(H, W) bool: cells whose centre lies within an outline (N, 2) [m]; at least one for small things."""
+    mask = np.zeros(grid.shape, np.uint8)
+    corners = grid.world_to_grid(outline)
+    low = np.maximum(np.floor(corners.min(axis=0)).astype(int), 0)
+    high = np.minimum(np.ceil(corners.max(axis=0)).astype(int) + 1, np.array(grid.shape)[::-1])
+    if (high <= low).any():
+        return mask.astype(bool)
+    columns, rows = np.meshgrid(np.arange(low[0], high[0]), np.arange(low[1], high[1]))
+    mask[low[1] : high[1], low[0] : high[0]] = shapely.contains_xy(Polygon(corners), columns, rows)
+    if not mask.any():
+        # a table leg thinner than a cell still stops a robot
+        row, column = grid.world_to_cell(np.mean(outline, axis=0))[0]
+        if 0 <= row < grid.shape[0] and 0 <= column < grid.shape[1]:
+            mask[row, column] = 1
+    return mask.astype(bool)
+
+

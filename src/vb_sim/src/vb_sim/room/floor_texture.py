@@ -1,0 +1,178 @@
+"""Draws the floor as an image from above, with everything flat on it."""
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Tuple
+
+import cv2
+import numpy as np
+
+from vb_sim.room.floor_plan import wall_outline
+from vb_sim.room.models_cameras import generator
+from vb_sim.room.world import Floor, Patch, World
+
+
+@dataclass(frozen=True)
+class FloorTexture:
+    """A metric image.
+
+    Attributes:
+        rgb: (H, W, 3) uint8; row 0 holds the lowest y.
+        resolution: [m] edge of a pixel.
+        origin: (x, y) [m] outer corner of pixel (0, 0) in the map frame.
+    """
+
+    rgb: np.ndarray
+    resolution: float
+    origin: Tuple[float, float]
+
+    def matrix(self) -> np.ndarray:
+        """(3, 3): homogeneous map coordinates [m] to (column, row) [px], centres are whole numbers."""
+        scale = 1.0 / self.resolution
+        return np.array([[scale, 0, -self.origin[0] * scale - 0.5], [0, scale, -self.origin[1] * scale - 0.5], [0, 0, 1.0]])
+
+    def pixels(self, points: np.ndarray) -> np.ndarray:
+        """(N, 2) (column, row) [px] of points (N, 2) [m]."""
+        return (np.asarray(points, dtype=float).reshape(-1, 2) - self.origin) / self.resolution - 0.5
+
+    def halved(self) -> "FloorTexture":
+        """The same image at half the resolution, averaged."""
+        height, width = (size // 2 * 2 for size in self.rgb.shape[:2])
+        small = cv2.resize(self.rgb[:height, :width], (width // 2, height // 2), interpolation=cv2.INTER_AREA)
+        return FloorTexture(small, self.resolution * 2.0, self.origin)
+
+
+def render_floor(world: World, seed: int, resolution: float = 0.0025) -> FloorTexture:
+    """Draws a world's floor; the same seed gives the same image."""
+    margin = world.room.margin
+    origin = (-margin, -margin)
+    width, height = (int(math.ceil((size + 2 * margin) / resolution)) for size in world.room.size)
+    rng = generator(seed, "floor")
+    texture = FloorTexture(np.zeros((height, width, 3), np.uint8), resolution, origin)
+    brightness = _brightness(world.floor, (height, width), resolution, rng)
+    picture = brightness[..., None] * np.array(world.floor.color, np.float32)
+    for patch in world.patches:
+        if patch.kind == "snippets":
+            _snippets(picture, texture, patch, rng)
+        else:
+            _carpet(picture, texture, patch, rng)
+    _contact_shadows(picture, texture, world)
+    for light in world.lights:
+        column, row = texture.pixels(np.array([[light.x, light.y]]))[0]
+        reach = 2.0 * light.radius / resolution
+        rows = slice(max(0, int(row - reach)), max(0, int(row + reach)))
+        columns = slice(max(0, int(column - reach)), max(0, int(column + reach)))
+        part = picture[rows, columns]
+        y, x = np.ogrid[rows.start : rows.start + part.shape[0], columns.start : columns.start + part.shape[1]]
+        distance = ((x - column) ** 2 + (y - row) ** 2) * (resolution / light.radius) ** 2
+        part += (light.brightness * np.exp(-0.7 * distance**1.5))[..., None].astype(np.float32)
+    return FloorTexture(np.clip(picture + 0.5, 0, 255).astype(np.uint8), resolution, origin)
+
+
+def _noise(shape: Tuple[int, int], step: Tuple[float, float], rng: np.random.Generator) -> np.ndarray:
+    """(H, W) float32 smooth noise of unit deviation with features of (rows, columns) px."""
+    coarse = tuple(max(2, int(math.ceil(size / max(1.0, length))) + 2) for size, length in zip(shape, step))
+    values = rng.standard_normal(coarse, dtype=np.float32)
+    grown = cv2.resize(values, (shape[1], shape[0]), interpolation=cv2.INTER_CUBIC)
+    return grown / max(1e-6, float(grown.std()))
+
+
+def _brightness(floor: Floor, shape: Tuple[int, int], resolution: float, rng: np.random.Generator) -> np.ndarray:
+    height, width = shape
+    result = 1.0 + 0.02 * _noise(shape, (0.9 / resolution, 0.9 / resolution), rng)
+    result += 0.12 * floor.contrast * _noise(shape, (0.004 / resolution, 0.004 / resolution), rng)
+    if floor.kind == "plain":
+        return result + 0.15 * floor.contrast * _noise(shape, (0.03 / resolution, 0.03 / resolution), rng)
+    length, breadth = (max(2.0, size / resolution) for size in floor.plank)
+    if floor.kind == "tiles":
+        breadth = length
+    rows = np.arange(height, dtype=np.float32) / breadth
+    row_numbers = rows.astype(int)
+    shifts = rng.random(row_numbers[-1] + 1).astype(np.float32)
+    if floor.kind == "tiles":
+        shifts[:] = 0.0
+    columns = np.arange(width, dtype=np.float32)[None, :] / length + shifts[row_numbers][:, None]
+    column_numbers = columns.astype(np.int32)
+    tones = rng.normal(0.0, 1.0, (row_numbers[-1] + 1, int(column_numbers.max()) + 1)).astype(np.float32)
+    result += 0.42 * floor.contrast * tones[row_numbers[:, None], column_numbers]
+    if floor.kind == "planks":
+        # the grain runs along the boards
+        result += 0.28 * floor.contrast * _noise(shape, (0.006 / resolution, 0.25 / resolution), rng)
+        result += 0.18 * floor.contrast * _noise(shape, (0.02 / resolution, 0.5 / resolution), rng)
+    seam = 0.0015 / resolution if floor.kind == "planks" else 0.002 / resolution
+    across = np.minimum(rows - row_numbers, 1.0 - (rows - row_numbers)) * breadth
+    along = np.minimum(columns - column_numbers, 1.0 - (columns - column_numbers)) * length
+    gap = np.maximum(np.exp(-((across / seam) ** 2))[:, None], np.exp(-((along / seam) ** 2)))
+    return result * (1.0 - min(1.0, 1.8 * floor.contrast) * gap)
+
+
+def _local(picture: np.ndarray, texture: FloorTexture, patch: Patch):
+    """The part of the image that contains a patch, and (x, y) [m] of its pixels in the patch's own axes."""
+    corners = texture.pixels(patch.footprint())
+    low = np.maximum(np.floor(corners.min(axis=0)).astype(int), 0)
+    high = np.maximum(np.ceil(corners.max(axis=0)).astype(int) + 1, low)
+    part = picture[low[1] : high[1], low[0] : high[0]]
+    rows, columns = np.indices(part.shape[:2], dtype=np.float32)
+    dx = (columns + low[0] + 0.5) * texture.resolution + texture.origin[0] - patch.x
+    dy = (rows + low[1] + 0.5) * texture.resolution + texture.origin[1] - patch.y
+    c, s = math.cos(math.radians(patch.yaw)), math.sin(math.radians(patch.yaw))
+    return part, c * dx + s * dy, c * dy - s * dx
+
+
+def _carpet(picture: np.ndarray, texture: FloorTexture, patch: Patch, rng: np.random.Generator) -> None:
+    part, x, y = _local(picture, texture, patch)
+    if part.size == 0:
+        return
+    half = np.array(patch.size) / 2.0
+    edge = np.minimum(half[0] - np.abs(x), half[1] - np.abs(y))
+    weave = 0.5 * (np.sin(2 * math.pi * x / 0.011) * np.sin(2 * math.pi * y / 0.011))
+    step = 0.007 / texture.resolution
+    tone = 1.0 + patch.contrast * (0.35 * weave + 0.22 * _noise(part.shape[:2], (step, step), rng))
+    tone += 0.10 * patch.contrast * _noise(part.shape[:2], (60 * step, 60 * step), rng)
+    # a woven border and a few rhombs, so that it looks like a carpet and confuses as one does
+    stripe = (((edge > 0.05) & (edge < 0.065)) | ((edge > 0.10) & (edge < 0.125))).astype(np.float32)
+    rhomb = np.abs(((x + 0.2) % 0.4) / 0.4 - 0.5) + np.abs(((y + 0.2) % 0.4) / 0.4 - 0.5)
+    figure = (((rhomb > 0.16) & (rhomb < 0.21)) & (edge > 0.16)).astype(np.float32)
+    tone *= 1.0 + 1.2 * patch.contrast * (stripe + 0.7 * figure)
+    color = np.array(patch.color, np.float32)
+    inside = edge > 0.0
+    part[inside] = (tone[..., None] * color)[inside]
+    rim = (edge <= 0.0) & (edge > -0.012)
+    part[rim] *= 0.75
+
+
+def _snippets(picture: np.ndarray, texture: FloorTexture, patch: Patch, rng: np.random.Generator) -> None:
+    c, s = math.cos(math.radians(patch.yaw)), math.sin(math.radians(patch.yaw))
+    for _ in range(patch.count):
+        at = (rng.random(2) - 0.5) * np.array(patch.size)
+        angle = rng.random() * math.pi
+        half = patch.snippet * rng.uniform(0.3, 0.6, 2)
+        axes = np.array([[math.cos(angle), math.sin(angle)], [-math.sin(angle), math.cos(angle)]]) * half[:, None]
+        # torn paper: four corners, none where it should be
+        corners = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * rng.uniform(0.7, 1.1, (4, 2)) @ axes + at
+        outline = texture.pixels(corners @ np.array([[c, s], [-s, c]]) + (patch.x, patch.y))
+        shade = float(rng.uniform(1.0 - patch.contrast, 1.0))
+        color = tuple(shade * value for value in patch.color)
+        cv2.fillConvexPoly(picture, np.round(outline * 16 + 12).astype(np.int32), (0.0, 0.0, 0.0), cv2.LINE_8, 4)
+        cv2.fillConvexPoly(picture, np.round(outline * 16).astype(np.int32), color, cv2.LINE_8, 4)
+
+
+def _contact_shadows(picture: np.ndarray, texture: FloorTexture, world: World) -> None:
+    """Darkens the floor beside things on it."""
+    step = 8
+    small = (picture.shape[0] // step + 1, picture.shape[1] // step + 1)
+    occluder = np.zeros(small, np.float32)
+    outlines = [wall_outline(wall) for wall in world.walls] + [thing.footprint() for thing in world.furniture]
+    weights = [1.0] * len(world.walls) + [0.55 if thing.kind == "table" else 1.0 for thing in world.furniture]
+    for outline, weight in zip(outlines, weights):
+        cv2.fillPoly(occluder, [np.round(texture.pixels(outline) / step * 16).astype(np.int32)], weight, cv2.LINE_8, 4)
+    width, height = world.room.size
+    room = texture.pixels(np.array([[0, 0], [width, height]])) / step
+    outside = np.ones(small, np.float32)
+    cv2.rectangle(outside, tuple(np.round(room[0]).astype(int).tolist()), tuple(np.round(room[1]).astype(int).tolist()), 0.0, -1)
+    occluder = np.maximum(occluder, 0.7 * outside)
+    cell = texture.resolution * step
+    shade = 0.55 * cv2.GaussianBlur(occluder, (0, 0), 0.07 / cell) + 0.45 * cv2.GaussianBlur(occluder, (0, 0), 0.22 / cell)
+    grown = cv2.resize(shade, (small[1] * step, small[0] * step), interpolation=cv2.INTER_LINEAR)
+    picture *= (1.0 - 0.5 * grown[: picture.shape[0], : picture.shape[1]])[..., None]

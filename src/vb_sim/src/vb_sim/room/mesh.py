@@ -1,0 +1,280 @@
+"""The world's solid things as flat faces, and a depth buffer that draws them.
+
+Colours are rgb. A depth buffer holds inverse depths along the optical axis [1/m]; 0 is nothing.
+"""
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import List, Sequence, Tuple
+
+import cv2
+import numpy as np
+
+from vb_core import masks
+from vb_core.camera_model import CameraModel
+from vb_core.geometry import invert
+from vb_sim.room.floor_plan import wall_outline
+from vb_sim.room.world import Furniture, World
+
+_NEAR = 0.03
+# light from above and a little from the side, so that a box's sides differ
+_LIGHT = np.array([0.30, -0.45, 0.84])
+_AMBIENT, _DIRECT = 0.58, 0.46
+_SHIFT = 4
+
+
+class MeshBuilder:
+    """Collects faces."""
+
+    def __init__(self) -> None:
+        self._faces: List[np.ndarray] = []
+        self._colors: List[np.ndarray] = []
+        self._normals: List[np.ndarray] = []
+
+    def face(self, corners: np.ndarray, color: Sequence[float], shaded: bool = True) -> None:
+        """A flat convex face, corners (K, 3) [m] counter-clockwise as seen from outside."""
+        corners = np.asarray(corners, dtype=float)
+        normal = np.cross(corners[1] - corners[0], corners[2] - corners[0])
+        length = float(np.linalg.norm(normal))
+        if length < 1e-12:
+            return
+        normal = normal / length
+        light = _AMBIENT + _DIRECT * max(0.0, float(normal @ _LIGHT)) if shaded else 1.0
+        self._faces.append(corners)
+        self._normals.append(normal)
+        self._colors.append(np.clip(np.array(color, dtype=float) * light, 0, 255))
+
+    def prism(
+        self,
+        outline: np.ndarray,
+        low: float,
+        high: float,
+        color: Sequence[float],
+        bands: Sequence[Tuple[float, float]] = (),
+    ) -> None:
+        """An upright solid over a convex outline (N, 2), counter-clockwise, from height low to high [m].
+
+        Args:
+            bands: (upper height [m], brightness) of strips of its sides, from the bottom; the rest is plain.
+        """
+        outline = np.asarray(outline, dtype=float)
+        color = np.array(color, dtype=float)
+        strips = [(top, brightness) for top, brightness in bands if low < top < high] + [(high, 1.0)]
+        for a, b in zip(outline, np.roll(outline, -1, axis=0)):
+            bottom = low
+            for top, brightness in strips:
+                self.face([(*a, bottom), (*b, bottom), (*b, top), (*a, top)], color * brightness)
+                bottom = top
+        self.face(np.column_stack([outline, np.full(len(outline), high)]), color)
+        if low > 0:
+            self.face(np.column_stack([outline, np.full(len(outline), low)])[::-1], color * 0.7)
+
+    def build(self) -> "Mesh":
+        """The faces as arrays."""
+        return Mesh(self._faces, np.array(self._normals).reshape(-1, 3), np.array(self._colors).reshape(-1, 3))
+
+
+@dataclass(frozen=True)
+class Mesh:
+    """Flat convex faces in the map frame: corners (K, 3) [m] each, normals (N, 3), colours (N, 3)."""
+
+    faces: List[np.ndarray]
+    normals: np.ndarray
+    colors: np.ndarray
+
+    def __post_init__(self) -> None:
+        counts = [len(face) for face in self.faces]
+        object.__setattr__(self, "_starts", np.concatenate([[0], np.cumsum(counts)]).astype(int))
+        object.__setattr__(self, "_corners", np.concatenate(self.faces) if self.faces else np.zeros((0, 3)))
+
+
+def world_mesh(world: World) -> Mesh:
+    """Walls and furniture of a world."""
+    builder = MeshBuilder()
+    width, height = world.room.size
+    t, top = world.room.wall_thickness, world.room.wall_height
+    wall_color = (214, 209, 200)
+    for outline in (
+        [(-t, -t), (width + t, -t), (width + t, 0), (-t, 0)],
+        [(-t, height), (width + t, height), (width + t, height + t), (-t, height + t)],
+        [(-t, 0), (0, 0), (0, height), (-t, height)],
+        [(width, 0), (width + t, 0), (width + t, height), (width, height)],
+    ):
+        # a skirting board
+        builder.prism(np.array(outline, dtype=float), 0.0, top, wall_color, [(0.07, 0.72), (0.08, 0.5)])
+    for wall in world.walls:
+        builder.prism(wall_outline(wall), 0.0, wall.height, wall.color, [(0.04, 0.8)])
+    for thing in world.furniture:
+        _furniture(builder, thing)
+    return builder.build()
+
+
+def _furniture(builder: MeshBuilder, thing: Furniture) -> None:
+    if thing.kind == "table":
+        board = min(0.04, thing.height / 4)
+        for leg in thing.floor_contacts():
+            builder.prism(leg, 0.0, thing.height - board, np.array(thing.color) * 0.8)
+        builder.prism(thing.footprint(), thing.height - board, thing.height, thing.color)
+        return
+    # darker towards the floor
+    bands = [(share * thing.height, brightness) for share, brightness in ((0.06, 0.55), (0.3, 0.86), (0.65, 0.94))]
+    builder.prism(thing.footprint(), 0.0, thing.height, thing.color, [] if thing.kind == "cylinder" else bands)
+
+
+class RayGrid:
+    """The viewing rays of all pixels of a camera, (x, y, 1) in the optical frame.
+
+    Without distortion x is (1, W) and y is (H, 1), else both are (H, W); float32.
+    """
+
+    def __init__(self, camera: CameraModel) -> None:
+        self.camera = camera
+        self.distorted = camera.distorted
+        if self.distorted:
+            self.x, self.y = self._distorted(camera)
+        else:
+            matrix = camera.matrix
+            self.x = ((np.arange(camera.width) - matrix[0, 2]) / matrix[0, 0]).astype(np.float32)[None, :]
+            self.y = ((np.arange(camera.height) - matrix[1, 2]) / matrix[1, 1]).astype(np.float32)[:, None]
+        self.limits = (float(self.x.min()), float(self.x.max()), float(self.y.min()), float(self.y.max()))
+
+    @staticmethod
+    def _distorted(camera: CameraModel) -> Tuple[np.ndarray, np.ndarray]:
+        # exact on every eighth pixel; in between the lens bends nothing that linear interpolation does not follow
+        step = 8
+        columns, rows = (int(np.ceil(size / step)) + 2 for size in (camera.width, camera.height))
+        u, v = np.meshgrid((np.arange(columns) - 1) * step + (step - 1) / 2, (np.arange(rows) - 1) * step + (step - 1) / 2)
+        rays = camera.rays(np.column_stack([u.ravel(), v.ravel()]))
+        grids = []
+        for axis in range(2):
+            coarse = rays[:, axis].reshape(rows, columns).astype(np.float32)
+            fine = cv2.resize(coarse, (columns * step, rows * step), interpolation=cv2.INTER_LINEAR)
+            grids.append(np.ascontiguousarray(fine[step : step + camera.height, step : step + camera.width]))
+        return grids[0], grids[1]
+
+    def combine(self, a: float, b: float, c: float, rows: slice = slice(None), columns: slice = slice(None)) -> np.ndarray:
+        """(h, w) float32: a x + b y + c over a part of the image."""
+        if self.distorted:
+            return np.float32(a) * self.x[rows, columns] + (np.float32(b) * self.y[rows, columns] + np.float32(c))
+        return np.float32(a) * self.x[:, columns] + (np.float32(b) * self.y[rows] + np.float32(c))
+
+
+class DepthBuffer:
+    """What is nearest in each pixel.
+
+    Attributes:
+        inverse: (H, W) float32 [1/m] inverse depth along the optical axis, 0 where there is only floor.
+        ids: (H, W) uint8, 0 where there is only floor, else an index into `colors`.
+        colors: (256, 3) uint8 rgb.
+    """
+
+    def __init__(self, grid: RayGrid) -> None:
+        self.grid = grid
+        size = (grid.camera.height, grid.camera.width)
+        self.inverse = np.zeros(size, np.float32)
+        self.ids = np.zeros(size, np.uint8)
+        self.normals = np.zeros((256, 3), np.float32)
+        self.colors = np.zeros((256, 3), np.uint8)
+        self._count = 0
+
+    def clear(self) -> None:
+        """Takes everything away."""
+        self.inverse.fill(0)
+        self.ids.fill(0)
+        self._count = 0
+
+    def draw_mesh(self, mesh: Mesh, T_map_optical: np.ndarray, gain: float = 1.0) -> None:
+        """Draws the faces of a mesh that this camera sees, their colours times a gain."""
+        if not mesh.faces:
+            return
+        T = invert(T_map_optical)
+        corners = mesh._corners @ T[:3, :3].T + T[:3, 3]
+        normals = mesh.normals @ T[:3, :3].T
+        starts = mesh._starts[:-1]
+        offsets = np.einsum("ij,ij->i", normals, corners[starts])
+        x0, x1, y0, y1 = self.grid.limits
+        x, y, z = corners.T
+        sides = np.stack([z - _NEAR, x - x0 * z, x1 * z - x, y - y0 * z, y1 * z - y])
+        reachable = (np.maximum.reduceat(sides, starts, axis=1) > 0).all(axis=0) & (offsets < -1e-9)
+        inside = np.minimum.reduceat(sides, starts, axis=1).T >= 0
+        chosen = np.nonzero(reachable)[0]
+        if len(chosen) > 255 - self._count:
+            nearest = np.minimum.reduceat(z, starts)
+            chosen = chosen[np.argsort(nearest[chosen])][: 255 - self._count]
+        for index in chosen:
+            face = corners[mesh._starts[index] : mesh._starts[index + 1]]
+            # without distortion what is beside the image is harmless: drawing clips it
+            for side in np.nonzero(~inside[index])[0] if self.grid.distorted else [] if inside[index, 0] else [0]:
+                face = self._clip(face, int(side))
+                if len(face) < 3:
+                    break
+            if len(face) >= 3:
+                a, b, c = normals[index] / offsets[index]
+                self._fill(self._outline(face), (a, b, c), mesh.colors[index] * gain, normals[index])
+
+    def draw_flat(self, outline_px: np.ndarray, depth: float, color: Sequence[float], normal: np.ndarray) -> None:
+        """Draws the convex hull of points (N, 2) [px] that faces the camera at one depth [m]."""
+        if self._count < 255:
+            hull = cv2.convexHull(np.asarray(outline_px, dtype=np.float32))[:, 0]
+            self._fill(hull, (0.0, 0.0, 1.0 / depth), color, normal)
+
+    def _clip(self, face: np.ndarray, side: int) -> np.ndarray:
+        x0, x1, y0, y1 = self.grid.limits
+        plane = [(0, 0, 1), (1, 0, -x0), (-1, 0, x1), (0, 1, -y0), (0, -1, y1)][side]
+        distances = face @ np.array(plane, dtype=float) - (_NEAR if side == 0 else 0.0)
+        kept = []
+        for i in range(len(face)):
+            j = (i + 1) % len(face)
+            if distances[i] >= 0:
+                kept.append(face[i])
+            if (distances[i] >= 0) != (distances[j] >= 0):
+                share = distances[i] / (distances[i] - distances[j])
+                kept.append(face[i] + share * (face[j] - face[i]))
+        return np.array(kept).reshape(-1, 3)
+
+    def _outline(self, face: np.ndarray) -> np.ndarray:
+        if self.grid.distorted:
+            # straight edges are bent by the lens
+            steps = np.linspace(0, 1, 12, endpoint=False)[None, :, None]
+            face = (face[:, None, :] * (1 - steps) + np.roll(face, -1, axis=0)[:, None, :] * steps).reshape(-1, 3)
+            return self.grid.camera.project(face)
+        matrix = self.grid.camera.matrix
+        return face[:, :2] / face[:, 2:] * (matrix[0, 0], matrix[1, 1]) + (matrix[0, 2], matrix[1, 2])
+
+    def _fill(self, outline: np.ndarray, plane: Tuple[float, float, float], color: Sequence[float], normal: np.ndarray) -> None:
+        height, width = self.ids.shape
+        (least_x, least_y), (most_x, most_y) = outline.min(axis=0), outline.max(axis=0)
+        left, top = max(math.floor(least_x), 0), max(math.floor(least_y), 0)
+        right, bottom = min(math.ceil(most_x) + 1, width), min(math.ceil(most_y) + 1, height)
+        if right <= left or bottom <= top:
+            return
+        rows, columns = slice(top, bottom), slice(left, right)
+        mask = np.zeros((bottom - top, right - left), np.uint8)
+        points = np.round((outline - (left, top)) * (1 << _SHIFT)).astype(np.int32)
+        if self.grid.distorted:
+            cv2.fillPoly(mask, [points], 255, cv2.LINE_8, _SHIFT)
+        else:
+            cv2.fillConvexPoly(mask, points, 255, cv2.LINE_8, _SHIFT)
+        self._count += 1
+        self.colors[self._count] = np.minimum(np.maximum(color, 0), 255)
+        self.normals[self._count] = normal
+        inverse = self.inverse[rows, columns]
+        if plane[0] == 0.0 and plane[1] == 0.0:
+            nearer = masks.threshold_mask(inverse, float(plane[2]), cv2.CMP_LT)
+            cv2.bitwise_and(mask, nearer, dst=mask)
+            inverse[mask > 0] = plane[2]
+        else:
+            candidate = self.grid.combine(*plane, rows, columns)
+            cv2.bitwise_and(mask, cv2.compare(candidate, inverse, cv2.CMP_GT), dst=mask)
+            cv2.copyTo(candidate, mask, inverse)
+        np.copyto(self.ids[rows, columns], np.uint8(self._count), where=mask > 0)
+
+    def paint(self, image: np.ndarray) -> None:
+        """Puts the things' colours over the image (H, W, 3) of the floor, in place."""
+        left, top, width, height = cv2.boundingRect(self.ids)
+        if width == 0:
+            return
+        part = (slice(top, top + height), slice(left, left + width))
+        ids = self.ids[part]
+        cv2.copyTo(cv2.LUT(cv2.merge([ids] * 3), self.colors[None]), ids, image[part])

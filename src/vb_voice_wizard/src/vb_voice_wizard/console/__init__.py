@@ -1,0 +1,1 @@
+"""The wizard console: keys and screen."""

@@ -1,0 +1,241 @@
+"""What the wizard console shows, drawn with rich; no ROS."""
+from __future__ import annotations
+
+import collections
+import textwrap
+from dataclasses import dataclass, field
+from typing import Any, Deque, Dict, List, Tuple
+
+from rich.console import Group, RenderableType
+from rich.layout import Layout
+from rich.panel import Panel
+from rich.table import Table
+from rich.text import Text
+
+from vb_core import sentences
+from vb_core.notices import Notice, Severity
+from vb_voice_wizard.console.keys import DRAWING_KEYS, OTHER_KEYS, QUIT_KEY
+
+_STYLES = {"default": "white", "border": "orange1", "seed": "sky_blue2", "guide": "hot_pink"}
+GOOD, BAD, NOTE = "green", "yellow", "cyan"
+
+# [lines] heights of the parts of the screen; the messages have the rest
+_HEAD, _BODY, _PREVIEW, _KEYS = 1, 9, 5, 2
+_LEAST_MESSAGES = 3
+_WIDEST = 400
+
+
+@dataclass(frozen=True)
+class BorderRow:
+    """A stored border as the console lists it."""
+
+    name: str
+    area_m2: float
+    enabled: bool
+    occupancy: float = 1.0
+
+
+@dataclass
+class View:
+    """Everything the console knows; plain values."""
+
+    master: str = ""  # the ROS master's address
+    connected: bool = False  # whether it answers
+    state: str = ""  # "": the interaction manager has not been heard yet
+    away: Tuple[str, ...] = ()  # codes of the nodes that do not answer
+    interaction_id: str = ""
+    times_s: Tuple[float, float, float] = (0.0, 0.0, 0.0)  # guide, border, seed
+    commands: Tuple[str, ...] = ()
+    border_spots: int = 0
+    seed_spots: int = 0
+    ignored_spots: int = 0
+    chain_points: int = 0
+    closed: bool = False
+    progress_message: str = ""
+    seeing: Tuple[str, ...] = ()
+    cameras: Tuple[str, ...] = ()
+    robot: str = ""
+    preview: str = ""  # what saving now would do, "": there is nothing to save yet
+    preview_good: bool = False
+    issues: Tuple[Tuple[str, bool], ...] = ()  # of the preview: what, and whether it forbids saving
+    borders: Tuple[BorderRow, ...] = ()
+    stopped: bool = False
+    stopped_by: str = ""
+    ends_in_s: float = 0.0  # 0: not soon
+    confirm_save: bool = False
+    notices: Tuple[Notice, ...] = ()  # what holds now, the most severe first
+    detectors: Tuple[Tuple[str, float], ...] = ()  # camera and images searched per second, 0 for a silent one
+    level_db: float = 0.0  # of the microphone, full scale is 0; 0: there is none
+    language: str = sentences.ENGLISH
+    messages: Deque[Tuple[str, str, str]] = field(default_factory=lambda: collections.deque(maxlen=50))
+
+    def words(self, code: str, **values: Any) -> str:
+        """The words for a code in the operator's language."""
+        return sentences.say(code, values, self.language)
+
+    def say(self, clock: str, text: str, style: str) -> None:
+        """Adds a message with the time of day, unless it repeats the last one."""
+        if not self.messages or self.messages[-1][1:] != (text, style):
+            self.messages.append((clock, text, style))
+
+
+def render(view: View, width: int = 80, height: int = 24) -> Layout:
+    """The whole screen.
+
+    Args:
+        width, height: [columns, lines] of the terminal.
+    """
+    width = min(width, _WIDEST)
+    free = height - _HEAD - _BODY - _PREVIEW - _KEYS - _LEAST_MESSAGES
+    # a long list of borders may grow, but not at the messages' whole expense
+    body = _BODY + max(0, min(free // 2, len(view.borders) + 2 - _BODY))
+    preview = _PREVIEW if free >= 0 else 0
+    messages = height - _HEAD - body - preview - _KEYS
+    parts = [
+        Layout(_head(view), name="head", size=_HEAD),
+        Layout(name="body", size=body),
+        Layout(_preview(view, width - 4), name="preview", size=preview, visible=preview > 0),
+        Layout(_messages(view, width - 4, messages - 2), name="messages", visible=messages >= _LEAST_MESSAGES),
+        Layout(_keys(view), name="keys", size=_KEYS),
+    ]
+    layout = Layout()
+    layout.split_column(*parts)
+    layout["body"].split_row(Layout(_interaction(view), ratio=3), Layout(_borders(view, body - 2), ratio=2))
+    return layout
+
+
+def _head(view: View) -> Text:
+    if not view.connected:
+        return Text(view.words("console_waiting_master", address=view.master), style="bold red")
+    if not view.state:
+        return Text(view.words("console_waiting_manager"), style="bold yellow")
+    text = Text(no_wrap=True)
+    if view.stopped:
+        # before everything else: on a narrow terminal the end of the line is cut
+        text.append(f" {view.words('console_stopped')} ", style="bold white on red not reverse")
+        if view.stopped_by:
+            text.append(f" {view.words('console_stopped_by', who=view.stopped_by)} ", style="bold red not reverse")
+    text.append(f" {view.words('state_' + view.state).upper()} ", style=f"bold reverse {_STYLES.get(view.state, 'white')}")
+    if view.interaction_id:
+        text.append(f"  {_clock(sum(view.times_s))}", style="bold not reverse")
+    if view.away:
+        who = ", ".join(map(view.words, view.away))
+        text.append("  " + view.words("console_is_away", who=who), style="bold red not reverse")
+    elif view.interaction_id:
+        text.append(f"  {view.words('console_interaction')} {view.interaction_id}", style="dim not reverse")
+    if view.confirm_save:
+        text.append("  " + view.words("console_confirm"), style="bold yellow not reverse")
+    if view.ends_in_s > 0.0:
+        text.append("  " + view.words("console_ends_in", time=_clock(view.ends_in_s)), style="bold yellow not reverse")
+    return text
+
+
+def _interaction(view: View) -> Panel:
+    say = view.words
+    guide, border, seed = (f"{seconds:.1f}" for seconds in view.times_s)
+    chain = view.progress_message or say("console_none")
+    if view.chain_points:
+        chain = say("console_polygon" if view.closed else "console_curve", points=view.chain_points)
+    seeing = ", ".join(view.seeing) or say("console_nobody")
+    before = [camera for camera in view.cameras if camera not in view.seeing]
+    if before:
+        seeing = say("console_seen_of", now=seeing, before=", ".join(before))
+    detectors = ", ".join(
+        say("console_camera" if rate else "console_camera_away", name=name, rate=f"{rate:.0f}")
+        for name, rate in sorted(view.detectors, key=lambda detector: detector[1] > 0.0)  # the end may be cut
+    )
+    silent = any(not rate for _, rate in view.detectors)
+    rows: Dict[str, Text] = {
+        "console_time": Text(say("console_times", guide=guide, border=border, seed=seed)),
+        "console_spots": Text(say(
+            "console_spot_counts", border=view.border_spots, seed=view.seed_spots, ignored=view.ignored_spots
+        )),
+        "console_chain": Text(chain),
+        "console_seen_by": Text(seeing, style="bold green" if view.seeing else ""),
+        "console_cameras": Text(detectors or say("console_none"), style=BAD if silent else ""),
+        "console_robot": Text(view.robot or say("console_unknown")),
+        "console_voice": Text(say("console_level", level=f"{view.level_db:.0f}") if view.level_db else say("console_none")),
+    }
+    table = Table.grid(padding=(0, 2), expand=True)
+    # a long value must not take the labels' room
+    table.add_column(style="dim", no_wrap=True, min_width=max(len(say(label)) for label in rows))
+    table.add_column(no_wrap=True, overflow="ellipsis", ratio=1)
+    for label, value in rows.items():
+        table.add_row(Text(say(label)), value)
+    return Panel(table, title=say("console_interaction"), padding=(0, 1))
+
+
+def _borders(view: View, room: int) -> Panel:
+    lines: List[RenderableType] = []
+    for row in view.borders[-room:]:  # the newest are at the end
+        details = f" {row.area_m2:.2f} m\u00b2"
+        if row.occupancy < 1.0:
+            details += f" {row.occupancy:.0%}"
+        if not row.enabled:
+            details += " " + view.words("console_off")
+        line = Table.grid(expand=True)
+        line.add_column(no_wrap=True, overflow="ellipsis", ratio=1)
+        line.add_column(no_wrap=True, justify="right")
+        style = "" if row.enabled else "dim"
+        line.add_row(Text(row.name, style=style), Text(details, style=style))
+        lines.append(line)
+    return Panel(
+        Group(*(lines or [Text(view.words("console_none"), style="dim")])),
+        title=view.words("console_borders", count=len(view.borders)), padding=(0, 1),
+    )
+
+
+def _preview(view: View, width: int) -> Panel:
+    good = GOOD if view.preview_good else BAD
+    lines = [Text(line, style=good) for line in _wrapped(view.preview, width)] if view.preview else []
+    for what, forbids in view.issues:
+        if what not in view.preview:
+            lines += [Text(line, style="bold red" if forbids else BAD) for line in _wrapped(f"! {what}", width)]
+    if not lines:
+        lines = [Text(view.words("console_nothing_to_save"), style="dim")]
+    return Panel(Group(*lines[: _PREVIEW - 2]), title=view.words("console_save_now"), padding=(0, 1))
+
+
+_SEVERITY = {Severity.INFO: NOTE, Severity.WARNING: "bold " + BAD, Severity.ERROR: "bold red"}
+
+
+def _messages(view: View, width: int, room: int) -> Panel:
+    pinned: List[Text] = []
+    for notice in view.notices:
+        style = _SEVERITY.get(notice.severity, "bold red")
+        pinned += [Text(line, style=style) for line in _wrapped(f"! {notice.sentence(view.language)}", width)]
+    # current notices are pinned, but leave half the room to the latest messages
+    pinned = pinned[: max(1, room // 2)]
+    lines: List[Text] = []
+    for clock, text, style in view.messages:
+        for number, line in enumerate(_wrapped(f"{clock} {text}", width)):
+            if number == 0:
+                lines.append(Text.assemble((clock, "dim"), (line[len(clock) :], style)))
+            else:
+                lines.append(Text(line, style=style))
+    left = room - len(pinned)
+    return Panel(
+        Group(*pinned, *(lines[-left:] if left > 0 else [])), title=view.words("console_messages"), padding=(0, 1)
+    )
+
+
+def _wrapped(text: str, width: int) -> List[str]:
+    return textwrap.wrap(text, max(10, width), subsequent_indent="  ") or [""]
+
+
+def _keys(view: View) -> Group:
+    lines = [Text(no_wrap=True) for _ in range(_KEYS)]
+    for line, keys in zip(lines, (DRAWING_KEYS, OTHER_KEYS)):
+        for key, command in keys.items():
+            sensible = command in view.commands
+            shown = view.words("console_space") if key == " " else key
+            line.append(f" {shown} ", style="bold reverse" if sensible else "reverse dim")
+            line.append(f" {view.words('command_' + command)}  ", style="bold" if sensible else "dim")
+    lines[1].append(f" {QUIT_KEY} ", style="reverse")
+    lines[1].append(f" {view.words('console_quit')} ")
+    return Group(*lines)
+
+
+def _clock(seconds: float) -> str:
+    whole = max(0, int(seconds))
+    return f"{whole // 60}:{whole % 60:02d}"

