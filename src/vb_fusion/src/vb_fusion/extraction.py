@@ -15,7 +15,7 @@ Bare points, without stamps, get an order in space first (ordering.py); all that
 >>> angle = np.linspace(0.0, 2.0 * np.pi, 200)                      # a circle drawn in eight seconds, seen 25 times a second
 >>> spots = 2.0 + np.column_stack([np.cos(angle), np.sin(angle)])
 >>> chain = extract_border(spots, stamps=0.04 * np.arange(200))
->>> chain.closed, abs(chain.length - 2.0 * np.pi) < 0.1
+>>> chain.closed, abs(chain.length - 2.0 * np.pi) < 0.2
 (True, True)
 """
 from __future__ import annotations
