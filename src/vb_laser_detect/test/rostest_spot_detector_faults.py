@@ -4,6 +4,7 @@ import os
 import sys
 import threading
 import unittest
+from collections import defaultdict
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
@@ -35,7 +36,8 @@ class Observer:
 
     def __init__(self):
         self.changed = threading.Condition()
-        self.spots, self.logs, self.status, self.diagnostics, self.truth = [], [], {}, {}, {}
+        self.spots, self.logs, self.status, self.truth = [], [], {}, {}
+        self.diagnostics = defaultdict(lambda: DiagnosticStatus(level=DiagnosticStatus.STALE))  # nothing was said yet
         for topic, kind, handle in (
             (names.SPOTS, LaserSpot, lambda m: self.spots.append(m)),
             (names.DETECTORS, DetectorStatus, lambda m: self.status.__setitem__(m.camera, m)),
@@ -181,7 +183,7 @@ class FaultsTest(unittest.TestCase):
     def camera_info_is_late_wrong_and_then_right(self):
         o, red = self.observer, self.red
         self.wait(
-            lambda: "red" in o.diagnostics and "no camera_info on /red/camera_info" in o.diagnostics["red"].message,
+            lambda: "no camera_info on /red/camera_info" in o.diagnostics["red"].message,
             "the diagnostic that camera_info is missing",
         )
         self.assertEqual(o.diagnostics["red"].level, DiagnosticStatus.ERROR)

@@ -27,7 +27,7 @@ RAISED = "|".join([
 
 def test_the_documentation_names_every_code():
     codes = set()
-    for path in (PACKAGE / "src" / "vb_map_integration").glob("*.py"):
+    for path in (PACKAGE / "src" / "vb_map_integration").rglob("*.py"):
         for groups in re.findall(RAISED, path.read_text()):
             codes.update(group for group in groups if group)
     assert {"no_separation", "splits_free_space", "bad_points", "soft_border_ignored"} <= codes

@@ -368,24 +368,6 @@ def test_bad_models(tmp_path):
         assert caught.value.key == key
 
 
-def test_pure_modules_import_without_ros():
-    block = """
-import sys, importlib
-class Block:
-    def find_spec(self, name, path=None, target=None):
-        top = name.split(".")[0]
-        if top in ("rospy", "tf2_ros", "cv_bridge") or top.endswith("_msgs"):
-            raise ImportError("blocked: " + name)
-sys.meta_path.insert(0, Block())
-for module in sys.argv[1:]:
-    importlib.import_module("vb_sim." + module)
-"""
-    pure = ["models_cameras", "floor_texture", "mesh", "bodies", "spot", "pixels", "ceiling_view", "robot_view", "lab_history",
-            "frame_clock", "render_views"]
-    run = subprocess.run([sys.executable, "-c", block, *pure], stderr=subprocess.PIPE, universal_newlines=True)
-    assert run.returncode == 0, run.stderr
-
-
 def test_render_views_writes_pictures_and_names_a_bad_world(tmp_path):
     script = str(PACKAGE / "scripts" / "render_views")
     (tmp_path / "world.yaml").write_text("""
