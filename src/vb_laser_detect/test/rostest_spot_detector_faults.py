@@ -27,7 +27,7 @@ sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
 from players import FixedCamera, RobotCamera  # noqa: E402
 from scenes import RED  # noqa: E402
 
-PATIENCE = 30.0
+PATIENCE = 120.0
 WARN_EVERY = 10.0
 
 

@@ -1,6 +1,5 @@
-"""Blocks, background, tracker, statistics; and that none of it needs ROS."""
+"""Blocks, background, tracker, statistics."""
 import math
-import sys
 from pathlib import Path
 
 import cv2
