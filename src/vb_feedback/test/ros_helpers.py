@@ -4,7 +4,7 @@ from __future__ import annotations
 import time
 
 
-def wait_until(condition, what: str, limit_s: float = 60.0):
+def wait_until(condition, what: str, limit_s: float = 120.0):
     """Waits for a condition; gives its first true value, or fails with what was waited for."""
     deadline = time.monotonic() + limit_s
     while time.monotonic() < deadline:

@@ -29,7 +29,7 @@ sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
 from board_scene import CAMERA, POSE, p2_of, render_board  # noqa: E402
 from scenes import Scene  # noqa: E402
 
-PATIENCE = 30.0
+PATIENCE = 120.0
 FASTER = 3.0  # the images' stamps run ahead of the wall clock: nobody waits two seconds for a spot to be held for two
 SMALL = CameraModel(640, 360, np.array([[400.0, 0, 319], [0, 400.0, 181], [0, 0, 1]]), np.array([-0.1, 0.02, 0, 0, 0]))
 

@@ -11,7 +11,7 @@ from rosgraph_msgs.msg import Log
 
 from vb_msgs.srv import GetTime, GetTimeResponse
 
-PATIENCE = 30.0
+PATIENCE = 120.0
 
 
 class ClockCheckTest(unittest.TestCase):

@@ -22,7 +22,7 @@ sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
 from players import FixedCamera, RobotCamera  # noqa: E402
 from scenes import GREEN, RED  # noqa: E402
 
-PATIENCE = 20.0
+PATIENCE = 120.0
 
 
 class SpotDetectorTest(unittest.TestCase):

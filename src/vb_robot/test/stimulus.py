@@ -144,7 +144,7 @@ def assert_bad_parameter_is_named(test, build, key, value):
     test.assertEqual(caught.exception.key, f"{rospy.get_name()}/{key}")
 
 
-def wait_until(condition, seconds=15.0):
+def wait_until(condition, seconds=60.0):
     """Waits until the condition is true; gives whether it became so in time."""
     deadline = rospy.get_rostime() + rospy.Duration(seconds)
     while not rospy.is_shutdown() and rospy.get_rostime() < deadline:
