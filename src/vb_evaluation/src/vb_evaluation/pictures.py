@@ -8,7 +8,7 @@ import cv2
 import matplotlib
 import numpy as np
 
-from vb_core.grid_map import GridMap
+from vb_core.grid_map import OCCUPIED_FROM, GridMap
 
 matplotlib.use("Agg")
 from matplotlib import pyplot as plt  # noqa: E402  (the backend must be chosen before)
@@ -128,7 +128,7 @@ def _centres(grid: GridMap) -> Tuple[np.ndarray, np.ndarray]:
 def _draw_map(axis, grid: GridMap) -> None:
     shades = np.full(grid.shape, 0.82)
     shades[(grid.data >= 0) & (grid.data < 50)] = 1.0
-    shades[grid.data >= 50] = 0.15
+    shades[grid.data >= OCCUPIED_FROM] = 0.15
     axis.imshow(shades, cmap="gray", vmin=0, vmax=1, origin="lower", extent=_extent(grid), interpolation="nearest")
     axis.set_aspect("equal")
 

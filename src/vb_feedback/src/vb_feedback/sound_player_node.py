@@ -25,7 +25,6 @@ class SoundParams(Parameters):
     device: str = param("default")
     program: str = param("aplay")
     volume: float = param(0.7, "", low=0.0, high=1.0)
-    tick_period: float = param(0.4, "s", above=0.0, high=10.0)
     max_age: float = param(1.0, "s", above=0.0, high=10.0)
     retry: float = param(30.0, "s", low=1.0, high=3600.0)
 
@@ -44,7 +43,7 @@ class SoundPlayer:
     def __init__(self, params: SoundParams, sink: AudioSink) -> None:
         self._params = params
         self._sink = sink
-        self._playlist = SoundQueue(params.tick_period, params.max_age)
+        self._playlist = SoundQueue(params.max_age)
         self._condition = threading.Condition()
         self._closed = False
         self._silent_until = 0.0

@@ -20,7 +20,7 @@ import numpy as np
 import shapely
 
 from vb_core import masks
-from vb_core.grid_map import GridMap
+from vb_core.grid_map import OCCUPIED_FROM, GridMap
 from vb_core.parameters import Parameters, param
 from vb_map_integration.grid import curve, raster
 from vb_map_integration.border import SLOW, VirtualBorder
@@ -38,7 +38,7 @@ Places = Mapping[str, Sequence[float]]
 class IntegrationParams(Parameters):
     """Parameters of the integration."""
 
-    occupied_threshold: int = param(65, low=1, high=100, doc="occupancy from which on a cell is an obstacle; map_server's")
+    occupied_threshold: int = param(OCCUPIED_FROM, low=1, high=100, doc="occupancy from which on a cell is an obstacle; map_server's")
     fit_length_m: float = param(0.3, "m", above=0.0, doc="length of a curve's end that gives its extension's direction")
     overshoot_m: float = param(0.2, "m", low=0.0, doc="how far a drawn end may reach beyond the wall it belongs to")
     seed_radius_m: float = param(0.2, "m", low=0.0, doc="how far a seed on an obstacle or on the line is moved")

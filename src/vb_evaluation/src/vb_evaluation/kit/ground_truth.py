@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 
 from vb_core.errors import CodedError
-from vb_core.grid_map import GridMap
+from vb_core.grid_map import OCCUPIED_FROM, GridMap
 from vb_core.map_files import FREE_PIXEL, OCCUPIED_PIXEL, UNKNOWN_PIXEL, read_map
 from vb_evaluation import metrics
 
@@ -66,7 +66,7 @@ def picture_of(physical: GridMap) -> np.ndarray:
     """(H, W) uint8, the map's image to draw over, as map_server stores it: row 0 is the map's highest y."""
     shades = np.full(physical.shape, UNKNOWN_PIXEL, np.uint8)
     shades[(physical.data >= 0) & (physical.data < 20)] = FREE_PIXEL
-    shades[physical.data >= 65] = OCCUPIED_PIXEL
+    shades[physical.data >= OCCUPIED_FROM] = OCCUPIED_PIXEL
     return np.ascontiguousarray(shades[::-1])
 
 

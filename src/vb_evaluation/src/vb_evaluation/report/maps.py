@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 
 from vb_core.errors import CodedError
-from vb_core.grid_map import GridMap
+from vb_core.grid_map import OCCUPIED_FROM, GridMap
 from vb_core.map_files import read_map
 from vb_evaluation import metrics
 from vb_evaluation.report.data import RUNS, Row, Study, number
@@ -60,7 +60,7 @@ def picture(
     else:
         colors[truth & drawn] = AGREEMENT
         colors[drawn & ~truth] = EXCESS
-    colors[prior.data >= 50] = OCCUPIED
+    colors[prior.data >= OCCUPIED_FROM] = OCCUPIED
     scale = max(1, -(-LEAST_WIDTH_PX // prior.shape[1]))
     image = cv2.resize(colors, None, fx=scale, fy=scale, interpolation=cv2.INTER_NEAREST)
     if drawn is not None:

@@ -10,27 +10,24 @@ from vb_feedback.sound.tone_synthesis import SOUNDS, TICK
 class SoundQueue:
     """Queue of sounds. Not thread safe.
 
-    A tick plays only if nothing else waits and the last one is long enough ago; other sounds keep their order.
+    A tick plays only if nothing else waits; other sounds keep their order.
 
     Args:
-        tick_period: [s] minimum between two ticks.
         max_age: [s] a sound that waited longer is dropped: it would report something that is over.
         most: maximum number of waiting sounds; the oldest are dropped.
     """
 
-    def __init__(self, tick_period: float, max_age: float, most: int = 4) -> None:
-        self._tick_period, self._max_age = tick_period, max_age
+    def __init__(self, max_age: float, most: int = 4) -> None:
+        self._max_age = max_age
         self._waiting: Deque[Tuple[str, float]] = deque(maxlen=most)
-        self._ticked: Optional[float] = None
 
     def add(self, name: str, now: float) -> bool:
         """Takes a sound at a time [s] of a steady clock; False if it will not be played."""
         if name not in SOUNDS:
             return False
         if name == TICK:
-            if self._waiting or (self._ticked is not None and now - self._ticked < self._tick_period):
+            if self._waiting:
                 return False
-            self._ticked = now
         elif self._waiting and self._waiting[0][0] == TICK:
             self._waiting.popleft()
         self._waiting.append((name, now))

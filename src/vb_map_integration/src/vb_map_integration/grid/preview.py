@@ -8,12 +8,10 @@ import cv2
 import numpy as np
 
 from vb_core import masks
-from vb_core.grid_map import GridMap
-
+from vb_core.grid_map import OCCUPIED_FROM, GridMap
 
 # larger maps are checked in coarser cells: the answer is about doors and rooms, and needed at once
 MAX_CELLS = 2_000_000
-OCCUPIED_FROM = 65
 
 
 @dataclass(frozen=True)

@@ -6,9 +6,9 @@ from typing import Iterable, Optional
 import cv2
 import numpy as np
 
-from vb_core.grid_map import GridMap
+from vb_core.grid_map import OCCUPIED_FROM, GridMap
 from vb_map_integration.border import VirtualBorder
-from vb_map_integration.places.registration import OCCUPIED_FROM, Transform
+from vb_map_integration.places.registration import Transform
 
 # BGR
 _FREE, _UNKNOWN, _WALL, _OLD, _BORDER = (255, 255, 255), (210, 210, 210), (60, 60, 60), (220, 140, 40), (40, 40, 220)

@@ -11,10 +11,10 @@ from typing import Dict, List, Optional
 
 import numpy as np
 
-from vb_core.grid_map import GridMap
+from vb_core.grid_map import OCCUPIED_FROM, GridMap
 from vb_map_integration.storage.database import Database, StoredMap
 from vb_map_integration.places.registration import (
-    IDENTITY, OCCUPIED_FROM, SURE_AGREEMENT, SURE_OVERLAP, Registration, Shape, Transform, measure_at, register_shapes,
+    IDENTITY, SURE_AGREEMENT, SURE_OVERLAP, Registration, Shape, Transform, measure_at, register_shapes,
 )
 
 # this many of a place's maps are compared: the first and the newest ones

@@ -21,9 +21,8 @@ from typing import List, NamedTuple, Optional, Sequence, Tuple
 import cv2
 import numpy as np
 
-from vb_core.grid_map import GridMap
+from vb_core.grid_map import OCCUPIED_FROM, GridMap
 
-OCCUPIED_FROM = 65
 # [m] a wall is found again if one is this near: two cells of a usual map, and SLAM's bends of a few centimetres
 TOLERANCE_M = 0.12
 # [m] connected obstacles that extend farther are walls, smaller ones furniture: a double bed's diagonal is 2.7 m
