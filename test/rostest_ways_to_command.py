@@ -136,13 +136,19 @@ class WaysToCommand(unittest.TestCase):
         rospy.ServiceProxy(names.UNDO, Trigger)()
         self.borders.wait(lambda message: not message.borders, f"{way}: the undone border")
         self.maps.wait(lambda message: (message.data == room().data.ravel()).all(), f"{way}: the map as it was")
-        with open(rospy.get_param("~log")) as file:
-            record = json.loads(file.readlines()[-1])
-        self.assertEqual((record["interaction_id"], record["outcome"]), (identity, "saved"))
+        record = wait_until(lambda: self.record_of(identity), f"{way}: the record")
+        self.assertEqual(record["outcome"], "saved")
         self.assertEqual((record["border_id"], record["sources"]), (stored.id, [way]))
         self.assertEqual((record["cameras"], record["guide_s"]), (["red", "green"], 0.0))
         self.assertAlmostEqual(record["border_s"], 1.0 + len(stroke) * FRAME_S, places=3)
         self.assertAlmostEqual(record["seed_s"], 1.0 + 30 * FRAME_S, places=3)
+
+    @staticmethod
+    def record_of(identity):
+        """An interaction's record, once it is on the disk; people are told of the save before."""
+        with open(rospy.get_param("~log")) as file:
+            records = [json.loads(line) for line in file if line.endswith("\n")]
+        return next((record for record in records if record["interaction_id"] == identity), None)
 
     # ------------------------------------------------------------------ the ways
     def test_all_ways_end_in_the_same_border(self):
