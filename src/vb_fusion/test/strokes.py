@@ -11,6 +11,7 @@ from typing import Dict, Tuple
 import numpy as np
 from scipy.signal import lfilter
 from scipy.spatial import cKDTree
+from shapely.validation import make_valid
 from shapely.geometry import Polygon
 
 from vb_core import geometry
@@ -127,5 +128,6 @@ def jaccard(a: np.ndarray, b: np.ndarray) -> float:
     """Jaccard index of two polygons' areas."""
     if min(len(a), len(b)) < 3:
         return 0.0
-    p, q = Polygon(a).buffer(0), Polygon(b).buffer(0)
+    # people cross their own lines, and so may what is drawn after them
+    p, q = (make_valid(Polygon(line).buffer(0)) for line in (a, b))
     return float(p.intersection(q).area / p.union(q).area)
