@@ -267,7 +267,7 @@ def table(runs) -> str:
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--robot", default=ROBOTS[0], choices=ROBOTS)
-    parser.add_argument("--scenarios", nargs="+", default=[*GOALS, "nose"], help="each share has a file of its own")
+    parser.add_argument("--scenarios", nargs="+", default=[*GOALS, "nose"], help="one file for each share")
     parser.add_argument("--seconds", type=float, default=math.inf, help="of wall time, then go on another time")
     parser.add_argument("--fresh", action="store_true", help="forget what the file has")
     parser.add_argument("--only-write", action="store_true", help="the table of what the files have")

@@ -32,7 +32,7 @@ AGAIN_S = {State.ERROR: 60.0, State.OK: 600.0}  # a check takes two seconds of p
 _ANONYMOUS = re.compile(r"_\d+_\d{10,}$")
 _LEVELS = {State.OK: DiagnosticStatus.OK, State.UNKNOWN: DiagnosticStatus.WARN, State.WARNING: DiagnosticStatus.WARN,
            State.ERROR: DiagnosticStatus.ERROR}
-# in a process of its own, which gives its memory back; below everything that people wait for
+# in a separate process, which gives its memory back; below everything that people wait for
 _CHECK = ["nice", "-n", "15", sys.executable, "-c", "from vb_bringup.check_lab import main; main()", "--json"]
 
 

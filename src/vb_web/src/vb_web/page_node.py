@@ -151,8 +151,9 @@ class PageNode(Backend):
         rospy.loginfo("%s: the page is at %s%s", rospy.get_name(), " or ".join(self._addresses),
                       "" if local else f"; its codes are in {codes}")
         # wall time goes on when simulated time stops
-        self._beats = [node.Beat(_POSES_S), node.Beat(_HEALTH_S)]
-        for beat, look in zip(self._beats, (self._look_at_robots, self._look_at_health)):
+        self._beats = [node.Beat(_POSES_S), node.Beat(_HEALTH_S), node.Beat(_HEALTH_S)]
+        # the last one waits for the manager's answer, which may take long: the others go on
+        for beat, look in zip(self._beats, (self._look_at_robots, self._look_at_health, self._carrier.repeat_stop)):
             node.Worker(beat, lambda _woken, look=look: look())
 
     def close(self) -> None:
@@ -326,7 +327,6 @@ class PageNode(Backend):
             self._view.put("level", None)
         self._show_notices()
         self._looker.tidy()
-        self._carrier.repeat_stop()
 
     def _connected(self, topic: str) -> bool:
         return self._subscribers[topic].get_num_connections() > 0

@@ -76,7 +76,7 @@ def start_launch(
 
 
 def _given(arguments: Mapping[str, str]) -> Tuple[str, ...]:
-    # each run has a folder of its own, and would have the file read again if it were among the arguments
+    # each run has its own folder, and would have the file read again if it were among the arguments
     return tuple(f"{name}:={_STATE if name == 'state' else value}" for name, value in sorted(arguments.items()))
 
 
