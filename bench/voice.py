@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """How well spoken commands are recognised: writes out/bench/voice_GROUP.json and docs/results/voice.md.
 
-    bench/voice.py                         every command four times by every voice, every sentence once, in each kind of noise
+    bench/voice.py                         every command by every voice, every sentence once, in each kind of noise
     bench/voice.py --share 0.3             a random part of it, the same each time
     bench/voice.py --group development     the same with what the thresholds were chosen with
 
