@@ -28,6 +28,7 @@ TOP = Path(__file__).resolve().parent.parent
 sys.path[:0] = [str(TOP / "src" / package / "src") for package in ("vb_voice_wizard", "vb_core")]
 RATE = 16000
 RECORDINGS = TOP / "out" / "bench" / "recordings"
+NETWORK = TOP / "src" / "vb_voice_wizard" / "config" / "voice" / "commands.npz"
 
 # what people say for each command: train again after a change
 COMMANDS = {
