@@ -20,7 +20,7 @@ from typing import List, Tuple
 import numpy as np
 from scipy.spatial import cKDTree
 
-from vb_fusion.observations import TREMBLE, Sights
+from vb_fusion.stroke.observations import TREMBLE, Sights
 
 MOMENT = 0.1  # [s] a hand's pointer moves by centimetres within it, and cameras with 10 images/s see it
 FLOOR = 2.0 * TREMBLE  # [m] width of the floor that a place covers
