@@ -34,7 +34,6 @@ def main(arguments: Optional[List[str]] = None) -> int:
         Console(stderr=True, highlight=False, soft_wrap=True).print(f"study: {error}", markup=False, style="bold red")
         return 2
     except KeyboardInterrupt:
-        console.print("interrupted: what was finished is kept, the same command goes on from there")
         return 130
 
 
