@@ -1,7 +1,10 @@
+import itertools
 import os
 import subprocess
 import sys
 import threading
+
+import rospy
 
 from vb_core.ros.node import Beat, Mailbox, Queue
 
@@ -42,8 +45,24 @@ def test_a_beat_comes_by_itself_or_when_something_is_announced():
     assert beat.take() is None
 
 
+def test_a_beat_comes_as_often_in_simulated_time_that_runs_faster(monkeypatch):
+    # simulated time runs on while it waits: a period of an hour of wall time is over at once
+    times = itertools.count(100.0, 600.0)
+    monkeypatch.setattr(rospy.rostime, "is_wallclock", lambda: False)
+    monkeypatch.setattr(rospy, "get_time", lambda: next(times))
+    beat = Beat(3600.0)
+    assert [beat.take(), beat.take()] == [False, False]
+    assert next(times) >= 100.0 + 2 * 3600.0  # and not sooner
+    # and where it stands still, wall time counts
+    monkeypatch.setattr(rospy, "get_time", lambda: 100.0)
+    assert Beat(0.01).take() is False
+
+
 FAULTY = """
 import threading
+
+import rospy
+
 import rospy
 from vb_core.ros import node
 

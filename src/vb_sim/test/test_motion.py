@@ -260,6 +260,15 @@ def test_pacing_never_bursts_and_makes_up_for_short_delays():
     assert steps[-1] == pytest.approx(1000 * 0.02, abs=0.03)
 
 
+def test_pacing_follows_a_pace_that_changes():
+    wall, pacer = 0.0, Pacer(0.02, 0.0)
+    for pace in (4.0, 0.5):
+        pacer.pace, began = pace, wall
+        for _ in range(1000):
+            wall += pacer.wait(wall)
+        assert wall - began == pytest.approx(1000 * 0.02 / pace, abs=0.05)
+
+
 def test_pacing_gives_up_what_is_too_late():
     pacer, wall = Pacer(0.02, 0.0), 60.0  # the machine slept for a minute
     began = wall

@@ -16,6 +16,7 @@ from geometry_msgs.msg import Point, Pose2D, PoseWithCovarianceStamped, Transfor
 from nav_msgs.msg import Odometry
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import LaserScan
+from std_msgs.msg import Float64
 from std_srvs.srv import Trigger, TriggerResponse
 from tf2_msgs.msg import TFMessage
 
@@ -29,6 +30,8 @@ from vb_sim.room.models_motion import LocalisationModel, RobotModel, ScanModel
 from vb_sim.pacing import Pacer, RealTimeFactor
 from vb_sim.state_file import StateFile
 from vb_sim.room.world import Robot, load_world
+
+MIN_PACE, MAX_PACE = 0.1, 20.0  # simulated seconds per real second
 
 
 @dataclass(frozen=True)
@@ -64,13 +67,15 @@ class RobotConnection:
 class LabSimulatorNode:
     """Moves the robots, publishes the ground truth of the lab and the clock.
 
-    With /use_sim_time it publishes /clock, paced to at most real time; without it, it steps in wall time.
+    With /use_sim_time it publishes /clock, paced to at most real time or to /sim/pace; without it, it steps in wall time.
     A robot's topics are below its namespace; the first robot usually has none.
 
     Subscribed topics:
         <robot>/cmd_vel (geometry_msgs/Twist)
         <robot>/initialpose (geometry_msgs/PoseWithCovarianceStamped): re-initialises the estimate only
         /sim/participant (vb_msgs/ParticipantState)
+        /sim/pace (std_msgs/Float64): simulated seconds per real second at most, for drives without people and cameras;
+            1 before there is one
     Published topics:
         /clock (rosgraph_msgs/Clock): `rate`, only with /use_sim_time
         /sim/lab_state (vb_msgs/LabState): `rate`, ground truth
@@ -113,6 +118,8 @@ class LabSimulatorNode:
             rospy.Subscriber(connection.topic + "initialpose", PoseWithCovarianceStamped, self._on_initialpose, index, queue_size=1)
         rospy.Subscriber(names.PARTICIPANT, ParticipantState, self._on_participant, queue_size=1, tcp_nodelay=True)
         rospy.Service("~reset", Trigger, self._on_reset)
+        self._pacer = Pacer(self._step_ns * 1e-9, time.monotonic())
+        rospy.Subscriber(names.PACE, Float64, self._on_pace, queue_size=1)
         self._thread = threading.Thread(target=self._run, daemon=True)
         self._thread.start()
 
@@ -156,6 +163,12 @@ class LabSimulatorNode:
                 )
             )
 
+    def _on_pace(self, message: Float64) -> None:
+        if not MIN_PACE <= message.data <= MAX_PACE:
+            rospy.logwarn("%s: a pace of %s ignored, expected %s to %s", rospy.get_name(), message.data, MIN_PACE, MAX_PACE)
+            return
+        self._pacer.pace = message.data
+
     def _on_reset(self, _request: Trigger) -> TriggerResponse:
         with self._lock:
             self._lab.reset()
@@ -164,10 +177,9 @@ class LabSimulatorNode:
     # ------------------------------------------------------------ time
     def _run(self) -> None:
         try:
-            pacer = Pacer(self._step_ns * 1e-9, time.monotonic())
             while not rospy.is_shutdown() and not self._closing:
                 self._step()
-                time.sleep(pacer.wait(time.monotonic()))
+                time.sleep(self._pacer.wait(time.monotonic()))
         except rospy.ROSException:
             if not rospy.is_shutdown():
                 raise

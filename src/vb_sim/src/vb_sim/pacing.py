@@ -1,4 +1,4 @@
-"""Simulated time that keeps step with real time, and how well it does."""
+"""Simulated time that keeps step with real time, or runs faster, and how well it does."""
 from __future__ import annotations
 
 from collections import deque
@@ -16,10 +16,14 @@ class Pacer:
         now: [s] a monotonic clock's time.
         catch_up: [s] the most that is caught up.
         quickest: the minimum wait, as a share of the period.
+
+    Attributes:
+        pace: simulated seconds per real second, at most.
     """
 
     def __init__(self, period: float, now: float, catch_up: float = 0.3, quickest: float = 0.7) -> None:
         self._period = period
+        self.pace = 1.0
         self._due = now + period
         self._catch_up = catch_up
         self._quickest = quickest
@@ -29,8 +33,9 @@ class Pacer:
         """[s] to wait, at `now`, before the next step; call it once per step."""
         if now - self._due > self._catch_up:
             self._due = now - self._catch_up
-        moment = max(self._due, self._stepped + self._quickest * self._period, now)
-        self._due += self._period
+        period = self._period / self.pace
+        moment = max(self._due, self._stepped + self._quickest * period, now)
+        self._due += period
         self._stepped = moment
         return moment - now
 

@@ -165,14 +165,19 @@ class Queue(Generic[T]):
             self._condition.notify_all()
 
 
-class Beat:
-    """A clock for a worker: `take` returns when something was announced, or after a period of wall time.
+LOOKED_EACH_S = 0.004  # [s] of wall time between two looks at simulated time: at five times real time one of its steps
 
-    A rospy.Timer follows simulated time, which may pause; work that must not pause uses this.
+
+class Beat:
+    """A clock for a worker: `take` returns when something was announced, or after a period of wall or simulated time.
+
+    Whichever ends first counts. A rospy.Timer follows simulated time, which may pause, and work that must not pause uses
+    this; where simulated time runs faster than real time, other nodes expect the work as often in their time.
     """
 
     def __init__(self, period: float) -> None:
         self._period = period
+        self._due = 0.0  # [s] of simulated time
         self._wake = threading.Event()
         self._closed = False
 
@@ -182,7 +187,15 @@ class Beat:
 
     def take(self) -> Optional[bool]:
         """Waits; returns whether something was announced, None once closed."""
-        woken = not self._closed and self._wake.wait(self._period)
+        simulated, until, woken = not rospy.rostime.is_wallclock(), time.monotonic() + self._period, False
+        if simulated and not 0.0 <= self._due - rospy.get_time() <= self._period:
+            self._due = rospy.get_time() + self._period  # the first time, too late for the last one, or time has jumped
+        while not (self._closed or woken):
+            left = until - time.monotonic()
+            if left <= 0.0 or (simulated and rospy.get_time() >= self._due):
+                break
+            woken = self._wake.wait(min(left, LOOKED_EACH_S) if simulated else left)
+        self._due += self._period
         self._wake.clear()
         return None if self._closed else woken
 
