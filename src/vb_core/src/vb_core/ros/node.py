@@ -165,7 +165,8 @@ class Queue(Generic[T]):
             self._condition.notify_all()
 
 
-LOOKED_EACH_S = 0.004  # [s] of wall time between two looks at simulated time: at five times real time one of its steps
+MIN_LOOK_S = 0.002  # [s] of wall time between two looks at simulated time
+MAX_PACE = 20.0  # simulated seconds per second
 
 
 class Beat:
@@ -178,6 +179,7 @@ class Beat:
     def __init__(self, period: float) -> None:
         self._period = period
         self._due = 0.0  # [s] of simulated time
+        self._pace = 1.0  # simulated seconds per second, as the last wait found it
         self._wake = threading.Event()
         self._closed = False
 
@@ -187,17 +189,26 @@ class Beat:
 
     def take(self) -> Optional[bool]:
         """Waits; returns whether something was announced, None once closed."""
-        simulated, until, woken = not rospy.rostime.is_wallclock(), time.monotonic() + self._period, False
-        if simulated and not 0.0 <= self._due - rospy.get_time() <= self._period:
-            self._due = rospy.get_time() + self._period  # the first time, too late for the last one, or time has jumped
-        while not (self._closed or woken):
-            left = until - time.monotonic()
-            if left <= 0.0 or (simulated and rospy.get_time() >= self._due):
-                break
-            woken = self._wake.wait(min(left, LOOKED_EACH_S) if simulated else left)
-        self._due += self._period
+        if rospy.rostime.is_wallclock():
+            woken = not self._closed and self._wake.wait(self._period)
+        else:
+            woken = self._take_simulated()
         self._wake.clear()
         return None if self._closed else woken
+
+    def _take_simulated(self) -> bool:
+        began, then = time.monotonic(), rospy.get_time()
+        if not 0.0 <= self._due - then <= self._period:
+            self._due = then + self._period  # the first time, too late for the last one, or time has jumped
+        wall, now, woken = began, then, False
+        while not (self._closed or woken) and wall < began + self._period and now < self._due:
+            rest = max((self._due - now) / self._pace, MIN_LOOK_S)
+            woken = self._wake.wait(min(began + self._period - wall, rest))
+            wall, now = time.monotonic(), rospy.get_time()
+        self._due += self._period
+        if wall > began:
+            self._pace = min(max((now - then) / (wall - began), 1.0), MAX_PACE)
+        return woken
 
     def close(self) -> None:
         """Wakes up the worker; `take` then returns None."""
