@@ -12,7 +12,7 @@ from vb_core.robot_profile import RobotProfile
 from vb_robot.driving.driver import NAVIGATION, STOP_WITHIN, TELEOP, Driver
 from vb_robot.driving.following import Frames
 from vb_robot.driving.safety import Scan
-from vb_robot.driving.servoing import BACK_TO_DISTANCE, FAR_DISTANCE, MAX_SPEED, MAX_TURN, NEAR_DISTANCE
+from vb_robot.driving.following import BACK_TO_DISTANCE, FAR_DISTANCE, MAX_SPEED, MAX_TURN, NEAR_DISTANCE
 from vb_robot.spots import BORDER, DEFAULT, GUIDE, SEED, Sighting, Sightings
 from vb_robot.dispatching.view import FloorView, to_base
 from vb_robot.driving.border_monitor import BorderMonitor

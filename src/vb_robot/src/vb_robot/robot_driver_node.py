@@ -31,13 +31,12 @@ from vb_core.ros import node, parameters, robot_profile
 from vb_core.ros.messages import OccupancyGridArray, array_from_points, grid_from_message, pose_to_2d
 from vb_core.ros.notices import NoticePublisher
 from vb_core.ros.transforms import TransformLookup
-from vb_msgs.msg import BorderProgress, DriverState, InteractionState, LaserSpot, VirtualBorder, VirtualBorderArray
+from vb_msgs.msg import BorderProgress, DriverState, InteractionState, VirtualBorder, VirtualBorderArray
 from vb_robot.driving import driver as drivers
-from vb_robot.camera_view import CameraView
 from vb_robot.driving.driver import Command, Driver
 from vb_robot.driving.following import Frames
 from vb_robot.driving.safety import Scan
-from vb_robot.spots import Sighting
+from vb_robot.inputs import CameraView, SpotListener
 from vb_robot.driving.border_monitor import KnownBorder, BorderContact, BorderMonitor
 
 SLOW_LOCALISATION = 0.15  # [s] for an older spot the newest localisation is used: that is near enough
@@ -119,7 +118,7 @@ class RobotDriverNode:
             listen("cmd_vel", rospy.AnyMsg, self._on_command, queue_size=20),
             listen(names.STATE, InteractionState, self._on_state, queue_size=10),
             listen(names.STOP, Bool, self._on_stop, queue_size=10),
-            listen(names.SPOTS, LaserSpot, self._on_spot, queue_size=100),
+            SpotListener(self._driver.add),
             listen(names.PROGRESS, BorderProgress,
                    lambda message: self._driver.contributed(message.interaction_id, message.cameras), queue_size=1),
             listen(names.MAP_WITH_BORDERS, OccupancyGridArray, self._on_map, "borders", queue_size=1),
@@ -183,16 +182,6 @@ class RobotDriverNode:
                 self._remembered = False
             except (CodedError, OSError) as error:
                 rospy.logerr_throttle(5.0, f"{rospy.get_name()}: whether it is stopped is not remembered: {error}")
-
-    def _on_spot(self, message: LaserSpot) -> None:
-        position = (message.position.x, message.position.y)
-        if message.header.frame_id != names.MAP_FRAME or not np.isfinite(position).all():
-            rospy.logwarn_throttle(
-                5.0, f"{rospy.get_name()}: spot rejected: frame '{message.header.frame_id}', position {position}; "
-                f"expected finite values in '{names.MAP_FRAME}'")
-            return
-        self._driver.add(Sighting(message.header.stamp.to_sec(), position, message.camera, message.mobile,
-                                  message.confidence))
 
     def _on_scan(self, message: LaserScan) -> None:
         frame = message.header.frame_id

@@ -19,10 +19,9 @@ from typing import Dict, Iterable, List, Optional, Tuple
 
 from vb_core.grid_map import GridMap
 from vb_core.robot_profile import RobotProfile
-from vb_robot.driving.following import Following, Frames
 from vb_robot.driving.border_exit import MAP_MARGIN, BorderExit
 from vb_robot.driving.safety import (LEAP, KeepoutMap, Keep, Scan, SpeedLimits, pose_jump, safe_speed, stop_distance)
-from vb_robot.driving.servoing import MAX_SPEED, Wish
+from vb_robot.driving.following import MAX_SPEED, Following, Frames, Wish
 from vb_robot.spots import DEFAULT, Sighting, Sightings
 from vb_robot.dispatching.view import FloorView
 from vb_robot.dispatching.viewpoint import Pose
