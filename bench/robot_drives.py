@@ -11,10 +11,10 @@ through its driver. The judge sees where the robot truly is. Goals are drawn by 
 such that the straight line from one to the next leads through the border's area where that is possible, driven forth and
 back, so that both directions come up.
 
-The idea: simulated time runs as fast as this computer allows and no faster. What would change the robot's behaviour is a
-control cycle that move_base misses: each one that it reports makes time run slower, each drive without makes it run a
-little faster, and each drive's row says how many it missed. A border is put before the nose in real time, because
-the services that put it there take real time.
+The idea: simulated time waits for those who drive (the simulator's ~lockstep), so that it runs as fast as this computer
+allows, and a busy one makes drives last longer without changing them. What would change them is a cycle that move_base
+misses: each drive's row says how many it reported. A border is put before the nose while time runs slowly, because the
+services that put it there take real time; the row says how much simulated time that was.
 
 Writes each drive to out/bench/robot_drives/, and the tables of all of them to docs/results/robots_navigation.md.
 """
@@ -68,47 +68,35 @@ LIMIT_S = 120.0  # [s] of simulated time for one goal: 10 m at the slower robot'
 ROUNDS, NOSES = 40, 20  # goals round each border, and borders put before the nose
 INSIDE = 2  # goals inside of each border
 MIN_LEG = 0.6  # [m] between two places
-FASTEST = 6.0  # simulated seconds per real second: more than two slow cores can do
+FASTEST = 4.0  # simulated seconds per real second: more than two slow cores can do
+SLOW = 0.5  # the same while a border is put before the nose
 MISSED = "missed its desired rate"  # move_base's words, of its control loop and of its costmaps
 
 
 class Pace:
-    """Lets simulated time run as fast as move_base keeps up with.
+    """How fast simulated time runs, and what move_base missed.
 
     Args:
         fastest: simulated seconds per real second, at most.
     """
 
     def __init__(self, fastest: float) -> None:
-        self._fastest, self._pace, self._held = fastest, min(fastest, 2.0), False
-        self._missed, self._slowed = 0, 0.0
+        self._fastest, self._missed = fastest, 0
         self._publisher = rospy.Publisher(names.PACE, Float64, queue_size=1, latch=True)
         self._subscriber = rospy.Subscriber("/rosout", Log, self._on_log, queue_size=100)
-        self._say()
-
-    def _say(self) -> None:
-        self._publisher.publish(1.0 if self._held else self._pace)
+        self.hold(False)
 
     def _on_log(self, message: Log) -> None:
-        if MISSED not in message.msg:
-            return
-        self._missed += 1
-        if time.monotonic() - self._slowed > 1.0:  # a burst has one cause
-            self._slowed, self._pace = time.monotonic(), max(0.5, 0.8 * self._pace)
-            self._say()
+        self._missed += MISSED in message.msg
 
     def missed(self) -> int:
-        """How many cycles move_base has missed since this was asked last; without any, time runs a little faster."""
+        """How many cycles move_base has missed since this was asked last."""
         missed, self._missed = self._missed, 0
-        if not missed:
-            self._pace = min(1.1 * self._pace, self._fastest)
-            self._say()
         return missed
 
     def hold(self, held: bool) -> None:
-        """Keeps simulated time at real time, or lets it run."""
-        self._held = held
-        self._say()
+        """Lets simulated time run slowly, or as fast as it may."""
+        self._publisher.publish(min(self._fastest, SLOW if held else self._fastest))
 
 
 @functools.lru_cache(maxsize=None)
@@ -277,8 +265,9 @@ def drive_nose(lab, number, seed, keep) -> None:
             across = half * np.array([-math.sin(yaw), math.cos(yaw)])
             middle = np.array([x, y]) + (ahead + half) / half * along
             corners = [middle - along - across, middle + along - across, middle + along + across, middle - along + across]
+            called = rospy.get_time()
             put["id"] = lab.add(corners, middle, True)
-            put["at"], until = (x, y), rospy.get_time() + 5.0
+            put["at"], put["after_s"], until = (x, y), round(rospy.get_time() - called, 2), rospy.get_time() + 3.0
             wait_until(lambda: rospy.get_time() > until, 60.0)
         except CodedError as error:
             put["error"] = error.code
@@ -293,7 +282,7 @@ def drive_nose(lab, number, seed, keep) -> None:
     path = driven.path
     if "at" in put and len(path):
         path = path[int(np.argmin(np.linalg.norm(path - put["at"], axis=1))):]
-    keep({"kind": "nose", "scenario": "", "number": number, **row, "gap_m": round(gap, 2),
+    keep({"kind": "nose", "scenario": "", "number": number, **row, "gap_m": round(gap, 2), "after_s": put.get("after_s"),
           "border": put.get("error", "added" if "id" in put else "none"),
           "entered_m": round(lab.entered(path), 3) if "id" in put else None})
     if "id" in put:
