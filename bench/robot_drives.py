@@ -153,6 +153,9 @@ class Lab:
             folder / "roslaunch.txt", {**os.environ, "ROS_LOG_DIR": str(folder / "log")})
         if not wait_until(rosgraph.is_master_online, 60.0):
             raise CodedError("not_ready", "no master")
+        # before that this program would take wall time for the time of its node
+        if not wait_until(lambda: rosgraph.Master("/robot_drives").hasParam("/use_sim_time"), 60.0):
+            raise CodedError("not_ready", "roslaunch sets no parameters")
         rospy.init_node("robot_drives", anonymous=True, disable_signals=True, log_level=rospy.ERROR)
         self.observer, self.pace = Observer(), Pace(fastest)
         self.runner = GoalRunner()
@@ -298,8 +301,11 @@ def _interval(good: int, count: int) -> str:
 
 def revision() -> str:
     """The commit that the drives are made with."""
-    return subprocess.run(["git", "describe", "--always", "--dirty"], cwd=str(TOP), stdout=subprocess.PIPE,
-                          universal_newlines=True).stdout.strip()
+    commit = subprocess.run(["git", "rev-parse", "--short", "HEAD"], cwd=str(TOP), stdout=subprocess.PIPE,
+                            universal_newlines=True).stdout.strip()
+    # the results are written while others are driven
+    clean = subprocess.run(["git", "diff", "--quiet", "HEAD", "--", "src", "launch", "robots", "bench"], cwd=str(TOP)).returncode == 0
+    return commit if clean else f"{commit}-dirty"
 
 
 WANTED = {"round": ("reached",), "inside": ("refused",), "nose": ("reached", "refused", "time_is_up")}
