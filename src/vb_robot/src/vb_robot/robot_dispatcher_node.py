@@ -3,7 +3,6 @@ from __future__ import annotations
 
 import functools
 import threading
-import traceback
 from typing import Callable, Dict, Mapping, Tuple
 
 import rospy
@@ -13,7 +12,7 @@ from vb_core import names
 from vb_core.errors import CodedError
 from vb_core.grid_map import GridMap
 from vb_core.robot_profile import RobotProfile
-from vb_core.ros import parameters, robot_profile
+from vb_core.ros import node, parameters, robot_profile
 from vb_core.ros.messages import OccupancyGridArray, array_from_points, grid_from_message, pose_from_2d
 from vb_core.ros.notices import NoticePublisher
 from vb_core.ros.transforms import TransformLookup
@@ -70,11 +69,12 @@ class RobotDispatcherNode:
             SpotListener(dispatcher.add),
             rospy.Subscriber(names.PROGRESS, BorderProgress, self._on_progress, queue_size=1),
         ]
-        self._timer = rospy.Timer(rospy.Duration(PERIOD), self._on_timer, reset=True)
+        self._beat = node.Beat(PERIOD)
+        self._worker = node.Worker(self._beat, lambda _woken: self._decide())
 
     def close(self) -> None:
         """Cancels every goal: nothing would supervise it any more."""
-        self._timer.shutdown()
+        self._beat.close()
         self._notices.close()
         for robot in self._robots:
             robot.cancel()
@@ -103,18 +103,6 @@ class RobotDispatcherNode:
             array_from_points(message.points), tuple(message.cameras)))
 
     # ------------------------------------------------------------- decisions
-    def _on_timer(self, _event: object) -> None:
-        try:
-            self._decide()
-        except CodedError as error:
-            rospy.logwarn_throttle(5.0, f"{rospy.get_name()}: {error}")
-        except rospy.ROSException:
-            if not rospy.is_shutdown():
-                raise
-        except Exception:
-            # a timer whose callback fails would never call again, unnoticed
-            rospy.logerr_throttle(5.0, f"{rospy.get_name()}: {traceback.format_exc()}")
-
     def _decide(self) -> None:
         key = self._dispatcher.key
         wanted = self._dispatcher.wanted()
