@@ -4,6 +4,7 @@
     bench/voice.py                         every command by every voice, every sentence once, in each kind of noise
     bench/voice.py --share 0.3             a random part of it, the same each time
     bench/voice.py --group development     the same with what the thresholds were chosen with
+    bench/voice.py --seconds 200           stops then; the next call goes on
 
 Commands, other sentences and near misses are said by synthetic voices and streamed as from a microphone, at 10 dB: in steady
 noise, half of it with reverberation; over music; while eight people talk. Neither voices nor sentences, noises and styles of
@@ -61,6 +62,7 @@ def _judge(plan: speech.Plan) -> Optional[dict]:
             issues.append(_recognizer.classify(utterance))
             deciding = max(deciding, time.process_time() - before)
     return {
+        "plan": repr(plan),
         "kind": plan.kind,
         "command": plan.command,
         "text": plan.text,
@@ -218,15 +220,18 @@ def main() -> int:
     parser.add_argument("--share", type=float, default=1.0, help="of all that could be said")
     parser.add_argument("--snr", type=float, default=10.0, help="[dB]")
     parser.add_argument("--processes", type=int, default=os.cpu_count())
-    parser.add_argument("--seconds", type=float, default=1e9, help="stop then, with what is done")
+    parser.add_argument("--seconds", type=float, default=1e9, help="stop then; the next call goes on")
     arguments = parser.parse_args()
     group = arguments.group
     jobs, talkers = speech.everything(group, arguments.takes, arguments.share, arguments.snr)
-    started = time.monotonic()
+    path = TOP / "out" / "bench" / f"voice_{group}.json"
+    plan = {"network": identify(NETWORK)[0], "planned": len(jobs), "snr_db": arguments.snr}
+    before = json.loads(path.read_text()) if path.exists() else {}
+    results = before["utterances"] if plan.items() <= before.items() else []
+    done, started = {one["plan"] for one in results}, time.monotonic()
     with Pool(arguments.processes, _setup, (talkers,)) as pool:
-        results = []
         try:
-            for result in pool.imap(_judge, jobs, chunksize=4):
+            for result in pool.imap(_judge, [job for job in jobs if repr(job) not in done], chunksize=4):
                 if result is not None:
                     results.append(result)
                     print(f"{len(results)} of {len(jobs)}", end="\r", flush=True)
@@ -239,15 +244,9 @@ def main() -> int:
         return 1
     revision = subprocess.run(["git", "rev-parse", "--short", "HEAD"], cwd=str(TOP), stdout=subprocess.PIPE).stdout.decode().strip()
     report = {
-        "command": " ".join(["bench/voice.py", *sys.argv[1:]]),
-        "date": time.strftime("%Y-%m-%d"),
-        "revision": revision,
-        "network": identify(NETWORK)[0],
-        "planned": len(jobs),
-        "snr_db": arguments.snr,
-        "utterances": results,
+        "command": " ".join(["bench/voice.py", *sys.argv[1:]]), "date": time.strftime("%Y-%m-%d"), "revision": revision,
+        **plan, "utterances": results,
     }
-    path = TOP / "out" / "bench" / f"voice_{group}.json"
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text(json.dumps(report, indent=2) + "\n")
     print(write_page())
