@@ -6,16 +6,9 @@ A stage that is given all rows at once and one that is given them bit by bit com
 """
 from __future__ import annotations
 
-from typing import List
+from typing import Tuple
 
 import numpy as np
-
-
-def unchanged(before: np.ndarray, now: np.ndarray) -> int:
-    """How many leading rows of two arrays (N, k) and (M, k) are equal."""
-    count = min(len(before), len(now))
-    changed = np.flatnonzero((before[:count] != now[:count]).any(axis=1))
-    return int(changed[0]) if len(changed) else count
 
 
 class Memory:
@@ -23,11 +16,25 @@ class Memory:
 
     def __init__(self) -> None:
         self._rows = np.zeros((0, 0))
-        self.states: List = []
+        self._states = np.zeros((0, 0))
 
-    def resume(self, rows: np.ndarray) -> int:
-        """The first of the rows (N, k) that the loop has to run over; `states` are those of the rows before it."""
-        same = unchanged(self._rows, rows) if self._rows.shape[1] == rows.shape[1] else 0
-        self._rows = rows
-        del self.states[same:]
-        return same
+    def resume(self, rows: np.ndarray, width: int) -> Tuple[int, np.ndarray]:
+        """Where the loop goes on.
+
+        Args:
+            rows: (N, k) what the loop runs over.
+            width: of a state.
+
+        Returns:
+            The first row that the loop has to run over, and (N, width) the states after each row; those of the rows
+            before it are there, the loop fills in the others.
+        """
+        same = min(len(self._rows), len(rows))
+        changed = np.not_equal(self._rows[:same], rows[:same]).ravel() if same else np.zeros(0, dtype=bool)
+        if changed.any():
+            same = int(changed.argmax()) // rows.shape[1]
+        states = np.empty((len(rows), width))
+        if same:
+            states[:same] = self._states[:same]
+        self._rows, self._states = rows, states
+        return same, states

@@ -9,7 +9,6 @@ meet, even where no camera saw them.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -39,35 +38,23 @@ class Stroke:
         return 0.5 * (np.append(steps, 0.0) + np.append(0.0, steps)) + 0.1 * TREMBLE
 
 
-class Gathered(NamedTuple):
-    """The station that a sight belongs to: its number, and the sights gathered in it so far and their sum [m]."""
-
-    station: int
-    sights: int
-    x: float
-    y: float
-
-
-class Division(NamedTuple):
-    """The best division of the stations up to one of them: its cost [m^3] and the first station of its last side."""
-
-    cost: float
-    start: int
-
-
 def make_stroke(sights: np.ndarray, trust: np.ndarray, known: Memory) -> Stroke:
     """The stations of sights (N, 2) [m] with weights (N,), N >= 3; what was drawn twice at the end is merged."""
     # what two cameras see in turn is not a movement: a mean over three sights
     wide = np.pad(np.column_stack([sights * trust[:, None], trust]), ((1, 1), (0, 0)), mode="edge")
-    total = sum(wide[shift : shift + len(sights)] for shift in range(3))
+    total = wide[:-2] + wide[1:-1] + wide[2:]
     calm = total[:, :2] / total[:, 2:]
-    states = known.states
-    for px, py in calm[known.resume(calm) :].tolist():
-        last = states[-1] if states else Gathered(0, 0, 0.0, 0.0)
-        if last.sights and (px - last.x / last.sights) ** 2 + (py - last.y / last.sights) ** 2 > TREMBLE**2:
-            last = Gathered(last.station + 1, 0, 0.0, 0.0)
-        states.append(Gathered(last.station, last.sights + 1, last.x + px, last.y + py))
-    stroke = _means(sights, trust, np.array([state.station for state in states]))
+    first, states = known.resume(calm, 1)
+    station = states[:, 0]
+    # from the beginning of the last station on
+    first = int(np.searchsorted(station[:first], station[first - 1])) if first else 0
+    number, seen, x, y = int(station[first - 1]) + 1 if first else 0, 0, 0.0, 0.0
+    for row, (px, py) in enumerate(calm[first:].tolist(), start=first):
+        if seen and (px - x / seen) ** 2 + (py - y / seen) ** 2 > TREMBLE**2:
+            number, seen, x, y = number + 1, 0, 0.0, 0.0
+        seen, x, y = seen + 1, x + px, y + py
+        station[row] = number
+    stroke = _means(sights, trust, station.astype(int))
     # the line ends where the spot was seen first and last
     stroke.points[[0, -1]] = calm[[0, -1]]
     return _merged(stroke)
@@ -118,19 +105,19 @@ def _divide(stroke: Stroke, sums: np.ndarray, known: Memory) -> np.ndarray:
     rest = np.maximum(stroke.trust, np.append(stroke.trust[1:], 0.0)) / 2.0 ** np.round(np.log2(np.median(stroke.trust)))
     corner = DETAIL * np.clip(2.0 / rest, 0.25, 1.0)
     arc = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(x), np.diff(y)))])
-    same = known.resume(np.column_stack([x, y, stroke.weights, corner]))
-    best = np.array([0.0] + [state.cost for state in known.states] + [0.0] * (count - same))
-    for end in range(same + 1, count + 1):
+    first, states = known.resume(np.column_stack([x, y, stroke.weights, corner]), 2)
+    best = np.append(0.0, states[:, 0])
+    for end in range(first + 1, count + 1):
         cost = best[:end] + _misfit(sums[:, end, None] - sums[:, :end])
         # what goes back over itself is two sides
         chord = np.hypot(x[:end] - x[end - 1], y[:end] - y[end - 1])
         cost[arc[end - 1] - arc[:end] > 1.5 * chord + 4.0 * TREMBLE] = np.inf
         start = int(cost.argmin())
         best[end] = cost[start] + corner[end - 1]
-        known.states.append(Division(best[end], start))
-    starts = [known.states[-1].start]
+        states[end - 1] = best[end], start
+    starts = [int(states[-1, 1])]
     while starts[-1] > 0:
-        starts.append(known.states[starts[-1] - 1].start)
+        starts.append(int(states[starts[-1] - 1, 1]))
     return np.array(starts[::-1])
 
 

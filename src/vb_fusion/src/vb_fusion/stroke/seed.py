@@ -64,9 +64,7 @@ def extract_seed(
         of_place = places.sights >= 0
         pairs = np.unique(np.column_stack([places.sights, seen.cameras])[of_place], axis=0)
         gains *= np.bincount(pairs[:, 0]) / (1.0 + MOMENT * earlier)
-        steps = Memory()
-        best_steps(at, places.stamps, gains, np.inf, BLINK / MOMENT, steps)
-        gain, previous = (np.array(column) for column in zip(*steps.states))
+        gain, previous = best_steps(at, places.stamps, gains, np.inf, BLINK / MOMENT, Memory())
         path = path_to(int(gain.argmax()), previous, np.ones(len(at), dtype=bool))
     dwelt = np.bincount(spot[path], gains[path])[spot[path]]
     # on its way it dwells nowhere for half as long

@@ -15,7 +15,7 @@ the other strokes.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import List, NamedTuple, Tuple
+from typing import List, Tuple
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -69,13 +69,6 @@ class Track:
     gain: float
 
 
-class Step(NamedTuple):
-    """The best track that ends at a place: what it gains [m], and the place before (-1: none)."""
-
-    gain: float
-    previous: int
-
-
 def find_places(seen: Sights) -> Places:
     """The places of each moment."""
     group = moments(seen.stamps)
@@ -110,8 +103,7 @@ def find_tracks(seen: Sights, places: Places, widest_gap: float, shortest: float
         known: the steps through places that were here before.
     """
     points, stamps = places.points, places.stamps
-    best_steps(points, stamps, floor_gains(points, stamps), widest_gap, np.inf, known)
-    gain, previous = (np.array(column) for column in zip(*known.states))
+    gain, previous = best_steps(points, stamps, floor_gains(points, stamps), widest_gap, np.inf, known)
     tracks: List[Track] = []
     free = np.ones(len(points), dtype=bool)
     worth = gain
@@ -132,7 +124,7 @@ def _beside(seen: Sights, line: np.ndarray, times: np.ndarray) -> np.ndarray:
     """Indices of the sights beside a line of places at their own time."""
     first, last = np.searchsorted(seen.stamps, (times[0] - MOMENT, times[-1] + MOMENT))
     there = np.column_stack([np.interp(seen.stamps[first:last], times, axis) for axis in line.T])
-    return first + np.flatnonzero(np.linalg.norm(seen.points[first:last] - there, axis=1) <= FLOOR)
+    return first + np.flatnonzero(np.hypot(*(seen.points[first:last] - there).T) <= FLOOR)
 
 
 def _from_branch(gain: np.ndarray, previous: np.ndarray, free: np.ndarray) -> np.ndarray:
@@ -181,8 +173,8 @@ def _swept(points: np.ndarray, times: np.ndarray) -> np.ndarray:
             first, at, last = (slice(0, -back - ahead), slice(back, -ahead), slice(back + ahead, None))
             whole = times[last] - times[first]
             share = (times[at] - times[first]) / np.maximum(whole, 1e-9)
-            off = np.linalg.norm(points[first] + share[:, None] * (points[last] - points[first]) - points[at], axis=1)
-            way = 0.5 * np.linalg.norm(points[last] - points[first], axis=1)
+            off = np.hypot(*(points[first] + share[:, None] * (points[last] - points[first]) - points[at]).T)
+            way = 0.5 * np.hypot(*(points[last] - points[first]).T)
             straight = np.exp(-((off / np.maximum(0.3 * way, TREMBLE)) ** 2))
             # two places and one of them again are no row: the middle one is in the middle of the time
             row = np.maximum(way - TREMBLE, 0.0) * straight * 4.0 * share * (1.0 - share)
@@ -195,25 +187,28 @@ def _swept(points: np.ndarray, times: np.ndarray) -> np.ndarray:
 
 def best_steps(
     points: np.ndarray, stamps: np.ndarray, gains: np.ndarray, widest_gap: float, dearest: float, known: Memory
-) -> None:
-    """The best track that ends at each place (P, 2) [m], into known.states; no jump costs more than the dearest."""
-    same = known.resume(np.column_stack([points, stamps, gains]))
+) -> Tuple[np.ndarray, np.ndarray]:
+    """Of the best track that ends at each of the places (P, 2) [m]: what it gains [m], and the place before.
+
+    No jump costs more than the dearest; the place before is -1 where a track begins.
+    """
+    first, states = known.resume(np.column_stack([points, stamps, gains]), 2)
     count = len(points)
-    earlier = np.arange(same, count)[:, None] - np.arange(1, LOOK_BACK + 1)
+    earlier = np.arange(first, count)[:, None] - np.arange(1, LOOK_BACK + 1)
     origin = np.maximum(earlier, 0)
-    way = np.linalg.norm(points[same:, None] - points[origin], axis=2)
-    time = stamps[same:, None] - stamps[origin]
+    way = np.hypot(*(points[first:, None] - points[origin]).transpose(2, 0, 1))
+    time = stamps[first:, None] - stamps[origin]
     possible = (earlier >= 0) & (time > 0.0) & ((way <= widest_gap + TREMBLE) | (time <= BLINK))
     effort = np.maximum(way - TREMBLE, 0.0) ** 2 / (np.clip(time, 1e-9, BLINK) * BRISK)
     effort = np.minimum(effort, dearest)
     effort[~possible] = np.inf
-    best = np.array([step.gain for step in known.states] + [0.0] * (count - same))
-    for place in range(same, count):
-        value = best[origin[place - same]] - effort[place - same]
+    best = states[:, 0]
+    for row, place in enumerate(range(first, count)):
+        value = best[origin[row]] - effort[row]
         chosen = int(value.argmax())
         goes_on = value[chosen] > 0.0
-        best[place] = gains[place] + (value[chosen] if goes_on else 0.0)
-        known.states.append(Step(best[place], int(origin[place - same, chosen]) if goes_on else -1))
+        states[place] = gains[place] + (value[chosen] if goes_on else 0.0), origin[row, chosen] if goes_on else -1
+    return best, states[:, 1].astype(int)
 
 
 def path_to(end: int, previous: np.ndarray, free: np.ndarray) -> np.ndarray:
