@@ -3,7 +3,7 @@
 The pointer is one thing that moves through time. What was seen within a moment and close together is one place; the
 track is the sequence of places that explains the most floor with the least effort. In metres:
 
-    gain  = the floor that a place adds while something is there: staying adds nothing more, and what is seen there
+    gain  = the floor that a place adds while something is there: staying adds nothing more, and what is there
             for longer than an ABSENCE counts less and less, a hand that rests and a bright thing alike; coming back
             counts again. Places that are passed at one speed add the path between them
     cost  = distance^2 / (time * BRISK) between places: a jump is expensive, a gap that was crossed at the speed of a
@@ -150,14 +150,17 @@ def floor_gains(points: np.ndarray, stamps: np.ndarray) -> np.ndarray:
     nodes = np.concatenate([(cell[:, 0] + dx) * stride + cell[:, 1] + dy for dx, dy in corners])
     shares = np.concatenate([np.abs(1 - dx - part[:, 0]) * np.abs(1 - dy - part[:, 1]) for dx, dy in corners])
     order = np.lexsort((np.tile(stamps, 4), nodes))
-    first = np.append(True, (np.diff(nodes[order]) != 0) | (np.diff(np.tile(stamps, 4)[order]) > ABSENCE))
+    pause = np.append(0.0, np.diff(np.tile(stamps, 4)[order]))
+    first = np.append(True, np.diff(nodes[order]) != 0) | (pause > ABSENCE)
     visit = np.empty(len(order), dtype=np.int64)
     visit[order] = np.cumsum(first) - 1
     company = (np.bincount(visit, shares)[visit] * shares).reshape(4, -1).sum(axis=0)
     # a place alone has 4/9 of its own company on average
     new = 0.5 * FLOOR / np.maximum(0.75 * company, 1.0)
-    seen_for = MOMENT * np.bincount(visit)[visit].reshape(4, -1).max(axis=0)
-    gains = np.maximum(new, _swept(points, stamps)) * np.minimum(1.0, ABSENCE / seen_for) ** 2
+    # a thing that is not seen for longer than a BLINK was not there
+    there = np.bincount(visit[order], np.where(first, MOMENT, np.minimum(pause, BLINK)))
+    stay = there[visit].reshape(4, -1).max(axis=0)
+    gains = np.maximum(new, _swept(points, stamps)) * np.minimum(1.0, ABSENCE / stay) ** 2
     # in tenths of a millimetre, so that what stays for long has got its gain for good; never quite nothing
     return np.round(gains, 4) + 1e-5
 
