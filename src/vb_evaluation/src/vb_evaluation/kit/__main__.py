@@ -5,7 +5,6 @@ rosrun vb_evaluation study_kit forms ~/study/forms
 rosrun vb_evaluation study_kit run p01 --protocol ~/study/protocol.csv
 rosrun vb_evaluation study_kit measure ~/study/protocol.csv --ground-truth ~/study/ground_truth --out ~/study/results
 rosrun vb_evaluation study_kit replay ~/study/p01_1_nrs_carpet
-rosrun vb_evaluation study_kit questionnaire ~/study/questionnaire.csv
 rosrun vb_evaluation study_kit report ~/study/results
 """
 from __future__ import annotations
@@ -22,7 +21,6 @@ from rich.console import Console
 
 from vb_core.errors import CodedError
 from vb_core.map_files import read_map
-from vb_evaluation.report import questionnaire
 from vb_evaluation.kit import conduct, forms, measure, protocol
 from vb_evaluation.kit.ground_truth import read_ground_truth
 from vb_evaluation.kit.recording import Recording
@@ -42,7 +40,6 @@ def main(arguments: Optional[List[str]] = None) -> int:
     _add_run(commands)
     _add_measure(commands)
     _add_replay(commands)
-    _add_questionnaire(commands)
     command = commands.add_parser("report", help="write the report of a study's folder")
     command.add_argument("folder", type=_path)
     command.set_defaults(run=lambda given: print(write_report(given.folder)))
@@ -190,31 +187,6 @@ def _sentence(row: Dict[str, object]) -> str:
             + ", ".join(f"{name} {known[name]:.3f}" for name in ("recorded", "today") if name in known)
         )
     return "; ".join(words)
-
-
-# ------------------------------------------------------------------ questionnaire
-def _add_questionnaire(commands) -> None:
-    command = commands.add_parser("questionnaire", help="the paper's Wilcoxon table of the answers")
-    command.add_argument("answers", type=_path)
-    command.add_argument("--empty", action="store_true", help="write an empty form instead")
-    command.add_argument("--out", type=_path, help="a CSV file for the table")
-    command.set_defaults(run=_questionnaire)
-
-
-def _questionnaire(given: argparse.Namespace) -> None:
-    if given.empty:
-        try:
-            with open(str(given.answers), "x", encoding="utf-8") as stream:
-                stream.write(",".join(questionnaire.columns() + questionnaire.ueq_columns()) + "\n")
-        except OSError as error:
-            raise CodedError("cannot_write", f"cannot write {given.answers}: {error.strerror}") from None
-        print(given.answers)
-        return
-    found = questionnaire.read(given.answers)
-    for line in questionnaire.lines(found):
-        _console.print(line, markup=False)
-    if given.out:
-        questionnaire.write(given.out, questionnaire.table(found))
 
 
 if __name__ == "__main__":

@@ -4,7 +4,7 @@ from __future__ import annotations
 import json
 import math
 from pathlib import Path
-from typing import Any, Dict, List, Mapping, Optional, Sequence, Tuple
+from typing import Any, Dict, List, Optional, Tuple
 
 import numpy as np
 
@@ -14,7 +14,7 @@ from vb_core.map_files import write_atomically, write_map
 from vb_evaluation import metrics
 from vb_evaluation.kit import protocol
 from vb_evaluation.kit.ground_truth import find_ground_truths
-from vb_evaluation.kit.recording import Interaction, Recording
+from vb_evaluation.kit.recording import Recording
 from vb_evaluation.report.data import ERRORS, META, REQUIRED, RUNS, write_table
 
 _TIMES = ("guide", "border", "seed", "total")
@@ -52,8 +52,8 @@ def measure(protocol_file: Path, ground_truths: Path, out: Path, physical: Optio
     for scenario, truth in truths.items():
         write_map(maps / f"truth_{scenario}", physical.with_data(np.where(truth, 100, physical.data).astype(np.int8)))
     rows, notes = [], []
-    for entry, attempts in assign(entries, recordings):
-        row, words = _row(entry, attempts, recordings[entry.recording], physical, truths[entry.scenario], maps)
+    for entry in entries:
+        row, words = _row(entry, recordings[entry.recording], physical, truths[entry.scenario], maps)
         rows.append(row)
         notes += words
     write_table(out / RUNS, COLUMNS, rows)
@@ -105,46 +105,10 @@ def _refuse_foreign(out: Path) -> None:
         raise CodedError("other_study", f"{out} holds another study: choose another --out, or move it away")
 
 
-def assign(
-    entries: Sequence[protocol.Entry], recordings: Mapping[str, Recording]
-) -> List[Tuple[protocol.Entry, Tuple[Interaction, ...]]]:
-    """Which interactions are which run: by id where the protocol gives one, else in the order of time.
-
-    All interactions of a recording for one run are attempts at it: none if it did not get that far, several if it was
-    cancelled and begun again.
-
-    Raises:
-        CodedError: "bad_protocol" where runs and interactions of a recording cannot be told apart by their number.
-    """
-    found: Dict[int, Tuple[Interaction, ...]] = {}
-    for name, recording in recordings.items():
-        here = [entry for entry in entries if entry.recording == name]
-        named = [entry for entry in here if entry.interaction]
-        found.update({id(entry): (recording.interaction(entry.interaction),) for entry in named})
-        taken = {entry.interaction for entry in named}
-        known = [interaction for interaction in recording.interactions if interaction.id not in taken]
-        unnamed = [entry for entry in here if not entry.interaction]
-        if len(unnamed) == 1:
-            found[id(unnamed[0])] = tuple(known)
-        elif len(unnamed) == len(known):
-            found.update({id(entry): (interaction,) for entry, interaction in zip(unnamed, known)})
-        elif unnamed:
-            raise CodedError(
-                "bad_protocol",
-                f"{name}: {len(unnamed)} runs but {len(known)} interactions ({', '.join(one.id for one in known)}): "
-                "fill the column 'interaction'",
-            )
-    return [(entry, found[id(entry)]) for entry in entries]
-
-
-def _row(
-    entry: protocol.Entry,
-    attempts: Sequence[Interaction],
-    recording: Recording,
-    physical: GridMap,
-    truth: np.ndarray,
-    maps: Path,
-) -> Tuple[Dict[str, Any], List[str]]:
+def _row(entry: protocol.Entry, recording: Recording, physical: GridMap, truth: np.ndarray, maps: Path
+         ) -> Tuple[Dict[str, Any], List[str]]:
+    """A run's row. All interactions of its recording are attempts at it: none, or several if it was begun again."""
+    attempts = recording.interactions
     row: Dict[str, Any] = {
         "participant": entry.participant,
         "scenario": entry.scenario,
