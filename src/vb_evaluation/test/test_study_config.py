@@ -10,7 +10,7 @@ from vb_evaluation.design import order_of_runs
 from vb_evaluation.provenance import top
 from vb_evaluation.report.data import CURVES, RUNS, WORLDS
 from vb_evaluation.study import assumptions, campaign, config, plan
-from vb_evaluation.study.people import Distribution
+from vb_evaluation.study.people import draw
 from vb_evaluation.study.runner import personal_scenario
 from vb_sim.room import floor_plan
 
@@ -37,8 +37,7 @@ def test_one_trait_leaves_the_others_alone():
 ])
 def test_distributions_have_their_moments(spec, mean, spread):
     rng = np.random.default_rng(0)
-    distribution = Distribution("trait", spec)
-    values = [distribution.draw(rng) for _ in range(4000)]
+    values = [draw("trait", spec, rng) for _ in range(4000)]
     assert np.mean(values) == pytest.approx(mean, abs=0.12) and np.std(values) == pytest.approx(spread, abs=0.06)
 
 

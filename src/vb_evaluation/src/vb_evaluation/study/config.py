@@ -16,7 +16,7 @@ import yaml
 from vb_core.errors import CodedError, ParameterError
 from vb_core.parameters import Parameters, param
 from vb_evaluation.provenance import top
-from vb_evaluation.study.people import Distribution, Population, Streams, Traits
+from vb_evaluation.study.people import Population, Streams, Traits, draw
 from vb_sim.room.models import section
 from vb_sim.room.models_cameras import CameraModels, CameraNoise, Optics, RobotCamera
 from vb_sim.room.models_motion import LocalisationModel, RobotModel, ScanModel
@@ -111,8 +111,8 @@ class Study:
         """(dx, dy) [m] and turn [rad] by which the marks on the floor are off the map: the same for all participants."""
         settings = self.document.get("marks") or {}
         rng = np.random.default_rng([self.design.seed, zlib.crc32(scenario.encode()), zlib.crc32(b"marks")])
-        offset, turn = (Distribution(f"marks/{key}", settings.get(key, 0.0)) for key in ("offset", "turn"))
-        return offset.draw(rng), offset.draw(rng), math.radians(turn.draw(rng))
+        dx, dy, turn = (draw(f"marks/{key}", settings.get(key, 0.0), rng) for key in ("offset", "offset", "turn"))
+        return dx, dy, math.radians(turn)
 
     def streams(self, participant: int) -> Streams:
         """Sources of random numbers of one participant."""
