@@ -11,12 +11,12 @@ from typing import Any, Dict, List, Mapping, Optional, Sequence, Tuple
 import numpy as np
 
 from vb_core.errors import CodedError
+from vb_evaluation.metrics import ERRORS
 from vb_evaluation.report import paper
 
 RUNS, CURVES, WORLDS, UNGATED, META = "runs.csv", "curves.csv", "worlds.csv", "ungated.csv", "study.json"
 STATES = ("guide", "border", "seed")
 TIMES = tuple(f"time_{state}_s" for state in STATES) + ("time_total_s",)
-ERRORS = ("error_mean_cm", "error_p95_cm", "error_max_cm")
 KEY = ("participant", "scenario", "method", "seed")
 # the paper's measures come first and in this order: other programs read them
 REQUIRED = (*KEY, "completed", *TIMES, "jaccard")
