@@ -140,7 +140,8 @@ def rates(groups: Sequence[Tuple[str, Sequence[Tuple[str, str, float, float, flo
                     handles["the paper"], = axis.plot(x, 100 * published, **PUBLISHED)
         _columns(axis, [title for title, _ in groups], "completed [%]")
         axis.set_ylim(0, 104)
-        figure.legend(list(handles.values()), list(handles), loc="outside upper center", ncol=3, fontsize=9)
+        words = sorted(handles, key=lambda title: title == "the paper")
+        figure.legend([handles[title] for title in words], words, loc="outside upper center", ncol=3, fontsize=9)
     return found[0]
 
 
