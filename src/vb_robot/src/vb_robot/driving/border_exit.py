@@ -16,7 +16,7 @@ from vb_core.grid_map import GridMap
 from vb_robot.driving.border_monitor import BorderMonitor
 from vb_robot.navigation_parameters import PATH_MARGIN
 from vb_robot.driving.safety import HARD, KeepoutMap
-from vb_robot.driving.servoing import MAX_TURN, TURN_GAIN, Wish
+from vb_robot.driving.following import MAX_TURN, TURN_GAIN, Wish
 from vb_robot.clearance_map import ClearanceMap, around, clearance_grid
 from vb_robot.dispatching.viewpoint import Pose
 
