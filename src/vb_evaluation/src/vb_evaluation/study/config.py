@@ -8,7 +8,7 @@ import math
 import zlib
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Callable, Dict, Iterable, Mapping, Optional, Tuple
+from typing import Any, Callable, Dict, Mapping, Optional, Tuple
 
 import numpy as np
 import yaml
@@ -16,7 +16,7 @@ import yaml
 from vb_core.errors import CodedError, ParameterError
 from vb_core.parameters import Parameters, param
 from vb_evaluation.provenance import top
-from vb_evaluation.study.people import Population, Streams, Traits, draw
+from vb_evaluation.study.people import KINDS, Population, Streams, Traits, draw
 from vb_sim.room.models import section
 from vb_sim.room.models_cameras import CameraModels, CameraNoise, Optics, RobotCamera
 from vb_sim.room.models_motion import LocalisationModel, RobotModel, ScanModel
@@ -215,16 +215,12 @@ def _read(path: Path) -> Dict[str, Any]:
     return document
 
 
-def _merged(base: Mapping[str, Any], over: Mapping[str, Any], path: Iterable[str] = ()) -> Dict[str, Any]:
+def _merged(base: Mapping[str, Any], over: Mapping[str, Any]) -> Dict[str, Any]:
     """Sections are merged key by key; a distribution, a list or a number is replaced as a whole."""
     result = dict(base)
     for key, value in over.items():
-        # what is below these is a distribution
-        whole = tuple(path)[:1] == ("marks",) or tuple(path)[:1] == ("participants",) and (len(tuple(path)) >= 2 or key in ("stand_offset", "margin"))
-        if isinstance(value, Mapping) and isinstance(base.get(key), Mapping) and not whole:
-            result[key] = _merged(base[key], value, (*path, key))
-        else:
-            result[key] = value
+        inner = isinstance(value, Mapping) and isinstance(base.get(key), Mapping) and not KINDS & set(value)
+        result[key] = _merged(base[key], value) if inner else value
     return result
 
 

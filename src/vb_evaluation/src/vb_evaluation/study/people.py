@@ -71,6 +71,9 @@ _KINDS: Dict[str, Callable[[np.random.Generator, float, float], float]] = {
     "lognormal": lambda rng, median, spread: median * math.exp(spread * float(rng.standard_normal())),
 }
 
+# what makes a mapping a distribution
+KINDS = {"mixture", "scaled", *_KINDS}
+
 
 class Population:
     """Draws participants: each trait from its own distribution.
