@@ -11,7 +11,7 @@ through its driver. The judge sees where the robot truly is. Goals are drawn by 
 such that the straight line from one to the next leads through the border's area where that is possible, driven forth and
 back, so that both directions come up.
 
-The idea: simulated time waits for those who drive (the simulator's ~lockstep), so that it runs as fast as this computer
+The idea: simulated time waits for those who drive and for AMCL (the simulator's ~lockstep), so that it runs as fast as this computer
 allows, and a busy one makes drives last longer without changing them. What would change them is a cycle that move_base
 misses: each drive's row says how many it reported. A border is put before the nose while time runs slowly, because the
 services that put it there take real time; the row says how much simulated time that was.
