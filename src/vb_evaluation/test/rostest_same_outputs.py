@@ -13,7 +13,7 @@ from vb_core import names
 from vb_core.grid_map import GridMap
 from vb_core.ros import commands
 from vb_core.ros.messages import OccupancyGridArray, array_from_points, grid_from_message, message_from_grid
-from vb_evaluation.study.config import top
+from vb_evaluation.provenance import top
 from vb_evaluation.virtual_ros.graph import Graph, Node
 from vb_evaluation.virtual_ros.launching import start_launch
 from vb_evaluation.virtual_ros.scheduler import Scheduler

@@ -11,7 +11,7 @@ from vb_core.grid_map import GridMap
 from vb_core.map_files import write_map
 from vb_evaluation import metrics
 from vb_evaluation.kit import conduct, forms, measure, protocol
-from vb_evaluation.kit import rehearsal
+from vb_evaluation.study import rehearsal
 from vb_evaluation.kit.__main__ import main
 from vb_evaluation.kit.ground_truth import find_ground_truths, picture_of, read_ground_truth
 from vb_evaluation.kit.recording import Recording

@@ -4,7 +4,7 @@ import math
 import pytest
 
 from vb_core.errors import CodedError
-from vb_evaluation import questionnaire
+from vb_evaluation.report import questionnaire
 
 
 def write(path, rows, separator=",", columns=None):

@@ -7,6 +7,7 @@ from scipy import stats
 
 from vb_core.errors import CodedError, ParameterError
 from vb_evaluation.design import order_of_runs
+from vb_evaluation.provenance import top
 from vb_evaluation.report.data import CURVES, RUNS, WORLDS
 from vb_evaluation.study import assumptions, campaign, config, plan
 from vb_evaluation.study.people import Distribution
@@ -190,7 +191,7 @@ def test_borders_grow_with_their_regions():
 
 
 def test_the_examples_of_the_documentation_work(tmp_path):
-    text = (config.top() / "docs" / "how-to" / "extend-the-study.md").read_text(encoding="utf-8")
+    text = (top() / "docs" / "how-to" / "extend-the-study.md").read_text(encoding="utf-8")
     studies = []
     for number, document in enumerate(re.findall(r"```yaml\n(.*?)```", text, re.S)):
         (tmp_path / f"{number}.yaml").write_text(document)

@@ -4,10 +4,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from vb_fusion.collector import Collector, CollectorParams, Spot
 from vb_fusion.extraction import ExtractionParams
-from vb_fusion.spot_log import SpotLog
 from vb_fusion.live_extraction import LiveExtractor
+from vb_fusion.spots.collector import Collector, CollectorParams, Spot
+from vb_fusion.spots.spot_log import SpotLog
 
 
 def spot(stamp, x=0.0, y=0.0, camera="red"):

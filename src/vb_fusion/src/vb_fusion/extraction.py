@@ -6,9 +6,9 @@
     track          which of them are the pointer's: the one feasible path through time that explains most floor
     placement      where the pointer really was: the cameras' offsets removed
     line           the fewest straight sides that keep every detail larger than a tremble, and their corners
-    closing        polygon or separating curve
+    closure        polygon or separating curve
 
-Bare points, without stamps, get an order in space first (ordering.py); all that follows is the same.
+Bare points, without stamps, get an order in space first (stroke/ordering.py); all that follows is the same.
 `ExtractionParams.paper()` runs Algorithms 1 to 3 of the paper as they are written (paper.py).
 
 >>> import numpy as np
@@ -31,15 +31,15 @@ from shapely.validation import make_valid
 
 from vb_core import geometry
 from vb_core.parameters import Parameters, param
-from vb_fusion import chain_closure
 from vb_fusion.chain import BorderChain, ExtractionError
-from vb_fusion.line import Stroke, fit_line, make_stroke
-from vb_fusion.observations import TREMBLE, Sights, gather
-from vb_fusion.ordering import in_order
+from vb_fusion.line import closure
+from vb_fusion.line.sides import Stroke, fit_line, make_stroke
 from vb_fusion.paper import clustering, expansion, generate_poly, thinning
-from vb_fusion.placement import without_offsets
-from vb_fusion.seed import extract_seed
-from vb_fusion.track import find_tracks
+from vb_fusion.stroke.observations import TREMBLE, Sights, gather
+from vb_fusion.stroke.ordering import in_order
+from vb_fusion.stroke.placement import without_offsets
+from vb_fusion.stroke.seed import extract_seed
+from vb_fusion.stroke.track import find_tracks
 
 __all__ = ["BorderChain", "ExtractionError", "ExtractionParams", "extract_border", "extract_seed"]
 
@@ -60,7 +60,7 @@ class ExtractionParams(Parameters):
     thinning_dist: float = param(0.1, "m", above=0.0, high=1.0, doc="thinning: maxNeighborDist; paper mode only")
     polygon_dist: float = param(0.5, "m", above=0.0, high=5.0, doc="polygon generation: maxNeighborDist; paper only")
     tolerance: float = param(0.005, "m", low=0.0, high=0.1, doc="vertices that change less are left out; robust only")
-    kind: str = param("decide", choices=("decide", "polygon", "curve"), doc="overrides the rule of chain_closure.py")
+    kind: str = param("decide", choices=("decide", "polygon", "curve"), doc="overrides the rule of line/closure.py")
 
     @classmethod
     def paper(cls, **changes) -> "ExtractionParams":
@@ -120,7 +120,7 @@ def _paper(seen: Sights, params: ExtractionParams) -> BorderChain:
     chain = thinned[generate_poly(thinned, params.polygon_dist)]
     if len(chain) < 2:
         raise _no_line(seen, params)
-    decision = chain_closure.decide(chain, params.kind)
+    decision = closure.decide(chain, params.kind)
     return _result(chain, decision, np.zeros((0, 2)), 0, {"cluster": seen.points[cluster], "thinned": thinned})
 
 
@@ -132,13 +132,13 @@ def _robust(seen: Sights, params: ExtractionParams) -> BorderChain:
     stroke = make_stroke(placed.points, placed.weights)
     if len(stroke.points) < 2:
         raise _no_line(seen, params)
-    decision = chain_closure.decide(stroke.points, params.kind)
+    decision = closure.decide(stroke.points, params.kind)
     if decision.closed:
         kept = slice(decision.first, decision.last + 1)
         # a gap that may have been crossed unseen may hide a corner; across a wider one the line is straight
         line = fit_line(Stroke(stroke.points[kept], stroke.trust[kept]), decision.gap <= params.eps)
         if len(line) < 3:
-            decision = chain_closure.decide(line)  # a straight line, though a polygon was asked for
+            decision = closure.decide(line)  # a straight line, though a polygon was asked for
     else:
         line = fit_line(stroke, False)
     chain = _simplified(line, decision.closed, params.tolerance)
@@ -195,7 +195,7 @@ def _simplified(chain: np.ndarray, closed: bool, tolerance: float) -> np.ndarray
     return np.asarray(Polygon(polygon.exterior).simplify(tolerance).exterior.coords)[:-1]
 
 
-def _result(chain: np.ndarray, decision: chain_closure.Closing, left_out: np.ndarray, spots: int, stages) -> BorderChain:
+def _result(chain: np.ndarray, decision: closure.Closing, left_out: np.ndarray, spots: int, stages) -> BorderChain:
     length = geometry.chain_length(chain, decision.closed)
     return BorderChain(
         chain, decision.closed, decision.code, length, decision.gap, decision.values, left_out, spots, stages

@@ -11,8 +11,8 @@ from typing import Callable, Optional
 import numpy as np
 
 from vb_core.errors import CodedError
-from vb_fusion.collector import Collection
 from vb_fusion.extraction import BorderChain, ExtractionError, ExtractionParams, extract_border, extract_seed
+from vb_fusion.spots.collector import Collection
 
 
 @dataclass(frozen=True)

@@ -22,7 +22,7 @@ from rich.console import Console
 
 from vb_core.errors import CodedError
 from vb_core.map_files import read_map
-from vb_evaluation import questionnaire
+from vb_evaluation.report import questionnaire
 from vb_evaluation.kit import conduct, forms, measure, protocol
 from vb_evaluation.kit.ground_truth import read_ground_truth
 from vb_evaluation.kit.recording import Recording
@@ -100,7 +100,7 @@ def _run(given: argparse.Namespace) -> None:
     say = lambda words: _console.print(words, markup=False)  # noqa: E731
     if given.rehearse:
         # only here: the rest of the kit knows no simulator
-        from vb_evaluation.kit import rehearsal
+        from vb_evaluation.study import rehearsal
 
         outcomes: List[bool] = []
         start, keys = rehearsal.person(rehearsal.default_study(), outcomes), ("b" if key else ("c" if outcomes[-1] else "f") for key in (1, 0))

@@ -7,7 +7,7 @@ from typing import List, Sequence, Tuple
 from markupsafe import escape
 
 from vb_core.errors import CodedError
-from vb_evaluation import questionnaire
+from vb_evaluation.report import questionnaire
 from vb_evaluation.report.paper import METHOD_TITLES
 
 TEMPLATES = Path(__file__).resolve().parents[3] / "config" / "forms"

@@ -23,7 +23,7 @@ from vb_core.ros import messages, services
 from vb_evaluation import metrics
 from vb_evaluation.kit.recording import Recording
 from vb_evaluation.kit.session import ROBOT_IMAGES
-from vb_evaluation.study.config import top
+from vb_evaluation.provenance import top
 from vb_evaluation.virtual_ros.graph import Graph, Node
 from vb_evaluation.virtual_ros.launching import import_nodes, start_launch
 from vb_evaluation.virtual_ros.scheduler import Scheduler

@@ -6,7 +6,8 @@ from typing import Any, Dict, List, Tuple
 
 import numpy as np
 
-from vb_evaluation import questionnaire, statistics
+from vb_evaluation import statistics
+from vb_evaluation.report import questionnaire
 from vb_evaluation.report import effects
 from vb_evaluation.report.blocks import Grid, Section, Text, interval_text
 from vb_evaluation.report.data import Study, number, read_table

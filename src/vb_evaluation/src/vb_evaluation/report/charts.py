@@ -9,13 +9,13 @@ from typing import Any, Dict, Optional, Sequence, Tuple
 import matplotlib
 import numpy as np
 
-from vb_evaluation.pictures import BLUE, GREEN, GREY, ORANGE, VERMILION
-
 matplotlib.use("Agg")
 from matplotlib import pyplot as plt  # noqa: E402  (the backend must be chosen before)
 from matplotlib.lines import Line2D  # noqa: E402
 
-SKY, PURPLE, YELLOW = "#56B4E9", "#CC79A7", "#F0E442"
+# colours that colour-blind people can distinguish (Okabe and Ito)
+BLUE, ORANGE, GREEN, VERMILION, GREY = "#0072B2", "#E69F00", "#009E73", "#D55E00", "#666666"
+SKY, PURPLE = "#56B4E9", "#CC79A7"
 STATE_COLORS = {"guide": ORANGE, "border": SKY, "seed": GREEN}
 # as in the paper: blue and red contours distinguish the methods
 METHOD_COLORS = {"nrs": BLUE, "robot_only": VERMILION}

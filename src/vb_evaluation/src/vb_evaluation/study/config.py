@@ -15,6 +15,7 @@ import yaml
 
 from vb_core.errors import CodedError, ParameterError
 from vb_core.parameters import Parameters, param
+from vb_evaluation.provenance import top
 from vb_evaluation.study.people import Distribution, Population, Streams, Traits
 from vb_sim.room.models import section
 from vb_sim.room.models_cameras import CameraModels, CameraNoise, Optics, RobotCamera
@@ -28,11 +29,6 @@ METHODS: Dict[str, Callable[[World], Tuple[str, ...]]] = {
     "nrs": lambda world: tuple(camera.name for camera in world.cameras),
     "robot_only": lambda world: (),
 }
-
-
-def top() -> Path:
-    """The repository."""
-    return Path(__file__).resolve().parents[5]
 
 
 PACKAGE = Path(__file__).resolve().parents[3]

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import cKDTree
 
-from vb_fusion.observations import TREMBLE
+from vb_fusion.stroke.observations import TREMBLE
 
 DETAIL = 1.5 * TREMBLE**3  # [m^3] squared distance times length that a corner must explain
 

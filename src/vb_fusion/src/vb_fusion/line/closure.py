@@ -19,7 +19,7 @@ from shapely.geometry import Polygon
 from shapely.validation import make_valid
 
 from vb_core import geometry
-from vb_fusion.observations import TREMBLE
+from vb_fusion.stroke.observations import TREMBLE
 
 CAME_BACK = 0.5  # opening in widths of the figure: the end is nearer to the start than to the figure's far side
 

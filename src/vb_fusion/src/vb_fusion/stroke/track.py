@@ -20,7 +20,7 @@ from typing import List, Tuple
 import numpy as np
 from scipy.spatial import cKDTree
 
-from vb_fusion.observations import TREMBLE, Sights
+from vb_fusion.stroke.observations import TREMBLE, Sights
 
 MOMENT = 0.1  # [s] a hand's pointer moves by centimetres within it, and cameras with 10 images/s see it
 FLOOR = 2.0 * TREMBLE  # [m] width of the floor that a place covers
@@ -124,8 +124,7 @@ def _gains(points: np.ndarray, stamps: np.ndarray) -> np.ndarray:
     company = (np.bincount(visit, shares)[visit] * shares).reshape(4, -1).sum(axis=0)
     # a place alone has 4/9 of its own company on average
     new = 0.5 * FLOOR / np.maximum(0.75 * company, 1.0)
-    lasted = times[np.append(first[1:], True)] - times[first]
-    longest = lasted[visit].reshape(4, -1).max(axis=0)
+    longest = MOMENT * np.bincount(visit)[visit].reshape(4, -1).max(axis=0)
     return np.maximum(new, _swept(points, stamps)) * np.minimum(1.0, ABSENCE / np.maximum(longest, 1e-9)) ** 2
 
 
@@ -143,8 +142,7 @@ def _swept(points: np.ndarray, times: np.ndarray) -> np.ndarray:
             off = np.linalg.norm(points[first] + share[:, None] * (points[last] - points[first]) - points[at], axis=1)
             way = 0.5 * np.linalg.norm(points[last] - points[first], axis=1)
             straight = np.exp(-((off / np.maximum(0.3 * way, TREMBLE)) ** 2))
-            slow = np.maximum(1.0 - (2.0 * way / np.maximum(BRISK * whole, 1e-9)) ** 4, 0.0)
-            row = np.maximum(way - TREMBLE, 0.0) * straight * slow * (whole <= BLINK)
+            row = np.maximum(way - TREMBLE, 0.0) * straight * 4.0 * share * (1.0 - share) * (whole <= BLINK)
             # the row's ends too, where the stroke may begin or end
             for part, much in ((first, 0.5), (at, 1.0), (last, 0.5)):
                 swept[part] = np.maximum(swept[part], much * row)

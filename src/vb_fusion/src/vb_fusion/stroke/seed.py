@@ -1,6 +1,6 @@
 """The seed point: the last place where the pointer dwelt.
 
-The pointer's track is found as for the border (track.py): the sequence of places that explains most with the least
+The pointer's track is found as for the border (stroke/track.py): the sequence of places that explains most with the least
 effort. What a place explains is another thing here: the pointer dwells instead of moving, and may be switched off on
 its way. So what counts is light that is new at its place, and a jump costs no more than a blink of it.
 """
@@ -12,8 +12,8 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from vb_fusion.chain import ExtractionError
-from vb_fusion.observations import TREMBLE, gather
-from vb_fusion.track import BLINK, MOMENT, best_path, find_places
+from vb_fusion.stroke.observations import TREMBLE, gather
+from vb_fusion.stroke.track import BLINK, MOMENT, best_path, find_places
 
 HAND = 1.5 * TREMBLE  # [m] a hand that holds still stays within this of its mean, cameras' offsets included
 MIN_SPOTS = 3

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from vb_fusion.observations import LOCALISATION, QUANTUM, TREMBLE, Sights
+from vb_fusion.stroke.observations import LOCALISATION, QUANTUM, TREMBLE, Sights
 
 
 def without_offsets(seen: Sights) -> Sights:
