@@ -24,7 +24,6 @@ import itertools
 import json
 import math
 import os
-import subprocess
 import sys
 import tempfile
 import threading
@@ -40,6 +39,7 @@ from geometry_msgs.msg import PoseWithCovarianceStamped
 from rosgraph_msgs.msg import Log
 from std_msgs.msg import Float64
 
+from result_table import revision
 from vb_core.errors import CodedError
 from vb_core.grid_map import distance_to
 from vb_core.ros import messages
@@ -297,15 +297,6 @@ def _interval(good: int, count: int) -> str:
         return "-"
     share = proportion(good, count)
     return f"{100 * share.low:.0f} to {100 * share.high:.0f} %"
-
-
-def revision() -> str:
-    """The commit that the drives are made with."""
-    commit = subprocess.run(["git", "rev-parse", "--short", "HEAD"], cwd=str(TOP), stdout=subprocess.PIPE,
-                            universal_newlines=True).stdout.strip()
-    # the results are written while others are driven
-    clean = subprocess.run(["git", "diff", "--quiet", "HEAD", "--", "src", "launch", "robots", "bench"], cwd=str(TOP)).returncode == 0
-    return commit if clean else f"{commit}-dirty"
 
 
 WANTED = {"round": ("reached",), "inside": ("refused",), "nose": ("reached", "refused", "time_is_up")}
