@@ -304,8 +304,10 @@ def summarise(runs: list) -> str:
     return "\n".join(lines)
 
 
-def page(runs: list, command: str) -> str:
+def page(runs: list) -> str:
     """The table with what made it, and every run that broke a rule."""
+    keys = {key: " ".join(str(value) for value in sorted({run[key] for run in runs})) for key in ("scenario", "method", "seed")}
+    command = f"bench/robot_runs.py --scenarios {keys['scenario']} --methods {keys['method']} --seeds {keys['seed']}"
     lines = ["# Simulated people and a robot", "", f"`python3 {command}`, {time.strftime('%Y-%m-%d', time.gmtime())}, "
              f"revision {revision()}. *Hold*: the longest time that a person waited for the robot while drawing.", "", "```",
              summarise(runs), "```", "", "Longest hold of each run, in order of its seed [s]:", ""]
@@ -349,7 +351,7 @@ def main() -> int:
         return 1
     print(summarise(runs))
     if arguments.table:
-        (TOP / "docs" / "results" / "robots_runs.md").write_text(page(runs, "bench/robot_runs.py --scenarios corner room --methods nrs"))
+        (TOP / "docs" / "results" / "robots_runs.md").write_text(page(runs))
     return int(any(run["breaches"] for run in runs))
 
 
