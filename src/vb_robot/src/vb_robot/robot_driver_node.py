@@ -338,8 +338,10 @@ class RobotDriverNode:
         if command.cancel:
             found.append(self._notice("goal_cancelled", Severity.INFO))
         self._held_since = {command.code: self._held_since.get(command.code, now)}
-        held = now - self._held_since[command.code] >= HELD_FOR or command.driver == drivers.STOP
-        if command.code in HOLDS and held:
+        held = now - self._held_since[command.code] >= HELD_FOR
+        if held and self._driver.stopped and not self._remembered and self._stop_file is not None:
+            found.append(self._notice("stop_not_remembered", Severity.WARNING))
+        if command.code in HOLDS and (held or command.driver == drivers.STOP):
             severity = Severity.INFO if command.code in ("obstacle", "border") else Severity.WARNING
             code = "robot_inside_border_held" if command.code == "inside_border" else f"robot_{command.code}"
             found.append(self._notice(code, severity, others=self._driver.others))
