@@ -15,16 +15,17 @@ import rospy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 
 from vb_bringup.lab import Line, State, notices
-from vb_bringup.lab_monitor import LabMonitor
+from vb_bringup.lab_monitor import CameraComparison, LabMonitor
 from vb_core import names
 from vb_core.notices import Notice
 from vb_core.parameters import Parameters, param
 from vb_core.ros import node, parameters
 from vb_core.ros.messages import values_from_mapping
 from vb_core.ros.notices import NoticePublisher
-from vb_msgs.msg import DetectorStatus
+from vb_msgs.msg import DetectorStatus, LaserSpot
 
 # all in seconds of wall time
+COMPARE_S = 5.0  # between two comparisons of the cameras' spots
 LOOK_S = 1.0  # between two looks at which nodes run
 SETTLED_S = 6.0  # without a node that comes or goes: before, a lab is starting or ending
 AGAIN_S = {State.ERROR: 60.0, State.OK: 600.0}  # a check takes two seconds of processor time
@@ -48,9 +49,10 @@ class LabMonitorNode:
 
     Subscribed topics:
         /virtual_borders/detectors (vb_msgs/DetectorStatus)
+        /virtual_borders/spots (vb_msgs/LaserSpot): to compare where overlapping cameras see the laser
     Published topics:
         /virtual_borders/notices (vb_msgs/NoticeArray): camera_silent, camera_no_pose, camera_no_lens, detector_missing,
-            and the errors of `check_lab` that no other node tells
+            cameras_disagree, and the errors of `check_lab` that no other node tells
         /diagnostics (diagnostic_msgs/DiagnosticArray): each line of `check_lab`
     Parameters:
         ~* LabMonitorParams
@@ -59,6 +61,7 @@ class LabMonitorNode:
     def __init__(self, params: LabMonitorParams) -> None:
         self._lock = threading.Lock()
         self._monitor = LabMonitor(params.cameras.split())
+        self._comparison, self._disagreeing, self._compared = CameraComparison(), [], 0.0
         self._told: List[Notice] = []
         self._lines: List[Line] = []
         self._closed = threading.Event()
@@ -67,6 +70,7 @@ class LabMonitorNode:
         self._notices = NoticePublisher()
         self._diagnostics = rospy.Publisher("/diagnostics", DiagnosticArray, queue_size=5)
         self._subscriber = rospy.Subscriber(names.DETECTORS, DetectorStatus, self._on_status, queue_size=50)
+        rospy.Subscriber(names.SPOTS, LaserSpot, self._on_spot, queue_size=100)
         self._timer = rospy.Timer(rospy.Duration(1.0), self._on_timer, reset=True)
         self._checks = node.start_thread(self._check_again_and_again)
 
@@ -81,11 +85,19 @@ class LabMonitorNode:
         with self._lock:
             self._monitor.hear(message.camera, message.received, dropped, rospy.get_time())
 
+    def _on_spot(self, message: LaserSpot) -> None:
+        if not message.mobile:
+            with self._lock:
+                place = message.position
+                self._comparison.hear(message.camera, message.header.stamp.to_sec(), place.x, place.y)
+
     def _on_timer(self, _event: Any) -> None:
         with self._lock:
-            told, lines = self._monitor.notices(rospy.get_time()), self._lines
-            self._told = told
-        self._notices.set([*told, *notices(lines)])
+            if time.monotonic() - self._compared > COMPARE_S:
+                self._disagreeing, self._compared = self._comparison.notices(rospy.get_time()), time.monotonic()
+            self._told, lines = self._monitor.notices(rospy.get_time()), self._lines
+            told = [*self._told, *self._disagreeing, *notices(lines)]
+        self._notices.set(told)
         if lines:
             self._diagnostics.publish(_diagnostics(lines))
 
