@@ -132,6 +132,7 @@ def test_people_are_told_of_errors_that_nobody_else_tells():
 
 
 def test_a_full_disk_is_an_error():
+    assert check_disk("/x", 9000.0, writable=False).code == "lab_disk_read_only"
     assert check_disk("/x", 10.0).state is State.ERROR and check_disk("/x", 9000.0).state is State.OK
 
 

@@ -143,7 +143,7 @@ def probe(seconds: float) -> List[Line]:
     place = Path(str(rospy.get_param("/map_integrator/store_dir", "~"))).expanduser()
     while not place.exists():
         place = place.parent
-    lines.append(check_disk(str(place), shutil.disk_usage(str(place)).free / 2**20))
+    lines.append(check_disk(str(place), shutil.disk_usage(str(place)).free / 2**20, os.access(str(place), os.W_OK)))
     for stream in streams.values():
         stream.close()
     return lines
