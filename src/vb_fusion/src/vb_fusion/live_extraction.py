@@ -101,6 +101,10 @@ class LiveExtractor:
                 chain, no_chain = self._chain(collection), None
             except ExtractionError as error:
                 chain, no_chain = None, error
+            except Exception:
+                # begins again: what it keeps may be half done
+                self._drawing, self._border_total = GrowingBorder(self._params), -1
+                raise
         if seed_new:
             try:
                 seed, no_seed = extract_seed_of(collection), None
