@@ -216,4 +216,5 @@ def test_after_a_failure_the_live_border_is_extracted_from_the_beginning(monkeyp
         with pytest.raises(ZeroDivisionError):
             live.update(collector.collection(), lambda: 0.0)
     candidate = live.update(collector.collection(), lambda: 0.0)
-    assert candidate.chain.points == pytest.approx(extract_chain(collector.collection(), ExtractionParams.robust()).points)
+    final = extract_chain(collector.collection(), ExtractionParams.robust())
+    assert candidate.chain.points == pytest.approx(final.points)

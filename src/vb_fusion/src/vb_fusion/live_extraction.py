@@ -51,7 +51,8 @@ def extract_seed_of(collection: Collection) -> np.ndarray:
 
 
 def _known(rows: np.ndarray) -> dict:
-    return {"stamps": rows[:, 0], "confidences": rows[:, 3], "cameras": rows[:, 4].astype(int), "mobile": rows[:, 5] > 0.0}
+    stamps, confidences, cameras, mobile = rows[:, [0, 3, 4, 5]].T
+    return {"stamps": stamps, "confidences": confidences, "cameras": cameras.astype(int), "mobile": mobile > 0.0}
 
 
 def evenly(rows: np.ndarray, limit: int) -> np.ndarray:
