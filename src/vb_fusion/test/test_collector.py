@@ -201,3 +201,20 @@ def test_the_live_border_is_the_final_one_also_when_the_collection_was_thinned()
     candidate = live.update(collector.collection(), lambda: 0.0, force=True)
     final = extract_chain(collector.collection(), ExtractionParams.robust())
     assert candidate.chain.points == pytest.approx(final.points, abs=0.02)
+
+
+def test_after_a_failure_the_live_border_is_extracted_from_the_beginning(monkeypatch):
+    collector = Collector()
+    collector.set_state("border", "a", 0.0)
+    for k in range(100):
+        collector.add(spot(0.04 * k, x=0.02 * k))
+    live = LiveExtractor(ExtractionParams.robust(), share=1.0)
+    live.update(collector.collection(), lambda: 0.0)
+    collector.add(spot(4.0, x=2.0))
+    with monkeypatch.context() as broken:
+        broken.setattr("vb_fusion.extraction.find_tracks", lambda *given: 1 / 0)
+        with pytest.raises(ZeroDivisionError):
+            live.update(collector.collection(), lambda: 0.0)
+    candidate = live.update(collector.collection(), lambda: 0.0)
+    final = extract_chain(collector.collection(), ExtractionParams.robust())
+    assert candidate.chain.points == pytest.approx(final.points)

@@ -383,7 +383,7 @@ def test_tips_beside_each_other_that_are_passed_soon_after_each_other_are_kept(b
     """Light that comes back to a place after a second is the pointer: a bright thing would have stayed."""
     for seed in range(4):
         at, parts = 0.0, []
-        tips = [[0.0, 0.0], [0.1, 0.9], [0.3, 0.0], [0.1 + beside, 0.95], [0.5, 0.0], [0.1 + 2 * beside, 1.0], [0.9, 0.0]]
+        tips = [[0.0, 0.0], [0.1, 0.9], [0.3, 0.0], [0.1 + beside, 0.95], [0.5, 0.0], [0.1 + 2 * beside, 1.0]]
         for number, (one, other) in enumerate(zip(tips, tips[1:])):
             parts.append(line_spots([one, other], speed=4.0, cameras=2, seed=9 * seed + number, start=at))
             at += float(np.linalg.norm(np.subtract(other, one))) / 4.0 + 0.04

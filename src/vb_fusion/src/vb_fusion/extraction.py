@@ -2,11 +2,13 @@
 
 `ExtractionParams.robust()`, the default, in the order of the data, one module for each stage:
 
-    observations   the spots, checked and put in the order of time
-    track          which of them are the pointer's: the one feasible path through time that explains most floor
-    placement      where the pointer really was: the cameras' offsets removed
-    line           the fewest straight sides that keep every detail larger than a tremble, and their corners
-    closure        polygon or separating curve
+    stroke/observations   the spots, checked and put in the order of time
+    stroke/track          which of them are the pointer's: the one feasible path through time that explains most floor
+    stroke/placement      where the pointer really was: the cameras' offsets removed
+    line/closure          polygon or separating curve
+    line/sides            the fewest straight sides that keep every detail larger than a tremble, and their corners
+
+A drawing that grows is extracted again for the price of what is new (memory.py): `GrowingBorder`.
 
 Bare points, without stamps, get an order in space first (stroke/ordering.py); all that follows is the same.
 `ExtractionParams.paper()` runs Algorithms 1 to 3 of the paper as they are written (paper.py).
@@ -45,7 +47,6 @@ from vb_fusion.stroke.track import Places, Track, find_places, find_tracks
 __all__ = ["BorderChain", "ExtractionError", "ExtractionParams", "extract_border", "extract_seed"]
 
 SLIP = 0.02  # of the area that a crossing line encloses: smaller loops are slips of the hand
-NECK = 0.2 * TREMBLE  # [m] half the width at which two lobes hang together
 
 
 @dataclass(frozen=True)
@@ -231,8 +232,9 @@ def _simplified(chain: np.ndarray, closed: bool, tolerance: float) -> np.ndarray
         pieces = make_valid(polygon).buffer(0.0)
         lobes = [Polygon(piece.exterior) for piece in getattr(pieces, "geoms", [pieces])]
         whole = sum(lobe.area for lobe in lobes)
-        large = unary_union([lobe.buffer(NECK, join_style=2) for lobe in lobes if lobe.area >= SLIP * whole])
-        polygon = large.buffer(-0.5 * NECK, join_style=2)
+        neck = 0.2 * TREMBLE
+        large = unary_union([lobe.buffer(neck, join_style=2) for lobe in lobes if lobe.area >= SLIP * whole])
+        polygon = large.buffer(-0.5 * neck, join_style=2)
         if polygon.geom_type != "Polygon" or polygon.is_empty:
             raise ExtractionError("crosses_itself")
     return np.asarray(Polygon(polygon.exterior).simplify(tolerance).exterior.coords)[:-1]

@@ -51,7 +51,8 @@ def extract_seed_of(collection: Collection) -> np.ndarray:
 
 
 def _known(rows: np.ndarray) -> dict:
-    return {"stamps": rows[:, 0], "confidences": rows[:, 3], "cameras": rows[:, 4].astype(int), "mobile": rows[:, 5] > 0.0}
+    stamps, confidences, cameras, mobile = rows[:, [0, 3, 4, 5]].T
+    return {"stamps": stamps, "confidences": confidences, "cameras": cameras.astype(int), "mobile": mobile > 0.0}
 
 
 def evenly(rows: np.ndarray, limit: int) -> np.ndarray:
@@ -101,6 +102,10 @@ class LiveExtractor:
                 chain, no_chain = self._chain(collection), None
             except ExtractionError as error:
                 chain, no_chain = None, error
+            except Exception:
+                # begins again: what it keeps may be half done
+                self._drawing, self._border_total = GrowingBorder(self._params), -1
+                raise
         if seed_new:
             try:
                 seed, no_seed = extract_seed_of(collection), None

@@ -90,8 +90,9 @@ def fit_line(stroke: Stroke, joined: bool, known: Memory) -> np.ndarray:
     if joined and len(starts) > 3:
         # the side in which the drawing began and ended is one side
         last, first = sums[:, -1] - sums[:, starts[-1]], sums[:, starts[1]]
-        folded = np.linalg.norm(stroke.points[[starts[-1], -1, 0, starts[1] - 1]][1:] - stroke.points[starts[-1]], axis=1)
-        if (np.diff(folded) > -2.0 * TREMBLE).all() and _misfit(last + first) < _misfit(last) + _misfit(first) + DETAIL:
+        away = np.linalg.norm(stroke.points[[-1, 0, starts[1] - 1]] - stroke.points[starts[-1]], axis=1)
+        goes_on = (np.diff(away) > -2.0 * TREMBLE).all()
+        if goes_on and _misfit(last + first) < _misfit(last) + _misfit(first) + DETAIL:
             starts = starts[1:]
     return _fitted(stroke, starts, joined and len(starts) > 2)
 
@@ -102,7 +103,8 @@ def _divide(stroke: Stroke, sums: np.ndarray, known: Memory) -> np.ndarray:
     count = len(x)
     # people mark corners by stopping: where the spot was seen more than twice as long as usual, less detail will do;
     # what is usual is rounded, so that it seldom changes while a line grows
-    rest = np.maximum(stroke.trust, np.append(stroke.trust[1:], 0.0)) / 2.0 ** np.round(np.log2(np.median(stroke.trust)))
+    usual = 2.0 ** np.round(np.log2(np.median(stroke.trust)))
+    rest = np.maximum(stroke.trust, np.append(stroke.trust[1:], 0.0)) / usual
     corner = DETAIL * np.clip(2.0 / rest, 0.25, 1.0)
     arc = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(x), np.diff(y)))])
     first, states = known.resume(np.column_stack([x, y, stroke.weights, corner]), 2)

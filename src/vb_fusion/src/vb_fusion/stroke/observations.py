@@ -44,7 +44,8 @@ class Sights:
 
     def followed_by(self, others: "Sights") -> "Sights":
         """These and then the others."""
-        return Sights(*(np.concatenate([getattr(one, column.name) for one in (self, others)]) for column in fields(self)))
+        names = [column.name for column in fields(self)]
+        return Sights(*(np.concatenate([getattr(self, name), getattr(others, name)]) for name in names))
 
     def moved(self, points: np.ndarray) -> "Sights":
         """The same sights at other places (N, 2) [m]."""

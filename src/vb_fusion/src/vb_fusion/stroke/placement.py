@@ -32,7 +32,9 @@ def without_offsets(seen: Sights) -> Sights:
     # each equation in units of its deviation: a difference as a hand trembles, an offset as the camera is placed
     firmness = np.where(np.arange(unknown) < cameras, 1.0, (0.5 * TREMBLE / LOCALISATION) ** 2)
     equations = diags(np.bincount(offset, minlength=unknown) + firmness) - in_moment.T @ share
-    apart = np.column_stack([np.bincount(offset, axis, unknown) - share.T @ np.bincount(row, axis) for axis in seen.points.T])
+    apart = np.column_stack(
+        [np.bincount(offset, axis, unknown) - share.T @ np.bincount(row, axis) for axis in seen.points.T]
+    )
     # in whole millimetres: what was placed before stays where it is while more is seen
     found = np.round(spsolve(equations.tocsc(), apart).reshape(-1, 2), 3)
     return seen.moved(seen.points - found[offset])

@@ -79,7 +79,8 @@ def find_places(seen: Sights) -> Places:
         group[order] = np.concatenate([[0], np.cumsum(new)])
     weights = np.bincount(group, seen.weights)
     offset = seen.stamps[0]
-    x, y, time = (np.bincount(group, seen.weights * values) / weights for values in (*seen.points.T, seen.stamps - offset))
+    columns = (*seen.points.T, seen.stamps - offset)
+    x, y, time = (np.bincount(group, seen.weights * values) / weights for values in columns)
     moment = np.zeros(len(weights), dtype=np.int64)
     moment[group] = moments(seen.stamps)
     strongest = np.zeros(int(np.ptp(moment)) + 1)
