@@ -124,7 +124,8 @@ def frames_of(clip: Path, video: dict, role: str, variant: str) -> Iterator[Tupl
             moved = window_at(index, width, height, seed)
             width, height = int(0.8 * width), int(0.8 * height)
             image = cv2.warpAffine(image, moved, (width, height), flags=cv2.INTER_CUBIC)
-            # a sensor's noise does not move with the scene
+            # a sensor's noise does not move with the scene; it is a frame's own, whichever clips were seen before
+            cv2.setRNGSeed(seed % 2**31 + index)
             image = cv2.add(image, cv2.randn(np.empty(image.shape, np.int8), 0, 1.5), dtype=cv2.CV_8U)
         labels = []
         for near in range(-FRINGE, FRINGE + 1):
