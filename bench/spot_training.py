@@ -38,19 +38,18 @@ from vb_laser_detect.detector import DetectorParams  # noqa: E402
 from vb_laser_detect.detection.training import (  # noqa: E402
     Examples, Frame, collect, fit, load_examples, logits, save, save_examples, validate)
 
-ROLES = ("stationary", "window")
 SCENES_SHARE, SCENES_SEED = 0.2, 7  # of each scene's time; other rooms than spot_detection's
 NEAR_FRAMES, FIRST_FRAMES = 8, 60  # of long clips those near a shot, and the first ones, tell enough
 SCENE_REACH_PX = 14.0
 
 
-def from_clip(folder: Path, name: str, video: dict, role: str) -> Examples:
-    """Examples of one clip in a role; see spot_clips."""
+def from_clip(folder: Path, name: str, video: dict) -> Examples:
+    """Examples of one clip, seen by a camera that stands still: what it sees moving is only judged by."""
     size, skipped = max(1.0, video["width"] / 640.0), spot_clips.UNLABELLED.get(name, ())
 
     def frames() -> Iterator[Frame]:
         shots = np.array([one["frame"] for one in video["labels"]])
-        for number, (stamp, image, labels) in enumerate(spot_clips.frames_of(folder / "clips" / name, video, role, "plain")):
+        for number, (stamp, image, labels) in enumerate(spot_clips.frames_of(folder / "clips" / name, video, "stationary", "plain")):
             if len(shots) and number > FIRST_FRAMES and np.abs(shots - number).min() > NEAR_FRAMES:
                 continue
             here = [(one["x"], one["y"]) for one in labels if not one["near"]]
@@ -59,8 +58,7 @@ def from_clip(folder: Path, name: str, video: dict, role: str) -> Examples:
                 near += [(u, v) for u in range(0, 1280, 8) for v in range(0, 720, 8)]
             yield Frame(stamp, image, here, near)
 
-    preset = DetectorParams.stationary if role == "stationary" else DetectorParams.mobile
-    return collect(frames(), preset(confirm_frames=1), name, spot_clips.REACH_PX * size)
+    return collect(frames(), DetectorParams.stationary(confirm_frames=1), name, spot_clips.REACH_PX * size)
 
 
 def from_recording(bag_file: str, topic: str) -> Examples:
@@ -163,8 +161,7 @@ def examples_of(given: argparse.Namespace) -> Iterator[Examples]:
         yield from from_scenes(SCENES_SHARE, SCENES_SEED)
     if given.clips:
         for name, video in sorted(json.loads((given.clips / "labels.json").read_text())["videos"].items()):
-            for role in ROLES:
-                yield from_clip(given.clips, name, video, role)
+            yield from_clip(given.clips, name, video)
     for bag, topic in given.recording:
         yield from_recording(bag, topic)
 

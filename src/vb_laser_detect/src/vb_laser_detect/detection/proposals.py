@@ -21,6 +21,7 @@ from vb_laser_detect.detection.tracking import Expected
 _NEAR = 6  # [blocks] whose changes count as nearby
 _LEAST_LEVEL = 0.74  # of the camera's white: a spot saturates, unless it is smaller than a pixel
 _SATURATED = 0.97
+_MOST = 12  # regions: people who walk leave fewer, and examining more would take longer than an image lasts
 _MAX_CHANGE = 0.3  # of the image became brighter, or twice as much darker: a light, nothing known holds any more
 _MAX_CHANGE_LOST = 0.12  # the same, for a moving camera whose motion is not known
 
@@ -97,7 +98,7 @@ class Proposer:
             white: [grey levels] the brightest that the camera has shown.
             expected: where spots should be.
         """
-        min_rise, most = self.params.min_rise, self.params.max_candidates
+        min_rise = self.params.min_rise
         if self._background is not None:
             moved = not np.array_equal(self._motion, np.eye(3))
             rise, darker = self._background.rise(image, self._motion if moved else None)
@@ -109,7 +110,7 @@ class Proposer:
             rise, darker = self._background.rise(image, None)
             hot = rise >= min_rise
         background = self._background
-        proposals, white = _ranked(image, regions(rise, hot, 4 * most), most, white, expected)
+        proposals, white = _ranked(image, regions(rise, hot, 4 * _MOST), white, expected)
         background.examine([one.region for one in proposals if not one.refusal], image)
         # while the camera moves, what became darker is taken from the image at once
         changed = hot if background.motion is not None else hot | darker
@@ -144,7 +145,7 @@ class Proposer:
 
 
 def _ranked(
-    image: np.ndarray, found: List[Tuple[Region, float]], most: int, white: float, expected: Sequence[Expected]
+    image: np.ndarray, found: List[Tuple[Region, float]], white: float, expected: Sequence[Expected]
 ) -> Tuple[Tuple[Proposal, ...], float]:
     """Proposals of regions with their rise, and the brightest value so far [grey levels].
 
@@ -162,7 +163,7 @@ def _ranked(
     rated.sort(key=lambda one: (-min(one[1], _SATURATED * white), -one[2]))
     proposals = []
     # most of what a person's clothes leave is found too large at once, and must not use up all places
-    for region, level, _ in rated[: 2 * most]:
+    for region, level, _ in rated[: 2 * _MOST]:
         part, spot = _part_of(region, expected)
         proposals.append(Proposal(region, spot, part, "" if level >= _LEAST_LEVEL * white else "too_dark"))
     # published ones, other expected ones, the rest

@@ -13,7 +13,7 @@ import numpy as np
 _WIDTH = 240  # [px] at least, of the images in which corners are followed
 _CORNERS, _FEWEST = 48, 12  # looked for; needed to know a motion
 _AGREE_PX = 0.7  # [px of the small image] corners that are farther off do not agree
-_SHARE = 0.35  # of the corners have to agree
+_SHARE, _SURE = 0.35, 0.75  # of the corners have to agree; so many cannot be a thing's
 _DIFFERS = 10  # [grey levels] a pixel differs
 _STILL_PX = 0.35  # [px] no place of the image moved farther: the camera is stationary
 _FLOW = dict(winSize=(11, 11), maxLevel=2, criteria=(cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 12, 0.02),
@@ -78,7 +78,7 @@ class Registration:
             plane, of_plane = cv2.findHomography(before, after, cv2.RANSAC, _AGREE_PX, maxIters=200, confidence=0.99)
             if plane is not None and of_plane.sum() > 1.15 * count:
                 motion, count = plane, int(of_plane.sum())
-        if count < max(_FEWEST, _SHARE * len(before)) or not self._explains(motion):
+        if count < max(_FEWEST, _SHARE * len(before)) or count < _SURE * len(before) and not self._explains(motion):
             return None
         self._guess = cv2.perspectiveTransform(self._corners, motion)
         return motion

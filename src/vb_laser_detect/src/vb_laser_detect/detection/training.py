@@ -24,7 +24,7 @@ _FOLDS = 10
 _STRENGTH = 0.3  # of the fit against the wish for low ramps
 # which way a curve may go: more of it speaks for a spot, or against; or for it up to a usual value and then against
 _FOR = ("peak", "rise", "level", "compactness", "likeness", "edge", "smallness", "chroma", "chroma_mosaic")
-_UP_TO = {"contrast": 0.9, "diameter": math.log(0.01)}
+_UP_TO = {"diameter": math.log(0.01)}
 
 
 class Frame(NamedTuple):
@@ -76,10 +76,8 @@ class Oracle(SpotClassifier):
         self.rows: List[Dict[str, float]] = []
         self.truth: List[bool] = []
 
-    def judge(self, blob: Optional[Blob], features: Dict[str, float], expected: bool = False) -> Verdict:
+    def judge(self, blob: Blob, features: Dict[str, float], expected: bool = False) -> Verdict:
         """The truth."""
-        if blob is None:
-            return Verdict(1.0, "")
         if expected:
             return Verdict(0.0, "known")  # the plain question was noted
         right = self._near(blob, self.frame.spots)
@@ -119,7 +117,8 @@ def collect(frames: Iterable[Frame], params: DetectorParams, group: str, reach: 
         detector.look_from(*(frame.geometry or (None, None)))
         detector.detect(frame.image, frame.stamp)
     names = tuple(oracle.rows[0]) if oracle.rows else ()
-    values = np.array([list(row.values()) for row in oracle.rows], float)
+    # what OpenCV sums in single precision depends on where its memory begins, far behind these digits
+    values = np.round(np.array([list(row.values()) for row in oracle.rows], float), 5)
     return Examples(values, np.array(oracle.truth, bool), names, np.array([group] * len(values)))
 
 
@@ -156,7 +155,7 @@ def fit(examples: Examples) -> SpotClassifier:
     # a ramp that goes the wrong way is an accident of these examples: it stays level
     bounds = [(0.0, None)] * (len(signs) - 1) + [(None, None)]
     found = minimize(loss, np.zeros(len(signs)), jac=True, method="L-BFGS-B", bounds=bounds,
-                     options={"maxiter": 5000, "maxfun": 10000, "ftol": 0.0, "gtol": 1e-3})
+                     options={"maxiter": 5000, "maxfun": 10000, "ftol": 0.0, "gtol": 1e-6})
     heights = found.x * signs
     intercept, curves, first = float(heights[-1]), {}, 0
     for name, x, middle in zip(examples.names, knots, usual):
@@ -184,16 +183,22 @@ def logits(classifier: SpotClassifier, examples: Examples) -> np.ndarray:
     return total
 
 
+def fit_without(examples: Examples, groups: Sequence[str], parts: int) -> Dict[str, SpotClassifier]:
+    """For each of some clips or scenes a classifier that was fitted without it; so many parts are left out in turn."""
+    result = {}
+    for number in range(parts):
+        out = list(groups)[number::parts]
+        judge = fit(examples.without(*out)) if out else None
+        result.update({group: judge for group in out})
+    return result
+
+
 def validate(examples: Examples) -> List[Tuple[str, np.ndarray, np.ndarray]]:
-    """(group, truth, logits) of each group, by classifiers that were fitted without it: ten times a tenth is left out."""
-    groups = np.random.default_rng(1).permutation(np.unique(examples.groups))
+    """(group, truth, logits) of each group, by classifiers that were fitted without it."""
     result = []
-    for number in range(_FOLDS):
-        out = groups[number::_FOLDS]
-        judge = fit(examples.without(*out))
-        for group in out:
-            own = examples.of(examples.groups == group)
-            result.append((str(group), own.truth, logits(judge, own)))
+    for group, judge in fit_without(examples, np.random.default_rng(1).permutation(np.unique(examples.groups)), _FOLDS).items():
+        own = examples.of(examples.groups == group)
+        result.append((str(group), own.truth, logits(judge, own)))
     return sorted(result, key=lambda one: one[0])
 
 
