@@ -100,13 +100,14 @@ def other_revision(revision: str):
         ["git", "-C", str(TOP), "archive", revision, "src/vb_fusion/src/vb_fusion"], check=True, stdout=subprocess.PIPE
     ).stdout
     folder = Path(tempfile.mkdtemp()) / "vb_fusion_before"
-    folder.mkdir()
     with tarfile.open(fileobj=io.BytesIO(archive)) as tar:
         for member in tar.getmembers():
             if member.name.endswith(".py") and not member.name.endswith("_node.py"):
                 text = tar.extractfile(member).read().decode("utf-8")
                 text = re.sub(r"\b(from|import) vb_fusion\b", r"\1 vb_fusion_before", text)
-                (folder / Path(member.name).name).write_text(text)
+                path = folder / Path(member.name).relative_to("src/vb_fusion/src/vb_fusion")
+                path.parent.mkdir(parents=True, exist_ok=True)
+                path.write_text(text)
     sys.path.insert(0, str(folder.parent))
     return importlib.import_module("vb_fusion_before.extraction")
 

@@ -4,18 +4,26 @@
     make navigation                                                     once
     python3 bench/robot_drives.py --robot turtlebot2                    all that is missing in its file
     python3 bench/robot_drives.py --robot turtlebot2 --seconds 200      for at most about that long, then go on later
+    python3 bench/robot_drives.py --robot turtlebot2 --pace 1           in real time, as a comparison
 
 A robot type drives in the simulated lab (no cameras, no display) with move_base and AMCL as they are shipped here,
-through its driver, in simulated time. The judge sees where the robot truly is. Goals: GOALS below, from one to the next
-and back again, so that both directions are driven, until there are ROUNDS. Writes each drive to
-out/bench/robot_drives/, and the tables of all of them to docs/results/robots_navigation.md.
+through its driver. The judge sees where the robot truly is. Goals are drawn by a seed: in each scenario a chain of places
+such that the straight line from one to the next leads through the border's area where that is possible, driven forth and
+back, so that both directions come up.
+
+The idea: simulated time waits for those who drive and for AMCL (the simulator's ~lockstep), so that it runs as fast as this computer
+allows, and a busy one makes drives last longer without changing them. What would change them is a cycle that move_base
+misses: each drive's row says how many it reported. A border is put before the nose while time runs slowly, because the
+services that put it there take real time; the row says how much simulated time that was.
+
+Writes each drive to out/bench/robot_drives/, and the tables of all of them to docs/results/robots_navigation.md.
 """
 import argparse
+import functools
 import itertools
 import json
 import math
 import os
-import subprocess
 import sys
 import tempfile
 import threading
@@ -28,7 +36,10 @@ import rosgraph
 import rospy
 import yaml
 from geometry_msgs.msg import PoseWithCovarianceStamped
+from rosgraph_msgs.msg import Log
+from std_msgs.msg import Float64
 
+from result_table import revision
 from vb_core.errors import CodedError
 from vb_core.grid_map import distance_to
 from vb_core.ros import messages
@@ -38,35 +49,96 @@ from vb_evaluation.goal_runs import GoalRunner
 from vb_evaluation.observer import Observer, wait_until
 from vb_evaluation.processes import Child, free_port
 from vb_evaluation.statistics import proportion
-from vb_msgs.msg import LabState, VirtualBorder
+from vb_map_integration.border import VirtualBorder as Border
+from vb_map_integration.integration import integrate
+from vb_msgs.msg import DriverState, LabState, VirtualBorder
 from vb_msgs.srv import AddBorder, AddBorderRequest, RemoveBorder, RemoveBorderRequest
+from vb_robot.clearance_map import STAND_MARGIN, ClearanceMap, sample
+from vb_robot.navigation_parameters import PATH_MARGIN
+from vb_sim.room.floor_plan import physical_map
 from vb_sim.room.world import load_world
 
 TOP = Path(__file__).resolve().parent.parent
 OUT, TABLE = TOP / "out" / "bench" / "robot_drives", TOP / "docs" / "results" / "robots_navigation.md"
+WORLDS = TOP / "src" / "vb_sim" / "worlds"
 ROBOTS = ("turtlebot2", "turtlebot3_burger")
-LIMIT_S = 100.0  # [s] of simulated time for one goal
-# places on either side of each border, [m, m, deg]: the robot drives from each to the next
-GOALS = {
-    "carpet": [(7.4, 0.6, 180), (1.6, 1.6, 180), (4.2, 2.5, 0), (7.0, 1.5, 0), (2.6, 0.5, 180), (5.7, 0.6, 0),
-               (1.6, 1.6, 90)],
-    "corner": [(6.8, 4.2, 0), (7.5, 3.9, 0), (6.5, 4.6, 180), (7.3, 4.5, 90)],
-    "room": [(7.4, 0.6, 180), (4.0, 3.5, 180), (1.6, 1.6, 0), (4.0, 3.5, 0)],
-}
-ROUNDS = 40  # goals round each border
-INSIDE = {"carpet": [(4.1, 1.4, 0), (3.6, 1.1, 0)], "room": [(1.6, 3.6, 0), (0.8, 4.2, 0)],
-          "corner": [(4.0, 2.6, 0), (2.0, 1.6, 0)]}
+SCENARIOS = ("carpet", "corner", "room")
+RADIUS = 0.18  # [m] of the larger robot: both drive to the same places
+LIMIT_S = 120.0  # [s] of simulated time for one goal: 10 m at the slower robot's 0.2 m/s, twice
+ROUNDS, NOSES = 40, 20  # goals round each border, and borders put before the nose
+INSIDE = 2  # goals inside of each border
+MIN_LEG = 0.6  # [m] between two places
+FASTEST = 4.0  # simulated seconds per real second: more than two slow cores can do
+SLOW = 0.5  # the same while a border is put before the nose
+MISSED = "missed its desired rate"  # move_base's words, of its control loop and of its costmaps
+
+
+class Pace:
+    """How fast simulated time runs, and what move_base missed.
+
+    Args:
+        fastest: simulated seconds per real second, at most.
+    """
+
+    def __init__(self, fastest: float) -> None:
+        self._fastest, self._missed = fastest, 0
+        self._publisher = rospy.Publisher(names.PACE, Float64, queue_size=1, latch=True)
+        self._subscriber = rospy.Subscriber("/rosout", Log, self._on_log, queue_size=100)
+        self.hold(False)
+
+    def _on_log(self, message: Log) -> None:
+        self._missed += MISSED in message.msg
+
+    def missed(self) -> int:
+        """How many cycles move_base has missed since this was asked last."""
+        missed, self._missed = self._missed, 0
+        return missed
+
+    def hold(self, held: bool) -> None:
+        """Lets simulated time run slowly, or as fast as it may."""
+        self._publisher.publish(min(self._fastest, SLOW if held else self._fastest))
+
+
+@functools.lru_cache(maxsize=None)
+def places(scenario: str, seed: int):
+    """Places (x, y, yaw) [m, m, deg]: a chain round a scenario's border, and places inside of what it restricts.
+
+    A robot of RADIUS has as much room there as the dispatcher gives one, and a path leads from each to the next.
+    """
+    world = load_world(str(WORLDS / "lab.yaml"))
+    what, grid = world.scenarios[scenario], physical_map(world)
+    posterior = integrate(grid, Border(np.array(what.border), np.array(what.seed), 1.0, what.closed)).posterior
+    restricted = posterior.data > np.maximum(grid.data, 0)
+    rng = np.random.default_rng([seed, SCENARIOS.index(scenario)])
+    terrain = ClearanceMap(posterior, RADIUS, travel_margin=PATH_MARGIN + 0.03)
+    cells = posterior.cell_to_world(np.argwhere(terrain.clearance >= RADIUS + STAND_MARGIN))
+    yaws = rng.integers(-180, 180, 1000)
+    chain = [(*cells[rng.integers(len(cells))], 0)]
+    if scenario == "corner":  # what is not restricted may have other parts, as behind furniture
+        chain = [(6.8, 4.2, 0)]
+    while len(chain) <= ROUNDS // 2:
+        here = np.array(chain[-1][:2])
+        drawn = cells[rng.integers(len(cells), size=300)]
+        drawn = drawn[(np.linalg.norm(drawn - here, axis=1) >= MIN_LEG) & np.isfinite(terrain.ways(here).lengths_to(drawn))]
+        if not len(drawn):
+            chain[-1] = (*cells[rng.integers(len(cells))], 0)  # a place that nothing leads to
+            continue
+        lines = here + np.linspace(0.0, 1.0, 100)[None, :, None] * (drawn - here)[:, None, :]
+        through = sample(posterior, restricted, lines.reshape(-1, 2)).reshape(len(drawn), -1).any(axis=1)
+        chain.append((*drawn[int(np.argmax(through))], int(yaws[len(chain)])))
+    inside = posterior.cell_to_world(np.argwhere(restricted & (distance_to(~restricted) * posterior.resolution > RADIUS)))
+    inside = [(*inside[rng.integers(len(inside))], 0) for _ in range(INSIDE)]
+    return [tuple(float(round(value, 3)) for value in place) for place in (*chain, *inside)]
 
 
 class Lab:
     """The running lab: borders, goals, and what truly happened."""
 
-    def __init__(self, robot: str, start, folder: Path) -> None:
+    def __init__(self, robot: str, start, folder: Path, fastest: float, seed: int) -> None:
         state = tempfile.mkdtemp(prefix="robot_drives")
-        worlds = TOP / "src" / "vb_sim" / "worlds"
-        world = yaml.safe_load((worlds / "burger.yaml").read_text()) if robot == "turtlebot3_burger" else {
-            "name": "lab", "robots": yaml.safe_load((worlds / "lab.yaml").read_text())["robots"]}
-        world["like"] = str(worlds / "lab.yaml")
+        world = yaml.safe_load((WORLDS / "burger.yaml").read_text()) if robot == "turtlebot3_burger" else {
+            "name": "lab", "robots": yaml.safe_load((WORLDS / "lab.yaml").read_text())["robots"]}
+        world["like"] = str(WORLDS / "lab.yaml")
         world["robots"][0]["start"] = [float(value) for value in start]
         path = Path(state) / "world.yaml"
         path.write_text(yaml.safe_dump(world))
@@ -77,18 +149,22 @@ class Lab:
         os.environ["ROS_MASTER_URI"] = f"http://127.0.0.1:{port}"
         self.child = Child(
             ["roslaunch", "-p", str(port), str(TOP / "bench" / "robot_drives.launch"),
-             f"world:={path}", f"state:={state}", f"robot_type:={robot}", "amcl:=true", f"x:={x}", f"y:={y}", f"yaw:={yaw}"],
+             f"world:={path}", f"state:={state}", f"robot_type:={robot}", "amcl:=true", f"seed:={seed}", f"x:={x}", f"y:={y}", f"yaw:={yaw}"],
             folder / "roslaunch.txt", {**os.environ, "ROS_LOG_DIR": str(folder / "log")})
         if not wait_until(rosgraph.is_master_online, 60.0):
             raise CodedError("not_ready", "no master")
+        # before that this program would take wall time for the time of its node
+        if not wait_until(lambda: rosgraph.Master("/robot_drives").hasParam("/use_sim_time"), 60.0):
+            raise CodedError("not_ready", "roslaunch sets no parameters")
         rospy.init_node("robot_drives", anonymous=True, disable_signals=True, log_level=rospy.ERROR)
-        self.observer = Observer()
+        self.observer, self.pace = Observer(), Pace(fastest)
         self.runner = GoalRunner()
         if not wait_until(lambda: self.observer.posterior is not None and self.observer.lab is not None, 60.0):
             raise CodedError("not_ready", f"no maps, see {folder}")
-        self._truth, self._errors = deque(maxlen=500), []
+        self._truth, self._errors, self._late = deque(maxlen=500), [], 0
         self._subscribers = [rospy.Subscriber(names.LAB_STATE, LabState, self._on_lab),
-                             rospy.Subscriber("/amcl_pose", PoseWithCovarianceStamped, self._on_amcl)]
+                             rospy.Subscriber("/amcl_pose", PoseWithCovarianceStamped, self._on_amcl),
+                             rospy.Subscriber(names.DRIVERS, DriverState, self._on_driver)]
 
     def _on_lab(self, message) -> None:
         pose = message.robot_poses[0]
@@ -100,10 +176,18 @@ class Lab:
         if truth is not None and abs(truth[0] - stamp) < 0.05:
             self._errors.append(math.dist((place.x, place.y), truth[1:]))
 
-    def errors(self) -> float:
-        """[m] the largest error of the localisation since it was asked last."""
-        errors, self._errors = self._errors, []
-        return round(max(errors, default=math.nan), 3)
+    def _on_driver(self, message) -> None:
+        self._late += message.code.endswith("_lost") or message.code == "clock_stands"
+
+    def drive(self, goal, path_from=None):
+        """Sends the robot to a goal; returns what was driven, and the row of results that all drives have."""
+        self.pace.missed(), self._errors.clear()
+        self._late, began = 0, time.monotonic()
+        driven = self.runner.drive((goal[0], goal[1], math.radians(goal[2])), LIMIT_S)
+        return driven, {
+            "goal": goal, "outcome": driven.outcome, "text": driven.text, "length_m": round(driven.length, 2),
+            "seconds": round(driven.seconds, 1), "wall_s": round(time.monotonic() - began, 1),
+            "localised_m": round(max(self._errors, default=math.nan), 3), "missed": self.pace.missed(), "late": self._late}
 
     def pose(self):
         pose = self.observer.lab.robot_poses[0]
@@ -135,53 +219,38 @@ class Lab:
         gap = distance_to(restricted)[cells[:, 0], cells[:, 1]] * prior.resolution
         return float(self.radius - gap.min() - 1.5 * prior.resolution)
 
-    def go(self, goal, limit=LIMIT_S):
-        return self.runner.drive((goal[0], goal[1], math.radians(goal[2])), limit)
 
-
-def place(scenario, number):
-    """The place (x, y, yaw) [m, m, deg] that a robot comes to as the number-th, forth and back again."""
-    loop = GOALS[scenario] + GOALS[scenario][-2:0:-1]
-    return loop[number % len(loop)]
-
-
-def tasks():
-    """What is to be driven: (kind, scenario, number, goal). In turns, so that each part tells of all."""
+def tasks(seed: int):
+    """What is to be driven: (kind, scenario, number, from, to). In turns, so that each part tells of all."""
     for begin in range(0, ROUNDS, 10):
-        for scenario in GOALS:
-            yield from (("round", scenario, i, place(scenario, i + 1)) for i in range(begin, begin + 10))
+        for scenario in SCENARIOS:
+            chain, inside = places(scenario, seed)[:-INSIDE], places(scenario, seed)[-INSIDE:]
+            both = chain + chain[-2::-1]
+            yield from (("round", scenario, i, both[i], both[i + 1]) for i in range(begin, begin + 10))
             if begin == 0:
-                yield from (("inside", scenario, i, goal) for i, goal in enumerate(INSIDE[scenario]))
-        yield from (("nose", "", i, None) for i in range(begin // 2, begin // 2 + 5))
-
-
-def first_place(task):
-    """Where the robot is before a drive (x, y, yaw) [m, m, deg]."""
-    kind, scenario, number, _ = task
-    return place(scenario, number if kind == "round" else 0) if scenario else (7.0, 0.9, 180)
+                yield from (("inside", scenario, i, both[10], goal) for i, goal in enumerate(inside))
+        share = NOSES * 10 // ROUNDS
+        yield from (("nose", "", i, (7.0, 0.9, 180), None) for i in range(begin // 10 * share, (begin // 10 + 1) * share))
 
 
 def drive_scenario(lab, scenario, todo, keep) -> None:
     """Brings the robot to where the first drive begins, adds the border, drives."""
-    what, start = lab.world.scenarios[scenario], first_place(todo[0])
+    what, start = lab.world.scenarios[scenario], todo[0][3]
     if math.dist(lab.pose()[:2], start[:2]) > 0.2:
-        lab.go(start)
+        lab.drive(start)
     border = lab.add(what.border, what.seed, what.closed)
     try:
-        for kind, _, number, goal in todo:
-            began = time.monotonic()
-            driven = lab.go(goal)
-            keep({"kind": kind, "scenario": scenario, "number": number, "goal": goal, "outcome": driven.outcome,
-                  "text": driven.text, "length_m": round(driven.length, 2), "seconds": round(driven.seconds, 1),
-                  "wall_s": round(time.monotonic() - began, 1), "localised_m": lab.errors(),
+        for kind, _, number, _, goal in todo:
+            driven, row = lab.drive(goal)
+            keep({"kind": kind, "scenario": scenario, "number": number, **row,
                   "entered_m": round(lab.entered(driven.path), 3)})
     finally:
         lab.remove(border)
 
 
-def drive_nose(lab, number, keep) -> None:
+def drive_nose(lab, number, seed, keep) -> None:
     """A border across the way of a robot under way, 0.25 to 0.6 m before its nose."""
-    rng = np.random.default_rng(1000 + number)
+    rng = np.random.default_rng([seed, 1000 + number])
     ends = [(7.0, 0.9, 180), (1.6, 1.6, 0)]
     here = lab.pose()
     goal = max(ends, key=lambda end: math.dist(end[:2], here[:2]))
@@ -190,31 +259,34 @@ def drive_nose(lab, number, keep) -> None:
 
     def watch():
         start = lab.pose()
-        if not wait_until(lambda: math.dist(lab.pose()[:2], start[:2]) > driven_before, 120.0, 0.02):
-            return
-        x, y, yaw = lab.pose()
-        ahead, half = lab.radius + gap, 0.3
-        middle = np.array([x + (ahead + half) * math.cos(yaw), y + (ahead + half) * math.sin(yaw)])
-        along, across = half * np.array([math.cos(yaw), math.sin(yaw)]), half * np.array([-math.sin(yaw), math.cos(yaw)])
-        corners = [middle - along - across, middle + along - across, middle + along + across, middle - along + across]
         try:
+            if not wait_until(lambda: math.dist(lab.pose()[:2], start[:2]) > driven_before, 120.0, 0.02):
+                return
+            x, y, yaw = lab.pose()
+            ahead, half = lab.radius + gap, 0.3
+            along = half * np.array([math.cos(yaw), math.sin(yaw)])
+            across = half * np.array([-math.sin(yaw), math.cos(yaw)])
+            middle = np.array([x, y]) + (ahead + half) / half * along
+            corners = [middle - along - across, middle + along - across, middle + along + across, middle - along + across]
+            called = rospy.get_time()
             put["id"] = lab.add(corners, middle, True)
-            put["at"] = (x, y)
+            put["at"], put["after_s"], until = (x, y), round(rospy.get_time() - called, 2), rospy.get_time() + 3.0
+            wait_until(lambda: rospy.get_time() > until, 60.0)
         except CodedError as error:
             put["error"] = error.code
+        finally:
+            lab.pace.hold(False)
 
+    lab.pace.hold(True)
     thread = threading.Thread(target=watch, daemon=True)
     thread.start()
-    began = time.monotonic()
-    driven = lab.go(goal)
-    thread.join(20.0)
+    driven, row = lab.drive(goal)
+    thread.join(130.0)
     path = driven.path
     if "at" in put and len(path):
         path = path[int(np.argmin(np.linalg.norm(path - put["at"], axis=1))):]
-    keep({"kind": "nose", "scenario": "", "number": number, "goal": goal, "outcome": driven.outcome, "text": driven.text,
-          "gap_m": round(gap, 2), "border": put.get("error", "added" if "id" in put else "none"),
-          "length_m": round(driven.length, 2), "seconds": round(driven.seconds, 1),
-          "wall_s": round(time.monotonic() - began, 1), "localised_m": lab.errors(),
+    keep({"kind": "nose", "scenario": "", "number": number, **row, "gap_m": round(gap, 2), "after_s": put.get("after_s"),
+          "border": put.get("error", "added" if "id" in put else "none"),
           "entered_m": round(lab.entered(path), 3) if "id" in put else None})
     if "id" in put:
         lab.remove(put["id"])
@@ -227,63 +299,75 @@ def _interval(good: int, count: int) -> str:
     return f"{100 * share.low:.0f} to {100 * share.high:.0f} %"
 
 
-def revision() -> str:
-    """The commit that the drives are made with."""
-    return subprocess.run(["git", "describe", "--always", "--dirty"], cwd=str(TOP), stdout=subprocess.PIPE,
-                          universal_newlines=True).stdout.strip()
+WANTED = {"round": ("reached",), "inside": ("refused",), "nose": ("reached", "refused", "time_is_up")}
+TITLES = {"round": "past the border", "inside": "into it", "nose": "border put before the nose"}
 
 
 def table(runs) -> str:
     """The results as Markdown."""
-    lines = ["# Driving with the real move_base", "", f"`python3 bench/robot_drives.py`, {time.strftime('%Y-%m-%d', time.gmtime())}, "
-             f"revisions {', '.join(sorted({run['revision'] for run in runs}))}. ros-planning/navigation at 9ad6441 with AMCL, "
-             "parameters of `vb_bringup/config/navigation` and the robot's profile, through `robot_driver`; simulated lab, "
-             "truth judged. *Entered*: the footprint more than one and a half cells inside of what a border restricts.", "",
-             "| robot | drives | scenario | done | as wanted | 95 % interval of that | entered | localisation off, at most | median time | longest | simulated per real second |",
-             "|---|---|---|---|---|---|---|---|---|---|---|"]
-    keys = sorted({(run["robot"], run["kind"], run["scenario"]) for run in runs})
-    for robot, kind, scenario in keys:
-        group = [run for run in runs if (run["robot"], run["kind"], run["scenario"]) == (robot, kind, scenario)]
-        wanted = {"round": ("reached",), "inside": ("refused",), "nose": ("reached", "refused")}[kind]
+    lines = [
+        "# Driving with the real move_base", "",
+        f"`python3 bench/robot_drives.py --robot ...`, {time.strftime('%Y-%m-%d', time.gmtime())}, revisions "
+        f"{', '.join(sorted({run['revision'] for run in runs}))}, goals of seeds "
+        f"{', '.join(sorted({str(run['seed']) for run in runs}))}. ros-planning/navigation at 9ad6441 with AMCL, "
+        "parameters of `vb_bringup/config/navigation` and the robot's profile, through `robot_driver`; simulated lab, "
+        "truth judged. As wanted: reached; into a border: refused; before the nose: not entered. *Entered*: the footprint "
+        "more than one and a half cells inside of what a border restricts. *Pace*: simulated seconds per real second, at "
+        "most and in the mean. *Missed*: control or costmap cycles that move_base reported as late, per simulated minute. "
+        "*Late*: reports of the driver that an input was too old.", "",
+        "| robot | drives | scenario | pace at most | done | as wanted | 95 % interval of that | entered | "
+        "localisation off, at most | median time | longest | mean pace | missed | late |",
+        "|---|---|---|---|---|---|---|---|---|---|---|---|---|---|"]
+    for key in sorted({(run["robot"], run["kind"], run["scenario"], run["pace"]) for run in runs}):
+        robot, kind, scenario, pace = key
+        group = [run for run in runs if (run["robot"], run["kind"], run["scenario"], run["pace"]) == key]
         counted = [run for run in group if kind != "nose" or run["border"] == "added"]
-        good = sum(run["outcome"] in wanted for run in counted)
+        good = sum(_as_wanted(run) for run in counted)
         entered = sum((run["entered_m"] or -1.0) > 0.0 for run in counted)
         seconds = [run["seconds"] for run in counted] or [0.0]
         off = max([run["localised_m"] for run in counted if run["localised_m"] > 0] or [0.0])
-        what = {"round": "past the border", "inside": "into it", "nose": "border put before the nose"}[kind]
-        lines.append(f"| {robot} | {what} | {scenario or '-'} | {len(counted)} | {good} | "
+        lines.append(f"| {robot} | {TITLES[kind]} | {scenario or '-'} | {pace:g} | {len(counted)} | {good} | "
                      f"{_interval(good, len(counted))} | {entered} | "
                      f"{off:.2f} m | {np.median(seconds):.0f} s | {max(seconds):.0f} s | "
-                     f"{sum(seconds) / max(sum(run['wall_s'] for run in counted), 1e-9):.2f} |")
-    bad = [run for run in runs if (run["kind"] == "round" and run["outcome"] != "reached")
-           or (run["kind"] == "inside" and run["outcome"] != "refused") or (run["entered_m"] or -1.0) > 0.0
-           or (run["kind"] == "nose" and run["outcome"] not in ("reached", "refused"))]
+                     f"{sum(seconds) / max(sum(run['wall_s'] for run in counted), 1e-9):.2f} | "
+                     f"{sum(run['missed'] for run in counted) / max(sum(seconds) / 60.0, 1e-9):.2f} | "
+                     f"{sum(run['late'] for run in counted)} |")
+    bad = [run for run in runs if not _as_wanted(run)]
     lines += ["", "Not as wanted:" if bad else "Every drive went as wanted.", ""]
-    lines += [f"- {run['robot']}, {run['kind']} {run['scenario']} {run['number']}, goal {tuple(run['goal'])}: {run['outcome']} after "
-              f"{run['seconds']:.0f} s, {run['length_m']:.1f} m, entered {run['entered_m']} m. {run['text']}" for run in bad]
+    lines += [f"- {run['robot']}, {run['kind']} {run['scenario']} {run['number']}, pace {run['pace']:g}, goal "
+              f"{tuple(run['goal'])}: {run['outcome']} after {run['seconds']:.0f} s, {run['length_m']:.1f} m, entered "
+              f"{run['entered_m']} m, {run.get('border', '')} {run['text']}" for run in bad]
+    noses = [run for run in runs if run["kind"] == "nose" and run["border"] == "added"]
+    if noses:
+        lines += ["", "Before the nose: " + ", ".join(
+            f"{sum(run['outcome'] == outcome for run in noses)} {outcome}" for outcome in WANTED["nose"]) + "."]
     return "\n".join(lines) + "\n"
+
+
+def _as_wanted(run) -> bool:
+    return run["outcome"] in WANTED[run["kind"]] and (run["entered_m"] or -1.0) <= 0.0
 
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--robot", default=ROBOTS[0], choices=ROBOTS)
-    parser.add_argument("--scenarios", nargs="+", default=[*GOALS, "nose"], help="one file for each share")
+    parser.add_argument("--seed", type=int, default=2, help="of the goals and of the simulated noise")
+    parser.add_argument("--pace", type=float, default=FASTEST, help="simulated seconds per real second, at most")
+    parser.add_argument("--drives", type=int, default=1000, help="how many at most")
     parser.add_argument("--seconds", type=float, default=math.inf, help="of wall time, then go on another time")
-    parser.add_argument("--fresh", action="store_true", help="forget what the file has")
     parser.add_argument("--only-write", action="store_true", help="the table of what the files have")
     arguments = parser.parse_args()
     OUT.mkdir(parents=True, exist_ok=True)
-    share = "" if len(arguments.scenarios) == len(GOALS) + 1 else "-" + "-".join(arguments.scenarios)
-    out = OUT / f"{arguments.robot}{share}.json"
-    runs = json.loads(out.read_text()) if out.exists() and not arguments.fresh else []
+    out = OUT / f"{arguments.robot}-{arguments.seed}-{arguments.pace:g}.json"
+    runs = json.loads(out.read_text()) if out.exists() else []
     until = time.monotonic() + arguments.seconds
     done = {(run["kind"], run["scenario"], run["number"]) for run in runs}
-    todo = [task for task in tasks() if task[:3] not in done and (task[1] or "nose") in arguments.scenarios]
+    todo = [task for task in tasks(arguments.seed) if task[:3] not in done][:max(0, arguments.drives - len(done))]
     if todo and not arguments.only_write:
-        lab = Lab(arguments.robot, first_place(todo[0]), OUT / out.stem)
+        lab = Lab(arguments.robot, todo[0][3], OUT / out.stem, arguments.pace, arguments.seed)
 
         def keep(run) -> None:
-            runs.append({"robot": arguments.robot, "revision": revision(), **run})
+            runs.append({"robot": arguments.robot, "revision": revision(), "seed": arguments.seed, "pace": arguments.pace, **run})
             out.write_text(json.dumps(runs, indent=1) + "\n")
             print(run, flush=True)
             if time.monotonic() > until:
@@ -295,7 +379,7 @@ def main() -> int:
                     drive_scenario(lab, scenario, list(part), keep)
                 else:
                     for task in part:
-                        drive_nose(lab, task[2], keep)
+                        drive_nose(lab, task[2], arguments.seed, keep)
         except TimeoutError:
             print("time is up: call it again to go on")
         finally:

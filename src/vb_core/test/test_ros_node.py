@@ -3,6 +3,10 @@ import subprocess
 import sys
 import threading
 
+import pytest
+import rospy
+
+from vb_core.ros import node
 from vb_core.ros.node import Beat, Mailbox, Queue
 
 
@@ -42,8 +46,42 @@ def test_a_beat_comes_by_itself_or_when_something_is_announced():
     assert beat.take() is None
 
 
+class FakeClock:
+    """Wall time that passes while somebody waits, and simulated time that runs `pace` times as fast."""
+
+    def __init__(self, monkeypatch, beat, pace):
+        self.wall, self.pace, self.waits = 50.0, pace, 0
+        monkeypatch.setattr(rospy.rostime, "is_wallclock", lambda: False)
+        monkeypatch.setattr(rospy, "get_time", lambda: 1000.0 + self.pace * (self.wall - 50.0))
+        monkeypatch.setattr(node.time, "monotonic", lambda: self.wall)
+        monkeypatch.setattr(beat, "_wake", self)
+
+    def wait(self, seconds):
+        self.waits += 1
+        self.wall += seconds
+        return False
+
+    def clear(self):
+        pass
+
+
+@pytest.mark.parametrize("pace, expected", [(4.0, 0.25), (1.0, 1.0), (0.5, 1.0), (0.0, 1.0)])
+def test_a_beat_follows_the_quicker_of_wall_and_simulated_time(monkeypatch, pace, expected):
+    beat = Beat(1.0)
+    clock = FakeClock(monkeypatch, beat, pace)
+    assert beat.take() is False  # learns how fast time runs
+    began = clock.wall
+    clock.waits = 0
+    assert [beat.take() for _ in range(20)] == [False] * 20
+    assert clock.wall - began == pytest.approx(20 * expected, abs=0.1)
+    assert clock.waits <= 2 * 20 + 5, "it sleeps and does not poll"
+
+
 FAULTY = """
 import threading
+
+import rospy
+
 import rospy
 from vb_core.ros import node
 

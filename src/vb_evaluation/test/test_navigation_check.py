@@ -3,7 +3,7 @@ import pytest
 import rospy
 
 from vb_core.errors import CodedError
-from vb_evaluation.navigation_check import NavigationCheck
+from vb_evaluation.live.navigation_check import NavigationCheck
 
 
 def test_without_move_base_it_says_so_at_once(monkeypatch):

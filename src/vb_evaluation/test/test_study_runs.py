@@ -1,4 +1,6 @@
 """Real runs in one process: one of each method, the same whatever runs beside or before them."""
+import signal
+import subprocess
 import sys
 
 import cloudpickle
@@ -61,6 +63,41 @@ def test_the_same_with_any_number_of_processes_and_after_an_interruption(tmp_pat
     (tmp_path / "one" / "runs.csv").write_bytes(one[: one.rstrip(b"\n").rfind(b"\n") + 12])
     assert campaign.conduct(STUDY, jobs, tmp_path / "one", 1, console=QUIET, work=tell) == 0
     assert (tmp_path / "one" / "runs.csv").read_bytes() == one
+
+
+INTERRUPTED = """
+import os, signal, sys, threading
+from vb_evaluation.study import __main__ as command, campaign
+
+def work(key, document, sources, job):
+    if job.order > 4:
+        os.kill(int(os.environ["CONDUCTOR"]), signal.SIGINT)
+        threading.Event().wait()  # a run that would never end
+    return campaign.Outcome(job, {**dict.fromkeys(campaign.columns(job.file), 0), **job.columns(1), "map": ""})
+
+os.environ["CONDUCTOR"] = str(os.getpid())
+campaign._work = work
+sys.exit(command.main(["all", "--size", "quick", "--only", "runs", *sys.argv[1:]]))
+"""
+
+
+@pytest.mark.parametrize("processes", ["1", "2"])
+def test_an_interruption_ends_the_study_and_the_same_command_goes_on(tmp_path, processes):
+    """Also where the shell had switched interruptions off, as for what it starts in the background."""
+    cut = subprocess.run(
+        [sys.executable, "-c", INTERRUPTED, "--out", str(tmp_path / "cut"), "--processes", processes], stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT, universal_newlines=True, preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_IGN))
+    assert cut.returncode == 130, cut.stdout
+    done = (tmp_path / "cut" / "runs.csv").read_text().count("\n") - 1
+    assert f"interrupted: {done} of 12 runs are done and kept in {tmp_path}" in cut.stdout and done < 12
+    assert "Traceback" not in cut.stdout and "failed" not in cut.stdout
+
+    def work(key, document, sources, job):
+        return campaign.Outcome(job, {**dict.fromkeys(campaign.columns(job.file), 0), **job.columns(1), "map": ""})
+
+    for folder in ("cut", "whole"):
+        assert campaign.conduct(STUDY, plan.main_jobs(STUDY, 2), tmp_path / folder, console=QUIET, work=work) == 0
+    assert (tmp_path / "cut" / "runs.csv").read_bytes() == (tmp_path / "whole" / "runs.csv").read_bytes()
 
 
 def test_a_cluster_gives_the_same_rows(tmp_path):

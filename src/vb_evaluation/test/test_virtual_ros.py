@@ -4,9 +4,11 @@ import sys
 import pytest
 
 import vb_fusion.live_extraction
+from vb_core.ros import node
 from vb_evaluation.study import config
 from vb_evaluation.study.result import Task
 from vb_evaluation.study.runner import run
+from vb_evaluation.virtual_ros.graph import Graph, Node
 from vb_evaluation.virtual_ros.scheduler import Scheduler
 from vb_evaluation.virtual_ros.stand_ins import Lock, Queue
 
@@ -34,6 +36,20 @@ def test_a_lock_goes_to_the_one_that_still_waits():
         scheduler.spawn(work)
     scheduler.run(lambda: False, 20 * SECOND)
     assert said == [("impatient", False), ("patient", 3 * SECOND), ("woken", False)]
+
+
+def test_an_interruption_is_no_fault_of_the_node_that_it_meets():
+    def work():
+        raise KeyboardInterrupt
+
+    def main():
+        node.start_thread(work)
+
+    scheduler = Scheduler(SECOND)
+    graph = Graph(scheduler, {})
+    with pytest.raises(KeyboardInterrupt), graph.installed():
+        graph.start(Node("/a_node", {}), main)
+        scheduler.run(lambda: False, 20 * SECOND)
 
 
 def test_what_is_kept_from_an_earlier_run_is_a_fault_and_no_silence():

@@ -17,6 +17,7 @@ from geometry_msgs.msg import Point
 
 sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
 from ros_helpers import wait_until  # noqa: E402
+from vb_core import sentences  # noqa: E402
 from vb_core.grid_map import GridMap  # noqa: E402
 from vb_core.ros.messages import BorderPreviewArray, OccupancyGridArray, message_from_grid  # noqa: E402
 from vb_core.notices import Notice, Severity  # noqa: E402
@@ -196,13 +197,18 @@ class DisplayMarkersTest(unittest.TestCase):
             stand_in = Path(folder) / "rviz"
             stand_in.write_text(f'#!/bin/sh\nshift\ncp "$2" {folder}/config; echo "$@" > {folder}/arguments\n')
             stand_in.chmod(0o755)
+            # a screen that is switched on after the start: the first look finds none
+            screen = Path(folder) / "xdpyinfo"
+            screen.write_text(f'#!/bin/sh\ntest -e {folder}/on || {{ touch {folder}/on; exit 1; }}\n')
+            screen.chmod(0o755)
             run = subprocess.run(
                 ["rosrun", "vb_feedback", "smart_display", "__name:=display", "_screen:=1280x720",
                  f"_config:={top}/rviz/smart_display.rviz"],
-                env={**os.environ, "PATH": f"{folder}:{os.environ['PATH']}"}, timeout=60, stdout=subprocess.PIPE,
+                env={**os.environ, "PATH": f"{folder}:{os.environ['PATH']}"}, timeout=120, stdout=subprocess.PIPE,
                 stderr=subprocess.STDOUT, universal_newlines=True,
             )
             self.assertEqual(run.returncode, 0, run.stdout)
+            self.assertIn(sentences.say("no_screen"), run.stdout)
             view = yaml.safe_load((Path(folder) / "config").read_text())["Visualization Manager"]["Views"]["Current"]
             self.assertIn("__name:=display", (Path(folder) / "arguments").read_text())
         layout = fit(Box.around(self.grid.corners()), 16 / 9)

@@ -129,6 +129,19 @@ def test_a_tremor_at_the_end_hardly_turns_the_extension(tremor):
         assert jaccard(result.region, rasterise(room.intersection(box(4.0, 0, 8, 5)), prior)) >= 0.94
 
 
+@SETTINGS
+@given(st.integers(0, 10**6))
+def test_a_line_beside_a_doorway_closes_the_doorway_only(seed):
+    """Both ends up to 0.15 m before or behind the walls of a closet, whose corner stands free in the room."""
+    random = np.random.default_rng(seed)
+    closet = [box(2.95, 0.3, 3.05, 0.8), box(2.95, 1.6, 3.05, 2.05), box(0.3, 1.95, 3.05, 2.05)]
+    prior, _ = world(ROOMS["rectangle"], (0.0, 0.0, 0.0), closet)
+    inside = rasterise(box(0.3, 0.3, 3.0, 1.95), prior) & (prior.data == 0)
+    chain = np.linspace((3.0 + random.uniform(-0.15, 0.15), 0.8), (3.0 + random.uniform(-0.15, 0.15), 1.6), 4)
+    result = integrate(prior, VirtualBorder(chain, seed=(1.5, 1.2), closed=False))
+    assert jaccard(result.region, inside) > 0.9
+
+
 def test_an_extension_goes_on_behind_a_table_leg():
     leg = box(3.95, 0.8, 4.05, 0.9)
     prior, room = world(ROOMS["rectangle"], (0.0, 0.0, 0.0), [leg])

@@ -1,9 +1,12 @@
 #!/usr/bin/env python3
 """Two robots' drivers with spots, tf, scans, maps and commands; what they command moves the robots."""
 import os
+import signal
 import sys
 import unittest
+from xmlrpc.client import ServerProxy
 
+import rosgraph
 import rospy
 import rostest
 from geometry_msgs.msg import Point, PoseStamped, Twist
@@ -21,6 +24,14 @@ from vb_msgs.msg import DriverState, NoticeArray, VirtualBorder, VirtualBorderAr
 from vb_robot import robot_driver_node  # noqa: E402
 
 DEFAULT, BORDER, SEED, GUIDE = range(4)
+
+
+def process_of(node):
+    """The id of a node's process; None while there is none."""
+    try:
+        return ServerProxy(rosgraph.Master("/test").lookupNode(node)).getPid("/test")[2]
+    except (OSError, rosgraph.MasterException):
+        return None
 
 
 class DriverTest(unittest.TestCase):
@@ -67,13 +78,16 @@ class DriverTest(unittest.TestCase):
     def setUp(self):
         self.stimulus.spot, self.stimulus.silent, self.stimulus.confidence = None, False, 1.0
         type(self).wish = None
-        self.stop.publish(Bool(False))
         self.stimulus.set_state(DEFAULT)
         self.assertTrue(wait_until(lambda: self.stimulus.velocity == (0.0, 0.0) == self.ada.velocity))
         self.put(self.stimulus, (1.5, 2.5, 0.0))
         self.put(self.ada, (1.0, 4.0, 0.0))
         self.publish_border(False)
-        self.assertTrue(wait_until(lambda: self.drivers.get("") == ("nobody", "idle")), str(self.drivers))
+        self.assertTrue(wait_until(self.is_released), str(self.drivers))
+
+    def is_released(self):
+        self.stop.publish(Bool(False))  # again: a driver that has just started may not have heard the first one
+        return self.drivers.get("") == ("nobody", "idle")
 
     def put(self, body, pose):
         with body.lock:
@@ -106,14 +120,31 @@ class DriverTest(unittest.TestCase):
         self.assertTrue(wait_until(lambda: self.stimulus.velocity[0] > 0.1))
         self.assertTrue(wait_until(lambda: not self.said("robot_state_lost")))
 
+    def test_a_driver_that_starts_again_while_the_manager_is_away_stays_stopped(self):
+        self.stop.publish(Bool(True))
+        self.assertTrue(wait_until(lambda: os.path.exists(rospy.get_param("/robot_driver/stop_file"))))
+        self.stimulus.silent = True
+        said = []
+        listener = rospy.Subscriber(names.DRIVERS, DriverState, said.append)
+        before = process_of("/robot_driver")
+        os.kill(before, signal.SIGKILL)
+        self.assertTrue(wait_until(lambda: process_of("/robot_driver") not in (None, before)))
+        said.clear()
+        self.assertTrue(wait_until(lambda: any(message.robot == "" for message in said)))
+        listener.unregister()
+        self.assertEqual({message.code for message in said if message.robot == ""}, {"stopped"})
+
     def test_navigation_goes_through_it_and_stop_wins(self):
         type(self).wish = (0.05, 0.2)
         self.assertTrue(wait_until(lambda: self.stimulus.velocity == (0.05, 0.2)))
         self.stop.publish(Bool(True))
         self.assertTrue(self.holds("stopped"))
         self.assertTrue(wait_until(lambda: self.said("robot_stopped")))
+        self.assertTrue(wait_until(lambda: self.said("stop_not_remembered", "ada")))
+        self.assertFalse(self.said("stop_not_remembered"))
         self.stop.publish(Bool(False))
         self.assertTrue(wait_until(lambda: self.stimulus.velocity == (0.05, 0.2)))
+        self.assertTrue(wait_until(lambda: not os.path.exists(rospy.get_param("/robot_driver/stop_file"))))
         self.stimulus.set_state(DEFAULT, stopped=True)
         self.assertTrue(self.holds("stopped"))
         self.stimulus.set_state(DEFAULT)

@@ -12,7 +12,7 @@ from vb_core.robot_profile import RobotProfile
 from vb_robot.driving.driver import NAVIGATION, STOP_WITHIN, TELEOP, Driver
 from vb_robot.driving.following import Frames
 from vb_robot.driving.safety import Scan
-from vb_robot.driving.servoing import BACK_TO_DISTANCE, FAR_DISTANCE, MAX_SPEED, MAX_TURN, NEAR_DISTANCE
+from vb_robot.driving.following import BACK_TO_DISTANCE, FAR_DISTANCE, MAX_SPEED, MAX_TURN, NEAR_DISTANCE
 from vb_robot.spots import BORDER, DEFAULT, GUIDE, SEED, Sighting, Sightings
 from vb_robot.dispatching.view import FloorView, to_base
 from vb_robot.driving.border_monitor import BorderMonitor
@@ -34,9 +34,10 @@ def with_border(grid, x0, y0, x1, y1):
 class Rig:
     """A driver on a unicycle in an empty room; what is `silent` does not come any more."""
 
-    def __init__(self, pose=(2.0, 2.5, 0.0), fov=360, grid=None, camera="robot", cameras=("robot",), leaves=False):
+    def __init__(self, pose=(2.0, 2.5, 0.0), fov=360, grid=None, camera="robot", cameras=("robot",), leaves=False,
+                 stopped=False):
         self.now, self.pose, self.silent = 100.0, pose, set()
-        self.driver = Driver(PROFILE, camera, cameras, leaves=leaves)
+        self.driver = Driver(PROFILE, camera, cameras, leaves, stopped)
         self.driver.set_view(VIEW)
         self.set_grid(grid or empty())
         self.camera, self.fov, self.state, self.stopped = camera, fov, (DEFAULT, "", 0.0), False
@@ -173,6 +174,17 @@ def test_an_interaction_manager_that_starts_again_releases_no_stop_that_it_did_n
     assert rig.step(5.0).driver == "stop"
     rig.driver.set_stop(False, rig.now)
     assert rig.step(0.6).v == 0.3
+
+
+def test_a_driver_that_starts_again_stays_stopped_until_somebody_says_otherwise():
+    rig = Rig(stopped=True)
+    rig.silent.add("state")
+    rig.navigation = rig.teleop = (0.3, 0.0)
+    assert rig.step(1.0).driver == "stop"
+    rig.silent.clear()  # the manager is back, and has not heard of the stop either
+    assert rig.step(1.0).driver == "stop" and rig.driver.stopped
+    rig.driver.set_stop(False, rig.now)  # `resume`
+    assert rig.step(0.6).v == 0.3 and not rig.driver.stopped
 
 
 def test_a_resume_that_is_older_than_the_stop_does_not_release_it():

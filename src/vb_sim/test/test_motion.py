@@ -1,5 +1,6 @@
 """The robot's body, its odometry and localisation, the scanner, time and the state file."""
 import math
+import threading
 from pathlib import Path
 
 import cv2
@@ -14,7 +15,7 @@ from vb_core.grid_map import FREE, OCCUPIED, GridMap
 from vb_sim.lab import PARTICIPANT_SILENCE, Lab, Participant
 from vb_sim.room.models import load_models, section
 from vb_sim.room.models_motion import LocalisationModel, RobotModel, ScanModel
-from vb_sim.pacing import Pacer, RealTimeFactor
+from vb_sim.pacing import Lockstep, Pacer, RealTimeFactor
 from vb_sim.room.raycast import DistanceField, cast_disc
 from vb_sim.robot.robot_body import RobotBody, advance
 from vb_sim.state_file import StateFile
@@ -260,6 +261,15 @@ def test_pacing_never_bursts_and_makes_up_for_short_delays():
     assert steps[-1] == pytest.approx(1000 * 0.02, abs=0.03)
 
 
+def test_pacing_follows_a_pace_that_changes():
+    wall, pacer = 0.0, Pacer(0.02, 0.0)
+    for pace in (4.0, 0.5):
+        pacer.pace, began = pace, wall
+        for _ in range(1000):
+            wall += pacer.wait(wall)
+        assert wall - began == pytest.approx(1000 * 0.02 / pace, abs=0.05)
+
+
 def test_pacing_gives_up_what_is_too_late():
     pacer, wall = Pacer(0.02, 0.0), 60.0  # the machine slept for a minute
     began = wall
@@ -313,3 +323,29 @@ def test_scanners_that_do_not_look_all_round(robot, fov, nearest):
     lab.hear_participant(Participant(
         present=True, pose=(x + near * math.cos(yaw), y + near * math.sin(yaw), 0.0), heard=0.0))
     assert -math.inf in lab.scan(robot)[1]
+
+
+def test_lockstep_waits_for_all_who_drive_and_for_nobody_who_rests():
+    lockstep, passed = Lockstep(("navigation", "driver"), patience=3600.0), threading.Event()
+    lockstep.wait()  # nobody drives: an hour is not waited
+    lockstep.hear("driver")
+    lockstep.wait()
+    for who in ("navigation", "driver"):
+        lockstep.hear(who)
+    lockstep.wait()
+    lockstep.hear("driver")  # from here on both are expected
+    thread = threading.Thread(target=lambda: (lockstep.wait(), passed.set()), daemon=True)
+    thread.start()
+    assert not passed.wait(0.05)
+    lockstep.hear("navigation")
+    assert passed.wait(60.0)
+    thread.join(60.0)
+
+
+def test_lockstep_gives_up_on_one_that_is_silent():
+    lockstep = Lockstep(("navigation", "driver"), patience=0.01)
+    for who in ("navigation", "driver"):
+        lockstep.hear(who)
+    lockstep.wait()
+    lockstep.wait()  # over after its patience, or this test would never end
+    lockstep.wait()

@@ -42,4 +42,5 @@ SAVE_MAP = "/virtual_borders/save_map"
 
 LAB_STATE = "/sim/lab_state"
 PARTICIPANT = "/sim/participant"
+PACE = "/sim/pace"
 PARTICIPANT_DONE = "/sim/participant_done"

@@ -1,15 +1,20 @@
-"""Finds which version of the program made something."""
+"""Finds the repository, and which version of the program made something."""
 from __future__ import annotations
 
 import subprocess
 from pathlib import Path
 
 
+def top() -> Path:
+    """The repository."""
+    return Path(__file__).resolve().parents[4]
+
+
 def revision() -> str:
     """The repository's revision, with "-dirty" where files differ from it; "unknown" outside of one."""
     try:
         found = subprocess.run(
-            ["git", "describe", "--always", "--dirty", "--abbrev=12"], cwd=str(Path(__file__).resolve().parent),
+            ["git", "describe", "--always", "--dirty", "--abbrev=12"], cwd=str(top()),
             stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, universal_newlines=True, check=True)
         return found.stdout.strip()
     except (OSError, subprocess.CalledProcessError):

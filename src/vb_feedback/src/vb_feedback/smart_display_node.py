@@ -6,12 +6,12 @@ import subprocess
 import sys
 from dataclasses import dataclass
 from pathlib import Path
-from typing import List, Tuple
+from typing import List, Optional, Tuple
 
 import rospkg
 import rospy
 import yaml
-from vb_core import names
+from vb_core import names, sentences
 from vb_core.errors import CodedError, ParameterError
 from vb_core.parameters import Parameters, param
 from vb_core.ros import parameters
@@ -23,6 +23,7 @@ from vb_feedback.display.rviz_config import fit_config, screen_size
 
 _ASPECT = "/display_markers/screen_aspect"
 _USUAL = (1920, 1080)
+_LOOK_FOR_SCREEN = 2.0  # [s] between two looks whether a screen has been switched on
 
 
 @dataclass(frozen=True)
@@ -43,11 +44,24 @@ class SmartDisplayParams(Parameters):
             if len(sides) != 2 or not all(side.isdigit() for side in sides):
                 raise ParameterError("~screen", f"must be auto or for instance 1920x1080, got '{self.screen}'")
             return int(sides[0]), int(sides[1])
-        try:
-            said = subprocess.run(["xdpyinfo"], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, universal_newlines=True)
-        except OSError:
-            return _USUAL
-        return screen_size(said.stdout) or _USUAL
+        return screen_size(_ask_screen() or "") or _USUAL
+
+
+def _ask_screen() -> Optional[str]:
+    """What the X server tells about the screen; "" if it cannot be asked, None if there is no screen."""
+    try:
+        asked = subprocess.run(["xdpyinfo"], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, universal_newlines=True)
+    except OSError:
+        return ""
+    return asked.stdout if asked.returncode == 0 else None
+
+
+def _wait_for_screen() -> None:
+    """Says once that there is no screen, and waits for one: RViz would end at once, again and again."""
+    if _ask_screen() is None:
+        rospy.logwarn("smart_display: %s", sentences.say("no_screen"))
+    while _ask_screen() is None and not rospy.is_shutdown():
+        rospy.rostime.wallsleep(_LOOK_FOR_SCREEN)
 
 
 def _fitted(params: SmartDisplayParams) -> str:
@@ -87,7 +101,9 @@ def main() -> None:
     rospy.init_node("smart_display")
     arguments: List[str] = sys.argv[1:]
     try:
-        path = _fitted(parameters.read(SmartDisplayParams))
+        params = parameters.read(SmartDisplayParams)
+        _wait_for_screen()
+        path = _fitted(params)
     except CodedError as error:
         rospy.logfatal("smart_display: %s", error)
         sys.exit(1)

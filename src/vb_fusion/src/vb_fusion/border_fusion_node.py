@@ -18,10 +18,10 @@ from vb_core.parameters import Parameters, param
 from vb_core.ros import node, parameters
 from vb_core.ros.messages import points_from_array, values_from_mapping
 from vb_core.ros.notices import NoticePublisher
-from vb_fusion.collector import BORDER, SEED, Collector, CollectorParams, Spot
 from vb_fusion.extraction import ExtractionParams
-from vb_fusion.spot_log import SpotLog
 from vb_fusion.live_extraction import DrawnBorder, LiveExtractor, evenly, extract_chain, extract_seed_of
+from vb_fusion.spots.collector import BORDER, SEED, Collector, CollectorParams, Spot
+from vb_fusion.spots.spot_log import SpotLog
 from vb_msgs.msg import BorderProgress, InteractionState, LaserSpot, VirtualBorder
 from vb_msgs.srv import GetDrawnBorder, GetDrawnBorderResponse
 

@@ -40,7 +40,7 @@ class IntegrationParams(Parameters):
 
     occupied_threshold: int = param(OCCUPIED_FROM, low=1, high=100, doc="occupancy from which on a cell is an obstacle; map_server's")
     fit_length_m: float = param(0.3, "m", above=0.0, doc="length of a curve's end that gives its extension's direction")
-    overshoot_m: float = param(0.2, "m", low=0.0, doc="how far a drawn end may reach beyond the wall it belongs to")
+    end_tolerance_m: float = param(0.2, "m", low=0.0, doc="how far a drawn end may be from its wall: less than a robot's width")
     seed_radius_m: float = param(0.2, "m", low=0.0, doc="how far a seed on an obstacle or on the line is moved")
     nearly_everything: float = param(0.98, low=0.0, high=1.0, doc="share of the free space that is worth a warning")
 
@@ -302,9 +302,9 @@ def _curve(
     def find_seed(barred: np.ndarray, away: Optional[np.ndarray]) -> Tuple[int, int]:
         return _free_cell(barred, seed, prior, params, issues, away)
 
-    fit, overshoot = params.fit_length_m / prior.resolution, params.overshoot_m / prior.resolution
+    fit, tolerance = params.fit_length_m / prior.resolution, params.end_tolerance_m / prior.resolution
     framed = _framed(cells, params.occupied_threshold)
-    cut = curve.separate(framed, points, fit, overshoot, seed, find_seed)
+    cut = curve.separate(framed, points, fit, tolerance, seed, find_seed)
     if cut is None:
         raise IntegrationError("outside_map", "the curve lies outside the map")
     if cut.left >= curve.TOUCHES and cut.right >= curve.TOUCHES:

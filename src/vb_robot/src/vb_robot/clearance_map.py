@@ -74,6 +74,26 @@ def sample(grid: GridMap, layer: np.ndarray, points: np.ndarray, outside: float 
     return values
 
 
+def nearest_cell(
+    grid: GridMap, mask: np.ndarray, point, reach: float
+) -> Tuple[Optional[Tuple[int, int]], np.ndarray]:
+    """The cell (row, column) of a mask (H, W) nearest to a point (2,) [m] within reach [m], and its centre (2,) [m].
+
+    None and the point itself if there is none.
+    """
+    point = np.asarray(point, dtype=float)
+    row, column = grid.world_to_cell(point)[0]
+    half = int(np.ceil(reach / grid.resolution))
+    top, left = max(row - half, 0), max(column - half, 0)
+    cells = np.argwhere(mask[top:max(row + half + 1, 0), left:max(column + half + 1, 0)]) + (top, left)
+    centres = grid.cell_to_world(cells) if len(cells) else np.zeros((0, 2))
+    gaps = np.linalg.norm(centres - point, axis=1)
+    best = int(np.argmin(gaps)) if len(cells) else -1
+    if best < 0 or gaps[best] > reach:
+        return None, point
+    return (int(cells[best, 0]), int(cells[best, 1])), centres[best]
+
+
 class ClearanceMap:
     """A map prepared for questions about places and paths. Made once per map and window.
 

@@ -3,10 +3,8 @@ from __future__ import annotations
 
 import functools
 import threading
-import traceback
 from typing import Callable, Dict, Mapping, Tuple
 
-import numpy as np
 import rospy
 from geometry_msgs.msg import PoseStamped
 
@@ -14,15 +12,16 @@ from vb_core import names
 from vb_core.errors import CodedError
 from vb_core.grid_map import GridMap
 from vb_core.robot_profile import RobotProfile
-from vb_core.ros import parameters, robot_profile
+from vb_core.ros import node, parameters, robot_profile
 from vb_core.ros.messages import OccupancyGridArray, array_from_points, grid_from_message, pose_from_2d
 from vb_core.ros.notices import NoticePublisher
 from vb_core.ros.transforms import TransformLookup
-from vb_msgs.msg import BorderProgress, InteractionState, LaserSpot
+from vb_msgs.msg import BorderProgress, InteractionState
 from vb_robot.dispatching.dispatch import Kind
 from vb_robot.dispatching.dispatched_robot import DispatchedRobot
 from vb_robot.dispatching.dispatcher import Dispatcher, Progress, WatchParams
-from vb_robot.spots import BORDER, SEED, Sighting
+from vb_robot.inputs import SpotListener
+from vb_robot.spots import BORDER, SEED
 from vb_robot.dispatching.viewpoint import Viewpoint
 
 PERIOD = 0.25  # [s] between two decisions: the spot moves 0.1 m at most in that time
@@ -50,7 +49,6 @@ class RobotDispatcherNode:
     def __init__(self, dispatcher: Dispatcher, profiles: Mapping[str, RobotProfile]) -> None:
         self._dispatcher = dispatcher
         self._goals = threading.Lock()  # held while goals are sent or cancelled with the state
-        self._refused_spots = 0
         self._reasons: Dict[str, str] = {}
         transforms = TransformLookup()
         self._viewpoint = rospy.Publisher("~viewpoint", PoseStamped, queue_size=1, latch=True)
@@ -68,17 +66,18 @@ class RobotDispatcherNode:
         self._subscribers = [
             *(rospy.Subscriber(topic, OccupancyGridArray, self._on_grid, take, queue_size=1) for topic, take in grids),
             rospy.Subscriber(names.STATE, InteractionState, self._on_state, queue_size=10),
-            rospy.Subscriber(names.SPOTS, LaserSpot, self._on_spot, queue_size=100),
+            SpotListener(dispatcher.add),
             rospy.Subscriber(names.PROGRESS, BorderProgress, self._on_progress, queue_size=1),
         ]
-        self._timer = rospy.Timer(rospy.Duration(PERIOD), self._on_timer, reset=True)
+        self._beat = node.Beat(PERIOD)
+        self._worker = node.Worker(self._beat, lambda _woken: self._decide())
 
     def close(self) -> None:
         """Cancels every goal: nothing would supervise it any more."""
-        self._timer.shutdown()
+        self._beat.close()
         self._notices.close()
         for robot in self._robots:
-            robot.navigation.cancel()
+            robot.cancel()
 
     # ------------------------------------------------------------- callbacks: only store
     def _on_grid(self, message: OccupancyGridArray, take: Callable[[GridMap], None]) -> None:
@@ -96,18 +95,7 @@ class RobotDispatcherNode:
             # this cannot wait for the next decision: the robots have to stop
             with self._goals:
                 for robot in self._robots:
-                    robot.navigation.cancel()
-
-    def _on_spot(self, message: LaserSpot) -> None:
-        position = (message.position.x, message.position.y)
-        if message.header.frame_id != names.MAP_FRAME or not np.isfinite(position).all():
-            self._refused_spots += 1
-            rospy.logwarn_throttle(
-                5.0, f"{rospy.get_name()}: spot refused: frame '{message.header.frame_id}', position {position}; "
-                f"expected finite values in '{names.MAP_FRAME}' ({self._refused_spots} so far)")
-            return
-        stamp, confidence = message.header.stamp.to_sec(), message.confidence
-        self._dispatcher.add(Sighting(stamp, position, message.camera, message.mobile, confidence))
+                    robot.cancel()
 
     def _on_progress(self, message: BorderProgress) -> None:
         self._dispatcher.set_progress(Progress(
@@ -115,18 +103,6 @@ class RobotDispatcherNode:
             array_from_points(message.points), tuple(message.cameras)))
 
     # ------------------------------------------------------------- decisions
-    def _on_timer(self, _event: object) -> None:
-        try:
-            self._decide()
-        except CodedError as error:
-            rospy.logwarn_throttle(5.0, f"{rospy.get_name()}: {error}")
-        except rospy.ROSException:
-            if not rospy.is_shutdown():
-                raise
-        except Exception:
-            # a timer whose callback fails would never call again, unnoticed
-            rospy.logerr_throttle(5.0, f"{rospy.get_name()}: {traceback.format_exc()}")
-
     def _decide(self) -> None:
         key = self._dispatcher.key
         wanted = self._dispatcher.wanted()
@@ -135,7 +111,7 @@ class RobotDispatcherNode:
         for robot in self._robots:
             decision = decisions[robot.name]
             if decision.kind is Kind.CANCEL:
-                robot.navigation.cancel()
+                robot.cancel()
             elif decision.kind is Kind.SEND and decision.viewpoint is not None:
                 self._send(robot, decision.viewpoint, key)
             if decision.reason != self._reasons.get(robot.name):
@@ -148,7 +124,7 @@ class RobotDispatcherNode:
         with self._goals:
             if self._dispatcher.key != key:
                 return  # the state has ended meanwhile
-            robot.navigation.send(pose)
+            robot.send(pose)
         message = PoseStamped()
         message.header.stamp = rospy.Time.now()
         message.header.frame_id = names.MAP_FRAME

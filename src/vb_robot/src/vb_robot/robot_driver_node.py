@@ -6,6 +6,7 @@ import threading
 import time
 import traceback
 from dataclasses import dataclass
+from pathlib import Path as FilePath
 from typing import Any, Dict, List, Optional
 
 import numpy as np
@@ -21,21 +22,21 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 from vb_core import geometry, names, sentences
 from vb_core.errors import CodedError, ParameterError
+from vb_core.files import write_atomically
 from vb_core.grid_map import GridMap
 from vb_core.notices import Notice, Severity
 from vb_core.parameters import Parameters, param
 from vb_core.robot_profile import Contact, RobotProfile
-from vb_core.ros import parameters, robot_profile
+from vb_core.ros import node, parameters, robot_profile
 from vb_core.ros.messages import OccupancyGridArray, array_from_points, grid_from_message, pose_to_2d
 from vb_core.ros.notices import NoticePublisher
 from vb_core.ros.transforms import TransformLookup
-from vb_msgs.msg import BorderProgress, DriverState, InteractionState, LaserSpot, VirtualBorder, VirtualBorderArray
+from vb_msgs.msg import BorderProgress, DriverState, InteractionState, VirtualBorder, VirtualBorderArray
 from vb_robot.driving import driver as drivers
-from vb_robot.camera_view import CameraView
 from vb_robot.driving.driver import Command, Driver
 from vb_robot.driving.following import Frames
 from vb_robot.driving.safety import Scan
-from vb_robot.spots import Sighting
+from vb_robot.inputs import CameraView, SpotListener
 from vb_robot.driving.border_monitor import KnownBorder, BorderContact, BorderMonitor
 
 SLOW_LOCALISATION = 0.15  # [s] for an older spot the newest localisation is used: that is near enough
@@ -56,6 +57,7 @@ class DriverParams(Parameters):
     robot: str = param("", doc="its name: in borders and notices, before its frames, its camera's; empty: the only one")
     mobile_cameras: tuple = param(("robot",), doc="names of all cameras on robots; all others are stationary")
     leave_borders: bool = param(True, doc="drive out of a border that was put where the robot is")
+    stop_file: str = param("", doc="exists while the robot is stopped, so that it is after a restart; empty: not remembered")
 
 
 class RobotDriverNode:
@@ -87,7 +89,11 @@ class RobotDriverNode:
         prefix = f"{params.robot}/" if params.robot else ""
         self._base, self._odom = prefix + profile.frames.base, prefix + profile.frames.odom
         self._who = f"robot {params.robot}" if params.robot else "the robot"
-        self._driver = Driver(profile, params.robot or "robot", params.mobile_cameras, params.leave_borders)
+        self._stop_file = FilePath(params.stop_file).expanduser() if params.stop_file else None
+        self._remembered = self._stop_file is not None and _is_there(self._stop_file)
+        self._remembering = threading.Lock()
+        self._driver = Driver(
+            profile, params.robot or "robot", params.mobile_cameras, params.leave_borders, self._remembered)
         self._lock = threading.Lock()
         self._maps: Dict[str, GridMap] = {}
         self._borders: List[KnownBorder] = []
@@ -97,7 +103,7 @@ class RobotDriverNode:
         self._bad_goal_until = -1.0
         self._held_since: Dict[str, float] = {}
         self._told = (Command(), -1.0)
-        self._closing = threading.Event()
+        self._beat = node.Beat(1.0 / drivers.RATE)
         self._transforms = TransformLookup()
         self._camera = CameraView(
             profile.camera.info, self._base, profile.camera.max_range, self._transforms, self._driver.set_view)
@@ -111,8 +117,8 @@ class RobotDriverNode:
             listen("cmd_vel/teleop", Twist, self._on_wish, drivers.TELEOP, queue_size=1, tcp_nodelay=True),
             listen("cmd_vel", rospy.AnyMsg, self._on_command, queue_size=20),
             listen(names.STATE, InteractionState, self._on_state, queue_size=10),
-            listen(names.STOP, Bool, lambda message: self._driver.set_stop(message.data, rospy.get_time()), queue_size=10),
-            listen(names.SPOTS, LaserSpot, self._on_spot, queue_size=100),
+            listen(names.STOP, Bool, self._on_stop, queue_size=10),
+            SpotListener(self._driver.add),
             listen(names.PROGRESS, BorderProgress,
                    lambda message: self._driver.contributed(message.interaction_id, message.cameras), queue_size=1),
             listen(names.MAP_WITH_BORDERS, OccupancyGridArray, self._on_map, "borders", queue_size=1),
@@ -138,7 +144,7 @@ class RobotDriverNode:
 
     def close(self) -> None:
         """Stops the robot."""
-        self._closing.set()
+        self._beat.close()
         self._thread.join(1.0)
         self._cmd_vel.publish(Twist())
 
@@ -154,16 +160,28 @@ class RobotDriverNode:
     def _on_state(self, message: InteractionState) -> None:
         self._driver.set_state(message.state, message.interaction_id, message.entered.to_sec(),
                                message.header.stamp.to_sec(), message.stopped)
+        self._remember()
 
-    def _on_spot(self, message: LaserSpot) -> None:
-        position = (message.position.x, message.position.y)
-        if message.header.frame_id != names.MAP_FRAME or not np.isfinite(position).all():
-            rospy.logwarn_throttle(
-                5.0, f"{rospy.get_name()}: spot rejected: frame '{message.header.frame_id}', position {position}; "
-                f"expected finite values in '{names.MAP_FRAME}'")
-            return
-        self._driver.add(Sighting(message.header.stamp.to_sec(), position, message.camera, message.mobile,
-                                  message.confidence))
+    def _on_stop(self, message: Bool) -> None:
+        self._driver.set_stop(message.data, rospy.get_time())
+        self._remember()
+
+    def _remember(self) -> None:
+        """Brings the file up to date; called in the callbacks, so that a slow disk does not keep the wheels waiting."""
+        with self._remembering:
+            stopped = self._driver.stopped
+            if self._stop_file is None or stopped == self._remembered:
+                return
+            try:
+                if stopped:
+                    write_atomically(self._stop_file, b"")
+                else:
+                    self._stop_file.unlink()
+                self._remembered = stopped
+            except FileNotFoundError:
+                self._remembered = False
+            except (CodedError, OSError) as error:
+                rospy.logerr_throttle(5.0, f"{rospy.get_name()}: whether it is stopped is not remembered: {error}")
 
     def _on_scan(self, message: LaserScan) -> None:
         frame = message.header.frame_id
@@ -237,9 +255,9 @@ class RobotDriverNode:
 
     # ------------------------------------------------------------- driving
     def _run(self) -> None:
-        # by the wall's clock: a robot must also stop when simulated time does
+        # a robot must also stop when simulated time does
         last, moved = rospy.Time(0), time.monotonic()
-        while not self._closing.wait(1.0 / drivers.RATE) and not rospy.is_shutdown():
+        while self._beat.take() is not None and not rospy.is_shutdown():
             now = rospy.Time.now()
             try:
                 if now != last:
@@ -320,8 +338,10 @@ class RobotDriverNode:
         if command.cancel:
             found.append(self._notice("goal_cancelled", Severity.INFO))
         self._held_since = {command.code: self._held_since.get(command.code, now)}
-        held = now - self._held_since[command.code] >= HELD_FOR or command.driver == drivers.STOP
-        if command.code in HOLDS and held:
+        held = now - self._held_since[command.code] >= HELD_FOR
+        if held and self._driver.stopped and not self._remembered and self._stop_file is not None:
+            found.append(self._notice("stop_not_remembered", Severity.WARNING))
+        if command.code in HOLDS and (held or command.driver == drivers.STOP):
             severity = Severity.INFO if command.code in ("obstacle", "border") else Severity.WARNING
             code = "robot_inside_border_held" if command.code == "inside_border" else f"robot_{command.code}"
             found.append(self._notice(code, severity, others=self._driver.others))
@@ -331,6 +351,16 @@ class RobotDriverNode:
 
     def _notice(self, code: str, severity: Severity, **values: str) -> Notice:
         return Notice(code, severity, robot=self._params.robot, values={"who": self._who, **values})
+
+
+def _is_there(path: FilePath) -> bool:
+    try:
+        path.lstat()
+    except FileNotFoundError:
+        return False
+    except OSError as error:
+        rospy.logwarn("%s: stopped, because %s cannot be read: %s", rospy.get_name(), path, error)
+    return True
 
 
 def _quoted(border_names: List[str]) -> str:

@@ -1,6 +1,7 @@
 """Node: owns simulated time and the ground truth of the lab."""
 from __future__ import annotations
 
+import functools
 import os
 import threading
 import time
@@ -16,6 +17,7 @@ from geometry_msgs.msg import Point, Pose2D, PoseWithCovarianceStamped, Transfor
 from nav_msgs.msg import Odometry
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import LaserScan
+from std_msgs.msg import Float64
 from std_srvs.srv import Trigger, TriggerResponse
 from tf2_msgs.msg import TFMessage
 
@@ -26,9 +28,12 @@ from vb_msgs.msg import LabState, ParticipantState
 from vb_sim.lab import Lab, Participant
 from vb_sim.room.models import load_models, section
 from vb_sim.room.models_motion import LocalisationModel, RobotModel, ScanModel
-from vb_sim.pacing import Pacer, RealTimeFactor
+from vb_sim.pacing import Lockstep, Pacer, RealTimeFactor
 from vb_sim.state_file import StateFile
 from vb_sim.room.world import Robot, load_world
+
+MIN_PACE, MAX_PACE = 0.1, 20.0  # simulated seconds per real second
+CONTROL_STEPS = 5  # steps in which navigation, driver and AMCL are each heard: 0.1 s, as move_base's controller and scans come
 
 
 @dataclass(frozen=True)
@@ -46,6 +51,7 @@ class LabSimulatorParams(Parameters):
     checkpoint_divisor: int = param(10, "steps", low=1)
     transform_tolerance: float = param(0.1, "s", low=0.0, high=1.0)
     localises: bool = param(True, doc="false: AMCL does")
+    lockstep: bool = param(False, doc="simulated time waits for navigation, driver and AMCL")
 
 
 class RobotConnection:
@@ -64,13 +70,16 @@ class RobotConnection:
 class LabSimulatorNode:
     """Moves the robots, publishes the ground truth of the lab and the clock.
 
-    With /use_sim_time it publishes /clock, paced to at most real time; without it, it steps in wall time.
+    With /use_sim_time it publishes /clock, paced to at most real time or to /sim/pace; without it, it steps in wall time.
     A robot's topics are below its namespace; the first robot usually has none.
 
     Subscribed topics:
         <robot>/cmd_vel (geometry_msgs/Twist)
+        <robot>/cmd_vel/navigation (geometry_msgs/Twist), /tf: only with ~lockstep
         <robot>/initialpose (geometry_msgs/PoseWithCovarianceStamped): re-initialises the estimate only
         /sim/participant (vb_msgs/ParticipantState)
+        /sim/pace (std_msgs/Float64): simulated seconds per real second at most, for drives without people and cameras;
+            1 before there is one
     Published topics:
         /clock (rosgraph_msgs/Clock): `rate`, only with /use_sim_time
         /sim/lab_state (vb_msgs/LabState): `rate`, ground truth
@@ -106,13 +115,22 @@ class LabSimulatorNode:
         self._lab_state = rospy.Publisher(names.LAB_STATE, LabState, queue_size=1)
         self._tf = rospy.Publisher("/tf", TFMessage, queue_size=10)
         self._robots = [RobotConnection(robot) for robot in lab.world.robots]
+        expected = ("navigation", "driver") if params.localises else ("navigation", "driver", "localisation")
+        self._lockstep = [Lockstep(expected) for _ in self._robots] if params.lockstep else []
         self._static_tf = tf2_ros.StaticTransformBroadcaster()
         self._static_tf.sendTransform([self._laser_mount(connection) for connection in self._robots])
         for index, connection in enumerate(self._robots):
             rospy.Subscriber(connection.topic + "cmd_vel", Twist, self._on_cmd_vel, index, queue_size=1, tcp_nodelay=True)
+            if params.lockstep:
+                rospy.Subscriber(connection.topic + "cmd_vel/navigation", Twist, functools.partial(self._on_navigation, index),
+                                 queue_size=1, tcp_nodelay=True)
             rospy.Subscriber(connection.topic + "initialpose", PoseWithCovarianceStamped, self._on_initialpose, index, queue_size=1)
+        if params.lockstep:
+            rospy.Subscriber("/tf", rospy.AnyMsg, self._on_transform, queue_size=20, tcp_nodelay=True)
         rospy.Subscriber(names.PARTICIPANT, ParticipantState, self._on_participant, queue_size=1, tcp_nodelay=True)
         rospy.Service("~reset", Trigger, self._on_reset)
+        self._pacer = Pacer(self._step_ns * 1e-9, time.monotonic())
+        rospy.Subscriber(names.PACE, Float64, self._on_pace, queue_size=1)
         self._thread = threading.Thread(target=self._run, daemon=True)
         self._thread.start()
 
@@ -126,6 +144,17 @@ class LabSimulatorNode:
     def _on_cmd_vel(self, message: Twist, index: int) -> None:
         with self._lock:
             self._lab.robots[index].command(message.linear.x, message.angular.z, self._lab.now)
+        if self._params.lockstep:
+            self._lockstep[index].hear("driver")
+
+    def _on_navigation(self, index: int, _message: Twist) -> None:
+        self._lockstep[index].hear("navigation")
+
+    def _on_transform(self, message: rospy.AnyMsg) -> None:
+        # beside this node only AMCL publishes there, for each scan
+        if message._connection_header["callerid"] != rospy.get_name():
+            for robot in self._lockstep:
+                robot.hear("localisation")
 
     def _on_initialpose(self, message: PoseWithCovarianceStamped, index: int) -> None:
         if message.header.frame_id.lstrip("/") != names.MAP_FRAME:
@@ -156,6 +185,12 @@ class LabSimulatorNode:
                 )
             )
 
+    def _on_pace(self, message: Float64) -> None:
+        if not MIN_PACE <= message.data <= MAX_PACE:
+            rospy.logwarn("%s: a pace of %s ignored, expected %s to %s", rospy.get_name(), message.data, MIN_PACE, MAX_PACE)
+            return
+        self._pacer.pace = message.data
+
     def _on_reset(self, _request: Trigger) -> TriggerResponse:
         with self._lock:
             self._lab.reset()
@@ -164,10 +199,12 @@ class LabSimulatorNode:
     # ------------------------------------------------------------ time
     def _run(self) -> None:
         try:
-            pacer = Pacer(self._step_ns * 1e-9, time.monotonic())
             while not rospy.is_shutdown() and not self._closing:
                 self._step()
-                time.sleep(pacer.wait(time.monotonic()))
+                if self._count % CONTROL_STEPS == 0:
+                    for robot in self._lockstep:
+                        robot.wait()
+                time.sleep(self._pacer.wait(time.monotonic()))
         except rospy.ROSException:
             if not rospy.is_shutdown():
                 raise

@@ -1,8 +1,9 @@
-"""Simulated time that keeps step with real time, and how well it does."""
+"""Simulated time that keeps step with real time, or runs faster, and how well it does."""
 from __future__ import annotations
 
+import threading
 from collections import deque
-from typing import Deque, Tuple
+from typing import Deque, Set, Tuple
 
 
 class Pacer:
@@ -16,10 +17,14 @@ class Pacer:
         now: [s] a monotonic clock's time.
         catch_up: [s] the most that is caught up.
         quickest: the minimum wait, as a share of the period.
+
+    Attributes:
+        pace: simulated seconds per real second, at most.
     """
 
     def __init__(self, period: float, now: float, catch_up: float = 0.3, quickest: float = 0.7) -> None:
         self._period = period
+        self.pace = 1.0
         self._due = now + period
         self._catch_up = catch_up
         self._quickest = quickest
@@ -29,10 +34,43 @@ class Pacer:
         """[s] to wait, at `now`, before the next step; call it once per step."""
         if now - self._due > self._catch_up:
             self._due = now - self._catch_up
-        moment = max(self._due, self._stepped + self._quickest * self._period, now)
-        self._due += self._period
+        period = self._period / self.pace
+        moment = max(self._due, self._stepped + self._quickest * period, now)
+        self._due += period
         self._stepped = moment
         return moment - now
+
+
+class Lockstep:
+    """Lets simulated time wait for those who drive a robot, so that a busy computer makes them slow and not late.
+
+    While all of them are heard, each must be heard once in every part of time that ends with `wait`. One that is silent
+    for `patience` has nothing to say: it is not waited for again until it is heard.
+
+    Args:
+        expected: who they are.
+        patience: [s] of wall time.
+    """
+
+    def __init__(self, expected: Tuple[str, ...], patience: float = 1.0) -> None:
+        self._expected, self._patience = set(expected), patience
+        self._heard: Set[str] = set()
+        self._active = False
+        self._condition = threading.Condition()
+
+    def hear(self, who: str) -> None:
+        """Takes note of a command; from any thread."""
+        with self._condition:
+            self._heard.add(who)
+            self._condition.notify_all()
+
+    def wait(self) -> None:
+        """Ends a part of time: waits until everybody was heard in it."""
+        with self._condition:
+            if self._active:
+                self._condition.wait_for(lambda: self._heard >= self._expected, self._patience)
+            self._active = self._heard >= self._expected
+            self._heard.clear()
 
 
 class RealTimeFactor:

@@ -165,14 +165,21 @@ class Queue(Generic[T]):
             self._condition.notify_all()
 
 
-class Beat:
-    """A clock for a worker: `take` returns when something was announced, or after a period of wall time.
+MIN_LOOK_S = 0.002  # [s] of wall time between two looks at simulated time
+MAX_PACE = 20.0  # simulated seconds per second
 
-    A rospy.Timer follows simulated time, which may pause; work that must not pause uses this.
+
+class Beat:
+    """A clock for a worker: `take` returns when something was announced, or after a period of wall or simulated time.
+
+    Whichever ends first counts. A rospy.Timer follows simulated time, which may pause, and work that must not pause uses
+    this; where simulated time runs faster than real time, other nodes expect the work as often in their time.
     """
 
     def __init__(self, period: float) -> None:
         self._period = period
+        self._due = 0.0  # [s] of simulated time
+        self._pace = 1.0  # simulated seconds per second, as the last wait found it
         self._wake = threading.Event()
         self._closed = False
 
@@ -182,9 +189,26 @@ class Beat:
 
     def take(self) -> Optional[bool]:
         """Waits; returns whether something was announced, None once closed."""
-        woken = not self._closed and self._wake.wait(self._period)
+        if rospy.rostime.is_wallclock():
+            woken = not self._closed and self._wake.wait(self._period)
+        else:
+            woken = self._take_simulated()
         self._wake.clear()
         return None if self._closed else woken
+
+    def _take_simulated(self) -> bool:
+        began, then = time.monotonic(), rospy.get_time()
+        if not 0.0 <= self._due - then <= self._period:
+            self._due = then + self._period  # the first time, too late for the last one, or time has jumped
+        wall, now, woken = began, then, False
+        while not (self._closed or woken) and wall < began + self._period and now < self._due:
+            rest = max((self._due - now) / self._pace, MIN_LOOK_S)
+            woken = self._wake.wait(min(began + self._period - wall, rest))
+            wall, now = time.monotonic(), rospy.get_time()
+        self._due += self._period
+        if wall > began:
+            self._pace = min(max((now - then) / (wall - began), 1.0), MAX_PACE)
+        return woken
 
     def close(self) -> None:
         """Wakes up the worker; `take` then returns None."""

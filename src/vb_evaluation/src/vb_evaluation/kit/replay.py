@@ -23,7 +23,7 @@ from vb_core.ros import messages, services
 from vb_evaluation import metrics
 from vb_evaluation.kit.recording import Recording
 from vb_evaluation.kit.session import ROBOT_IMAGES
-from vb_evaluation.study.config import top
+from vb_evaluation.provenance import top
 from vb_evaluation.virtual_ros.graph import Graph, Node
 from vb_evaluation.virtual_ros.launching import import_nodes, start_launch
 from vb_evaluation.virtual_ros.scheduler import Scheduler
@@ -256,15 +256,15 @@ def replay(recording: Recording, images: bool = False) -> Replayed:
 
 # ---------------------------------------------------------------- comparing
 def compare(recording: Recording, today: Replayed, physical: Optional[GridMap] = None,
-            truths: Optional[Dict[str, np.ndarray]] = None) -> List[Comparison]:
+            truth: Optional[np.ndarray] = None) -> List[Comparison]:
     """Each interaction of a recording, as it was recorded and as today's nodes see it.
 
     Args:
         physical: the physical map; None takes the recording's.
-        truths: (H, W) bool by interaction id, the ground truths.
+        truth: (H, W) bool, what was asked for.
     """
     physical = physical or recording.physical()
-    return [_compared(recording, interaction, today, physical, (truths or {}).get(interaction.id))
+    return [_compared(recording, interaction, today, physical, truth)
             for interaction in recording.interactions]
 
 

@@ -16,6 +16,7 @@ from typing import List, Optional
 from rich.console import Console
 
 from vb_core.errors import CodedError
+from vb_evaluation.provenance import top
 from vb_evaluation.report.data import CURVES, RUNS, UNGATED, WORLDS
 from vb_evaluation.study import campaign, config, plan
 
@@ -33,7 +34,6 @@ def main(arguments: Optional[List[str]] = None) -> int:
         Console(stderr=True, highlight=False, soft_wrap=True).print(f"study: {error}", markup=False, style="bold red")
         return 2
     except KeyboardInterrupt:
-        console.print("interrupted: what was finished is kept, the same command goes on from there")
         return 130
 
 
@@ -49,7 +49,7 @@ def _parser() -> argparse.ArgumentParser:
         sub.add_argument("--seed", type=int, default=None, help="instead of the configuration's")
         return sub
 
-    out = config.top() / "out" / "study"
+    out = top() / "out" / "study"
     every = command("all", _all, "every run that has not been done yet")
     every.add_argument("--out", type=Path, default=out)
     every.add_argument("--size", choices=plan.SIZES, default="usual", help="quick: two people; full: curves, and all worlds")

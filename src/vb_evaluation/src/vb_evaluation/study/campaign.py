@@ -10,7 +10,9 @@ import contextlib
 import hashlib
 import os
 import platform
+import signal
 import sys
+import threading
 import traceback
 from dataclasses import dataclass
 from functools import lru_cache
@@ -26,11 +28,11 @@ from rich.progress import (BarColumn, MofNCompleteColumn, Progress, SpinnerColum
 from vb_core.errors import CodedError
 from vb_core.grid_map import OCCUPIED, GridMap
 from vb_core.map_files import write_map
-from vb_evaluation.provenance import revision
+from vb_evaluation.provenance import revision, top
 from vb_evaluation.report.data import KEY, REQUIRED, RUNS, WORLDS, write_table
 from vb_evaluation.report.worlds import DRAWS
 from vb_evaluation.study import assumptions, measures, plan
-from vb_evaluation.study.config import Study, study_of, top
+from vb_evaluation.study.config import Study, study_of
 from vb_evaluation.study.plan import CONDITIONS, Job
 from vb_evaluation.study.store import RowFile, claim
 from vb_sim.room import floor_plan
@@ -126,8 +128,8 @@ def conduct(study: Study, jobs: Sequence[Job], folder: Path, processes: int = 1,
     # where a curve changes nothing, the run is one of the study itself
     main = {job.task for job in jobs if job.file == RUNS}
     repeated = [job for job in waiting if job.file == plan.CURVES and not job.changes and job.task in main]
-    failed = 0
-    with _progress(console) as bar:
+    failed, kept = 0, len(jobs) - len(waiting)
+    with _told(console, folder, lambda: f"{kept} of {len(jobs)} runs are done"), _progress(console) as bar:
         ticker = bar.add_task("study", total=len(waiting) - len(repeated))
         for outcome in _carry_out(study, [job for job in waiting if job not in repeated], processes, scheduler, work or _work):
             if outcome.row is None:
@@ -137,12 +139,37 @@ def conduct(study: Study, jobs: Sequence[Job], folder: Path, processes: int = 1,
                 if outcome.grid is not None and outcome.row.get("map"):
                     write_map(folder / outcome.row["map"][: -len(".yaml")], outcome.grid)
                 files[outcome.job.file].append(outcome.row)
+                kept += 1
             bar.update(ticker, advance=1, description=outcome.job.words)
     for job in repeated:
         _repeat(study, job, files)
     for name, file in files.items():
         file.sort(order[name])
     return failed
+
+
+@contextlib.contextmanager
+def _told(console: Console, folder: Path, state: Callable[[], str]) -> Iterator[None]:
+    """Says of an interruption what is done and how it goes on. Only the first one interrupts: then workers are being ended.
+
+    A shell starts what runs in the background with interruptions switched off, and Python leaves them so.
+    """
+    def interrupt(_number: int, _frame: Any) -> None:
+        for number in before:
+            signal.signal(number, signal.SIG_IGN)
+        raise KeyboardInterrupt
+
+    # a thread cannot be interrupted: what runs a study in one has to end it in another way
+    mine = threading.current_thread() is threading.main_thread()
+    before = {number: signal.signal(number, interrupt) for number in ((signal.SIGINT, signal.SIGTERM) if mine else ())}
+    try:
+        yield
+    except KeyboardInterrupt:
+        console.print(f"interrupted: {state()} and kept in {folder}; the same command goes on from there")
+        raise
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
 def _repeat(study: Study, job: Job, files: Mapping[str, RowFile]) -> None:

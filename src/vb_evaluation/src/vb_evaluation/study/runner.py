@@ -20,7 +20,8 @@ from vb_core.errors import CodedError
 from vb_core.grid_map import GridMap
 from vb_core.ros import commands, parameters
 from vb_core.ros.messages import OccupancyGridArray, array_from_points, grid_from_message
-from vb_evaluation.study.config import METHODS, Study, top
+from vb_evaluation.provenance import top
+from vb_evaluation.study.config import METHODS, Study
 from vb_evaluation.study.lab_node import Room, StudyCeilingCameras, StudyRobotCamera
 from vb_evaluation.study.people import Traits
 from vb_evaluation.study.result import FALSE_M, Result, SavedBorder, SeenSpot, Task

@@ -65,8 +65,8 @@ class Scheduler:
             self.fault(error)
 
     def fault(self, error: BaseException) -> None:
-        """Ends the run with an error."""
-        if self._fault is None and not self.closed:
+        """Ends the run with an error: the first one, unless an interruption caused it."""
+        if not self.closed and (self._fault is None or not isinstance(error, Exception)):
             self._fault = error
 
     def wait(self, timeout_ns: Optional[int] = None) -> bool:

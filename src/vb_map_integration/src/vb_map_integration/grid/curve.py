@@ -6,12 +6,17 @@ environment to allow the separation of the area".
 What makes a curve separate is topology: blocked cells (obstacles, unknown, everything off the map) form
 connected pieces, and a curve divides the free space round it exactly if both its ends meet the same piece. A
 table leg is a separate piece, so an extension that meets one goes on.
+
+A drawn end is meant for the wall that is within its tolerance, wherever that wall is: ahead, where the extension meets
+it; behind, where the end has passed it; or beside, where a straight extension would miss it, as that of a line drawn a
+few centimetres before a doorway does. No robot passes through so small a gap, so joining the end to the wall takes
+nothing away from anybody.
 """
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Callable, Iterator, List, Optional, Tuple
+from typing import Callable, List, Optional, Tuple
 
 import cv2
 import numpy as np
@@ -74,8 +79,23 @@ def end_direction(points: np.ndarray, length: float) -> np.ndarray:
     return np.array([axis.real, axis.imag]) / abs(axis)
 
 
+@dataclass(frozen=True)
+class _Stop:
+    """A blocked cell where an end of the curve may stop.
+
+    Attributes:
+        extension: [cells] how far the end has to be extended to it; 0 if it is within the drawn chain.
+        cell: its (row, column).
+        inset: how many cells of the trace are outside of it; None if it is beside the end, and not on the trace at all.
+    """
+
+    extension: float
+    cell: Tuple[int, int]
+    inset: Optional[int]
+
+
 def separate(
-    cells: np.ndarray, points: np.ndarray, fit_length: float, overshoot: float, seed: np.ndarray, find_seed: FindSeed
+    cells: np.ndarray, points: np.ndarray, fit_length: float, tolerance: float, seed: np.ndarray, find_seed: FindSeed
 ) -> Optional[Cut]:
     """Cuts a separating curve into the map and fills the seed's side.
 
@@ -84,7 +104,7 @@ def separate(
             is worked in.
         points: (N, 2) (column, row), the drawn chain.
         fit_length: [cells] how much of the chain's ends gives the extensions' direction.
-        overshoot: [cells] how far a drawn end may reach beyond the wall that it belongs to.
+        tolerance: [cells] how far a drawn end may lie from the wall that it belongs to; less than any robot's width.
         seed: (2,) (column, row).
         find_seed: gets the (row, column) where the fill begins, for a mask (H, W) of barred cells, those of the curve
             among them, and, for a seed in one of these, the direction (2,) that leads away from the curve.
@@ -94,81 +114,88 @@ def separate(
     """
     shape = (cells.shape[0] - 2, cells.shape[1] - 2)
     reach = 2.0 * sum(shape) + float(np.abs(points).max())
-    first = points[0] + reach * end_direction(points[::-1], fit_length)
-    last = points[-1] + reach * end_direction(points, fit_length)
-    chain = np.concatenate([[first], points, [last]])
-    trace = raster.trace_chain(chain, shape)
-    arc = trace.arc - reach
+    outer = [points[0] + reach * end_direction(points[::-1], fit_length), points[-1] + reach * end_direction(points, fit_length)]
+    trace = raster.trace_chain(np.concatenate([outer[:1], points, outer[1:]]), shape)
     drawn_length = float(np.hypot(*(points[1:] - points[:-1]).T).sum())
-    drawn = (arc >= -1.0) & (arc <= drawn_length + 1.0)
+    before = -(trace.arc - reach)  # [cells] how far each cell is before the chain's start
+    after = -before - drawn_length
     on_map = (trace.rows >= 0) & (trace.rows < shape[0]) & (trace.columns >= 0) & (trace.columns < shape[1])
-    if not (on_map & drawn).any():
+    if not (on_map & (before <= 1.0) & (after <= 1.0)).any():
         return None
-    shut = cells[trace.rows + 1, trace.columns + 1] != _FREE
-    slack = min(overshoot, 0.25 * drawn_length)
-    starts = _stops(shut, arc <= slack, outwards=-1)
-    ends = _stops(shut, arc >= drawn_length - slack, outwards=1)
-    start, end = _common_piece(cells, trace, arc, starts, ends, drawn_length) or (starts[0], ends[0])
-    return _cut(cells, chain, trace, drawn & ~shut, shut, int(start), int(end), seed, find_seed)
+    tolerance = min(tolerance, 0.25 * drawn_length)
+    starts = _stops(cells, trace, before, points[0], tolerance, outwards=-1)
+    ends = _stops(cells, trace, after, points[-1], tolerance, outwards=1)
+    start, end = _stops_on_one_piece(cells, starts, ends) or (starts[0], ends[0])
+    for index, stop in enumerate((start, end)):
+        if stop.inset is None:  # beside the end: straight there
+            outer[index] = np.array(stop.cell[::-1], dtype=float)
+    chain = np.concatenate([outer[:1], points, outer[1:]])
+    trace = raster.trace_chain(chain, shape)
+    arc = trace.arc - float(np.hypot(*(points[0] - outer[0])))
+    drawn = (arc >= -1.0) & (arc <= drawn_length + 1.0)
+    return _cut(cells, chain, trace, drawn, start.inset or 0, len(arc) - 1 - (end.inset or 0), seed, find_seed)
 
 
-def _stops(shut: np.ndarray, where: np.ndarray, outwards: int) -> np.ndarray:
-    """Indices at which the trace, followed outwards, runs into something blocked; the nearest one first.
+def _stops(
+    cells: np.ndarray, trace: raster.Trace, beyond: np.ndarray, point: np.ndarray, tolerance: float, outwards: int
+) -> List[_Stop]:
+    """Where an end of the curve may stop, the nearest first; what is ahead comes before what is beside it.
 
-    The outermost cell is beyond the map's rim, so there always is one.
+    Args:
+        beyond: (K,) [cells] how far each cell of the trace is beyond the drawn end; negative within the drawn chain.
+        point: (2,) (column, row), the drawn end.
+        outwards: -1 for the chain's start, 1 for its end.
     """
-    indices = np.flatnonzero(where)[::outwards]
-    if len(indices) == 0:  # the whole end is off the map
-        return np.array([0 if outwards < 0 else len(shut) - 1])
-    hit = shut[indices]
+    # the outermost cell is beyond the map's rim, so there always is one; it may be the only one, the end being off the map
+    indices = np.flatnonzero(beyond >= -tolerance)[::outwards]
+    indices = indices if len(indices) else np.array([0 if outwards < 0 else len(beyond) - 1])
+    hit = cells[trace.rows[indices] + 1, trace.columns[indices] + 1] != _FREE
     hit[1:] &= ~hit[:-1]
-    return indices[hit] if hit.any() else indices[-1:]
+    ahead = [
+        _Stop(max(float(beyond[k]), 0.0), (int(trace.rows[k]), int(trace.columns[k])), int(k if outwards < 0 else len(beyond) - 1 - k))
+        for k in (indices[hit] if hit.any() else indices[-1:])
+    ]
+    within = int(tolerance)
+    top, left = (max(int(value + 0.5) - within, 0) for value in point[::-1])
+    rows, columns = np.nonzero(cells[1:-1, 1:-1][top : top + 2 * within + 1, left : left + 2 * within + 1])
+    distances = np.hypot(rows + top - point[1], columns + left - point[0])
+    order = np.argsort(distances, kind="stable")
+    beside = [
+        _Stop(tolerance, (int(rows[k]) + top, int(columns[k]) + left), None) for k in order if distances[k] <= tolerance
+    ]
+    return sorted(ahead + beside, key=lambda stop: stop.extension)
 
 
-def _common_piece(
-    cells: np.ndarray, trace: raster.Trace, arc: np.ndarray, starts: np.ndarray, ends: np.ndarray, drawn_length: float
-) -> Optional[Tuple[int, int]]:
+def _stops_on_one_piece(cells: np.ndarray, starts: List[_Stop], ends: List[_Stop]) -> Optional[Tuple[_Stop, _Stop]]:
     """The nearest stops of both ends on one and the same connected piece of blocked cells.
 
-    Both extensions grow at the same pace; each piece that one of them meets is marked.
+    Both ends grow at the same pace; each piece that one of them meets is marked.
     """
 
-    def at(stop: int) -> Tuple[int, int]:
-        return int(trace.columns[stop]) + 1, int(trace.rows[stop]) + 1
+    def value(stop: _Stop) -> int:
+        return int(cells[stop.cell[0] + 1, stop.cell[1] + 1])
 
-    def value(stop: int) -> int:
-        return int(cells[at(stop)[::-1]])
+    def fill(stop: _Stop, mark: int) -> None:
+        cv2.floodFill(cells, None, (stop.cell[1] + 1, stop.cell[0] + 1), mark, flags=8)
 
-    def first(stops: np.ndarray, mark: int) -> int:
-        return next(int(stop) for stop in stops if value(stop) == mark)
-
-    for stop, mark, other in _by_extension(starts, ends, arc, drawn_length):
+    by_start = [(stop, _MET_BY_START, _MET_BY_END) for stop in starts]
+    by_end = [(stop, _MET_BY_END, _MET_BY_START) for stop in ends]
+    for stop, mark, other in sorted(by_start + by_end, key=lambda candidate: candidate[0].extension):
         met = value(stop)
         if met == other:
-            cv2.floodFill(cells, None, at(stop), _MET_BY_BOTH, flags=8)
-            return first(starts, _MET_BY_BOTH), first(ends, _MET_BY_BOTH)
+            fill(stop, _MET_BY_BOTH)
+            start, end = (next(one for one in stops if value(one) == _MET_BY_BOTH) for stops in (starts, ends))
+            return start, end
         if met == _BLOCKED:
-            cv2.floodFill(cells, None, at(stop), mark, flags=8)
+            fill(stop, mark)
     return None
-
-
-def _by_extension(
-    starts: np.ndarray, ends: np.ndarray, arc: np.ndarray, drawn_length: float
-) -> Iterator[Tuple[int, int, int]]:
-    """The stops of both ends, those with the shortest extension first; with the marks of their end and the other."""
-    stops = np.concatenate([starts, ends])
-    extension = np.maximum(np.concatenate([-arc[starts], arc[ends] - drawn_length]), 0.0)
-    for index in np.argsort(extension, kind="stable").tolist():
-        own, other = (_MET_BY_START, _MET_BY_END) if index < len(starts) else (_MET_BY_END, _MET_BY_START)
-        yield int(stops[index]), own, other
 
 
 def _cut(
     cells: np.ndarray,
     chain: np.ndarray,
     trace: raster.Trace,
-    beside: np.ndarray,
-    shut: np.ndarray,
+    drawn: np.ndarray,
     start: int,
     end: int,
     seed: np.ndarray,
@@ -179,6 +206,7 @@ def _cut(
     rows, columns, segment = trace.rows[part], trace.columns[part], trace.segment[part]
     flat, stride = cells.reshape(-1), cells.shape[1]
     line_cells = (rows + 1) * stride + columns + 1
+    shut = flat[line_cells] != _FREE
     flat[line_cells] = _BLOCKED
     step = chain[1:] - chain[:-1]
     steps = np.maximum(np.hypot(step[:, 0], step[:, 1]), 1e-12)
@@ -193,7 +221,7 @@ def _cut(
     row, column = find_seed(cells[1:-1, 1:-1], away)
     _, _, _, (left, top, width, depth) = cv2.floodFill(cells, None, (column + 1, row + 1), _FILLED, flags=4)
 
-    middle = beside[part]
+    middle = drawn[part] & ~shut
     points, aside = trace.points[part][middle], 1.6 * normal[segment[middle]]
     left_share, right_share = _shares(cells, np.array([points + aside, points - aside]))
 
@@ -201,7 +229,7 @@ def _cut(
     offset = (normal * chain[:-1]).sum(axis=1)
     height = columns * normal[segment, 0] + rows * normal[segment, 1] - offset[segment]
     towards = 1.0 if not left_share <= right_share else -1.0
-    own = line_cells[(height * towards > 0.0) & ~shut[part]]
+    own = line_cells[(height * towards > 0.0) & ~shut]
     round_it = (np.array([-stride, 0, stride])[:, None] + [-1, 0, 1]).ravel()
     flat[own[(flat[own[:, None] + round_it] == _FILLED).any(axis=1)]] = _FILLED
 

@@ -1,24 +1,38 @@
-"""One robot as the dispatcher sees it: where it is, and its navigation."""
+"""One robot as the dispatcher sees it: where it is, and its move_base action. Nothing here waits."""
 from __future__ import annotations
 
 import functools
-from typing import Callable, Optional
+from collections import deque
+from typing import Callable, Deque, List, Optional, Tuple
 
+import actionlib
 import rospy
+from actionlib import CommState
+from actionlib_msgs.msg import GoalID, GoalStatus as StatusMessage
+from move_base_msgs.msg import MoveBaseAction, MoveBaseActionGoal, MoveBaseGoal
 
-from vb_core import geometry, names
+from vb_core import geometry
 from vb_core.errors import CodedError
+from vb_core.names import MAP_FRAME
 from vb_core.robot_profile import RobotProfile
+from vb_core.ros.messages import pose_from_2d, pose_to_2d
 from vb_core.ros.transforms import TransformLookup
-from vb_robot.camera_view import CameraView
-from vb_robot.dispatching.dispatch import RobotStatus
-from vb_robot.dispatching.navigation_client import NavigationClient
+from vb_robot.inputs import CameraView
+from vb_robot.dispatching.dispatch import GoalStatus, RobotStatus
 from vb_robot.dispatching.view import FloorView
 from vb_robot.dispatching.viewpoint import Pose
+
+SILENCE = rospy.Duration(2.0)  # without a status message for this long navigation counts as gone: it sends five a second
+RUNNING = (StatusMessage.PENDING, StatusMessage.ACTIVE)
+OUTCOMES = {StatusMessage.SUCCEEDED: GoalStatus.REACHED, StatusMessage.PREEMPTED: GoalStatus.TAKEN,
+            StatusMessage.RECALLED: GoalStatus.TAKEN, StatusMessage.ABORTED: GoalStatus.FAILED,
+            StatusMessage.REJECTED: GoalStatus.FAILED, StatusMessage.LOST: GoalStatus.FAILED}
 
 
 class DispatchedRobot:
     """One robot; its name, if it has one, precedes its frame and its action.
+
+    Sends one goal at a time to an action server that may be absent, die and come back.
 
     Action client:
         [<name>/]move_base (move_base_msgs/MoveBaseAction)
@@ -30,25 +44,91 @@ class DispatchedRobot:
     ) -> None:
         prefix = f"{name}/" if name else ""
         self.name, self.who = name, f"robot {name}" if name else "the robot"
-        self.navigation = NavigationClient(f"{prefix}move_base")
         self._base_frame, self._transforms = prefix + profile.frames.base, transforms
         self._camera = CameraView(prefix + profile.camera.info, self._base_frame, profile.camera.max_range, transforms,
                                   functools.partial(set_view, name))
+        self._client = actionlib.ActionClient(f"{prefix}move_base", MoveBaseAction)
+        self._handle: Optional[actionlib.ClientGoalHandle] = None
+        self._cancelled = False
+        self._status_seen: Optional[object] = None
+        self._heard = rospy.Time(0)
+        self._known: Deque[str] = deque(maxlen=100)  # ids of goals that are this node's own
+        self._newest_goal: Optional[MoveBaseActionGoal] = None
+        self._goals = rospy.Subscriber(f"{prefix}move_base/goal", MoveBaseActionGoal,
+                                       functools.partial(setattr, self, "_newest_goal"), queue_size=5)
 
+    # ------------------------------------------------------------- goals
+    def send(self, pose: Pose) -> None:
+        """Sends the robot to a pose (x, y, yaw), map frame; a goal that still runs is replaced by it."""
+        goal = MoveBaseGoal()
+        goal.target_pose.header.frame_id = MAP_FRAME
+        goal.target_pose.header.stamp = rospy.Time.now()
+        goal.target_pose.pose = pose_from_2d(*pose)
+        self._cancelled = False
+        self._handle = self._client.send_goal(goal)
+        self._known.append(self._handle.comm_state_machine.action_goal.goal_id.id)
+
+    def cancel(self) -> None:
+        """Cancels the goal, if there is one."""
+        if self._handle is not None and self._goal_status() in (GoalStatus.SENT, GoalStatus.ACTIVE):
+            self._cancelled = True
+            self._handle.cancel()
+
+    # ------------------------------------------------------------- how it is
     def status(self, wanted: bool) -> RobotStatus:
-        """How it is now; where it is only if a robot is wanted."""
-        navigation = self.navigation
-        server = navigation.alive()
-        if server and navigation.cancel_leftovers():
-            rospy.logwarn("%s: cancelled a goal that %s had from before a restart", rospy.get_name(), self.who)
-        pose = self._pose() if wanted else None
-        return RobotStatus(pose, server, navigation.status(), navigation.busy(), navigation.goal_place())
+        """How it is now; where it is only if a robot is wanted. To be asked regularly."""
+        running, server = self._running(), self._alive()
+        if server:
+            self._cancel_leftovers(running)
+        busy = any(goal not in self._known for goal in running)
+        return RobotStatus(self._pose() if wanted else None, server, self._goal_status(), busy, self._goal_place(running))
 
     def _pose(self) -> Optional[Pose]:
         """(x, y, yaw), map frame; None if it is not localised."""
         try:
-            T = self._transforms.lookup(names.MAP_FRAME, self._base_frame, rospy.Time(0), timeout_s=0.0)
+            T = self._transforms.lookup(MAP_FRAME, self._base_frame, rospy.Time(0), timeout_s=0.0)
         except CodedError as error:
             rospy.logwarn_throttle(5.0, f"{rospy.get_name()}: {self.who} is not localised: {error}")
             return None
         return geometry.transform_pose2d(T)
+
+    def _alive(self) -> bool:
+        """Whether navigation is there: connected, and heard of lately."""
+        now = rospy.Time.now()
+        status = self._client.last_status_msg
+        if status is not None and status is not self._status_seen:
+            self._status_seen, self._heard = status, now
+        self._heard = min(self._heard, now)  # time may jump back
+        return status is not None and now - self._heard < SILENCE and self._client.pub_goal.get_num_connections() > 0
+
+    def _running(self) -> List[str]:
+        """The ids of the goals that navigation works on, no matter who gave them."""
+        status = self._client.last_status_msg
+        return [entry.goal_id.id for entry in (status.status_list if status is not None else []) if entry.status in RUNNING]
+
+    def _cancel_leftovers(self, running: List[str]) -> None:
+        """Cancels goals that an earlier process of this node sent before it died."""
+        for goal in running:
+            if goal not in self._known and goal.startswith(f"{rospy.get_name()}-"):
+                self._known.append(goal)
+                self._client.pub_cancel.publish(GoalID(id=goal))
+                rospy.logwarn("%s: cancelled a goal that %s had from before a restart", rospy.get_name(), self.who)
+
+    def _goal_place(self, running: List[str]) -> Optional[Tuple[float, float]]:
+        """(x, y) [m], map frame, where it drives to, no matter who gave the goal; None if nowhere that is known."""
+        goal = self._newest_goal
+        if goal is None or goal.goal_id.id not in running:
+            return None
+        target = goal.goal.target_pose
+        return pose_to_2d(target.pose)[:2] if target.header.frame_id.lstrip("/") == MAP_FRAME else None
+
+    def _goal_status(self) -> GoalStatus:
+        """What became of the goal that was sent last."""
+        if self._handle is None or self._cancelled:
+            return GoalStatus.NONE
+        state = self._handle.get_comm_state()
+        if state == CommState.WAITING_FOR_GOAL_ACK:
+            return GoalStatus.SENT
+        # the terminal status is known before the result arrives, and the result may be lost with the server
+        code = self._handle.get_terminal_state() if state == CommState.DONE else self._handle.get_goal_status()
+        return OUTCOMES.get(code, GoalStatus.ACTIVE)

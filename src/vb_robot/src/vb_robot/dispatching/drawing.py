@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 
 from vb_core.grid_map import GridMap, distance_to
-from vb_robot.clearance_map import ClearanceMap, clearance_grid, sample
+from vb_robot.clearance_map import ClearanceMap, clearance_grid, nearest_cell, sample
 
 STEP = 0.05  # [m] between places of an extrapolated line
 HORIZON = 2.0  # [m] how far the line is extrapolated to where no stationary camera sees it
@@ -150,16 +150,8 @@ class BlindSpots:
 
     def nearest(self, point: np.ndarray) -> Optional[np.ndarray]:
         """(2,) [m] the nearest place that nobody sees, not farther than BESIDE."""
-        row, column = self._grid.world_to_cell(np.asarray(point))[0]
-        reach = int(np.ceil(BESIDE / self._grid.resolution))
-        top, left = max(row - reach, 0), max(column - reach, 0)
-        cells = np.argwhere(self.mask[top:max(row + reach + 1, 0), left:max(column + reach + 1, 0)])
-        if not len(cells):
-            return None
-        places = self._grid.cell_to_world(cells + (top, left))
-        gaps = np.linalg.norm(places - point, axis=1)
-        best = int(np.argmin(gaps))
-        return places[best] if gaps[best] <= BESIDE else None
+        cell, centre = nearest_cell(self._grid, self.mask, point, BESIDE)
+        return None if cell is None else centre
 
     def first_of(self, line: np.ndarray) -> np.ndarray:
         """(K, 2) [m] the first part of a line (N, 2) that no stationary camera sees; empty if they see all of it."""

@@ -10,8 +10,7 @@ import numpy as np
 
 from vb_core.grid_map import GridMap
 from vb_robot.driving.safety import HARD
-from vb_robot.clearance_map import clearance_grid, sample
-
+from vb_robot.clearance_map import clearance_grid, nearest_cell, sample
 
 
 @dataclass(frozen=True)
@@ -102,21 +101,7 @@ class BorderMonitor:
 
     def _nearest(self, place) -> Tuple:
         """((row, column), centre (2,)) of the restricted cell nearest to a place within twice the radius."""
-        place = np.asarray(place, dtype=float)
-        reach = 2.0 * self._radius + self._grid.resolution
-        row, column = self._grid.world_to_cell(place)[0]
-        half = int(np.ceil(reach / self._grid.resolution))
-        top, left = max(row - half, 0), max(column - half, 0)
-        cells = np.argwhere(self.restricted[top:max(row + half + 1, 0), left:max(column + half + 1, 0)])
-        if not len(cells):
-            return None, place
-        cells = cells + (top, left)
-        centres = self._grid.cell_to_world(cells)
-        gaps = np.linalg.norm(centres - place, axis=1)
-        best = int(np.argmin(gaps))
-        if gaps[best] > reach:
-            return None, place
-        return (int(cells[best, 0]), int(cells[best, 1])), centres[best]
+        return nearest_cell(self._grid, self.restricted, place, 2.0 * self._radius + self._grid.resolution)
 
 
 def _same_side(border: KnownBorder, place: np.ndarray) -> bool:

@@ -19,10 +19,9 @@ from typing import Dict, Iterable, List, Optional, Tuple
 
 from vb_core.grid_map import GridMap
 from vb_core.robot_profile import RobotProfile
-from vb_robot.driving.following import Following, Frames
 from vb_robot.driving.border_exit import MAP_MARGIN, BorderExit
 from vb_robot.driving.safety import (LEAP, KeepoutMap, Keep, Scan, SpeedLimits, pose_jump, safe_speed, stop_distance)
-from vb_robot.driving.servoing import MAX_SPEED, Wish
+from vb_robot.driving.following import MAX_SPEED, Following, Frames, Wish
 from vb_robot.spots import DEFAULT, Sighting, Sightings
 from vb_robot.dispatching.view import FloorView
 from vb_robot.dispatching.viewpoint import Pose
@@ -73,10 +72,12 @@ class Driver:
     Args:
         camera: name of the robot's camera in the spots; mobile_cameras: names of all cameras on robots.
         leaves: whether it leaves a border that was saved where it is.
+        stopped: whether it was stopped when this program ended last; holds until released, as a stop of the topic.
     """
 
     def __init__(
         self, profile: RobotProfile, camera: str = "robot", mobile_cameras: Iterable[str] = (), leaves: bool = True,
+        stopped: bool = False,
     ) -> None:
         self.profile = profile
         self._camera = camera
@@ -86,7 +87,7 @@ class Driver:
         self._exit = BorderExit(profile.radius, leaves)
         self._stamps: Dict[str, float] = {}  # [s] of the newest scan, state and pose
         self._clock_age = 0.0  # [s] for which the clock has stood still
-        self._stopped, self._stopped_at = {"state": False, "topic": False}, -math.inf  # the latter by the topic [s]
+        self._stopped, self._stopped_at = {"state": False, "topic": stopped}, -math.inf  # the latter by the topic [s]
         self._scan: Optional[Scan] = None
         self._pose: Optional[Tuple[float, Pose]] = None
         self._doubt_until = -math.inf
@@ -124,6 +125,11 @@ class Driver:
             self._stopped["topic"] = stopped
             if stopped:
                 self._stopped_at = now
+
+    @property
+    def stopped(self) -> bool:
+        """Whether a stop holds."""
+        return any(self._stopped.values())
 
     def add(self, sighting: Sighting) -> None:
         """Takes a spot of any camera."""
@@ -243,7 +249,7 @@ class Driver:
 
     def _choose(self, now: float, dt: float, frames: Frames) -> Tuple[str, Wish]:
         """Chooses who drives; returns that one and its wish."""
-        if any(self._stopped.values()):
+        if self.stopped:
             return STOP, Wish(0.0, 0.0, "stopped")
         teleop = self._command(TELEOP, now)
         if teleop is not None:

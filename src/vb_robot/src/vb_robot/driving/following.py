@@ -1,6 +1,13 @@
-"""Where the spot is for a robot that follows it, and the resulting command."""
+"""Follows the laser spot with the robot's own camera (paper, Sect. 5.1: visual servoing).
+
+Position-based: the error is the spot's place in the robot's base frame, measured through the camera. The robot
+moves only when the spot is about to leave the inner zone of the image or the good distance, and then until the spot
+is well inside again, so that small strokes do not make it restless. The spot is kept in the odom frame: there it stays
+in place on the floor while the robot moves, and a jump of the localisation does not move it.
+"""
 from __future__ import annotations
 
+import math
 from collections import deque
 from dataclasses import dataclass
 from typing import Callable, Deque, Optional, Tuple
@@ -8,9 +15,31 @@ from typing import Callable, Deque, Optional, Tuple
 import numpy as np
 
 from vb_core import geometry
-from vb_robot.driving.servoing import Servo, Wish
-from vb_robot.spots import Sighting
 from vb_robot.dispatching.view import FloorView
+from vb_robot.spots import Sighting
+
+MAX_SPEED = 0.2  # [m/s] the paper's limit while a person guides the robot; also backwards, as fast as a spot is drawn
+MAX_TURN = 0.8  # [rad/s] a spot 1 m away that moves sideways at 0.5 m/s needs 0.5
+# [m] from the base to the spot. The image of a usual mount ends at 0.45 m: nearer than NEAR_DISTANCE a spot that is
+# drawn towards the robot slips under it.
+GOOD_DISTANCE, FAR_DISTANCE = 1.0, 1.3  # beyond FAR it drives nearer, to GOOD
+NEAR_DISTANCE, BACK_TO_DISTANCE = 0.75, 0.9  # below NEAR it backs off, to BACK_TO
+INNER_ZONE, SETTLED_ZONE = 0.45, 0.12  # part of the image's width: outside of INNER it turns, until within SETTLED
+DRIVE_CONE = math.radians(25.0)  # if the spot is farther off the axis, the robot only turns
+DISTANCE_GAIN, TURN_GAIN = 0.8, 1.8  # [1/s]
+# [s] by how much a spot is older than usual: up to LATE they vary at 25 images/s, at GONE four images are missed
+LATE, GONE = 0.04, 0.16
+MAX_AGE = 0.5  # [s] a spot older than this is gone, whatever the usual age
+CLOCK_DIFFERENCE = 0.1  # [s] a clock that differs by less must not make the spot come from the future
+
+
+@dataclass(frozen=True)
+class Wish:
+    """What a behaviour requests: forward speed [m/s], turn rate [rad/s], and why, as a code."""
+
+    v: float
+    w: float
+    code: str = "drives"
 
 
 @dataclass(frozen=True)
@@ -29,15 +58,15 @@ class Frames:
 class Following:
     """Visual servoing on the spot that the robot's own camera sees.
 
-    The spot is kept in the odom frame: there it stays in place on the floor while the robot moves, and a pose jump of
-    the localisation does not move it.
+    Attributes:
+        view: of that camera, once it is known.
     """
 
     def __init__(self) -> None:
-        self._servo = Servo()
         self._pending: Deque[Sighting] = deque(maxlen=10)  # not in the odom frame yet
         self._spot: Optional[Tuple[float, np.ndarray]] = None  # stamp [s], (2,) [m] in the odom frame
         self.view: Optional[FloorView] = None
+        self.rest()
 
     def add(self, sighting: Sighting) -> None:
         """Takes a spot of the robot's own camera."""
@@ -50,10 +79,12 @@ class Following:
 
     def rest(self) -> None:
         """Rests: the robot does not follow now."""
-        self._servo.reset()
+        self._turning, self._driving = False, 0  # driving: 1 forward, -1 back
+        self._usual: Optional[float] = None  # [s] age at which spots come
+        self._age = 0.0
 
     def wish(self, now: float, dt: float, frames: Frames) -> Wish:
-        """What the robot would do to keep the spot in view, at a time [s], `dt` [s] after the last step."""
+        """The motion that keeps the spot in view, at a time [s], `dt` [s] after the last step."""
         if self.view is None:
             return Wish(0.0, 0.0, "no_camera")
         for sighting in reversed(self._pending):
@@ -64,10 +95,54 @@ class Following:
                     self._pending.popleft()
                 break
         T = frames.base_from_odom() if self._spot is not None else None
-        if self._spot is None or T is None:
-            return self._servo.step(dt, None, 0.0, self.view)
-        stamp, place = self._spot
-        # a clock that differs by a little must not make the spot come from the future
-        age = now - stamp
-        age = max(age, 0.0) if age > -0.1 else age
-        return self._servo.step(dt, geometry.apply(T, np.array([*place, 0.0]))[:2], age, self.view)
+        age = now - self._spot[0] if self._spot is not None else math.inf
+        if self._spot is None or T is None or not -CLOCK_DIFFERENCE < age <= MAX_AGE:
+            self._turning, self._driving = False, 0
+            return Wish(0.0, 0.0, "spot_gone")
+        v, w = self._servo(geometry.apply(T, np.array([*self._spot[1], 0.0]))[:2], self.view)
+        trust = self._trust(dt, max(age, 0.0))
+        if not v and not w:
+            return Wish(0.0, 0.0, "spot_in_view")
+        return Wish(min(max(v, -trust * MAX_SPEED), trust * MAX_SPEED), trust * w)
+
+    def _trust(self, dt: float, age: float) -> float:
+        """0 .. 1: how far the spot's place can be trusted; less when the next image is overdue.
+
+        What is overdue depends on the images' latency, which is estimated on the run: a robot
+        with a quick camera stops 0.3 s after its last image, and one with a slow computer does not crawl.
+        """
+        if self._usual is None:
+            self._usual = age
+        elif age < self._age + 0.5 * dt:
+            # a newer image has arrived
+            self._usual += 0.1 * (age - self._usual)
+        self._age = age
+        return min(1.0, max(0.0, (self._usual + GONE - age) / (GONE - LATE)))
+
+    def _servo(self, spot: np.ndarray, view: FloorView) -> Tuple[float, float]:
+        """(v, w) [m/s, rad/s] for a spot (2,) [m] in the base frame."""
+        bearing = math.atan2(spot[1], spot[0])
+        distance = float(np.hypot(*spot))
+        # share of half the image's width by which the spot is off-centre; 2 where it is behind the camera
+        column = float(view.pixels(spot[None])[0, 0])
+        off = 2.0 if not math.isfinite(column) else abs(2.0 * (column + 0.5) / view.camera.width - 1.0)
+        if off > INNER_ZONE:
+            self._turning = True
+        elif off < SETTLED_ZONE:
+            self._turning = False
+        if distance > FAR_DISTANCE:
+            self._driving = 1
+        elif distance < NEAR_DISTANCE:
+            self._driving = -1
+        elif (self._driving == 1 and distance <= GOOD_DISTANCE) or (
+            self._driving == -1 and distance >= BACK_TO_DISTANCE
+        ):
+            self._driving = 0
+        # while it drives it also steers: the spot ahead stays ahead
+        w = TURN_GAIN * bearing if self._turning or self._driving == 1 else 0.0
+        v = 0.0
+        if self._driving == 1:
+            v = DISTANCE_GAIN * (distance - GOOD_DISTANCE + 0.05) * max(0.0, 1.0 - abs(bearing) / DRIVE_CONE)
+        elif self._driving == -1:
+            v = DISTANCE_GAIN * (distance - BACK_TO_DISTANCE - 0.05)
+        return v, min(max(w, -MAX_TURN), MAX_TURN)

@@ -6,12 +6,11 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import List, Sequence, Tuple
+from typing import List, Optional, Sequence, Tuple
 
 import cv2
 import numpy as np
 
-from vb_core import masks
 from vb_core.camera_model import CameraModel
 from vb_core.geometry import invert
 from vb_sim.room.floor_plan import wall_outline
@@ -22,6 +21,8 @@ _NEAR = 0.03
 _LIGHT = np.array([0.30, -0.45, 0.84])
 _AMBIENT, _DIRECT = 0.58, 0.46
 _SHIFT = 4
+_STRIP = 48  # [px] rows that are worked out at a time
+_SMALL = 20000  # [px] of a rectangle that is worked out at once
 
 
 class MeshBuilder:
@@ -153,11 +154,11 @@ class RayGrid:
             grids.append(np.ascontiguousarray(fine[step : step + camera.height, step : step + camera.width]))
         return grids[0], grids[1]
 
-    def combine(self, a: float, b: float, c: float, rows: slice = slice(None), columns: slice = slice(None)) -> np.ndarray:
+    def combine(self, a: float, b: float, c: float, rows: slice = slice(None), columns: slice = slice(None),
+                out: Optional[np.ndarray] = None) -> np.ndarray:
         """(h, w) float32: a x + b y + c over a part of the image."""
-        if self.distorted:
-            return np.float32(a) * self.x[rows, columns] + (np.float32(b) * self.y[rows, columns] + np.float32(c))
-        return np.float32(a) * self.x[:, columns] + (np.float32(b) * self.y[rows] + np.float32(c))
+        x, y = (self.x[rows, columns], self.y[rows, columns]) if self.distorted else (self.x[:, columns], self.y[rows])
+        return np.add(np.float32(a) * x, np.float32(b) * y + np.float32(c), out=out)
 
 
 class DepthBuffer:
@@ -177,6 +178,9 @@ class DepthBuffer:
         self.normals = np.zeros((256, 3), np.float32)
         self.colors = np.zeros((256, 3), np.uint8)
         self._count = 0
+        # what a face is worked out in, used again for each: making it new takes longer than filling it
+        self._bytes = np.empty((3, size[0] * size[1]), np.uint8)
+        self._floats = np.empty(size[0] * size[1], np.float32)
 
     def clear(self) -> None:
         """Takes everything away."""
@@ -249,8 +253,8 @@ class DepthBuffer:
         right, bottom = min(math.ceil(most_x) + 1, width), min(math.ceil(most_y) + 1, height)
         if right <= left or bottom <= top:
             return
-        rows, columns = slice(top, bottom), slice(left, right)
-        mask = np.zeros((bottom - top, right - left), np.uint8)
+        mask = self._bytes[0, : (bottom - top) * (right - left)].reshape(bottom - top, right - left)
+        mask.fill(0)
         points = np.round((outline - (left, top)) * (1 << _SHIFT)).astype(np.int32)
         if self.grid.distorted:
             cv2.fillPoly(mask, [points], 255, cv2.LINE_8, _SHIFT)
@@ -259,16 +263,31 @@ class DepthBuffer:
         self._count += 1
         self.colors[self._count] = np.minimum(np.maximum(color, 0), 255)
         self.normals[self._count] = normal
+        # a wall that runs across the image fills a twentieth of the rectangle around it: strips fit closer
+        if mask.size < _SMALL:
+            self._put(mask, top, left, plane)
+            return
+        for first in range(0, len(mask), _STRIP):
+            x, y, width, height = cv2.boundingRect(mask[first : first + _STRIP])
+            if width:
+                self._put(mask[first + y : first + y + height, x : x + width], top + first + y, left + x, plane)
+
+    def _put(self, mask: np.ndarray, top: int, left: int, plane: Tuple[float, float, float]) -> None:
+        """Puts the newest face where a mask is set and nothing is nearer."""
+        height, width = mask.shape
+        rows, columns = slice(top, top + height), slice(left, left + width)
+        nearer, number = (part[: height * width].reshape(height, width) for part in self._bytes[1:])
+        candidate = self._floats[: height * width].reshape(height, width)
         inverse = self.inverse[rows, columns]
         if plane[0] == 0.0 and plane[1] == 0.0:
-            nearer = masks.threshold_mask(inverse, float(plane[2]), cv2.CMP_LT)
-            cv2.bitwise_and(mask, nearer, dst=mask)
-            inverse[mask > 0] = plane[2]
+            candidate.fill(plane[2])
         else:
-            candidate = self.grid.combine(*plane, rows, columns)
-            cv2.bitwise_and(mask, cv2.compare(candidate, inverse, cv2.CMP_GT), dst=mask)
-            cv2.copyTo(candidate, mask, inverse)
-        np.copyto(self.ids[rows, columns], np.uint8(self._count), where=mask > 0)
+            self.grid.combine(*plane, rows, columns, out=candidate)
+        np.greater(candidate, inverse, out=nearer.view(bool))
+        np.logical_and(mask, nearer, out=nearer.view(bool))
+        cv2.copyTo(candidate, nearer, inverse)
+        number.fill(self._count)
+        cv2.copyTo(number, nearer, self.ids[rows, columns])
 
     def paint(self, image: np.ndarray) -> None:
         """Puts the things' colours over the image (H, W, 3) of the floor, in place."""
@@ -277,4 +296,4 @@ class DepthBuffer:
             return
         part = (slice(top, top + height), slice(left, left + width))
         ids = self.ids[part]
-        cv2.copyTo(cv2.LUT(cv2.merge([ids] * 3), self.colors[None]), ids, image[part])
+        cv2.copyTo(cv2.applyColorMap(ids, self.colors[:, None]), ids, image[part])

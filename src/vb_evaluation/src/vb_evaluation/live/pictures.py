@@ -9,12 +9,7 @@ import matplotlib
 import numpy as np
 
 from vb_core.grid_map import OCCUPIED_FROM, GridMap
-
-matplotlib.use("Agg")
-from matplotlib import pyplot as plt  # noqa: E402  (the backend must be chosen before)
-
-# colours that colour-blind people can distinguish (Okabe and Ito)
-BLUE, ORANGE, GREEN, VERMILION, GREY = "#0072B2", "#E69F00", "#009E73", "#D55E00", "#666666"
+from vb_evaluation.report.charts import BLUE, GREEN, GREY, ORANGE, VERMILION, plt
 
 
 def before_after(

@@ -31,9 +31,10 @@ from vb_core.errors import CodedError, ParameterError
 from vb_core.geometry import chain_length
 from vb_core.ros.images import image_array
 from vb_core.ros import messages
-from vb_evaluation import metrics, pictures
+from vb_evaluation import metrics
+from vb_evaluation.live import pictures
 from vb_evaluation.goal_runs import Driven, GoalRunner
-from vb_evaluation.progress_log import ProgressLog, live_line, result_table
+from vb_evaluation.live.progress_log import ProgressLog, live_line, result_table
 from vb_evaluation.observer import CameraAlbum, Observer, wait_until
 from vb_evaluation.processes import Child, find_window, free_port, screenshot, start_screen
 from vb_feedback.display import fit_display
@@ -199,7 +200,7 @@ class Demo:
 
     @staticmethod
     def _launch_file(name: str) -> str:
-        return str(Path(__file__).resolve().parents[4] / "launch" / name)
+        return str(Path(__file__).resolve().parents[5] / "launch" / name)
 
     def _observe(self) -> int:
         options = self.options

@@ -11,7 +11,7 @@ from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import connected_components, dijkstra, minimum_spanning_tree
 from scipy.spatial import Delaunay, QhullError, cKDTree
 
-from vb_fusion.observations import TREMBLE
+from vb_fusion.stroke.observations import TREMBLE
 
 SITE = 1.2 * TREMBLE  # [m] of the lattice: wider than a line trembles, narrower than a border's slots
 LONELY = 0.15  # of the usual company: strays have less

@@ -35,7 +35,7 @@ from vb_core.ros.messages import (
 from vb_core.ros.notices import message_from_notice
 from vb_evaluation.observer import wait_until
 from vb_evaluation.processes import Child, free_port, screenshot, start_screen
-from vb_evaluation.screenshot_scenes import Scene, scenes
+from vb_evaluation.live.screenshot_scenes import Scene, scenes
 from vb_feedback.display import fit_display, rviz_fonts
 from vb_feedback.display.layout import plain
 from vb_msgs.msg import (

@@ -1,15 +1,37 @@
-"""What a robot's camera sees of the floor, from camera_info and tf."""
+"""What driver and dispatcher both listen to: spots, and what a robot's camera sees of the floor."""
 from __future__ import annotations
 
 from typing import Callable, Optional
 
+import numpy as np
 import rospy
 from sensor_msgs.msg import CameraInfo
 
+from vb_core import names
 from vb_core.errors import CodedError
 from vb_core.ros.cameras import camera_from_info
 from vb_core.ros.transforms import TransformLookup
+from vb_msgs.msg import LaserSpot
 from vb_robot.dispatching.view import FloorView
+from vb_robot.spots import Sighting
+
+
+class SpotListener:
+    """Gives every spot that has a place in the map to `take`; counts those that have none."""
+
+    def __init__(self, take: Callable[[Sighting], None]) -> None:
+        self._take, self._rejected = take, 0
+        self._subscriber = rospy.Subscriber(names.SPOTS, LaserSpot, self._on_spot, queue_size=100)
+
+    def _on_spot(self, message: LaserSpot) -> None:
+        position = (message.position.x, message.position.y)
+        if message.header.frame_id != names.MAP_FRAME or not np.isfinite(position).all():
+            self._rejected += 1
+            rospy.logwarn_throttle(
+                5.0, f"{rospy.get_name()}: spot rejected: frame '{message.header.frame_id}', position {position}; "
+                f"expected finite values in '{names.MAP_FRAME}' ({self._rejected} so far)")
+            return
+        self._take(Sighting(message.header.stamp.to_sec(), position, message.camera, message.mobile, message.confidence))
 
 
 class CameraView:

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import List, Optional, Tuple
 
 from vb_core.errors import CodedError
-from vb_fusion.collector import Spot
+from vb_fusion.spots.collector import Spot
 
 Entry = Tuple[str, Spot]
 

@@ -1,0 +1,106 @@
+"""The paper's questionnaire (Sect. 5.5 and 5.8.2), and the UEQ-S beside it; one CSV file.
+
+One line per participant; the columns are `participant`, for each statement and method `s1_nrs` ... `s5_robot_only`
+with whole numbers from 1 to 5, `helped` with yes or no, and, if the UEQ-S was asked, `u1_nrs` ... `u8_robot_only` with the
+box that was ticked, 1 to 7 from left to right. An empty cell is a missing answer.
+
+UEQ-S: Schrepp, Hinderks, Thomaschewski, "Design and Evaluation of a Short Version of the User Experience Questionnaire
+(UEQ-S)", IJIMAI 4(6), 2017: items 1 to 4 pragmatic, 5 to 8 hedonic quality, each the mean of items scaled to -3 .. 3.
+"""
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import List, Tuple
+
+import numpy as np
+
+from vb_core.errors import CodedError
+from vb_evaluation import statistics
+from vb_evaluation.report.data import read_sheet, yes_or_no
+
+STATEMENTS = (
+    ("I had problems to define the virtual borders", "1 = big problems, 5 = no problems"),
+    ("It was intuitive to define the virtual borders", "1 = not intuitive, 5 = intuitive"),
+    ("It was physically or mentally demanding to define the virtual borders", "1 = hard, 5 = easy"),
+    ("It was easy to learn the handling of the interaction method", "1 = hard, 5 = easy"),
+    ("I liked the feedback of the system", "1 = bad/no feedback, 5 = good feedback"),
+)
+# (left, right) end, in the published order; 1 is the left box
+UEQ_S = (("obstructive", "supportive"), ("complicated", "easy"), ("inefficient", "efficient"), ("confusing", "clear"),
+         ("boring", "exciting"), ("not interesting", "interesting"), ("conventional", "inventive"), ("usual", "leading edge"))
+UEQ_SCALES = (("UEQ-S, pragmatic quality", range(1, 5)), ("UEQ-S, hedonic quality", range(5, 9)), ("UEQ-S, overall", range(1, 9)))
+QUESTION = "Did the smart environment support the interaction process?"
+METHODS = ("nrs", "robot_only")
+
+
+@dataclass(frozen=True)
+class Answers:
+    """The answers of one statement or scale, of those who answered for both methods.
+
+    Attributes:
+        first, second: (N,) for METHODS[0] and METHODS[1]; the higher, the better.
+    """
+
+    statement: str
+    first: np.ndarray
+    second: np.ndarray
+
+    @property
+    def comparison(self) -> statistics.PairedComparison:
+        """Wilcoxon test and effect sizes, first minus second."""
+        return statistics.compare(self.first, self.second)
+
+
+@dataclass(frozen=True)
+class Questionnaire:
+    """All answers; `helped` of `asked` said yes to the question."""
+
+    answers: Tuple[Answers, ...]
+    helped: int
+    asked: int
+
+
+def ueq_columns() -> List[str]:
+    """The columns of the UEQ-S, which a file may leave out."""
+    return [f"u{number}_{method}" for number in range(1, len(UEQ_S) + 1) for method in METHODS]
+
+
+def columns() -> List[str]:
+    """The columns that the CSV file must have."""
+    return ["participant", *(f"s{number}_{method}" for number in range(1, len(STATEMENTS) + 1) for method in METHODS), "helped"]
+
+
+def read(path: Path) -> Questionnaire:
+    """Reads the answers.
+
+    Raises:
+        CodedError: "bad_questionnaire" naming the column, or the line.
+    """
+    table, rows, seen = read_sheet(path, columns(), "bad_questionnaire"), [], set()
+    for line, row in zip(table.lines, table.rows):
+        where, name = f"{path}, line {line}", row["participant"]
+        if not name or name in seen:
+            raise CodedError("bad_questionnaire", f"{where}: participant: expected a name that no other line has, got '{name}'")
+        seen.add(name)
+        rows.append({column: _answer(row[column], f"{where}: {column}", 5) for column in columns()[1:-1]})
+        rows[-1].update({column: _answer(row.get(column, ""), f"{where}: {column}", 7) for column in ueq_columns()})
+        rows[-1]["helped"] = yes_or_no(row["helped"], f"{where}: helped", "bad_questionnaire")
+    if not rows:
+        raise CodedError("bad_questionnaire", f"{path}: nobody has answered yet")
+    parts = [(words, [f"s{number}"], 0.0) for number, (words, _) in enumerate(STATEMENTS, 1)]
+    parts += [(words, [f"u{number}" for number in items], 4.0) for words, items in UEQ_SCALES]
+    answers = []
+    for words, items, middle in parts:
+        pairs = np.array([[np.mean([row[f"{item}_{method}"] for item in items]) - middle for method in METHODS] for row in rows])
+        pairs = pairs[np.isfinite(pairs).all(axis=1)]
+        if len(pairs) or not middle:
+            answers.append(Answers(words, pairs[:, 0], pairs[:, 1]))
+    said = [row["helped"] for row in rows if row["helped"] is not None]
+    return Questionnaire(tuple(answers), sum(said), len(said))
+
+
+def _answer(text: str, where: str, most: int) -> float:
+    if text and not (text.isdigit() and 1 <= int(text) <= most):
+        raise CodedError("bad_questionnaire", f"{where}: expected a whole number from 1 to {most}, got '{text}'")
+    return float(text or "nan")

@@ -1,0 +1,1 @@
+"""Which spots belong to an interaction, and the file that they are restored from."""

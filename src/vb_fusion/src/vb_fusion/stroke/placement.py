@@ -1,0 +1,38 @@
+"""Stage 2: where the pointer really was.
+
+Cameras that see the pointer at the same time disagree: their poses are known to centimetres only. The disagreements
+are explained by one offset per stationary camera, and for a camera on a robot, whose localisation comes and goes, by
+one offset per second. All offsets are found at once by weighted least squares; stationary cameras are held near zero
+far more firmly than mobile ones, so that a robot that is lost does not move the border.
+"""
+from __future__ import annotations
+
+import numpy as np
+from scipy.sparse import csr_matrix, diags
+from scipy.sparse.linalg import spsolve
+
+from vb_fusion.stroke.observations import LOCALISATION, TREMBLE, Sights, moments
+
+
+def without_offsets(seen: Sights) -> Sights:
+    """The sights without their cameras' offsets; an offset common to all cameras cannot be known.
+
+    A sight is the pointer's place in its moment and the offset of its camera. The places are eliminated: what is left
+    are the differences from the mean of the moment.
+    """
+    cameras = int(seen.cameras.max()) + 1
+    moment = moments(seen.stamps)
+    second = np.where(seen.mobile, (moment - moment.min()) // 10 + 1, 0)
+    offset = second * cameras + seen.cameras
+    unknown = int(offset.max()) + 1
+    # the sights of a moment follow one another
+    row = np.cumsum(np.append(0, np.diff(moment) != 0))
+    in_moment = csr_matrix((np.ones(len(row)), (row, offset)), shape=(int(row[-1]) + 1, unknown))
+    share = diags(1.0 / np.bincount(row)) @ in_moment
+    # each equation in units of its deviation: a difference as a hand trembles, an offset as the camera is placed
+    firmness = np.where(np.arange(unknown) < cameras, 1.0, (0.5 * TREMBLE / LOCALISATION) ** 2)
+    equations = diags(np.bincount(offset, minlength=unknown) + firmness) - in_moment.T @ share
+    apart = np.column_stack([np.bincount(offset, axis, unknown) - share.T @ np.bincount(row, axis) for axis in seen.points.T])
+    # in whole millimetres: what was placed before stays where it is while more is seen
+    found = np.round(spsolve(equations.tocsc(), apart).reshape(-1, 2), 3)
+    return seen.moved(seen.points - found[offset])
