@@ -44,7 +44,7 @@ class LabMonitorParams(Parameters):
 
 
 class LabMonitorNode:
-    """Watches the detectors' status; runs `check_lab`, and logs what is new in its result.
+    """Watches the detectors' status; runs `check_lab`, and logs what is new in its result, cures too.
 
     Subscribed topics:
         /virtual_borders/detectors (vb_msgs/DetectorStatus)
@@ -95,18 +95,24 @@ class LabMonitorNode:
         situation: Tuple[FrozenSet[str], List[Notice]] = (frozenset(), [])
         checked, due = time.monotonic(), float("inf")
         while not self._closed.wait(LOOK_S):
-            with self._lock:
-                told = self._told
-            before, situation = situation, (_running_nodes(), told)
+            before, situation = situation, self._situation()
             if situation != before:
                 # a node that dies again and again must not keep it from the others
                 due = min(time.monotonic() + SETTLED_S, checked + AGAIN_S[State.ERROR])
             if situation[0] and time.monotonic() > due:
                 lines = self._check()
+                if self._situation() != situation and time.monotonic() < checked + AGAIN_S[State.ERROR]:
+                    continue  # on a slow computer a check may end when what it found is over: look again
                 checked = time.monotonic()
                 if lines is not None:
                     due = checked + AGAIN_S[State.ERROR if notices(lines) else State.OK]
                     self._adopt(lines)
+
+    def _situation(self) -> Tuple[FrozenSet[str], List[Notice]]:
+        """Which nodes run, and what people are told of the cameras."""
+        with self._lock:
+            told = self._told
+        return _running_nodes(), told
 
     def _check(self) -> Optional[List[Line]]:
         """The lines of `check_lab`; None if it was ended."""
@@ -126,11 +132,13 @@ class LabMonitorNode:
 
     def _adopt(self, lines: List[Line]) -> None:
         with self._lock:
-            known, self._lines = {(line.subject, line.code) for line in self._lines}, lines
+            before, self._lines = self._lines, lines
+        known = {(line.subject, line.code) for line in before}
+        cured = {line.subject for line in before if line.state >= State.WARNING}
+        logs = {State.ERROR: rospy.logerr, State.WARNING: rospy.logwarn, State.OK: rospy.loginfo}
         for line in lines:
-            if line.state >= State.WARNING and (line.subject, line.code) not in known:
-                log = rospy.logerr if line.state is State.ERROR else rospy.logwarn
-                log("%s: %s: %s", rospy.get_name(), line.subject, line.sentence())
+            if (line.subject, line.code) not in known and (line.state >= State.WARNING or line.subject in cured):
+                logs.get(line.state, rospy.loginfo)("%s: %s: %s", rospy.get_name(), line.subject, line.sentence())
 
 
 def _running_nodes() -> FrozenSet[str]:
