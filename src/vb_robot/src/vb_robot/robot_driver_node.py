@@ -276,7 +276,8 @@ class RobotDriverNode:
         # tf returns the newest transform, however old
         stamp = self._transforms.newest(names.MAP_FRAME, self._base)
         T = self._lookup(names.MAP_FRAME, self._base, stamp)
-        self._driver.set_pose(geometry.transform_pose2d(T) if T is not None else None, stamp.to_sec())
+        self._driver.set_pose(geometry.transform_pose2d(T) if T is not None else None, stamp.to_sec(),
+                              self._transforms.newest(names.MAP_FRAME, self._odom).to_sec())
         frames = Frames(lambda stamp: self._odom_from_map(now, stamp),
                         lambda: self._lookup(self._base, self._odom, rospy.Time(0), warn=True))
         return self._driver.step(now.to_sec(), frames)
