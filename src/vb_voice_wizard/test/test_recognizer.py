@@ -9,7 +9,7 @@ import pytest
 
 from vb_core.errors import CodedError, ParameterError
 from vb_voice_wizard.recognizer import ALWAYS_UNCLEAR, CommandNetwork, CommandRecognizer, RecognizerParams
-from vb_voice_wizard.voice.speech_encoder import FEATURES, SpeechEncoder, word_shape
+from vb_voice_wizard.voice.speech_model import END, FEATURES, START, Beginnings, SpeechModel
 
 sys.path.insert(0, str(Path(__file__).parent))
 from speech import RATE, room_noise, say, tone  # noqa: E402
@@ -77,23 +77,26 @@ def test_noise_beeps_and_nothing_are_no_commands(recognizer):
         assert recognizer.recognize(np.concatenate([quiet, tone(hertz, 0.3), quiet])) is None
 
 
-def test_loudness_is_no_part_of_a_word():
-    encoder, pcm = SpeechEncoder(), say("define seed")
-    loud, soft = encoder.moments(pcm), encoder.moments((pcm // 8).astype(np.int16))
-    assert loud.shape == soft.shape and loud.shape[1] == FEATURES
-    assert np.corrcoef(loud.ravel(), soft.ravel())[0, 1] > 0.99
-    assert np.isfinite(encoder.moments(np.zeros(RATE // 5, np.int16))).all()
+def test_every_beginning_is_asked_about_once_and_read_again_from_a_file():
+    beginnings = Beginnings([(5, 7), (5, 8, 9), (6,)])
+    np.testing.assert_array_equal(beginnings.texts, [[START, 5, 7, END], [START, 5, 8, 9], [START, 6, END, END]])
+    asked = [tuple(beginnings.texts[row, 1 : 1 + column]) for row, column in zip(*beginnings.at)]
+    assert sorted(asked) == [(), (5,), (5, 7), (5, 8), (5, 8, 9), (6,)] and asked[0] == ()
+    np.testing.assert_array_equal(Beginnings.read(beginnings.texts).at, beginnings.at)
 
 
-def test_an_utterance_of_any_length_is_one_vector():
-    moments = np.repeat(np.arange(8.0)[:, None], FEATURES, axis=1)
-    shape = word_shape(moments, RATE, 4)
-    assert shape.shape == (4 * FEATURES + 1,) and shape[-1] == 1.0
-    np.testing.assert_allclose(shape[:-1].reshape(4, FEATURES)[:, 0], [0.5, 2.5, 4.5, 6.5])
-    # slower speech of the same word has the same shape, but for its duration
-    slow = np.repeat(moments, 2, axis=0)
-    assert np.abs(word_shape(slow, 2 * RATE, 4) - shape)[:-1].max() <= 0.5
-    assert np.isfinite(word_shape(moments[:1], RATE, 4)).all()
+def test_the_speech_model_tells_what_was_said_not_how_loud(recognizer):
+    model, pcm, beginnings = SpeechModel(), say("define seed"), recognizer._network.beginnings
+    moments = model.moments(pcm)
+    assert moments.shape[1] == FEATURES
+    told = model.continuations(moments, beginnings)
+    assert len(told) == len(beginnings.at[0]) and told.max() <= 0.0
+    soft = model.continuations(model.moments((pcm // 8).astype(np.int16)), beginnings)
+    assert np.corrcoef(told.ravel(), soft.ravel())[0, 1] > 0.95
+    # nothing that it is asked afterwards changes what it says after the empty beginning
+    alone = model.continuations(moments, Beginnings([beginnings.texts[0, 1:2]]))
+    assert np.corrcoef(alone[0], told[0])[0, 1] > 0.95
+    assert np.isfinite(model.continuations(model.moments(np.zeros(RATE // 5, np.int16)), beginnings)).all()
 
 
 def test_only_sound_of_the_expected_kind(recognizer):
@@ -104,8 +107,8 @@ def test_only_sound_of_the_expected_kind(recognizer):
 
 def write_network(path, commands=("save", "cancel")):
     """A network that finds "save" whatever it hears."""
-    np.savez(str(path), commands=np.array(commands), places=2, threshold=0.5, sure=0.99,
-             weights0=np.zeros((2 * FEATURES + 1, 3), np.float16), bias0=np.array([0.0, 3.0, 0.0]))
+    np.savez(str(path), commands=np.array(commands), texts=Beginnings([(5,)]).texts, tokens=np.array([[3, 4], [5, 6]]), threshold=0.5,
+             sure=0.99, weights0=np.zeros((4, 3), np.float16), bias0=np.array([0.0, 3.0, 0.0]))
     return path
 
 
@@ -114,7 +117,7 @@ def test_another_network_by_configuration(tmp_path):
     assert CommandRecognizer(RecognizerParams(model=str(path))).recognize(say("define border")) == "save"
     surer = CommandRecognizer(RecognizerParams(model=str(path), threshold=0.95))
     assert surer.recognize(say("define border")) is None
-    chance = CommandNetwork(path).probabilities(np.zeros(2 * FEATURES + 1, np.float32))
+    chance = CommandNetwork(path).probabilities(np.zeros((2, 10), np.float32))
     assert chance.shape == (2,) and 0.0 < chance.sum() < 1.0
 
 
@@ -124,7 +127,8 @@ def test_bad_files_are_named(tmp_path):
         with pytest.raises(ParameterError) as caught:
             CommandRecognizer(RecognizerParams(model=str(path)))
         assert caught.value.key == "model" and path.name in caught.value.message
-    for path in (tmp_path / "none.ort", tmp_path / "bad.npz"):
+    (tmp_path / "encoder_model.ort").write_bytes(b"nothing")
+    for folder in (tmp_path / "none", tmp_path):
         with pytest.raises(CodedError) as caught:
-            SpeechEncoder(path)
-        assert caught.value.code == "no_speech_model"
+            SpeechModel(folder)
+        assert caught.value.code == "no_speech_model" and "encoder_model.ort" in str(caught.value.values["file"])

@@ -1,9 +1,9 @@
 """Calibrates a projector over the floor: shows four markers in turn and takes a click on each."""
 from __future__ import annotations
 
-import os
 import threading
 from dataclasses import dataclass
+from pathlib import Path
 from typing import List, Optional, Tuple
 
 import numpy as np
@@ -13,6 +13,7 @@ from geometry_msgs.msg import PointStamped
 from sensor_msgs.msg import Image
 from vb_core import names
 from vb_core.errors import CodedError, ParameterError
+from vb_core.files import write_atomically
 from vb_core.parameters import Parameters, param
 from vb_core.ros.images import image_message
 from vb_core.ros import node, parameters
@@ -100,14 +101,10 @@ class CalibrateProjector:
     def _finish(self) -> None:
         params = self._params
         calibration = calibrate(params.width, params.height, self._clicked)
-        path = os.path.expanduser(params.file)
-        try:
-            os.makedirs(os.path.dirname(os.path.abspath(path)), exist_ok=True)
-            with open(path, "w", encoding="utf-8") as file:
-                file.write("# Written by vb_feedback/calibrate_projector: map coordinates [m] to pixels of the projector.\n")
-                yaml.safe_dump(calibration.to_mapping(), file, sort_keys=False)
-        except OSError as error:
-            raise CodedError("not_written", f"cannot write '{path}': {error.strerror}") from None
+        path = Path(params.file).expanduser()
+        content = yaml.safe_dump(calibration.to_mapping(), sort_keys=False)
+        head = "# Written by vb_feedback/calibrate_projector: map coordinates [m] to pixels of the projector.\n"
+        write_atomically(path, (head + content).encode("utf-8"))
         rospy.loginfo("calibrate_projector: wrote %s; the grid now shown has lines every 0.5 m, bright ones every 1 m, "
                       "for %g s", path, params.check)
         self._show(floor_picture.grid_picture(calibration))

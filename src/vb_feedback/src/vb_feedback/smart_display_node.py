@@ -13,6 +13,7 @@ import rospy
 import yaml
 from vb_core import names, sentences
 from vb_core.errors import CodedError, ParameterError
+from vb_core.files import write_atomically
 from vb_core.parameters import Parameters, param
 from vb_core.ros import parameters
 from vb_core.ros.messages import OccupancyGridArray, grid_from_message
@@ -76,12 +77,7 @@ def _fitted(params: SmartDisplayParams) -> str:
     fitted = fit_config(config, extent, *params.size(), aspect=rospy.get_param(_ASPECT, None))
     # one per node, written again at each start: RViz reads it when this process has ended
     path = os.path.join(rospkg.get_ros_home(), f"{rospy.get_name().strip('/').replace('/', '_')}.rviz")
-    try:
-        os.makedirs(os.path.dirname(path), exist_ok=True)
-        with open(path, "w", encoding="utf-8") as file:
-            yaml.safe_dump(fitted, file, default_flow_style=False, sort_keys=False)
-    except OSError as error:
-        raise CodedError("not_written", f"cannot write '{path}': {error.strerror}") from None
+    write_atomically(Path(path), yaml.safe_dump(fitted, default_flow_style=False, sort_keys=False).encode("utf-8"))
     return path
 
 

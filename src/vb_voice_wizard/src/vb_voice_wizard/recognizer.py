@@ -1,8 +1,8 @@
 """Recognises the spoken commands and rejects everything else.
 
-The idea: endpointing finds the speech, a network that knows people's speech says how each moment of it sounds
-(speech_encoder), and a small network says which command that is, or none. Only the small one is ours: bench/voice_training.py
-trains it on many synthetic voices that say the commands, and what sounds nearly like them, in noise.
+The idea: endpointing finds the speech, a network that knows people's speech says how it would go on after each beginning of a
+command (speech_model), and a small network says which command that is, or none. Only the small one is ours:
+bench/voice_training.py trains it on many synthetic voices that say the commands, and what sounds nearly like them, in noise.
 
 >>> import numpy as np
 >>> recognizer = CommandRecognizer()
@@ -25,11 +25,13 @@ from vb_core.parameters import Parameters, param
 from vb_voice_wizard.voice.audio_sources import SAMPLE_RATE
 from vb_voice_wizard.voice.endpointing import EndpointParams, Utterance, utterances
 from vb_voice_wizard.interaction import COMMANDS, RESUME
-from vb_voice_wizard.voice.speech_encoder import SpeechEncoder, word_shape
+from vb_voice_wizard.voice.speech_model import Beginnings, SpeechModel
 
 # one spoken word never lets robots drive again
 ALWAYS_UNCLEAR = (RESUME,)
 _SHORTEST_S = 0.2  # with its padding: less is no word
+# Each utterance is heard at these speeds, and what is found is averaged: what noise hides at one of them, another shows.
+_SPEEDS = (1.0, 0.94, 1.07)
 
 
 @dataclass(frozen=True)
@@ -64,10 +66,11 @@ class RecognitionResult:
 
 
 class CommandNetwork:
-    """The small network: from an utterance's shape to the probability of each command.
+    """The small network: from continuations to the probability of each command.
 
     Args:
-        path: an .npz file by bench/voice_training.py, with commands, places, threshold, sure, and weights0, bias0, weights1 ...
+        path: an .npz file by bench/voice_training.py, with commands, texts and tokens (what it wants to know of the
+            continuations), threshold, sure, and weights0, bias0, weights1 ...
 
     Raises:
         ParameterError: if it is none.
@@ -77,7 +80,8 @@ class CommandNetwork:
         try:
             with np.load(str(path), allow_pickle=False) as file:
                 self.commands = [str(command) for command in file["commands"]]
-                self.places = int(file["places"])
+                self.beginnings = Beginnings.read(file["texts"])
+                self._tokens = file["tokens"].astype(np.int64)
                 self.threshold, self.sure = float(file["threshold"]), float(file["sure"])
                 count = sum(name.startswith("weights") for name in file.files)
                 self._layers = [
@@ -90,9 +94,9 @@ class CommandNetwork:
         if unknown:
             raise ParameterError("model", f"{path}: unknown commands: {', '.join(unknown)}")
 
-    def probabilities(self, shape: np.ndarray) -> np.ndarray:
-        """(C,) of the commands, for a vector of speech_encoder.word_shape; what is missing to 1 is that of none."""
-        values = shape
+    def probabilities(self, continuations: np.ndarray) -> np.ndarray:
+        """(C,) of the commands, for what the speech model says after `beginnings`; what is missing to 1 is that of none."""
+        values = np.take_along_axis(continuations, self._tokens, axis=1).reshape(-1)
         for weights, bias in self._layers[:-1]:
             values = np.maximum(values @ weights + bias, 0.0)
         weights, bias = self._layers[-1]
@@ -110,7 +114,7 @@ class CommandRecognizer:
 
     Raises:
         ParameterError: for a bad parameter or network.
-        CodedError: if the encoder's file is missing.
+        CodedError: if a file of the speech model is missing.
     """
 
     def __init__(
@@ -120,7 +124,7 @@ class CommandRecognizer:
         self.endpointing = endpointing if endpointing is not None else EndpointParams()
         self._network = CommandNetwork(Path(params.model).expanduser() if params.model else _own_network())
         self.threshold = params.threshold or self._network.threshold
-        self._encoder = SpeechEncoder()
+        self._model = SpeechModel()
 
     def recognize(self, pcm: np.ndarray) -> Optional[str]:
         """The first command in a recording.
@@ -146,13 +150,18 @@ class CommandRecognizer:
             return RecognitionResult(reason="too_long")
         if len(utterance.pcm) < _SHORTEST_S * SAMPLE_RATE:
             return RecognitionResult(reason="too_short")
-        shape = word_shape(self._encoder.moments(utterance.pcm), len(utterance.pcm), self._network.places)
-        found = self._network.probabilities(shape)
+        found = np.mean([self._hear(utterance.pcm, speed) for speed in _SPEEDS], axis=0)
         best, confidence = self._network.commands[int(found.argmax())], float(found.max())
         if confidence < self.threshold:
             return RecognitionResult(best=best, confidence=confidence, reason="unlike_a_command")
         unclear = confidence < self._network.sure or best in ALWAYS_UNCLEAR
         return RecognitionResult(best, best, confidence, unclear=unclear)
+
+    def _hear(self, pcm: np.ndarray, speed: float) -> np.ndarray:
+        """(C,) probabilities of the commands, for an utterance played at another speed."""
+        if speed != 1.0:
+            pcm = np.interp(np.arange(0.0, len(pcm) - 1, 1.0 / speed), np.arange(len(pcm)), pcm).astype(np.int16)
+        return self._network.probabilities(self._model.continuations(self._model.moments(pcm), self._network.beginnings))
 
 
 def _own_network() -> Path:

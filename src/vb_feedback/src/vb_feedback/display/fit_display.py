@@ -2,13 +2,14 @@
 from __future__ import annotations
 
 import argparse
-import os
 import sys
+from pathlib import Path
 from typing import List, Optional
 
 import yaml
 
 from vb_core.errors import CodedError
+from vb_core.files import write_atomically
 from vb_feedback.display.layout import Box
 from vb_feedback.display.rviz_config import fit_config
 
@@ -33,9 +34,7 @@ def run(arguments: Optional[List[str]] = None) -> int:
         with open(chosen.config, encoding="utf-8") as file:
             config = yaml.safe_load(file)
         fitted = fit_config(config, Box(x, y, x + chosen.map[0], y + chosen.map[1]), *chosen.screen)
-        os.makedirs(os.path.dirname(os.path.abspath(chosen.output)), exist_ok=True)
-        with open(chosen.output, "w", encoding="utf-8") as file:
-            yaml.safe_dump(fitted, file, default_flow_style=False, sort_keys=False)
+        write_atomically(Path(chosen.output), yaml.safe_dump(fitted, default_flow_style=False, sort_keys=False).encode("utf-8"))
     except (CodedError, OSError, yaml.YAMLError) as error:
         print(f"fit_display: {error}", file=sys.stderr)
         return 1
