@@ -314,6 +314,10 @@ def planned(tmp_path):
     return path
 
 
+def events_of(folder):
+    return [json.loads(line) for line in (folder / "events.jsonl").read_text().splitlines()]
+
+
 def do(planned, keys, started=None):
     def start(plan):
         (started if started is not None else []).append(plan.command)
@@ -331,7 +335,7 @@ def test_runs_come_in_the_planned_order_in_their_condition(planned):
     for entry, command in zip(entries, started):
         assert f"method:={entry.method}" in command and f"record:={planned.parent / entry.recording}" in command
         assert ("cameras:=none" in command) == (entry.method == "robot_only")
-    notes = conduct.lines_of(planned.parent / entries[0].recording)
+    notes = events_of(planned.parent / entries[0].recording)
     assert [note["key"] for note in notes] == ["b", "h", "n", "c"] and notes[2]["text"] == "slow today"
     assert notes[0]["time"] <= notes[-1]["time"]
     recorded = Recording(planned.parent / entries[0].recording).run
@@ -394,7 +398,7 @@ def test_a_run_that_broke_off_is_kept_and_done_again_beside_it(planned):
     again = conduct.next_run(planned, "p02", again=True)
     assert again.entry == first.entry and again.folder != first.folder
     do(again, ["b", "f"])
-    assert conduct.lines_of(first.folder) and measure.last_attempt(first.folder) == again.folder
+    assert events_of(first.folder) and measure.last_attempt(first.folder) == again.folder
     assert conduct.next_run(planned, "p02").entry.order == 2
 
 
