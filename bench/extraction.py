@@ -26,7 +26,7 @@ import tarfile
 import tempfile
 import time
 from pathlib import Path
-from typing import Callable, Dict, List, Optional, Tuple
+from typing import Callable, Dict, Iterator, List, Optional, Tuple
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -40,6 +40,7 @@ from strokes import SHAPES, Setting, Stroke, draw, hausdorff, jaccard  # noqa: E
 from vb_core import geometry  # noqa: E402
 from vb_core.errors import CodedError  # noqa: E402
 from vb_fusion import extraction  # noqa: E402
+from vb_fusion.stroke.observations import check  # noqa: E402
 
 BAD_M, BAD_JACCARD = 0.25, 0.8
 USUAL = Setting()
@@ -167,9 +168,10 @@ def rows_of(group: str, cell: str, found: Dict[str, List[Found]]) -> List[Dict[s
     return rows
 
 
-def judge_people(which: str, tools: Dict[str, Extract], draws: int, base: int, path: Path) -> List[Dict[str, object]]:
+def judge_people(
+    which: str, tools: Dict[str, Extract], draws: int, base: int, path: Path
+) -> Iterator[List[Dict[str, object]]]:
     """People's strokes of one half, each seen several times; by speed, and by shape."""
-    rows = []
     for name, seen in PEOPLE.items():
         by_shape: Dict[str, Dict[str, List[Found]]] = {}
         for number, drawing in enumerate(people.drawings(path)):
@@ -181,10 +183,9 @@ def judge_people(which: str, tools: Dict[str, Extract], draws: int, base: int, p
                     cell = by_shape.setdefault(drawing.shape, {}).setdefault(method, [])
                     cell.append(measure(stroke, extract, True))
         everything = {method: [r for shape in by_shape.values() for r in shape[method]] for method in tools}
-        rows += rows_of("people", f"{name}, all shapes", everything)
+        yield rows_of("people", f"{name}, all shapes", everything)
         for shape, found in sorted(by_shape.items()):
-            rows += rows_of("people", f"{name}, {shape}", found)
-    return rows
+            yield rows_of("people", f"{name}, {shape}", found)
 
 
 def judge_generator(name: str, tools: Dict[str, Extract], count: int, base: int) -> List[Dict[str, object]]:
@@ -232,6 +233,55 @@ def speed(tools: Dict[str, Extract]) -> List[Dict[str, object]]:
             repeats = 5 if count <= 10_000 else 1
             found[method] = [measure(stroke, extract, False) for _ in range(repeats)]
         rows += rows_of("speed", f"{len(stroke.points)} points", found)
+    return rows
+
+
+def meander(spots: int, cameras: int = 8, rate: float = 30.0, speed: float = 0.25) -> Stroke:
+    """A long line up and down a hall, drawn without a rest, until there are so many spots."""
+    rng = np.random.default_rng(0)
+    duration = spots / (cameras * rate)
+    across = np.arange(int(duration * speed / 6.0) + 2)
+    truth = np.column_stack([0.8 * np.repeat(across, 2), np.resize([0.0, 6.0, 6.0, 0.0], 2 * len(across))])
+    arc = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(truth, axis=0), axis=1))])
+    stamps = np.sort(rng.uniform(0.0, duration, spots))
+    points = np.column_stack([np.interp(speed * stamps, arc, axis) for axis in truth.T])
+    which = rng.integers(0, cameras, spots)
+    offsets = rng.normal(0, USUAL.bias, (cameras, 2))
+    return Stroke(truth, False, points + offsets[which] + rng.normal(0, USUAL.noise, (spots, 2)), stamps, which)
+
+
+def live(before) -> List[Dict[str, object]]:
+    """Processor time of the border so far for each tenth of a second of a drawing, the last two seconds of it.
+
+    Before, up to 4,000 evenly chosen spots were extracted again each time.
+    """
+    rows = []
+    for count in (1000, 10_000, 100_000):
+        rate = count / (6.5 / USUAL.speed * USUAL.cameras * (1 - USUAL.dropped))
+        dense = draw("rectangle", USUAL.replace(rate=rate, shuffled=False), np.random.default_rng(0))
+        for name, stroke in (("rectangle", dense), ("meander", meander(count))):
+            spots = check(stroke.points, stroke.stamps, stroke.cameras)
+            ends = np.searchsorted(spots.stamps, spots.stamps[-1] - 2.0 + 0.1 * np.arange(21))
+            drawing = extraction.GrowingBorder(extraction.ExtractionParams.robust())
+            drawing.add(spots.select(slice(ends[0])))
+            took: Dict[str, List[float]] = {"robust": [], "before": []}
+            for start, end in zip(ends, ends[1:]):
+                begun = time.process_time()
+                drawing.add(spots.select(slice(start, end)))
+                drawing.chain()
+                took["robust"].append(1e3 * (time.process_time() - begun))
+                if before is not None:
+                    chosen = np.linspace(0, end - 1, min(end, 4000)).astype(int)
+                    begun = time.process_time()
+                    before.extract_border(stroke.points[chosen], stamps=stroke.stamps[chosen], cameras=stroke.cameras[chosen])
+                    took["before"].append(1e3 * (time.process_time() - begun))
+            del took["robust"][0]  # which extracts all that came before
+            for method, values in took.items():
+                if values:
+                    cell = f"live, {name}, {len(spots.points)} spots in {spots.stamps[-1] - spots.stamps[0]:.0f} s"
+                    rows.append({"group": "speed", "cell": cell, "method": method, "strokes": len(values),
+                                 "time_median_ms": round(float(np.median(values)), 1)})
+                    print("{cell:60s} {method:8s} {time_median_ms} ms".format(**rows[-1]), flush=True)
     return rows
 
 
@@ -311,12 +361,14 @@ def main() -> int:
     for group in arguments.only:
         if group == "people":
             half = "all" if arguments.people else which
-            rows += judge_people(half, tools, arguments.draws, base, arguments.people or people.DATA)
+            for part in judge_people(half, tools, arguments.draws, base, arguments.people or people.DATA):
+                rows += part
+                write(arguments.out, rows)
         elif group == "disturbances":
             for name, strokes in disturbed(arguments.strokes, base):
                 rows += rows_of("disturbance", name, {m: [measure(s, e, False) for s in strokes] for m, e in tools.items()})
         elif group == "speed":
-            rows += speed({name: tool for name, tool in tools.items() if name != "paper"})
+            rows += speed({name: tool for name, tool in tools.items() if name != "paper"}) + live(before)
         else:
             rows += judge_generator(group, tools, arguments.strokes, base)
         write(arguments.out, rows)

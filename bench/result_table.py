@@ -11,10 +11,15 @@ FOLDER = Path(__file__).resolve().parent.parent / "docs" / "results"
 
 
 def revision() -> str:
-    """The present commit; "" outside of a repository."""
-    command = ["git", "-C", str(FOLDER.parent), "rev-parse", "--short", "HEAD"]
-    done = subprocess.run(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, universal_newlines=True)
-    return done.stdout.strip()
+    """The present commit, with "-dirty" where files differ from it outside of docs; "" outside of a repository.
+
+    A bench that goes on later writes its table into docs meanwhile, and that changes nothing of what it measures.
+    """
+    git = ["git", "-C", str(FOLDER.parent.parent)]
+    done = subprocess.run([*git, "rev-parse", "--short", "HEAD"], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL,
+                          universal_newlines=True)
+    differs = subprocess.run([*git, "diff", "--quiet", "HEAD", "--", ".", ":!docs"], stderr=subprocess.DEVNULL).returncode == 1
+    return done.stdout.strip() + ("-dirty" if differs else "")
 
 
 def write_table(name: str, command: str, made_by: str, rows: List[Dict[str, Any]]) -> Path:

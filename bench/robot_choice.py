@@ -7,12 +7,12 @@ Rooms of 6 m with doors, furniture in some of them, on maps of several sizes; in
 some metres away in the same room or the next one, or 40 m away. Each time the window is cut out and prepared again: the
 worst case, since it serves for as long as the spot stays in it. Writes docs/results/robots_choice.md.
 """
-import subprocess
 import time
 from pathlib import Path
 
 import numpy as np
 
+from result_table import revision
 from vb_core.grid_map import GridMap
 from vb_robot.dispatching.dispatch import RobotStatus
 from vb_robot.dispatching.dispatcher import RobotMap
@@ -57,10 +57,8 @@ def choice(grid: GridMap, rng: np.random.Generator, far: bool, view: FloorView) 
 
 def main() -> None:
     view = FloorView.usual()
-    revision = subprocess.run(["git", "describe", "--always", "--dirty"], cwd=str(TOP), stdout=subprocess.PIPE,
-                              universal_newlines=True).stdout.strip()
     lines = ["# What choosing a place to look from costs", "", f"`python3 bench/robot_choice.py`, {time.strftime('%Y-%m-%d', time.gmtime())}, "
-             f"revision {revision}. Processor time of one choice with a window that is cut and prepared again; {TIMES} lines and "
+             f"revision {revision()}. Processor time of one choice with a window that is cut and prepared again; {TIMES} lines and "
              "robots at random. On a computer that is busy with other things processor time grows, too.", "",
              "| map | cells | robot | median | 95 % | longest |", "|---|---|---|---|---|---|"]
     for cells, resolution in ((480, 0.025), (1000, 0.05), (4000, 0.05)):

@@ -11,7 +11,7 @@ through its driver. The judge sees where the robot truly is. Goals are drawn by 
 such that the straight line from one to the next leads through the border's area where that is possible, driven forth and
 back, so that both directions come up.
 
-The idea: simulated time waits for those who drive (the simulator's ~lockstep), so that it runs as fast as this computer
+The idea: simulated time waits for those who drive and for AMCL (the simulator's ~lockstep), so that it runs as fast as this computer
 allows, and a busy one makes drives last longer without changing them. What would change them is a cycle that move_base
 misses: each drive's row says how many it reported. A border is put before the nose while time runs slowly, because the
 services that put it there take real time; the row says how much simulated time that was.
@@ -24,7 +24,6 @@ import itertools
 import json
 import math
 import os
-import subprocess
 import sys
 import tempfile
 import threading
@@ -40,6 +39,7 @@ from geometry_msgs.msg import PoseWithCovarianceStamped
 from rosgraph_msgs.msg import Log
 from std_msgs.msg import Float64
 
+from result_table import revision
 from vb_core.errors import CodedError
 from vb_core.grid_map import distance_to
 from vb_core.ros import messages
@@ -297,15 +297,6 @@ def _interval(good: int, count: int) -> str:
         return "-"
     share = proportion(good, count)
     return f"{100 * share.low:.0f} to {100 * share.high:.0f} %"
-
-
-def revision() -> str:
-    """The commit that the drives are made with."""
-    commit = subprocess.run(["git", "rev-parse", "--short", "HEAD"], cwd=str(TOP), stdout=subprocess.PIPE,
-                            universal_newlines=True).stdout.strip()
-    # the results are written while others are driven
-    clean = subprocess.run(["git", "diff", "--quiet", "HEAD", "--", "src", "launch", "robots", "bench"], cwd=str(TOP)).returncode == 0
-    return commit if clean else f"{commit}-dirty"
 
 
 WANTED = {"round": ("reached",), "inside": ("refused",), "nose": ("reached", "refused", "time_is_up")}

@@ -13,13 +13,13 @@ Writes each run to out/bench/robot_faults.json, and docs/results/robots_faults.m
 import argparse
 import json
 import math
-import subprocess
 import sys
 import time
 from pathlib import Path
 
 import numpy as np
 
+from result_table import revision
 from robot_stand import NAVIGATION_HZ, SCAN_HZ, DrivenRobot, Every, PoseHistory, standin_navigator
 from vb_core.robot_profile import RobotProfile
 from vb_map_integration.border import VirtualBorder
@@ -147,10 +147,8 @@ def main() -> int:
 
 def write(done, times, cell) -> None:
     """The table of what has been run so far."""
-    revision = subprocess.run(["git", "describe", "--always", "--dirty"], cwd=str(TOP), stdout=subprocess.PIPE,
-                              universal_newlines=True).stdout.strip()
     lines = ["# What is lost while a robot drives", "", f"`python3 bench/robot_faults.py --times {times}`, "
-             f"{time.strftime('%Y-%m-%d', time.gmtime())}, revision {revision}. In one process with the simulated base; "
+             f"{time.strftime('%Y-%m-%d', time.gmtime())}, revision {revision()}. In one process with the simulated base; "
              "*stopped*: from the loss until both wheels rest. *Keeps driving* is right where what was lost is not needed.", "",
              "| lost | driven by | runs | stopped | median | longest | keeps driving | ran into anything | entered a border | goes on after | what it says |",
              "|---|---|---|---|---|---|---|---|---|---|---|"]

@@ -19,7 +19,6 @@ import itertools
 import json
 import os
 import shutil
-import subprocess
 import sys
 import tempfile
 import threading
@@ -34,6 +33,7 @@ from actionlib_msgs.msg import GoalStatus
 from move_base_msgs.msg import MoveBaseAction, MoveBaseGoal
 from std_msgs.msg import String
 
+from result_table import revision
 from vb_core import names
 from vb_core.errors import CodedError
 from vb_core.grid_map import distance_to
@@ -304,12 +304,12 @@ def summarise(runs: list) -> str:
     return "\n".join(lines)
 
 
-def page(runs: list, command: str) -> str:
+def page(runs: list) -> str:
     """The table with what made it, and every run that broke a rule."""
-    revision = subprocess.run(["git", "describe", "--always", "--dirty"], cwd=str(TOP), stdout=subprocess.PIPE,
-                              universal_newlines=True).stdout.strip()
+    keys = {key: " ".join(str(value) for value in sorted({run[key] for run in runs})) for key in ("scenario", "method", "seed")}
+    command = f"bench/robot_runs.py --scenarios {keys['scenario']} --methods {keys['method']} --seeds {keys['seed']}"
     lines = ["# Simulated people and a robot", "", f"`python3 {command}`, {time.strftime('%Y-%m-%d', time.gmtime())}, "
-             f"revision {revision}. *Hold*: the longest time that a person waited for the robot while drawing.", "", "```",
+             f"revision {revision()}. *Hold*: the longest time that a person waited for the robot while drawing.", "", "```",
              summarise(runs), "```", "", "Longest hold of each run, in order of its seed [s]:", ""]
     for scenario, method in sorted({(run["scenario"], run["method"]) for run in runs}):
         group = sorted((run for run in runs if (run["scenario"], run["method"]) == (scenario, method)), key=lambda run: run["seed"])
@@ -351,7 +351,7 @@ def main() -> int:
         return 1
     print(summarise(runs))
     if arguments.table:
-        (TOP / "docs" / "results" / "robots_runs.md").write_text(page(runs, "bench/robot_runs.py --scenarios corner room --methods nrs"))
+        (TOP / "docs" / "results" / "robots_runs.md").write_text(page(runs))
     return int(any(run["breaches"] for run in runs))
 
 

@@ -10,8 +10,9 @@ pictures by a few pixels per image. `--as` changes the pictures (see VARIANTS). 
 pose, and confirm nothing.
 
 All versions see the same pictures in turn: the detector as it comes; with `--left-out`, by examples that spot_training.py
-kept, one whose classifier was fitted without the clip, and the same with confirmation (then only its false spots say
-something, for most pulses are shorter than it takes); with `--other`, that of another version's packages.
+kept, one whose classifier was fitted without the clip (a fourth of all clips is left out at once); with `--confirmed` the
+same with confirmation (then only its false spots say something, for most pulses are shorter than it takes); with
+`--other`, that of another version's packages. Intervals are Wilson's for 95 %, as if frames were independent; they are not.
 
 A spot is right within 10 px (of 640 x 480) of a label of its frame. False spots are counted strictly, and without those
 within that reach of a label up to 2 frames earlier or later, where a pulse's first or last light is seen; how many of them
@@ -20,7 +21,6 @@ are in frames with a pulse that has no label is told too.
 from __future__ import annotations
 
 import argparse
-import csv
 import json
 import math
 import sys
@@ -37,11 +37,12 @@ for package in ("vb_core", "vb_laser_detect"):
     sys.path.insert(0, str(TOP / "src" / package / "src"))
 sys.path.insert(0, str(TOP / "bench"))
 
-from spot_versions import other_detector  # noqa: E402
+from spot_versions import append_rows, other_detector  # noqa: E402
 from vb_laser_detect.detector import DetectorParams, SpotDetector  # noqa: E402
-from vb_laser_detect.detection.training import fit, load_examples  # noqa: E402
+from vb_laser_detect.detection.training import fit_without, load_examples  # noqa: E402
 
 REACH_PX, FRINGE = 10.0, 2
+COUNTED = ("frames", "labels", "found", "shots", "shots_found", "false", "false_off_fringe", "false_on_unlabelled")
 ROLES = ("stationary", "mobile", "window")
 # frames with pulses that nobody labelled, looked at one by one: what is found there counts as false, and is told apart too
 UNLABELLED = {
@@ -124,7 +125,8 @@ def frames_of(clip: Path, video: dict, role: str, variant: str) -> Iterator[Tupl
             moved = window_at(index, width, height, seed)
             width, height = int(0.8 * width), int(0.8 * height)
             image = cv2.warpAffine(image, moved, (width, height), flags=cv2.INTER_CUBIC)
-            # a sensor's noise does not move with the scene
+            # a sensor's noise does not move with the scene; it is a frame's own, whichever clips were seen before
+            cv2.setRNGSeed(seed % 2**31 + index)
             image = cv2.add(image, cv2.randn(np.empty(image.shape, np.int8), 0, 1.5), dtype=cv2.CV_8U)
         labels = []
         for near in range(-FRINGE, FRINGE + 1):
@@ -211,18 +213,26 @@ def write_crops(clip: Path, places: List[Tuple[int, float, float, bool]], folder
     cv2.imwrite(str(folder / f"{clip.stem}.png"), np.vstack(rows))
 
 
-def total(clips: List[Dict[str, Any]]) -> Dict[str, Any]:
-    """The figures of several clips."""
-    sums = {key: sum(clip[key] for clip in clips)
-            for key in ("frames", "labels", "found", "shots", "shots_found", "false", "false_off_fringe", "false_on_unlabelled")}
+def interval(count: int, of: int) -> Tuple[float, float]:
+    """Of a share, with 95 % (Wilson)."""
+    if not of:
+        return math.nan, math.nan
+    z, share = 1.96, count / of
+    middle, half = share + z * z / (2 * of), z * math.sqrt(share * (1 - share) / of + z * z / (4 * of * of))
+    return max(0.0, (middle - half) / (1 + z * z / of)), min(1.0, (middle + half) / (1 + z * z / of))
+
+
+def figures(clips: Sequence[Dict[str, Any]]) -> Dict[str, Any]:
+    """The figures of one clip, or of several."""
+    sums = {key: sum(clip[key] for clip in clips) for key in COUNTED}
     errors = [error for clip in clips for error in clip["errors"]]
+    recall, false = interval(sums["found"], sums["labels"]), interval(sums["false"], sums["frames"])
     return {
-        **sums, "frame_recall": round(sums["found"] / max(1, sums["labels"]), 4),
-        "shot_recall": round(sums["shots_found"] / max(1, sums["shots"]), 4),
-        "false_per_1000": round(1e3 * sums["false"] / max(1, sums["frames"]), 2),
-        "false_off_fringe_per_1000": round(1e3 * sums["false_off_fringe"] / max(1, sums["frames"]), 2),
+        **sums, "recall": round(sums["found"] / max(1, sums["labels"]), 4), "recall_low": round(recall[0], 3),
+        "recall_high": round(recall[1], 3), "false_per_1000": round(1e3 * sums["false"] / max(1, sums["frames"]), 2),
+        "false_low": round(1e3 * false[0], 2), "false_high": round(1e3 * false[1], 2),
         "median_error_px": round(float(np.median(errors)), 3) if errors else None,
-        "ms_per_frame": round(sum(clip["ms"] * clip["frames"] for clip in clips) / max(1, sums["frames"]), 3),
+        "ms_per_frame": round(sum(clip["ms"] * clip["frames"] for clip in clips) / max(1, sums["frames"]), 2),
     }
 
 
@@ -233,47 +243,44 @@ def main() -> int:
     parser.add_argument("--as", nargs="+", default=["plain"], dest="variants", choices=list(VARIANTS) + ["all"])
     parser.add_argument("--clips", nargs="+", default=[""], metavar="WORD", help="only clips with a WORD in their name")
     parser.add_argument("--left-out", nargs="+", type=Path, metavar="EXAMPLES")
+    parser.add_argument("--confirmed", action="store_true", help="also with confirmation")
     parser.add_argument("--other", type=Path, metavar="SRC", help="folder of another version's packages")
-    parser.add_argument("--csv", type=Path, help="append a row for each role, variant and version")
+    parser.add_argument("--csv", type=Path, help="append a row for each role, variant, version and clip, and for all clips")
     parser.add_argument("--crops", type=Path, metavar="DIR", help="pictures of all false spots of a camera that stands")
     given = parser.parse_args()
     cv2.setNumThreads(1)
     videos = sorted(json.loads((given.folder / "labels.json").read_text())["videos"].items())
+    judges = fit_without(load_examples(given.left_out), [name for name, _ in videos], 4) if given.left_out else {}
     videos = [(name, video) for name, video in videos if any(word in name for word in given.clips)]
-    judges = {}
-    if given.left_out:
-        examples = load_examples(given.left_out)
-        judges = {name: fit(examples.without(name)) for name, _ in videos}
     for variant in VARIANTS if "all" in given.variants else given.variants:
         for role in given.roles:
-            preset = "stationary" if role == "stationary" else "mobile"
-            at_once, clips = getattr(DetectorParams, preset)(confirm_frames=1), {}
+            preset, clips = "stationary" if role == "stationary" else "mobile", {}
+            confirmed = getattr(DetectorParams, preset)()
+            at_once = confirmed.replace(confirm_frames=1)
             for name, video in videos:
-                detectors = {"this": SpotDetector(at_once)}
+                detectors = {"as it comes": SpotDetector(at_once)}
                 if judges:
                     detectors["left out"] = SpotDetector(at_once, judges[name])
-                    detectors["left out, confirmed"] = SpotDetector(getattr(DetectorParams, preset)(), judges[name])
+                if given.confirmed:
+                    detectors[("left out" if judges else "as it comes") + ", confirmed"] = SpotDetector(confirmed, judges.get(name))
                 if given.other:
                     params, detector = other_detector(given.other)[0]
                     detectors["other"] = detector(getattr(params, preset)(confirm_frames=1))
                 for version, c in measure(given.folder, name, video, role, variant, detectors).items():
                     clips.setdefault(version, []).append(c)
-                    print(f"  {name if version == 'this' else '    ' + version:46s} frames {c['found']:3d}/{c['labels']:3d} "
+                    print(f"  {name if version == 'as it comes' else '    ' + version:46s} frames {c['found']:3d}/{c['labels']:3d} "
                           f"shots {c['shots_found']:2d}/{c['shots']:2d} false {c['false']:3d} ({c['false_off_fringe']:3d}) "
                           f"{c['ms']:.1f} ms {c['places'][:12]}", flush=True)
-                    if given.crops and c["places"] and role != "window" and variant == "plain" and version == "this":
+                    if given.crops and c["places"] and role != "window" and variant == "plain" and version == "as it comes":
                         write_crops(given.folder / "clips" / name, c["places"], given.crops)
-            rows = [{"version": version, "role": role, "pictures": variant, **total(counts)}
-                    for version, counts in clips.items()]
+            rows = [{"role": role, "pictures": variant, "version": version, "clip": name, **figures(part)}
+                    for version, counts in clips.items()
+                    for name, part in [("all", counts)] + [(one["clip"], [one]) for one in counts]]
             for row in rows:
-                print(json.dumps(row), flush=True)
+                if row["clip"] == "all":
+                    print(json.dumps(row), flush=True)
             if given.csv:
-                new = not given.csv.exists()
-                with given.csv.open("a", newline="", encoding="utf-8") as file:
-                    writer = csv.DictWriter(file, list(rows[0]))
-                    if new:
-                        writer.writeheader()
-                    writer.writerows(rows)
+                append_rows(given.csv, rows)
     return 0
 
 

@@ -11,7 +11,6 @@ time is that of the thread, so that other programs disturb both alike.
 from __future__ import annotations
 
 import argparse
-import csv
 import json
 import sys
 import time
@@ -24,9 +23,10 @@ import numpy as np
 TOP = Path(__file__).resolve().parent.parent
 for package in ("vb_core", "vb_laser_detect"):
     sys.path.insert(0, str(TOP / "src" / package / "src"))
-sys.path.insert(0, str(TOP / "src" / "vb_laser_detect" / "test"))
+sys.path[:0] = [str(TOP / "src" / "vb_laser_detect" / "test"), str(TOP / "bench")]
 
 from scenes import RED, Scene  # noqa: E402
+from spot_versions import append_rows  # noqa: E402
 from vb_laser_detect.detector import DetectorParams, SpotDetector  # noqa: E402
 
 PERIOD_S = 0.04
@@ -95,53 +95,47 @@ def measure_time(frames: int) -> Dict[str, Any]:
 
 
 def measure_scenes(
-    words: List[str], seed: int, other: Optional[Path], left_out: List[Path], share: float, without: List[str],
+    words: List[str], seed: int, other: Optional[Path], left_out: List[Path], share: float, without: List[str], table: Optional[Path],
 ) -> Dict[str, Any]:
     """Recall, false spots and errors on the floor in rendered scenes; prints each as it is done.
 
     Args:
         share: of each scene's time that is played.
+        table: gets a row for each scene and version.
         without: no scenes with one of these words in their names.
         other: folder of another version's packages, which see the same pictures.
-        left_out: examples that spot_training.py kept: the scenes are also searched with classifiers fitted without them.
+        left_out: examples that spot_training.py kept: the scenes are also searched with classifiers fitted without
+            them, a fifth of all at once.
     """
     from spot_scenes import Camera, CameraModels, Rooms, ceiling_scenes, lab, mobile_scenes, play
-    from vb_laser_detect.detection.training import fit, load_examples
-
-    examples = load_examples(left_out) if left_out else None
+    from vb_laser_detect.detection.training import fit_without, load_examples
 
     result: Dict[str, Any] = {}
     room, rooms = lab(), Rooms(CameraModels(), seed)
     print(f"{'scene':52s} recall  false/h  error on the floor [mm]: median, 95 % (and with pose errors)")
-    for scene in ceiling_scenes(room) + mobile_scenes(room):
+    scenes = ceiling_scenes(room) + mobile_scenes(room)
+    groups = [("robot: " if scene.mobile else "ceiling: ") + scene.name for scene in scenes]
+    judges = fit_without(load_examples(left_out), groups, 5) if left_out else {}
+    for scene, group in zip(scenes, groups):
         name = ("robot's camera: " if scene.mobile else "") + scene.name
         if words and not any(word in name for word in words) or any(word in name for word in without):
             continue
         cameras = {"this": Camera(scene, rooms)}
-        if examples is not None:
-            group = ("robot: " if scene.mobile else "ceiling: ") + scene.name
-            cameras["left out"] = Camera(scene, rooms, judge=fit(examples.without(group)))
+        if judges:
+            cameras["left out"] = Camera(scene, rooms, judge=judges[group])
         if other is not None:
             cameras["other"] = Camera(scene, rooms, other)
         for version, outcome in zip(cameras, play(scene, list(cameras.values()), share)):
             figures = outcome.summary()
+            if table is not None:
+                append_rows(table, [{"scene": name, "version": version, "seed": seed, "share": share,
+                                     **{key: figures[key] for key in ("frames", "visible_frames", "false_spots", *SCENE_FIGURES)},
+                                     "missed_because": " ".join(f"{code}:{n}" for code, n in figures["missed_because"].items())}])
             result.setdefault(name, {})[version] = figures
             numbers = [np.nan if figures[key] is None else figures[key] for key in SCENE_FIGURES]
             print("{:52s} {:6.3f} {:8.0f} {:8.1f} {:6.1f} ({:.1f}, {:.1f})".format(
                 name if version == "this" else f"    {version}", *numbers), figures["missed_because"] or "", flush=True)
     return result
-
-
-def write_scenes(scenes: Dict[str, Any], path: Path, seed: int) -> None:
-    """A row for each scene and version."""
-    columns = ("visible_frames", *SCENE_FIGURES, "false_spots", "missed_because")
-    with path.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.writer(file)
-        writer.writerow(("scene", "version", "seed", *columns))
-        for name, versions in scenes.items():
-            for version, figures in versions.items():
-                why = " ".join(f"{code}:{count}" for code, count in figures["missed_because"].items())
-                writer.writerow((name, version, seed, *(figures[key] for key in columns[:-1]), why))
 
 
 def measure_quiet(minutes: float, seed: int) -> Dict[str, Any]:
@@ -166,22 +160,22 @@ def main() -> int:
     parser.add_argument("--other", type=Path, help="folder of another version's packages, for --scenes: on the same pictures")
     parser.add_argument("--left-out", nargs="+", type=Path, default=[], metavar="EXAMPLES",
                         help="for --scenes: also with classifiers fitted without the scene, by what spot_training.py kept")
-    parser.add_argument("--csv", type=Path, help="write the scenes as a table")
+    parser.add_argument("--csv", type=Path, help="append the scenes to a table")
     parser.add_argument("--out", type=Path, default=TOP / "out" / "bench" / "spot_detection.json")
+    parser.add_argument("--no-times", action="store_true")
     arguments = parser.parse_args()
     if arguments.frames < 10:
         parser.error("--frames must be at least 10")
     cv2.setNumThreads(1)
-    result: Dict[str, Any] = {"time_per_1080p_frame": measure_time(arguments.frames)}
-    timing = result["time_per_1080p_frame"]
-    for name in ("authors_bgr8", "bgr8", "bayer_rggb8"):
+    result: Dict[str, Any] = {} if arguments.no_times else {"time_per_1080p_frame": measure_time(arguments.frames)}
+    timing = result.get("time_per_1080p_frame")
+    for name in ("authors_bgr8", "bgr8", "bayer_rggb8") if timing else ():
         print(f"{name:14s} {timing[name]['median_ms']:6.2f} ms per 1080p frame (95th percentile {timing[name]['p95_ms']:.2f})")
-    print(f"faster than the authors' design: {timing['times_faster_bgr8']:.1f} times (bgr8), {timing['times_faster_bayer_rggb8']:.1f} times (Bayer)")
+    if timing:
+        print(f"faster than the authors' design: {timing['times_faster_bgr8']:.1f} times (bgr8), {timing['times_faster_bayer_rggb8']:.1f} times (Bayer)")
     if arguments.scenes is not None:
         result["scenes"] = measure_scenes(arguments.scenes, arguments.seed, arguments.other, arguments.left_out, arguments.share,
-                                          arguments.without)
-        if arguments.csv:
-            write_scenes(result["scenes"], arguments.csv, arguments.seed)
+                                          arguments.without, arguments.csv)
     if arguments.quiet:
         result["no_laser"] = measure_quiet(arguments.quiet, arguments.seed)
         for name, figures in result["no_laser"].items():

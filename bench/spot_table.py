@@ -11,8 +11,6 @@ under the camera, for lenses; the others errors in the image [px].
 from __future__ import annotations
 
 import argparse
-import contextlib
-import csv
 import math
 import sys
 from pathlib import Path
@@ -27,7 +25,7 @@ for package in ("vb_core", "vb_laser_detect"):
 sys.path[:0] = [str(TOP / "bench"), str(TOP / "src/vb_laser_detect/test")]
 
 from scenes import GREEN, RED, Scene  # noqa: E402
-from spot_versions import other_detector  # noqa: E402
+from spot_versions import append_rows, other_detector  # noqa: E402
 from vb_core import geometry  # noqa: E402
 from vb_core.camera_model import CameraModel  # noqa: E402
 from vb_laser_detect.detector import DetectorParams, SpotDetector  # noqa: E402
@@ -170,23 +168,18 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--other", type=Path, metavar="SRC")
     parser.add_argument("--rows", nargs="+", default=[""], metavar="WORD", help="only rows with a WORD in their name")
-    parser.add_argument("--csv", type=Path)
+    parser.add_argument("--csv", type=Path, help="append rows")
     given = parser.parse_args()
     cv2.setNumThreads(1)
-    with contextlib.ExitStack() as stack:
-        writer = None
-        for row, role in ((row, role) for row in rows() for role in ("ceiling", "robot")):
-            if not any(word in row.name for word in given.rows) or role == "robot" and row.width > 1920:
-                continue
-            for version, figures in measure(row, role, given.other).items():
-                line = {"camera": row.name, "role": role, "version": version, **figures}
-                print(*line.values(), sep="  ", flush=True)
-                if given.csv and writer is None:
-                    file = stack.enter_context(given.csv.open("w", newline="", encoding="utf-8", buffering=1))
-                    writer = csv.DictWriter(file, list(line))
-                    writer.writeheader()
-                if writer is not None:
-                    writer.writerow(line)
+    for row, role in ((row, role) for row in rows() for role in ("ceiling", "robot")):
+        if not any(word in row.name for word in given.rows) or role == "robot" and row.width > 1920:
+            continue
+        lines = [{"camera": row.name, "role": role, "version": version, **figures}
+                 for version, figures in measure(row, role, given.other).items()]
+        for line in lines:
+            print(*line.values(), sep="  ", flush=True)
+        if given.csv:
+            append_rows(given.csv, lines)
     return 0
 
 

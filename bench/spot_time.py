@@ -4,8 +4,7 @@
     bench/spot_time.py [--other SRC] [--rounds 6] [--cases WORD ...]
 
 Two processes search the same rendered images in turn, ten at a time, each on one thread; times are the thread's own, so that
-what else runs disturbs both alike. Writes out/bench/spot_time.json: median per image [ms], and the median of the ratios of
-paired rounds.
+what else runs disturbs both alike. Tells the median per image [ms], and the median of the ratios of paired rounds.
 """
 from __future__ import annotations
 
@@ -19,6 +18,8 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+
+from spot_versions import append_rows
 
 TOP = Path(__file__).resolve().parent.parent
 IMAGES = 10
@@ -74,7 +75,7 @@ def main() -> int:
     parser.add_argument("--other", type=Path, help="folder of another version's packages")
     parser.add_argument("--cases", nargs="+", default=[""], metavar="WORD", help="only cases with a WORD in their name")
     parser.add_argument("--rounds", type=int, default=6)
-    parser.add_argument("--out", type=Path, default=TOP / "out/bench/spot_time.json")
+    parser.add_argument("--csv", type=Path, help="append rows")
     parser.add_argument("--work", nargs=2, type=Path, help=argparse.SUPPRESS)
     given = parser.parse_args()
     if given.work:
@@ -100,11 +101,11 @@ def main() -> int:
             if given.other:
                 result[case]["this_over_other"] = round(float(np.median(medians["this"] / medians["other"])), 3)
             print(case, result[case], flush=True)
+            if given.csv:
+                append_rows(given.csv, [{"case": case, "rounds": given.rounds, **result[case]}])
         for worker in workers.values():
             worker.stdin.close()
             worker.wait()
-    given.out.parent.mkdir(parents=True, exist_ok=True)
-    given.out.write_text(json.dumps(result, indent=2) + "\n")
     return 0
 
 

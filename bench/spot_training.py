@@ -1,12 +1,16 @@
 #!/usr/bin/env python3
 """Trains the spot classifier on rendered scenes, labelled clips and recordings of one's own cameras.
 
-    bench/spot_training.py --scenes 0.2 [--clips DIR ...] [--recording BAG TOPIC ...] --out FILE
-    bench/spot_training.py --scenes 0.2 --keep scenes.npz       keeps the examples, for
-    bench/spot_training.py --from scenes.npz [...] --out FILE
+    bench/spot_training.py --clips DIR --out FILE      makes the classifier that comes with the package, with DIR as
+                                                       bench/spot_clips.py takes it; the clips are not part of the project
+    bench/spot_training.py --out FILE                  from rendered scenes alone: says so in the file, and is the worse
+                                                       for it on real pictures
+    ... --recording BAG TOPIC                          with one's own camera; may be repeated
+    ... --keep FILE.npz, --from FILE.npz ...           keeps the examples; starts from kept ones instead of scenes
 
-Without clips or recordings it learns from rendered scenes alone, says so in the file, and is the worse for it on real
-pictures. Validates on clips and scenes that were left out, each as a whole. DIR as bench/spot_clips.py takes it.
+Validates on clips, scenes and recordings that were left out, each as a whole. --compare FILE tells how far the result is
+from another classifier's numbers: everything is seeded, so on one machine it is the same; another processor may round
+rendered images differently.
 
 A recording holds the images TOPIC and clicks TOPIC_mouse_left, which rqt_image_view publishes. Until 3 s before the first
 click there must be no laser: people may walk, lights be switched. Then hold the spot still on some places, and click on it
@@ -27,36 +31,34 @@ TOP = Path(__file__).resolve().parent.parent
 for package in ("vb_core", "vb_laser_detect", "vb_sim"):
     sys.path.insert(0, str(TOP / "src" / package / "src"))
 sys.path.insert(0, str(TOP / "bench"))
-sys.path.insert(0, str(TOP / "src" / "vb_laser_detect" / "test"))
 
 import spot_clips  # noqa: E402
-from scenes import GREEN, RED, Scene, tinted  # noqa: E402
+from vb_laser_detect.detection import classifier  # noqa: E402
 from vb_laser_detect.detector import DetectorParams  # noqa: E402
-from vb_laser_detect.detection.training import Examples, Frame, collect, fit, load_examples, save, save_examples, validate  # noqa: E402
+from vb_laser_detect.detection.training import (  # noqa: E402
+    Examples, Frame, collect, fit, load_examples, logits, save, save_examples, validate)
 
-VARIANTS = {"stationary": ("plain",), "window": ("plain",)}
+SCENES_SHARE, SCENES_SEED = 0.2, 7  # of each scene's time; other rooms than spot_detection's
 NEAR_FRAMES, FIRST_FRAMES = 8, 60  # of long clips those near a shot, and the first ones, tell enough
 SCENE_REACH_PX = 14.0
 
 
-def from_clip(folder: Path, name: str, video: dict, role: str, variant: str) -> Examples:
-    """Examples of one clip in a role; see spot_clips."""
-    size = spot_clips.VARIANTS[variant][1] * max(1.0, video["width"] / 640.0)
-    skipped, step = spot_clips.UNLABELLED.get(name, ()), spot_clips.VARIANTS[variant][2]
+def from_clip(folder: Path, name: str, video: dict) -> Examples:
+    """Examples of one clip, seen by a camera that stands still: what it sees moving is only judged by."""
+    size, skipped = max(1.0, video["width"] / 640.0), spot_clips.UNLABELLED.get(name, ())
 
     def frames() -> Iterator[Frame]:
         shots = np.array([one["frame"] for one in video["labels"]])
-        for number, (stamp, image, labels) in enumerate(spot_clips.frames_of(folder / "clips" / name, video, role, variant)):
+        for number, (stamp, image, labels) in enumerate(spot_clips.frames_of(folder / "clips" / name, video, "stationary", "plain")):
             if len(shots) and number > FIRST_FRAMES and np.abs(shots - number).min() > NEAR_FRAMES:
                 continue
             here = [(one["x"], one["y"]) for one in labels if not one["near"]]
             near = [(one["x"], one["y"]) for one in labels if one["near"]]
-            if number * step in skipped:
+            if number in skipped:
                 near += [(u, v) for u in range(0, 1280, 8) for v in range(0, 720, 8)]
             yield Frame(stamp, image, here, near)
 
-    preset = DetectorParams.stationary if role == "stationary" else DetectorParams.mobile
-    return collect(frames(), preset(confirm_frames=1), name, spot_clips.REACH_PX * size)
+    return collect(frames(), DetectorParams.stationary(confirm_frames=1), name, spot_clips.REACH_PX * size)
 
 
 def from_recording(bag_file: str, topic: str) -> Examples:
@@ -86,59 +88,6 @@ def from_recording(bag_file: str, topic: str) -> Examples:
 
         preset = DetectorParams.stationary(confirm_frames=1)
         return collect(frames(), preset, f"recording: {Path(bag_file).name}", SCENE_REACH_PX, encoding)
-
-
-def from_sketches(seed: int, images: int = 60) -> Iterator[Examples]:
-    """Examples of plain floors with things that are no spot, and in every second image a spot: cheap, and many kinds.
-
-    White glints stand among Bayer images only: a webcam's spots look like them.
-    """
-    random = np.random.default_rng(seed)
-
-    def walker(scene: Scene, floor: np.ndarray, i: int, way: np.ndarray) -> None:
-        x = int(way[0] * 6 * i)
-        floor[100 + int(60 * way[1]) : 230, x : x + 40 + int(40 * way[2])] = 90 * way[3:6]
-        floor[150:190, x + 12 : x + 45] = 60 + 120 * way[6:9]
-
-    def legs(scene: Scene, floor: np.ndarray, i: int, way: np.ndarray) -> None:
-        for number in range(2):
-            x = int(40 + 500 * way[number] + 30 * np.sin(0.3 * i + number))
-            floor[40 + int(80 * way[2 + number]) :, x : x + 30] *= 0.15 + 0.2 * way[4]
-
-    def papers(scene: Scene, floor: np.ndarray, i: int, way: np.ndarray) -> None:
-        for number in range(6):
-            x, y, size = int(40 + 540 * way[number]), int(30 + 280 * way[number + 1]), 5 + int(60 * way[number + 2] ** 2)
-            if (i + 7 * number) % 24 < 12:
-                floor[y : y + size, x : x + int(size * (0.8 + way[number + 3]))] = (20, 190, 240, 250)[number % 4]
-
-    def nothing(scene: Scene, floor: np.ndarray, i: int, way: np.ndarray) -> None:
-        pass
-
-    for name, change in (("walker", walker), ("legs", legs), ("papers", papers), ("glints", nothing)):
-        for bayer in (False, True):
-            if name == "glints" and not bayer:
-                continue
-            scene = tinted(Scene(seed=seed, brightness=random.uniform(50, 160)))
-            plain, glow, way = scene.floor.copy(), random.uniform(0.5, 4.0, 3), random.uniform(0, 1, 12)
-
-            def frames() -> Iterator[Frame]:
-                for i in range(images):
-                    floor = plain.copy()
-                    if i >= 6:
-                        change(scene, floor, i, way)
-                    spot = tuple(random.uniform((30, 30), (610, 330)))
-                    lit = i >= 6 and i % 2 == 0
-                    image = scene.render([spot] if lit else [], random.uniform(0.9, 4.0), random.uniform(150, 500),
-                                         (RED, GREEN)[i // 2 % 2], floor=floor, bayer=bayer)
-                    if name == "glints" and i >= 6:
-                        for number in range(3):
-                            place = (60 + 170 * number + 9.3 * i * way[number] % 160, 40 + 250 * way[3 + number] + 2.1 * i)
-                            image = np.maximum(image, scene.render(
-                                [place], glow[number], random.uniform(150, 900), (1.0, 1.0, 1.0), floor=floor, bayer=bayer))
-                    yield Frame(0.04 * i, image, [spot] if lit else [])
-
-            yield collect(frames(), DetectorParams.stationary(confirm_frames=1), f"sketch: {name}{' bayer' * bayer}", 6.0,
-                          "bayer_rggb8" if bayer else "bgr8")
 
 
 def from_scenes(share: float, seed: int) -> Iterator[Examples]:
@@ -171,41 +120,21 @@ def _rendered(scenes: Any, scene: Any, rooms: Any, share: float) -> Any:
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--clips", type=Path, nargs="*", default=[], metavar="DIR")
+    parser.add_argument("--clips", type=Path, metavar="DIR")
     parser.add_argument("--recording", nargs=2, action="append", default=[], metavar=("BAG", "TOPIC"))
-    parser.add_argument("--scenes", type=float, default=0.0, metavar="SHARE", help="of each scene's time; 0: none")
-    parser.add_argument("--sketches", type=int, default=0, metavar="N", help="so many rounds of plain floors with things on them")
-    parser.add_argument("--seed", type=int, default=7, help="of the rendered rooms")
+    parser.add_argument("--from", type=Path, nargs="+", dest="kept", help="examples that were kept, instead of rendered scenes")
     parser.add_argument("--keep", type=Path, help="write the examples")
-    parser.add_argument("--from", type=Path, nargs="*", default=[], dest="kept", help="examples that were kept")
     parser.add_argument("--out", type=Path, help="write the classifier")
+    parser.add_argument("--compare", type=Path, help="with a classifier of an earlier run")
     parser.add_argument("--no-validation", action="store_true")
     given = parser.parse_args()
     cv2.setNumThreads(1)
     parts: List[Examples] = []
-    if given.kept:
-        parts.append(load_examples(given.kept))
-    for folder in given.clips:
-        videos = sorted(json.loads((folder / "labels.json").read_text())["videos"].items())
-        for name, video in videos:
-            for role, variants in VARIANTS.items():
-                for variant in variants:
-                    parts.append(from_clip(folder, name, video, role, variant))
-                    print(f"{name:46s} {role:10s} {variant:14s} {parts[-1].truth.sum():5d} spots of {len(parts[-1].truth)}",
-                          flush=True)
-    for bag, topic in given.recording:
-        parts.append(from_recording(bag, topic))
-        print(f"{bag} {topic}: {parts[-1].truth.sum()} spots of {len(parts[-1].truth)}", flush=True)
-    if given.sketches:
-        for part in (part for number in range(given.sketches) for part in from_sketches(given.seed + number)):
+    for part in examples_of(given):
+        if len(part.truth):
             parts.append(part)
-            print(f"{part.groups[0]:60s} {part.truth.sum():5d} spots of {len(part.truth)}", flush=True)
-    if given.scenes:
-        for part in from_scenes(given.scenes, given.seed):
-            if len(part.truth):
-                parts.append(part)
-                print(f"{part.groups[0]:60s} {part.truth.sum():5d} spots of {len(part.truth)}", flush=True)
-    examples = Examples.joined([part for part in parts if len(part.truth)])
+            print(f"{', '.join(np.unique(part.groups)[:1])[:60]:60s} {part.truth.sum():5d} spots of {len(part.truth)}", flush=True)
+    examples = Examples.joined(parts)
     if given.keep:
         save_examples(examples, given.keep)
     print(f"{len(examples.truth)} examples, {examples.truth.sum()} spots, {len(np.unique(examples.groups))} clips and scenes")
@@ -216,9 +145,35 @@ def main() -> int:
     if given.out:
         names = [str(name) for name in np.unique(examples.groups)]
         kinds = [name.split(":")[0] if ":" in name else "clip" for name in names]
-        save(fit(examples), given.out, ", ".join(f"{kinds.count(kind)} of kind '{kind}'" for kind in sorted(set(kinds))))
+        trained_on = ", ".join(f"{kinds.count(kind)} of kind '{kind}'" for kind in sorted(set(kinds)))
+        save(fit(examples), given.out, trained_on + ("" if "clip" in kinds else "; without clips of real cameras"))
         print(f"written to {given.out}")
+        if given.compare:
+            compare(classifier.load(str(given.out)), classifier.load(str(given.compare)), examples)
     return 0
+
+
+def examples_of(given: argparse.Namespace) -> Iterator[Examples]:
+    """The examples that the command asks for."""
+    if given.kept:
+        yield load_examples(given.kept)
+    else:
+        yield from from_scenes(SCENES_SHARE, SCENES_SEED)
+    if given.clips:
+        for name, video in sorted(json.loads((given.clips / "labels.json").read_text())["videos"].items()):
+            yield from_clip(given.clips, name, video)
+    for bag, topic in given.recording:
+        yield from_recording(bag, topic)
+
+
+def compare(made: classifier.SpotClassifier, other: classifier.SpotClassifier, examples: Examples) -> None:
+    """Prints how much two classifiers differ."""
+    same = made.intercept == other.intercept and set(made.curves) == set(other.curves) and all(
+        np.array_equal(made.curves[name][part], other.curves[name][part]) for name in made.curves for part in (0, 1))
+    scores = logits(made, examples), logits(other, examples)
+    print(f"{'the same numbers' if same else 'other numbers'} as the one compared with: logits differ by up to "
+          f"{np.abs(scores[0] - scores[1]).max():.3f}, {int(((scores[0] > 0) != (scores[1] > 0)).sum())} of "
+          f"{len(scores[0])} examples are judged otherwise")
 
 
 if __name__ == "__main__":

@@ -1,13 +1,14 @@
 """check_lab's judgement: each mistake that people made is named, with what cures it."""
 import dataclasses
 
+import numpy as np
 import pytest
 
 from vb_bringup.lab import (
     CameraInfoSeen, CameraSeen, Line, MapSeen, NavigationSeen, RobotSeen, State, check_cameras, check_disk,
     check_launch_arguments, check_map, check_navigation, check_robot, notices, worst,
 )
-from vb_bringup.lab_monitor import LabMonitor
+from vb_bringup.lab_monitor import CameraComparison, LabMonitor
 from vb_core import sentences
 from vb_core.notices import Severity
 
@@ -131,6 +132,7 @@ def test_people_are_told_of_errors_that_nobody_else_tells():
 
 
 def test_a_full_disk_is_an_error():
+    assert check_disk("/x", 9000.0, writable=False).code == "lab_disk_read_only"
     assert check_disk("/x", 10.0).state is State.ERROR and check_disk("/x", 9000.0).state is State.OK
 
 
@@ -193,3 +195,23 @@ def test_spots_without_a_pose_are_told():
         watch.hear("north", now * 15, {"no_transform": now * 3}, float(now))
         watch.hear("south", now * 15, {"no_camera_info": now * 3}, float(now))
     assert {(n.code, n.camera) for n in watch.notices(4.0)} == {("camera_no_pose", "north"), ("camera_no_lens", "south")}
+
+
+def test_cameras_that_see_the_laser_at_different_places_are_named_until_they_agree():
+    comparison, random = CameraComparison(), np.random.default_rng(5)
+
+    def draw(began, off):
+        """Half a minute of drawing where all three see it; the images of none come with those of another."""
+        for camera, late, moved in (("north", 0.0, 0.0), ("south", 0.05, off), ("east", 0.02, 0.0)):
+            for t in np.arange(began, began + 30.0, 0.12) + late:
+                x, y = 2.0 + 0.5 * np.cos(0.4 * t) + moved, 1.0 + 0.5 * np.sin(0.4 * t)
+                comparison.hear(camera, t, *(np.array([x, y]) + random.normal(0.0, 0.02, 2)))
+
+    draw(100.0, 0.02)
+    assert comparison.notices(131.0) == []
+    draw(200.0, 0.6)
+    found = comparison.notices(231.0)
+    assert {(one.values["first"], one.values["second"]) for one in found} == {("east", "south"), ("north", "south")}
+    assert {one.code for one in found} == {"cameras_disagree"} and all(50 < int(one.values["cm"]) < 70 for one in found)
+    draw(300.0, 0.0)  # calibrated again
+    assert comparison.notices(331.0) == []

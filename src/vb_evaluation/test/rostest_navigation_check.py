@@ -5,6 +5,7 @@ import unittest
 
 import rospy
 import rostest
+from nav_msgs.msg import OccupancyGrid
 
 from vb_core import names
 from vb_core.errors import CodedError
@@ -20,6 +21,10 @@ class NavigationCheckTest(unittest.TestCase):
     def setUpClass(cls):
         rospy.init_node("test_navigation_check")
         node.wait_for_clock()
+        # the command takes them for granted: it is given beside a system that runs
+        for service in ("/move_base/make_plan", "/miswired/move_base/make_plan", names.ADD_BORDER, names.LIST_BORDERS):
+            rospy.wait_for_service(service, 120.0)
+        rospy.wait_for_message(names.MAP_WITH_BORDERS, OccupancyGrid, 120.0)
 
     @classmethod
     def tearDownClass(cls):

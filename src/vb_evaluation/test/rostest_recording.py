@@ -24,7 +24,7 @@ from vb_evaluation.kit.recording import Recording
 from vb_msgs.msg import InteractionState, LaserSpot
 from vb_msgs.srv import Command
 
-DEADLINE = 40.0  # [s] for a loaded machine
+DEADLINE = 120.0  # [s] for a loaded machine
 SQUARE = np.array([[1.0, 1.0], [2.5, 1.0], [2.5, 2.0], [1.0, 2.0]])
 
 

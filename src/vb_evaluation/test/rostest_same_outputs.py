@@ -52,7 +52,7 @@ class Session:
 
     def wait_until(self, holds):
         """Waits in ROS time."""
-        until = rospy.get_time() + 20.0
+        until = rospy.get_time() + 120.0
         while not holds():
             if rospy.get_time() > until:
                 raise AssertionError("waited in vain")
@@ -114,7 +114,7 @@ def in_one_process():
         graph.start(Node("/clock", {}), clock)
         start_launch(graph, top() / "launch" / "parts" / "borders.launch", {"state": state, "robot_frame": "", "record": "false"})
         graph.start(Node("/test", {}), lambda: results.append(Session().run()))
-        scheduler.run(lambda: bool(results), scheduler.now_ns + 120 * 10**9)
+        scheduler.run(lambda: bool(results), scheduler.now_ns + 600 * 10**9)
     return results[0]
 
 

@@ -131,7 +131,7 @@ def test_protocol_round_trip_and_spreadsheets(tmp_path):
         "p1;1;nrs;room;a;yes;fine\np2;1;nrs;room;;;ill\n;;;;;;\n",
         encoding="utf-8",
     )
-    assert protocol.read(path) == [protocol.Entry("p1", "nrs", "room", "a", True, "", "fine", 1)]
+    assert protocol.read(path) == [protocol.Entry("p1", "nrs", "room", "a", True, "fine", 1)]
 
 
 @pytest.mark.parametrize(
@@ -140,6 +140,7 @@ def test_protocol_round_trip_and_spreadsheets(tmp_path):
         ("participant,method\n", "scenario"),
         ("participant,method,scenario,recording,completed\np,nrs,room,a,perhaps\n", "line 2: completed"),
         ("participant,method,scenario,recording\np,nrs,room,a\np,nrs,room,b\n", "lines 2 and 3"),
+        ("participant,method,scenario,recording\np,nrs,room,a\nq,nrs,room,a\n", "lines 2 and 3"),
         ("participant,method,scenario,recording\np,,room,a\n", "line 2: method is empty"),
     ],
 )
@@ -211,8 +212,8 @@ def test_measures_of_one_recording_per_run(study):
     Lab(study / "c", grid).interaction("ic", *exact, seed=(3.2, 2.0))
     Lab(study / "d", grid)
     (study / "protocol.csv").write_text(
-        "participant,order,method,scenario,recording,completed,interaction,note\n"
-        "p1,1,nrs,carpet,a,,,\np1,2,robot_only,carpet,b,yes,,slow\np2,1,nrs,carpet,c,,,\np2,2,robot_only,carpet,d,,,\n"
+        "participant,order,method,scenario,recording,completed,note\n"
+        "p1,1,nrs,carpet,a,,\np1,2,robot_only,carpet,b,yes,slow\np2,1,nrs,carpet,c,,\np2,2,robot_only,carpet,d,,\n"
     )
     rows, notes = rows_of(study)
     assert [row["participant"] + row["method"] for row in rows] == ["p1nrs", "p1robot_only", "p2nrs", "p2robot_only"]
@@ -227,28 +228,6 @@ def test_measures_of_one_recording_per_run(study):
     assert rows[1]["interaction"] == "ib" and rows[3]["time_total_s"] == "" and rows[1]["note"] == "slow"
     assert any("method:=nrs" in note for note in notes) and any("nothing was begun" in note for note in notes)
     assert json.loads((study / "out" / "study.json").read_text())["people"] is True
-
-
-def test_several_runs_in_one_recording(study):
-    grid = room()
-    Lab(study / "a", grid).interaction("i1", (0.751, 0.251), (2.249, 1.249)).interaction("i2", (1.0, 1.6), (2.0, 2.4))
-    (study / "protocol.csv").write_text("participant,method,scenario,recording\np1,nrs,carpet,a\np1,nrs,room,a\n")
-    rows, notes = rows_of(study)
-    # the second border is measured alone, though the first one still acts on its map
-    assert (
-        [row["interaction"] for row in rows] == ["i1", "i2"]
-        and float(rows[1]["jaccard"]) == 0.0
-        and rows[1]["saved"] == "1"
-    )
-    Lab(study / "b", grid).interaction("i1").interaction("i2").interaction("i3", save=False)
-    (study / "protocol.csv").write_text("participant,method,scenario,recording\np1,nrs,carpet,b\np1,nrs,room,b\n")
-    with pytest.raises(CodedError) as caught:
-        rows_of(study)
-    assert "i1, i2, i3" in str(caught.value) and "interaction" in str(caught.value)
-    (study / "protocol.csv").write_text(
-        "participant,method,scenario,recording,interaction\np1,nrs,carpet,b,i2\np1,nrs,room,b,i1\n"
-    )
-    assert [row["interaction"] for row in rows_of(study)[0]] == ["i2", "i1"]
 
 
 def test_the_command_measures_and_reports(study, capsys):
@@ -335,6 +314,10 @@ def planned(tmp_path):
     return path
 
 
+def events_of(folder):
+    return [json.loads(line) for line in (folder / "events.jsonl").read_text().splitlines()]
+
+
 def do(planned, keys, started=None):
     def start(plan):
         (started if started is not None else []).append(plan.command)
@@ -352,7 +335,7 @@ def test_runs_come_in_the_planned_order_in_their_condition(planned):
     for entry, command in zip(entries, started):
         assert f"method:={entry.method}" in command and f"record:={planned.parent / entry.recording}" in command
         assert ("cameras:=none" in command) == (entry.method == "robot_only")
-    notes = conduct.lines_of(planned.parent / entries[0].recording)
+    notes = events_of(planned.parent / entries[0].recording)
     assert [note["key"] for note in notes] == ["b", "h", "n", "c"] and notes[2]["text"] == "slow today"
     assert notes[0]["time"] <= notes[-1]["time"]
     recorded = Recording(planned.parent / entries[0].recording).run
@@ -415,7 +398,7 @@ def test_a_run_that_broke_off_is_kept_and_done_again_beside_it(planned):
     again = conduct.next_run(planned, "p02", again=True)
     assert again.entry == first.entry and again.folder != first.folder
     do(again, ["b", "f"])
-    assert conduct.lines_of(first.folder) and measure.last_attempt(first.folder) == again.folder
+    assert events_of(first.folder) and measure.last_attempt(first.folder) == again.folder
     assert conduct.next_run(planned, "p02").entry.order == 2
 
 

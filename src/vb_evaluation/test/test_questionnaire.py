@@ -1,4 +1,3 @@
-import csv
 import math
 
 import pytest
@@ -27,11 +26,12 @@ def test_fifteen_people_as_in_the_paper(tmp_path):
     rows = [row(f"p{number}", a, b, "no" if number == 1 else "yes") for number, (a, b) in enumerate(zip(nrs, alone), 1)]
     found = questionnaire.read(write(tmp_path / "answers.csv", rows))
     assert (found.helped, found.asked) == (14, 15)
-    third = questionnaire.table(found)[2]
-    assert (round(third["mean_nrs"], 2), round(third["mean_robot_only"], 2)) == (4.47, 3.13)
+    third = found.answers[2]
+    assert (round(third.first.mean(), 2), round(third.second.mean(), 2)) == (4.47, 3.13)
     # one of them sees no difference, the other fourteen all rate the network robot system higher
-    assert third["z"] < -3.0 and third["p_exact"] == 2.0**-13 and third["rank_biserial"] == 1.0
-    assert third["statement"] == 3 and "demanding" in third["text"] and third["n"] == 15
+    compared = third.comparison
+    assert compared.test.z < -3.0 and compared.test.p_exact == 2.0**-13 and compared.rank_biserial == 1.0
+    assert "demanding" in third.statement and compared.n == 15
 
 
 def test_spss_table_of_a_known_example(tmp_path):
@@ -42,16 +42,6 @@ def test_spss_table_of_a_known_example(tmp_path):
     result = found.answers[0].comparison.test
     assert (result.n, result.zeros, min(result.w_plus, result.w_minus)) == (8, 2, 3.0)
     assert result.z == pytest.approx(-15 / math.sqrt(48.375), abs=1e-12)
-
-
-def test_lines_and_file(tmp_path):
-    found = questionnaire.read(write(tmp_path / "a.csv", [row("a", 5, 3), row("b", 4, 3), row("c", 5, 2, "no")], ";"))
-    text = questionnaire.lines(found)
-    assert text[0].startswith("Statement 1: Z = -1.6") and "p = .250 (exact)" in text[0] and "nrs: M = 4.67" in text[0]
-    assert text[-1].endswith("yes: 2 of 3")
-    questionnaire.write(tmp_path / "table.csv", questionnaire.table(found))
-    rows = list(csv.DictReader((tmp_path / "table.csv").open()))
-    assert len(rows) == 5 and float(rows[4]["mean_robot_only"]) == pytest.approx(8 / 3)
 
 
 def test_answers_not_given_are_left_out(tmp_path):

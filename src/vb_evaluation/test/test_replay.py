@@ -143,7 +143,7 @@ def test_todays_nodes_make_the_recorded_border_of_the_recorded_spots(tmp_path):
     recording = Recording(tmp_path)
     truth = integrate(free_floor(), VirtualBorder(SQUARE, SQUARE.mean(axis=0), closed=True)).region
     today = replay.replay(recording)
-    (found,) = replay.compare(recording, today, replay.physical_map(recording), {"one": truth})
+    (found,) = replay.compare(recording, today, replay.physical_map(recording), truth)
     assert (found.code, found.outcome, found.spots) == ("ok", "saved", len(rows))
     assert found.agreement > 0.93 and found.chain_distance_m < 0.1
     assert found.recorded == 1.0 and found.today == found.agreement and not today.cameras

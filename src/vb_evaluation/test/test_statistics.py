@@ -48,12 +48,6 @@ def test_darwins_maize():
     assert min(test.w_plus, test.w_minus) == 24.0 and test.p_exact == 0.041259765625
 
 
-def test_shapiro_wilk_as_in_the_original_article():
-    # Shapiro & Wilk (1965), Biometrika 52, example 1: weights of eleven men, W = 0.79, 1 % level
-    found = statistics.shapiro([148, 154, 158, 160, 161, 162, 166, 170, 182, 195, 236])
-    assert round(found.w, 2) == 0.79 and found.p < 0.01
-
-
 def test_rank_biserial_of_a_worked_example():
     # the example of Wikipedia's article on the test until 2020: a sum of signed ranks of 9 out of 45
     found = statistics.compare(
@@ -132,18 +126,11 @@ def test_the_interval_covers_the_truth_as_often_as_it_says():
     assert 0.92 <= np.mean(hits) <= 0.98
 
 
-def test_outliers_are_those_that_a_boxplot_draws():
-    from matplotlib.cbook import boxplot_stats
-
-    values = np.array([1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 30.0, -20.0])
-    assert set(values[list(statistics.outliers(values))]) == set(boxplot_stats(values)[0]["fliers"]) == {30.0, -20.0}
-
-
 def test_few_participants():
     three = statistics.compare([3.0, 4.0, 5.0], [1.0, 1.0, 1.0])
     assert three.shift.confidence == 0.75 and three.test.p_exact == 0.25
     one = statistics.compare([2.0], [1.0])
-    assert math.isnan(one.normality.p) and one.test.p_exact == 1.0
+    assert one.test.p_exact == 1.0
     none = statistics.compare([], [])
     assert none.n == 0 and math.isnan(none.r) and math.isnan(none.shift.estimate)
     equal = statistics.compare([2.0, 2.0], [2.0, 2.0])

@@ -10,7 +10,7 @@ from vb_evaluation.design import order_of_runs
 from vb_evaluation.provenance import top
 from vb_evaluation.report.data import CURVES, RUNS, WORLDS
 from vb_evaluation.study import assumptions, campaign, config, plan
-from vb_evaluation.study.people import Distribution
+from vb_evaluation.study.people import draw
 from vb_evaluation.study.runner import personal_scenario
 from vb_sim.room import floor_plan
 
@@ -37,8 +37,7 @@ def test_one_trait_leaves_the_others_alone():
 ])
 def test_distributions_have_their_moments(spec, mean, spread):
     rng = np.random.default_rng(0)
-    distribution = Distribution("trait", spec)
-    values = [distribution.draw(rng) for _ in range(4000)]
+    values = [draw("trait", spec, rng) for _ in range(4000)]
     assert np.mean(values) == pytest.approx(mean, abs=0.12) and np.std(values) == pytest.approx(spread, abs=0.06)
 
 
@@ -96,8 +95,11 @@ def test_the_runs_of_a_study():
     assert len(jobs) == len({job.task for job in jobs}) == 48 and plan.main_jobs(STUDY, 2) == jobs[:12]
     everyone = plan.main_jobs(STUDY, 200)
     ungated = plan.ungated_jobs(STUDY, everyone)
-    assert 0.07 < len(ungated) / len(everyone) < 0.13 and all(job.thorough for job in ungated)
-    assert len({(job.task.scenario, job.task.method) for job in ungated}) == 6
+    assert all(job.thorough for job in ungated) and len({job.task.participant for job in ungated}) > 60
+    for scenario in STUDY.design.scenarios:
+        for method in STUDY.design.methods:
+            # of ten participants one, whichever: neither a scenario nor a method is left to chance
+            assert sum((job.task.scenario, job.task.method) == (scenario, method) for job in ungated) == 20
 
 
 def test_columns_begin_with_the_contracts():

@@ -1,9 +1,6 @@
 """Locks, time and modules of nodes that run within one process."""
-import sys
-
 import pytest
 
-import vb_fusion.live_extraction
 from vb_core.ros import node
 from vb_evaluation.study import config
 from vb_evaluation.study.result import Task
@@ -11,6 +8,7 @@ from vb_evaluation.study.runner import run
 from vb_evaluation.virtual_ros.graph import Graph, Node
 from vb_evaluation.virtual_ros.scheduler import Scheduler
 from vb_evaluation.virtual_ros.stand_ins import Lock, Queue
+from vb_fusion.extraction import GrowingBorder
 
 SECOND = 10**9
 
@@ -62,8 +60,8 @@ def test_what_is_kept_from_an_earlier_run_is_a_fault_and_no_silence():
         after.run(lambda: False, 20 * SECOND)
 
 
-def test_a_run_leaves_nothing_in_modules_that_it_imports_first(monkeypatch):
-    monkeypatch.delitem(sys.modules, "vb_fusion.border_fusion_node", raising=False)
+def test_a_run_leaves_nothing_in_what_it_imports():
+    before = GrowingBorder.chain
     run(config.load().changed({"timing/time_limit_s": 0.1}), Task(1, "corner", "robot_only"))
-    # else the next run's candidates are extracted in this one's time, which is over: they never answer
-    assert sys.modules["vb_fusion.border_fusion_node"].extract_chain is vb_fusion.live_extraction.extract_chain
+    # else the next run's borders are extracted in this one's time, which is over: they never come
+    assert GrowingBorder.chain is before

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from vb_fusion.extraction import ExtractionParams
-from vb_fusion.live_extraction import LiveExtractor
+from vb_fusion.live_extraction import LiveExtractor, extract_chain
 from vb_fusion.spots.collector import Collector, CollectorParams, Spot
 from vb_fusion.spots.spot_log import SpotLog
 
@@ -175,3 +175,46 @@ def test_live_candidate_keeps_to_its_share():
     collector.add(spot(5.0, x=2.02))
     assert live.update(collector.collection(), lambda: next(ticks)) is first  # too early
     assert live.update(collector.collection(), lambda: next(ticks), force=True) is not first
+
+
+def test_what_was_collected_is_not_changed_by_later_spots():
+    collector = Collector(CollectorParams(max_spots=100))
+    collector.set_state("border", "a", 0.0)
+    for k in range(90):
+        collector.add(spot(float(k)))
+    rows = collector.collection().border
+    for k in range(90, 200):
+        collector.add(spot(float(k)))
+    collector.set_state("border", "b", 200.0)
+    collector.add(spot(300.0))
+    assert rows[:, 0].tolist() == list(range(90))
+
+
+def test_the_live_border_is_the_final_one_also_when_the_collection_was_thinned():
+    collector = Collector(CollectorParams(max_spots=300))
+    collector.set_state("border", "a", 0.0)
+    live = LiveExtractor(ExtractionParams.robust(), share=1.0)
+    for k in range(500):
+        collector.add(spot(0.02 * k, x=0.005 * k, y=0.003 * (k % 2)))
+        if k % 7 == 0:
+            live.update(collector.collection(), lambda: 0.0)
+    candidate = live.update(collector.collection(), lambda: 0.0, force=True)
+    final = extract_chain(collector.collection(), ExtractionParams.robust())
+    assert candidate.chain.points == pytest.approx(final.points, abs=0.02)
+
+
+def test_after_a_failure_the_live_border_is_extracted_from_the_beginning(monkeypatch):
+    collector = Collector()
+    collector.set_state("border", "a", 0.0)
+    for k in range(100):
+        collector.add(spot(0.04 * k, x=0.02 * k))
+    live = LiveExtractor(ExtractionParams.robust(), share=1.0)
+    live.update(collector.collection(), lambda: 0.0)
+    collector.add(spot(4.0, x=2.0))
+    with monkeypatch.context() as broken:
+        broken.setattr("vb_fusion.extraction.find_tracks", lambda *given: 1 / 0)
+        with pytest.raises(ZeroDivisionError):
+            live.update(collector.collection(), lambda: 0.0)
+    candidate = live.update(collector.collection(), lambda: 0.0)
+    final = extract_chain(collector.collection(), ExtractionParams.robust())
+    assert candidate.chain.points == pytest.approx(final.points)

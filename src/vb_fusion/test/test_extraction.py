@@ -1,5 +1,6 @@
 """extract_border in robust mode: drawn strokes within bounds, the closing rule, and inputs that are no strokes."""
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -11,12 +12,14 @@ from shapely.geometry import Polygon, box
 
 sys.path.insert(0, str(Path(__file__).parent))
 import people  # noqa: E402
+from disturbances import beside, held, timed, with_fixed_place  # noqa: E402
 from strokes import Setting, draw, hausdorff, jaccard  # noqa: E402
 
 from vb_core import geometry  # noqa: E402
 from vb_core.errors import ParameterError  # noqa: E402
-from vb_fusion.extraction import ExtractionError, ExtractionParams, extract_border  # noqa: E402
+from vb_fusion.extraction import ExtractionError, ExtractionParams, GrowingBorder, extract_border  # noqa: E402
 from vb_fusion.line import closure  # noqa: E402
+from vb_fusion.stroke.observations import check  # noqa: E402
 
 BASE = Setting()
 
@@ -375,6 +378,25 @@ def test_legs_that_lie_almost_on_each_other_keep_their_tip():
     assert np.linalg.norm(chain.points - [0.01, 1.0], axis=1).min() < 0.25
 
 
+@pytest.mark.parametrize("beside", [0.0, 0.06, 0.1])
+def test_tips_beside_each_other_that_are_passed_soon_after_each_other_are_kept(beside):
+    """Light that comes back to a place after a second is the pointer: a bright thing would have stayed."""
+    for seed in range(4):
+        at, parts = 0.0, []
+        tips = [[0.0, 0.0], [0.1, 0.9], [0.3, 0.0], [0.1 + beside, 0.95], [0.5, 0.0], [0.1 + 2 * beside, 1.0]]
+        for number, (one, other) in enumerate(zip(tips, tips[1:])):
+            parts.append(line_spots([one, other], speed=4.0, cameras=2, seed=9 * seed + number, start=at))
+            at += float(np.linalg.norm(np.subtract(other, one))) / 4.0 + 0.04
+            for camera in (0, 1):
+                rest = at + np.arange(20) / 25.0 + 0.01 * camera
+                spread = np.random.default_rng([seed, number, camera]).normal(0, 0.01, (20, 2))
+                parts.append((np.asarray(other) + spread, rest, np.full(20, camera)))
+            at += 0.84
+        points, stamps, cameras = (np.concatenate(column) for column in zip(*parts))
+        chain = extract_border(points, stamps=stamps, cameras=cameras)
+        assert hausdorff(chain.points, np.array(tips), False) < 0.15
+
+
 def test_a_hook_that_is_drawn_slowly_is_no_rest():
     hook, rest = line_spots([[0, 0.2], [-0.2, 0.1], [-0.15, 0], [0, 0]], speed=0.04), line_spots([[0, 0], [1.5, 0]])
     stamps = np.concatenate([hook[1], hook[1][-1] + 0.04 + rest[1]])
@@ -413,6 +435,33 @@ def test_a_loop_at_the_closing_point_leaves_a_valid_polygon():
     polygon = Polygon(chain.points)
     assert chain.closed and polygon.is_valid
     assert polygon.area == pytest.approx(3.0, rel=0.05)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_drawing_that_grows_has_the_border_of_all_its_spots_at_once(seed):
+    """Two cameras, one of them late, a rest, a bright thing, and portions of any size."""
+    stroke = held(timed("L", seed, BASE.replace(outliers=0.1, bias=0.04)), 0.4, 200, 2, seed)
+    stroke = with_fixed_place(stroke, beside(stroke, 0.5, 0.3), 200, "throughout", 1, seed)
+    arrival = np.argsort(stroke.stamps + 0.7 * (stroke.cameras == 1), kind="stable")
+    points, stamps, cameras = stroke.points[arrival], stroke.stamps[arrival], stroke.cameras[arrival]
+    drawing, done, compared = GrowingBorder(ExtractionParams.robust()), 0, 0
+    for size in np.random.default_rng(seed).integers(1, 120, 100):
+        known = slice(done, done + size)
+        done = min(done + size, len(points))
+        drawing.add(check(points[known], stamps[known], cameras[known]))
+        if known.start >= len(points):
+            break
+        try:
+            whole = extract_border(points[:done], stamps=stamps[:done], cameras=cameras[:done])
+        except ExtractionError as error:
+            with pytest.raises(ExtractionError, match=re.escape(str(error))):
+                drawing.chain()
+            continue
+        chain = drawing.chain()
+        compared += 1
+        assert (chain.closed, chain.code, chain.left_out_spots) == (whole.closed, whole.code, whole.left_out_spots)
+        assert chain.points == pytest.approx(whole.points, abs=1e-9)
+    assert done == len(points) and compared > 5
 
 
 @pytest.mark.parametrize("shape", ["L", "corner"])

@@ -23,7 +23,7 @@ from vb_core.ros import messages
 from vb_laser_detect.calibration import file as calibration_file
 from vb_laser_detect.calibration.board import BoardParams
 from vb_laser_detect.detection.projection import floor_points
-from vb_msgs.msg import LaserSpot
+from vb_msgs.msg import DetectorStatus, LaserSpot
 
 sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
 from board_scene import CAMERA, POSE, p2_of, render_board  # noqa: E402
@@ -292,6 +292,16 @@ class CalibrateCameraTest(unittest.TestCase):
         command = self.unattended["nobody"]
         self.assertEqual(command.status(), 1)
         command.wait_for("no_camera")
+
+    def test_a_frame_that_another_camera_uses_is_refused_before_any_work(self):
+        detectors = rospy.Publisher(names.DETECTORS, DetectorStatus, queue_size=1)
+        other = DetectorStatus(camera="other", frame_id="twin_optical_frame")
+        timer = rospy.Timer(rospy.Duration(0.1), lambda _event: detectors.publish(other))
+        self.addCleanup(timer.shutdown)
+        self.player("twin", SMALL, 10)
+        command = self.start("spots", "twin", "--folder", self.folder.name)
+        self.assertEqual(command.status(), 1, command.lines)
+        self.assertIn("other, twin", command.wait_for("twin_optical_frame"))
 
     def test_check_of_two_cameras(self):
         agreeing, strict = self.unattended["agreeing"], self.unattended["strict"]

@@ -301,7 +301,7 @@ class FaultsTest(unittest.TestCase):
         other.update_configuration({"max_range": 12.0})
         node = Client("/spot_detector_red", timeout=PATIENCE)
         self.addCleanup(node.close)
-        self.assertEqual(node.update_configuration({"debug_hz": 50.0})["debug_hz"], 50.0)
+        self.assertEqual(node.update_configuration({"tf_wait_s": 0.3})["tf_wait_s"], 0.3)
         self.wait_for_spots("red")
 
     def debug_image_only_while_somebody_looks(self):

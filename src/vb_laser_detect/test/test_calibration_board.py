@@ -167,11 +167,11 @@ def test_print_is_true_to_size(tmp_path):
 
 
 # ------------------------------------------------------------------ cameras that overlap
-def draw(cameras, seconds=10.0, gap=()):
+def draw(cameras, seconds=10.0, gap=(), period=0.04):
     """Sightings of a spot that draws a circle at 0.6 m/s; cameras: name to (offset, phase [s])."""
     rng, result = np.random.default_rng(0), []
     for name, (offset, phase) in cameras.items():
-        for t in np.arange(0, seconds, 0.04) + phase:
+        for t in np.arange(0, seconds, period) + phase:
             if gap and gap[0] <= t <= gap[1]:
                 continue
             place = np.array([math.cos(0.6 * t), math.sin(0.6 * t)]) + offset + rng.normal(0, 0.001, 2)
@@ -187,6 +187,12 @@ def test_agreement_finds_offsets_whatever_the_cameras_phases():
     assert pairs["green", "red"].median == pytest.approx(math.hypot(0.03, 0.02), abs=0.001)
     assert pairs["blue", "red"].median < 0.003 < pairs["green", "red"].p95
     assert pairs["blue", "red"].count > 200 and "cm" in pairs["blue", "red"].describe()
+
+
+def test_agreement_of_slow_cameras():
+    cameras = {"north": ((0.0, 0.0), 0.0), "south": ((0.05, 0.0), 0.08)}
+    pair, = agreement(draw(cameras, seconds=20.0, period=0.18))
+    assert pair.count > 100 and pair.offset == pytest.approx((0.05, 0.0), abs=0.003)
 
 
 def test_agreement_needs_cameras_that_see_the_spot_together():

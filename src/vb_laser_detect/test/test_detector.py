@@ -158,7 +158,7 @@ def test_bayer_images_tell_white_light_from_a_laser(laser):
     feed(detector, [scene.render(bayer=True) for _ in range(8)])
     glint = feed(detector, [scene.render([(300, 150)], colour=(1.0, 1.0, 1.0), bayer=True) for _ in range(10)], 0.4)
     assert glint == [[]] * 10
-    assert {"chroma_mosaic", "not_coloured"} & {candidate.refusal for candidate in detector.candidates}
+    assert "chroma_mosaic" in {candidate.refusal for candidate in detector.candidates}
     both = tinted(Scene())
     found = [
         detector.detect(np.maximum(scene.render([(300, 150)], colour=(1.0, 1.0, 1.0), bayer=True),

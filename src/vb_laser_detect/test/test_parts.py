@@ -66,6 +66,30 @@ def test_background_follows_a_slow_drift():
     assert abs(int(background.image.mean()) - 119) <= 4
 
 
+def test_what_a_spot_hides_stays_in_its_place_while_the_camera_moves():
+    # 60 images, .6 px each: an error of whole pixels in each would add up to a block's width
+    wide = cv2.GaussianBlur(np.random.default_rng(4).integers(0, 256, (96, 240), dtype=np.uint8), (0, 0), 3)
+    wide = cv2.normalize(wide, None, 0, 255, cv2.NORM_MINMAX)
+
+    def seen(index):
+        return cv2.warpAffine(wide, np.array([[1.0, 0, -0.6 * index], [0, 1, 0]]), (160, 96), flags=cv2.INTER_CUBIC)
+
+    background, keyframe = Background(seen(0)), 0
+    for i in range(1, 61):
+        motion, image = np.array([[1.0, 0, -0.6 * (i - keyframe)], [0, 1, 0], [0, 0, 1]]), seen(i)
+        left = 100 - 0.6 * i  # of what is hidden, in this image
+        image[40:56, int(left) : int(left) + 16] = 255
+        rise, _ = background.rise(image, motion)
+        background.examine([(int(left) // 8 * 8, 40, int(left) // 8 * 8 + 24, 56)], image)
+        spots = np.zeros(background.blocks, bool)
+        spots[5:7, int(left) // 8 : int(left) // 8 + 3] = True
+        hidden = (slice(42, 54), slice(int(left) + 2, int(left) + 14))
+        known = cv2.dilate(seen(i), np.ones((3, 3)))[hidden].astype(int)
+        assert np.abs(background.reference[hidden] - known).mean() < 6.0, i
+        if background.learn(image, rise, rise > 18, spots, 60.0, 0.04):
+            keyframe = i
+
+
 @pytest.mark.parametrize("bayer", [False, True])
 def test_tint_is_the_light_s_wherever_a_window_starts(bayer):
     scene = tinted(Scene(200, 160, noise=0.0))

@@ -161,12 +161,6 @@ def test_a_ray_that_meets_the_floor_behind_the_camera_is_refused():
     assert np.isnan(pixels_of(ROBOT, up, np.array([1.0, 1.0, 0.0]))).all()
 
 
-def test_limits_of_depth_must_not_contradict_each_other():
-    with pytest.raises(ParameterError) as raised:
-        ProjectionParams(min_depth=7.0)
-    assert raised.value.key == "min_depth"
-
-
 def test_points_above_and_below_the_floor_are_refused():
     T, small = forward(), ROBOT.scaled_to(160, 120)
     for scale in (0.7, 1.3):

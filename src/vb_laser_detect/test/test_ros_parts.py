@@ -15,8 +15,9 @@ from vb_core.camera_model import CameraModel
 from vb_core.errors import CodedError
 from vb_core.ros import cameras
 from vb_core.ros.images import compressed_encoding, compressed_image_array
-from vb_laser_detect import clock_check_node
+from vb_laser_detect import calibrate_camera_node, clock_check_node
 from vb_laser_detect.calibration.clock_offset import ClockOffset
+from vb_laser_detect.detector_params import DetectorParams
 from vb_laser_detect.ros import camera_geometry
 from vb_laser_detect.ros.diagnostics import DetectorDiagnostics
 from vb_laser_detect.spot_detector_node import is_rectified
@@ -107,6 +108,13 @@ def test_a_clock_that_was_right_says_nothing_once_its_computer_is_silent():
         node._offsets, node._measured = {"red": ClockOffset(0.001, 0.001)}, {"red": time.monotonic() - age}
         levels.append(node._diagnose(DiagnosticStatusWrapper(), "red").level)
     assert levels == [DiagnosticStatus.OK, DiagnosticStatus.WARN]
+
+
+def test_a_calibration_sees_spots_as_the_camera_s_detector_does(monkeypatch):
+    monkeypatch.setattr(rospy, "get_param", lambda name, default=None: {
+        "/spot_detector_red/detector": {"min_rise": 11.0, "max_spots": 2}}.get(name, default))
+    assert calibrate_camera_node.tuned_params("red").min_rise == 11.0
+    assert calibrate_camera_node.tuned_params("green") == DetectorParams.stationary()
 
 
 @pytest.mark.parametrize("kind, shape, encoding", [

@@ -90,7 +90,7 @@ def test_the_mean_colour_is_asked():
     left, right = np.array([1.0, 0.5, 1.0, 0.5]), np.array([0.5, 1.0, 0.5, 1.0])
     film, asked = Film(), []
 
-    def agrees(_sighting, tint, _followed_s):
+    def agrees(tint, _followed_s):
         asked.append(tint)
         return tint.min() < 0.5
 

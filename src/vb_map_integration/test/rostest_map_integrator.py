@@ -43,7 +43,7 @@ class MapIntegratorTest(unittest.TestCase):
         cls.borders = Latest("/virtual_borders/borders", VirtualBorderArray)
         cls.grid = lab()
         for name in SERVICES:
-            rospy.wait_for_service(f"/virtual_borders/{name}", 20.0)
+            rospy.wait_for_service(f"/virtual_borders/{name}", 120.0)
         early = cls.call("add_border", polygon(), "", "test")
         assert not early.success and early.code == "no_map", early
         cls.server = MapServer(cls.grid)
@@ -268,7 +268,7 @@ class MapIntegratorTest(unittest.TestCase):
             for k, setting in enumerate(settings)
         ]
         for process, setting in zip(started, settings):
-            output = process.communicate(timeout=40)[0].decode()
+            output = process.communicate(timeout=240)[0].decode()
             self.assertEqual(process.returncode, 1)
             self.assertIn(setting[1:].split(":")[0], output)
             self.assertNotIn("Traceback", output)

@@ -140,7 +140,7 @@ class DispatcherTest(unittest.TestCase):
         pid = ServerProxy(uri).getPid(rospy.get_name())[2]
         os.kill(pid, signal.SIGKILL)
         self.stimulus.set_state(DEFAULT)
-        self.assertTrue(wait_until(lambda: self.navigation.preempted == 1, 30.0), "it comes back and finds its goal")
+        self.assertTrue(wait_until(lambda: self.navigation.preempted == 1, 120.0), "it comes back and finds its goal")
 
     def test_bad_parameter_is_named(self):
         assert_bad_parameter_is_named(self, robot_dispatcher_node.build, "robots", ["ada", "ada"])

@@ -140,6 +140,8 @@ class DriverTest(unittest.TestCase):
         self.stop.publish(Bool(True))
         self.assertTrue(self.holds("stopped"))
         self.assertTrue(wait_until(lambda: self.said("robot_stopped")))
+        self.assertTrue(wait_until(lambda: self.said("stop_not_remembered", "ada")))
+        self.assertFalse(self.said("stop_not_remembered"))
         self.stop.publish(Bool(False))
         self.assertTrue(wait_until(lambda: self.stimulus.velocity == (0.05, 0.2)))
         self.assertTrue(wait_until(lambda: not os.path.exists(rospy.get_param("/robot_driver/stop_file"))))

@@ -172,7 +172,7 @@ class CamerasTest(unittest.TestCase):
             world = [f"_world:={rospy.get_param('/ceiling_cameras/world')}"] if known else []
             run = subprocess.run(
                 ["rosrun", "vb_sim", "ceiling_cameras", "__name:=bad_cameras", *world, *arguments],
-                stdout=subprocess.PIPE, stderr=subprocess.STDOUT, universal_newlines=True, timeout=40,
+                stdout=subprocess.PIPE, stderr=subprocess.STDOUT, universal_newlines=True, timeout=240,
             )
             self.assertEqual(run.returncode, 1, run.stdout)
             self.assertIn(words.lstrip("~"), run.stdout)

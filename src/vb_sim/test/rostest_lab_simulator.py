@@ -45,7 +45,7 @@ class LabSimulatorTest(unittest.TestCase):
 
     @classmethod
     def reset(cls):
-        rospy.wait_for_service("/lab_simulator/reset", 30.0)
+        rospy.wait_for_service("/lab_simulator/reset", 120.0)
         assert rospy.ServiceProxy("/lab_simulator/reset", Trigger)().success
 
     def pose(self):

@@ -53,7 +53,7 @@ class NavigationTest(unittest.TestCase):
         cls.grid = grid_from_message(cls.map.until(lambda message: True))
 
     def setUp(self):
-        rospy.wait_for_service("/lab_simulator/reset", 30.0)
+        rospy.wait_for_service("/lab_simulator/reset", 120.0)
         rospy.ServiceProxy("/lab_simulator/reset", Trigger)()
 
     def publish(self, blocked=None):

@@ -282,9 +282,10 @@ def check_navigation(seen: NavigationSeen) -> List[Line]:
     return lines or [Line(seen.name, State.OK, "lab_navigation_ok", values)]
 
 
-def check_disk(folder: str, free_mb: float) -> Line:
-    """Whether the folder of borders and records has room."""
-    state, code = (State.ERROR, "lab_disk_full") if free_mb < LITTLE_DISK_MB else (State.OK, "lab_disk_ok")
+def check_disk(folder: str, free_mb: float, writable: bool = True) -> Line:
+    """Whether the folder of borders and records has room, and can be written."""
+    code = "lab_disk_read_only" if not writable else "lab_disk_full" if free_mb < LITTLE_DISK_MB else "lab_disk_ok"
+    state = State.OK if code == "lab_disk_ok" else State.ERROR
     free = "unknown" if math.isnan(free_mb) else f"{free_mb:.0f}"
     return Line("disk", state, code, {"folder": folder, "free": free})
 

@@ -4,15 +4,22 @@ Without it, an unplugged camera looks to a person as if the laser were off.
 """
 from __future__ import annotations
 
+from collections import deque
 from dataclasses import dataclass, field
-from typing import Dict, List, Mapping, Sequence
+from typing import Deque, Dict, List, Mapping, Sequence
 
+from vb_core.errors import CodedError
 from vb_core.notices import Notice, Severity
+from vb_laser_detect.calibration.consistency import Sighting, agreement
 
 # a detector reports each second; two reports may be late on a busy computer
 SILENT_S = 3.0
 # on a slow computer detectors start one after the other
 STARTING_S = 15.0
+# what two calibrated cameras differ by is some centimetres; a border that is off by this much closes the wrong floor
+DISAGREE_M = 0.15
+# sightings of one camera that are compared, and [s] for how long: enough for a mean, soon replaced after a calibration
+_SIGHTINGS, _REMEMBERED_S = 200, 300.0
 # a detector's count of dropped spots, to the code of the notice
 _REASONS = {"no_transform": "camera_no_pose", "no_camera_info": "camera_no_lens"}
 
@@ -75,3 +82,30 @@ class LabMonitor:
             return "camera_silent"
         recent = [reason for reason, at in camera.dropped_at.items() if now - at <= SILENT_S]
         return _REASONS[recent[0]] if recent else ""
+
+
+class CameraComparison:
+    """Finds cameras that see the laser at different places: one was moved, or has another's pose. Not thread safe.
+
+    Nobody has to draw for it: whenever people use the laser where cameras overlap, their spots are compared.
+    """
+
+    def __init__(self) -> None:
+        self._sightings: Dict[str, Deque[Sighting]] = {}
+
+    def hear(self, camera: str, stamp: float, x: float, y: float) -> None:
+        """A spot [m] of a stationary camera, in the map, at the time of its image [s]."""
+        self._sightings.setdefault(camera, deque(maxlen=_SIGHTINGS)).append((camera, stamp, x, y))
+
+    def notices(self, now: float) -> List[Notice]:
+        """One notice for each two cameras that disagree."""
+        fresh = [one for seen in self._sightings.values() for one in seen if 0.0 <= now - one[1] <= _REMEMBERED_S]
+        try:
+            pairs = agreement(fresh)
+        except CodedError:
+            return []  # no two of them saw the laser together
+        return [
+            Notice("cameras_disagree", Severity.ERROR, camera=pair.second,
+                   values={"first": pair.first, "second": pair.second, "cm": f"{100 * pair.median:.0f}"})
+            for pair in pairs if pair.median > DISAGREE_M
+        ]

@@ -15,16 +15,17 @@ import rospy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 
 from vb_bringup.lab import Line, State, notices
-from vb_bringup.lab_monitor import LabMonitor
+from vb_bringup.lab_monitor import CameraComparison, LabMonitor
 from vb_core import names
 from vb_core.notices import Notice
 from vb_core.parameters import Parameters, param
 from vb_core.ros import node, parameters
 from vb_core.ros.messages import values_from_mapping
 from vb_core.ros.notices import NoticePublisher
-from vb_msgs.msg import DetectorStatus
+from vb_msgs.msg import DetectorStatus, LaserSpot
 
 # all in seconds of wall time
+COMPARE_S = 5.0  # between two comparisons of the cameras' spots
 LOOK_S = 1.0  # between two looks at which nodes run
 SETTLED_S = 6.0  # without a node that comes or goes: before, a lab is starting or ending
 AGAIN_S = {State.ERROR: 60.0, State.OK: 600.0}  # a check takes two seconds of processor time
@@ -44,13 +45,14 @@ class LabMonitorParams(Parameters):
 
 
 class LabMonitorNode:
-    """Watches the detectors' status; runs `check_lab`, and logs what is new in its result.
+    """Watches the detectors' status; runs `check_lab`, and logs what is new in its result, cures too.
 
     Subscribed topics:
         /virtual_borders/detectors (vb_msgs/DetectorStatus)
+        /virtual_borders/spots (vb_msgs/LaserSpot): to compare where overlapping cameras see the laser
     Published topics:
         /virtual_borders/notices (vb_msgs/NoticeArray): camera_silent, camera_no_pose, camera_no_lens, detector_missing,
-            and the errors of `check_lab` that no other node tells
+            cameras_disagree, and the errors of `check_lab` that no other node tells
         /diagnostics (diagnostic_msgs/DiagnosticArray): each line of `check_lab`
     Parameters:
         ~* LabMonitorParams
@@ -59,6 +61,7 @@ class LabMonitorNode:
     def __init__(self, params: LabMonitorParams) -> None:
         self._lock = threading.Lock()
         self._monitor = LabMonitor(params.cameras.split())
+        self._comparison, self._disagreeing, self._compared = CameraComparison(), [], 0.0
         self._told: List[Notice] = []
         self._lines: List[Line] = []
         self._closed = threading.Event()
@@ -67,6 +70,7 @@ class LabMonitorNode:
         self._notices = NoticePublisher()
         self._diagnostics = rospy.Publisher("/diagnostics", DiagnosticArray, queue_size=5)
         self._subscriber = rospy.Subscriber(names.DETECTORS, DetectorStatus, self._on_status, queue_size=50)
+        rospy.Subscriber(names.SPOTS, LaserSpot, self._on_spot, queue_size=100)
         self._timer = rospy.Timer(rospy.Duration(1.0), self._on_timer, reset=True)
         self._checks = node.start_thread(self._check_again_and_again)
 
@@ -81,11 +85,19 @@ class LabMonitorNode:
         with self._lock:
             self._monitor.hear(message.camera, message.received, dropped, rospy.get_time())
 
+    def _on_spot(self, message: LaserSpot) -> None:
+        if not message.mobile:
+            with self._lock:
+                place = message.position
+                self._comparison.hear(message.camera, message.header.stamp.to_sec(), place.x, place.y)
+
     def _on_timer(self, _event: Any) -> None:
         with self._lock:
-            told, lines = self._monitor.notices(rospy.get_time()), self._lines
-            self._told = told
-        self._notices.set([*told, *notices(lines)])
+            if time.monotonic() - self._compared > COMPARE_S:
+                self._disagreeing, self._compared = self._comparison.notices(rospy.get_time()), time.monotonic()
+            self._told, lines = self._monitor.notices(rospy.get_time()), self._lines
+            told = [*self._told, *self._disagreeing, *notices(lines)]
+        self._notices.set(told)
         if lines:
             self._diagnostics.publish(_diagnostics(lines))
 
@@ -95,18 +107,24 @@ class LabMonitorNode:
         situation: Tuple[FrozenSet[str], List[Notice]] = (frozenset(), [])
         checked, due = time.monotonic(), float("inf")
         while not self._closed.wait(LOOK_S):
-            with self._lock:
-                told = self._told
-            before, situation = situation, (_running_nodes(), told)
+            before, situation = situation, self._situation()
             if situation != before:
                 # a node that dies again and again must not keep it from the others
                 due = min(time.monotonic() + SETTLED_S, checked + AGAIN_S[State.ERROR])
             if situation[0] and time.monotonic() > due:
                 lines = self._check()
+                if self._situation() != situation and time.monotonic() < checked + AGAIN_S[State.ERROR]:
+                    continue  # on a slow computer a check may end when what it found is over: look again
                 checked = time.monotonic()
                 if lines is not None:
                     due = checked + AGAIN_S[State.ERROR if notices(lines) else State.OK]
                     self._adopt(lines)
+
+    def _situation(self) -> Tuple[FrozenSet[str], List[Notice]]:
+        """Which nodes run, and what people are told of the cameras."""
+        with self._lock:
+            told = self._told
+        return _running_nodes(), told
 
     def _check(self) -> Optional[List[Line]]:
         """The lines of `check_lab`; None if it was ended."""
@@ -126,11 +144,13 @@ class LabMonitorNode:
 
     def _adopt(self, lines: List[Line]) -> None:
         with self._lock:
-            known, self._lines = {(line.subject, line.code) for line in self._lines}, lines
+            before, self._lines = self._lines, lines
+        known = {(line.subject, line.code) for line in before}
+        cured = {line.subject for line in before if line.state >= State.WARNING}
+        logs = {State.ERROR: rospy.logerr, State.WARNING: rospy.logwarn, State.OK: rospy.loginfo}
         for line in lines:
-            if line.state >= State.WARNING and (line.subject, line.code) not in known:
-                log = rospy.logerr if line.state is State.ERROR else rospy.logwarn
-                log("%s: %s: %s", rospy.get_name(), line.subject, line.sentence())
+            if (line.subject, line.code) not in known and (line.state >= State.WARNING or line.subject in cured):
+                logs.get(line.state, rospy.loginfo)("%s: %s: %s", rospy.get_name(), line.subject, line.sentence())
 
 
 def _running_nodes() -> FrozenSet[str]:

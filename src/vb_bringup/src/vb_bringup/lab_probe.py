@@ -107,7 +107,9 @@ def probe(seconds: float) -> List[Line]:
     graph = Graph()
     transforms = TransformLookup()
     robots = _robots()
-    detectors = {node: _parameters(node) for node in sorted(graph.nodes) if node.split("/")[-1].startswith(_DETECTOR)}
+    running = sorted(node for node in graph.nodes if node.split("/")[-1].startswith(_DETECTOR))
+    detectors = {node: {"camera": node.split("/")[-1][len(_DETECTOR):].strip("_"), **_parameters(node)}
+                 for node in [*running, *_missing_detectors(running)]}
     images = {node: _image_topic(graph, node, found) for node, found in detectors.items()}
     streams: Dict[str, Stream] = {}
     for topic, kind in images.values():
@@ -141,7 +143,7 @@ def probe(seconds: float) -> List[Line]:
     place = Path(str(rospy.get_param("/map_integrator/store_dir", "~"))).expanduser()
     while not place.exists():
         place = place.parent
-    lines.append(check_disk(str(place), shutil.disk_usage(str(place)).free / 2**20))
+    lines.append(check_disk(str(place), shutil.disk_usage(str(place)).free / 2**20, os.access(str(place), os.W_OK)))
     for stream in streams.values():
         stream.close()
     return lines
@@ -204,6 +206,12 @@ def _robots() -> List[str]:
 
 def _within(robot: str, name: str) -> str:
     return f"/{robot}/{name}" if robot else f"/{name}"
+
+
+def _missing_detectors(running: Sequence[str]) -> List[str]:
+    """The detectors that should run, by the cameras that the lab was started with, and do not."""
+    expected = [f"/{_DETECTOR}_{name}" for name in str(rospy.get_param("/lab_monitor/cameras", "")).split()]
+    return [node for node in expected if node not in running]
 
 
 def _parameters(node: str) -> Mapping[str, Any]:
@@ -275,7 +283,7 @@ def _camera(
         encoding=getattr(image, "encoding", "") or getattr(image, "format", ""), frame=frame,
         bright=float((pixels >= 250).mean()) if pixels.size else 0.0,
         info=None if info is None else CameraInfoSeen(info.width, info.height, float(info.K[0])),
-        detector=node,
+        detector=node if node in graph.nodes else "",
         has_pose=bool(frame) and _transform_age(transforms, frame) is not None, file=file, file_error=error,
         file_frame=file_frame,
     )

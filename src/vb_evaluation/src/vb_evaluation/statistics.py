@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 import warnings
 from dataclasses import dataclass
-from typing import Callable, Tuple
+from typing import Callable
 
 import numpy as np
 from scipy import stats
@@ -19,14 +19,6 @@ CONFIDENCE = 0.95
 # the exact distribution costs n^3; beyond this the normal one is as good
 EXACT_UP_TO = 200
 RESAMPLES = 4999
-
-
-@dataclass(frozen=True)
-class Normality:
-    """Shapiro-Wilk test; nan where it is not defined (fewer than 3 values, or all alike)."""
-
-    w: float
-    p: float
 
 
 @dataclass(frozen=True)
@@ -67,8 +59,6 @@ class PairedComparison:
 
     Attributes:
         n: pairs.
-        normality: of the differences.
-        outliers: indices of pairs whose difference is beyond the boxplot's whiskers.
         test: Wilcoxon.
         r: effect size |Z| / sqrt(number of observations), two per pair (Rosenthal 1991; Field 2009, Sect. 15.4).
         rank_biserial: (W+ - W-) / (W+ + W-), -1 .. 1 (Kerby 2014).
@@ -76,8 +66,6 @@ class PairedComparison:
     """
 
     n: int
-    normality: Normality
-    outliers: Tuple[int, ...]
     test: SignedRank
     r: float
     rank_biserial: float
@@ -99,32 +87,11 @@ def compare(first: np.ndarray, second: np.ndarray, confidence: float = CONFIDENC
     ranks = test.w_plus + test.w_minus
     return PairedComparison(
         n=len(differences),
-        normality=shapiro(differences),
-        outliers=outliers(differences),
         test=test,
         r=abs(test.z) / math.sqrt(2 * len(differences)) if len(differences) else math.nan,
         rank_biserial=(test.w_plus - test.w_minus) / ranks if ranks else math.nan,
         shift=hodges_lehmann(differences, confidence),
     )
-
-
-def shapiro(values: np.ndarray) -> Normality:
-    """Shapiro-Wilk test for normality of values (N,)."""
-    values = _sample(values)
-    if len(values) < 3 or np.ptp(values) == 0.0:
-        return Normality(math.nan, math.nan)
-    found = stats.shapiro(values)
-    return Normality(float(found.statistic), float(found.pvalue))
-
-
-def outliers(values: np.ndarray) -> Tuple[int, ...]:
-    """Indices of values (N,) beyond a boxplot's whiskers: 1.5 times the interquartile range from the quartiles."""
-    values = _sample(values)
-    if len(values) == 0:
-        return ()
-    low, high = np.percentile(values, (25, 75))
-    reach = 1.5 * (high - low)
-    return tuple(int(index) for index in np.flatnonzero((values < low - reach) | (values > high + reach)))
 
 
 def signed_rank(differences: np.ndarray) -> SignedRank:

@@ -2,11 +2,13 @@
 
 `ExtractionParams.robust()`, the default, in the order of the data, one module for each stage:
 
-    observations   the spots, checked and put in the order of time
-    track          which of them are the pointer's: the one feasible path through time that explains most floor
-    placement      where the pointer really was: the cameras' offsets removed
-    line           the fewest straight sides that keep every detail larger than a tremble, and their corners
-    closure        polygon or separating curve
+    stroke/observations   the spots, checked and put in the order of time
+    stroke/track          which of them are the pointer's: the one feasible path through time that explains most floor
+    stroke/placement      where the pointer really was: the cameras' offsets removed
+    line/closure          polygon or separating curve
+    line/sides            the fewest straight sides that keep every detail larger than a tremble, and their corners
+
+A drawing that grows is extracted again for the price of what is new (memory.py): `GrowingBorder`.
 
 Bare points, without stamps, get an order in space first (stroke/ordering.py); all that follows is the same.
 `ExtractionParams.paper()` runs Algorithms 1 to 3 of the paper as they are written (paper.py).
@@ -21,7 +23,7 @@ Bare points, without stamps, get an order in space first (stroke/ordering.py); a
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Optional, Sequence, Tuple
+from typing import List, Optional, Sequence, Tuple
 
 import numpy as np
 from scipy.spatial.distance import cdist
@@ -34,17 +36,17 @@ from vb_core.parameters import Parameters, param
 from vb_fusion.chain import BorderChain, ExtractionError
 from vb_fusion.line import closure
 from vb_fusion.line.sides import Stroke, fit_line, make_stroke
+from vb_fusion.memory import Memory
 from vb_fusion.paper import clustering, expansion, generate_poly, thinning
-from vb_fusion.stroke.observations import TREMBLE, Sights, gather
+from vb_fusion.stroke.observations import TREMBLE, Sights, check, condense, moments
 from vb_fusion.stroke.ordering import in_order
 from vb_fusion.stroke.placement import without_offsets
 from vb_fusion.stroke.seed import extract_seed
-from vb_fusion.stroke.track import find_tracks
+from vb_fusion.stroke.track import Places, Track, find_places, find_tracks
 
 __all__ = ["BorderChain", "ExtractionError", "ExtractionParams", "extract_border", "extract_seed"]
 
 SLIP = 0.02  # of the area that a crossing line encloses: smaller loops are slips of the hand
-NECK = 0.2 * TREMBLE  # [m] half the width at which two lobes hang together
 
 
 @dataclass(frozen=True)
@@ -96,19 +98,65 @@ def extract_border(
         ExtractionError: "no_spots", "too_few_spots", "no_line", "bad_points", "crosses_itself" or "too_many_spots".
     """
     params = params or ExtractionParams.robust()
+    if params.mode == "robust" and stamps is not None:
+        drawing = GrowingBorder(params)
+        drawing.add(check(points, stamps, cameras, confidences, mobile))
+        return drawing.chain()
+    seen = check(points, None, cameras, confidences, mobile)
+    _require(seen, params)
     if params.mode == "paper":
-        seen = gather(points)
-    else:
-        seen = gather(points, stamps, cameras, confidences, mobile)
-    if seen.spots == 0:
+        return _paper(seen, params)
+    drawn = seen.select(in_order(seen.points, params.eps))
+    return _line(drawn, drawn, seen.select(slice(0)), params, Memory(), Memory())
+
+
+class GrowingBorder:
+    """The border of a drawing that goes on: what was extracted before is not extracted again.
+
+    The chain is the one that `extract_border` finds in all spots at once.
+    """
+
+    def __init__(self, params: ExtractionParams) -> None:
+        self._params = params
+        self._sights = check(np.zeros((0, 2)))
+        self._places = Places(np.zeros((0, 2)), np.zeros(0), np.zeros(0, dtype=int))
+        self._steps, self._stations, self._sides = Memory(), Memory(), Memory()
+
+    def add(self, spots: Sights) -> None:
+        """Adds spots as `check` gives them, with stamps, and with numbers for cameras."""
+        if len(spots.points) == 0:
+            return
+        # moments that are over stay as they are; from the first that gets a spot on they are looked at again
+        begin = moments(spots.stamps).min()
+        kept = int(np.searchsorted(moments(self._sights.stamps), begin))
+        recent = condense(self._sights.select(slice(kept, None)).followed_by(spots))
+        self._sights = self._sights.select(slice(kept)).followed_by(recent)
+        self._places = self._places.until(kept).followed_by(find_places(recent))
+
+    def chain(self) -> BorderChain:
+        """The border of all spots so far.
+
+        Raises:
+            ExtractionError: as extract_border.
+        """
+        seen, params = self._sights, self._params
+        _require(seen, params)
+        # a quick stroke across a doorway is seen seldom, but unlike something bright that stays it is long
+        tracks = find_tracks(seen, self._places, params.eps, 0.25 * params.min_exp, self._steps)
+        drawn, left_out = _joined(seen, tracks, params)
+        return _line(drawn, without_offsets(drawn), left_out, params, self._stations, self._sides)
+
+
+def _require(seen: Sights, params: ExtractionParams) -> None:
+    count = int(seen.spots.sum())
+    if count == 0:
         raise ExtractionError("no_spots")
-    if seen.spots < params.min_size:
-        raise ExtractionError("too_few_spots", spots=seen.spots, needed=params.min_size)
-    return _paper(seen, params) if params.mode == "paper" else _robust(seen, params)
+    if count < params.min_size:
+        raise ExtractionError("too_few_spots", spots=count, needed=params.min_size)
 
 
 def _no_line(seen: Sights, params: ExtractionParams) -> ExtractionError:
-    return ExtractionError("no_line", spots=seen.spots, shortest=f"{params.min_exp:g}")
+    return ExtractionError("no_line", spots=int(seen.spots.sum()), shortest=f"{params.min_exp:g}")
 
 
 def _paper(seen: Sights, params: ExtractionParams) -> BorderChain:
@@ -124,40 +172,13 @@ def _paper(seen: Sights, params: ExtractionParams) -> BorderChain:
     return _result(chain, decision, np.zeros((0, 2)), 0, {"cluster": seen.points[cluster], "thinned": thinned})
 
 
-def _robust(seen: Sights, params: ExtractionParams) -> BorderChain:
-    drawn, left_out = _strokes(seen, params)
-    placed = without_offsets(drawn) if drawn.stamps is not None else drawn
-    if len(placed.points) < 3 or not 0.8 * params.min_exp < expansion(placed.points) < params.max_exp:
-        raise _no_line(seen, params)
-    stroke = make_stroke(placed.points, placed.weights)
-    if len(stroke.points) < 2:
-        raise _no_line(seen, params)
-    decision = closure.decide(stroke.points, params.kind)
-    if decision.closed:
-        kept = slice(decision.first, decision.last + 1)
-        # a gap that may have been crossed unseen may hide a corner; across a wider one the line is straight
-        line = fit_line(Stroke(stroke.points[kept], stroke.trust[kept]), decision.gap <= params.eps)
-        if len(line) < 3:
-            decision = closure.decide(line)  # a straight line, though a polygon was asked for
-    else:
-        line = fit_line(stroke, False)
-    chain = _simplified(line, decision.closed, params.tolerance)
-    stages = {"cluster": drawn.points, "placed": placed.points, "thinned": stroke.points}
-    return _result(chain, decision, left_out.points, int(round(left_out.weights.sum())), stages)
-
-
-def _strokes(seen: Sights, params: ExtractionParams) -> Tuple[Sights, Sights]:
+def _joined(seen: Sights, tracks: List[Track], params: ExtractionParams) -> Tuple[Sights, Sights]:
     """The sights of the stroke, in the order in which the line runs, and those of strokes that do not go on from it."""
-    if seen.stamps is None:
-        order = in_order(seen.points, params.eps)
-        return seen.select(order), seen.select(order[:0])
-    # a quick stroke across a doorway is seen seldom, but unlike something bright that stays it is long
-    tracks = find_tracks(seen, params.eps, 0.25 * params.min_exp)
     tracks = [track for track in tracks if expansion(track.points) > 0.8 * params.min_exp]
     if not tracks:
         raise _no_line(seen, params)
     line, order = tracks[0].points, tracks[0].sights
-    others = [track for track in tracks[1:] if track.gain > params.min_exp and len(track.sights) >= params.min_size]
+    others = [t for t in tracks[1:] if t.gain > params.min_exp and seen.spots[t.sights].sum() >= params.min_size]
     while others:
         # which end of another stroke is nearest to which end of the line
         near = [cdist(line[[0, -1]], track.points[[0, -1]]) for track in others]
@@ -174,6 +195,29 @@ def _strokes(seen: Sights, params: ExtractionParams) -> Tuple[Sights, Sights]:
     return seen.select(order), seen.select(left_out)
 
 
+def _line(
+    drawn: Sights, placed: Sights, left_out: Sights, params: ExtractionParams, stations: Memory, sides: Memory
+) -> BorderChain:
+    """Stages 3 to 5: the line through the stroke as it was placed."""
+    if len(placed.points) < 3 or not 0.8 * params.min_exp < expansion(placed.points) < params.max_exp:
+        raise _no_line(drawn, params)
+    stroke = make_stroke(placed.points, placed.weights, stations)
+    if len(stroke.points) < 2:
+        raise _no_line(drawn, params)
+    decision = closure.decide(stroke.points, params.kind)
+    if decision.closed:
+        kept = slice(decision.first, decision.last + 1)
+        # a gap that may have been crossed unseen may hide a corner; across a wider one the line is straight
+        line = fit_line(Stroke(stroke.points[kept], stroke.trust[kept]), decision.gap <= params.eps, sides)
+        if len(line) < 3:
+            decision = closure.decide(line)  # a straight line, though a polygon was asked for
+    else:
+        line = fit_line(stroke, False, sides)
+    chain = _simplified(line, decision.closed, params.tolerance)
+    stages = {"cluster": drawn.points, "placed": placed.points, "thinned": stroke.points}
+    return _result(chain, decision, left_out.points, int(left_out.spots.sum()), stages)
+
+
 def _simplified(chain: np.ndarray, closed: bool, tolerance: float) -> np.ndarray:
     """Stage 5: fewer vertices, and a polygon that does not cross itself.
 
@@ -188,8 +232,9 @@ def _simplified(chain: np.ndarray, closed: bool, tolerance: float) -> np.ndarray
         pieces = make_valid(polygon).buffer(0.0)
         lobes = [Polygon(piece.exterior) for piece in getattr(pieces, "geoms", [pieces])]
         whole = sum(lobe.area for lobe in lobes)
-        large = unary_union([lobe.buffer(NECK, join_style=2) for lobe in lobes if lobe.area >= SLIP * whole])
-        polygon = large.buffer(-0.5 * NECK, join_style=2)
+        neck = 0.2 * TREMBLE
+        large = unary_union([lobe.buffer(neck, join_style=2) for lobe in lobes if lobe.area >= SLIP * whole])
+        polygon = large.buffer(-0.5 * neck, join_style=2)
         if polygon.geom_type != "Polygon" or polygon.is_empty:
             raise ExtractionError("crosses_itself")
     return np.asarray(Polygon(polygon.exterior).simplify(tolerance).exterior.coords)[:-1]

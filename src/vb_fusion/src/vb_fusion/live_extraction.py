@@ -1,7 +1,7 @@
 """The border so far, kept up to date while a person draws, within a share of one core.
 
-It is the same extraction as at the end, of at most LIVE_SPOTS spots: a drawing that has more is seen so densely, or
-lasts so long, that evenly chosen ones show it.
+It is the same extraction as at the end; what was extracted before is kept (memory.py). The paper's mode cannot do
+that: evenly chosen spots show what it makes of the drawing.
 """
 from __future__ import annotations
 
@@ -11,8 +11,11 @@ from typing import Callable, Optional
 import numpy as np
 
 from vb_core.errors import CodedError
-from vb_fusion.extraction import BorderChain, ExtractionError, ExtractionParams, extract_border, extract_seed
+from vb_fusion.extraction import (
+    BorderChain, ExtractionError, ExtractionParams, GrowingBorder, extract_border, extract_seed,
+)
 from vb_fusion.spots.collector import Collection
+from vb_fusion.stroke.observations import check
 
 
 @dataclass(frozen=True)
@@ -25,20 +28,16 @@ class DrawnBorder:
     no_seed: Optional[CodedError] = None
 
 
-LIVE_SPOTS = 4000
+PAPER_SPOTS = 4000  # which the paper's mode extracts while somebody draws
 
 
-def extract_chain(collection: Collection, params: ExtractionParams, limit: Optional[int] = None) -> BorderChain:
+def extract_chain(collection: Collection, params: ExtractionParams) -> BorderChain:
     """Extracts the chain from all that is known of the border spots.
-
-    Args:
-        limit: the most spots to use, evenly chosen; None for all.
 
     Raises:
         ExtractionError
     """
-    rows = evenly(collection.border, limit) if limit else collection.border
-    return extract_border(rows[:, 1:3], params, **_known(rows))
+    return extract_border(collection.border[:, 1:3], params, **_known(collection.border))
 
 
 def extract_seed_of(collection: Collection) -> np.ndarray:
@@ -52,7 +51,8 @@ def extract_seed_of(collection: Collection) -> np.ndarray:
 
 
 def _known(rows: np.ndarray) -> dict:
-    return {"stamps": rows[:, 0], "confidences": rows[:, 3], "cameras": rows[:, 4], "mobile": rows[:, 5] > 0.0}
+    stamps, confidences, cameras, mobile = rows[:, [0, 3, 4, 5]].T
+    return {"stamps": stamps, "confidences": confidences, "cameras": cameras.astype(int), "mobile": mobile > 0.0}
 
 
 def evenly(rows: np.ndarray, limit: int) -> np.ndarray:
@@ -73,15 +73,13 @@ class LiveExtractor:
     def __init__(self, params: ExtractionParams, share: float) -> None:
         self._params = params
         self._share = share
-        self._not_before = 0.0
-        self._border_total = -1
-        self._seed_total = -1
-        self.candidate = DrawnBorder()
+        self.reset()
 
     def reset(self) -> None:
         """Starts again, for a new interaction."""
         self._not_before = 0.0
         self._border_total = self._seed_total = -1
+        self._drawing = GrowingBorder(self._params)
         self.candidate = DrawnBorder()
 
     def update(self, collection: Collection, clock: Callable[[], float], force: bool = False) -> DrawnBorder:
@@ -101,9 +99,13 @@ class LiveExtractor:
         )
         if border_new:
             try:
-                chain, no_chain = extract_chain(collection, self._params, LIVE_SPOTS), None
+                chain, no_chain = self._chain(collection), None
             except ExtractionError as error:
                 chain, no_chain = None, error
+            except Exception:
+                # begins again: what it keeps may be half done
+                self._drawing, self._border_total = GrowingBorder(self._params), -1
+                raise
         if seed_new:
             try:
                 seed, no_seed = extract_seed_of(collection), None
@@ -114,3 +116,12 @@ class LiveExtractor:
         finished = clock()
         self._not_before = finished + (finished - started) * (1.0 / self._share - 1.0)
         return self.candidate
+
+    def _chain(self, collection: Collection) -> BorderChain:
+        rows = collection.border
+        if self._params.mode == "paper":
+            return extract_border(evenly(rows, PAPER_SPOTS)[:, 1:3], self._params)
+        # the last rows are the new ones, also after a full collection was thinned
+        fresh = rows[max(len(rows) - collection.border_total + max(self._border_total, 0), 0) :]
+        self._drawing.add(check(fresh[:, 1:3], **_known(fresh)))
+        return self._drawing.chain()

@@ -8,7 +8,7 @@ import sys
 import threading
 import time
 from pathlib import Path
-from typing import Any, List, Optional, Tuple
+from typing import Any, Dict, List, Optional, Tuple
 
 import cv2
 import numpy as np
@@ -31,11 +31,12 @@ from vb_laser_detect.detector import DetectorParams, SpotDetector
 from vb_laser_detect.detection.image_format import PixelReader
 from vb_laser_detect.detection.pixels import to_grey
 from vb_laser_detect.spot_detector_node import is_rectified
-from vb_msgs.msg import LaserSpot
+from vb_msgs.msg import DetectorStatus, LaserSpot
 
 FOLDER = "~/.ros/virtual_borders/cameras"
 _BOARD_IMAGES = 10
 _BOARD_PATIENCE_S = 10.0
+_REPORTS_S = 2.5  # [s] within which each detector has told its camera's frame twice
 _SPOT_PATIENCE_S = 4.0  # [s] for the spot to be seen and still
 
 
@@ -104,6 +105,36 @@ class CameraInput:
             return camera
 
 
+class OtherFrames:
+    """The frames of the other cameras, as their detectors tell them.
+
+    Subscribed topics:
+        /virtual_borders/detectors (vb_msgs/DetectorStatus)
+    """
+
+    def __init__(self, camera: str) -> None:
+        self._camera = camera
+        self._frames: Dict[str, str] = {}
+        self._heard_all = time.monotonic() + _REPORTS_S
+        self._subscriber = rospy.Subscriber(names.DETECTORS, DetectorStatus, self._on_status, queue_size=20)
+
+    def _on_status(self, message: DetectorStatus) -> None:
+        if message.camera != self._camera and not message.mobile:
+            self._frames[message.camera] = message.frame_id
+
+    def require_own_frame(self, frame: str) -> None:
+        """Refuses a frame that another running camera has: a frame has one pose.
+
+        Raises:
+            CodedError: "shared_frame", naming the cameras.
+        """
+        rospy.rostime.wallsleep(max(0.0, self._heard_all - time.monotonic()))
+        self._subscriber.unregister()
+        same = [camera for camera, other in list(self._frames.items()) if other == frame]
+        if same:
+            raise CodedError("shared_frame", cameras=", ".join(sorted([*same, self._camera])), frame=frame)
+
+
 class Inputs:
     """The person's input: lines typed and points clicked in RViz, in order.
 
@@ -146,6 +177,7 @@ class Guide:
     def __init__(self, arguments: argparse.Namespace) -> None:
         self._arguments = arguments
         self._inputs = Inputs()
+        others = OtherFrames(arguments.camera)
         # what the lab's files say of this camera need not be said again
         running = rospy.get_param(f"/spot_detector_{arguments.camera}", {})
         image = arguments.image or "/" + (running.get("image") or f"{arguments.camera}/image_raw").lstrip("/")
@@ -156,6 +188,7 @@ class Guide:
         self._frame = arguments.frame or running.get("frame") or self._input.frame_id or f"{arguments.camera}_optical_frame"
         # before the person does any work
         calibration_file.require_own_frame(arguments.folder, arguments.camera, self._frame)
+        others.require_own_frame(self._frame)
         self.session: Any = None
 
     def on_image(self, image: np.ndarray, encoding: str, stamp: float) -> None:

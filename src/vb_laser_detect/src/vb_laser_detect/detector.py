@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import Any, Callable, Dict, List, Optional, Tuple
+from typing import Any, Callable, List, NamedTuple, Optional, Tuple
 
 import cv2
 import numpy as np
@@ -25,7 +25,7 @@ from vb_core.errors import CodedError, ParameterError
 from vb_laser_detect.detection import classifier, features
 from vb_laser_detect.detection.blocks import BLOCK
 from vb_laser_detect.detector_params import DetectorParams
-from vb_laser_detect.detection.features import Blob, Camera, chroma
+from vb_laser_detect.detection.features import Blob, Camera
 from vb_laser_detect.detection.floor_scale import ToFloor, metres_per_pixel
 from vb_laser_detect.detection.image_format import BAYER
 from vb_laser_detect.detection.proposals import Proposal, Proposer, View
@@ -36,7 +36,8 @@ _LONGEST = 2.0  # times its diameter: a fast one is elongated
 _WIDEST = 0.09  # of the image's diagonal, where no pose is known
 _LEAST_PX = 2.5  # smaller blobs are noise
 _LEAST_WHITE = 128.0  # [grey levels] no camera's white is darker
-_VIVID = 0.4  # chroma of a laser's light on a floor; webcams show less, but other bright things even less
+_VIVID = 0.4  # mean chroma of a laser's light on a floor; webcams show less, but other bright things even less
+_PALE = 0.25  # ... of a laser on a floor that is nearly white; a mosaic's mean of white glints over half a second is less
 # [s] colourless light is followed for longer before it counts: a glint on a shoe, a watch or a cup lasts
 # less than a step, half a second. Nothing is lost, as the spots until then are backfilled
 _STEP_S = 0.6
@@ -89,15 +90,17 @@ class Candidate:
     refusal: str = ""
 
 
-@dataclass(frozen=True)
-class _Finding:
+class _Finding(NamedTuple):
     """A measured proposal; `certain`: the image alone shows it, not only that it was expected there."""
 
     blob: Blob
-    numbers: Dict[str, float]
     confidence: float = 0.0
     refusal: str = ""
     certain: bool = True
+
+    def candidate(self, refusal: str = "") -> Candidate:
+        """What a debug image shows of it."""
+        return Candidate(self.blob.u, self.blob.v, self.blob.diameter, self.confidence, refusal or self.refusal)
 
 
 class SpotDetector:
@@ -143,7 +146,6 @@ class SpotDetector:
             raise ParameterError("moving_camera", "cannot be changed while the detector runs")
         self._classifier = self._given or classifier.load(params.classifier)
         self.params = params
-        self._least_chroma = self._classifier.least_chroma(params.min_probability)
         self._tracker.params = self._proposer.params = params
 
     def reset(self) -> None:
@@ -172,9 +174,9 @@ class SpotDetector:
         Raises:
             CodedError: "bad_image" for any other image.
         """
-        p, image = self.params, _checked(image)
+        image = _checked(image)
         mosaic = image.ndim == 2 and self.encoding[:10] in BAYER
-        if mosaic and p.moving_camera:
+        if mosaic and self.params.moving_camera:
             # a mosaic cannot be moved by parts of a pixel
             image, mosaic = cv2.cvtColor(image, BAYER[self.encoding[:10]]), False
         if self._stamp is not None and stamp < self._stamp or self._shape not in (None, image.shape):
@@ -187,49 +189,38 @@ class SpotDetector:
         expected = self._tracker.begin(stamp, diagonal, self._proposer.motion(image))
         view = self._proposer.look(image, self._white, expected)
         self._white = view.white
-        camera = Camera(self._white, diagonal, mosaic)
-        findings, candidates = self._look(view, camera)
-        found = sorted((f for f in findings if not f.refusal), key=lambda f: (not f.certain, -f.confidence))
-        spots, refusals = self._confirm(found, mosaic)
-        kept = [(f.blob.u, f.blob.v, f.blob.diameter) for f in found
-                if f.certain and f.confidence >= max(_CERTAIN, p.min_probability)]
+        findings, self.candidates = self._examine_all(view, Camera(self._white, diagonal, mosaic))
+        spots = self._confirm(findings, mosaic)
+        kept = [(f.blob.u, f.blob.v, f.blob.diameter) for f in findings
+                if not f.refusal and f.certain and f.confidence >= max(_CERTAIN, self.params.min_probability)]
         # a pause must not make one frame outweigh all earlier ones
         self._proposer.learn(view, kept, min(elapsed, 1.0))
-        self.candidates = candidates + [
-            Candidate(f.blob.u, f.blob.v, f.blob.diameter, f.confidence, refusals.get(id(f), f.refusal)) for f in findings]
         return spots
 
-    def _look(self, view: View, camera: Camera) -> Tuple[List[_Finding], List[Candidate]]:
+    def _examine_all(self, view: View, camera: Camera) -> Tuple[List[_Finding], List[Candidate]]:
         """Measures a view's proposals; the second list are those not examined."""
         findings: List[_Finding] = []
-        left_out, proposals = [], [one for one in view.proposals if not one.refusal]
-        followed = False
-        for proposal, metre in zip(proposals, self._metres_in(proposals)):
-            if followed:
-                left_out.append((proposal, "not_looked_at"))
-                continue
+        left_out, proposals = [one for one in view.proposals if one.refusal], [one for one in view.proposals if not one.refusal]
+        for number, (proposal, metre) in enumerate(zip(proposals, self._metres_in(proposals))):
             finding, one = self._examine(proposal, metre, view, camera), proposal.expected
-            here = one is not None and one.published and one.holds(finding.blob.u, finding.blob.v)
             # two regions can lead to the same blob
             if not any(math.hypot(finding.blob.u - other.blob.u, finding.blob.v - other.blob.v) < 2.0
                        and bool(other.refusal) == bool(finding.refusal) for other in findings):
                 findings.append(finding)
-            # the one spot is found where it is expected: nothing else can take its place
-            followed = self.params.max_spots == 1 and here and finding.certain and not finding.refusal
-        left_out += [(one, one.refusal) for one in view.proposals if one.refusal]
-        return findings, [Candidate((left + right) / 2.0, (top + bottom) / 2.0, float(right - left), refusal=why)
-                          for ((left, top, right, bottom), *_), why in left_out]
+            if (self.params.max_spots == 1 and one is not None and one.published and finding.certain
+                    and not finding.refusal and one.holds(finding.blob.u, finding.blob.v)):
+                # the one spot is found where it is expected: nothing else can take its place
+                left_out += [other._replace(refusal="not_looked_at") for other in proposals[number + 1 :]]
+                break
+        return findings, [Candidate((left + right) / 2.0, (top + bottom) / 2.0, float(right - left), refusal=other.refusal)
+                          for other in left_out for left, top, right, bottom in [other.region]]
 
     def _examine(self, proposal: Proposal, metre: Optional[float], view: View, camera: Camera) -> _Finding:
         """Measures and judges one proposal; where a spot must be, also as what a brighter area left of it."""
-        one = proposal.expected
-        trusted = one is not None and one.trusted
-        # a published spot has shown its colour, and in a mosaic that takes longest to measure
-        least_chroma = None if trusted and one.published and self.params.confirm_frames > 1 else self._least_chroma
-        largest = _LONGEST * self._sizes(metre, camera)[1]
-        blob = features.measure(view.image, view.reference, proposal.region, largest, camera, least_chroma=least_chroma)
+        one, largest = proposal.expected, _LONGEST * self._sizes(metre, camera)[1]
+        blob = features.measure(view.image, view.reference, proposal.region, largest, camera)
         finding = self._judge(blob, metre, view, camera, False)
-        for edge in (features.EDGE, *features.CORES) if trusted and finding.refusal else ():
+        for edge in (features.EDGE, *features.CORES) if one is not None and one.trusted and finding.refusal else ():
             if edge != features.EDGE:
                 blob = features.measure(view.image, view.reference, proposal.part, largest, camera, edge)
             if one.holds(blob.u, blob.v):
@@ -241,20 +232,20 @@ class SpotDetector:
     def _judge(self, blob: Blob, metre: Optional[float], view: View, camera: Camera, expected: bool) -> _Finding:
         refusal = blob.problem or self._wrong_size(blob, metre, camera)
         if refusal:
-            return _Finding(blob, {}, refusal=refusal)
+            return _Finding(blob, refusal=refusal)
         numbers = {**blob.numbers, **view.around(blob.u, blob.v, blob.diameter)}
         verdict = self._classifier.judge(blob, numbers, expected)
-        least = max(self.params.min_probability, _CERTAIN) if expected else self.params.min_probability
-        if verdict.probability < least:
+        if verdict.probability < (max(self.params.min_probability, _CERTAIN) if expected else self.params.min_probability):
             refusal = verdict.against
         elif not expected and numbers["darker"] > _MAX_DARKER:
             refusal = "darker"
         elif self._place_check is not None:
             refusal = self._place_check(blob.u, blob.v)
-        return _Finding(blob, numbers, verdict.probability, refusal, not expected)
+        return _Finding(blob, verdict.probability, refusal, not expected)
 
-    def _confirm(self, found: List[_Finding], mosaic: bool) -> Tuple[List[Spot], Dict[int, str]]:
-        """The spots to publish, the most certain first; and why others are not."""
+    def _confirm(self, findings: List[_Finding], mosaic: bool) -> List[Spot]:
+        """The spots to publish, the most certain first; notes the others, and why, in `candidates`."""
+        found = sorted((f for f in findings if not f.refusal), key=lambda f: (not f.certain, -f.confidence))
         places = np.full((len(found), 4), np.nan)
         if found:
             places[:, :2] = [(f.blob.u, f.blob.v) for f in found]
@@ -262,25 +253,23 @@ class SpotDetector:
                 places[:, 2:] = np.asarray(self._to_floor(places[:, :2]), float)[:, :2]
         spots = [Spot(f.blob.u, f.blob.v, f.blob.diameter, f.confidence) for f in found]
         sightings = [
-            Sighting(place, f.confidence, f.certain, f.blob.tint, (spot, self._stamp, self.tag, f.numbers))
+            Sighting(place, f.confidence, f.certain, f.blob.tint, (spot, self._stamp, self.tag))
             for place, f, spot in zip(places, found, spots)]
 
-        def agrees(sighting: Sighting, tint: Optional[np.ndarray], followed_s: float) -> bool:
-            """Whether a track's last sighting is a spot with the mean colour of all of them; without one, after a while."""
-            if mosaic:
-                numbers = {**sighting.content[3], "chroma_mosaic": chroma(tint)}
-                return self._classifier.judge(None, numbers).probability >= self.params.min_probability
-            return followed_s >= _STEP_S or tint is not None and chroma(tint) >= _VIVID
+        def agrees(tint: Optional[np.ndarray], followed_s: float) -> bool:
+            """Whether the mean colour of a track's sightings is a laser's; one that is paler must be followed for a while."""
+            least = _VIVID if followed_s < _STEP_S else _PALE if mosaic else 0.0
+            return (0.0 if tint is None else features.chroma(tint)) >= least
 
-        told, refusals, self.backfilled = [], {}, []
+        told, self.backfilled = [], []
+        self.candidates += [f.candidate() for f in findings if f.refusal]
         for f, spot, track in zip(found, spots, self._tracker.update(sightings, agrees)):
+            self.candidates.append(f.candidate("" if track.published else "less_certain" if track.confirmed else "unconfirmed"))
             if track.published:
                 told.append(replace(spot, track=track.track))
                 self.backfilled += [BackfilledSpot(replace(earlier, track=track.track), stamp, tag)
-                                    for earlier, stamp, tag, _ in track.backfilled]
-            else:
-                refusals[id(f)] = "less_certain" if track.confirmed else "unconfirmed"
-        return told, refusals
+                                    for earlier, stamp, tag in track.backfilled]
+        return told
 
     def _metres_in(self, proposals: List[Proposal]) -> List[Optional[float]]:
         """[m/px] on the floor in the middle of regions; None where the floor, or the camera's pose, is not known."""

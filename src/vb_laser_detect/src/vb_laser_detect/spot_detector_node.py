@@ -38,6 +38,9 @@ _SOURCES = {
 }
 
 
+_DEBUG_S = 0.2  # between two debug images: drawing them takes longer than the search
+
+
 @dataclass(frozen=True)
 class NodeParams(Parameters):
     """The node's own parameters; see config/*.yaml."""
@@ -52,7 +55,6 @@ class NodeParams(Parameters):
     tf_wait_s: float = param(0.1, "s", low=0.0, high=2.0, doc="how long to wait for a pose at the image's time")
     pose_refresh_s: float = param(2.0, "s", above=0.0, high=3600.0, doc="a fixed camera's pose is looked up so often")
     depth_age_s: float = param(0.08, "s", low=0.0, high=5.0, doc="largest time between image and depth image")
-    debug_hz: float = param(5.0, "1/s", above=0.0, high=100.0, doc="of ~debug_image")
     ignore_regions: list = param([], "m", doc="polygons in the map frame where no spot counts")
 
 
@@ -234,7 +236,7 @@ class SpotDetectorNode:
 
     def _publish_debug(self, image: np.ndarray, encoding: str, header: Any) -> None:
         now = rospy.Time.now()
-        if self._last_debug is not None and 0 <= (now - self._last_debug).to_sec() < 1.0 / self._params.debug_hz:
+        if self._last_debug is not None and 0 <= (now - self._last_debug).to_sec() < _DEBUG_S:
             return
         self._last_debug = now
         self._report.debug_images += 1

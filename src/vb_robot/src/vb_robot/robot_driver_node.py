@@ -276,7 +276,8 @@ class RobotDriverNode:
         # tf returns the newest transform, however old
         stamp = self._transforms.newest(names.MAP_FRAME, self._base)
         T = self._lookup(names.MAP_FRAME, self._base, stamp)
-        self._driver.set_pose(geometry.transform_pose2d(T) if T is not None else None, stamp.to_sec())
+        self._driver.set_pose(geometry.transform_pose2d(T) if T is not None else None, stamp.to_sec(),
+                              self._transforms.newest(names.MAP_FRAME, self._odom).to_sec())
         frames = Frames(lambda stamp: self._odom_from_map(now, stamp),
                         lambda: self._lookup(self._base, self._odom, rospy.Time(0), warn=True))
         return self._driver.step(now.to_sec(), frames)
@@ -338,8 +339,10 @@ class RobotDriverNode:
         if command.cancel:
             found.append(self._notice("goal_cancelled", Severity.INFO))
         self._held_since = {command.code: self._held_since.get(command.code, now)}
-        held = now - self._held_since[command.code] >= HELD_FOR or command.driver == drivers.STOP
-        if command.code in HOLDS and held:
+        held = now - self._held_since[command.code] >= HELD_FOR
+        if held and self._driver.stopped and not self._remembered and self._stop_file is not None:
+            found.append(self._notice("stop_not_remembered", Severity.WARNING))
+        if command.code in HOLDS and (held or command.driver == drivers.STOP):
             severity = Severity.INFO if command.code in ("obstacle", "border") else Severity.WARNING
             code = "robot_inside_border_held" if command.code == "inside_border" else f"robot_{command.code}"
             found.append(self._notice(code, severity, others=self._driver.others))

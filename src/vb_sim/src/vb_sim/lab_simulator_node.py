@@ -33,7 +33,7 @@ from vb_sim.state_file import StateFile
 from vb_sim.room.world import Robot, load_world
 
 MIN_PACE, MAX_PACE = 0.1, 20.0  # simulated seconds per real second
-CONTROL_STEPS = 5  # steps in which navigation and driver each give a command: 0.1 s, as move_base's controller does
+CONTROL_STEPS = 5  # steps in which navigation, driver and AMCL are each heard: 0.1 s, as move_base's controller and scans come
 
 
 @dataclass(frozen=True)
@@ -51,7 +51,7 @@ class LabSimulatorParams(Parameters):
     checkpoint_divisor: int = param(10, "steps", low=1)
     transform_tolerance: float = param(0.1, "s", low=0.0, high=1.0)
     localises: bool = param(True, doc="false: AMCL does")
-    lockstep: bool = param(False, doc="simulated time waits for navigation and driver")
+    lockstep: bool = param(False, doc="simulated time waits for navigation, driver and AMCL")
 
 
 class RobotConnection:
@@ -75,7 +75,7 @@ class LabSimulatorNode:
 
     Subscribed topics:
         <robot>/cmd_vel (geometry_msgs/Twist)
-        <robot>/cmd_vel/navigation (geometry_msgs/Twist): only with ~lockstep
+        <robot>/cmd_vel/navigation (geometry_msgs/Twist), /tf: only with ~lockstep
         <robot>/initialpose (geometry_msgs/PoseWithCovarianceStamped): re-initialises the estimate only
         /sim/participant (vb_msgs/ParticipantState)
         /sim/pace (std_msgs/Float64): simulated seconds per real second at most, for drives without people and cameras;
@@ -115,7 +115,8 @@ class LabSimulatorNode:
         self._lab_state = rospy.Publisher(names.LAB_STATE, LabState, queue_size=1)
         self._tf = rospy.Publisher("/tf", TFMessage, queue_size=10)
         self._robots = [RobotConnection(robot) for robot in lab.world.robots]
-        self._lockstep = [Lockstep(("navigation", "driver")) for _ in self._robots] if params.lockstep else []
+        expected = ("navigation", "driver") if params.localises else ("navigation", "driver", "localisation")
+        self._lockstep = [Lockstep(expected) for _ in self._robots] if params.lockstep else []
         self._static_tf = tf2_ros.StaticTransformBroadcaster()
         self._static_tf.sendTransform([self._laser_mount(connection) for connection in self._robots])
         for index, connection in enumerate(self._robots):
@@ -124,6 +125,8 @@ class LabSimulatorNode:
                 rospy.Subscriber(connection.topic + "cmd_vel/navigation", Twist, functools.partial(self._on_navigation, index),
                                  queue_size=1, tcp_nodelay=True)
             rospy.Subscriber(connection.topic + "initialpose", PoseWithCovarianceStamped, self._on_initialpose, index, queue_size=1)
+        if params.lockstep:
+            rospy.Subscriber("/tf", rospy.AnyMsg, self._on_transform, queue_size=20, tcp_nodelay=True)
         rospy.Subscriber(names.PARTICIPANT, ParticipantState, self._on_participant, queue_size=1, tcp_nodelay=True)
         rospy.Service("~reset", Trigger, self._on_reset)
         self._pacer = Pacer(self._step_ns * 1e-9, time.monotonic())
@@ -146,6 +149,12 @@ class LabSimulatorNode:
 
     def _on_navigation(self, index: int, _message: Twist) -> None:
         self._lockstep[index].hear("navigation")
+
+    def _on_transform(self, message: rospy.AnyMsg) -> None:
+        # beside this node only AMCL publishes there, for each scan
+        if message._connection_header["callerid"] != rospy.get_name():
+            for robot in self._lockstep:
+                robot.hear("localisation")
 
     def _on_initialpose(self, message: PoseWithCovarianceStamped, index: int) -> None:
         if message.header.frame_id.lstrip("/") != names.MAP_FRAME:

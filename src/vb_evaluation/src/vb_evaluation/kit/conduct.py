@@ -10,7 +10,7 @@ import datetime
 import json
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Callable, Dict, Iterator, List, Mapping, Optional, Tuple
+from typing import Any, Callable, Dict, Iterator, Mapping, Optional, Tuple
 
 import yaml
 
@@ -208,11 +208,3 @@ def roslaunch(planned: Planned) -> Callable[[], None]:
     from vb_evaluation.processes import Child
 
     return Child(list(planned.command), planned.folder / "launch.log").stop
-
-
-def lines_of(folder: Path) -> List[Dict[str, Any]]:
-    """The events of a recording."""
-    try:
-        return [json.loads(line) for line in (folder / EVENTS).read_text(encoding="utf-8").splitlines()]
-    except FileNotFoundError:
-        return []

@@ -2,9 +2,8 @@
 from __future__ import annotations
 
 import json
-import math
 from pathlib import Path
-from typing import Any, Dict, List, Mapping, Optional, Sequence, Tuple
+from typing import Any, Dict, List, Optional, Tuple
 
 import numpy as np
 
@@ -14,11 +13,11 @@ from vb_core.map_files import write_atomically, write_map
 from vb_evaluation import metrics
 from vb_evaluation.kit import protocol
 from vb_evaluation.kit.ground_truth import find_ground_truths
-from vb_evaluation.kit.recording import Interaction, Recording
-from vb_evaluation.report.data import ERRORS, META, REQUIRED, RUNS, write_table
+from vb_evaluation.kit.recording import Recording
+from vb_evaluation.report.data import META, REQUIRED, RUNS, write_table
 
 _TIMES = ("guide", "border", "seed", "total")
-COLUMNS = (*REQUIRED, *ERRORS, "order", "as_planned", "revision", "map", "saved", "seed_correct", "recording", "interaction", "note")
+COLUMNS = (*REQUIRED, *metrics.ERRORS, "order", "as_planned", "revision", "map", "saved", "seed_correct", "recording", "interaction", "note")
 
 
 def measure(protocol_file: Path, ground_truths: Path, out: Path, physical: Optional[GridMap] = None) -> List[str]:
@@ -52,8 +51,8 @@ def measure(protocol_file: Path, ground_truths: Path, out: Path, physical: Optio
     for scenario, truth in truths.items():
         write_map(maps / f"truth_{scenario}", physical.with_data(np.where(truth, 100, physical.data).astype(np.int8)))
     rows, notes = [], []
-    for entry, attempts in assign(entries, recordings):
-        row, words = _row(entry, attempts, recordings[entry.recording], physical, truths[entry.scenario], maps)
+    for entry in entries:
+        row, words = _row(entry, recordings[entry.recording], physical, truths[entry.scenario], maps)
         rows.append(row)
         notes += words
     write_table(out / RUNS, COLUMNS, rows)
@@ -105,99 +104,38 @@ def _refuse_foreign(out: Path) -> None:
         raise CodedError("other_study", f"{out} holds another study: choose another --out, or move it away")
 
 
-def assign(
-    entries: Sequence[protocol.Entry], recordings: Mapping[str, Recording]
-) -> List[Tuple[protocol.Entry, Tuple[Interaction, ...]]]:
-    """Which interactions are which run: by id where the protocol gives one, else in the order of time.
-
-    All interactions of a recording for one run are attempts at it: none if it did not get that far, several if it was
-    cancelled and begun again.
-
-    Raises:
-        CodedError: "bad_protocol" where runs and interactions of a recording cannot be told apart by their number.
-    """
-    found: Dict[int, Tuple[Interaction, ...]] = {}
-    for name, recording in recordings.items():
-        here = [entry for entry in entries if entry.recording == name]
-        named = [entry for entry in here if entry.interaction]
-        found.update({id(entry): (recording.interaction(entry.interaction),) for entry in named})
-        taken = {entry.interaction for entry in named}
-        known = [interaction for interaction in recording.interactions if interaction.id not in taken]
-        unnamed = [entry for entry in here if not entry.interaction]
-        if len(unnamed) == 1:
-            found[id(unnamed[0])] = tuple(known)
-        elif len(unnamed) == len(known):
-            found.update({id(entry): (interaction,) for entry, interaction in zip(unnamed, known)})
-        elif unnamed:
-            raise CodedError(
-                "bad_protocol",
-                f"{name}: {len(unnamed)} runs but {len(known)} interactions ({', '.join(one.id for one in known)}): "
-                "fill the column 'interaction'",
-            )
-    return [(entry, found[id(entry)]) for entry in entries]
-
-
-def _row(
-    entry: protocol.Entry,
-    attempts: Sequence[Interaction],
-    recording: Recording,
-    physical: GridMap,
-    truth: np.ndarray,
-    maps: Path,
-) -> Tuple[Dict[str, Any], List[str]]:
+def _row(entry: protocol.Entry, recording: Recording, physical: GridMap, truth: np.ndarray, maps: Path
+         ) -> Tuple[Dict[str, Any], List[str]]:
+    """A run's row. All interactions of its recording are attempts at it: none, or several if it was begun again."""
+    attempts = recording.interactions
     row: Dict[str, Any] = {
-        "participant": entry.participant,
-        "scenario": entry.scenario,
-        "method": entry.method,
-        "recording": entry.recording,
-        "note": entry.note,
-        "order": entry.order or "",
-        "revision": recording.session.get("revision", ""),
-        "as_planned": 1,
-        "completed": 0,
-        "saved": 0,
-        "seed_correct": 0,
-    }
+        "participant": entry.participant, "scenario": entry.scenario, "method": entry.method, "recording": entry.recording,
+        "note": entry.note, "order": entry.order or "", "revision": recording.session.get("revision", ""),
+        "as_planned": 1, "completed": 0, "saved": 0, "seed_correct": 0}
     where = f"{entry.participant}, {entry.scenario}, {entry.method}"
     if not attempts:
         return row, [f"{where}: nothing was begun in this recording"]
     wrong = deviations(entry, recording)
     notes = [f"{where}: not as planned, left out of the analysis: {words}" for words in wrong]
-    last = attempts[-1]
-    row.update(
-        as_planned=int(not wrong),
-        interaction=last.id,
-        # an attempt that was cancelled took its time too, as in the simulated study
-        **{f"time_{name}_s": round(sum(getattr(one, f"{name}_s") for one in attempts), 3) for name in _TIMES},
-    )
-    made = recording.result(last)
+    # an attempt that was cancelled took its time too, as in the simulated study
+    times = {f"time_{name}_s": round(sum(getattr(one, f"{name}_s") for one in attempts), 3) for name in _TIMES}
+    row.update(times, as_planned=int(not wrong), interaction=attempts[-1].id)
+    made = recording.result(attempts[-1])
     if made is not None:
         posterior, border = made
         if not posterior.same_geometry(physical):
-            raise CodedError(
-                "bad_recording", f"{where}: its map differs from the physical map in size, resolution or origin"
-            )
-        drawn = metrics.restricted_cells(physical, posterior)
+            raise CodedError("bad_recording", f"{where}: its map differs from the physical map in size, resolution or origin")
         name = "_".join((entry.participant, entry.scenario, entry.method)).replace("/", "-")
         write_map(maps / name, posterior)
-        row.update(
-            saved=1,
-            map=f"maps/{name}.yaml",
-            jaccard=round(metrics.jaccard(truth, drawn), 4),
-            seed_correct=int(seed_is_right(border.seed, physical, truth)),
-        )
-        error = metrics.boundary_error(physical, truth, drawn)
-        if error is not None:
-            row.update(zip(ERRORS, (round(100.0 * value, 2) for value in (error.mean, error.p95, error.largest))))
+        row.update(metrics.accuracy(physical, truth, metrics.restricted_cells(physical, posterior)), saved=1, map=f"maps/{name}.yaml",
+                   seed_correct=int(seed_is_right(border.seed, physical, truth)))
     noted = entry.completed if entry.completed is not None else recording.run.get("completed")
     row["completed"] = int(noted if noted is not None else row["saved"] and row["seed_correct"])
     if noted and made is None:
         notes.append(f"{where}: noted as completed, but nothing was saved")
     elif noted is not None and bool(row["seed_correct"]) != noted:
-        notes.append(
-            f"{where}: noted as {'completed' if noted else 'not completed'}, but the seed point lies "
-            f"{'within' if row['seed_correct'] else 'outside'} the ground truth"
-        )
+        notes.append(f"{where}: noted as {'completed' if noted else 'not completed'}, but the seed point lies "
+                     f"{'within' if row['seed_correct'] else 'outside'} the ground truth")
     return row, notes
 
 
@@ -207,9 +145,4 @@ def seed_is_right(seed: np.ndarray, physical: GridMap, truth: np.ndarray, reach_
     centres = physical.cell_to_world(np.column_stack([rows, columns]))
     distance = np.hypot(*(centres - np.asarray(seed, dtype=float)).T)
     nearest = int(np.argmin(distance)) if len(distance) else 0
-    return (
-        bool(len(distance))
-        and math.isfinite(distance[nearest])
-        and distance[nearest] <= reach_m
-        and bool(truth[rows[nearest], columns[nearest]])
-    )
+    return bool(len(distance)) and bool(distance[nearest] <= reach_m) and bool(truth[rows[nearest], columns[nearest]])

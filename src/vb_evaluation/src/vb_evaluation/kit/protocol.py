@@ -8,9 +8,9 @@ from typing import Dict, List, Optional, Sequence
 
 from vb_core.errors import CodedError
 from vb_evaluation.design import order_of_runs
+from vb_evaluation.report.data import read_sheet, yes_or_no
 
-COLUMNS = ("participant", "order", "method", "scenario", "recording", "completed", "interaction", "note")
-_YES, _NO = ("1", "yes", "y", "true", "ja"), ("0", "no", "n", "false", "nein")
+COLUMNS = ("participant", "order", "method", "scenario", "recording", "completed", "note")
 
 
 @dataclass(frozen=True)
@@ -19,10 +19,9 @@ class Entry:
 
     Attributes:
         participant: a number or a pseudonym.
-        recording: folder of the recording, as the file has it.
+        recording: folder of the recording, as the file has it; no other run has the same.
         completed: what the experimenter noted; None leaves it to the seed point.
         order: the run's place among its participant's, from 1; 0 if the file does not say.
-        interaction: id of the interaction; "" takes the recording's interactions in their order.
     """
 
     participant: str
@@ -30,7 +29,6 @@ class Entry:
     scenario: str
     recording: str
     completed: Optional[bool] = None
-    interaction: str = ""
     note: str = ""
     order: int = 0
 
@@ -62,55 +60,24 @@ def write(path: Path, rows: Sequence[Dict[str, str]]) -> None:
 
 
 def read(path: Path) -> List[Entry]:
-    """Reads a protocol, comma or semicolon between the columns, as spreadsheets write it.
+    """Reads a protocol; runs without a recording did not take place.
 
     Raises:
         CodedError: "bad_protocol" naming the line.
     """
-    try:
-        text = path.read_text(encoding="utf-8-sig")
-    except (OSError, UnicodeDecodeError) as error:
-        raise CodedError("bad_protocol", f"cannot read {path}: {error}") from None
-    lines = text.splitlines()
-    separator = ";" if lines and lines[0].count(";") > lines[0].count(",") else ","
-    reader = csv.DictReader(lines, delimiter=separator, restval="")
-    missing = [
-        column
-        for column in ("participant", "method", "scenario", "recording")
-        if column not in (reader.fieldnames or ())
-    ]
-    if missing:
-        raise CodedError("bad_protocol", f"{path}: the column {missing[0]} is missing")
-    entries, seen = [], {}
-    for line, row in enumerate(reader, 2):
-        cells = {key: (value or "").strip() for key, value in row.items() if isinstance(key, str)}
-        if not any(cells.values()):
-            continue
-        empty = [column for column in ("participant", "method", "scenario") if not cells[column]]
+    entries = []
+    seen: Dict[object, int] = {}
+    table = read_sheet(path, ("participant", "method", "scenario", "recording"), "bad_protocol")
+    for line, row in zip(table.lines, table.rows):
+        empty = [column for column in ("participant", "method", "scenario") if not row[column]]
         if empty:
             raise CodedError("bad_protocol", f"{path}, line {line}: {empty[0]} is empty")
-        key = (cells["participant"], cells["method"], cells["scenario"])
-        if key in seen:
-            raise CodedError("bad_protocol", f"{path}, lines {seen[key]} and {line}: the same run twice")
-        seen[key] = line
-        if not cells["recording"]:
-            continue  # this run did not take place
-        entries.append(
-            Entry(
-                *key,
-                cells["recording"],
-                _flag(cells.get("completed", ""), f"{path}, line {line}"),
-                cells.get("interaction", ""),
-                cells.get("note", ""),
-                int(cells["order"]) if cells.get("order", "").isdigit() else 0,
-            )
-        )
+        for key in ((row["participant"], row["method"], row["scenario"]), row["recording"] or line):
+            if seen.setdefault(key, line) != line:
+                raise CodedError("bad_protocol", f"{path}, lines {seen[key]} and {line}: the same run or recording twice")
+        if row["recording"]:
+            entries.append(Entry(
+                row["participant"], row["method"], row["scenario"], row["recording"],
+                yes_or_no(row.get("completed", ""), f"{path}, line {line}: completed", "bad_protocol"), row.get("note", ""),
+                int(row["order"]) if row.get("order", "").isdigit() else 0))
     return entries
-
-
-def _flag(text: str, where: str) -> Optional[bool]:
-    if text == "":
-        return None
-    if text.lower() in _YES + _NO:
-        return text.lower() in _YES
-    raise CodedError("bad_protocol", f"{where}: completed: expected yes, no or nothing, got '{text}'")

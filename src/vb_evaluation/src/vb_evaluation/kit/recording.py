@@ -22,7 +22,6 @@ from vb_core.grid_map import GridMap
 from vb_core.map_files import read_map
 from vb_map_integration.border import VirtualBorder
 from vb_map_integration.borders.border_files import borders_from_yaml
-from vb_map_integration.integration import IntegrationParams, integrate
 
 LOG, MAPS, INDEX, BAGS, SESSION = "interactions.jsonl", "recordings", "index.jsonl", "bags", "session.yaml"
 RUN, EVENTS = "run.yaml", "events.jsonl"
@@ -48,9 +47,7 @@ class Interaction:
 class StoredMap:
     """One record of the map recorder."""
 
-    number: int
     stamp_s: float
-    trigger: str
     map_path: Path
     borders_path: Path
 
@@ -100,33 +97,18 @@ class Recording:
             raise CodedError("bad_recording", f"cannot read {self.folder / name}: {error}") from None
         return found if isinstance(found, dict) else {}
 
-    def interaction(self, wanted: str) -> Interaction:
-        """The interaction with an id."""
-        for interaction in self.interactions:
-            if interaction.id == wanted:
-                return interaction
-        raise CodedError(
-            "bad_recording",
-            f"{self.folder / LOG}: there is no interaction {wanted}; there are "
-            f"{', '.join(entry.id for entry in self.interactions) or 'none'}",
-        )
-
     def physical(self) -> GridMap:
         """The physical map: the first one recorded without any border."""
         for stored in self.maps:
             if not stored.borders():
                 return stored.grid()
-        raise CodedError(
-            "bad_recording",
-            f"{self.folder / MAPS}: no map without borders was recorded: start each recording "
-            "in a folder of its own",
-        )
+        raise CodedError("bad_recording", f"{self.folder / MAPS}: no map without borders was recorded: start each recording in a "
+                         "folder of its own")
 
     def result(self, interaction: Interaction) -> Optional[Tuple[GridMap, VirtualBorder]]:
         """(posterior, border) that an interaction made; None if nothing was saved.
 
-        The map is the recorder's, unless borders of earlier interactions act on it too: then the border is put
-        into the physical map alone.
+        Borders of earlier attempts in the same recording act on the map too, as they did on the robot.
 
         Raises:
             CodedError: "bad_recording" if the map that belongs to it was not recorded.
@@ -136,17 +118,11 @@ class Recording:
         for stored in self.maps:
             if stored.stamp_s < interaction.started:
                 continue
-            borders = stored.borders()
-            own = [border for border in borders if border.id == interaction.border_id]
-            if own and [border for border in borders if border.enabled] == own:
-                return stored.grid(), own[0]
+            own = [border for border in stored.borders() if border.id == interaction.border_id]
             if own:
-                return integrate(self.physical(), own[0], IntegrationParams()).posterior, own[0]
-        raise CodedError(
-            "bad_recording",
-            f"{self.folder / MAPS}: the map of interaction {interaction.id} with border "
-            f"{interaction.border_id} was not recorded",
-        )
+                return stored.grid(), own[0]
+        raise CodedError("bad_recording", f"{self.folder / MAPS}: the map of interaction {interaction.id} with border "
+                         f"{interaction.border_id} was not recorded")
 
 
 def _lines(path: Path) -> List[Tuple[Dict[str, Any], str]]:
@@ -170,36 +146,19 @@ def _lines(path: Path) -> List[Tuple[Dict[str, Any], str]]:
 
 
 def _interaction(values: Mapping[str, Any], where: str) -> Interaction:
+    times = ("started", "guide_s", "border_s", "seed_s", "total_s")
     try:
-        found = Interaction(
-            str(values["interaction_id"]),
-            str(values["outcome"]),
-            str(values["border_id"]),
-            float(values["started"]),
-            float(values["guide_s"]),
-            float(values["border_s"]),
-            float(values["seed_s"]),
-            float(values["total_s"]),
-            str(values["method"]),
-            tuple(values.get("cameras", ())),
-        )
+        names = {"id": str(values["interaction_id"]), **{key: str(values[key]) for key in ("outcome", "border_id", "method")}}
+        found = Interaction(**names, **{key: float(values[key]) for key in times}, cameras=tuple(values.get("cameras", ())))
     except (KeyError, TypeError, ValueError) as error:
         raise CodedError("bad_recording", f"{where}: this is no interaction: {error!r}") from None
-    if not all(
-        math.isfinite(value) and value >= 0.0 for value in (found.guide_s, found.border_s, found.seed_s, found.total_s)
-    ):
+    if not all(math.isfinite(value) and value >= 0.0 for value in (found.guide_s, found.border_s, found.seed_s, found.total_s)):
         raise CodedError("bad_recording", f"{where}: times must not be negative")
     return found
 
 
 def _stored(values: Mapping[str, Any], where: str, folder: Path) -> StoredMap:
     try:
-        return StoredMap(
-            int(values["number"]),
-            float(values["stamp_s"]),
-            str(values["trigger"]),
-            folder / str(values["map"]),
-            folder / str(values["borders"]),
-        )
+        return StoredMap(float(values["stamp_s"]), folder / str(values["map"]), folder / str(values["borders"]))
     except (KeyError, TypeError, ValueError) as error:
         raise CodedError("bad_recording", f"{where}: this is no record of a map: {error!r}") from None

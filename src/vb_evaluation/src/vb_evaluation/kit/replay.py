@@ -256,15 +256,15 @@ def replay(recording: Recording, images: bool = False) -> Replayed:
 
 # ---------------------------------------------------------------- comparing
 def compare(recording: Recording, today: Replayed, physical: Optional[GridMap] = None,
-            truths: Optional[Dict[str, np.ndarray]] = None) -> List[Comparison]:
+            truth: Optional[np.ndarray] = None) -> List[Comparison]:
     """Each interaction of a recording, as it was recorded and as today's nodes see it.
 
     Args:
         physical: the physical map; None takes the recording's.
-        truths: (H, W) bool by interaction id, the ground truths.
+        truth: (H, W) bool, what was asked for.
     """
     physical = physical or recording.physical()
-    return [_compared(recording, interaction, today, physical, (truths or {}).get(interaction.id))
+    return [_compared(recording, interaction, today, physical, truth)
             for interaction in recording.interactions]
 
 

@@ -11,7 +11,6 @@ from vb_evaluation.report import questionnaire
 from vb_evaluation.report import effects
 from vb_evaluation.report.blocks import Grid, Section, Text, interval_text
 from vb_evaluation.report.data import Study, number, read_table
-from vb_evaluation.statistics import Interval
 
 
 
@@ -67,16 +66,18 @@ def experience(study: Study) -> Section:
         blocks.append(Grid("demographics", {"question": "Question", "answers": f"Answers of {len(table.rows)} people"}, counted))
     if not study.people or not path.is_file():
         return Section("experience", "People and their experience", blocks)
-    rows = []
-    for entry in questionnaire.table(questionnaire.read(path)):
-        rows.append({"statement": entry["text"], "nrs": entry["mean_nrs"], "robot_only": entry["mean_robot_only"],
-                     "shift": Interval(entry["shift"], entry["shift_low"], entry["shift_high"], 0.95),
-                     "p": statistics.format_p(entry["p_exact"]), "n": entry["n"]})
+    found, rows = questionnaire.read(path), []
+    for answers in found.answers:
+        compared = answers.comparison
+        rows.append({"statement": answers.statement, "nrs": effects.mean(answers.first), "robot_only": effects.mean(answers.second),
+                     "shift": compared.shift, "z": compared.test.z, "p": statistics.format_p(compared.test.p_exact),
+                     "r": compared.r, "n": compared.n})
     columns = {"statement": "Statement", "nrs": "Network robot system", "robot_only": "Robot only", "shift": "Difference",
-               "p": "exact p", "n": "People"}
+               "z": "Z", "p": "exact p", "r": "r", "n": "People"}
     return Section("experience", "People and their experience", [
         *blocks, Text(("The paper's five statements (1 to 5, 5 is the good end) and the UEQ-S (−3 to 3): means, Hodges-Lehmann difference, "
-              "Wilcoxon signed-rank test.",)), Grid("questionnaire", columns, rows)])
+                       "Wilcoxon signed-rank test.",)), Grid("questionnaire", columns, rows, {"z": 3}),
+        Text((f"{questionnaire.QUESTION} Yes: {found.helped} of {found.asked}.",))])
 
 
 def assumptions(study: Study) -> Section:

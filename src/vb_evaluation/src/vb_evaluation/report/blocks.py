@@ -63,9 +63,9 @@ class Grid:
             value = row.get(key, "")
             if isinstance(value, Interval):
                 parts = {"": value.estimate, "_low": value.low, "_high": value.high}
-                cells.update({key + end: "" if math.isnan(part) else repr(float(part)) for end, part in parts.items()})
+                cells.update({key + end: _cell(part) for end, part in parts.items()})
             else:
-                cells[key] = "" if isinstance(value, float) and math.isnan(value) else value
+                cells[key] = _cell(value) if isinstance(value, float) else value
         return cells
 
 
@@ -89,3 +89,8 @@ def interval_text(value: Interval, digits: int) -> str:
 
 def _text(value: float, digits: int) -> str:
     return "–" if math.isnan(value) else f"{value:.{digits}f}".replace("-", "\N{MINUS SIGN}")
+
+
+def _cell(value: float) -> str:
+    """A number in a file: what floating point adds behind the seventh digit is left out."""
+    return "" if math.isnan(value) else f"{value:.7g}"

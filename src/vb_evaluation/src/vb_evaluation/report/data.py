@@ -6,23 +6,24 @@ import json
 import math
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Dict, List, Mapping, Sequence, Tuple
+from typing import Any, Dict, List, Mapping, Optional, Sequence, Tuple
 
 import numpy as np
 
 from vb_core.errors import CodedError
+from vb_evaluation.metrics import ERRORS
 from vb_evaluation.report import paper
 
 RUNS, CURVES, WORLDS, UNGATED, META = "runs.csv", "curves.csv", "worlds.csv", "ungated.csv", "study.json"
 STATES = ("guide", "border", "seed")
 TIMES = tuple(f"time_{state}_s" for state in STATES) + ("time_total_s",)
-ERRORS = ("error_mean_cm", "error_p95_cm", "error_max_cm")
 KEY = ("participant", "scenario", "method", "seed")
 # the paper's measures come first and in this order: other programs read them
 REQUIRED = (*KEY, "completed", *TIMES, "jaccard")
 MEASURES = ("completed", *TIMES, "jaccard", *ERRORS)
 BASELINE = "robot_only"
 _NUMBERS = {"value", "draw"}
+_YES, _NO = ("yes", "y", "1", "true", "ja"), ("no", "n", "0", "false", "nein")
 
 Row = Mapping[str, str]
 
@@ -155,31 +156,50 @@ def read_study(folder: Path) -> Study:
     return Study(folder, tables, {**_read_meta(folder / META), "deviating": deviating})
 
 
+def read_sheet(path: Path, required: Sequence[str], code: str = "bad_study") -> Table:
+    """Reads a CSV file with a header, comma or semicolon between the columns, as spreadsheets write it; without empty rows.
+
+    Raises:
+        CodedError: `code` if it cannot be read or a column is missing.
+    """
+    try:
+        lines = path.read_text(encoding="utf-8-sig").splitlines()
+    except (OSError, UnicodeDecodeError) as error:
+        raise CodedError(code, f"cannot read {path}: {error}") from None
+    separator = ";" if lines and lines[0].count(";") > lines[0].count(",") else ","
+    reader = csv.DictReader(lines, delimiter=separator, restval="")
+    columns = tuple(reader.fieldnames or ())
+    missing = [column for column in required if column not in columns]
+    if missing:
+        raise CodedError(code, f"{path}: the column {missing[0]} is missing; there are {', '.join(columns)}")
+    rows = [(line, {key: (value or "").strip() for key, value in row.items() if key is not None}) for line, row in enumerate(reader, 2)]
+    rows = [(line, row) for line, row in rows if any(row.values())]
+    return Table(path.name, columns, tuple(row for _, row in rows), tuple(line for line, _ in rows))
+
+
+def yes_or_no(text: str, where: str, code: str) -> Optional[bool]:
+    """What a person noted; None for nothing."""
+    if text.lower() not in ("", *_YES, *_NO):
+        raise CodedError(code, f"{where}: expected yes or no or nothing, got '{text}'")
+    return text.lower() in _YES if text else None
+
+
 def read_table(path: Path, required: Sequence[str]) -> Table:
-    """Reads a CSV file with a header.
+    """Reads a study's CSV file.
 
     Raises:
         CodedError: "bad_study" if a column is missing or a measure is neither a number nor empty.
     """
-    try:
-        with open(str(path), newline="", encoding="utf-8") as stream:
-            reader = csv.DictReader(stream, restval="")
-            columns = tuple(reader.fieldnames or ())
-            rows = [{key: (value or "").strip() for key, value in row.items() if key is not None} for row in reader]
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise CodedError("bad_study", f"cannot read {path}: {error}") from None
-    missing = [column for column in required if column not in columns]
-    if missing:
-        raise CodedError("bad_study", f"{path}: the column {missing[0]} is missing; there are {', '.join(columns)}")
-    for line, row in enumerate(rows, 2):
+    table = read_sheet(path, required)
+    for line, row in zip(table.lines, table.rows):
         for column in (*MEASURES, *(_NUMBERS & set(required))):
             text = row.get(column, "")
-            if (text != "" or column in _NUMBERS) and column in columns and not math.isfinite(_number(text)):
+            if (text != "" or column in _NUMBERS) and column in table.columns and not math.isfinite(_number(text)):
                 raise CodedError("bad_study", f"{path}, line {line}: {column}: expected a number, got {text!r}")
         if row.get("completed"):
             # one spelling of yes and no, so that they can be selected
-            row["completed"] = str(int(number(row, "completed") != 0.0))
-    return Table(path.name, columns, tuple(rows), tuple(range(2, len(rows) + 2)))
+            row["completed"] = str(int(number(row, "completed") != 0.0))  # type: ignore[index]
+    return table
 
 
 def write_table(path: Path, columns: Sequence[str], rows: Sequence[Mapping[str, Any]]) -> None:

@@ -1,7 +1,6 @@
 """Draws representative maps, coloured as in the paper's figure of the accuracy (Sect. 5.8.4)."""
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import List, Optional, Tuple
 
 import cv2
@@ -12,6 +11,7 @@ from vb_core.grid_map import OCCUPIED_FROM, GridMap
 from vb_core.map_files import read_map
 from vb_evaluation import metrics
 from vb_evaluation.report.data import RUNS, Row, Study, number
+from vb_evaluation.report.paper import method_title
 
 # RGB, the paper's colours
 TRUTH, AGREEMENT, EXCESS, UNION = (247, 214, 70), (64, 176, 88), (222, 60, 50), (25, 60, 220)
@@ -20,31 +20,8 @@ LEAST_WIDTH_PX = 640
 PINHOLE_CELLS = 40
 
 
-@dataclass(frozen=True)
-class MapPicture:
-    """One run's map.
-
-    Attributes:
-        png: the image.
-        line: the run's line in runs.csv; 0 for a ground truth.
-        jaccard: as read from the map itself; nan for a ground truth.
-        row: the run.
-    """
-
-    scenario: str
-    method: str
-    png: bytes
-    line: int = 0
-    jaccard: float = float("nan")
-    row: Optional[Row] = None
-
-
-def picture(
-    prior: GridMap,
-    truth: np.ndarray,
-    drawn: Optional[np.ndarray] = None,
-    start: Optional[Tuple[float, float, float]] = None,
-) -> bytes:
+def picture(prior: GridMap, truth: np.ndarray, drawn: Optional[np.ndarray] = None,
+            start: Optional[Tuple[float, float, float]] = None) -> bytes:
     """A PNG of a ground truth, or of what a person restricted against it.
 
     Args:
@@ -89,12 +66,12 @@ def _arrow(image: np.ndarray, prior: GridMap, start: Tuple[float, float, float],
     cv2.arrowedLine(image, (int(x0), int(y0)), (int(x1), int(y1)), EXCESS, 2 * scale, cv2.LINE_AA, tipLength=0.4)
 
 
-def representatives(study: Study) -> Tuple[List[MapPicture], List[str]]:
+def representatives(study: Study) -> Tuple[List[Tuple[bytes, str]], List[str]]:
     """(pictures, notes): per scenario the ground truth and, by method, the completed run nearest to the median.
 
-    Notes say in a sentence each why a map is missing or does not agree with runs.csv.
+    A picture is a PNG and its caption. Notes say why a map is missing or does not agree with runs.csv.
     """
-    pictures: List[MapPicture] = []
+    pictures: List[Tuple[bytes, str]] = []
     notes: List[str] = []
     try:
         prior = read_map(study.folder / "maps" / "physical.yaml")
@@ -102,30 +79,23 @@ def representatives(study: Study) -> Tuple[List[MapPicture], List[str]]:
         return [], [f"There are no maps: {error.message}."]
     start = study.meta.get("robot_start")
     for scenario in study.scenarios:
+        title = study.scenario_title(scenario)
         try:
             truth = metrics.restricted_cells(prior, read_map(study.folder / "maps" / f"truth_{scenario}.yaml"))
-        except CodedError as error:
-            notes.append(f"{scenario}: no ground truth: {error.message}.")
-            continue
-        pictures.append(MapPicture(scenario, "", picture(prior, truth, start=tuple(start) if start else None)))
-        for method in study.methods:
-            chosen = nearest_to_median(study, scenario, method)
-            if chosen is None:
-                notes.append(f"{scenario}, {method}: no completed run has a map.")
-                continue
-            line, row = chosen
-            try:
+            pictures.append((picture(prior, truth, start=tuple(start) if start else None), f"{title}: ground truth"))
+            for method in study.methods:
+                chosen = nearest_to_median(study, scenario, method)
+                if chosen is None:
+                    notes.append(f"{scenario}, {method}: no completed run has a map.")
+                    continue
+                line, row = chosen
                 drawn = metrics.restricted_cells(prior, read_map(study.folder / row["map"]))
-            except CodedError as error:
-                notes.append(f"{scenario}, {method}: {error.message}.")
-                continue
-            score = metrics.jaccard(truth, drawn)
-            if abs(score - number(row, "jaccard")) > 0.0006:
-                notes.append(
-                    f"{RUNS}, line {line}: the map {row['map']} gives a Jaccard index of {score:.3f}, "
-                    f"the line says {number(row, 'jaccard'):.3f}."
-                )
-            pictures.append(MapPicture(scenario, method, picture(prior, truth, drawn), line, score, row))
+                score, said = metrics.jaccard(truth, drawn), number(row, "jaccard")
+                if abs(score - said) > 0.0006:
+                    notes.append(f"{RUNS}, line {line}: the map {row['map']} gives a Jaccard index of {score:.3f}, the line says {said:.3f}.")
+                pictures.append((picture(prior, truth, drawn), f"{title}: {method_title(method).lower()}, Jaccard {score:.3f}, line {line}"))
+        except CodedError as error:
+            notes.append(f"{scenario}: {error.message}.")
     return pictures, notes
 
 

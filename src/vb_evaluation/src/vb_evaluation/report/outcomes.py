@@ -124,17 +124,10 @@ def accuracy(study: Study) -> Section:
     if pictures:
         blocks += [Text(("Representative maps: the ground truth (yellow), and by method the run nearest to the median: agreement "
                          "(green), restricted beyond the ground truth (red), union (blue outline).",)),
-                   Figure([(charts.data_uri(entry.png, "image/png"), _map_words(study, entry)) for entry in pictures])]
+                   Figure([(charts.data_uri(png, "image/png"), words) for png, words in pictures])]
     if notes:
         blocks.append(Text(tuple(notes), "list"))
     return Section("accuracy", "Jaccard index", blocks)
-
-
-def _map_words(study: Study, entry: maps.MapPicture) -> str:
-    scenario = study.scenario_title(entry.scenario)
-    if not entry.line:
-        return f"{scenario}: ground truth"
-    return f"{scenario}: {paper.method_title(entry.method).lower()}, Jaccard {entry.jaccard:.3f}, line {entry.line}"
 
 
 def completeness(study: Study) -> Section:

@@ -159,7 +159,7 @@ def _told(console: Console, folder: Path, state: Callable[[], str]) -> Iterator[
             signal.signal(number, signal.SIG_IGN)
         raise KeyboardInterrupt
 
-    # a thread cannot be interrupted: whoever has one conduct a study ends it otherwise
+    # a thread cannot be interrupted: what runs a study in one has to end it in another way
     mine = threading.current_thread() is threading.main_thread()
     before = {number: signal.signal(number, interrupt) for number in ((signal.SIGINT, signal.SIGTERM) if mine else ())}
     try:

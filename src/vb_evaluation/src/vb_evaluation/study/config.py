@@ -8,7 +8,7 @@ import math
 import zlib
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Callable, Dict, Iterable, Mapping, Optional, Tuple
+from typing import Any, Callable, Dict, Mapping, Optional, Tuple
 
 import numpy as np
 import yaml
@@ -16,7 +16,7 @@ import yaml
 from vb_core.errors import CodedError, ParameterError
 from vb_core.parameters import Parameters, param
 from vb_evaluation.provenance import top
-from vb_evaluation.study.people import Distribution, Population, Streams, Traits
+from vb_evaluation.study.people import KINDS, Population, Streams, Traits, draw
 from vb_sim.room.models import section
 from vb_sim.room.models_cameras import CameraModels, CameraNoise, Optics, RobotCamera
 from vb_sim.room.models_motion import LocalisationModel, RobotModel, ScanModel
@@ -45,7 +45,7 @@ class Design(Parameters):
     full_participants: int = param(15, low=1, high=1000, doc="of the size full")
     scenarios: list = param(["room", "carpet", "corner"], doc="keys of the world's scenarios")
     methods: list = param(["nrs", "robot_only"])
-    ungated_share: float = param(0.1, low=0.0, high=1.0, doc="of the runs, done again with every picture searched")
+    ungated_share: float = param(0.1, low=0.0, high=1.0, doc="of each scenario's runs with each method, done again with every picture searched")
     worlds: int = param(200, low=0, high=100000, doc="draws of all assumptions together, in the size full")
     usual_worlds: int = param(20, low=0, high=100000, doc="the first of these draws, in the size usual")
 
@@ -111,8 +111,8 @@ class Study:
         """(dx, dy) [m] and turn [rad] by which the marks on the floor are off the map: the same for all participants."""
         settings = self.document.get("marks") or {}
         rng = np.random.default_rng([self.design.seed, zlib.crc32(scenario.encode()), zlib.crc32(b"marks")])
-        offset, turn = (Distribution(f"marks/{key}", settings.get(key, 0.0)) for key in ("offset", "turn"))
-        return offset.draw(rng), offset.draw(rng), math.radians(turn.draw(rng))
+        dx, dy, turn = (draw(f"marks/{key}", settings.get(key, 0.0), rng) for key in ("offset", "offset", "turn"))
+        return dx, dy, math.radians(turn)
 
     def streams(self, participant: int) -> Streams:
         """Sources of random numbers of one participant."""
@@ -215,16 +215,12 @@ def _read(path: Path) -> Dict[str, Any]:
     return document
 
 
-def _merged(base: Mapping[str, Any], over: Mapping[str, Any], path: Iterable[str] = ()) -> Dict[str, Any]:
+def _merged(base: Mapping[str, Any], over: Mapping[str, Any]) -> Dict[str, Any]:
     """Sections are merged key by key; a distribution, a list or a number is replaced as a whole."""
     result = dict(base)
     for key, value in over.items():
-        # what is below these is a distribution
-        whole = tuple(path)[:1] == ("marks",) or tuple(path)[:1] == ("participants",) and (len(tuple(path)) >= 2 or key in ("stand_offset", "margin"))
-        if isinstance(value, Mapping) and isinstance(base.get(key), Mapping) and not whole:
-            result[key] = _merged(base[key], value, (*path, key))
-        else:
-            result[key] = value
+        inner = isinstance(value, Mapping) and isinstance(base.get(key), Mapping) and not KINDS & set(value)
+        result[key] = _merged(base[key], value) if inner else value
     return result
 
 

@@ -1,14 +1,14 @@
 """Measures a run: the paper's measures (Sect. 5.5), the boundary error, and what explains them."""
 from __future__ import annotations
 
-from typing import Dict, Optional
+from typing import Dict
 
 import numpy as np
 
 from vb_core.geometry import chain_length
 from vb_core.grid_map import FREE
 from vb_evaluation import metrics
-from vb_evaluation.report.data import ERRORS, MEASURES
+from vb_evaluation.report.data import MEASURES
 from vb_evaluation.study.result import Result
 
 FURTHER = ("outcome", "reason", "seed_is_right", "tries", "elapsed_s", "border_m", "chain_m", "vertices", "spots",
@@ -23,11 +23,10 @@ def measure(result: Result) -> Dict[str, object]:
         # border points and a seed on the right side, whatever the accuracy (paper, Sect. 5.5)
         "completed": int(result.saved and result.seed_is_right),
         **times(result),
-        "jaccard": _rounded(metrics.jaccard(result.truth, restricted), 4),
-        **errors_cm(metrics.boundary_error(result.prior, result.truth, restricted)),
+        **metrics.accuracy(result.prior, result.truth, restricted),
         **_further(result),
         # in spot cleaning the paper's people drew around 3.2 m2 and restricted the rest, which hides their drawing
-        "jaccard_enclosed": _rounded(_enclosed_index(result, restricted), 4),
+        "jaccard_enclosed": round(_enclosed_index(result, restricted), 4),
     }
 
 
@@ -40,15 +39,8 @@ def times(result: Result) -> Dict[str, object]:
     """[s] in each state and in all, over every interaction of the run: cancelled ones took time too."""
     states = ("guide", "border", "seed")
     sums = {state: sum(float(record[f"{state}_s"]) for record in result.records) for state in states}
-    columns = {f"time_{state}_s": _rounded(value, 2) for state, value in sums.items()}
-    return {**columns, "time_total_s": _rounded(sum(sums.values()), 2)}
-
-
-def errors_cm(error: Optional[metrics.BoundaryError]) -> Dict[str, object]:
-    """The boundary error's columns [cm]; empty where there is no boundary."""
-    if error is None:
-        return dict.fromkeys(ERRORS, "")
-    return dict(zip(ERRORS, (_rounded(100.0 * value, 2) for value in (error.mean, error.p95, error.largest))))
+    columns = {f"time_{state}_s": round(value, 2) for state, value in sums.items()}
+    return {**columns, "time_total_s": round(sum(sums.values()), 2)}
 
 
 def _further(result: Result) -> Dict[str, object]:
@@ -59,19 +51,14 @@ def _further(result: Result) -> Dict[str, object]:
         "reason": "" if result.saved else result.reason,
         "seed_is_right": int(result.seed_is_right),
         "tries": result.tries,
-        "elapsed_s": _rounded(records[-1]["ended"] - records[0]["started"], 2) if records else 0.0,
-        "border_m": _rounded(chain_length(result.scenario.border, result.scenario.closed), 3),
-        "chain_m": _rounded(chain_length(border.points, bool(border.closed)), 3) if border is not None else "",
+        "elapsed_s": round(records[-1]["ended"] - records[0]["started"], 2) if records else 0.0,
+        "border_m": round(chain_length(result.scenario.border, result.scenario.closed), 3),
+        "chain_m": round(chain_length(border.points, bool(border.closed)), 3) if border is not None else "",
         "vertices": len(border.points) if border is not None else "",
         "spots": len(result.spots),
         "spots_robot": sum(spot.mobile for spot in result.spots),
         "false_spots": result.false_spots,
         "robot_goals": result.goals,
-        "robot_way_m": _rounded(float(steps.sum()), 2),
+        "robot_way_m": round(float(steps.sum()), 2),
         "robot_collisions": result.collisions,
     }
-
-
-def _rounded(value: object, digits: int) -> object:
-    # the last bits differ between processors and libraries, and mean nothing
-    return round(float(value), digits) if isinstance(value, (float, np.floating)) else value

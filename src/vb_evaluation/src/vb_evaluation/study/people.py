@@ -33,8 +33,8 @@ class Traits:
     margin: float = 0.0
 
 
-class Distribution:
-    """One trait's distribution, as the configuration writes it.
+def draw(key: str, spec: Any, rng: np.random.Generator) -> float:
+    """One value of a trait's distribution, as the configuration writes it.
 
     A number is the same for everybody. {uniform: [low, high]}, {normal: [mean, standard deviation]} and
     {lognormal: [median, standard deviation of the logarithm]} are drawn; `low` and `high` beside them are limits.
@@ -44,49 +44,35 @@ class Distribution:
     Raises:
         ParameterError: names the trait.
     """
-
-    def __init__(self, key: str, spec: Any) -> None:
-        self._key = key
-        self._limits = (-math.inf, math.inf)
-        if isinstance(spec, (int, float)) and not isinstance(spec, bool):
-            self._kind, self._values = "fixed", (float(spec),)
-            return
-        if not isinstance(spec, Mapping):
-            raise ParameterError(key, f"expected a number or a distribution, got {spec!r}")
+    if isinstance(spec, (int, float)) and not isinstance(spec, bool):
+        return float(spec)
+    try:
         rest = dict(spec)
-        self._limits = (float(rest.pop("low", -math.inf)), float(rest.pop("high", math.inf)))
-        if len(rest) != 1:
-            raise ParameterError(key, f"expected one of uniform, normal, lognormal, mixture, scaled, got {spec!r}")
-        self._kind, values = rest.popitem()
-        if self._kind == "mixture":
-            parts = [dict(part) for part in values]
-            self._parts = [(float(part.pop("share", 0.0)), Distribution(key, part)) for part in parts]
-            return
-        if self._kind == "scaled":
-            self._parts = [(float(values[1]), Distribution(key, values[0]))]
-            return
-        if self._kind not in ("uniform", "normal", "lognormal"):
-            raise ParameterError(key, f"'{self._kind}' is unknown; known are uniform, normal, lognormal, mixture")
-        if not isinstance(values, (list, tuple)) or len(values) != 2:
-            raise ParameterError(key, f"expected two numbers for {self._kind}, got {values!r}")
-        self._values = (float(values[0]), float(values[1]))
-
-    def draw(self, rng: np.random.Generator) -> float:
-        """One value."""
-        if self._kind == "mixture":
-            shares = np.array([share for share, _ in self._parts])
-            value = self._parts[int(rng.choice(len(shares), p=shares / shares.sum()))][1].draw(rng)
-        elif self._kind == "scaled":
-            value = self._parts[0][0] * self._parts[0][1].draw(rng)
-        elif self._kind == "fixed":
-            value = self._values[0]
-        elif self._kind == "uniform":
-            value = float(rng.uniform(*self._values))
-        elif self._kind == "normal":
-            value = float(rng.normal(*self._values))
+        low, high = float(rest.pop("low", -math.inf)), float(rest.pop("high", math.inf))
+        ((kind, values),) = rest.items()
+        if kind == "mixture":
+            shares = np.array([float(part.get("share", 0.0)) for part in values])
+            chosen = values[int(rng.choice(len(shares), p=shares / shares.sum()))]
+            value = draw(key, {name: entry for name, entry in chosen.items() if name != "share"}, rng)
+        elif kind == "scaled":
+            value = float(values[1]) * draw(key, values[0], rng)
         else:
-            value = self._values[0] * math.exp(self._values[1] * float(rng.standard_normal()))
-        return min(max(value, self._limits[0]), self._limits[1])
+            value = _KINDS[kind](rng, *(float(entry) for entry in values))
+    except ParameterError:
+        raise
+    except (TypeError, ValueError, KeyError, AttributeError):
+        raise ParameterError(key, f"expected a number, or one of mixture, scaled, {', '.join(_KINDS)}, got {spec!r}") from None
+    return min(max(value, low), high)
+
+
+_KINDS: Dict[str, Callable[[np.random.Generator, float, float], float]] = {
+    "uniform": lambda rng, low, high: float(rng.uniform(low, high)),
+    "normal": lambda rng, mean, spread: float(rng.normal(mean, spread)),
+    "lognormal": lambda rng, median, spread: median * math.exp(spread * float(rng.standard_normal())),
+}
+
+# what makes a mapping a distribution
+KINDS = {"mixture", "scaled", *_KINDS}
 
 
 class Population:
@@ -105,25 +91,29 @@ class Population:
         for key in settings:
             if key not in ("traits", "body", "stand_offset", "margin"):
                 raise ParameterError(f"participants/{key}", "unknown key; known are traits, body, stand_offset, margin")
-        self._model = model
-        self._traits = _distributions("participants/traits", settings.get("traits"), ParticipantModel)
-        self._body = _distributions("participants/body", settings.get("body"), Build)
-        self._offset = Distribution("participants/stand_offset", settings.get("stand_offset", 0.0))
-        self._margin = Distribution("participants/margin", settings.get("margin", 0.0))
+        self._model, self._settings = model, settings
+        self._traits, self._body = (settings.get(part) or {} for part in ("traits", "body"))
+        for part, specs, kind in (("traits", self._traits, ParticipantModel), ("body", self._body, Build)):
+            for key in specs:
+                if key not in [field.name for field in fields(kind)]:
+                    raise ParameterError(f"participants/{part}/{key}", f"unknown trait of {kind.__name__}")
 
     def draw(self, streams: Streams) -> Traits:
         """A participant; the same for the same streams."""
-        values: Dict[str, Any] = {key: trait.draw(streams(key)) for key, trait in self._traits.items()}
+        values: Dict[str, Any] = {key: draw(f"participants/traits/{key}", spec, streams(key)) for key, spec in self._traits.items()}
         for key in ("drawing_speed", "tremor_band"):
             # models.yaml gives these as ranges; a person has one speed
             if key in values:
                 values[key] = (values[key], values[key])
         mapping = {**{field.name: getattr(self._model, field.name) for field in fields(self._model)}, **values}
-        body = Build(**_possible(Build, {key: trait.draw(streams(f"body {key}")) for key, trait in self._body.items()}))
+        body = {key: draw(f"participants/body/{key}", spec, streams(f"body {key}")) for key, spec in self._body.items()}
         stand = streams("stand")
-        person = ParticipantModel(**_possible(ParticipantModel, mapping))
-        offset = (self._offset.draw(stand), self._offset.draw(stand))
-        return Traits(person, body, offset, self._margin.draw(streams("margin")))
+        offset = tuple(self._length("stand_offset", stand) for _ in range(2))
+        return Traits(ParticipantModel(**_possible(ParticipantModel, mapping)), Build(**_possible(Build, body)), offset,
+                      self._length("margin", streams("margin")))
+
+    def _length(self, key: str, rng: np.random.Generator) -> float:
+        return draw(f"participants/{key}", self._settings.get(key, 0.0), rng)
 
 
 def _possible(cls: Type[Parameters], values: Mapping[str, Any]) -> Dict[str, Any]:
@@ -135,11 +125,3 @@ def _possible(cls: Type[Parameters], values: Mapping[str, Any]) -> Dict[str, Any
         if isinstance(value, float):
             kept[key] = min(max(value, low if low is not None else value), high if high is not None else value)
     return kept
-
-
-def _distributions(where: str, specs: Any, cls: Type[Parameters]) -> Dict[str, Distribution]:
-    known = [field.name for field in fields(cls)]
-    for key in specs or {}:
-        if key not in known:
-            raise ParameterError(f"{where}/{key}", f"unknown trait; known are {', '.join(known)}")
-    return {key: Distribution(f"{where}/{key}", spec) for key, spec in (specs or {}).items()}

@@ -75,12 +75,18 @@ def main_jobs(study: Study, participants: int) -> List[Job]:
 
 
 def ungated_jobs(study: Study, main: List[Job]) -> List[Job]:
-    """A random part of the main runs again, with every image searched; more participants leave the others' unchanged."""
-    return [
-        replace(job, file=UNGATED, thorough=True) for job in main
-        if study.streams(job.task.participant)(f"ungated {job.task.scenario} {job.task.method}").random()
-        < study.design.ungated_share
-    ]
+    """A random part of the main runs again, with every image searched, of each scenario with each method alike.
+
+    At a share of a tenth it is one of each ten participants; more participants leave the others' runs as they were.
+    """
+    share = study.design.ungated_share
+    size = round(1.0 / share) if share else 0
+
+    def drawn(task: Task) -> bool:
+        block, place = divmod(task.participant - 1, size)
+        return int(study.streams(block)(f"ungated {task.scenario} {task.method}").integers(size)) == place
+
+    return [replace(job, file=UNGATED, thorough=True) for job in main if size and drawn(job.task)]
 
 
 def world_jobs(study: Study, first: Optional[int] = None) -> List[Job]:

@@ -14,7 +14,6 @@ import rospy
 from move_base_msgs.msg import MoveBaseActionGoal
 from nav_msgs.msg import OccupancyGrid
 
-import vb_fusion.live_extraction
 from vb_core import names
 from vb_core.errors import CodedError
 from vb_core.grid_map import GridMap
@@ -29,6 +28,7 @@ from vb_evaluation.virtual_ros.graph import Graph, Node
 from vb_evaluation.virtual_ros.launching import import_nodes, start_launch
 from vb_evaluation.virtual_ros.scheduler import Scheduler
 from vb_evaluation.virtual_ros.stand_ins import replaced
+from vb_fusion.extraction import GrowingBorder
 from vb_msgs.msg import LabState, LaserSpot, VirtualBorderArray
 from vb_sim.room import floor_plan
 from vb_sim.robot.costmap import Costmap, CostmapParams
@@ -146,16 +146,16 @@ class LiveRun:
             "robots": " ".join(filter(None, self._robots)), "rviz": "false", "page": "false",
             "state": ""}
         import_nodes(top() / LAUNCH, arguments, (*WITHOUT, *LAB_NODES))
-        live_chain = vb_fusion.live_extraction.extract_chain
+        extracted = GrowingBorder.chain
 
-        def extract_chain(*given: Any) -> Any:
+        def chain(drawing: GrowingBorder) -> Any:
             try:
-                return live_chain(*given)
+                return extracted(drawing)
             finally:
                 scheduler.wait(int(timing.extraction_s * 1e9))
 
         with tempfile.TemporaryDirectory() as state, graph.installed(), \
-                replaced({vb_fusion.live_extraction: {"extract_chain": extract_chain}}):
+                replaced({GrowingBorder: {"chain": chain}}):
             watching: List[_Observer] = []
             graph.start(Node("/study", {}), lambda: (watching.append(_Observer(self._robots)), watch()))
             start_launch(graph, top() / LAUNCH, {**arguments, "state": state}, WITHOUT, self._lab_nodes(cameras))

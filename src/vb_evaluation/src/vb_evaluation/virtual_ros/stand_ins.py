@@ -115,10 +115,6 @@ class Lock:
             if self._waiting:
                 self._scheduler.wake(self._waiting.popleft())
 
-    def locked(self) -> bool:
-        """Whether a task has it."""
-        return self._holder is not None
-
     def __enter__(self) -> bool:
         return self.acquire()
 

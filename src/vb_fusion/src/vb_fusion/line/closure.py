@@ -15,7 +15,7 @@ from typing import Dict, Tuple
 
 import numpy as np
 from scipy.spatial.distance import cdist
-from shapely.geometry import Polygon
+from shapely.geometry import LineString, Polygon
 from shapely.validation import make_valid
 
 from vb_core import geometry
@@ -62,22 +62,29 @@ def decide(points: np.ndarray, kind: str = "decide") -> Closing:
     cut = points[first : last + 1]
     gap = float(np.linalg.norm(cut[-1] - cut[0]))
     kept = geometry.chain_length(cut)
-    # what is enclosed, also where the line crosses itself
-    width = 2.0 * make_valid(Polygon(cut)).area / (kept + gap) if len(cut) > 2 else 0.0
-    turn = _closing_turn(cut, gap, 0.1 * kept)
     if kind == "polygon":
         code = "closed_requested"
-    elif opening > CAME_BACK * cdist(cut, cut).max():
+    elif opening > CAME_BACK * _widest(cut):
         code = "open_apart"
-    elif gap * turn > width * 180.0:
-        code = "open_wide"
-    elif width < TREMBLE:
-        code = "open_flat"
     else:
-        code = "closed_cut" if last - first < end else "closed_gap"
+        # what is enclosed, also where the line crosses itself
+        width = 2.0 * make_valid(Polygon(cut)).area / (kept + gap) if len(cut) > 2 else 0.0
+        if gap * _closing_turn(cut, gap, 0.1 * kept) > width * 180.0:
+            code = "open_wide"
+        elif width < TREMBLE:
+            code = "open_flat"
+        else:
+            code = "closed_cut" if last - first < end else "closed_gap"
     if code.startswith("open"):
         return Closing(False, code, apart, 0, end, _values(apart, length))
     return Closing(True, code, gap, first, last, _values(gap, kept))
+
+
+def _widest(points: np.ndarray) -> float:
+    """The greatest distance [m] between two of the points."""
+    hull = LineString(points).convex_hull
+    corners = np.asarray(getattr(hull, "exterior", hull).coords)
+    return float(cdist(corners, corners).max())
 
 
 def _values(gap: float, length: float) -> Dict[str, str]:

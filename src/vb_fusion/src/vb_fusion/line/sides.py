@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import cKDTree
 
+from vb_fusion.memory import Memory
 from vb_fusion.stroke.observations import TREMBLE
 
 DETAIL = 1.5 * TREMBLE**3  # [m^3] squared distance times length that a corner must explain
@@ -37,19 +38,23 @@ class Stroke:
         return 0.5 * (np.append(steps, 0.0) + np.append(0.0, steps)) + 0.1 * TREMBLE
 
 
-def make_stroke(sights: np.ndarray, trust: np.ndarray) -> Stroke:
+def make_stroke(sights: np.ndarray, trust: np.ndarray, known: Memory) -> Stroke:
     """The stations of sights (N, 2) [m] with weights (N,), N >= 3; what was drawn twice at the end is merged."""
-    # what two cameras see in turn is not a movement: a mean over five sights
-    window = np.clip(np.arange(len(sights))[:, None] + np.arange(-2, 3), 0, len(sights) - 1)
-    calm = (sights[window] * trust[window][..., None]).sum(axis=1) / trust[window].sum(axis=1)[:, None]
-    station = np.empty(len(sights), dtype=np.int64)
-    number, seen, x, y = 0, 0, 0.0, 0.0
-    for row, (px, py) in enumerate(calm.tolist()):
+    # what two cameras see in turn is not a movement: a mean over three sights
+    wide = np.pad(np.column_stack([sights * trust[:, None], trust]), ((1, 1), (0, 0)), mode="edge")
+    total = wide[:-2] + wide[1:-1] + wide[2:]
+    calm = total[:, :2] / total[:, 2:]
+    first, states = known.resume(calm, 1)
+    station = states[:, 0]
+    # from the beginning of the last station on
+    first = int(np.searchsorted(station[:first], station[first - 1])) if first else 0
+    number, seen, x, y = int(station[first - 1]) + 1 if first else 0, 0, 0.0, 0.0
+    for row, (px, py) in enumerate(calm[first:].tolist(), start=first):
         if seen and (px - x / seen) ** 2 + (py - y / seen) ** 2 > TREMBLE**2:
             number, seen, x, y = number + 1, 0, 0.0, 0.0
         seen, x, y = seen + 1, x + px, y + py
         station[row] = number
-    stroke = _means(sights, trust, station)
+    stroke = _means(sights, trust, station.astype(int))
     # the line ends where the spot was seen first and last
     stroke.points[[0, -1]] = calm[[0, -1]]
     return _merged(stroke)
@@ -76,39 +81,45 @@ def _merged(stroke: Stroke) -> Stroke:
     return _means(at, stroke.trust, np.concatenate([np.arange(kept), nearest]))
 
 
-def fit_line(stroke: Stroke, joined: bool) -> np.ndarray:
+def fit_line(stroke: Stroke, joined: bool, known: Memory) -> np.ndarray:
     """The vertices (M, 2) [m] of the line; if it is joined, it goes on from its last vertex to the first."""
-    starts = _divide(stroke)
-    if joined and len(starts) > 2:
-        # begin at a corner, so that the side in which the drawing began is one side
-        shift = int(starts[len(starts) // 2])
-        stroke = Stroke(np.roll(stroke.points, -shift, axis=0), np.roll(stroke.trust, -shift))
-        starts = _divide(stroke)
+    x, y = (stroke.points - stroke.points[0]).T
+    terms = stroke.weights * np.array([np.ones_like(x), x, y, x * x, y * y, x * y])
+    sums = np.concatenate([np.zeros((6, 1)), np.cumsum(terms, axis=1)], axis=1)
+    starts = _divide(stroke, sums, known)
+    if joined and len(starts) > 3:
+        # the side in which the drawing began and ended is one side
+        last, first = sums[:, -1] - sums[:, starts[-1]], sums[:, starts[1]]
+        away = np.linalg.norm(stroke.points[[-1, 0, starts[1] - 1]] - stroke.points[starts[-1]], axis=1)
+        goes_on = (np.diff(away) > -2.0 * TREMBLE).all()
+        if goes_on and _misfit(last + first) < _misfit(last) + _misfit(first) + DETAIL:
+            starts = starts[1:]
     return _fitted(stroke, starts, joined and len(starts) > 2)
 
 
-def _divide(stroke: Stroke) -> np.ndarray:
+def _divide(stroke: Stroke, sums: np.ndarray, known: Memory) -> np.ndarray:
     """The first station of each side."""
-    x, y = (stroke.points - stroke.points.mean(axis=0)).T
-    terms = stroke.weights * np.array([np.ones_like(x), x, y, x * x, y * y, x * y])
-    before = np.concatenate([np.zeros((6, 1)), np.cumsum(terms, axis=1)], axis=1)
+    x, y = stroke.points.T
     count = len(x)
-    # people mark corners by stopping: where the spot was seen more than twice as long as usual, less detail will do
-    rest = np.maximum(stroke.trust, np.roll(stroke.trust, 1)) / np.median(stroke.trust)
+    # people mark corners by stopping: where the spot was seen more than twice as long as usual, less detail will do;
+    # what is usual is rounded, so that it seldom changes while a line grows
+    usual = 2.0 ** np.round(np.log2(np.median(stroke.trust)))
+    rest = np.maximum(stroke.trust, np.append(stroke.trust[1:], 0.0)) / usual
     corner = DETAIL * np.clip(2.0 / rest, 0.25, 1.0)
-    best = np.zeros(count + 1)
-    start = np.zeros(count + 1, dtype=int)
     arc = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(x), np.diff(y)))])
-    for end in range(1, count + 1):
-        cost = best[:end] + _misfit(before[:, end, None] - before[:, :end])
+    first, states = known.resume(np.column_stack([x, y, stroke.weights, corner]), 2)
+    best = np.append(0.0, states[:, 0])
+    for end in range(first + 1, count + 1):
+        cost = best[:end] + _misfit(sums[:, end, None] - sums[:, :end])
         # what goes back over itself is two sides
         chord = np.hypot(x[:end] - x[end - 1], y[:end] - y[end - 1])
         cost[arc[end - 1] - arc[:end] > 1.5 * chord + 4.0 * TREMBLE] = np.inf
-        start[end] = np.argmin(cost)
-        best[end] = cost[start[end]] + corner[end % count]
-    starts = [int(start[count])]
+        start = int(cost.argmin())
+        best[end] = cost[start] + corner[end - 1]
+        states[end - 1] = best[end], start
+    starts = [int(states[-1, 1])]
     while starts[-1] > 0:
-        starts.append(int(start[starts[-1]]))
+        starts.append(int(states[starts[-1] - 1, 1]))
     return np.array(starts[::-1])
 
 
@@ -126,7 +137,8 @@ def _fitted(stroke: Stroke, starts: np.ndarray, joined: bool) -> np.ndarray:
     if not joined:
         vertices = np.vstack([at[:1], vertices[1:], at[-1:]])
     count = len(vertices)
-    side = np.searchsorted(starts, np.arange(len(at)), side="right") - 1
+    # what comes before the first side belongs to the last
+    side = (np.searchsorted(starts, np.arange(len(at)), side="right") - 1) % count
     ends = np.column_stack([side, (side + 1) % count])
     along = vertices[ends[:, 1]] - vertices[ends[:, 0]]
     length = np.maximum(np.linalg.norm(along, axis=1), 1e-9)[:, None]

@@ -55,30 +55,30 @@ class SpotStore:
     def append(self, spot: Spot, camera: int) -> None:
         """Keeps a spot seen by camera number `camera`."""
         if self.kept == len(self._data):
-            if self.kept >= self._limit:
-                self.kept = (self.kept + 1) // 2
-                self._data[: self.kept] = self._data[: 2 * self.kept : 2].copy()
-            else:
-                grown = np.empty((min(2 * len(self._data), self._limit), COLUMNS))
-                grown[: self.kept] = self._data
-                self._data = grown
+            rows = self._data[::2] if self.kept >= self._limit else self._data
+            self._data = np.empty((min(2 * self.kept, self._limit), COLUMNS))
+            self._data[: len(rows)] = rows
+            self.kept = len(rows)
         self._data[self.kept] = (spot.stamp, spot.x, spot.y, spot.confidence, camera, spot.mobile)
         self.kept += 1
         self.total += 1
 
     def clear(self) -> None:
         """Drops all."""
+        self._data = np.empty((min(256, self._limit), COLUMNS))
         self.kept = self.total = 0
 
     @property
     def rows(self) -> np.ndarray:
-        """(K, 6) a copy: stamp, x, y, confidence, camera, mobile."""
-        return self._data[: self.kept].copy()
+        """(K, 6): stamp, x, y, confidence, camera, mobile; later spots do not change it."""
+        rows = self._data[: self.kept]
+        rows.flags.writeable = False
+        return rows
 
 
 @dataclass(frozen=True)
 class Collection:
-    """The spots so far; the arrays belong to the caller."""
+    """The spots so far; nothing that comes later changes the arrays."""
 
     interaction_id: str
     border: np.ndarray  # (K, 6): stamp [s], x [m], y [m], confidence, index of the camera, 1 if it is a mobile one
@@ -174,7 +174,7 @@ class Collector:
         return self._stores[BORDER].total, self._stores[SEED].total, sum(self.ignored.values())
 
     def collection(self) -> Collection:
-        """A copy of what was collected."""
+        """What was collected so far."""
         border, seed = self._stores[BORDER], self._stores[SEED]
         return Collection(
             self.interaction_id, border.rows, seed.rows, list(self._cameras), border.total, seed.total

@@ -1,11 +1,11 @@
-"""Stage 0: the spots as they came, checked and sorted by time.
+"""Stage 0: the spots as they came, checked and put in the order of time.
 
-Everything after this works on sights. A sight is what one camera saw of one place within 20 ms: at 25 or 30 images
-per second that is one spot, and a million spots become some ten thousand sights.
+Everything after this works on sights. A sight is what one camera saw of one place within a moment: some ten a second
+from a camera that sees a hand draw, and more only where the pointer is quick. A million spots become a few thousand.
 """
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from typing import Optional, Sequence
 
 import numpy as np
@@ -14,50 +14,57 @@ from vb_fusion.chain import ExtractionError
 
 TREMBLE = 0.05  # [m] a hand that holds still stays within it, and cameras agree within it
 LOCALISATION = 0.15  # [m] what a robot's pose may be off, differently every second
-QUANTUM = 0.02  # [s] less than the time between two images of a usual camera
+MOMENT = 0.1  # [s] a hand's pointer moves by centimetres within it, and cameras with 10 images/s see it
 FARTHEST = 1e5  # [m] from the origin: no floor is larger
 
 
 @dataclass(frozen=True)
 class Sights:
-    """What the cameras saw, ordered by time; arrays with one row per sight.
+    """What the cameras saw; arrays with one row per sight, ordered by time if there are stamps.
 
     Attributes:
         points: (N, 2) [m].
-        stamps: (N,) [s], ascending; None for bare points.
+        stamps: (N,) [s]; zeros for bare points.
         cameras: (N,) int, index of the camera.
         weights: (N,) > 0: how many spots, how confident, seen by which kind of camera.
         mobile: (N,) bool, seen by a camera that moves.
-        spots: how many spots these are.
+        spots: (N,) how many spots each is made of.
     """
 
     points: np.ndarray
-    stamps: Optional[np.ndarray]
+    stamps: np.ndarray
     cameras: np.ndarray
     weights: np.ndarray
     mobile: np.ndarray
-    spots: int
+    spots: np.ndarray
 
-    def select(self, rows: np.ndarray) -> "Sights":
+    def select(self, rows) -> "Sights":
         """The sights where rows (N,) is true, or with these indices."""
-        stamps = None if self.stamps is None else self.stamps[rows]
-        return Sights(
-            self.points[rows], stamps, self.cameras[rows], self.weights[rows], self.mobile[rows], self.spots
-        )
+        return Sights(*(getattr(self, column.name)[rows] for column in fields(self)))
+
+    def followed_by(self, others: "Sights") -> "Sights":
+        """These and then the others."""
+        names = [column.name for column in fields(self)]
+        return Sights(*(np.concatenate([getattr(self, name), getattr(others, name)]) for name in names))
 
     def moved(self, points: np.ndarray) -> "Sights":
         """The same sights at other places (N, 2) [m]."""
         return replace(self, points=points)
 
 
-def gather(
+def moments(stamps: np.ndarray) -> np.ndarray:
+    """(N,) int, the moment of each stamp [s]; images come at round times, so a moment begins beside them."""
+    return np.floor(stamps / MOMENT + 0.031).astype(np.int64)
+
+
+def check(
     points: np.ndarray,
     stamps: Optional[Sequence[float]] = None,
     cameras: Optional[Sequence] = None,
     confidences: Optional[Sequence[float]] = None,
     mobile: Optional[Sequence[bool]] = None,
 ) -> Sights:
-    """Checks spots and merges them to sights; rows that are not finite, or are off any floor, are left out.
+    """Spots as they came, one sight each; rows that are not finite, or are off any floor, are left out.
 
     Raises:
         ExtractionError: "bad_points" if the shapes do not fit.
@@ -75,32 +82,36 @@ def gather(
     for name, values in columns.items():
         if values is not None and len(values) != count:
             raise ExtractionError("bad_points", what=f"{count} {name} instead of {len(values)}")
-    known = np.zeros(count, dtype=int) if cameras is None else np.unique(np.asarray(cameras), return_inverse=True)[1]
+    known = np.zeros(count, dtype=int) if cameras is None else np.asarray(cameras)
+    if known.dtype.kind not in "iu" or count and not 0 <= known.min() <= known.max() < 256:
+        known = np.unique(known, return_inverse=True)[1]
     moving = np.zeros(count, dtype=bool) if mobile is None else np.asarray(mobile, dtype=bool)
     # a detector that reports 0 still saw something
     trust = np.ones(count) if confidences is None else np.clip(np.nan_to_num(np.asarray(confidences, float)), 0.1, 1.0)
     trust = np.where(moving, TREMBLE / LOCALISATION, 1.0) * trust
-    times = None if stamps is None else np.asarray(stamps, dtype=float)
-    usable = (np.abs(array) <= FARTHEST).all(axis=1) & np.isfinite(0.0 if times is None else times)
-    sights = Sights(array, times, known, trust, moving, int(usable.sum())).select(usable)
-    return sights if times is None or len(sights.points) == 0 else _condensed(sights)
+    times = np.zeros(count) if stamps is None else np.asarray(stamps, dtype=float)
+    usable = (np.abs(array) <= FARTHEST).all(axis=1) & np.isfinite(times)
+    return Sights(array, times, known, trust, moving, np.ones(count, dtype=int)).select(usable)
 
 
-def _condensed(spots: Sights) -> Sights:
-    """Spots of one camera, place and quantum become one; the result is in order of time, then of place."""
-    offset = spots.stamps.min()
-    quantum = np.floor((spots.stamps - offset) / QUANTUM + 0.013).astype(np.int64)
+def condense(spots: Sights) -> Sights:
+    """Spots of one camera, moment and place become one sight; the result is in order of time, then of place."""
+    if len(spots.points) == 0:
+        return spots
+    moment = moments(spots.stamps)
+    offset = MOMENT * float(moment.min())
     cell = np.floor(spots.points / TREMBLE).astype(np.int64)
     cell -= cell.min(axis=0)
     width, height = (int(size) for size in cell.max(axis=0) + 1)
-    key = (quantum * (int(spots.cameras.max()) + 1) + spots.cameras) * width * height + cell[:, 0] * height + cell[:, 1]
+    key = ((moment - moment.min()) * (int(spots.cameras.max()) + 1) + spots.cameras) * width * height
+    key += cell[:, 0] * height + cell[:, 1]
     _, first, index = np.unique(key, return_index=True, return_inverse=True)
     weights = np.bincount(index, spots.weights)
-    x, y, stamps = (
+    x, y, times = (
         np.bincount(index, spots.weights * values) / weights for values in (*spots.points.T, spots.stamps - offset)
     )
-    order = np.lexsort((y, x, stamps))
-    sights = Sights(
-        np.column_stack([x, y]), offset + stamps, spots.cameras[first], weights, spots.mobile[first], spots.spots
-    )
-    return sights.select(order)
+    order = np.lexsort((y, x, times))
+    return Sights(
+        np.column_stack([x, y]), offset + times, spots.cameras[first], weights, spots.mobile[first],
+        np.bincount(index, spots.spots).astype(int),
+    ).select(order)

@@ -8,33 +8,33 @@ far more firmly than mobile ones, so that a robot that is lost does not move the
 from __future__ import annotations
 
 import numpy as np
+from scipy.sparse import csr_matrix, diags
+from scipy.sparse.linalg import spsolve
 
-from vb_fusion.stroke.observations import LOCALISATION, QUANTUM, TREMBLE, Sights
+from vb_fusion.stroke.observations import LOCALISATION, TREMBLE, Sights, moments
 
 
 def without_offsets(seen: Sights) -> Sights:
-    """The sights without their cameras' offsets; an offset common to all cameras cannot be known."""
-    second = np.where(seen.mobile, np.floor(seen.stamps - seen.stamps.min() + 0.0007) + 1.0, 0.0)
-    keys = np.column_stack([seen.cameras, second])
-    unique, group = np.unique(keys, axis=0, return_inverse=True)
-    group = group.reshape(-1)
-    count = len(unique)
-    # neighbours in time that two cameras saw at once
-    order = np.argsort(seen.stamps, kind="stable")
-    pairs = np.vstack([np.column_stack([order[:-step], order[step:]]) for step in (1, 2, 3)])
-    apart = seen.points[pairs[:, 0]] - seen.points[pairs[:, 1]]
-    pairs, apart = (values[
-        (seen.cameras[pairs[:, 0]] != seen.cameras[pairs[:, 1]])
-        & (np.diff(seen.stamps[pairs], axis=1)[:, 0] <= QUANTUM)
-        & (np.linalg.norm(apart, axis=1) <= 2.0 * LOCALISATION)
-    ] for values in (pairs, apart))
+    """The sights without their cameras' offsets; an offset common to all cameras cannot be known.
+
+    A sight is the pointer's place in its moment and the offset of its camera. The places are eliminated: what is left
+    are the differences from the mean of the moment.
+    """
+    cameras = int(seen.cameras.max()) + 1
+    moment = moments(seen.stamps)
+    second = np.where(seen.mobile, (moment - moment.min()) // 10 + 1, 0)
+    offset = second * cameras + seen.cameras
+    unknown = int(offset.max()) + 1
+    # the sights of a moment follow one another
+    row = np.cumsum(np.append(0, np.diff(moment) != 0))
+    in_moment = csr_matrix((np.ones(len(row)), (row, offset)), shape=(int(row[-1]) + 1, unknown))
+    share = diags(1.0 / np.bincount(row)) @ in_moment
     # each equation in units of its deviation: a difference as a hand trembles, an offset as the camera is placed
-    trust = (0.5 * TREMBLE) ** -2
-    equations = np.diag(np.where(unique[:, 1] > 0.0, LOCALISATION**-2, trust))
-    measured = np.zeros((count, 2))
-    for ours, theirs, sign in ((0, 1, 1.0), (1, 0, -1.0)):
-        a, b = group[pairs[:, ours]], group[pairs[:, theirs]]
-        np.add.at(equations, (a, a), trust)
-        np.add.at(equations, (a, b), -trust)
-        np.add.at(measured, a, sign * trust * apart)
-    return seen.moved(seen.points - np.linalg.solve(equations, measured)[group])
+    firmness = np.where(np.arange(unknown) < cameras, 1.0, (0.5 * TREMBLE / LOCALISATION) ** 2)
+    equations = diags(np.bincount(offset, minlength=unknown) + firmness) - in_moment.T @ share
+    apart = np.column_stack(
+        [np.bincount(offset, axis, unknown) - share.T @ np.bincount(row, axis) for axis in seen.points.T]
+    )
+    # in whole millimetres: what was placed before stays where it is while more is seen
+    found = np.round(spsolve(equations.tocsc(), apart).reshape(-1, 2), 3)
+    return seen.moved(seen.points - found[offset])

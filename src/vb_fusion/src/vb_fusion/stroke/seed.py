@@ -12,8 +12,9 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from vb_fusion.chain import ExtractionError
-from vb_fusion.stroke.observations import TREMBLE, gather
-from vb_fusion.stroke.track import BLINK, MOMENT, best_path, find_places
+from vb_fusion.memory import Memory
+from vb_fusion.stroke.observations import MOMENT, TREMBLE, check, condense
+from vb_fusion.stroke.track import BLINK, best_steps, find_places, path_to
 
 HAND = 1.5 * TREMBLE  # [m] a hand that holds still stays within this of its mean, cameras' offsets included
 MIN_SPOTS = 3
@@ -44,22 +45,27 @@ def extract_seed(
     Raises:
         ExtractionError: "no_spots", "no_seed" or "bad_points".
     """
-    seen = gather(points, stamps, cameras, confidences, mobile)
-    if seen.spots == 0:
+    seen = check(points, stamps, cameras, confidences, mobile)
+    if len(seen.points) == 0:
         raise ExtractionError("no_spots")
-    if seen.spots < MIN_SPOTS:
-        raise ExtractionError("no_seed", spots=seen.spots, needed=MIN_SPOTS)
-    places = None if seen.stamps is None else find_places(seen)
+    if len(seen.points) < MIN_SPOTS:
+        raise ExtractionError("no_seed", spots=len(seen.points), needed=MIN_SPOTS)
+    seen = seen if stamps is None else condense(seen)
+    places = None if stamps is None else find_places(seen)
     at = seen.points if places is None else places.points
     spot, earlier = _spots_of_floor(at)
     gains, path = np.ones(len(at)), np.arange(len(at))
     if before is not None and len(before) >= MIN_SPOTS:
-        known = cKDTree(gather(before).points).query(at, k=[MIN_SPOTS], distance_upper_bound=HAND)[0][:, 0]
+        # balanced trees take longer to make than to ask
+        floor = cKDTree(check(before).points, compact_nodes=False, balanced_tree=False)
+        known = floor.query(at, k=[MIN_SPOTS], distance_upper_bound=HAND)[0][:, 0]
         gains[np.isfinite(known)] = KNOWN
     if places is not None:
-        pairs = np.unique(np.column_stack([places.sights, seen.cameras]), axis=0)
+        of_place = places.sights >= 0
+        pairs = np.unique(np.column_stack([places.sights, seen.cameras])[of_place], axis=0)
         gains *= np.bincount(pairs[:, 0]) / (1.0 + MOMENT * earlier)
-        path = best_path(at, places.stamps, gains, np.inf, BLINK / MOMENT)[0]
+        gain, previous = best_steps(at, places.stamps, gains, np.inf, BLINK / MOMENT, Memory())
+        path = path_to(int(gain.argmax()), previous, np.ones(len(at), dtype=bool))
     dwelt = np.bincount(spot[path], gains[path])[spot[path]]
     # on its way it dwells nowhere for half as long
     last = int(np.argmax(dwelt)) if places is None else int(np.flatnonzero(dwelt >= 0.5 * dwelt.max())[-1])

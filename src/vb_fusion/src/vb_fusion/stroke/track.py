@@ -1,16 +1,16 @@
 """Stage 1: which spots are the pointer's.
 
-The pointer is one thing that moves through time. What was seen within a tenth of a second and close together is one
-place; the track is the sequence of places that explains the most floor with the least effort. In metres:
+The pointer is one thing that moves through time. What was seen within a moment and close together is one place; the
+track is the sequence of places that explains the most floor with the least effort. In metres:
 
-    gain  = the floor that a place adds while something is there: staying adds nothing more, and what stays for
-            longer than an ABSENCE counts less and less, a hand that rests and a bright thing alike; coming back
-            counts again
+    gain  = the floor that a place adds while something is there: staying adds nothing more, and what is there
+            for longer than an ABSENCE counts less and less, a hand that rests and a bright thing alike; coming back
+            counts again. Places that are passed at one speed add the path between them
     cost  = distance^2 / (time * BRISK) between places: a jump is expensive, a gap that was crossed at the speed of a
             hand is cheap, a pause is free
 
-The best track is found by dynamic programming, place by place in the order of time. What remains is searched again:
-a second stroke.
+The best track is found by dynamic programming, place by place in the order of time. The branches that it leaves are
+the other strokes.
 """
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ from typing import List, Tuple
 import numpy as np
 from scipy.spatial import cKDTree
 
-from vb_fusion.stroke.observations import TREMBLE, Sights
+from vb_fusion.memory import Memory
+from vb_fusion.stroke.observations import MOMENT, TREMBLE, Sights, moments
 
-MOMENT = 0.1  # [s] a hand's pointer moves by centimetres within it, and cameras with 10 images/s see it
 FLOOR = 2.0 * TREMBLE  # [m] width of the floor that a place covers
 BRISK = 6.0  # [m/s] at this speed an unseen path costs as much floor as it crosses
 BLINK = 3.0 * MOMENT  # [s] a pointer that moves is seen again within it
@@ -37,7 +37,21 @@ class Places:
 
     points: np.ndarray  # (P, 2) [m]
     stamps: np.ndarray  # (P,) [s]
-    sights: np.ndarray  # (N,) index of each sight's place
+    sights: np.ndarray  # (N,) index of each sight's place; -1 if it is none
+
+    def until(self, sights: int) -> "Places":
+        """The places of the first sights, if a moment ends there."""
+        count = int(self.sights[:sights].max(initial=-1)) + 1
+        return Places(self.points[:count], self.stamps[:count], self.sights[:sights])
+
+    def followed_by(self, others: "Places") -> "Places":
+        """These and then the others."""
+        index = np.where(others.sights >= 0, others.sights + len(self.stamps), -1)
+        return Places(
+            np.vstack([self.points, others.points]),
+            np.concatenate([self.stamps, others.stamps]),
+            np.concatenate([self.sights, index]),
+        )
 
 
 @dataclass(frozen=True)
@@ -55,77 +69,101 @@ class Track:
     gain: float
 
 
-def find_tracks(seen: Sights, widest_gap: float, shortest: float) -> List[Track]:
-    """The strokes that were drawn, the one that explains most first; empty if there is none.
-
-    Args:
-        seen: in order of time.
-        widest_gap: [m] that may be missing between two places of one stroke.
-        shortest: [m] of floor that a stroke explains.
-    """
-    places = find_places(seen)
-    weights = np.bincount(places.sights, seen.weights)
-    moment = ((places.stamps - places.stamps[0]) / MOMENT).astype(np.int64)
-    strongest = np.zeros(int(moment[-1]) + 1)
-    np.maximum.at(strongest, moment, weights)
-    strong = weights >= STRAY * strongest[moment]
-    points, stamps = places.points[strong], places.stamps[strong]
-    gains = _gains(points, stamps)
-    left = np.arange(len(points))
-    tracks: List[Track] = []
-    while len(left) >= 2 and len(tracks) < 8:
-        chosen, gain = best_path(points[left], stamps[left], gains[left], widest_gap)
-        if gain < shortest or len(chosen) < 2:
-            break
-        line, times = points[left[chosen]], stamps[left[chosen]]
-        # the sights beside the track at their own time
-        there = np.column_stack([np.interp(seen.stamps, times, line[:, axis]) for axis in range(2)])
-        near = np.linalg.norm(seen.points - there, axis=1) <= FLOOR
-        near &= (seen.stamps >= times[0] - MOMENT) & (seen.stamps <= times[-1] + MOMENT)
-        tracks.append(Track(line, np.flatnonzero(near), gain))
-        left = left[cKDTree(line).query(points[left])[0] > FLOOR]
-    return tracks
-
-
 def find_places(seen: Sights) -> Places:
     """The places of each moment."""
-    group = np.floor((seen.stamps - seen.stamps[0]) / MOMENT + 0.0031).astype(np.int64)
+    group = moments(seen.stamps)
     # apart where there is a gap along x, then along y, then along x again
     for axis in (0, 1, 0):
         order = np.lexsort((seen.points[:, axis], group))
         new = (np.diff(group[order]) != 0) | (np.diff(seen.points[order, axis]) > FLOOR)
         group[order] = np.concatenate([[0], np.cumsum(new)])
     weights = np.bincount(group, seen.weights)
-    x, y, time = (
-        np.bincount(group, seen.weights * values) / weights for values in (*seen.points.T, seen.stamps - seen.stamps[0])
-    )
+    offset = seen.stamps[0]
+    columns = (*seen.points.T, seen.stamps - offset)
+    x, y, time = (np.bincount(group, seen.weights * values) / weights for values in columns)
+    moment = np.zeros(len(weights), dtype=np.int64)
+    moment[group] = moments(seen.stamps)
+    strongest = np.zeros(int(np.ptp(moment)) + 1)
+    np.maximum.at(strongest, moment - moment.min(), weights)
+    strong = weights >= STRAY * strongest[moment - moment.min()]
     order = np.lexsort((y, x, time))
-    rank = np.argsort(order)
-    return Places(np.column_stack([x, y])[order], seen.stamps[0] + time[order], rank[group])
+    order = order[strong[order]]
+    rank = np.full(len(weights), -1)
+    rank[order] = np.arange(len(order))
+    return Places(np.column_stack([x, y])[order], offset + time[order], rank[group])
 
 
-def _gains(points: np.ndarray, stamps: np.ndarray) -> np.ndarray:
+def find_tracks(seen: Sights, places: Places, widest_gap: float, shortest: float, known: Memory) -> List[Track]:
+    """The strokes that were drawn, the one that explains most first; empty if there is none.
+
+    Args:
+        seen: in order of time.
+        places: what is at one place in them.
+        widest_gap: [m] that may be missing between two places of one stroke.
+        shortest: [m] of floor that a stroke explains.
+        known: the steps through places that were here before.
+    """
+    points, stamps = places.points, places.stamps
+    gain, previous = best_steps(points, stamps, floor_gains(points, stamps), widest_gap, np.inf, known)
+    tracks: List[Track] = []
+    free = np.ones(len(points), dtype=bool)
+    worth = gain
+    while len(tracks) < 8 and free.any():
+        end = int(np.argmax(np.where(free, worth, -np.inf)))
+        if worth[end] < shortest:
+            break
+        line = path_to(end, previous, free)
+        free[line] = False
+        if len(line) > 1:
+            tracks.append(Track(points[line], _beside(seen, points[line], stamps[line]), float(worth[end])))
+            free[free] = cKDTree(points[line]).query(points[free])[0] > FLOOR
+        worth = _from_branch(gain, previous, free)
+    return tracks
+
+
+def _beside(seen: Sights, line: np.ndarray, times: np.ndarray) -> np.ndarray:
+    """Indices of the sights beside a line of places at their own time."""
+    first, last = np.searchsorted(seen.stamps, (times[0] - MOMENT, times[-1] + MOMENT))
+    there = np.column_stack([np.interp(seen.stamps[first:last], times, axis) for axis in line.T])
+    return first + np.flatnonzero(np.hypot(*(seen.points[first:last] - there).T) <= FLOOR)
+
+
+def _from_branch(gain: np.ndarray, previous: np.ndarray, free: np.ndarray) -> np.ndarray:
+    """(P,) what the best track that ends at each place gains behind the last place that is not free."""
+    root = np.zeros(len(gain))
+    for place, (before, is_free) in enumerate(zip(previous.tolist(), free.tolist())):
+        if is_free and before >= 0:
+            root[place] = root[before] if free[before] else gain[before]
+    return gain - root
+
+
+def floor_gains(points: np.ndarray, stamps: np.ndarray) -> np.ndarray:
     """(P,) [m] of floor that each place adds: that of a visit is shared by all places without an ABSENCE between them.
 
     Places count for the four nodes of a lattice about them, by how near they are: continuous in place.
     """
-    scaled = (points - points.min(axis=0)) / FLOOR
+    scaled = points / FLOOR
     cell = np.floor(scaled).astype(np.int64)
     part = scaled - cell
+    cell -= cell.min(axis=0)
     stride = int(cell[:, 1].max()) + 2
     corners = [(dx, dy) for dx in (0, 1) for dy in (0, 1)]
     nodes = np.concatenate([(cell[:, 0] + dx) * stride + cell[:, 1] + dy for dx, dy in corners])
     shares = np.concatenate([np.abs(1 - dx - part[:, 0]) * np.abs(1 - dy - part[:, 1]) for dx, dy in corners])
     order = np.lexsort((np.tile(stamps, 4), nodes))
-    times = np.tile(stamps, 4)[order]
-    first = np.append(True, (np.diff(nodes[order]) != 0) | (np.diff(times) > ABSENCE))
+    pause = np.append(0.0, np.diff(np.tile(stamps, 4)[order]))
+    first = np.append(True, np.diff(nodes[order]) != 0) | (pause > ABSENCE)
     visit = np.empty(len(order), dtype=np.int64)
     visit[order] = np.cumsum(first) - 1
     company = (np.bincount(visit, shares)[visit] * shares).reshape(4, -1).sum(axis=0)
     # a place alone has 4/9 of its own company on average
     new = 0.5 * FLOOR / np.maximum(0.75 * company, 1.0)
-    longest = MOMENT * np.bincount(visit)[visit].reshape(4, -1).max(axis=0)
-    return np.maximum(new, _swept(points, stamps)) * np.minimum(1.0, ABSENCE / np.maximum(longest, 1e-9)) ** 2
+    # a thing that is not seen for longer than a BLINK was not there
+    there = np.bincount(visit[order], np.where(first, MOMENT, np.minimum(pause, BLINK)))
+    stay = there[visit].reshape(4, -1).max(axis=0)
+    gains = np.maximum(new, _swept(points, stamps)) * np.minimum(1.0, ABSENCE / stay) ** 2
+    # in tenths of a millimetre, so that what stays for long has got its gain for good; never quite nothing
+    return np.round(gains, 4) + 1e-5
 
 
 def _swept(points: np.ndarray, times: np.ndarray) -> np.ndarray:
@@ -139,37 +177,48 @@ def _swept(points: np.ndarray, times: np.ndarray) -> np.ndarray:
             first, at, last = (slice(0, -back - ahead), slice(back, -ahead), slice(back + ahead, None))
             whole = times[last] - times[first]
             share = (times[at] - times[first]) / np.maximum(whole, 1e-9)
-            off = np.linalg.norm(points[first] + share[:, None] * (points[last] - points[first]) - points[at], axis=1)
-            way = 0.5 * np.linalg.norm(points[last] - points[first], axis=1)
+            off = np.hypot(*(points[first] + share[:, None] * (points[last] - points[first]) - points[at]).T)
+            way = 0.5 * np.hypot(*(points[last] - points[first]).T)
             straight = np.exp(-((off / np.maximum(0.3 * way, TREMBLE)) ** 2))
-            row = np.maximum(way - TREMBLE, 0.0) * straight * 4.0 * share * (1.0 - share) * (whole <= BLINK)
+            # two places and one of them again are no row: the middle one is in the middle of the time
+            row = np.maximum(way - TREMBLE, 0.0) * straight * 4.0 * share * (1.0 - share)
+            row[(whole > BLINK) | (2.0 * way > BRISK * whole)] = 0.0
             # the row's ends too, where the stroke may begin or end
             for part, much in ((first, 0.5), (at, 1.0), (last, 0.5)):
                 swept[part] = np.maximum(swept[part], much * row)
     return swept
 
 
-def best_path(
-    points: np.ndarray, stamps: np.ndarray, gains: np.ndarray, widest_gap: float, dearest: float = np.inf
-) -> Tuple[np.ndarray, float]:
-    """Indices of the places (P, 2) [m] of the best track, and what it gains; no jump costs more than the dearest."""
+def best_steps(
+    points: np.ndarray, stamps: np.ndarray, gains: np.ndarray, widest_gap: float, dearest: float, known: Memory
+) -> Tuple[np.ndarray, np.ndarray]:
+    """Of the best track that ends at each of the places (P, 2) [m]: what it gains [m], and the place before.
+
+    No jump costs more than the dearest; the place before is -1 where a track begins.
+    """
+    first, states = known.resume(np.column_stack([points, stamps, gains]), 2)
     count = len(points)
-    earlier = np.arange(count)[:, None] - np.arange(1, LOOK_BACK + 1)
+    earlier = np.arange(first, count)[:, None] - np.arange(1, LOOK_BACK + 1)
     origin = np.maximum(earlier, 0)
-    way = np.linalg.norm(points[:, None] - points[origin], axis=2)
-    time = stamps[:, None] - stamps[origin]
+    way = np.hypot(*(points[first:, None] - points[origin]).transpose(2, 0, 1))
+    time = stamps[first:, None] - stamps[origin]
     possible = (earlier >= 0) & (time > 0.0) & ((way <= widest_gap + TREMBLE) | (time <= BLINK))
     effort = np.maximum(way - TREMBLE, 0.0) ** 2 / (np.clip(time, 1e-9, BLINK) * BRISK)
     effort = np.minimum(effort, dearest)
     effort[~possible] = np.inf
-    best, previous = gains.copy(), np.full(count, -1)
-    for place in range(count):
-        value = best[origin[place]] - effort[place]
-        chosen = int(np.argmax(value))
-        if value[chosen] > 0.0:
-            best[place] += value[chosen]
-            previous[place] = origin[place, chosen]
-    path = [int(np.argmax(best))]
-    while previous[path[-1]] >= 0:
-        path.append(int(previous[path[-1]]))
-    return np.array(path[::-1]), float(best.max())
+    best = states[:, 0]
+    for row, place in enumerate(range(first, count)):
+        value = best[origin[row]] - effort[row]
+        chosen = int(value.argmax())
+        goes_on = value[chosen] > 0.0
+        states[place] = gains[place] + (value[chosen] if goes_on else 0.0), origin[row, chosen] if goes_on else -1
+    return best, states[:, 1].astype(int)
+
+
+def path_to(end: int, previous: np.ndarray, free: np.ndarray) -> np.ndarray:
+    """Indices of the places of the track that ends at a place, as far as they are free."""
+    before = np.where(free[previous], previous, -1).tolist()
+    path = [end]
+    while before[path[-1]] >= 0:
+        path.append(before[path[-1]])
+    return np.array(path[::-1])

@@ -41,12 +41,18 @@ class CameraConsistency:
         )
 
 
-def agreement(sightings: Iterable[Sighting], max_gap_s: float = 0.1, least: int = 20) -> List[CameraConsistency]:
+# a camera's usual interval between sightings, and one image that is lost; but no longer than a straight part of a slow
+# drawing lasts
+_GAP_PERIODS = 2.5
+_LONGEST_GAP_S = 0.5
+
+
+def agreement(sightings: Iterable[Sighting], least: int = 20) -> List[CameraConsistency]:
     """Compares each pair of cameras that saw the spot at the same time.
 
     Cameras do not take their images at the same time, and a spot moves: the second one's place is interpolated to the
-    first one's time, between two sightings that are not farther apart than `max_gap_s`. A camera that saw two spots at
-    once is left out at that time.
+    first one's time, between two of its sightings that follow each other at its usual pace. A camera that saw two spots
+    at once is left out at that time.
 
     Raises:
         CodedError: "one_camera" if fewer than two cameras saw a spot; "no_overlap" if no two of them saw it together
@@ -63,7 +69,7 @@ def agreement(sightings: Iterable[Sighting], max_gap_s: float = 0.1, least: int 
         inside = (after > 0) & (after < len(b))
         a, after = a[inside], after[inside]
         before = after - 1
-        near = b[after, 0] - b[before, 0] <= max_gap_s
+        near = b[after, 0] - b[before, 0] <= min(_GAP_PERIODS * float(np.median(np.diff(b[:, 0]))), _LONGEST_GAP_S)
         a, before, after = a[near], before[near], after[near]
         if len(a) < least:
             continue

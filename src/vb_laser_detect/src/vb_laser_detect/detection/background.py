@@ -1,9 +1,9 @@
 """What a camera sees without a spot: a background updated slowly, never from a spot.
 
-A moving camera is a stationary one over a background that moves along. It is moved tile by tile by whole pixels, and an
-image compared with the brightest of the nine pixels around each place, as the motion is not exactly known; it is warped by
-parts of a pixel only where something is examined. Then all that is steady is taken from the image itself: nothing is
-moved twice and blurred.
+One idea for cameras that move: a keyframe. The background stays where it was taken, and each image is compared with it
+through one motion, from the keyframe to now, so that nothing is resampled twice and no error adds up. Every few images the
+image itself becomes the keyframe; only what a spot hides is brought along. What shone in the keyframe within a pixel, the
+uncertainty of that motion, is not new.
 """
 from __future__ import annotations
 
@@ -21,11 +21,13 @@ _NOISE_TIME = 1.0  # [s] over which a block's noise is averaged
 _CYCLE_S = 1.0  # every pixel is blended in once in this time
 _ABSORB_S = 1.5  # a change that lasts this long belongs to the background
 _WEIGHT = 0.25  # of a frame whenever a strip is blended in
-_ABSORB_MOVING = 6  # [images] while the camera moves: what an inexact motion leaves of an edge lasts this long
+_KEYFRAME = 6  # [images] a moving camera's background is kept for: people walk on
+_KEYFRAME_PART = 0.1  # of the image's width that it may have moved by: what comes into view is not in the keyframe
 _MARGIN = 24  # [px] around a region that is examined
 _AROUND = 7  # [blocks] the neighbourhood of a spot, whose median is taken for the floor under it
 _SQUARE = np.ones((3, 3), np.uint8)
-_TILE = 96  # [px] in which a motion is the same to a fraction of a pixel
+_HALF = np.diag((0.5, 0.5, 1.0))
+_PER_BLOCK = np.diag((1.0 / BLOCK, 1.0 / BLOCK, 1.0))
 
 
 class Background:
@@ -42,18 +44,20 @@ class Background:
         image: the background itself.
         reference: what an image is compared with where it is examined.
         blocks: their rows and columns.
-        moved: whether the camera moved since the last image.
+        motion: (3, 3) maps the background's pixels to those of the last image; None if the camera was stationary.
     """
 
     def __init__(self, image: np.ndarray) -> None:
         self.image = self.reference = image.copy()
-        self.moved = False
+        self.motion: Optional[np.ndarray] = None
         self._sample = sample_blocks(image)
         self.blocks = blocks = (image.shape[0] // BLOCK, image.shape[1] // BLOCK)
         self._noise, self._deviation, self._changed_s, self._held_s = np.zeros((4,) + blocks, np.float32)
         self._limit: Optional[np.ndarray] = None  # of a rise that exceeds the noise, once that is known
         self._noise_s, self._noise_known = 0.0, False
         self._strip = 0.0  # part of the image that was blended in
+        self._small: Optional[np.ndarray] = None  # the background at half size
+        self._images, self._moving_s = 0, 0.0  # since the keyframe, with motion
 
     def guess(self, where: np.ndarray) -> None:
         """Replaces blocks, (rows, columns) bool, by the median of their neighbourhood: the spot on them is no floor."""
@@ -70,39 +74,32 @@ class Background:
         Args:
             motion: (3, 3) maps the background's pixels to the image's; None: the camera is stationary.
         """
-        self.moved = motion is not None
-        self.reference = self.image
-        if self.moved:
-            self._move(motion, image)
-        # a colour image has so much data that every second row must do: spots cover several
-        rise = block_maxima(image, self.reference, row_step=1 if image.ndim == 2 else 2)
-        darker = max_channel(cv2.subtract(self._sample, sample_blocks(image))) > _DARKER
-        return rise, darker
-
-    def _move(self, motion: np.ndarray, image: np.ndarray) -> None:
-        """Moves all that is known with the camera; what was out of view is taken from the image."""
-        of_blocks = np.diag((1.0 / BLOCK, 1.0 / BLOCK, 1.0)) @ motion @ np.diag((float(BLOCK), float(BLOCK), 1.0))
-        times = cv2.warpPerspective(np.dstack([self._changed_s, self._held_s]), of_blocks, self.blocks[::-1],
-                                    flags=cv2.INTER_NEAREST)
-        self._changed_s, self._held_s = cv2.split(times)
-        # a block's noise belongs to the edges that it showed
-        self._noise[:], self._deviation[:], self._limit = self._noise.mean(), self._deviation.mean(), None
-        self._before, self._motion = self.image, motion
-        self.image = _shifted(self.image, motion, image)
-        self.reference = cv2.dilate(self.image, _SQUARE)
-        self._sample = sample_blocks(self.image)
+        self.motion, self.reference = motion, self.image
+        if motion is None:
+            # a colour image has so much data that every second row must do: spots cover several
+            rise = block_maxima(image, self.image, row_step=1 if image.ndim == 2 else 2)
+            return rise, max_channel(cv2.subtract(self._sample, sample_blocks(image))) > _DARKER
+        # at half size moving it costs a quarter, and fractions of a pixel matter less
+        if self._small is None:
+            self._small = _halved(self.image)
+        small = _halved(image)
+        shown = cv2.warpPerspective(self._small, _HALF @ motion @ np.diag((2.0, 2.0, 1.0)), small.shape[1::-1], small.copy(),
+                                    cv2.INTER_LINEAR, cv2.BORDER_TRANSPARENT)
+        self.reference = image.copy()
+        darker = cv2.subtract(sample_blocks(shown, BLOCK // 2), sample_blocks(small, BLOCK // 2))
+        return block_maxima(small, cv2.dilate(shown, _SQUARE), BLOCK // 2), max_channel(darker) > _DARKER
 
     def examine(self, regions: Sequence[Region], image: np.ndarray) -> None:
-        """Makes the reference exact around regions [px]."""
-        for left, top, right, bottom in regions if self.moved else ():
-            x, y = max(0, left - _MARGIN), max(0, top - _MARGIN)
-            part = slice(y, bottom + _MARGIN), slice(x, right + _MARGIN)
-            there = np.array([[1.0, 0.0, -x], [0.0, 1.0, -y], [0.0, 0.0, 1.0]]) @ self._motion
-            # linear would blur what a spot hides, image by image, until a bright thing stood out
-            result = image[part].copy()
-            self.image[part] = cv2.warpPerspective(
-                self._before, there, result.shape[1::-1], result, cv2.INTER_CUBIC, cv2.BORDER_TRANSPARENT)
-            self.reference[part] = cv2.dilate(self.image[part], _SQUARE)
+        """Makes the reference of a moving camera exact around regions [px]; elsewhere it is the image."""
+        for left, top, right, bottom in regions if self.motion is not None else ():
+            part = (slice(max(0, top - _MARGIN), bottom + _MARGIN), slice(max(0, left - _MARGIN), right + _MARGIN))
+            self.reference[part] = cv2.dilate(self._moved_part(part, image), _SQUARE)
+
+    def _moved_part(self, part: Tuple[slice, slice], image: np.ndarray) -> np.ndarray:
+        """A part of the background as the camera sees it now; of the image where nothing was in view."""
+        result = image[part].copy()
+        there = np.array([[1.0, 0.0, -part[1].start], [0.0, 1.0, -part[0].start], [0.0, 0.0, 1.0]]) @ self.motion
+        return cv2.warpPerspective(self.image, there, result.shape[1::-1], result, cv2.INTER_CUBIC, cv2.BORDER_TRANSPARENT)
 
     def hot_blocks(self, maxima: np.ndarray, least: float) -> np.ndarray:
         """(rows, columns) bool: blocks whose rise is at least `least` and exceeds the block's own noise."""
@@ -111,12 +108,18 @@ class Background:
             middle = float(np.median(maxima))
             self._noise[:], self._deviation[:] = middle, max(1.5, 1.5 * float(np.median(np.abs(maxima - middle))))
             self._limit, self._noise_known = None, True
+        if self.motion is not None:
+            # a block's noise belongs to the edges that it showed
+            return maxima >= max(least, float((self._noise + _NOISE_DEVIATIONS * self._deviation).mean()))
         if self._limit is None:
             # whole grey levels, as the rise has: comparing bytes is four times faster
             self._limit = np.ceil(np.minimum(255.0, self._noise + _NOISE_DEVIATIONS * self._deviation)).astype(np.uint8)
         return cv2.compare(maxima, cv2.max(self._limit, math.ceil(least)), cv2.CMP_GE) > 0
 
-    def learn(self, image: np.ndarray, rise: np.ndarray, changed: np.ndarray, spots: np.ndarray, hold_s: float, dt: float) -> None:
+    def learn(
+        self, image: np.ndarray, rise: np.ndarray, changed: np.ndarray, spots: np.ndarray, hold_s: float, dt: float,
+        at_rest: bool = False,
+    ) -> bool:
         """Adds a frame.
 
         Args:
@@ -124,12 +127,22 @@ class Background:
             changed, spots: (rows, columns) bool; blocks that changed, and blocks that show a spot.
             hold_s: [s] how long a spot may shine in the same place before it counts as a lamp.
             dt: [s] since the last frame.
+            at_rest: the camera has moved, and stopped.
+
+        Returns:
+            Whether the image became the keyframe of a camera that moved.
         """
-        dt32 = np.float32(dt)
-        self._held_s = cv2.max(self._held_s + (spots * np.float32(2.0 * dt) - dt32), 0.0)
-        held = spots & (self._held_s < hold_s)
+        if self.motion is not None:
+            self._images, self._moving_s = self._images + 1, self._moving_s + dt
+            middle = np.array([[[0.5 * image.shape[1], 0.5 * image.shape[0]]]])
+            far = np.abs(cv2.perspectiveTransform(middle, self.motion) - middle).max() > _KEYFRAME_PART * image.shape[1]
+            if not (at_rest or far or self._images >= _KEYFRAME):
+                return False
+            self._begin_keyframe(image, spots, hold_s)
+            return True
+        held = self._held(spots, hold_s, dt)
         steady = ~(changed | held)
-        self._changed_s = (self._changed_s + dt32) * ~(steady | held)
+        self._changed_s = (self._changed_s + np.float32(dt)) * ~(steady | held)
         self._noise_s += dt
         if self._noise_s >= _NOISE_TIME / 8:
             # noise changes slowly: not updated with each image
@@ -138,18 +151,35 @@ class Background:
             cv2.accumulateWeighted(values, self._noise, weight, mask)
             cv2.accumulateWeighted(cv2.absdiff(values, self._noise), self._deviation, weight, mask)
             self._noise_s, self._limit = 0.0, None
-        absorbed = self._changed_s > (min(_ABSORB_S, _ABSORB_MOVING * dt) if self.moved else _ABSORB_S)
+        absorbed = self._changed_s > _ABSORB_S
         self._changed_s[absorbed] = 0.0
-        if self.moved:
-            # all at once: what is moved again and again would blur
-            self._take(image, steady | absorbed, 1.0)
-            return
         if absorbed.any():
             self._take(image, absorbed, 1.0)
         first, self._strip = self._strip, self._strip + min(1.0, dt / _CYCLE_S)
         self._take(image, steady, _WEIGHT, *(int(round(min(1.0, part) * len(steady))) for part in (first, self._strip)))
         if self._strip >= 1.0:
             self._strip = 0.0
+        return False
+
+    def _held(self, spots: np.ndarray, hold_s: float, dt: float) -> np.ndarray:
+        """(rows, columns) bool: blocks with a spot that has not shone there for long."""
+        self._held_s = cv2.max(self._held_s + (spots * np.float32(2.0 * dt) - np.float32(dt)), 0.0)
+        return spots & (self._held_s < hold_s)
+
+    def _begin_keyframe(self, image: np.ndarray, spots: np.ndarray, hold_s: float) -> None:
+        """Makes the image the background, except under spots."""
+        of_blocks = _PER_BLOCK @ self.motion @ np.diag((float(BLOCK), float(BLOCK), 1.0))
+        self._held_s = cv2.warpPerspective(self._held_s, of_blocks, self.blocks[::-1], flags=cv2.INTER_NEAREST)
+        held = self._held(spots, hold_s, self._moving_s)
+        left, top, wide, high = (BLOCK * number for number in cv2.boundingRect(held.view(np.uint8)))
+        kept = image.copy()
+        if wide:
+            part = slice(top, top + high), slice(left, left + wide)
+            mask = mask_of_blocks(held, *image.shape[:2])[part]
+            cv2.copyTo(self._moved_part(part, image), mask, kept[part])
+        self.image, self._sample, self._small, self.motion = kept, sample_blocks(kept), None, None
+        self._changed_s[:], self._images, self._moving_s = 0.0, 0, 0.0
+        self._noise[:], self._deviation[:], self._limit = self._noise.mean(), self._deviation.mean(), None
 
     def _take(self, image: np.ndarray, blocks: np.ndarray, weight: float, first: int = 0, last: Optional[int] = None) -> None:
         """Blends blocks of the image in, of some rows of blocks."""
@@ -163,21 +193,10 @@ class Background:
         new = image[part] if weight == 1.0 else cv2.addWeighted(image[part], weight, strip, 1.0 - weight, 0.0)
         cv2.copyTo(new, mask_of_blocks(blocks, *strip.shape[:2]), strip)
         self._sample[first : first + len(blocks)] = sample_blocks(strip)
+        self._small = None
 
 
-def _shifted(background: np.ndarray, motion: np.ndarray, image: np.ndarray) -> np.ndarray:
-    """The background as the camera sees it now, each tile moved by whole pixels; the image where nothing was in view.
-
-    A warp takes five times as long.
-    """
-    result, (height, width) = image.copy(), image.shape[:2]
-    corners = np.array([(x, y) for y in range(0, height, _TILE) for x in range(0, width, _TILE)])
-    middles = corners[None] + 0.5 * _TILE
-    # numpy's inverse starts threads
-    shifts = np.rint(cv2.perspectiveTransform(middles, cv2.invert(motion)[1]) - middles)[0].astype(int)
-    for (x, y), (across, down) in zip(corners.tolist(), shifts.tolist()):
-        left, right = max(x, -across), min(x + _TILE, width, width - across)
-        top, bottom = max(y, -down), min(y + _TILE, height, height - down)
-        if left < right and top < bottom:
-            result[top:bottom, left:right] = background[top + down : bottom + down, left + across : right + across]
-    return result
+def _halved(image: np.ndarray) -> np.ndarray:
+    """The whole blocks of an image at half its size."""
+    height, width = (number // BLOCK * BLOCK for number in image.shape[:2])
+    return cv2.resize(image[:height, :width], (width // 2, height // 2), interpolation=cv2.INTER_AREA)

@@ -22,7 +22,7 @@ VERSION = 1
 BUILT_IN = Path(__file__).resolve().parent / "spot_classifier.json"
 # features of the surroundings do not count against a spot that was seen until now and must be there; nor does colour,
 # which it has shown and other light may now hide; and such light may leave a small and ragged core of its outline
-_NOT_ASKED_AGAIN = ("surround", "contrast", "darker", "fall", "busy", "neighbours", "chroma_mosaic",
+_NOT_ASKED_AGAIN = ("surround", "darker", "fall", "busy", "neighbours", "chroma_mosaic",
                     "smallness", "compactness")
 
 
@@ -45,15 +45,6 @@ class SpotClassifier:
         self.curves, self.intercept = curves, intercept
         # for single values numpy's calls take longer than the work
         self._lists = {name: (x.tolist(), y.tolist()) for name, (x, y) in curves.items()}
-
-    def least_chroma(self, probability: float) -> float:
-        """The least colour with which a mosaic's blob can be this probable if all else is ideal."""
-        if "chroma_mosaic" not in self.curves:
-            return 0.0
-        x, y = self.curves["chroma_mosaic"]
-        needed = math.log(probability / (1.0 - probability)) - self.intercept - sum(
-            max(0.0, values.max()) for name, (_, values) in self.curves.items() if name != "chroma_mosaic")
-        return float(np.interp(needed, y, x)) if needed > y[0] else 0.0
 
     def judge(self, blob: Blob, features: Dict[str, float], expected: bool = False) -> Verdict:
         """How likely a blob with these features is a spot; one that says nothing (NaN) adds nothing.

@@ -6,7 +6,7 @@ goes on beside it, is brightest in its middle, ends within some pixels and darke
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Dict, List, NamedTuple, Optional, Tuple
 
 import cv2
@@ -32,7 +32,7 @@ class Blob:
     Attributes:
         u, v: [px] centroid, sub-pixel; the centre of the first pixel is 0.
         diameter: [px] of a disc of the same area.
-        problem: "too_large", "too_faint" or "not_coloured" if only the place was measured.
+        problem: "too_large" or "too_faint" if only the place was measured.
         tint: (C,) each channel's part in its light, see `tint_of`; None for grey images.
         numbers: its features by name; NaN where one says nothing.
     """
@@ -55,7 +55,6 @@ class Camera(NamedTuple):
 
 def measure(
     image: np.ndarray, background: np.ndarray, seed: Region, largest: float, camera: Camera, edge: float = EDGE,
-    least_chroma: Optional[float] = 0.0,
 ) -> Blob:
     """Measures the brightest blob of a region.
 
@@ -65,31 +64,27 @@ def measure(
         seed: region that holds the peak.
         largest: [px] largest extent looked for.
         edge: the part of the peak that the rise exceeds in the blob.
-        least_chroma: less coloured blobs of a mosaic are not described: most of what rises is white or grey, and
-            describing it is most of the work. None: its colour is not looked at.
 
     Returns:
         The blob; see its `problem`.
     """
     height, width = image.shape[:2]
     left, top, right, bottom = seed
-    middle = Blob((left + right) / 2.0, (top + bottom) / 2.0, float(max(right - left, bottom - top)))
     margin = 12
     while True:
         # even bounds keep each pixel's place in a Bayer image's pattern
         x0, y0 = max(0, left - margin) & ~1, max(0, top - margin) & ~1
         x1, y1 = min(width, right + margin), min(height, bottom + margin)
+        now, before = image[y0:y1, x0:x1], background[y0:y1, x0:x1]
         # [1 2 1]: noise, and a Bayer image's mosaic, cancel out in it
-        rise = cv2.subtract(image[y0:y1, x0:x1], background[y0:y1, x0:x1])
-        smooth = cv2.GaussianBlur(max_channel(rise), (3, 3), 0, borderType=cv2.BORDER_REFLECT_101)
+        smooth = cv2.GaussianBlur(max_channel(cv2.subtract(now, before)), (3, 3), 0, borderType=cv2.BORDER_REFLECT_101)
         _, peak, _, at = cv2.minMaxLoc(smooth[top - y0 : bottom - y0, left - x0 : right - x0])
-        if peak < 4:
-            return replace(middle, problem="too_faint")
         _, labels, stats, _ = cv2.connectedComponentsWithStats((smooth > edge * peak).astype(np.uint8), connectivity=8)
         label = labels[at[1] + top - y0, at[0] + left - x0]
         bx, by, bw, bh, _ = stats[label].tolist()
-        if max(bw, bh) > largest:
-            return replace(middle, problem="too_large")
+        problem = "too_faint" if peak < 4 else "too_large" if max(bw, bh) > largest else ""
+        if problem:
+            return Blob((left + right) / 2.0, (top + bottom) / 2.0, float(max(right - left, bottom - top)), problem)
         # the blob's surroundings must be in the window too
         pad = int(math.ceil(0.6 * max(bw, bh))) + 4
         missing = max(pad - bx if x0 > 0 else 0, pad - (x1 - x0 - bx - bw) if x1 < width else 0,
@@ -99,54 +94,47 @@ def measure(
         margin += missing
     sx, sy = max(0, bx - pad) & ~1, max(0, by - pad) & ~1
     part = slice(sy, by + bh + pad), slice(sx, bx + bw + pad)
-    now, before = image[y0:y1, x0:x1][part], background[y0:y1, x0:x1][part]
-    mask, light = (labels[part] == label).view(np.uint8), smooth[part].astype(np.float32)
-    tint = tint_of(mask, light, now, before) if image.ndim == 3 or camera.mosaic and least_chroma is not None else None
-    place = replace(middle, u=x0 + bx + (bw - 1) / 2.0, v=y0 + by + (bh - 1) / 2.0, diameter=float(max(bw, bh)), tint=tint)
-    if camera.mosaic and tint is not None and chroma(tint) < _ONE_MOSAIC * least_chroma:
-        return replace(place, problem="not_coloured")
+    mask, light, now, before = (labels[part] == label).view(np.uint8), smooth[part].astype(np.float32), now[part], before[part]
+    tint = tint_of(mask, light, now, before) if now.ndim == 3 or camera.mosaic else None
     moments = cv2.moments(cv2.copyTo(light, mask))
     area, long, short = _axes(mask)
-    return replace(
-        place, u=moments["m10"] / moments["m00"] + x0 + sx, v=moments["m01"] / moments["m00"] + y0 + sy,
-        diameter=2.0 * math.sqrt(area / math.pi),
+    return Blob(
+        u=moments["m10"] / moments["m00"] + x0 + sx, v=moments["m01"] / moments["m00"] + y0 + sy,
+        diameter=2.0 * math.sqrt(area / math.pi), tint=tint,
         numbers={"elongation": math.log(long / short), "compactness": area / (4.0 * math.pi * long * short),
-                 **_describe(mask, light, now, rise[part], before, area, tint, camera)})
+                 **_describe(mask, light, now, before, area, tint, camera)})
 
 
 def _describe(
-    blob: np.ndarray, smooth: np.ndarray, image: np.ndarray, rise: np.ndarray, background: np.ndarray, area: float,
-    tint: Optional[np.ndarray], camera: Camera,
+    blob: np.ndarray, smooth: np.ndarray, image: np.ndarray, background: np.ndarray, area: float, tint: Optional[np.ndarray],
+    camera: Camera,
 ) -> Dict[str, float]:
     """The features of a blob; grey levels count as parts of the camera's white."""
     # cv2 with masks, not numpy with indices: on patches this small the calls take the time
-    white, none, diameter = camera.white, math.nan, 2.0 * math.sqrt(area / math.pi)
+    white, none, diameter, rise = camera.white, math.nan, 2.0 * math.sqrt(area / math.pi), cv2.subtract(image, background)
     peak, highest, level = (float(cv2.minMaxLoc(plane, blob)[1]) for plane in (smooth, max_channel(rise), max_channel(image)))
     ring = _ring(blob, diameter)
     around = cv2.countNonZero(ring)
     rises = cv2.mean(rise, blob)[: 1 if rise.ndim == 2 else 3]
     best = int(np.argmax(rises))
     rose = max(rises[best], 1.0)
-    _, levels, floor = means_over(blob, image, background, camera.mosaic)
+    levels, floor = means_over(blob, image, background, camera.mosaic)
     now, before = _plane(image, best), _plane(background, best)
     # a light falls on a floor that goes on beside it; where an object has left, the background still shows the object,
     # and nothing beside it looks the same
     off = cv2.absdiff(before, middle_of(before[blob > 0]))
-    like = cv2.bitwise_and(ring, cv2.compare(off, max(12.0, 0.25 * rose), cv2.CMP_LT))
-    alike = cv2.countNonZero(like)
+    alike = cv2.countNonZero(cv2.bitwise_and(ring, cv2.compare(off, max(12.0, 0.25 * rose), cv2.CMP_LT)))
     # a shadow that passes over a spot leaves about half of the light; what hides the floor is an object
     hidden = cv2.compare(now, cv2.addWeighted(before, _SHADOW, before, 0.0, -4.0), cv2.CMP_LT)
     rim = cv2.subtract(cv2.dilate(blob, _SQUARE), cv2.erode(blob, _SQUARE))
     slope, slope_before = cv2.mean(_gradient(now), rim)[0], cv2.mean(_gradient(before), rim)[0]
-    coloured = none if tint is None else chroma(tint)
+    coloured, raw = none if tint is None else chroma(tint), camera.mosaic
     return {
         "peak": math.log(max(peak, 1.0) / white),
         # of a spot hardly larger than a pixel, smoothing leaves less than half
         "rise": none if level >= _SATURATED * white else math.log(max(highest, 1.0) / white),
         "level": level / white,
         "surround": cv2.mean(smooth, ring)[0] / peak if around else 1.0,
-        # near 1 for a light, near 0 where an object has left, more than 1 beside something dark that came
-        "contrast": (cv2.mean(now, blob)[0] - cv2.mean(now, like)[0]) / rose if alike else 0.0,
         "likeness": alike / around if around else 1.0,
         # of the outline, in the image and in the image and the reference together: a ghost's is in the reference alone; the
         # longer it is, the less noise and a table's edge under the spot affect it
@@ -156,27 +144,25 @@ def _describe(
         "fall": max(0.0, float((floor - levels).max())) / white,
         "diameter": math.log(diameter / camera.diagonal),
         "smallness": min(diameter, 6.0),
-        "chroma": none if camera.mosaic else coloured,
-        "chroma_mosaic": min(1.0, coloured / _ONE_MOSAIC) if camera.mosaic else none,
+        # many webcams make white of a spot, mosaics show its colour: what it tells depends on the camera
+        "chroma": none if raw else coloured,
+        "chroma_mosaic": min(1.0, coloured / _ONE_MOSAIC) if raw else none,
     }
 
 
 # ------------------------------------------------------------------ colour
-def means_over(
-    mask: np.ndarray, image: np.ndarray, background: np.ndarray, mosaic: bool
-) -> Tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Mean rise, level and floor (C,) of each channel over a mask (H, W), which must not be empty.
+def means_over(mask: np.ndarray, image: np.ndarray, background: np.ndarray, mosaic: bool) -> Tuple[np.ndarray, np.ndarray]:
+    """Mean level and floor (C,) of each channel over a mask (H, W), which must not be empty.
 
     The four places in a Bayer image's pattern count as channels, in the order of the first two rows.
     """
-    if mosaic:
-        parts = _places(mask)
-        if not all(map(cv2.countNonZero, parts)):
-            parts = _places(cv2.dilate(mask, _SQUARE))  # nine pixels hold all four places
-        level, floor = (np.array([cv2.mean(*pair)[0] for pair in zip(_places(plane), parts)]) for plane in (image, background))
-    else:
-        level, floor = (np.array(cv2.mean(picture, mask)[: 1 if image.ndim == 2 else 3]) for picture in (image, background))
-    return np.maximum(level - floor, 0.0), level, floor
+    if not mosaic:
+        channels = 1 if image.ndim == 2 else 3
+        return np.array(cv2.mean(image, mask)[:channels]), np.array(cv2.mean(background, mask)[:channels])
+    parts = _places(mask)
+    if not all(map(cv2.countNonZero, parts)):
+        parts = _places(cv2.dilate(mask, _SQUARE))  # nine pixels hold all four places
+    return tuple(np.array([cv2.mean(*pair)[0] for pair in zip(_places(plane), parts)]) for plane in (image, background))
 
 
 def tint_of(blob: np.ndarray, smooth: np.ndarray, image: np.ndarray, background: np.ndarray) -> np.ndarray:
@@ -192,7 +178,8 @@ def tint_of(blob: np.ndarray, smooth: np.ndarray, image: np.ndarray, background:
         image, background: (H, W, 3) or a Bayer image's (H, W), uint8; its window starts on an even row and column.
     """
     mosaic = image.ndim == 2
-    rise, level, _ = means_over(blob, image, background, mosaic)
+    level, floor = means_over(blob, image, background, mosaic)
+    rise = np.maximum(level - floor, 0.0)
     core = rise / max(rise.max(), 1.0)
     looks = 1.0 - level.min() / max(level.max(), 1.0)
     if looks < chroma(core):
@@ -202,7 +189,7 @@ def tint_of(blob: np.ndarray, smooth: np.ndarray, image: np.ndarray, background:
     halo = cv2.bitwise_and(cv2.dilate(blob, _HALO), cv2.bitwise_and(bright, cv2.compare(weakest, _WHITE, cv2.CMP_LT)))
     if cv2.countNonZero(halo) < 6:
         return core
-    _, level, floor = means_over(halo, image, background, mosaic)
+    level, floor = means_over(halo, image, background, mosaic)
     if floor.min() < _GREY * floor.max():
         return core
     # in a person's shadow a white light would seem to rise unevenly: less is left of the floor's light

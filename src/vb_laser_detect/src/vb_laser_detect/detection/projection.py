@@ -21,6 +21,10 @@ from vb_core.parameters import Parameters, param
 GROUND_PLANE = "ground_plane"
 DEPTH = "depth"
 GROUND_PLANE_FALLBACK = "ground_plane_fallback"
+_HEIGHT_PER_RANGE = 0.03  # [m/m] a depth point may be farther off the floor at a distance, as the depth's noise grows
+_DEPTH_RADIUS = 2  # [px of the depth image] neighbourhood of the median: a spot's size at a metre
+_DEPTH_SHARE = 0.3  # of the neighbourhood needs readings; else the plane is used, and marked
+_MIN_DEPTH = 0.3  # [m] nearer readings are none, for every camera of this kind
 
 
 @dataclass(frozen=True)
@@ -31,15 +35,7 @@ class ProjectionParams(Parameters):
     max_range: float = param(12.0, "m", above=0.0, high=100.0, doc="from the camera to the point")
     max_incidence_deg: float = param(85.0, "deg", low=0.0, high=89.9, doc="between the ray and the floor's normal")
     max_height: float = param(0.08, "m", above=0.0, high=2.0, doc="of a depth point above or below the floor")
-    max_height_per_range: float = param(0.03, "m/m", low=0.0, high=1.0, doc="the same, grows with the depth's noise")
-    depth_radius: int = param(2, "px of the depth image", low=0, high=20, doc="neighbourhood of the median")
-    min_depth: float = param(0.3, "m", low=0.0, high=10.0, doc="nearer readings are none")
     max_depth: float = param(6.0, "m", above=0.0, high=100.0, doc="farther readings are none")
-    min_depth_share: float = param(0.3, "", low=0.0, high=1.0, doc="part of the neighbourhood that needs a reading")
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        self.require_order("min_depth", "max_depth")
 
 
 @dataclass(frozen=True)
@@ -163,7 +159,7 @@ class FloorProjector:
         point = geometry.apply(T_map_camera, ray * reading)
         off = float(point[2] - p.floor_height)
         distance = float(np.linalg.norm(ray) * reading)
-        if abs(off) > p.max_height + p.max_height_per_range * distance:
+        if abs(off) > p.max_height + _HEIGHT_PER_RANGE * distance:
             raise CodedError("not_on_floor", f"the spot lies {off:+.2f} m off the floor")
         self._check_map(point)
         scale = plane.metres_per_pixel * distance / plane.range
@@ -197,7 +193,7 @@ def depth_at(depth: np.ndarray, pixel: np.ndarray, params: ProjectionParams) -> 
     """
     if not np.isfinite(pixel).all():
         return None
-    r = params.depth_radius
+    r = _DEPTH_RADIUS
     column, row = int(round(float(pixel[0]))), int(round(float(pixel[1])))
     if not (0 <= column < depth.shape[1] and 0 <= row < depth.shape[0]):
         return None
@@ -209,8 +205,8 @@ def depth_at(depth: np.ndarray, pixel: np.ndarray, params: ProjectionParams) -> 
         part = part / 1000.0
     rows, columns = np.mgrid[-ry : ry + 1, -rx : rx + 1]
     with np.errstate(invalid="ignore"):
-        good = np.isfinite(part) & (part >= params.min_depth) & (part <= params.max_depth)
-    if good.sum() < max(1, params.min_depth_share * part.size):
+        good = np.isfinite(part) & (part >= _MIN_DEPTH) & (part <= params.max_depth)
+    if good.sum() < max(1, _DEPTH_SHARE * part.size):
         return None
     values = part[good]
     middle = float(np.median(values))

@@ -15,12 +15,13 @@ import numpy as np
 from vb_laser_detect.detection.background import Background
 from vb_laser_detect.detection.blocks import BLOCK, Region, blocks_around, regions
 from vb_laser_detect.detector_params import DetectorParams
-from vb_laser_detect.detection.registration import Registration
+from vb_laser_detect.detection.registration import Registration, is_still
 from vb_laser_detect.detection.tracking import Expected
 
 _NEAR = 6  # [blocks] whose changes count as nearby
 _LEAST_LEVEL = 0.74  # of the camera's white: a spot saturates, unless it is smaller than a pixel
 _SATURATED = 0.97
+_MOST = 12  # regions: people who walk leave fewer, and examining more would take longer than an image lasts
 _MAX_CHANGE = 0.3  # of the image became brighter, or twice as much darker: a light, nothing known holds any more
 _MAX_CHANGE_LOST = 0.12  # the same, for a moving camera whose motion is not known
 
@@ -73,14 +74,22 @@ class Proposer:
         # if the camera may move its motion is found in the images
         self._registration = Registration() if params.moving_camera else None
         self._background: Optional[Background] = None
+        self._motion = np.eye(3)  # from the background's pixels to the last image's
+        self._lost = self._at_rest = False
 
     def motion(self, image: np.ndarray) -> Optional[np.ndarray]:
         """(3, 3) how the camera moved since the last image; None if it was stationary. Call it before `look`."""
-        self._motion = None if self._registration is None else self._registration.motion_to(image)
-        self._lost = self._registration is not None and self._motion is None
-        if self._lost or self._background is None or np.array_equal(self._motion, np.eye(3)):
-            self._motion = None
-        return self._motion
+        if self._registration is None:
+            return None
+        found, before = self._registration.motion_to(image), self._motion
+        # while it is not known the camera is taken to be where it was
+        self._lost = found is None
+        if found is None:
+            return None
+        self._motion = np.eye(3) if self._background is None or is_still(found, image.shape) else found
+        step = self._motion @ cv2.invert(before)[1]
+        self._at_rest = is_still(step, image.shape)
+        return None if self._at_rest else step
 
     def look(self, image: np.ndarray, white: float, expected: Sequence[Expected]) -> View:
         """Compares an image with the background.
@@ -89,9 +98,10 @@ class Proposer:
             white: [grey levels] the brightest that the camera has shown.
             expected: where spots should be.
         """
-        min_rise, most = self.params.min_rise, self.params.max_candidates
+        min_rise = self.params.min_rise
         if self._background is not None:
-            rise, darker = self._background.rise(image, self._motion)
+            moved = not np.array_equal(self._motion, np.eye(3))
+            rise, darker = self._background.rise(image, self._motion if moved else None)
             hot = self._background.hot_blocks(rise, min_rise)
             limit = _MAX_CHANGE_LOST if self._lost else _MAX_CHANGE
         # a person close to the camera darkens much of the image too, and must not become its background
@@ -100,21 +110,26 @@ class Proposer:
             rise, darker = self._background.rise(image, None)
             hot = rise >= min_rise
         background = self._background
-        proposals, white = _ranked(image, regions(rise, hot, 4 * most), most, white, expected)
+        proposals, white = _ranked(image, regions(rise, hot, 4 * _MOST), white, expected)
         background.examine([one.region for one in proposals if not one.refusal], image)
         # while the camera moves, what became darker is taken from the image at once
-        changed = hot if background.moved else hot | darker
+        changed = hot if background.motion is not None else hot | darker
         return View(image, background.reference, proposals, rise, hot, changed, white)
 
     def _start(self, image: np.ndarray, expected: Sequence[Expected]) -> None:
         background = self._background = Background(image)
-        if self._registration is not None:
-            self._registration.take()
+        self._begin()
         if expected:
             where = np.zeros(background.blocks, bool)
             for one in expected:
                 where[blocks_around(where.shape, one.u, one.v, one.reach)] = True
             background.guess(where)
+
+    def _begin(self) -> None:
+        """The last image is the background's keyframe."""
+        self._motion = np.eye(3)
+        if self._registration is not None:
+            self._registration.take()
 
     def learn(self, view: View, spots: Sequence[Tuple[float, float, float]], elapsed: float) -> None:
         """Adds an image, except the blobs (u, v, diameter) [px] of spots.
@@ -125,11 +140,12 @@ class Proposer:
         held = np.zeros_like(view.hot)
         for u, v, diameter in spots:
             held[blocks_around(held.shape, u, v, 1.25 * diameter + BLOCK)] = True
-        self._background.learn(view.image, view.rise, view.changed, held, self.params.hold_s, elapsed)
+        if self._background.learn(view.image, view.rise, view.changed, held, self.params.hold_s, elapsed, self._at_rest):
+            self._begin()
 
 
 def _ranked(
-    image: np.ndarray, found: List[Tuple[Region, float]], most: int, white: float, expected: Sequence[Expected]
+    image: np.ndarray, found: List[Tuple[Region, float]], white: float, expected: Sequence[Expected]
 ) -> Tuple[Tuple[Proposal, ...], float]:
     """Proposals of regions with their rise, and the brightest value so far [grey levels].
 
@@ -147,7 +163,7 @@ def _ranked(
     rated.sort(key=lambda one: (-min(one[1], _SATURATED * white), -one[2]))
     proposals = []
     # most of what a person's clothes leave is found too large at once, and must not use up all places
-    for region, level, _ in rated[: 2 * most]:
+    for region, level, _ in rated[: 2 * _MOST]:
         part, spot = _part_of(region, expected)
         proposals.append(Proposal(region, spot, part, "" if level >= _LEAST_LEVEL * white else "too_dark"))
     # published ones, other expected ones, the rest

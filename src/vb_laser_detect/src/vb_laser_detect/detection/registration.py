@@ -1,42 +1,37 @@
-"""How a camera moved between two images, judged by what is stationary in the room.
+"""How a camera moved since a keyframe, judged by what is stationary in the room.
 
-Corners of a reference image are followed into the next image (sparse optical flow), and most of them agree on one
-motion; what moves by itself, people and the laser spot, does not agree and is left out (RANSAC). While the camera is
-stationary a few corners are enough to see that.
+Corners of the keyframe are followed into each image (sparse optical flow), and most of them agree on one motion; what moves
+by itself, people and the laser spot, does not agree and is left out (RANSAC).
 """
 from __future__ import annotations
 
-from typing import Optional, Tuple
+from typing import Optional
 
 import cv2
 import numpy as np
 
 _WIDTH = 240  # [px] at least, of the images in which corners are followed
 _CORNERS, _FEWEST = 48, 12  # looked for; needed to know a motion
-_FEW, _MOST_OF_FEW = 24, 0.75  # corners checked first while the camera is stationary; share that must not have moved
 _AGREE_PX = 0.7  # [px of the small image] corners that are farther off do not agree
-_SHARE = 0.35  # of the corners have to agree
+_SHARE, _SURE = 0.35, 0.75  # of the corners have to agree; so many cannot be a thing's
 _DIFFERS = 10  # [grey levels] a pixel differs
 _STILL_PX = 0.35  # [px] no place of the image moved farther: the camera is stationary
-_FLOW_ENDS = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 12, 0.02)
+_FLOW = dict(winSize=(11, 11), maxLevel=2, criteria=(cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 12, 0.02),
+             flags=cv2.OPTFLOW_USE_INITIAL_FLOW)
 _HALF = np.diag((0.5, 0.5, 1.0))
 
 
 class Registration:
-    """Motion of the images of one camera since a reference image: the last one in which it had moved."""
+    """Motion of one camera's images since a keyframe."""
 
     def __init__(self) -> None:
-        self._reference: Optional[np.ndarray] = None
+        self._keyframe: Optional[np.ndarray] = None
         self._latest: Optional[np.ndarray] = None
         self._corners: Optional[np.ndarray] = None
-        self._followed: Optional[np.ndarray] = None  # where those of the reference are now that agree
-        self._wanted = 0
-        self._moved = False
+        self._guess: Optional[np.ndarray] = None  # (N, 1, 2) where the corners were last
 
     def motion_to(self, image: np.ndarray) -> Optional[np.ndarray]:
-        """(3, 3) maps pixels of the reference image to those of this one: np.eye(3) if none moved; None: unknown.
-
-        An image that shows a motion becomes the reference, as does the first one.
+        """(3, 3) maps pixels of the keyframe to those of this image; None: unknown. The first image is a keyframe.
 
         Args:
             image: (H, W) or (H, W, 3) uint8.
@@ -46,43 +41,29 @@ class Registration:
             # by halves: any other ratio takes ten times as long
             height, width = grey.shape[0] // 2, grey.shape[1] // 2
             grey, scale = cv2.resize(grey[: 2 * height, : 2 * width], (width, height), interpolation=cv2.INTER_AREA), 0.5 * scale
-        self._latest, self._followed = grey if grey.ndim == 2 else cv2.cvtColor(grey, cv2.COLOR_BGR2GRAY), None
-        if self._reference is None or self._reference.shape != self._latest.shape:
+        self._latest = grey if grey.ndim == 2 else cv2.cvtColor(grey, cv2.COLOR_BGR2GRAY)
+        if self._keyframe is None or self._keyframe.shape != self._latest.shape:
             self.take()
-        elif self._moved or not self._stands():
-            motion = self._follow(scale)
-            if motion is None:
-                return None
-            self._moved = _farthest(motion, image.shape) >= _STILL_PX
-            if self._moved:
-                self.take()
-                return motion
-        return np.eye(3)
+            return np.eye(3)
+        motion = self._follow()
+        if motion is None:
+            return None
+        shrink = np.array([[scale, 0, 0.5 * scale - 0.5], [0, scale, 0.5 * scale - 0.5], [0, 0, 1.0]])
+        # numpy's inverse starts threads
+        return cv2.invert(shrink)[1] @ motion @ shrink
 
     def take(self) -> None:
-        """Makes the last image the reference."""
-        self._reference, self._corners = self._latest, self._followed
-        if self._corners is None or 3 * len(self._corners) < 2 * self._wanted:
-            # where exactly a corner is does not matter
-            half = cv2.resize(self._latest, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA)
-            found = cv2.goodFeaturesToTrack(half, _CORNERS, 0.01, 4)
-            self._corners = None if found is None else 2.0 * found + np.float32(0.5)
-            self._wanted = 0 if found is None else len(found)
+        """Makes the last image the keyframe."""
+        self._keyframe = self._latest
+        # where exactly a corner is does not matter
+        half = cv2.resize(self._latest, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA)
+        found = cv2.goodFeaturesToTrack(half, _CORNERS, 0.01, 4)
+        self._corners = self._guess = np.zeros((0, 1, 2), np.float32) if found is None else 2.0 * found + np.float32(0.5)
 
-    def _stands(self) -> bool:
-        if self._corners is None or len(self._corners) < _FEWEST:
-            return False
-        few = np.ascontiguousarray(self._corners[:: max(1, len(self._corners) // _FEW)])
-        found, good, _ = cv2.calcOpticalFlowPyrLK(
-            self._reference, self._latest, few, None, winSize=(11, 11), maxLevel=0, criteria=_FLOW_ENDS)
-        off = np.abs(found - few).max(axis=(1, 2)) + np.where(good.ravel() > 0, 0.0, np.inf)
-        return bool(np.mean(off < 0.5 * _STILL_PX) >= _MOST_OF_FEW)
-
-    def _follow(self, scale: float) -> Optional[np.ndarray]:
-        if self._corners is None or len(self._corners) < _FEWEST:
+    def _follow(self) -> Optional[np.ndarray]:
+        if len(self._corners) < _FEWEST:
             return None
-        found, good, _ = cv2.calcOpticalFlowPyrLK(
-            self._reference, self._latest, self._corners, None, winSize=(11, 11), maxLevel=2, criteria=_FLOW_ENDS)
+        found, good, _ = cv2.calcOpticalFlowPyrLK(self._keyframe, self._latest, self._corners, self._guess.copy(), **_FLOW)
         good = good.ravel() > 0
         before, after = self._corners[good], found[good]
         if len(before) < _FEWEST:
@@ -96,25 +77,23 @@ class Registration:
             # a floor seen at a slant: where the camera drives, near places move farther than far ones
             plane, of_plane = cv2.findHomography(before, after, cv2.RANSAC, _AGREE_PX, maxIters=200, confidence=0.99)
             if plane is not None and of_plane.sum() > 1.15 * count:
-                motion, agree, count = plane, of_plane, int(of_plane.sum())
-        if count < max(_FEWEST, _SHARE * len(before)) or not self._explains(motion):
+                motion, count = plane, int(of_plane.sum())
+        if count < max(_FEWEST, _SHARE * len(before)) or count < _SURE * len(before) and not self._explains(motion):
             return None
-        self._followed = after[agree.ravel() > 0]
-        shrink = np.array([[scale, 0, 0.5 * scale - 0.5], [0, scale, 0.5 * scale - 0.5], [0, 0, 1.0]])
-        # numpy's inverse starts threads
-        return cv2.invert(shrink)[1] @ motion @ shrink
+        self._guess = cv2.perspectiveTransform(self._corners, motion)
+        return motion
 
     def _explains(self, motion: np.ndarray) -> bool:
         """Whether the images differ less after the motion than before: objects that move together do not count."""
         now, before = (cv2.resize(picture, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA)
-                       for picture in (self._latest, self._reference))
+                       for picture in (self._latest, self._keyframe))
         moved = cv2.warpPerspective(before, _HALF @ motion @ np.diag((2.0, 2.0, 1.0)), now.shape[::-1],
                                     flags=cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
         differ = [cv2.countNonZero(cv2.compare(cv2.absdiff(picture, now), _DIFFERS, cv2.CMP_GT)) for picture in (moved, before)]
         return differ[0] <= differ[1]
 
 
-def _farthest(motion: np.ndarray, shape: Tuple[int, ...]) -> float:
-    """[px] by which a motion moves the corners of an image of this shape, along rows or columns, at most."""
+def is_still(motion: np.ndarray, shape: tuple) -> bool:
+    """Whether a motion moves no place of an image of this shape."""
     corners = np.array([[(0, 0), (shape[1], 0), (0, shape[0]), (shape[1], shape[0])]], float)
-    return float(np.abs(cv2.perspectiveTransform(corners, motion) - corners).max())
+    return bool(np.abs(cv2.perspectiveTransform(corners, motion) - corners).max() < _STILL_PX)

@@ -19,7 +19,8 @@ from scipy.optimize import linear_sum_assignment
 from vb_laser_detect.detector_params import DetectorParams
 
 _SLACK_M, _SLACK_PX = 0.05, 12.0  # what noise alone may move a spot between two images
-_GAP_PERIODS = 3.5  # a spot may be missing in two images of any camera
+_MAX_SPEED = 8.0  # [m/s] of a spot on the floor: a wrist's flick
+_GAP_S, _GAP_PERIODS = 0.25, 3.5  # a spot may be hidden so long, a leg's time, and be missing in two images of any camera
 _RECALL_S = 1.0  # older sightings of a spot confirmed late are not published
 _TRUST_S = 0.5  # [s] how long a spot is followed while it cannot be measured well
 _DIAGONAL_M = 5.0  # without a pose an image's diagonal counts as this much
@@ -120,7 +121,7 @@ class SpotTracker:
             self._periods.append(stamp - self._stamp)
             self.period_s = median(self._periods)
         self._stamp, self._diagonal = stamp, diagonal
-        gap = max(self.params.max_gap_s, _GAP_PERIODS * self.period_s)
+        gap = max(_GAP_S, _GAP_PERIODS * self.period_s)
         self._tracks = [track for track in self._tracks if stamp - track.stamp <= gap]
         if motion is not None:
             for track in self._tracks:
@@ -138,12 +139,12 @@ class SpotTracker:
 
     def update(
         self, sightings: Sequence[Sighting],
-        agrees: Callable[[Sighting, Optional[np.ndarray], float], bool] = lambda *_: True,
+        agrees: Callable[[Optional[np.ndarray], float], bool] = lambda *_: True,
     ) -> List[Tracked]:
         """Adds the sightings of the image that was begun.
 
         Args:
-            agrees: asked when a track would be confirmed, with its last sighting, the mean tint of all, and since when it
+            agrees: asked when a track would be confirmed, with the mean tint of its sightings, and since when it
                 is followed [s]: of a white glint hardly larger than a pixel one place of a Bayer pattern gets most, which
                 looks like a colour; in the mean over several images it does not.
 
@@ -160,7 +161,7 @@ class SpotTracker:
             self._see(track, sighting)
             if not track.confirmed and track.hits >= self.params.confirm_frames:
                 mean = None if track.tint is None else track.tint / track.tint.max()
-                track.confirmed = self.params.confirm_frames <= 1 or agrees(sighting, mean, self._stamp - track.since)
+                track.confirmed = self.params.confirm_frames <= 1 or agrees(mean, self._stamp - track.since)
             while track.waiting and track.waiting[0][0] < oldest:
                 track.waiting.popleft()
         self._choose(tracks, sightings)
@@ -176,8 +177,8 @@ class SpotTracker:
 
     def _assign(self, sightings: Sequence[Sighting]) -> List[_Track]:
         """The track of each sighting; the nearest pairs within reach, else a new one."""
-        slack, speed = (_SLACK_M, self.params.max_speed) if self._axes.start else (
-            _SLACK_PX, self.params.max_speed * self._diagonal / _DIAGONAL_M)
+        slack, speed = (_SLACK_M, _MAX_SPEED) if self._axes.start else (
+            _SLACK_PX, _MAX_SPEED * self._diagonal / _DIAGONAL_M)
         found: List[Optional[_Track]] = [None] * len(sightings)
         if self._tracks and sightings:
             places = np.array([s.place[self._axes] for s in sightings])[:, None]

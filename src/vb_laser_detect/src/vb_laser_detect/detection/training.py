@@ -2,8 +2,7 @@
 
 The detector itself proposes and measures; an oracle that knows the truth judges, so that the background adopts what a
 right classifier would leave to it. What was measured, and the truth, are the examples. Each feature is cut into ramps
-between knots, a logistic regression (scikit-learn) finds the height of each ramp, and the ramps add up to the curve.
-Needs scikit-learn; nothing at run time does.
+between knots, a logistic regression finds the height of each ramp, and the ramps add up to the curve.
 """
 from __future__ import annotations
 
@@ -19,12 +18,13 @@ from vb_laser_detect.detector import DetectorParams, SpotDetector
 from vb_laser_detect.detection.features import Blob
 
 _QUANTILES = (0.01, 0.1, 0.3, 0.6, 0.9, 0.99)  # of spots and of others: where a curve may bend
-_WEIGHT = 2000.0  # of the spots of a kind
-_FALSE_COSTS = 10.0  # times a missed spot, which the next image shows again
+_WEIGHT = 1500.0  # of the spots of a kind
+_FALSE_COSTS = 3.0  # times a missed spot, which the next image shows again
+_FOLDS = 10
 _STRENGTH = 0.3  # of the fit against the wish for low ramps
 # which way a curve may go: more of it speaks for a spot, or against; or for it up to a usual value and then against
 _FOR = ("peak", "rise", "level", "compactness", "likeness", "edge", "smallness", "chroma", "chroma_mosaic")
-_UP_TO = {"contrast": 0.9, "diameter": math.log(0.01)}
+_UP_TO = {"diameter": math.log(0.01)}
 
 
 class Frame(NamedTuple):
@@ -51,10 +51,13 @@ class Examples(NamedTuple):
     names: Tuple[str, ...]
     groups: np.ndarray
 
-    def without(self, group: str) -> "Examples":
-        """All but those of one clip or scene."""
-        rest = self.groups != group
-        return Examples(self.values[rest], self.truth[rest], self.names, self.groups[rest])
+    def of(self, rows: np.ndarray) -> "Examples":
+        """Those of some rows, (N,) bool."""
+        return Examples(self.values[rows], self.truth[rows], self.names, self.groups[rows])
+
+    def without(self, *groups: str) -> "Examples":
+        """All but those of some clips or scenes."""
+        return self.of(~np.isin(self.groups, groups))
 
     @staticmethod
     def joined(parts: Sequence["Examples"]) -> "Examples":
@@ -73,10 +76,8 @@ class Oracle(SpotClassifier):
         self.rows: List[Dict[str, float]] = []
         self.truth: List[bool] = []
 
-    def judge(self, blob: Optional[Blob], features: Dict[str, float], expected: bool = False) -> Verdict:
+    def judge(self, blob: Blob, features: Dict[str, float], expected: bool = False) -> Verdict:
         """The truth."""
-        if blob is None:
-            return Verdict(1.0, "")
         if expected:
             return Verdict(0.0, "known")  # the plain question was noted
         right = self._near(blob, self.frame.spots)
@@ -116,51 +117,61 @@ def collect(frames: Iterable[Frame], params: DetectorParams, group: str, reach: 
         detector.look_from(*(frame.geometry or (None, None)))
         detector.detect(frame.image, frame.stamp)
     names = tuple(oracle.rows[0]) if oracle.rows else ()
-    values = np.array([list(row.values()) for row in oracle.rows], float)
+    # what OpenCV sums in single precision depends on where its memory begins, far behind these digits
+    values = np.round(np.array([list(row.values()) for row in oracle.rows], float), 5)
     return Examples(values, np.array(oracle.truth, bool), names, np.array([group] * len(values)))
 
 
 def fit(examples: Examples) -> SpotClassifier:
-    """Fits the curves. Clips, and each kind of rendered scene ("kind: name"), count alike, however many there are."""
-    from sklearn.linear_model import LogisticRegression
+    """Fits the curves: a logistic regression over ramps whose signs are fixed, one convex problem with one solution.
 
-    values, truth = examples.values, examples.truth
-    weights, kinds = np.zeros(len(truth)), np.array([g.split(":")[0] if ":" in g else "clip" for g in examples.groups])
-    for there, share in ((True, 1.0), (False, _FALSE_COSTS)):
-        for kind in np.unique(kinds[truth == there]):
-            of_kind = (truth == there) & (kinds == kind)
-            for group in np.unique(examples.groups[of_kind]):
-                rows = of_kind & (examples.groups == group)
-                weights[rows] = 1.0 / math.sqrt(rows.sum())  # long ones tell more, but not in proportion
-            weights[of_kind] *= share * _WEIGHT / weights[of_kind].sum()
+    Within a kind (clips; each kind of rendered scene, "kind: name"; recordings) each example counts alike, a false spot as
+    three missed ones; the spots of all kinds weigh the same together. Classes must not be balanced within a kind: one
+    that shows few other bright things would price each at dozens of spots, and shift its limits into the spots.
+    """
+    from scipy.optimize import minimize
+
+    truth, kinds = examples.truth, np.array([_kind(group) for group in examples.groups])
+    weights = np.where(truth, 1.0, _FALSE_COSTS)
+    for kind in np.unique(kinds):
+        of_kind = kinds == kind
+        weights[of_kind] *= _WEIGHT / (np.count_nonzero(of_kind & truth) or np.count_nonzero(of_kind))
     # where a feature says nothing it counts as a usual spot's
-    usual = np.array([np.median(c[truth & ~np.isnan(c)]) if (truth & ~np.isnan(c)).any() else np.nan for c in values.T])
-    knots = [_knots(column, truth) for column in values.T]  # where it says something: else most would lie at the usual value
-    values = np.where(np.isnan(values), usual, values)
+    known = [column[truth & ~np.isnan(column)] for column in examples.values.T]
+    usual = np.array([np.median(column) if len(column) else np.nan for column in known])
+    knots = [_knots(column, truth) for column in examples.values.T]
+    values = np.where(np.isnan(examples.values), usual, examples.values)
+    signs = np.concatenate([_signs(name, x) for name, x in zip(examples.names, knots)] + [[1.0]])
     ramps = [_ramps(column, x) for column, x in zip(values.T, knots)]
-    design = np.hstack(ramps)
-    signs = np.concatenate([_signs(name, x) for name, x in zip(examples.names, knots)])
-    heights, free = np.zeros(len(signs)), np.ones(len(signs), bool)
-    while True:
-        model = LogisticRegression(C=_STRENGTH, solver="newton-cholesky", max_iter=200)
-        model.fit(design[:, free], truth, sample_weight=weights)
-        heights[:] = 0.0
-        heights[free] = model.coef_[0]
-        wrong = heights * signs < 0
-        if not wrong.any():
-            break
-        free &= ~wrong  # a ramp that goes the wrong way is an accident of these examples: it stays level
-    intercept, curves, first = float(model.intercept_[0]), {}, 0
+    design = np.hstack(ramps + [np.ones((len(truth), 1))]) * signs * np.where(truth, 1.0, -1.0)[:, None]
+    pull = np.full(len(signs), 1.0 / _STRENGTH)
+    pull[-1] = 0.0
+
+    def loss(heights: np.ndarray) -> Tuple[float, np.ndarray]:
+        margins = design @ heights
+        slopes = -weights * np.exp(-np.logaddexp(0.0, margins))
+        return (float(weights @ np.logaddexp(0.0, -margins) + 0.5 * pull @ heights**2), design.T @ slopes + pull * heights)
+
+    # a ramp that goes the wrong way is an accident of these examples: it stays level
+    bounds = [(0.0, None)] * (len(signs) - 1) + [(None, None)]
+    found = minimize(loss, np.zeros(len(signs)), jac=True, method="L-BFGS-B", bounds=bounds,
+                     options={"maxiter": 5000, "maxfun": 10000, "ftol": 0.0, "gtol": 1e-6})
+    heights = found.x * signs
+    intercept, curves, first = float(heights[-1]), {}, 0
     for name, x, middle in zip(examples.names, knots, usual):
         part = heights[first : first + max(0, len(x) - 1)]
         first += len(part)
-        if not part.any():
+        if np.abs(part).sum() < 0.01:
             continue
         y = np.concatenate([[0.0], np.cumsum(part)])
         level = float(np.interp(middle, x, y))
         curves[name] = (x, y - level)
         intercept += level
     return SpotClassifier(curves, intercept)
+
+
+def _kind(group: str) -> str:
+    return group.split(":")[0] if ":" in group else "clip"
 
 
 def logits(classifier: SpotClassifier, examples: Examples) -> np.ndarray:
@@ -172,24 +183,31 @@ def logits(classifier: SpotClassifier, examples: Examples) -> np.ndarray:
     return total
 
 
+def fit_without(examples: Examples, groups: Sequence[str], parts: int) -> Dict[str, SpotClassifier]:
+    """For each of some clips or scenes a classifier that was fitted without it; so many parts are left out in turn."""
+    result = {}
+    for number in range(parts):
+        out = list(groups)[number::parts]
+        judge = fit(examples.without(*out)) if out else None
+        result.update({group: judge for group in out})
+    return result
+
+
 def validate(examples: Examples) -> List[Tuple[str, np.ndarray, np.ndarray]]:
     """(group, truth, logits) of each group, by classifiers that were fitted without it."""
     result = []
-    for group in np.unique(examples.groups):
-        out = examples.groups == group
-        own = Examples(examples.values[out], examples.truth[out], examples.names, examples.groups[out])
-        result.append((str(group), own.truth, logits(fit(examples.without(group)), own)))
-    return result
+    for group, judge in fit_without(examples, np.random.default_rng(1).permutation(np.unique(examples.groups)), _FOLDS).items():
+        own = examples.of(examples.groups == group)
+        result.append((str(group), own.truth, logits(judge, own)))
+    return sorted(result, key=lambda one: one[0])
 
 
 def save(classifier: SpotClassifier, path: Path, trained_on: str) -> None:
     """Writes a classifier; inverse of `classifier.load`."""
-    document = {
-        "version": VERSION, "trained_on": trained_on, "intercept": round(classifier.intercept, 4),
-        "curves": {name: {"knots": [round(float(v), 5) for v in x], "values": [round(float(v), 4) for v in y]}
-                   for name, (x, y) in classifier.curves.items()},
-    }
-    path.write_text(json.dumps(document, indent=1) + "\n", encoding="utf-8")
+    curves = [f'  "{name}": {{"knots": {json.dumps([round(float(v), 3) for v in x])},\n'
+              f'    "values": {json.dumps([round(float(v), 2) for v in y])}}}' for name, (x, y) in classifier.curves.items()]
+    path.write_text(f'{{"version": {VERSION},\n "trained_on": {json.dumps(trained_on)},\n'
+                    f' "intercept": {round(classifier.intercept, 2)},\n "curves": {{\n' + ",\n".join(curves) + "}}\n", encoding="utf-8")
 
 
 def _signs(name: str, knots: np.ndarray) -> np.ndarray:
@@ -207,11 +225,11 @@ def _knots(column: np.ndarray, truth: np.ndarray) -> np.ndarray:
     # most values of some features are 0: what the others are like tells apart too
     parts = [np.quantile(column[rows], _QUANTILES) for kind in (True, False)
              for rows in (known & (truth == kind), known & (truth == kind) & (column != 0)) if rows.any()]
-    x = np.unique(np.round(np.concatenate(parts), 5))
+    x = np.unique(np.round(np.concatenate(parts), 3))
     least = 0.03 * (x[-1] - x[0])
     kept = [x[0]]
     for value in x[1:]:
-        if value - kept[-1] > max(least, 1e-4):
+        if value - kept[-1] > max(least, 1e-3):
             kept.append(value)
     return np.array(kept)
 

@@ -12,6 +12,7 @@ import math
 from dataclasses import dataclass
 from typing import Dict, Hashable, List, Mapping, Optional, Tuple
 
+from vb_robot.dispatching.view import pose_distance
 from vb_robot.spots import LOST_AFTER
 from vb_robot.dispatching.viewpoint import Outlook, Pose, Viewpoint
 
@@ -157,7 +158,7 @@ class Record:
     def _awaits(self, now: float, what: str, pose: Optional[Pose]) -> float:
         """[s] for which the same has been awaited without the robot getting anywhere."""
         before, since, start = self._stage
-        if what != before or start is None or pose is None or _moved(start, pose) >= STUCK_DISTANCE:
+        if what != before or start is None or pose is None or pose_distance(start, pose) >= STUCK_DISTANCE:
             self._stage = (what, since if what == before and pose is None else now, pose)
         return now - self._stage[1]
 
@@ -339,9 +340,3 @@ class Fleet:
             return []
         order = (not found.sees_spot, record.failures, status.busy and not serves, found.risky)
         return [((order, found.cost - (SWITCH_GAIN if serves else 0.0)), name, found)]
-
-
-def _moved(a: Pose, b: Pose) -> float:
-    """[m] between two poses; a turn counts as what a point 0.2 m off the axis moves."""
-    turn = abs(math.remainder(a[2] - b[2], 2.0 * math.pi))
-    return math.dist(a[:2], b[:2]) + 0.2 * turn

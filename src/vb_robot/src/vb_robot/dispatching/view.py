@@ -64,3 +64,8 @@ def to_map(points: np.ndarray, pose) -> np.ndarray:
     x, y, yaw = pose
     c, s = math.cos(yaw), math.sin(yaw)
     return np.asarray(points, dtype=float).reshape(-1, 2) @ np.array([[c, s], [-s, c]]) + (x, y)
+
+
+def pose_distance(a, b) -> float:
+    """[m] between two poses (x, y, yaw); a turn counts as what a point 0.2 m off the axis moves."""
+    return math.dist(a[:2], b[:2]) + 0.2 * abs(geometry.wrap_angle(a[2] - b[2]))

@@ -18,6 +18,7 @@ from vb_robot.navigation_parameters import PATH_MARGIN
 from vb_robot.driving.safety import HARD, KeepoutMap
 from vb_robot.driving.following import MAX_TURN, TURN_GAIN, Wish
 from vb_robot.clearance_map import ClearanceMap, around, clearance_grid
+from vb_robot.dispatching.view import pose_distance
 from vb_robot.dispatching.viewpoint import Pose
 
 MAX_SPEED = 0.2  # [m/s] the robot drives unasked: as slowly as when a person guides it
@@ -32,7 +33,7 @@ TIMEOUT = 90.0  # [s] of driving: 18 m
 PINCHED_AFTER = 1.5  # [s] navigation has a goal and moves nothing: beside something it may find no path from here
 RETRY = 20.0  # [s] after it gave up: the person in the way may have gone
 WINDOW = 10.0  # [m] around the robot: no path out is that long
-PROGRESS = 0.05  # [m] less does not count; a turn of 1 rad counts as 0.2 m
+PROGRESS = 0.05  # [m] less does not count
 
 
 class ExitPlanner:
@@ -161,7 +162,7 @@ class BorderExit:
         # a gap of a whole second is a clock that jumped, or a process that slept
         self._driven += min(dt, 1.0)
         self._idle += min(dt, 1.0)
-        if self._progress_at is None or self._moved(pose) >= PROGRESS:
+        if self._progress_at is None or pose_distance(self._progress_at, pose) >= PROGRESS:
             self._progress_at, self._idle = pose, 0.0
         failed = ""
         if self._driven > TIMEOUT or self._idle > PATIENCE:
@@ -183,8 +184,3 @@ class BorderExit:
         bearing = geometry.wrap_angle(math.atan2(target[1] - pose[1], target[0] - pose[0]) - pose[2])
         v = min(MAX_SPEED, 0.8 * remaining + 0.03) * max(0.0, 1.0 - abs(bearing) / DRIVE_CONE)
         return Wish(v, min(max(TURN_GAIN * bearing, -MAX_TURN), MAX_TURN))
-
-    def _moved(self, pose: Pose) -> float:
-        before = self._progress_at
-        assert before is not None
-        return math.dist(pose[:2], before[:2]) + 0.2 * abs(geometry.wrap_angle(pose[2] - before[2]))

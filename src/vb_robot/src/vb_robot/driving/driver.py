@@ -90,6 +90,7 @@ class Driver:
         self._stopped, self._stopped_at = {"state": False, "topic": stopped}, -math.inf  # the latter by the topic [s]
         self._scan: Optional[Scan] = None
         self._pose: Optional[Tuple[float, Pose]] = None
+        self._correction = 0.0, -math.inf  # its date, and when that was new [s]
         self._doubt_until = -math.inf
         self._ground: Optional[KeepoutMap] = None
         self._physical: Optional[KeepoutMap] = None
@@ -154,9 +155,17 @@ class Driver:
             self._scan = scan
             self._note("scan", stamp)
 
-    def set_pose(self, pose: Optional[Pose], stamp: float) -> None:
-        """Takes where the robot was (x, y, yaw), map frame, at a time [s]; None: it is not known."""
+    def set_pose(self, pose: Optional[Pose], stamp: float, correction: float = 0.0) -> None:
+        """Takes where the robot was (x, y, yaw), map frame, at a time [s]; None: it is not known.
+
+        Args:
+            correction: date [s] of the newest correction that localisation has made to odometry; 0: there is none to be
+                expected. AMCL dates its corrections ahead, so that what counts is when the date changes.
+        """
         with self._lock:
+            if correction != self._correction[0]:
+                self._correction = correction, stamp
+            stamp = min(stamp, self._correction[1]) if correction else stamp
             before = self._pose
             if pose is None:
                 self._pose = None
