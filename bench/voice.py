@@ -168,8 +168,8 @@ def write_page() -> str:
         parts.append(f"""
 ## {group.capitalize()}
 
-`{report['command']}`, {report['date']}, revision {report['revision']}; {report['snr_db']:g} dB;
-{len(results)} of {report['planned']} utterances.
+`{report['command']}`, {report['date']}, revision {report['revision']}; {report['snr_db']:g} dB; {len(results)} utterances
+(where it was called several times, the last call).
 
 Answer {np.median(answers):.2f} s (median), {np.percentile(answers, 95):.2f} s (95th percentile) after the end of speech, of which
 {EndpointParams().end_silence:g} s are silence, the rest CPU time. {share:.3f} of a core.
@@ -247,7 +247,7 @@ def main() -> int:
     revision = subprocess.run(["git", "rev-parse", "--short", "HEAD"], cwd=str(TOP), stdout=subprocess.PIPE).stdout.decode().strip()
     report = {
         "command": " ".join(["bench/voice.py", *sys.argv[1:]]), "date": time.strftime("%Y-%m-%d"), "revision": revision,
-        **plan, "planned": len(jobs), "utterances": results,
+        **plan, "utterances": results,
     }
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text(json.dumps(report, indent=2) + "\n")
