@@ -86,7 +86,7 @@ def test_every_beginning_is_asked_about_once_and_read_again_from_a_file():
 
 
 def test_the_speech_model_tells_what_was_said_not_how_loud(recognizer):
-    model, pcm, beginnings = SpeechModel(), say("define seed"), recognizer._network.beginnings
+    model, pcm, beginnings = recognizer._model, say("define seed"), recognizer._network.beginnings
     moments = model.moments(pcm)
     assert moments.shape[1] == FEATURES
     told = model.continuations(moments, beginnings)
