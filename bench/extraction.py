@@ -305,7 +305,7 @@ def figures(folder: Path) -> None:
         ("3_stations", "stage 2: where it was", lambda a: (
             a.plot(*chain.stages["placed"].T, ".", color="0.8", markersize=3),
             a.plot(*chain.stages["thinned"].T, ".-", color="tab:red", markersize=5, linewidth=0.8))),
-        ("4_line", f"stages 3 to 5: {len(chain.points)} vertices, {chain.code}", lambda a: (
+        ("4_line", f"stages 3 to 6: {len(chain.points)} vertices, {chain.code}", lambda a: (
             a.plot(*chain.stages["placed"].T, ".", color="0.8", markersize=3),
             a.plot(*ring.T, "o-", color="tab:blue", markersize=5, linewidth=1.5))),
     )

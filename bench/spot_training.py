@@ -33,6 +33,7 @@ for package in ("vb_core", "vb_laser_detect", "vb_sim"):
 sys.path.insert(0, str(TOP / "bench"))
 
 import spot_clips  # noqa: E402
+from spot_versions import append_rows  # noqa: E402
 from vb_laser_detect.detection import classifier  # noqa: E402
 from vb_laser_detect.detector import DetectorParams  # noqa: E402
 from vb_laser_detect.detection.training import (  # noqa: E402
@@ -126,6 +127,7 @@ def main() -> int:
     parser.add_argument("--keep", type=Path, help="write the examples")
     parser.add_argument("--out", type=Path, help="write the classifier")
     parser.add_argument("--compare", type=Path, help="with a classifier of an earlier run")
+    parser.add_argument("--csv", type=Path, help="append a row for each clip and scene that was left out")
     parser.add_argument("--no-validation", action="store_true")
     given = parser.parse_args()
     cv2.setNumThreads(1)
@@ -139,9 +141,14 @@ def main() -> int:
         save_examples(examples, given.keep)
     print(f"{len(examples.truth)} examples, {examples.truth.sum()} spots, {len(np.unique(examples.groups))} clips and scenes")
     if not given.no_validation:
+        rows = []
         for group, truth, score in validate(examples):
+            rows.append({"left_out": group, "spots": int(truth.sum()), "found": int((score[truth] > 0).sum()),
+                         "others": int((~truth).sum()), "taken_for_spots": int((score[~truth] > 0).sum())})
             print(f"left out: {group:56s} spots found {int((score[truth] > 0).sum()):5d} of {int(truth.sum()):5d}, "
                   f"others taken for one {int((score[~truth] > 0).sum()):4d} of {int((~truth).sum()):5d}", flush=True)
+        if given.csv:
+            append_rows(given.csv, rows)
     if given.out:
         names = [str(name) for name in np.unique(examples.groups)]
         kinds = [name.split(":")[0] if ":" in name else "clip" for name in names]

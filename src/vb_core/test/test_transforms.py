@@ -65,7 +65,7 @@ def test_a_camera_on_something_that_moves_goes_on_listening(lookup):
 def test_missing_transforms_and_loops_are_refused_with_tfs_reason(lookup):
     with pytest.raises(CodedError) as raised:
         lookup.lookup("map", "camera", rospy.Time(0), 0.0)
-    assert raised.value.code == "no_transform" and "camera" in str(raised.value)
+    assert raised.value.code == "no_transform" and "camera" in str(raised.value) and "calibrated" in str(raised.value)
     place(lookup, "camera", parent="a")
     place(lookup, "a", parent="b")
     place(lookup, "b", parent="a")

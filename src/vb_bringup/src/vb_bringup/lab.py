@@ -212,7 +212,7 @@ class MapSeen:
     Attributes:
         shape: (rows, columns) of /map; None: no map arrived.
         publishers: nodes that publish /map; with_borders: whether /virtual_borders/map has the same geometry.
-        borders, acting: how many there are, and how many are in force.
+        borders, acting: how many are switched on, and how many of these are in force; disabled: how many are switched off.
     """
 
     shape: Optional[Tuple[int, int]] = None
@@ -221,6 +221,7 @@ class MapSeen:
     with_borders: bool = False
     borders: int = 0
     acting: int = 0
+    disabled: int = 0
     needs_confirmation: bool = False
 
 
@@ -238,7 +239,7 @@ def check_map(seen: MapSeen) -> List[Line]:
     rows, columns = seen.shape
     values = {
         "width": f"{columns * seen.resolution:.1f}", "height": f"{rows * seen.resolution:.1f}",
-        "borders": seen.borders, "acting": seen.acting,
+        "borders": seen.borders, "acting": seen.acting, "disabled": seen.disabled,
     }
     if seen.acting < seen.borders and not lines:
         lines.append(Line("map", State.WARNING, "lab_borders_not_acting", values))

@@ -339,6 +339,7 @@ def _map(graph: Graph, streams: Mapping[str, Stream]) -> MapSeen:
         shape=(physical.info.height, physical.info.width), resolution=physical.info.resolution, publishers=publishers,
         with_borders=virtual is not None and (virtual.info.width, virtual.info.height)
         == (physical.info.width, physical.info.height),
+        disabled=len([border for border in found if not border.enabled]),
         borders=len([border for border in found if border.enabled]),
         acting=len([border for border in found if border.enabled and border.acting]),
         needs_confirmation=borders is not None and borders.needs_confirmation,

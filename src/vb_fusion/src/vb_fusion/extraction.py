@@ -5,6 +5,7 @@
     stroke/observations   the spots, checked and put in the order of time
     stroke/track          which of them are the pointer's: the one feasible path through time that explains most floor
     stroke/placement      where the pointer really was: the cameras' offsets removed
+    line/stations         evenly along the stroke, however long the pointer stayed
     line/closure          polygon or separating curve
     line/sides            the fewest straight sides that keep every detail larger than a tremble, and their corners
 
@@ -35,7 +36,8 @@ from vb_core import geometry
 from vb_core.parameters import Parameters, param
 from vb_fusion.chain import BorderChain, ExtractionError
 from vb_fusion.line import closure
-from vb_fusion.line.sides import Stroke, fit_line, make_stroke
+from vb_fusion.line.sides import fit_line
+from vb_fusion.line.stations import Stroke, make_stroke
 from vb_fusion.memory import Memory
 from vb_fusion.paper import clustering, expansion, generate_poly, thinning
 from vb_fusion.stroke.observations import TREMBLE, Sights, check, condense, moments
@@ -198,7 +200,7 @@ def _joined(seen: Sights, tracks: List[Track], params: ExtractionParams) -> Tupl
 def _line(
     drawn: Sights, placed: Sights, left_out: Sights, params: ExtractionParams, stations: Memory, sides: Memory
 ) -> BorderChain:
-    """Stages 3 to 5: the line through the stroke as it was placed."""
+    """Stages 3 to 6: the line through the stroke as it was placed."""
     if len(placed.points) < 3 or not 0.8 * params.min_exp < expansion(placed.points) < params.max_exp:
         raise _no_line(drawn, params)
     stroke = make_stroke(placed.points, placed.weights, stations)
@@ -219,7 +221,7 @@ def _line(
 
 
 def _simplified(chain: np.ndarray, closed: bool, tolerance: float) -> np.ndarray:
-    """Stage 5: fewer vertices, and a polygon that does not cross itself.
+    """Stage 6: fewer vertices, and a polygon that does not cross itself.
 
     Raises:
         ExtractionError: "crosses_itself" if what it encloses is not connected.

@@ -258,6 +258,7 @@ def _polygon(
             _free_cell(barred, seed, prior, params, issues)
         return window, mask
     # the outer area is all that is connected with the seed, also behind the polygon
+    _warn(issues, "restricts_outside", "the seed is outside the line: everything outside of it is closed to robots")
     start = row, column
     blocked = masks.threshold_mask(cells, params.occupied_threshold - 1, cv2.CMP_GT)
     if blocked[start]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 import numpy as np
 import rospy
 import tf2_ros
+import yaml
 
 from vb_core.errors import CodedError
 from vb_core.ros.messages import matrix_from_transform
@@ -25,13 +26,16 @@ class TransformLookup:
             timeout_s: [s] how long to wait for a transform that is still under way.
 
         Raises:
-            CodedError: "no_transform" if there is none at that time, with tf's own reason;
+            CodedError: "no_transform" if there is none at that time;
                 "bad_transform" if its rotation is invalid.
         """
         try:
             found = self._buffer.lookup_transform(target, source, stamp, rospy.Duration(timeout_s))
         except (tf2_ros.TransformException, rospy.ROSException) as error:
-            raise CodedError("no_transform", f"no transform from '{source}' to '{target}': {error}") from None
+            # of a frame that it has never heard of, tf says only that its argument is wrong
+            known = source in (yaml.safe_load(self._buffer.all_frames_as_yaml()) or {})
+            reason = error if known else "nothing publishes one, as before a camera is calibrated or a robot localised"
+            raise CodedError("no_transform", f"no transform from '{source}' to '{target}': {reason}") from None
         return matrix_from_transform(found.transform)
 
     def newest(self, target: str, source: str) -> rospy.Time:

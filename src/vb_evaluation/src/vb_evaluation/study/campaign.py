@@ -128,8 +128,12 @@ def conduct(study: Study, jobs: Sequence[Job], folder: Path, processes: int = 1,
     # where a curve changes nothing, the run is one of the study itself
     main = {job.task for job in jobs if job.file == RUNS}
     repeated = [job for job in waiting if job.file == plan.CURVES and not job.changes and job.task in main]
-    failed, kept = 0, len(jobs) - len(waiting)
-    with _told(console, folder, lambda: f"{kept} of {len(jobs)} runs are done"), _progress(console) as bar:
+    def kept() -> int:
+        # what is on the disk: an interruption may come between a row's writing and whatever counts it
+        return sum(name in order[key] for key, file in files.items() for name in RowFile(file.path, file.columns, file.key).done)
+
+    failed = 0
+    with _told(console, folder, lambda: f"{kept()} of {len(jobs)} runs are done"), _progress(console) as bar:
         ticker = bar.add_task("study", total=len(waiting) - len(repeated))
         for outcome in _carry_out(study, [job for job in waiting if job not in repeated], processes, scheduler, work or _work):
             if outcome.row is None:
@@ -139,7 +143,6 @@ def conduct(study: Study, jobs: Sequence[Job], folder: Path, processes: int = 1,
                 if outcome.grid is not None and outcome.row.get("map"):
                     write_map(folder / outcome.row["map"][: -len(".yaml")], outcome.grid)
                 files[outcome.job.file].append(outcome.row)
-                kept += 1
             bar.update(ticker, advance=1, description=outcome.job.words)
     for job in repeated:
         _repeat(study, job, files)
@@ -169,7 +172,7 @@ def _told(console: Console, folder: Path, state: Callable[[], str]) -> Iterator[
         raise
     finally:
         for number, handler in before.items():
-            signal.signal(number, handler)
+            signal.signal(number, handler or signal.SIG_DFL)
 
 
 def _repeat(study: Study, job: Job, files: Mapping[str, RowFile]) -> None:

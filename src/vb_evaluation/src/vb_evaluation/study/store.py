@@ -30,7 +30,7 @@ class RowFile:
     def __init__(self, path: Path, columns: Sequence[str], key: Sequence[str]) -> None:
         self.path = path
         self.columns = tuple(columns)
-        self._key = tuple(key)
+        self.key = tuple(key)
         self.rows: List[Dict[str, str]] = []
         if path.exists():
             self._recover()
@@ -52,7 +52,7 @@ class RowFile:
 
     def name_of(self, row: Mapping[str, Any]) -> Tuple[str, ...]:
         """The name of a row."""
-        return tuple(str(row[column]) for column in self._key)
+        return tuple(str(row[column]) for column in self.key)
 
     @property
     def done(self) -> List[Tuple[str, ...]]:

@@ -1,84 +1,18 @@
-"""Stage 3: the line through the stroke, as few straight sides as explain it.
+"""Stage 5: the line through the stroke, as few straight sides as explain it.
 
-The sights, in the order in which they were drawn, become stations a hand's tremble apart: a spot held still is one
-station, however long. The stations are divided into sides, exactly, by dynamic programming: a corner is worth it if
-leaving it out would lose a detail larger than a hand's tremble, and sooner where the pointer stopped.
-Then the corners are moved to where the sides fit all stations best (least squares), which puts them where the sides
-meet, even where no camera saw them.
+The stations are divided into sides, exactly, by dynamic programming: a corner is worth it if leaving it out would lose
+a detail larger than a hand's tremble, and sooner where the pointer stopped. Then the corners are moved to where the
+sides fit all stations best (least squares), which puts them where the sides meet, even where no camera saw them.
 """
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
-from scipy.spatial import cKDTree
 
+from vb_fusion.line.stations import Stroke
 from vb_fusion.memory import Memory
 from vb_fusion.stroke.observations import TREMBLE
 
 DETAIL = 1.5 * TREMBLE**3  # [m^3] squared distance times length that a corner must explain
-
-
-@dataclass(frozen=True)
-class Stroke:
-    """Stations along a stroke, in the order in which they were drawn.
-
-    Attributes:
-        points: (K, 2) [m].
-        trust: (K,) how many spots each was made of, and how good they are.
-    """
-
-    points: np.ndarray
-    trust: np.ndarray
-
-    @property
-    def weights(self) -> np.ndarray:
-        """(K,) [m] of the line that each station represents."""
-        steps = np.minimum(np.linalg.norm(np.diff(self.points, axis=0), axis=1), 2.0 * TREMBLE)
-        return 0.5 * (np.append(steps, 0.0) + np.append(0.0, steps)) + 0.1 * TREMBLE
-
-
-def make_stroke(sights: np.ndarray, trust: np.ndarray, known: Memory) -> Stroke:
-    """The stations of sights (N, 2) [m] with weights (N,), N >= 3; what was drawn twice at the end is merged."""
-    # what two cameras see in turn is not a movement: a mean over three sights
-    wide = np.pad(np.column_stack([sights * trust[:, None], trust]), ((1, 1), (0, 0)), mode="edge")
-    total = wide[:-2] + wide[1:-1] + wide[2:]
-    calm = total[:, :2] / total[:, 2:]
-    first, states = known.resume(calm, 1)
-    station = states[:, 0]
-    # from the beginning of the last station on
-    first = int(np.searchsorted(station[:first], station[first - 1])) if first else 0
-    number, seen, x, y = int(station[first - 1]) + 1 if first else 0, 0, 0.0, 0.0
-    for row, (px, py) in enumerate(calm[first:].tolist(), start=first):
-        if seen and (px - x / seen) ** 2 + (py - y / seen) ** 2 > TREMBLE**2:
-            number, seen, x, y = number + 1, 0, 0.0, 0.0
-        seen, x, y = seen + 1, x + px, y + py
-        station[row] = number
-    stroke = _means(sights, trust, station.astype(int))
-    # the line ends where the spot was seen first and last
-    stroke.points[[0, -1]] = calm[[0, -1]]
-    return _merged(stroke)
-
-
-def _means(points: np.ndarray, trust: np.ndarray, station: np.ndarray) -> Stroke:
-    total = np.bincount(station, trust)
-    return Stroke(np.column_stack([np.bincount(station, trust * axis) / total for axis in points.T]), total)
-
-
-def _merged(stroke: Stroke) -> Stroke:
-    """The stroke as far as it goes on to new floor: a line or ring that is drawn twice is one, seen twice as often."""
-    at = stroke.points
-    arc = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(at, axis=0), axis=1))])
-    earlier, later = cKDTree(at).query_pairs(2.0 * TREMBLE, output_type="ndarray").T
-    # the way between them is more than what a bend makes of it
-    again = arc[later] - arc[earlier] > 2.0 * np.linalg.norm(at[later] - at[earlier], axis=1) + TREMBLE
-    new = np.ones(len(at), dtype=bool)
-    new[later[again]] = False
-    # two stations beside the line may be an overshoot; three are new floor
-    run = np.flatnonzero(new[:-2] & new[1:-1] & new[2:])
-    kept = int(run[-1]) + 3 if len(run) else len(at)
-    nearest = cKDTree(at[:kept]).query(at[kept:])[1]
-    return _means(at, stroke.trust, np.concatenate([np.arange(kept), nearest]))
 
 
 def fit_line(stroke: Stroke, joined: bool, known: Memory) -> np.ndarray:

@@ -20,7 +20,7 @@ from vb_laser_detect.detection.features import Blob
 _QUANTILES = (0.01, 0.1, 0.3, 0.6, 0.9, 0.99)  # of spots and of others: where a curve may bend
 _WEIGHT = 1500.0  # of the spots of a kind
 _FALSE_COSTS = 3.0  # times a missed spot, which the next image shows again
-_FOLDS = 10
+_FOLDS = 5  # a fifth of all clips and scenes is left out at a time
 _STRENGTH = 0.3  # of the fit against the wish for low ramps
 # which way a curve may go: more of it speaks for a spot, or against; or for it up to a usual value and then against
 _FOR = ("peak", "rise", "level", "compactness", "likeness", "edge", "smallness", "chroma", "chroma_mosaic")
