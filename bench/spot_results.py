@@ -88,9 +88,11 @@ def scenes() -> List[str]:
     shown = [[one["this"]["scene"] + (", left out" if "left out" in one else ""), one["this"]["share"], one["this"]["recall"],
               one["this"]["false_spots"], one["this"]["missed_because"], one.get("other", {}).get("recall", ""),
               one.get("other", {}).get("false_spots", ""), one["this"]["revision"]] for one in odd]
+    revision_of = [one["this"]["revision"] for one in measured]
+    by_revision = ", ".join(f"{revision_of.count(name)} at {name}" for name in dict.fromkeys(revision_of))
     return ["## Rendered scenes", "", f"{len({one['this']['scene'] for one in measured})} scenes of a ceiling's and a robot's camera, "
-            f"{len(measured)} measurements, beside revision 3655b17 on the same pictures. {len(measured) - len(odd)} have every spot and no "
-            "false one; the others, by revision:", "",
+            f"{len(measured)} measurements ({by_revision}), beside revision 3655b17 on the same pictures. {len(measured) - len(odd)} "
+            "have every spot and no false one; the others:", "",
             *table(["scene", "share of its time", "recall", "false spots", "missed because", "recall of 3655b17", "its false spots",
                     "revision"], shown)]
 
@@ -103,11 +105,13 @@ def cameras() -> List[str]:
     before = [row for row in rows if row["version"] == "other" and (float(row["recall"]) < 0.98 or row["false"] != "0")]
 
     def shown(some: Sequence[Row]) -> List[str]:
+        if not some:
+            return []
         return table(["camera", "role", "recall", "false", "median error"], [
             [row["camera"], row["role"], row["recall"], row["false"], f"{row['median_error']} {row['unit']}"] for row in some])
 
     return ["## Kinds of cameras", "", "Encodings, lasers, white levels, rates, sizes, compression, lenses; measured at "
-            f"{revisions(rows)}. {len(ours) - len(odd)} of {len(ours)} rows have every spot and no false one; the others:", "",
+            f"{revisions(rows)}. {len(ours) - len(odd)} of {len(ours)} rows have every spot and no false one" + ("; the others:" if odd else "."), "",
             *shown(odd), "Rows in which revision 3655b17 missed more than 2 % or had false spots:", "", *shown(before)]
 
 
