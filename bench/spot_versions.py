@@ -33,7 +33,9 @@ def other_detector(source: Path) -> Tuple[Tuple[Any, Any], Callable]:
     try:
         detector = importlib.import_module("vb_laser_detect.detector")
         # up to 3655b17 things had other names
-        geometry = "image_geometry" if (Path(detector.__file__).parent / "image_geometry.py").exists() else "frame"
+        homes = ("detection.image_geometry", "image_geometry", "frame")
+        folder = Path(detector.__file__).parent
+        geometry = next(home for home in homes if (folder / home.replace(".", "/")).with_suffix(".py").exists())
         if geometry == "frame":
             detector.SpotDetector.backfilled = property(lambda self: self.recalled)
         return (detector.DetectorParams, detector.SpotDetector), importlib.import_module(f"vb_laser_detect.{geometry}").search
