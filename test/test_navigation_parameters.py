@@ -68,7 +68,8 @@ NESTED = {
 # amcl/src/amcl_node.cpp, amcl/cfg/AMCL.cfg; those that the launch file sets
 AMCL = set(
     "base_frame_id odom_model_type first_map_only global_frame_id initial_pose_a initial_pose_x initial_pose_y laser_max_beams "
-    "odom_alpha1 odom_alpha2 odom_alpha3 odom_alpha4 odom_frame_id update_min_a update_min_d use_map_topic".split()
+    "odom_alpha1 odom_alpha2 odom_alpha3 odom_alpha4 odom_frame_id transform_tolerance update_min_a update_min_d "
+    "use_map_topic".split()
 )
 
 
