@@ -18,6 +18,7 @@ from vb_robot.dispatching.dispatcher import RobotStatus
 from vb_robot.driving.driver import NAVIGATION, Command, Driver
 from vb_robot.driving.following import Frames
 from vb_robot.driving.safety import Scan
+from vb_robot.driving.workspace import Workspace
 from vb_robot.spots import Sighting
 from vb_robot.dispatching.view import FloorView
 from vb_sim.robot.costmap import CostmapParams
@@ -128,7 +129,7 @@ class DrivenRobot:
         self.driver = Driver(profile, camera, (camera,), leaves)
         robot = lab.world.robots[index]
         self.driver.set_view(FloorView(robot.color_model(), robot.camera_mount(), profile.camera.max_range))
-        self.driver.set_maps(grid, None, None)
+        self.driver.set_maps(Workspace(grid, None, profile.radius))
         self.lost: Set[str] = set()
         self.command = Command()
         self._obstacles = np.zeros((0, 2))  # robot's frame, from the newest scan
@@ -139,7 +140,7 @@ class DrivenRobot:
     def set_map(self, grid: GridMap) -> None:
         """Takes the map with borders."""
         self._navigator.set_map(grid)
-        self.driver.set_maps(grid, None, None)
+        self.driver.set_maps(Workspace(grid, None, self._profile.radius))
 
     def set_state(self, state: int, interaction_id: str, entered: float) -> None:
         """Takes the interaction's state."""

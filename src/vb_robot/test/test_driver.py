@@ -11,11 +11,11 @@ from vb_core.grid_map import GridMap
 from vb_core.robot_profile import RobotProfile
 from vb_robot.driving.driver import NAVIGATION, STOP_WITHIN, TELEOP, Driver
 from vb_robot.driving.following import Frames
-from vb_robot.driving.safety import Scan
+from vb_robot.driving.safety import Scan, SpeedLimits
 from vb_robot.driving.following import BACK_TO_DISTANCE, FAR_DISTANCE, MAX_SPEED, MAX_TURN, NEAR_DISTANCE
 from vb_robot.spots import BORDER, DEFAULT, GUIDE, SEED, Sighting, Sightings
 from vb_robot.dispatching.view import FloorView, to_base
-from vb_robot.driving.border_monitor import BorderMonitor
+from vb_robot.driving.workspace import Workspace
 
 DT, PROFILE, VIEW = 0.05, RobotProfile(), FloorView.usual()
 
@@ -47,7 +47,7 @@ class Rig:
         self._said, self._stood, self.correction = -math.inf, 0.0, 0.0
 
     def set_grid(self, grid):
-        self.driver.set_maps(grid, empty(), BorderMonitor(grid, empty(), [], PROFILE.radius))
+        self.driver.set_maps(Workspace(grid, empty(), PROFILE.radius))
 
     def set_state(self, state, interaction="a"):
         self.state, self._said = (state, interaction if state else "", self.now), -math.inf
@@ -280,7 +280,7 @@ def test_contact_lets_it_only_back_up():
 def test_speed_limits_hold_for_navigation():
     rig = Rig()
     rig.navigation = (0.5, 0.5)
-    rig.driver.set_speed_limits(empty().with_data(np.full(empty().shape, 20, np.int8)))
+    rig.driver.set_speed_limits(SpeedLimits(empty().with_data(np.full(empty().shape, 20, np.int8))))
     command = rig.step(0.2)
     assert command.code == "speed_zone" and command.v == pytest.approx(0.2) and command.w == pytest.approx(0.2)
 

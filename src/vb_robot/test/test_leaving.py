@@ -11,8 +11,8 @@ from vb_core.robot_profile import RobotProfile
 from vb_robot.driving.driver import RATE, Driver
 from vb_robot.driving.following import Frames
 from vb_robot.driving.border_exit import MARGIN, ExitPlanner
-from vb_robot.driving.safety import KeepoutMap, Scan
-from vb_robot.driving.border_monitor import BorderMonitor
+from vb_robot.driving.safety import Scan
+from vb_robot.driving.workspace import Workspace
 
 RADIUS, DT = 0.18, 1.0 / RATE
 OPEN = np.full(360, math.inf)
@@ -44,7 +44,7 @@ class Rig:
 
     def __init__(self, posterior, physical, pose, ranges=OPEN):
         self.driver, self.maps = Driver(RobotProfile(), leaves=True), (posterior, physical)
-        self.driver.set_maps(posterior, physical, BorderMonitor(posterior, physical, [], RADIUS))
+        self.driver.set_maps(Workspace(posterior, physical, RADIUS))
         self.pose, self.ranges, self.now, self.poses, self.state, self.said = pose, ranges, 100.0, [pose], 0, set()
 
     def step(self):
@@ -65,7 +65,7 @@ class Rig:
 def drive(posterior, physical, pose, ranges=OPEN, seconds=90.0):
     """(whether the robot became free, the poses, what held it or why it gave up)."""
     rig = Rig(posterior, physical, pose, ranges)
-    watch = BorderMonitor(posterior, physical, [], RADIUS)
+    watch = Workspace(posterior, physical, RADIUS)
     for _ in range(int(seconds / DT)):
         rig.step()
         if watch.distance_to_keepout(rig.pose[:2]) >= RADIUS + MARGIN - 1e-6:
@@ -94,7 +94,7 @@ def test_everything_but_a_corner_is_restricted():
     free, poses, why = drive(posterior, physical, (2.0, 1.0, 2.0))
     assert free, why
     assert poses[-1, 0] > 4.2 and poses[-1, 1] > 3.6
-    gap = KeepoutMap(physical, RADIUS).clearance_at(poses[:, :2]).min()
+    gap = min(Workspace(physical, physical, RADIUS).distance_to_anything(pose) for pose in poses)
     assert gap >= RADIUS, "it does not touch the wall"
 
 
@@ -102,16 +102,16 @@ def test_gap_between_border_and_wall_is_no_place_to_end():
     physical = room()
     # 0.6 m are left to the right wall: the robot fits in, but out of there nothing leads
     posterior = restricted(physical, square(physical, 3.0, 0.0, 5.35, 5.0))
-    route = ExitPlanner(posterior, physical, RADIUS, (5.1, 2.5)).route((5.1, 2.5))
+    route = ExitPlanner(Workspace(posterior, physical, RADIUS), RADIUS, (5.1, 2.5)).route((5.1, 2.5))
     assert route is not None and route[-1, 0] < 3.0
 
 
 def test_no_allowed_floor_and_no_way():
     physical = room()
-    assert ExitPlanner(restricted(physical, np.ones(physical.shape, bool)), physical, RADIUS, (1, 1)).route((1, 1)) is None
+    assert ExitPlanner(Workspace(restricted(physical, np.ones(physical.shape, bool)), physical, RADIUS), RADIUS, (1, 1)).route((1, 1)) is None
     shut = physical.with_data(np.where(np.arange(120) == 60, 100, physical.data).astype(np.int8))
     posterior = restricted(shut, square(shut, 3.05, 0.0, 6.0, 5.0))
-    assert ExitPlanner(posterior, shut, RADIUS, (4.0, 2.0)).route((4.0, 2.0)) is None
+    assert ExitPlanner(Workspace(posterior, shut, RADIUS), RADIUS, (4.0, 2.0)).route((4.0, 2.0)) is None
 
 
 def swallowed(ranges=OPEN, pose=(4.5, 1.5, 0.0)):
@@ -144,7 +144,7 @@ def test_waits_while_somebody_draws_and_keeps_navigations_goal_for_afterwards():
         driven.append(rig.step())
         assert rig.now < 130.0
     assert driven[-1].driver == "navigation" and not any(command.cancel for command in driven)
-    assert BorderMonitor(*rig.maps, [], RADIUS).distance_to_keepout(rig.pose[:2]) >= RADIUS + MARGIN - 1e-6
+    assert Workspace(*rig.maps, RADIUS).distance_to_keepout(rig.pose[:2]) >= RADIUS + MARGIN - 1e-6
 
 
 def test_without_a_new_map_nobody_is_driven_out_of_free_floor():

@@ -35,9 +35,9 @@ from vb_msgs.msg import BorderProgress, DriverState, InteractionState, VirtualBo
 from vb_robot.driving import driver as drivers
 from vb_robot.driving.driver import Command, Driver
 from vb_robot.driving.following import Frames
-from vb_robot.driving.safety import Scan
+from vb_robot.driving.safety import Scan, SpeedLimits
+from vb_robot.driving.workspace import BorderContact, KnownBorder, Workspace
 from vb_robot.inputs import CameraView, SpotListener
-from vb_robot.driving.border_monitor import KnownBorder, BorderContact, BorderMonitor
 
 SLOW_LOCALISATION = 0.15  # [s] for an older spot the newest localisation is used: that is near enough
 STATE_EACH = 0.5  # [s] between reports of who drives, even if nothing changes
@@ -97,7 +97,6 @@ class RobotDriverNode:
         self._lock = threading.Lock()
         self._maps: Dict[str, GridMap] = {}
         self._borders: List[KnownBorder] = []
-        self._workspace: Optional[BorderMonitor] = None
         self._mounts: Dict[str, np.ndarray] = {}
         self._bad_goal: Optional[Notice] = None
         self._bad_goal_until = -1.0
@@ -216,7 +215,7 @@ class RobotDriverNode:
             rospy.logwarn_throttle(5.0, f"{rospy.get_name()}: map refused: {error}")
             return
         if which == "speed":
-            self._driver.set_speed_limits(grid)
+            self._driver.set_speed_limits(SpeedLimits(grid))
             return
         self._maps[which] = grid
         self._renew()
@@ -229,28 +228,23 @@ class RobotDriverNode:
             for border in message.borders
             if border.enabled and len(border.points) and (not border.robots or self._params.robot in border.robots)
         ]
-        if self._workspace is not None:
-            self._workspace.name_borders(self._borders)
+        if self._driver.workspace is not None:
+            self._driver.workspace.known = self._borders
 
     def _renew(self) -> None:
         with self._lock:
-            borders, physical = self._maps.get("borders"), self._maps.get("physical")
-            if borders is None:
-                return
-            workspace = None
-            if physical is not None and physical.same_geometry(borders):
-                workspace = BorderMonitor(borders, physical, self._borders, self._profile.radius)
-            self._workspace = workspace
-            self._driver.set_maps(borders, physical, workspace)
+            if "borders" in self._maps:
+                self._driver.set_maps(Workspace(
+                    self._maps["borders"], self._maps.get("physical"), self._profile.radius, self._borders))
 
     def _on_goal(self, message: MoveBaseActionGoal) -> None:
-        target, workspace = message.goal.target_pose, self._workspace
+        target, workspace = message.goal.target_pose, self._driver.workspace
         if target.header.frame_id.lstrip("/") != names.MAP_FRAME or workspace is None:
             return
         x, y, _ = pose_to_2d(target.pose)
         if workspace.standing((x, y)) is not BorderContact.FREE and workspace.is_hard((x, y)):
-            borders = _quoted(workspace.names_at((x, y)))
-            self._bad_goal = self._notice("goal_in_border", Severity.WARNING, border=borders)
+            name = _quoted(workspace.name_at((x, y)))
+            self._bad_goal = self._notice("goal_in_border", Severity.WARNING, border=name)
             self._bad_goal_until = rospy.get_time() + GOAL_NOTICE
 
     # ------------------------------------------------------------- driving
@@ -324,18 +318,18 @@ class RobotDriverNode:
 
     def _said(self, command: Command, now: float) -> List[Notice]:
         found = []
-        standing, borders, hard = self._driver.standing(now)
+        standing, name, hard = self._driver.standing(now)
         if standing is not BorderContact.FREE:
             inside = standing is BorderContact.INSIDE
             code = "robot_inside_border" if inside else "robot_touches_border"
             severity = Severity.ERROR if inside and hard else Severity.WARNING
-            found.append(self._notice(code, severity, border=_quoted(borders)))
+            found.append(self._notice(code, severity, border=_quoted(name)))
             if command.driver == drivers.LEAVE:
-                found.append(self._notice("robot_leaves_border", Severity.INFO, border=_quoted(borders)))
+                found.append(self._notice("robot_leaves_border", Severity.INFO, border=_quoted(name)))
             elif self._driver.leave_failed:
                 reason = sentences.say(f"robot_{self._driver.leave_failed}", {"who": self._who})
                 found.append(self._notice(
-                    "robot_cannot_leave", Severity.WARNING, border=_quoted(borders), reason=reason))
+                    "robot_cannot_leave", Severity.WARNING, border=_quoted(name), reason=reason))
         if command.cancel:
             found.append(self._notice("goal_cancelled", Severity.INFO))
         self._held_since = {command.code: self._held_since.get(command.code, now)}
@@ -364,8 +358,8 @@ def _is_there(path: FilePath) -> bool:
     return True
 
 
-def _quoted(border_names: List[str]) -> str:
-    return " and ".join(f"'{name}'" for name in border_names) if border_names else "a border without a name"
+def _quoted(name: str) -> str:
+    return f"'{name}'" if name else "a border without a name"
 
 
 def build() -> RobotDriverNode:

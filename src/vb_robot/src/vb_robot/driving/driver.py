@@ -17,15 +17,14 @@ import threading
 from dataclasses import dataclass
 from typing import Dict, Iterable, List, Optional, Tuple
 
-from vb_core.grid_map import GridMap
 from vb_core.robot_profile import RobotProfile
 from vb_robot.driving.border_exit import MAP_MARGIN, BorderExit
-from vb_robot.driving.safety import (LEAP, KeepoutMap, Keep, Scan, SpeedLimits, pose_jump, safe_speed, stop_distance)
+from vb_robot.driving.safety import LEAP, Keep, Scan, SpeedLimits, pose_jump, safe_speed, stop_distance
 from vb_robot.driving.following import MAX_SPEED, Following, Frames, Wish
 from vb_robot.spots import DEFAULT, Sighting, Sightings
 from vb_robot.dispatching.view import FloorView
 from vb_robot.dispatching.viewpoint import Pose
-from vb_robot.driving.border_monitor import BorderContact, BorderMonitor
+from vb_robot.driving.workspace import BorderContact, Workspace
 
 RATE = 20.0  # [1/s] how soon late messages are noticed
 STOP_WITHIN = 0.5  # [s] after the last scan, state, pose or command the robot stops
@@ -92,9 +91,7 @@ class Driver:
         self._pose: Optional[Tuple[float, Pose]] = None
         self._correction = 0.0, -math.inf  # its date, and when that was new [s]
         self._doubt_until = -math.inf
-        self._ground: Optional[KeepoutMap] = None
-        self._physical: Optional[KeepoutMap] = None
-        self._workspace: Optional[BorderMonitor] = None
+        self.workspace: Optional[Workspace] = None
         self._speed_limits: Optional[SpeedLimits] = None
         self._contacts: Dict[str, bool] = {}
         self._others: Dict[str, float] = {}  # who else commanded this robot, and when
@@ -184,19 +181,15 @@ class Driver:
         with self._lock:
             self._clock_age = age
 
-    def set_maps(self, borders: GridMap, physical: Optional[GridMap], workspace: Optional[BorderMonitor]) -> None:
-        """Takes the map with borders, the one without, and what is known about the borders between them."""
-        radius = self.profile.radius
-        ground = KeepoutMap(borders, radius)
-        beneath = KeepoutMap(physical, radius) if physical is not None else None
+    def set_maps(self, workspace: Workspace) -> None:
+        """Takes new maps."""
         with self._lock:
-            self._ground, self._physical, self._workspace = ground, beneath, workspace
-            self._exit.set_maps(ground, physical, workspace)
+            self.workspace = workspace
+            self._exit.set_maps(workspace)
 
-    def set_speed_limits(self, grid: GridMap) -> None:
-        """Takes the highest speeds by place [cm/s]."""
-        with self._lock:
-            self._speed_limits = SpeedLimits(grid)
+    def set_speed_limits(self, limits: SpeedLimits) -> None:
+        """Takes the highest speeds by place."""
+        self._speed_limits = limits
 
     def set_contact(self, name: str, touched: bool) -> None:
         """Takes what a bumper or cliff sensor says."""
@@ -372,7 +365,7 @@ class Driver:
                 return f"{what}_lost"
         if driver != TELEOP and now < self._doubt_until:
             return "pose_leapt"
-        if driver != TELEOP and (self._physical if driver == LEAVE else self._ground) is None:
+        if driver != TELEOP and self.workspace is None:
             return "no_map"
         return ""
 
@@ -391,27 +384,23 @@ class Driver:
                 found.append((0.0, "unseen_floor"))
         if blind:
             found.append((BLIND_SPEED, "unseen_floor"))
-        pose = self.pose(now)
-        if pose is not None:
-            ground = self._physical if driver == LEAVE else self._ground
-            if driver == NAVIGATION and self._workspace is not None and self._workspace.distance_to_keepout(pose[:2]) <= 0.0:
+        pose, workspace = self.pose(now), self.workspace
+        if pose is not None and workspace is not None:
+            if driver == NAVIGATION and workspace.distance_to_keepout(pose) <= 0.0:
                 found.append((0.0, "inside_border"))
-            if ground is not None:
-                found.append((safe_speed(ground.free_distance(pose, v, w, keep.cells), limits), "border"))
-            if self._speed_limits is not None:
-                found.append((self._speed_limits.at(pose, v, w, stop_distance(v, limits)), "speed_zone"))
+            free = workspace.free_distance(pose, v, w, keep.cells, leaving=driver == LEAVE)
+            found.append((safe_speed(free, limits), "border"))
+        if pose is not None and self._speed_limits is not None:
+            found.append((self._speed_limits.at(pose, v, w, stop_distance(v, limits)), "speed_zone"))
         return min(found, key=lambda entry: entry[0])
 
     # ------------------------------------------------------------- for people
-    def standing(self, now: float) -> Tuple[BorderContact, list, bool]:
-        """Where the robot is with respect to the borders, their names, and whether one of them may not be entered."""
-        pose, workspace = self.pose(now), self._workspace
+    def standing(self, now: float) -> Tuple[BorderContact, str, bool]:
+        """Where the robot is with respect to the borders, the name of that border, and whether it may not be entered."""
+        pose, workspace = self.pose(now), self.workspace
         if pose is None or workspace is None:
-            return BorderContact.FREE, [], False
-        standing = workspace.standing(pose[:2])
-        if standing is BorderContact.FREE:
-            return standing, [], False
-        return standing, workspace.names_at(pose[:2]), workspace.is_hard(pose[:2])
+            return BorderContact.FREE, "", False
+        return workspace.standing(pose), workspace.name_at(pose[:2]), workspace.is_hard(pose[:2])
 
 
 def _towards(value: float, target: float, step: float) -> float:
