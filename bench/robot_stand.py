@@ -128,7 +128,7 @@ class DrivenRobot:
         self._said_at = -math.inf
         self.driver = Driver(profile, camera, (camera,), leaves)
         robot = lab.world.robots[index]
-        self.driver.set_view(FloorView(robot.color_model(), robot.camera_mount(), profile.camera.max_range))
+        self.driver.following.view = FloorView(robot.color_model(), robot.camera_mount(), profile.camera.max_range)
         self.driver.set_maps(Workspace(grid, None, profile.radius))
         self.lost: Set[str] = set()
         self.command = Command()
@@ -215,7 +215,7 @@ class DrivenRobot:
             self.driver.set_state(state, interaction_id, entered, now)
         if "pose" not in self.lost:
             self.driver.set_pose(self._poses.estimate(now), now)
-        self.driver.set_goal(self.driving)
+        self.driver.goal_runs = self.driving
         odometry = self._poses.at(now)[0]
         self.command = command = self.driver.step(now, Frames(
             lambda stamp: geometry.invert(self._poses.map_to_odom(stamp)),

@@ -70,8 +70,8 @@ def drive(posterior, physical, pose, ranges=OPEN, seconds=90.0):
         rig.step()
         if watch.distance_to_keepout(rig.pose[:2]) >= RADIUS + MARGIN - 1e-6:
             return True, np.array(rig.poses), ""
-        if rig.driver.leave_failed:
-            return False, np.array(rig.poses), rig.driver.leave_failed
+        if rig.driver.exit.failed:
+            return False, np.array(rig.poses), rig.driver.exit.failed
     return False, np.array(rig.poses), f"too late {rig.said}"
 
 
@@ -121,10 +121,10 @@ def swallowed(ranges=OPEN, pose=(4.5, 1.5, 0.0)):
 
 def test_gives_up_where_something_is_in_the_way_and_tries_again():
     rig = swallowed(np.full(360, 0.25))
-    while not rig.driver.leave_failed:
+    while not rig.driver.exit.failed:
         rig.step()
         assert rig.now < 130.0
-    assert rig.driver.leave_failed == "obstacle"
+    assert rig.driver.exit.failed == "obstacle"
     assert np.allclose(np.array(rig.poses)[:, :2], (4.5, 1.5)), "it only turns"
     rig.ranges = OPEN
     while math.dist(rig.pose[:2], (4.5, 1.5)) < 0.5:
@@ -137,7 +137,7 @@ def test_waits_while_somebody_draws_and_keeps_navigations_goal_for_afterwards():
     rig.state = 1
     assert all(rig.step().driver == "nobody" for _ in range(40))
     rig.state = 0
-    rig.driver.set_goal(True)
+    rig.driver.goal_runs = True
     driven = []
     while not driven or driven[-1].driver == "leave":
         rig.driver.wish("navigation", 0.0, 0.5, rig.now + DT)  # its recovery turns the robot, in vain
@@ -156,7 +156,7 @@ def test_a_robot_that_was_brought_near_a_border_is_left_to_whoever_brought_it():
     rig = swallowed(pose=(2.0, 4.0, 0.0))
     rig.step()
     rig.pose = (4.0 - RADIUS + 0.01, 1.5, 0.0)
-    rig.driver.set_goal(True)
+    rig.driver.goal_runs = True
     for _ in range(40):
         rig.driver.wish("navigation", -0.1, 0.0, rig.now + DT)
         assert rig.step().driver == "navigation"
@@ -167,7 +167,7 @@ def test_a_robot_too_near_for_navigation_to_plan_is_helped_away_and_keeps_its_go
     rig = swallowed(pose=(2.0, 4.0, 0.0))
     rig.step()
     rig.pose = (4.0 - RADIUS - gap, 1.5, 0.3)
-    rig.driver.set_goal(True)
+    rig.driver.goal_runs = True
     commands = [rig.step() for _ in range(160)]
     assert {command.driver for command in commands} == {"nobody", "leave"} and not any(c.cancel for c in commands)
     assert rig.pose[0] < 4.0 - RADIUS - MARGIN + 0.05, "to a cell"

@@ -105,7 +105,8 @@ class RobotDriverNode:
         self._beat = node.Beat(1.0 / drivers.RATE)
         self._transforms = TransformLookup()
         self._camera = CameraView(
-            profile.camera.info, self._base, profile.camera.max_range, self._transforms, self._driver.set_view)
+            profile.camera.info, self._base, profile.camera.max_range, self._transforms,
+            functools.partial(setattr, self._driver.following, "view"))
         self._notices = NoticePublisher()
         self._cmd_vel = rospy.Publisher("cmd_vel", Twist, queue_size=1, tcp_nodelay=True)
         self._cancel = rospy.Publisher("move_base/cancel", GoalID, queue_size=1)
@@ -194,10 +195,10 @@ class RobotDriverNode:
         self._driver.set_scan(scan, message.header.stamp.to_sec())
 
     def _on_contact(self, contact: Contact, message: Any) -> None:
-        self._driver.set_contact(contact.topic, int(getattr(message, contact.field)) == contact.alarm)
+        self._driver.contacts[contact.topic] = int(getattr(message, contact.field)) == contact.alarm
 
     def _on_status(self, message: GoalStatusArray) -> None:
-        self._driver.set_goal(any(entry.status in RUNNING for entry in message.status_list))
+        self._driver.goal_runs = any(entry.status in RUNNING for entry in message.status_list)
 
     def _on_plan(self, message: Path) -> None:
         marker = Marker(header=message.header, ns=self._params.robot, type=Marker.LINE_STRIP)
@@ -215,7 +216,7 @@ class RobotDriverNode:
             rospy.logwarn_throttle(5.0, f"{rospy.get_name()}: map refused: {error}")
             return
         if which == "speed":
-            self._driver.set_speed_limits(SpeedLimits(grid))
+            self._driver.speed_limits = SpeedLimits(grid)
             return
         self._maps[which] = grid
         self._renew()
@@ -326,8 +327,8 @@ class RobotDriverNode:
             found.append(self._notice(code, severity, border=_quoted(name)))
             if command.driver == drivers.LEAVE:
                 found.append(self._notice("robot_leaves_border", Severity.INFO, border=_quoted(name)))
-            elif self._driver.leave_failed:
-                reason = sentences.say(f"robot_{self._driver.leave_failed}", {"who": self._who})
+            elif self._driver.exit.failed:
+                reason = sentences.say(f"robot_{self._driver.exit.failed}", {"who": self._who})
                 found.append(self._notice(
                     "robot_cannot_leave", Severity.WARNING, border=_quoted(name), reason=reason))
         if command.cancel:

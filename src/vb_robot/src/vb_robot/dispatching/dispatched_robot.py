@@ -108,12 +108,13 @@ class DispatchedRobot:
         return [entry.goal_id.id for entry in (status.status_list if status is not None else []) if entry.status in RUNNING]
 
     def _cancel_leftovers(self, running: List[str]) -> None:
-        """Cancels goals that an earlier process of this node sent before it died."""
+        """Cancels goals that an earlier process of this node sent before it died, until they have ended."""
         for goal in running:
             if goal not in self._known and goal.startswith(f"{rospy.get_name()}-"):
-                self._known.append(goal)
+                # said again each time: while publishers are being connected a message may be lost
                 self._client.pub_cancel.publish(GoalID(id=goal))
-                rospy.logwarn("%s: cancelled a goal that %s had from before a restart", rospy.get_name(), self._who)
+                rospy.logwarn_throttle(
+                    5.0, f"{rospy.get_name()}: cancels a goal that {self._who} has from before a restart")
 
     def _goal_place(self, running: List[str]) -> Optional[Tuple[float, float]]:
         """(x, y) [m], map frame, where it drives to, no matter who gave the goal; None if nowhere that is known."""
