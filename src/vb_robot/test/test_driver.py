@@ -6,11 +6,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from vb_core import geometry
 from vb_core.grid_map import GridMap
 from vb_core.robot_profile import RobotProfile
 from vb_robot.driving.driver import NAVIGATION, STOP_WITHIN, TELEOP, Driver
-from vb_robot.driving.following import Frames
 from vb_robot.driving.safety import Scan, SpeedLimits
 from vb_robot.driving.following import BACK_TO_DISTANCE, FAR_DISTANCE, MAX_SPEED, MAX_TURN, NEAR_DISTANCE
 from vb_robot.spots import BORDER, DEFAULT, GUIDE, SEED, Sighting, Sightings
@@ -82,9 +80,8 @@ class Rig:
             self._stood += DT  # its clock stands, and the world goes on
         else:
             self._stood = 0.0
-        self.driver.set_clock(self._stood)
-        T = geometry.invert(geometry.pose2d_transform(*self.pose))
-        command = self.driver.step(self.now, Frames(lambda stamp: np.eye(4), lambda: T))
+        self.driver.clock_age = self._stood
+        command = self.driver.step(self.now)
         self.cancelled += command.cancel
         self.commands.append(command)
         middle = self.pose[2] + 0.5 * command.w * DT

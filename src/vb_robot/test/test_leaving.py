@@ -9,7 +9,6 @@ from hypothesis import strategies as st
 from vb_core.grid_map import GridMap
 from vb_core.robot_profile import RobotProfile
 from vb_robot.driving.driver import RATE, Driver
-from vb_robot.driving.following import Frames
 from vb_robot.driving.border_exit import MARGIN, ExitPlanner
 from vb_robot.driving.safety import Scan
 from vb_robot.driving.workspace import Workspace
@@ -52,7 +51,7 @@ class Rig:
         self.driver.set_state(self.state, "a" if self.state else "", 0.0, self.now)
         self.driver.set_pose(self.pose, self.now)
         self.driver.set_scan(Scan(self.ranges, -math.pi, math.pi / 180, 0.1, 8.0, np.eye(4), RADIUS), self.now)
-        command = self.driver.step(self.now, Frames(lambda stamp: None, lambda: None))
+        command = self.driver.step(self.now)
         assert abs(command.v) <= 0.2 + 1e-9 and abs(command.w) <= 0.8 + 1e-9
         middle = self.pose[2] + 0.5 * command.w * DT
         self.pose = (self.pose[0] + command.v * DT * math.cos(middle), self.pose[1] + command.v * DT * math.sin(middle),

@@ -34,12 +34,10 @@ from vb_core.ros.transforms import TransformLookup
 from vb_msgs.msg import BorderProgress, DriverState, InteractionState, VirtualBorder, VirtualBorderArray
 from vb_robot.driving import driver as drivers
 from vb_robot.driving.driver import Command, Driver
-from vb_robot.driving.following import Frames
 from vb_robot.driving.safety import Scan, SpeedLimits
 from vb_robot.driving.workspace import BorderContact, KnownBorder, Workspace
 from vb_robot.inputs import CameraView, SpotListener
 
-SLOW_LOCALISATION = 0.15  # [s] for an older spot the newest localisation is used: that is near enough
 STATE_EACH = 0.5  # [s] between reports of who drives, even if nothing changes
 HELD_FOR = 0.5  # [s] a shorter stop is not worth a notice
 GOAL_NOTICE = 5.0  # [s] for which a goal in a border is reported
@@ -186,7 +184,7 @@ class RobotDriverNode:
     def _on_scan(self, message: LaserScan) -> None:
         frame = message.header.frame_id
         if frame not in self._mounts:
-            T = self._lookup(self._base, frame, rospy.Time(0), warn=True)
+            T = self._lookup(self._base, frame, rospy.Time(0))
             if T is None:
                 return
             self._mounts[frame] = T
@@ -257,7 +255,7 @@ class RobotDriverNode:
             try:
                 if now != last:
                     last, moved = now, time.monotonic()
-                self._driver.set_clock(time.monotonic() - moved)
+                self._driver.clock_age = time.monotonic() - moved
                 self._obey(self._step(now), now)
             except rospy.ROSException:
                 if not rospy.is_shutdown():
@@ -273,9 +271,7 @@ class RobotDriverNode:
         T = self._lookup(names.MAP_FRAME, self._base, stamp)
         self._driver.set_pose(geometry.transform_pose2d(T) if T is not None else None, stamp.to_sec(),
                               self._transforms.newest(names.MAP_FRAME, self._odom).to_sec())
-        frames = Frames(lambda stamp: self._odom_from_map(now, stamp),
-                        lambda: self._lookup(self._base, self._odom, rospy.Time(0), warn=True))
-        return self._driver.step(now.to_sec(), frames)
+        return self._driver.step(now.to_sec())
 
     def _obey(self, command: Command, now: rospy.Time) -> None:
         if command.speaks:
@@ -286,18 +282,11 @@ class RobotDriverNode:
             self._cancel.publish(GoalID())
         self._tell(command, now.to_sec())
 
-    def _odom_from_map(self, now: rospy.Time, stamp: float) -> Optional[np.ndarray]:
-        T = self._lookup(self._odom, names.MAP_FRAME, rospy.Time.from_sec(stamp))
-        if T is None and now.to_sec() - stamp > SLOW_LOCALISATION:
-            T = self._lookup(self._odom, names.MAP_FRAME, rospy.Time(0), warn=True)
-        return T
-
-    def _lookup(self, target: str, source: str, stamp: rospy.Time, warn: bool = False) -> Optional[np.ndarray]:
+    def _lookup(self, target: str, source: str, stamp: rospy.Time) -> Optional[np.ndarray]:
         try:
             return self._transforms.lookup(target, source, stamp, timeout_s=0.0)
         except CodedError as error:
-            if warn:
-                rospy.logwarn_throttle(5.0, f"{rospy.get_name()}: {error}")
+            rospy.logwarn_throttle(5.0, f"{rospy.get_name()}: {error}")
             return None
 
     # ------------------------------------------------------------- notices

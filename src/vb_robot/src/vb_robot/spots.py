@@ -5,6 +5,7 @@ that the two never both act, and never wait for each other.
 """
 from __future__ import annotations
 
+import math
 from collections import Counter, deque
 from dataclasses import dataclass
 from typing import Deque, Dict, Iterable, Optional, Set, Tuple
@@ -165,19 +166,16 @@ class Sightings:
         counts = Counter(s.camera for s in recent)
         camera = newest.camera if counts[newest.camera] >= LEAST_SIGHTINGS else counts.most_common(1)[0][0]
         recent = sorted((s for s in recent if s.camera == camera), key=lambda s: s.stamp)
-        places = np.array([s.position for s in recent])
         if len(recent) < LEAST_SIGHTINGS:
             return None
+        places = np.array([s.position for s in recent])
         earlier = places[:len(places) - LEAST_SIGHTINGS + 1]
         far = np.flatnonzero(np.linalg.norm(earlier - np.median(places[-3:], axis=0), axis=1) >= PIECE)
         begin = int(far[-1]) if len(far) else 0
-        times, places = (
-            [np.median(third, axis=0) for third in np.array_split(values, 3)]
-            for values in (np.array([s.stamp for s in recent[begin:]]), places[begin:])
-        )
-        before, after, whole = places[1] - places[0], places[2] - places[1], places[2] - places[0]
-        seconds = float(times[2] - times[0])
-        if seconds <= 0 or float(np.linalg.norm(whole)) < MIN_SPEED * max(seconds, 0.5 * self._window):
+        path = np.column_stack([[sighting.stamp for sighting in recent], places])[begin:]
+        thirds = np.array([np.median(third, axis=0) for third in np.array_split(path, 3)])  # (3, 3): [s], x, y [m]
+        (before, after), (seconds, *whole) = np.diff(thirds, axis=0)[:, 1:], thirds[2] - thirds[0]
+        if seconds <= 0 or math.hypot(*whole) < MIN_SPEED * max(seconds, 0.5 * self._window):
             return None
         straight = float(np.dot(before, after)) >= STRAIGHT * float(np.linalg.norm(before) * np.linalg.norm(after))
-        return whole / seconds if straight else None
+        return np.array(whole) / seconds if straight else None

@@ -2,7 +2,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Dict, List, Mapping, Optional, Sequence, Tuple
+from typing import Dict, Mapping, Optional, Sequence, Tuple
 
 import numpy as np
 
@@ -11,7 +11,7 @@ from vb_core.notices import Notice, Severity
 from vb_robot import spots
 from vb_robot.dispatching.dispatch import Fleet, Moment, RobotStatus
 from vb_robot.dispatching.drawing import NOTHING, Drawing, BlindSpots
-from vb_robot.spots import LOST_AFTER, Sighting, Sightings
+from vb_robot.spots import LOST_AFTER, Sightings
 from vb_robot.clearance_map import ClearanceMap, Window, around, window_of
 from vb_robot.dispatching.view import FloorView
 from vb_robot.dispatching.viewpoint import Outlook, Viewpoint

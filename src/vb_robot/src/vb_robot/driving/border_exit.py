@@ -129,6 +129,7 @@ class BorderExit:
             self._way_out, self.failed = ExitPlanner(workspace, self._radius, pose[:2]), ""
         if self._route is None or float(np.linalg.norm(self._route - pose[:2], axis=1).min()) > OFF_WAY:
             self._route = self._way_out.route(pose[:2])
+            self.pause()
         if self._route is None:
             return self._give_up(now, "no_way_out")
         rest = self._route[int(np.argmin(np.linalg.norm(self._route - pose[:2], axis=1))):]

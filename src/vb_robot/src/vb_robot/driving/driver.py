@@ -20,7 +20,7 @@ from typing import Dict, Iterable, Optional, Tuple
 from vb_core.robot_profile import RobotProfile
 from vb_robot.driving.border_exit import MAP_MARGIN, BorderExit
 from vb_robot.driving.safety import LEAP, Keep, Scan, SpeedLimits, pose_jump, safe_speed, stop_distance
-from vb_robot.driving.following import MAX_SPEED, Following, Frames, Wish
+from vb_robot.driving.following import MAX_SPEED, Following, Wish
 from vb_robot.spots import DEFAULT, Sighting, Sightings
 from vb_robot.dispatching.viewpoint import Pose
 from vb_robot.driving.workspace import BorderContact, Workspace
@@ -77,6 +77,7 @@ class Driver:
         workspace: the maps; None before there are any. speed_limits: where there are slow zones.
         contacts: by bumper or cliff sensor whether it is touched.
         goal_runs: whether navigation has a goal.
+        clock_age: [s] of real time for which the clock has stood still: messages age without it.
     """
 
     def __init__(
@@ -92,7 +93,7 @@ class Driver:
         self._lock = threading.RLock()
         self._spots = Sightings(mobile_cameras=(*mobile_cameras, camera))
         self._stamps: Dict[str, float] = {}  # [s] of the newest scan, state, pose and command
-        self._clock_age = 0.0  # [s] for which the clock has stood still
+        self.clock_age = 0.0
         self._stopped, self._stopped_at = {"state": False, "topic": stopped}, -math.inf  # the latter by the topic [s]
         self._scan: Optional[Scan] = None
         self._pose: Optional[Tuple[float, Pose]] = None
@@ -161,23 +162,15 @@ class Driver:
             if correction != self._correction[0]:
                 self._correction = correction, stamp
             stamp = min(stamp, self._correction[1]) if correction else stamp
-            before = self._pose
+            before, self._pose = self._pose, (stamp, pose) if pose is not None else None
             if pose is None:
-                self._pose = None
                 self._stamps.pop("pose", None)
-                return
-            if before is None or stamp != before[0]:
+            elif before is None or stamp != before[0]:
                 self._note("pose", stamp)  # the same one again is as old as before
-            self._pose = (stamp, pose)
-            since = stamp - before[0] if before is not None else math.inf
             # after a pause a robot may be anywhere
-            if before is not None and 0.0 <= since < 1.0 and pose_jump(before[1], pose, since) > LEAP:
+            if pose is not None and before is not None and 0.0 <= stamp - before[0] < 1.0 and pose_jump(
+                    before[1], pose, stamp - before[0]) > LEAP:
                 self._doubt_until = stamp + POSE_DOUBT
-
-    def set_clock(self, age: float) -> None:
-        """Learns for how long [s] of real time the clock has stood still: messages age without it."""
-        with self._lock:
-            self._clock_age = age
 
     def set_maps(self, workspace: Workspace) -> None:
         """Takes new maps."""
@@ -187,13 +180,11 @@ class Driver:
 
     def wish(self, driver: str, v: float, w: float, now: float) -> None:
         """Takes a command of navigation or teleoperation [m/s, rad/s]."""
-        with self._lock:
-            self._commands[driver], self._stamps[driver] = Wish(v, w), now
+        self._commands[driver], self._stamps[driver] = Wish(v, w), now
 
     def heard_other(self, name: str, now: float) -> None:
         """Another node has commanded this robot's base."""
-        with self._lock:
-            self._others[name] = now
+        self._others[name] = now
 
     # ------------------------------------------------------------- outputs
     @property
@@ -215,12 +206,12 @@ class Driver:
             self._last = Command(0.0, 0.0, self._last.driver, code, True)
             return self._last
 
-    def step(self, now: float, frames: Frames) -> Command:
+    def step(self, now: float) -> Command:
         """The command for a time [s]; once in 1 / RATE."""
         with self._lock:
             dt = 0.0 if self._stepped_at is None else min(max(now - self._stepped_at, 0.0), 0.2)
             self._stepped_at = now
-            driver, wish = self._choose(now, dt, frames)
+            driver, wish = self._choose(now, dt)
             if driver not in (LEAVE, NOBODY):
                 self.exit.pause()
             if driver != FOLLOW:
@@ -234,7 +225,7 @@ class Driver:
             self._last = Command(v, w, driver, code, speaks, cancel)
             return self._last
 
-    def _choose(self, now: float, dt: float, frames: Frames) -> Tuple[str, Wish]:
+    def _choose(self, now: float, dt: float) -> Tuple[str, Wish]:
         """Chooses who drives; returns that one and its wish."""
         if self.stopped:
             return STOP, Wish(0.0, 0.0, "stopped")
@@ -243,7 +234,7 @@ class Driver:
             return TELEOP, teleop
         # a robot that a person guides stays theirs when the state is lost: the gate then stops it
         if self._spots.follows(self._camera, now):
-            return FOLLOW, self._ramped(dt, self.following.wish(frames))
+            return FOLLOW, self._ramped(dt, self.following.wish(self.pose(now)))
         wish = self._leave(now)
         if wish is not None:
             return LEAVE, self._ramped(dt, wish)
@@ -310,7 +301,7 @@ class Driver:
         if driver == FOLLOW and math.isfinite(self.following.seen):
             self._stamps["spot"] = self.following.seen
             ages["spot_gone"] = self._age(now, "spot")
-        ages.update(drives=self._age(now, driver) if driver in self._commands else 0.0, clock_stands=self._clock_age)
+        ages.update(drives=self._age(now, driver) if driver in self._commands else 0.0, clock_stands=self.clock_age)
         oldest = max(ages, key=lambda what: ages[what])
         # the command of this step holds until the next one, and the base takes a moment
         left = STOP_WITHIN - 1.0 / RATE - BASE_DELAY - ages[oldest]
@@ -331,7 +322,7 @@ class Driver:
 
     def _held(self, now: float, driver: str) -> str:
         """Why nothing may move, apart from what is too old, as a code; else empty."""
-        self._others = {name: at for name, at in self._others.items() if 0.0 <= now - at <= OTHER_LIMIT}
+        self._others = {name: at for name, at in list(self._others.items()) if 0.0 <= now - at <= OTHER_LIMIT}
         if self._others:
             return "somebody_else_drives"
         if driver != TELEOP and now < self._doubt_until:
