@@ -28,7 +28,7 @@ class Lab:
         coverage[1:-1, int(EDGE / 0.05):-1] = 0
         self.dispatcher = Dispatcher({"": 0.18})
         self.dispatcher.maps[""].view = VIEW
-        self.dispatcher.set_map(grid)
+        self.dispatcher.maps[""].set_map(grid)
         self.dispatcher.set_physical_map(grid)
         self.dispatcher.unseen = BlindSpots(grid.with_data(coverage))
         self.dispatcher.sightings.set_state(BORDER, "a", 100.0)
@@ -193,8 +193,8 @@ def test_in_a_mixed_fleet_the_small_robot_goes_where_the_large_one_does_not_fit(
     data[:, 80] = 100
     data[45:53, 80] = 0  # a gap of 0.4 m
     dispatcher = Dispatcher({"large": 0.18, "small": 0.10})
-    dispatcher.set_map(GridMap(data, 0.05))
     for known in dispatcher.maps.values():
+        known.set_map(GridMap(data, 0.05))
         known.view = VIEW
     dispatcher.sightings.set_state(BORDER, "a", 100.0)
     for i in range(10):

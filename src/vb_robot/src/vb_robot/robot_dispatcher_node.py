@@ -46,8 +46,7 @@ class RobotDispatcherNode:
     Subscribed topics:
         /virtual_borders/spots (vb_msgs/LaserSpot), /virtual_borders/state (vb_msgs/InteractionState),
         /virtual_borders/progress (vb_msgs/BorderProgress)
-        /virtual_borders/map, /map (nav_msgs/OccupancyGrid): where a robot may stand, what hides the spot
-        <robot>/virtual_borders/map (nav_msgs/OccupancyGrid): the map of a robot with a name, once it arrives
+        [<robot>]/virtual_borders/map, /map (nav_msgs/OccupancyGrid): where a robot may stand, what hides the spot
         [<robot>/]camera_info (sensor_msgs/CameraInfo), tf: what its camera sees of the floor
         /virtual_borders/coverage (nav_msgs/OccupancyGrid): optional; floor that no stationary camera sees
     Published topics:
@@ -69,10 +68,9 @@ class RobotDispatcherNode:
         self._robots = [
             DispatchedRobot(name, profile, transforms, functools.partial(self._hear, self._take_view, name), self._tell)
             for name, profile in profiles.items()]
-        grids = [(names.MAP_WITH_BORDERS, dispatcher.set_map), (names.PHYSICAL_MAP, dispatcher.set_physical_map),
-                 (names.COVERAGE, lambda grid: setattr(dispatcher, "unseen", BlindSpots(grid)))]
-        for name in filter(None, profiles):
-            grids.append((f"{name}{names.MAP_WITH_BORDERS}", functools.partial(dispatcher.set_map, robot=name)))
+        grids = [(names.PHYSICAL_MAP, dispatcher.set_physical_map),
+                 (names.COVERAGE, lambda grid: setattr(dispatcher, "unseen", BlindSpots(grid))),
+                 *((f"{name}{names.MAP_WITH_BORDERS}", known.set_map) for name, known in dispatcher.maps.items())]
         self._subscribers = [
             *(rospy.Subscriber(topic, OccupancyGridArray, functools.partial(self._hear, self._take_grid, take), queue_size=1)
               for topic, take in grids),

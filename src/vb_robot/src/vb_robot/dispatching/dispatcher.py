@@ -40,15 +40,13 @@ class RobotMap:
     def __init__(self, radius: float) -> None:
         self._radius = radius
         self.view: Optional[FloorView] = None
-        self._own = False
         self._map: Optional[GridMap] = None
         self._physical: Optional[GridMap] = None
         self._terrain: Optional[Tuple[Window, ClearanceMap]] = None
 
-    def set_map(self, grid: GridMap, own: bool = False) -> None:
-        """Takes a map with borders; the robot's own one is not replaced by the common one."""
-        if own or not self._own:
-            self._own, self._map, self._terrain = own, grid, None
+    def set_map(self, grid: GridMap) -> None:
+        """Takes the map with the borders that are for this robot."""
+        self._map, self._terrain = grid, None
 
     def set_physical(self, grid: GridMap) -> None:
         """Takes the map without borders."""
@@ -83,6 +81,7 @@ class Dispatcher:
         radii: [m] of the robots, by name; "" is the only one, without a namespace.
 
     Attributes:
+        maps: of each robot, with what its camera sees.
         sightings: of the interaction: what the spot is known by.
         unseen: floor that no stationary camera sees; None: not known.
         notice: what to tell people now.
@@ -95,11 +94,6 @@ class Dispatcher:
         self.notice: Optional[Notice] = None
         self._fleet = Fleet(self.maps)
         self._progress: Optional[Progress] = None
-
-    def set_map(self, grid: GridMap, robot: Optional[str] = None) -> None:
-        """Takes the map with borders, for one robot or (None) for all that have no map of their own."""
-        for name in self.maps if robot is None else [robot]:
-            self.maps[name].set_map(grid, robot is not None)
 
     def set_physical_map(self, grid: GridMap) -> None:
         """Takes the map without borders: what hides the spot."""
