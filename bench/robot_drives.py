@@ -396,6 +396,7 @@ def main() -> int:
     parser.add_argument("--pace", type=float, default=FASTEST, help="simulated seconds per real second, at most")
     parser.add_argument("--real-time", action="store_true", help="time does not wait for anybody; pace 1")
     parser.add_argument("--repeat", type=int, default=0, help="another time, in a file of its own")
+    parser.add_argument("--kinds", nargs="+", default=list(TITLES), choices=list(TITLES), help="of drives")
     parser.add_argument("--drives", type=int, default=1000, help="how many at most")
     parser.add_argument("--seconds", type=float, default=math.inf, help="of wall time, then go on another time")
     parser.add_argument("--only-write", action="store_true", help="the table of what the files have")
@@ -407,7 +408,8 @@ def main() -> int:
     runs = json.loads(out.read_text()) if out.exists() else []
     until = time.monotonic() + arguments.seconds
     done = {(run["kind"], run["scenario"], run["number"]) for run in runs}
-    todo = [task for task in tasks(arguments.seed) if task[:3] not in done][:max(0, arguments.drives - len(done))]
+    todo = [task for task in tasks(arguments.seed) if task[:3] not in done and task[0] in arguments.kinds]
+    todo = todo[:max(0, arguments.drives - len(done))]
     if todo and not arguments.only_write:
         lab = Lab(arguments.robot, todo[0][3], OUT / out.stem, how["pace"], arguments.seed, how["lockstep"])
 

@@ -216,8 +216,11 @@ class RobotDriverNode:
         if which == "speed":
             self._driver.speed_limits = SpeedLimits(grid)
             return
-        self._maps[which] = grid
-        self._renew()
+        with self._lock:
+            self._maps[which] = grid
+            if "borders" in self._maps:
+                self._driver.set_maps(Workspace(
+                    self._maps["borders"], self._maps.get("physical"), self._profile.radius, self._borders))
 
     def _on_borders(self, message: VirtualBorderArray) -> None:
         self._borders = [
@@ -229,12 +232,6 @@ class RobotDriverNode:
         ]
         if self._driver.workspace is not None:
             self._driver.workspace.known = self._borders
-
-    def _renew(self) -> None:
-        with self._lock:
-            if "borders" in self._maps:
-                self._driver.set_maps(Workspace(
-                    self._maps["borders"], self._maps.get("physical"), self._profile.radius, self._borders))
 
     def _on_goal(self, message: MoveBaseActionGoal) -> None:
         target, workspace = message.goal.target_pose, self._driver.workspace
@@ -256,7 +253,8 @@ class RobotDriverNode:
                 if now != last:
                     last, moved = now, time.monotonic()
                 self._driver.clock_age = time.monotonic() - moved
-                self._obey(self._step(now), now)
+                self._locate()
+                self._obey(self._driver.step(now.to_sec()), now)
             except rospy.ROSException:
                 if not rospy.is_shutdown():
                     raise
@@ -265,13 +263,12 @@ class RobotDriverNode:
                 self._obey(self._driver.halt("fault"), now)
                 rospy.logerr_throttle(5.0, f"{rospy.get_name()}: {traceback.format_exc()}")
 
-    def _step(self, now: rospy.Time) -> Command:
+    def _locate(self) -> None:
         # tf returns the newest transform, however old
         stamp = self._transforms.newest(names.MAP_FRAME, self._base)
         T = self._lookup(names.MAP_FRAME, self._base, stamp)
         self._driver.set_pose(geometry.transform_pose2d(T) if T is not None else None, stamp.to_sec(),
                               self._transforms.newest(names.MAP_FRAME, self._odom).to_sec())
-        return self._driver.step(now.to_sec())
 
     def _obey(self, command: Command, now: rospy.Time) -> None:
         if command.speaks:
