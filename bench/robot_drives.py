@@ -313,26 +313,26 @@ def table(every) -> str:
     runs = [run for run in every if run.get("lockstep", True) and not run.get("repeat")]
     lines = [
         "# Driving with the real move_base", "",
-        f"`python3 bench/robot_drives.py --robot ...`, {time.strftime('%Y-%m-%d', time.gmtime())}, revisions "
-        f"{', '.join(sorted({run['revision'] for run in runs}))}, goals of seeds "
-        f"{', '.join(sorted({str(run['seed']) for run in runs}))}. ros-planning/navigation at 9ad6441 with AMCL, "
+        f"`python3 bench/robot_drives.py --robot ...`, {time.strftime('%Y-%m-%d', time.gmtime())}; goals by seeds, of which "
+        "each belongs to other code, see the revisions. ros-planning/navigation at 9ad6441 with AMCL, "
         "parameters of `vb_bringup/config/navigation` and the robot's profile, through `robot_driver`; simulated lab, "
         "truth judged. As wanted: reached; into a border: refused; before the nose: not entered. *Entered*: the footprint "
-        "more than one and a half cells inside of what a border restricts. *Pace*: simulated seconds per real second, at "
-        "most and in the mean. *Missed*: control or costmap cycles that move_base reported as late, per simulated minute. "
+        "more than one and a half cells inside of what a border restricts. *Pace*: simulated seconds per real second, in "
+        "the mean. *Missed*: control or costmap cycles that move_base reported as late, per simulated minute. "
         "*Late*: reports of the driver that an input was too old.", "",
-        "| robot | drives | scenario | pace at most | done | as wanted | 95 % interval of that | entered | "
-        "localisation off, at most | median time | longest | mean pace | missed | late |",
-        "|---|---|---|---|---|---|---|---|---|---|---|---|---|---|"]
-    for key in sorted({(run["robot"], run["kind"], run["scenario"], run["pace"]) for run in runs}):
-        robot, kind, scenario, pace = key
-        group = [run for run in runs if (run["robot"], run["kind"], run["scenario"], run["pace"]) == key]
+        "| seed | revisions | robot | drives | scenario | done | as wanted | 95 % interval of that | entered | "
+        "localisation off, at most | median time | longest | pace | missed | late |",
+        "|---|---|---|---|---|---|---|---|---|---|---|---|---|---|---|"]
+    for key in sorted({(run["seed"], run["robot"], run["kind"], run["scenario"]) for run in runs}):
+        seed, robot, kind, scenario = key
+        group = [run for run in runs if (run["seed"], run["robot"], run["kind"], run["scenario"]) == key]
         counted = [run for run in group if kind != "nose" or run["border"] == "added"]
         good = sum(_as_wanted(run) for run in counted)
         entered = sum((run["entered_m"] or -1.0) > 0.0 for run in counted)
         seconds = [run["seconds"] for run in counted] or [0.0]
         off = max([run["localised_m"] for run in counted if run["localised_m"] > 0] or [0.0])
-        lines.append(f"| {robot} | {TITLES[kind]} | {scenario or '-'} | {pace:g} | {len(counted)} | {good} | "
+        revisions = ", ".join(sorted({run["revision"] for run in group}))
+        lines.append(f"| {seed} | {revisions} | {robot} | {TITLES[kind]} | {scenario or '-'} | {len(counted)} | {good} | "
                      f"{_interval(good, len(counted))} | {entered} | "
                      f"{off:.2f} m | {np.median(seconds):.0f} s | {max(seconds):.0f} s | "
                      f"{sum(seconds) / max(sum(run['wall_s'] for run in counted), 1e-9):.2f} | "
@@ -340,7 +340,7 @@ def table(every) -> str:
                      f"{sum(run['late'] for run in counted)} |")
     bad = [run for run in runs if not _as_wanted(run)]
     lines += ["", "Not as wanted:" if bad else "Every drive went as wanted.", ""]
-    lines += [f"- {run['robot']}, {run['kind']} {run['scenario']} {run['number']}, pace {run['pace']:g}, goal "
+    lines += [f"- seed {run['seed']}, {run['robot']}, {run['kind']} {run['scenario']} {run['number']}, goal "
               f"{tuple(run['goal'])}: {run['outcome']} after {run['seconds']:.0f} s, {run['length_m']:.1f} m, entered "
               f"{run['entered_m']} m, {run.get('border', '')} {run['text']}" for run in bad]
     noses = [run for run in runs if run["kind"] == "nose" and run["border"] == "added"]

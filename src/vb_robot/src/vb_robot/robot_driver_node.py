@@ -186,6 +186,7 @@ class RobotDriverNode:
         if frame not in self._mounts:
             T = self._lookup(self._base, frame, rospy.Time(0))
             if T is None:
+                rospy.logwarn_throttle(5.0, f"{rospy.get_name()}: scans do not count: no transform from '{frame}' yet")
                 return
             self._mounts[frame] = T
         scan = Scan(np.asarray(message.ranges), message.angle_min, message.angle_increment, message.range_min,
@@ -282,8 +283,7 @@ class RobotDriverNode:
     def _lookup(self, target: str, source: str, stamp: rospy.Time) -> Optional[np.ndarray]:
         try:
             return self._transforms.lookup(target, source, stamp, timeout_s=0.0)
-        except CodedError as error:
-            rospy.logwarn_throttle(5.0, f"{rospy.get_name()}: {error}")
+        except CodedError:
             return None
 
     # ------------------------------------------------------------- notices
