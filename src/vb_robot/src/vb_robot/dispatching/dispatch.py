@@ -164,11 +164,9 @@ class Record:
         assert robot is not None
         under_way = goal if status.running else None
         place = under_way.pose if under_way is not None else robot
-        if under_way is not None and (outlook.drawing.seeding or not under_way.risky) and not outlook.keeps_off(
-                robot, under_way.pose):
-            self.goal = None  # the way would lead through what is being drawn
-            return False
-        if outlook.fits(place) and (under_way is None or outlook.stands_free(place)) and all(
+        endangered = under_way is not None and (outlook.drawing.seeding or not under_way.risky) and not (
+            outlook.keeps_off(robot, under_way.pose))
+        if not endangered and outlook.fits(place) and (under_way is None or outlook.stands_free(place)) and all(
                 math.dist(place[:2], (x, y)) >= radius for x, y, radius in self._avoided()):
             self._unfit_since = None
             if under_way is None and self._failures(blind=True) < BLIND_TRIES and WAITS["seen"] <= min(
@@ -177,13 +175,18 @@ class Record:
                 self.searched = 0.0 if self._failures(blind=True) else outlook.searched(robot)
                 self._fail(now, robot, blind=True)
             return True
+        if under_way is None:
+            self._awaits(now, "", robot)  # it waits for the spot only where it should see it
         if goal is None:
             return False
         self._unfit_since = now if self._unfit_since is None else self._unfit_since
-        only_now = now < self._sent + (LOST_INTERVAL if moment.lost else MIN_INTERVAL) or (
-            not moment.lost and now < self._unfit_since + PATIENCE)
-        leaving = under_way is not None and not goal.sees_spot and self._rests(goal, outlook)
-        return only_now or leaving
+        interval = 0.0 if endangered else LOST_INTERVAL if moment.lost else MIN_INTERVAL
+        if now < self._sent + interval or (not moment.lost and now < self._unfit_since + PATIENCE):
+            return True
+        if endangered:
+            self.goal = None  # rather nowhere than through what is being drawn
+            return False
+        return under_way is not None and not goal.sees_spot and self._rests(goal, outlook)
 
     def _rests(self, goal: Viewpoint, outlook: Outlook) -> bool:
         """Whether the target is still about where it was when the goal was chosen."""
