@@ -224,6 +224,14 @@ def test_goal_whose_way_has_become_a_crossing_is_replaced_or_called_off():
     assert not sent(bench.run(20)), "it stays where it is"
 
 
+@pytest.mark.parametrize("silent", [0.0, 2.0])
+def test_a_way_that_only_now_and_then_seems_to_cross_costs_navigation_no_plans(silent):
+    bench = Bench([place(1)], seen=lambda pose: pose[0] == 1)
+    bench.step(silent=silent)
+    for i in range(40):
+        assert bench.step(safe=bool(i % 2), pose=(9.0 - 0.1 * i, 9.0, 0.0), silent=silent).kind == "keep"
+
+
 # ------------------------------------------------------------------ sightings
 def seen(stamp, x, y=0.0, camera="red", mobile=False):
     return Sighting(stamp, (x, y), camera, mobile)

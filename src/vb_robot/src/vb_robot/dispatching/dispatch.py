@@ -117,6 +117,7 @@ class Record:
         self._unfit_since: Optional[float] = None
         self._failed: List[Failure] = []
         self._stage: Tuple[str, float, Optional[Pose]] = ("", 0.0, None)  # what is awaited, since when [s], from where
+        self._endangered = False  # the way to the goal would lead through what is being drawn
         self.searched = 0.0  # [m] of the line ahead that it has looked at in vain, and looks beyond
 
     def observe(self, moment: Moment, before: Moment, status: RobotStatus) -> bool:
@@ -159,14 +160,14 @@ class Record:
         return [(failure.x, failure.y, FAILED_RADIUS) for failure in self._failed]
 
     def settled(self, moment: Moment, status: RobotStatus, outlook: Outlook) -> bool:
-        """Whether the robot that serves needs no new place now; without one it goes nowhere."""
+        """Whether the robot that serves needs no new place now."""
         now, robot, goal = moment.now, status.pose, self.goal
         assert robot is not None
         under_way = goal if status.running else None
         place = under_way.pose if under_way is not None else robot
-        endangered = under_way is not None and (outlook.drawing.seeding or not under_way.risky) and not (
+        self._endangered = under_way is not None and (outlook.drawing.seeding or not under_way.risky) and not (
             outlook.keeps_off(robot, under_way.pose))
-        if not endangered and outlook.fits(place) and (under_way is None or outlook.stands_free(place)) and all(
+        if not self._endangered and outlook.fits(place) and (under_way is None or outlook.stands_free(place)) and all(
                 math.dist(place[:2], (x, y)) >= radius for x, y, radius in self._avoided()):
             self._unfit_since = None
             if under_way is None and self._failures(blind=True) < BLIND_TRIES and WAITS["seen"] <= min(
@@ -180,13 +181,11 @@ class Record:
         if goal is None:
             return False
         self._unfit_since = now if self._unfit_since is None else self._unfit_since
-        interval = 0.0 if endangered else LOST_INTERVAL if moment.lost else MIN_INTERVAL
+        interval = 0.0 if self._endangered else LOST_INTERVAL if moment.lost else MIN_INTERVAL
         if now < self._sent + interval or (not moment.lost and now < self._unfit_since + PATIENCE):
             return True
-        if endangered:
-            self.goal = None  # rather nowhere than through what is being drawn
-            return False
-        return under_way is not None and not goal.sees_spot and self._rests(goal, outlook)
+        leaves = under_way is not None and not goal.sees_spot and self._rests(goal, outlook)
+        return leaves and not self._endangered
 
     def _rests(self, goal: Viewpoint, outlook: Outlook) -> bool:
         """Whether the target is still about where it was when the goal was chosen."""
@@ -195,13 +194,15 @@ class Record:
     def offer(self, now: float, status: RobotStatus, outlook: Outlook, serves: bool) -> Optional[Offer]:
         """What the robot could do, if anything."""
         assert status.pose is not None
-        if now < self._rests_until:
+        if now < self._rests_until and not self._endangered:
             return None
         if not serves and not status.busy and outlook.fits(status.pose):
             return Offer((False, self._failures(), False, False, 0.0), None)
         found = outlook.best(status.pose, self._avoided())
         if found is None:
             self._rests_until = now + MIN_INTERVAL  # asking again at once would give the same answer
+            if self._endangered:
+                self.goal = None  # rather nowhere than through what is being drawn
             return None
         cost = found.cost - (SWITCH_GAIN if serves else 0.0)
         return Offer((not found.sees_spot, self._failures(), status.busy and not serves, found.risky, cost), found)
