@@ -29,8 +29,7 @@ from vb_core.errors import CodedError
 from vb_core.grid_map import OCCUPIED, GridMap
 from vb_core.map_files import write_map
 from vb_evaluation.provenance import revision, top
-from vb_evaluation.report.data import KEY, REQUIRED, RUNS, WORLDS, write_table
-from vb_evaluation.report.worlds import DRAWS
+from vb_evaluation.report.data import DRAWS, KEY, REQUIRED, RUNS, WORLDS, write_table
 from vb_evaluation.study import assumptions, measures, plan
 from vb_evaluation.study.config import Study, study_of
 from vb_evaluation.study.plan import CONDITIONS, Job
