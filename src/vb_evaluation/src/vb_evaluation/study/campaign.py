@@ -216,8 +216,9 @@ def _cluster(scheduler: str) -> Iterator[None]:
 
 
 def _ordered(jobs: Sequence[Job]) -> List[Job]:
-    """The study itself first and person by person, so that what an interrupted study has is balanced."""
-    return sorted(jobs, key=lambda job: (job.file != RUNS, job.file))
+    """The few longest first, as others would wait for one that came last; then the study itself, person by person, so that what
+    an interrupted study has is balanced."""
+    return sorted(jobs, key=lambda job: (not job.thorough, job.file != RUNS, job.file))
 
 
 _studies: Dict[str, Study] = {}
