@@ -39,7 +39,7 @@ class Design(Parameters):
     """Who does what."""
 
     seed: int = param(1, low=0, doc="of everything that is drawn")
-    quick_participants: int = param(2, low=1, high=1000, doc="of the size quick")
+    quick_participants: int = param(1, low=1, high=1000, doc="of the size quick")
     participants: int = param(10, low=1, high=1000, doc="of the size usual")
     full_participants: int = param(15, low=1, high=1000, doc="of the size full")
     scenarios: list = param(["room", "carpet", "corner"], doc="keys of the world's scenarios")
