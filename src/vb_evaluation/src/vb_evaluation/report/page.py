@@ -22,7 +22,7 @@ SECTIONS = (
     outcomes.summary, outcomes.error, outcomes.time, outcomes.accuracy, outcomes.completeness, beside.beside, sensitivity.plausible,
     sensitivity.curves, sensitivity.ungated, background.order, background.experience, background.assumptions, background.runs)
 _SIZES = {
-    "quick": ["A quick run, to see that all works: two people, so that there are no intervals, no worlds and no curves."],
+    "quick": ["A quick run, to see that all works: one person, so that there are no intervals, no worlds and no curves."],
     "usual": ["The usual size: few plausible worlds, which say how often a conclusion holds to within some ten percentage points but "
               "not which assumption decides, and no curves. `make study SIZE=full` has both and takes some hours."],
 }
