@@ -62,8 +62,13 @@ KOKORO = {
         "bf_alice", "bf_lily", "bm_daniel", "bm_fable", "ef_dora", "em_alex", "ff_siwis", "hf_alpha", "hm_omega", "if_sara",
         "im_nicola", "pm_alex", "zf_xiaobei", "zm_yunjian",
     ),
-    "development": ("af_aoede", "af_kore", "am_echo", "am_michael", "bf_emma", "bm_george", "jf_alpha", "jf_gongitsune"),
-    "evaluation": ("af_heart", "af_sky", "am_fenrir", "am_puck", "bf_isabella", "bm_lewis", "jf_nezumi", "jf_tebukuro", "jm_kumo"),
+    "development": (
+        "af_aoede", "af_heart", "af_kore", "af_sky", "am_echo", "am_fenrir", "am_michael", "am_puck", "bf_emma", "bf_isabella",
+        "bm_george", "bm_lewis", "jf_alpha", "jf_gongitsune", "jf_nezumi", "jf_tebukuro", "jm_kumo",
+    ),
+    "evaluation": (
+        "hf_beta", "hm_psi", "pf_dora", "zf_xiaoni", "zf_xiaoxiao", "zf_xiaoyi", "zm_yunxi", "zm_yunxia", "zm_yunyang",
+    ),
 }
 NEURAL = {  # what bench/voice_recordings.py records for each group
     "training": (*KOKORO["training"], "joe"),
@@ -83,10 +88,11 @@ _PEOPLE = [("flite", "kal16"), ("flite", "rms"), ("flite", "slt"), ("festival", 
 # no group hears the noises or music of another, but for "babble"
 NOISES = {
     "training": ("white", "pink", "brown", "hoth", "fan", "office"),
-    "development": ("white", "pink", "brown", "hoth", "fan", "office"),
-    "evaluation": ("vacuum", "shower", "street"),
+    "development": ("vacuum", "shower", "street"),
+    "evaluation": ("rain", "train", "kettle"),
 }
-MUSIC = {"training": ("piano", "strings", "organ", "band"), "development": ("guitar", "brass"), "evaluation": ("marimba", "choir")}
+MUSIC = {"training": ("piano", "strings", "organ", "band"), "development": ("guitar", "brass", "marimba", "choir"),
+         "evaluation": ("harp", "accordion")}
 
 
 def training_voices() -> List[Voice]:
@@ -153,11 +159,19 @@ def room_noise(rng: np.random.Generator, count: int, kind: str, talkers: Sequenc
         return noise
     if any(kind in styles for styles in MUSIC.values()):
         return music(rng, count, kind)
-    colours = {"white": 0.0, "pink": 1.0, "brown": 2.0, "hoth": 1.6, "fan": 1.3, "office": 1.2, "vacuum": 0.7, "shower": 0.3, "street": 1.8}
+    colours = {"white": 0.0, "pink": 1.0, "brown": 2.0, "hoth": 1.6, "fan": 1.3, "office": 1.2, "vacuum": 0.7, "shower": 0.3, "street": 1.8,
+               "rain": 0.5, "train": 1.5, "kettle": 1.0}
     noise = _coloured(rng, count, colours[kind])
     if kind == "street":
         # cars pass
         noise *= 1.0 + 0.6 * np.sin(2 * np.pi * rng.uniform(0.2, 0.5) * np.arange(count) / RATE + rng.uniform(0, 6))
+    if kind == "train":
+        # wheels over the joints of the rails, two by two
+        time = np.arange(count) / RATE * rng.uniform(1.2, 2.0) % 1.0
+        noise *= 1.0 + 2.0 * (np.exp(-time * 30) + np.exp(-np.abs(time - 0.2) * 30))
+    if kind == "kettle":
+        # boils louder and louder
+        noise *= np.linspace(0.5, 1.5, count)
     if kind in ("fan", "vacuum"):
         time, base = np.arange(count) / RATE, rng.uniform(80, 140) * (1 if kind == "fan" else 3)
         hum = sum(
@@ -182,6 +196,8 @@ def music(rng: np.random.Generator, count: int, style: str) -> np.ndarray:
         "guitar": ((1.0, 0.8, 0.6, 0.25, 0.3, 0.1), 0.25, 0.002, False),
         "brass": ((0.7, 1.0, 0.9, 0.7, 0.5, 0.4, 0.3), 4.0, 0.06, True),
         "marimba": ((1.0, 0.0, 0.0, 0.5, 0.0, 0.0, 0.0, 0.0, 0.15), 0.15, 0.002, False),
+        "harp": ((1.0, 0.4, 0.2, 0.1), 0.7, 0.003, False),
+        "accordion": ((1.0, 0.9, 0.5, 0.6, 0.3, 0.3, 0.2, 0.15), 8.0, 0.05, True),
         "choir": ((1.0, 0.6, 0.8, 0.3, 0.2, 0.1), 6.0, 0.2, False),
         "band": ((1.0, 0.6, 0.45, 0.3, 0.25, 0.2, 0.1), 0.35, 0.003, True),
     }[style]

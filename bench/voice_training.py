@@ -125,7 +125,7 @@ def _read_tokens() -> Dict[bytes, int]:
         length, at = data[at], at + 1
         if length >= 128:
             length, at = length - 128 + 128 * data[at], at + 1
-        found.setdefault(data[at : at + length], number)
+        found[data[at : at + length]] = number  # a single letter is there twice: first as a mere byte, which is never written
         at, number = at + length, number + 1
     return found
 
