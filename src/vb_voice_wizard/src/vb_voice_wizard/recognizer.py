@@ -21,7 +21,7 @@ from vb_core.errors import ParameterError
 from vb_core.parameters import Parameters, param
 
 from vb_voice_wizard.voice.audio_sources import SAMPLE_RATE
-from vb_voice_wizard.voice.endpointing import EndpointParams, Utterance, utterances
+from vb_voice_wizard.voice.endpointing import Utterance, utterances
 from vb_voice_wizard.interaction import COMMANDS, RESUME
 from vb_voice_wizard.voice.speech_model import SpeechModel
 
@@ -84,18 +84,14 @@ class CommandRecognizer:
 
     Args:
         params: see RecognizerParams; None for the defaults.
-        endpointing: when speech starts and ends, for whole recordings; None for the defaults.
 
     Raises:
         ParameterError: for a bad parameter.
         CodedError: if a file of the speech model is missing.
     """
 
-    def __init__(
-        self, params: Optional[RecognizerParams] = None, endpointing: Optional[EndpointParams] = None
-    ) -> None:
+    def __init__(self, params: Optional[RecognizerParams] = None) -> None:
         self.params = params if params is not None else RecognizerParams()
-        self.endpointing = endpointing if endpointing is not None else EndpointParams()
         said = [(command, text) for command, texts in self.params.phrases.items() for text in texts]
         self._meanings = np.array([command for command, _ in said])
         self._model = SpeechModel([text.lower() for _, text in said])
@@ -116,7 +112,7 @@ class CommandRecognizer:
         pcm = np.asarray(pcm)
         if pcm.ndim != 1 or pcm.dtype != np.int16:
             raise ValueError(f"expected (N,) int16 samples, got {pcm.shape} {pcm.dtype}")
-        return [self.classify(utterance) for utterance in utterances(pcm, self.endpointing)]
+        return [self.classify(utterance) for utterance in utterances(pcm)]
 
     def classify(self, utterance: Utterance) -> RecognitionResult:
         """What became of one utterance."""

@@ -21,7 +21,7 @@ from vb_msgs.msg import Audio, SpeechCommand, Sound
 from vb_msgs.srv import CommandRequest, CommandResponse
 
 from vb_voice_wizard.voice.audio_sources import SAMPLE_RATE, Microphone, Resampler, arecord, level_db, read_wav
-from vb_voice_wizard.voice.endpointing import Endpointer, EndpointParams, Utterance
+from vb_voice_wizard.voice.endpointing import END_SILENCE_S, Endpointer, Utterance
 from vb_voice_wizard.recognizer import CommandRecognizer, RecognitionResult, RecognizerParams
 
 AUDIO = "/virtual_borders/voice/audio"
@@ -83,7 +83,7 @@ class VoiceCommands:
         self._params = params
         self._recognizer = recognizer
         self._durations = _durations(params.sounds)
-        self._endpointer = Endpointer(recognizer.endpointing)
+        self._endpointer = Endpointer()
         self._muted_until = 0.0
         self._mute_lock = threading.Lock()
         self._last_command = ""
@@ -210,7 +210,7 @@ class VoiceCommands:
         now = time.monotonic()
         if issue.command and issue.command == self._last_command and now - self._last_time < self._params.repeat_after:
             issue = issue.refused("repeated")
-        silence = 0.0 if utterance.too_long else self._recognizer.endpointing.end_silence
+        silence = 0.0 if utterance.too_long else END_SILENCE_S
         answer_s = now - when + silence
         if not issue.command:
             if issue.reason == "unlike_a_command" and issue.confidence >= self._params.doubt:
@@ -267,13 +267,10 @@ def _durations(sounds: dict) -> Dict[str, float]:
 
 
 def _build() -> VoiceCommands:
-    params = parameters.read(VoiceParams, ignore=("recognizer", "endpointing"))
+    params = parameters.read(VoiceParams, ignore=("recognizer",))
     if params.source == "wav" and not params.wav_file:
         raise ParameterError(rospy.resolve_name("~wav_file"), "this parameter must be set when ~source is wav")
-    recognizer = CommandRecognizer(
-        parameters.read(RecognizerParams, "~recognizer"), parameters.read(EndpointParams, "~endpointing")
-    )
-    return VoiceCommands(params, recognizer)
+    return VoiceCommands(params, CommandRecognizer(parameters.read(RecognizerParams, "~recognizer")))
 
 
 def main() -> None:
