@@ -31,7 +31,7 @@ from vb_sim.room.floor_plan import physical_map  # noqa: E402
 from vb_sim.room.floor_texture import FloorTexture, render_floor  # noqa: E402
 from vb_sim.lab_history import Snapshot  # noqa: E402
 from vb_sim.room.mesh import world_mesh  # noqa: E402
-from vb_sim.room.models_cameras import CameraModels  # noqa: E402
+from vb_sim.room.models_cameras import CameraModels, generator  # noqa: E402
 from vb_sim.room.models_motion import LocalisationModel  # noqa: E402
 from vb_sim.room.raycast import DistanceField  # noqa: E402
 from vb_sim.cameras.robot_view import RobotView  # noqa: E402
@@ -167,6 +167,14 @@ class Camera:
         self._model: Any = None
         self._views = [rooms.view(world, "" if scene.mobile else scene.camera) for world in scene.worlds]
         self._poses = _pose_errors(scene, rooms.models, rooms.seed)
+        first = next(course(scene))[2]
+        for view in self._views:
+            # a scene's noise is its own, whichever scenes were played before in the same room
+            noise = generator(rooms.seed, f"scene {scene.name}")
+            if scene.mobile:
+                view.draw_from(noise)
+            else:
+                view.frame(first, noise)
         self._missed: Dict[float, str] = {}  # why nothing was seen at a time [s], until a later frame recalls it
 
     def picture(self, t: float, index: int, snapshot: Snapshot) -> Tuple[np.ndarray, SeenFrame, Any]:
