@@ -434,6 +434,25 @@ def ceiling_scenes(room: World) -> List[Scene]:
     return scenes
 
 
+def training_scenes(room: World) -> List[Scene]:
+    """What only the classifier's training sees: printed dots of other colours and sizes, on other floors, under both cameras.
+
+    The dots of `ceiling_scenes` thus remain a test of whether paint is told from light.
+    """
+    colours = ((40, 60, 220), (240, 220, 40), (240, 120, 200), (250, 130, 30), (30, 200, 210))
+    scenes = []
+    for name, floor, size in (("grey", room.floor, 0.012), ("pale", replace(room.floor, kind="tiles", color=(170, 165, 155)), 0.025),
+                              ("brown", replace(room.floor, kind="tiles", color=(120, 85, 60)), 0.018)):
+        bare = lab(floor=floor, patches=())
+        for mobile, places in ((False, ((3.3, 2.3), (4.4, 2.5), (5.2, 1.6), (3.9, 1.4), (4.8, 1.1))),
+                               (True, ((5.9, 1.2), (5.6, 0.8), (5.3, 1.1), (5.7, 1.0), (5.5, 1.3)))):
+            printed = replace(bare, patches=dots(places, colours, size))
+            # twice within the time that is learnt from; a robot stands still, so that they are new to it
+            scenes.append(Scene(f"dots on a {name} floor", still(4.0, 3.0) if not mobile else still(5.8, 0.9), (bare, printed),
+                                every(1.0, 1, 0), mobile=mobile, person=False, robot_at=lambda t: (6.9, 1.0, math.pi)))
+    return scenes
+
+
 def mobile_scenes(room: World) -> List[Scene]:
     """The robot's camera: distances, motion, and what is no spot."""
     start = (6.9, 1.0, math.pi)  # looks along the free floor beside the carpet

@@ -104,7 +104,7 @@ def scene_parts(share: float, seed: int) -> Iterator[Tuple[str, Callable[[], Exa
 
     scenes.LEARN_S, scenes.QUIET_S, scenes.DRAW_S = 0.5, 8.0 * share, 10.0 * share
     room, rooms = scenes.lab(), scenes.Rooms(scenes.CameraModels(), seed)
-    for scene in scenes.ceiling_scenes(room) + scenes.mobile_scenes(room):
+    for scene in scenes.ceiling_scenes(room) + scenes.mobile_scenes(room) + scenes.training_scenes(room):
         name = ("robot: " if scene.mobile else "ceiling: ") + scene.name
         yield name, lambda scene=scene, name=name: collect(*_rendered(scenes, scene, rooms, share, name))
 

@@ -9,9 +9,9 @@ import yaml
 
 from scenes import GREEN, RED, Scene, tinted
 from vb_laser_detect.detection import features
-from vb_laser_detect.detector import Candidate, DetectorParams
+from vb_laser_detect.detector import DetectorParams, Spot
 from vb_laser_detect.detection.background import Background
-from vb_laser_detect.detection.blocks import block_maxima, mask_of_blocks, max_channel, regions
+from vb_laser_detect.detection.blocks import block_maxima, halved, mask_of_blocks, max_channel, regions
 from vb_laser_detect.detection.debug_image import draw
 
 from vb_laser_detect.detection.projection import ProjectionParams
@@ -20,7 +20,7 @@ from vb_laser_detect.detection.detector_counts import DetectorCounts
 PACKAGE = Path(__file__).resolve().parents[1]
 
 
-@pytest.mark.parametrize("shape", [(64, 96), (64, 96, 3), (67, 101, 3), (33, 47)])
+@pytest.mark.parametrize("shape", [(64, 96), (64, 96, 3), (67, 101, 3), (33, 47), (171, 9000, 3)])
 def test_block_maxima_are_numpys(shape):
     image = np.random.default_rng(1).integers(0, 256, shape, dtype=np.uint8)
     background = np.random.default_rng(2).integers(0, 256, shape, dtype=np.uint8)
@@ -79,7 +79,7 @@ def test_what_a_spot_hides_stays_in_its_place_while_the_camera_moves():
         motion, image = np.array([[1.0, 0, -0.6 * (i - keyframe)], [0, 1, 0], [0, 0, 1]]), seen(i)
         left = 100 - 0.6 * i  # of what is hidden, in this image
         image[40:56, int(left) : int(left) + 16] = 255
-        rise, _ = background.rise(image, motion)
+        rise, _ = background.rise(image, motion, halved(image))
         background.examine([(int(left) // 8 * 8, 40, int(left) // 8 * 8 + 24, 56)], image)
         spots = np.zeros(background.blocks, bool)
         spots[5:7, int(left) // 8 : int(left) // 8 + 3] = True
@@ -147,7 +147,7 @@ def test_statistics():
 @pytest.mark.parametrize("encoding, bayer", [("bgr8", False), ("rgb8", False), ("bayer_rggb8", True), ("mono8", True)])
 def test_debug_image(encoding, bayer):
     image = Scene(160, 96).render(bayer=bayer)
-    picture = draw(image, encoding, [Candidate(50.2, 40.1, 6.0, confidence=0.9), Candidate(100, 50, 9, refusal="too_dark")])
+    picture = draw(image, encoding, [Spot(50.2, 40.1, 6.0, confidence=0.9), Spot(100, 50, 9, refusal="too_dark")])
     assert picture.shape == (96, 160, 3) and (picture == (0, 220, 0)).all(axis=2).any()
 
 

@@ -46,11 +46,11 @@ class Blob:
 
 
 class Camera(NamedTuple):
-    """What is known of the camera: the brightest value that it shows, its images' diagonal [px], a Bayer mosaic or not."""
+    """What is known of the camera: its images' diagonal [px], a Bayer mosaic or not, the brightest value that it shows."""
 
-    white: float
     diagonal: float
     mosaic: bool
+    white: float = 255.0
 
 
 def measure(
@@ -98,20 +98,20 @@ def measure(
     tint = tint_of(mask, light, now, before) if now.ndim == 3 or camera.mosaic else None
     moments = cv2.moments(cv2.copyTo(light, mask))
     area, long, short = _axes(mask)
+    diameter = 2.0 * math.sqrt(area / math.pi)
     return Blob(
-        u=moments["m10"] / moments["m00"] + x0 + sx, v=moments["m01"] / moments["m00"] + y0 + sy,
-        diameter=2.0 * math.sqrt(area / math.pi), tint=tint,
+        moments["m10"] / moments["m00"] + x0 + sx, moments["m01"] / moments["m00"] + y0 + sy, diameter, tint=tint,
         numbers={"elongation": math.log(long / short), "compactness": area / (4.0 * math.pi * long * short),
-                 **_describe(mask, light, now, before, area, tint, camera)})
+                 **_describe(mask, light, now, before, diameter, tint, camera)})
 
 
 def _describe(
-    blob: np.ndarray, smooth: np.ndarray, image: np.ndarray, background: np.ndarray, area: float, tint: Optional[np.ndarray],
-    camera: Camera,
+    blob: np.ndarray, smooth: np.ndarray, image: np.ndarray, background: np.ndarray, diameter: float,
+    tint: Optional[np.ndarray], camera: Camera,
 ) -> Dict[str, float]:
     """The features of a blob; grey levels count as parts of the camera's white."""
     # cv2 with masks, not numpy with indices: on patches this small the calls take the time
-    white, none, diameter, rise = camera.white, math.nan, 2.0 * math.sqrt(area / math.pi), cv2.subtract(image, background)
+    white, rise = camera.white, cv2.subtract(image, background)
     peak, highest, level = (float(cv2.minMaxLoc(plane, blob)[1]) for plane in (smooth, max_channel(rise), max_channel(image)))
     ring = _ring(blob, diameter)
     around = cv2.countNonZero(ring)
@@ -128,13 +128,12 @@ def _describe(
     hidden = cv2.compare(now, cv2.addWeighted(before, _SHADOW, before, 0.0, -4.0), cv2.CMP_LT)
     rim = cv2.subtract(cv2.dilate(blob, _SQUARE), cv2.erode(blob, _SQUARE))
     slope, slope_before = cv2.mean(_gradient(now), rim)[0], cv2.mean(_gradient(before), rim)[0]
-    coloured, raw = none if tint is None else chroma(tint), camera.mosaic
+    coloured = math.nan if tint is None else chroma(tint)
     return {
         "peak": math.log(max(peak, 1.0) / white),
         # of a spot hardly larger than a pixel, smoothing leaves less than half
-        "rise": none if level >= _SATURATED * white else math.log(max(highest, 1.0) / white),
+        "rise": math.nan if level >= _SATURATED * white else math.log(max(highest, 1.0) / white),
         "level": level / white,
-        "surround": cv2.mean(smooth, ring)[0] / peak if around else 1.0,
         "likeness": alike / around if around else 1.0,
         # of the outline, in the image and in the image and the reference together: a ghost's is in the reference alone; the
         # longer it is, the less noise and a table's edge under the spot affect it
@@ -143,10 +142,9 @@ def _describe(
         # a light darkens no channel, paint does
         "fall": max(0.0, float((floor - levels).max())) / white,
         "diameter": math.log(diameter / camera.diagonal),
-        "smallness": min(diameter, 6.0),
         # many webcams make white of a spot, mosaics show its colour: what it tells depends on the camera
-        "chroma": none if raw else coloured,
-        "chroma_mosaic": min(1.0, coloured / _ONE_MOSAIC) if raw else none,
+        "chroma": math.nan if camera.mosaic else coloured,
+        "chroma_mosaic": min(1.0, coloured / _ONE_MOSAIC) if camera.mosaic else math.nan,
     }
 
 
