@@ -98,7 +98,7 @@ def test_two_that_cross_keep_their_numbers():
 
 def test_what_is_never_confirmed_waits_for_a_second_only():
     film = Film(confirm_frames=50, mosaic=True)
-    for i in range(200):
+    for _ in range(200):
         film.see(sighting(0.0, tint=None))
     (track,) = film.tracker._tracks
     assert 2 <= len(track.waiting) <= 60

@@ -122,12 +122,10 @@ class SpotDetector:
         self._stamp, self._shape = stamp, image.shape
         camera = Camera(math.hypot(*image.shape[:2]), mosaic)
         view = self._proposer.look(image, self._tracker.begin(stamp, camera, self._proposer.motion(image)))
-        seen = self._examine_all(view, camera._replace(white=view.white))
+        spots, kept = self._confirm(self._examine_all(view, camera._replace(white=view.white)))
         # a pause must not make one frame outweigh all earlier ones
-        kept = [one.spot for one in seen
-                if not one.spot.refusal and one.certain and one.spot.confidence >= max(_CERTAIN, self.params.min_probability)]
         self._proposer.learn(view, kept, min(elapsed, 1.0))
-        return self._confirm(seen)
+        return spots
 
     def _examine_all(self, view: View, camera: Camera) -> List[Sighting]:
         """Measures and judges a view's proposals; notes those that were not examined in `candidates`."""
@@ -168,7 +166,7 @@ class SpotDetector:
     def _judge(self, blob: Blob, metre: Optional[float], view: View, camera: Camera, expected: bool) -> Sighting:
         refusal, probability = blob.problem or self._wrong_size(blob, metre, camera), 0.0
         if not refusal:
-            numbers = {**blob.numbers, **view.around(blob.u, blob.v, blob.diameter)}
+            numbers = {**blob.numbers, "busy": view.busy(blob.u, blob.v, blob.diameter)}
             probability, against = self._classifier.judge(blob, numbers, expected)
             if probability < max(self.params.min_probability, _CERTAIN if expected else 0.0):
                 refusal = against
@@ -178,22 +176,29 @@ class SpotDetector:
                 refusal = self._place_check(blob.u, blob.v)
         return Sighting(Spot(blob.u, blob.v, blob.diameter, probability, refusal=refusal), not expected, blob.tint)
 
-    def _confirm(self, seen: List[Sighting]) -> List[Spot]:
-        """The spots to publish, the most certain first; notes the others, and why, in `candidates`."""
+    def _confirm(self, seen: List[Sighting]) -> Tuple[List[Spot], List[Spot]]:
+        """The spots to publish, the most certain first, and those that are kept out of the background.
+
+        Notes the others, and why they are not published, in `candidates`.
+        """
         found = sorted((one for one in seen if not one.spot.refusal), key=lambda one: (not one.certain, -one.spot.confidence))
         if found and self._to_floor is not None:
             floor = np.asarray(self._to_floor(np.array([(one.spot.u, one.spot.v) for one in found])), float)
             found = [one._replace(floor=(x, y)) for one, (x, y) in zip(found, floor[:, :2])]
         self.candidates += [one.spot for one in seen if one.spot.refusal]
-        told, self.backfilled = [], []
-        for (spot, *_), track in zip(found, self._tracker.update(found, self.tag)):
+        told, kept, self.backfilled = [], [], []
+        for (spot, certain, *_), track in zip(found, self._tracker.update(found, self.tag)):
             refusal = "" if track.published else "less_certain" if track.confirmed else "unconfirmed"
-            self.candidates.append(replace(spot, track=track.number, refusal=refusal))
+            spot = replace(spot, track=track.number, refusal=refusal)
+            self.candidates.append(spot)
             if track.published:
-                told.append(self.candidates[-1])
+                told.append(spot)
                 self.backfilled += track.waiting
                 track.waiting = []
-        return told
+            if (certain and spot.confidence >= max(_CERTAIN, self.params.min_probability)
+                    and self._stamp - track.rests_since < self.params.hold_s):
+                kept.append(spot)
+        return told, kept
 
     def _sizes(self, metre: Optional[float], camera: Camera) -> Tuple[float, float]:
         """The least and the largest diameter [px] of a spot where a pixel is this long on the floor [m], or where is unknown."""

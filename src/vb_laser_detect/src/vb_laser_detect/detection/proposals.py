@@ -7,7 +7,7 @@ Under a spot that was followed until a light was switched, the median of its sur
 from __future__ import annotations
 
 import math
-from typing import Dict, List, NamedTuple, Optional, Sequence, Tuple
+from typing import List, NamedTuple, Optional, Sequence, Tuple
 
 import cv2
 import numpy as np
@@ -19,7 +19,6 @@ from vb_laser_detect.detection.registration import Registration, is_still
 from vb_laser_detect.detection.tracking import Expected, Spot
 
 _LEAST_WHITE = 128.0  # [grey levels] no camera's white is darker
-_NEAR = 6  # [blocks] whose changes count as nearby
 _LEAST_LEVEL = 0.74  # of the camera's white: a spot saturates, unless it is smaller than a pixel
 _SATURATED = 0.97
 _MOST = 12  # regions: people who walk leave fewer, and examining more would take longer than an image lasts
@@ -48,7 +47,7 @@ class View(NamedTuple):
     Attributes:
         reference: what the image would show without a spot where it is examined, the same shape.
         proposals: the most promising first.
-        rise: (rows, columns) uint8, of each block; hot, changed: bool, those that became brighter; and those, or darker.
+        rise: (rows, columns) uint8, of each block; changed: bool, those that became brighter or darker.
         white: [grey levels] the brightest value so far.
     """
 
@@ -56,17 +55,13 @@ class View(NamedTuple):
     reference: np.ndarray
     proposals: Sequence[Proposal]
     rise: np.ndarray
-    hot: np.ndarray
     changed: np.ndarray
     white: float
 
-    def around(self, u: float, v: float, diameter: float) -> Dict[str, float]:
-        """Features of what else changed, apart from a blob and its own light: in the image, and nearby."""
-        own = blocks_around(self.hot.shape, u, v, 1.25 * diameter + BLOCK)
-        near = blocks_around(self.hot.shape, u, v, _NEAR * BLOCK)
-        busy = np.count_nonzero(self.changed) - np.count_nonzero(self.changed[own])
-        neighbours = np.count_nonzero(self.hot[near]) - np.count_nonzero(self.hot[own])
-        return {"busy": math.sqrt(busy / self.hot.size), "neighbours": math.sqrt(max(0, neighbours))}
+    def busy(self, u: float, v: float, diameter: float) -> float:
+        """How much else changed in the image, apart from a blob and its own light."""
+        own = blocks_around(self.changed.shape, u, v, 1.25 * diameter + BLOCK)
+        return math.sqrt((np.count_nonzero(self.changed) - np.count_nonzero(self.changed[own])) / self.changed.size)
 
 
 class Proposer:
@@ -125,7 +120,7 @@ class Proposer:
         background.examine([one.region for one in proposals if not one.refusal], image)
         # while the camera moves, what became darker is taken from the image at once
         changed = hot if background.motion is not None else hot | darker
-        return View(image, background.reference, proposals, rise, hot, changed, self.white)
+        return View(image, background.reference, proposals, rise, changed, self.white)
 
     def _rank(self, image: np.ndarray, found: Sequence[Tuple[Region, float]], expected: Sequence[Expected]) -> List[Proposal]:
         """Proposals of regions with their rise; notes the brightest value.
@@ -166,15 +161,15 @@ class Proposer:
             self._registration.take()
 
     def learn(self, view: View, spots: Sequence[Spot], elapsed: float) -> None:
-        """Adds an image, except its spots.
+        """Adds an image, except some spots.
 
         Args:
             elapsed: [s] since the last image.
         """
-        held = np.zeros_like(view.hot)
+        held = np.zeros_like(view.changed)
         for spot in spots:
             held[blocks_around(held.shape, spot.u, spot.v, 1.25 * spot.diameter + BLOCK)] = True
-        if self._background.learn(view.image, view.rise, view.changed, held, self.params.hold_s, elapsed, self._at_rest):
+        if self._background.learn(view.image, view.rise, view.changed, held, elapsed, self._at_rest):
             self._begin()
 
 

@@ -15,7 +15,6 @@ from typing import Any, Deque, List, NamedTuple, Optional, Sequence
 import cv2
 import numpy as np
 from scipy.optimize import linear_sum_assignment
-from scipy.spatial.distance import cdist
 
 from vb_laser_detect.detector_params import DetectorParams
 from vb_laser_detect.detection.features import Camera, chroma
@@ -109,6 +108,7 @@ class Track:
 
     Attributes:
         place: (4,) u, v [px] and x, y [m], the last ones, with their velocity per second.
+        rest, rests_since: (2,) [px] from where it has hardly moved since then.
         waiting: what was seen before it was confirmed, the oldest first.
     """
 
@@ -116,6 +116,8 @@ class Track:
     place: np.ndarray
     stamp: float
     since: float
+    rest: np.ndarray
+    rests_since: float
     velocity: np.ndarray = field(default_factory=lambda: np.zeros(4))
     certain_at: float = -math.inf
     hits: int = 0
@@ -159,7 +161,7 @@ class SpotTracker:
         gap = max(_GAP_S, _GAP_PERIODS * self.period_s)
         self._tracks = [track for track in self._tracks if stamp - track.stamp <= gap]
         for track in self._tracks if motion is not None else ():
-            track.place[:2] = cv2.perspectiveTransform(track.place[None, None, :2], motion)[0, 0]
+            track.place[:2], track.rest = cv2.perspectiveTransform(np.array([[track.place[:2], track.rest]]), motion)[0]
         expected = [self._expect(track) for track in self._tracks if track.confirmed]
         return sorted(expected, key=lambda one: not one.published)
 
@@ -203,18 +205,22 @@ class SpotTracker:
             last = np.array([track.place[axes] for track in self._tracks])
             elapsed = np.array([self._stamp - track.stamp for track in self._tracks])
             ahead = last + elapsed[:, None] * [track.velocity[axes] for track in self._tracks]
-            near = cdist(places[:, axes], last) <= slack + speed * elapsed
-            for row, column in zip(*linear_sum_assignment(np.where(near, cdist(places[:, axes], ahead), 1e9))):
+            off, off_ahead = (np.hypot(*(places[:, None, axes] - known).T).T for known in (last, ahead))
+            near = off <= slack + speed * elapsed
+            for row, column in zip(*linear_sum_assignment(np.where(near, off_ahead, 1e9))):
                 if near[row, column]:
                     found[row] = self._tracks[column]
         for row, place in enumerate(places):
-            if found[row] is None:
+            track = found[row]
+            if track is None:
                 self._numbers += 1
-                found[row] = Track(self._numbers, place, self._stamp, self._stamp)
+                found[row] = Track(self._numbers, place, self._stamp, self._stamp, place[:2].copy(), self._stamp)
                 self._tracks.append(found[row])
-            elif self._stamp > found[row].stamp:
-                found[row].velocity = (place - found[row].place) / (self._stamp - found[row].stamp)
-                found[row].place, found[row].stamp = place, self._stamp
+            elif self._stamp > track.stamp:
+                track.velocity = (place - track.place) / (self._stamp - track.stamp)
+                track.place, track.stamp = place, self._stamp
+                if math.hypot(*(place[:2] - track.rest)) > _SLACK_PX:
+                    track.rest, track.rests_since = place[:2].copy(), self._stamp
         return found
 
     def _see(self, track: Track, sighting: Sighting) -> None:

@@ -23,7 +23,7 @@ _FALSE_COSTS = 3.0  # times a missed spot, which the next image shows again
 _FOLDS = 5  # a fifth of all clips and scenes is left out at a time
 _STRENGTH = 0.3  # of the fit against the wish for low ramps
 # which way a curve may go: more of it speaks for a spot, or against; or for it up to a usual value and then against
-_FOR = ("peak", "rise", "level", "compactness", "likeness", "edge", "smallness", "chroma", "chroma_mosaic")
+_FOR = ("peak", "level", "edge", "chroma_mosaic")
 _UP_TO = {"diameter": math.log(0.01)}
 
 
