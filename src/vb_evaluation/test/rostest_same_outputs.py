@@ -1,7 +1,6 @@
 #!/usr/bin/env python3
 """The same spots and commands through the nodes over ROS and in one process: the same border, map and answers, to the bit."""
 import json
-import math
 import tempfile
 import unittest
 
@@ -65,12 +64,8 @@ class Session:
         self.answers.append((command, answer.success, answer.code))
 
     def show(self, points):
-        """Shows the laser at places, at a fixed rate from the next whole second after the state was entered.
-
-        The extraction divides time into tenths of a second, so that the same drawing a fraction of one later is
-        another input.
-        """
-        begin, count = float(math.ceil(self.state.entered.to_sec() + 0.1)), 0
+        """Shows the laser at places, at a fixed rate from when the state was entered."""
+        begin, count = self.state.entered.to_sec() + 0.1, 0
         for point in points:
             message = LaserSpot(camera="red", confidence=0.9)
             message.header.stamp = rospy.Time.from_sec(begin + count / RATE)

@@ -11,9 +11,10 @@ import pytest
 
 from vb_core.errors import CodedError
 from vb_evaluation.report import __main__ as command
-from vb_evaluation.report import background, beside, charts, worlds, write_report
+from vb_evaluation.report import background, beside, charts, worlds
 from vb_evaluation.report.data import read_study
 from vb_evaluation.report.maps import nearest_to_median
+from vb_evaluation.report.page import write_report
 from vb_evaluation.statistics import Interval
 
 sys.path.insert(0, str(Path(__file__).parent))

@@ -62,19 +62,25 @@ def test_a_tick_is_soft_and_volume_counts():
 
 # ----------------------------------------------------------------- which are played
 def test_ticks_give_way():
-    playlist = SoundQueue(1.0)
-    assert playlist.add("tick", 0.0) and playlist.add("border", 0.1) and not playlist.add("tick", 0.5)
-    assert playlist.take(0.5) == "border" and playlist.take(0.5) is None
-    assert playlist.add("tick", 0.6) and playlist.take(0.6) == "tick"
-    assert not playlist.add("no such sound", 1.0)
+    playlist = SoundQueue(60.0)
+    for name in ("tick", "border", "tick"):
+        playlist.put(name)
+    assert playlist.take() == "border"
+    playlist.put("tick")
+    assert playlist.take() == "tick"
+    playlist.close()
+    assert playlist.take() is None
 
 
 def test_old_sounds_are_dropped():
-    playlist = SoundQueue(1.0)
+    now = [0.0]
+    playlist = SoundQueue(1.0, lambda: now[0])
     for number, name in enumerate(["border", "refusal", "seed", "guide", "success"]):
-        playlist.add(name, 0.1 * number)
+        now[0] = 0.1 * number
+        playlist.put(name)
+    now[0] = 1.25
     # the first had to go since five are too many; the next two are too old
-    assert [playlist.take(1.25), playlist.take(1.25), playlist.take(1.25)] == ["guide", "success", None]
+    assert [playlist.take(), playlist.take()] == ["guide", "success"]
 
 
 # ----------------------------------------------------------------- the device

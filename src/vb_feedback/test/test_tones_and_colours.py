@@ -13,7 +13,7 @@ from vb_feedback.sound.sound_events import SoundEvents
 
 
 def test_tones_of_an_interaction():
-    tones = SoundEvents(0.5)
+    tones = SoundEvents()
     assert tones.on_spot(0.0) == []
     assert tones.on_state("default", True, "", (0,)) == []
     assert tones.on_spot(0.5) == []
@@ -34,7 +34,7 @@ def test_tones_of_an_interaction():
 @settings(max_examples=40, deadline=None)
 @given(st.lists(st.floats(0.0, 0.3), min_size=2, max_size=60))
 def test_ticks_keep_their_distance(pauses):
-    tones = SoundEvents(0.5)
+    tones = SoundEvents()
     tones.on_state("border", True, "", ())
     times = list(itertools.accumulate(pauses))
     ticks = [time for time in times if tones.on_spot(time)]
@@ -43,7 +43,7 @@ def test_ticks_keep_their_distance(pauses):
 
 
 def test_ticks_go_on_after_time_jumped_back():
-    tones = SoundEvents(0.5)
+    tones = SoundEvents()
     tones.on_state("seed", True, "", ())
     assert tones.on_spot(1000.0) and tones.on_spot(1.0)
 

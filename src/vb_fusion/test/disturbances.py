@@ -31,7 +31,7 @@ def held(stroke: Stroke, share: float, count: int, cameras: int, seed: int, seco
     """
     rng = np.random.default_rng([seed, 7])
     begin = share * stroke.stamps.max()
-    near = np.argsort(np.abs(stroke.stamps - begin))[:15]
+    near = np.argsort(np.abs(stroke.stamps - begin))[:5]
     place = np.median(stroke.points[near], axis=0)
     resumed = np.where(stroke.stamps > begin, stroke.stamps + seconds, stroke.stamps)
     moved = dataclasses.replace(stroke, stamps=resumed)

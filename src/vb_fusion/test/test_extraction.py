@@ -1,6 +1,5 @@
 """extract_border in robust mode: drawn strokes within bounds, the closing rule, and inputs that are no strokes."""
 import os
-import re
 import subprocess
 import sys
 from pathlib import Path
@@ -17,9 +16,10 @@ from strokes import Setting, draw, hausdorff, jaccard  # noqa: E402
 
 from vb_core import geometry  # noqa: E402
 from vb_core.errors import ParameterError  # noqa: E402
-from vb_fusion.extraction import ExtractionError, ExtractionParams, GrowingBorder, extract_border  # noqa: E402
+from vb_fusion.extraction import ExtractionError, ExtractionParams, extract_border  # noqa: E402
 from vb_fusion.line import closure  # noqa: E402
-from vb_fusion.stroke.observations import check  # noqa: E402
+from vb_fusion.live_extraction import LiveExtractor, extract_chain  # noqa: E402
+from vb_fusion.spots.collector import Collection  # noqa: E402
 
 BASE = Setting()
 
@@ -443,25 +443,37 @@ def test_a_drawing_that_grows_has_the_border_of_all_its_spots_at_once(seed):
     stroke = held(timed("L", seed, BASE.replace(outliers=0.1, bias=0.04)), 0.4, 200, 2, seed)
     stroke = with_fixed_place(stroke, beside(stroke, 0.5, 0.3), 200, "throughout", 1, seed)
     arrival = np.argsort(stroke.stamps + 0.7 * (stroke.cameras == 1), kind="stable")
-    points, stamps, cameras = stroke.points[arrival], stroke.stamps[arrival], stroke.cameras[arrival]
-    drawing, done, compared = GrowingBorder(ExtractionParams.robust()), 0, 0
+    rows = np.column_stack([stroke.stamps, stroke.points, np.ones(len(arrival)), stroke.cameras, np.zeros(len(arrival))])
+    rows = rows[arrival]
+    live, done, compared = LiveExtractor(ExtractionParams.robust(), share=1.0), 0, 0
     for size in np.random.default_rng(seed).integers(1, 120, 100):
-        known = slice(done, done + size)
-        done = min(done + size, len(points))
-        drawing.add(check(points[known], stamps[known], cameras[known]))
-        if known.start >= len(points):
-            break
+        done = min(done + size, len(rows))
+        known = Collection("id", rows[:done], rows[:0], ["red", "green"], done, 0)
+        drawn = live.update(known, lambda: 0.0, force=True)
         try:
-            whole = extract_border(points[:done], stamps=stamps[:done], cameras=cameras[:done])
+            whole = extract_chain(known, ExtractionParams.robust())
         except ExtractionError as error:
-            with pytest.raises(ExtractionError, match=re.escape(str(error))):
-                drawing.chain()
-            continue
-        chain = drawing.chain()
-        compared += 1
-        assert (chain.closed, chain.code, chain.left_out_spots) == (whole.closed, whole.code, whole.left_out_spots)
-        assert chain.points == pytest.approx(whole.points, abs=1e-9)
-    assert done == len(points) and compared > 5
+            assert drawn.no_chain.code == error.code
+        else:
+            compared += 1
+            assert drawn.no_chain is None
+            assert (drawn.chain.closed, drawn.chain.code) == (whole.closed, whole.code)
+            assert drawn.chain.left_out_spots == whole.left_out_spots
+            assert drawn.chain.points == pytest.approx(whole.points, abs=1e-9)
+        if done == len(rows):
+            break
+    assert done == len(rows) and compared > 5
+
+
+@pytest.mark.parametrize("shape", ["L", "corner"])
+def test_the_same_drawing_gives_the_same_border_at_any_hour(shape):
+    """Stamps as images of 25 Hz have them, a part of a tenth of a second and half a century later."""
+    stroke = draw(shape, BASE, np.random.default_rng(5))
+    stamps = np.round(stroke.stamps * 25.0) / 25.0
+    first = extract_border(stroke.points, stamps=stamps, cameras=stroke.cameras)
+    for later in (0.043, 1.7e9 + 0.07):
+        again = extract_border(stroke.points, stamps=stamps + later, cameras=stroke.cameras)
+        assert again.points == pytest.approx(first.points, abs=1e-6)
 
 
 @pytest.mark.parametrize("shape", ["L", "corner"])

@@ -172,6 +172,25 @@ def test_with_a_folder_that_cannot_be_used_the_map_comes_and_no_border_is_taken(
     with pytest.raises(CodedError) as caught:
         keeper.add(square(10, 10), 1.0)
     assert caught.value.code == "cannot_write" and keeper.borders == ()
+    assert keeper.started_again() is None
+    (tmp_path / "file").unlink()
+    again = keeper.started_again()
+    assert again is not None and codes(again) == [] and again.started_again() is None
+    assert again.add(square(10, 10), 1.0).ids == ("b1",)
+    again.close()
+
+
+def test_a_disk_that_can_be_written_again_keeps_the_borders_that_acted(tmp_path, monkeypatch):
+    borders = closed(tmp_path, 2)
+    with monkeypatch.context() as full:
+        full.setattr(module, "_try_to_write", lambda _: (_ for _ in ()).throw(OSError("No space left on device")))
+        keeper = integrator(tmp_path)
+        assert keeper.borders == borders and keeper.started_again() is None
+    cells = keeper.posterior.data.copy()
+    again = keeper.started_again()
+    assert again is not None and again.borders == borders and np.array_equal(again.posterior.data, cells)
+    assert again.undo().ids
+    again.close()
 
 
 def test_a_second_integrator_is_refused(tmp_path, monkeypatch):

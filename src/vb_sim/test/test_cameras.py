@@ -1,10 +1,7 @@
 """The rendered cameras against geometry worked out independently."""
 import dataclasses
-import subprocess
-import sys
 from pathlib import Path
 
-import cv2
 import numpy as np
 import pytest
 
@@ -366,20 +363,3 @@ def test_bad_models(tmp_path):
         with pytest.raises(ParameterError) as caught:
             load_camera_models(str(tmp_path / "bad.yaml"))
         assert caught.value.key == key
-
-
-def test_render_views_writes_pictures_and_names_a_bad_world(tmp_path):
-    script = str(PACKAGE / "scripts" / "render_views")
-    (tmp_path / "world.yaml").write_text("""
-room: {size: [2.0, 2.0]}
-floor: {kind: tiles}
-cameras: [{name: top, x: 1.0, y: 1.0, width: 320, image_height: 240}]
-robots: [{name: robot, start: [0.4, 0.4, 45]}]
-""")
-    run = subprocess.run([sys.executable, script, "--world", str(tmp_path / "world.yaml"), "--out", str(tmp_path), "--frames", "0"],
-                         stderr=subprocess.PIPE, universal_newlines=True)
-    assert run.returncode == 0, run.stderr
-    assert cv2.imread(str(tmp_path / "top.png")).shape == (240, 320, 3)
-    assert cv2.imread(str(tmp_path / "robot.png")).shape == (480, 640, 3)
-    run = subprocess.run([sys.executable, script, "--world", str(tmp_path / "none.yaml")], stderr=subprocess.PIPE, universal_newlines=True)
-    assert run.returncode == 1 and "no_world" in run.stderr and "Traceback" not in run.stderr

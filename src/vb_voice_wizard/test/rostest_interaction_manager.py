@@ -28,7 +28,7 @@ FOLDER = tempfile.mkdtemp(prefix="vb_interaction_")
 LOG = os.path.join(FOLDER, "interactions.jsonl")
 ARGUMENTS = [
     f"_log_file:={LOG}", f"_state_file:={FOLDER}/state.json", "_method:=a_method",
-    "_service_wait:=5.0", "_service_answer:=10.0", "_preview/period:=0.05", "_preview/retry:=0.2",
+    "_service_wait:=5.0", "_service_answer:=10.0",
 ]
 
 

@@ -10,7 +10,7 @@ RATE = 16000
 _ESPEAK_RATE = 22050
 
 
-def say(text: str, voice: str = "en-us", pause: float = 0.6, snr_db: float = 10.0, seed: int = 0) -> np.ndarray:
+def say(text: str, voice: str = "en-us", pause: float = 0.6, snr_db: float = 20.0, seed: int = 0) -> np.ndarray:
     """(N,) int16 at 16 kHz: a pause, the text, a pause, all in noise with the spectrum of a room."""
     command = ["espeak-ng", "-v", voice, "-s", "150", "--stdout", text]
     data = subprocess.run(command, stdout=subprocess.PIPE, check=True).stdout

@@ -8,10 +8,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from vb_core.errors import ParameterError
-from vb_voice_wizard.dialogue.preview_scheduler import PreviewScheduler, PreviewParams, PreviewInputs
+from vb_voice_wizard.dialogue.preview_scheduler import PERIOD_S, SHARE, PreviewInputs, PreviewScheduler
 
-PARAMS = PreviewParams(period=0.5, retry=2.0, tolerance=0.02, share=0.25)
 DRAWN = PreviewInputs("i1", np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0]]), np.array([[0.5, 0.5]]), (7.0, 3))
 
 
@@ -20,14 +18,14 @@ def changed(**changes) -> PreviewInputs:
 
 
 def shown(situation: PreviewInputs = DRAWN, started: float = 100.0, took: float = 0.0, answered: bool = True) -> PreviewScheduler:
-    pace = PreviewScheduler(PARAMS)
+    pace = PreviewScheduler()
     pace.done(situation, started, started + took, answered)
     return pace
 
 
 def test_the_first_one_is_due_at_once():
-    assert PreviewScheduler(PARAMS).wait_s(PreviewInputs(), 0.0) == 0.0
-    assert PreviewScheduler(PARAMS).wait_s(DRAWN, 0.0) == 0.0
+    assert PreviewScheduler().wait_s(PreviewInputs(), 0.0) == 0.0
+    assert PreviewScheduler().wait_s(DRAWN, 0.0) == 0.0
 
 
 def test_nothing_is_done_while_nothing_changes():
@@ -72,11 +70,5 @@ def test_a_neighbour_that_is_away_is_asked_again():
 def test_previews_take_no_more_than_their_share(took):
     moved = changed(seed=DRAWN.seed + 1.0)
     pause = shown(took=took).wait_s(moved, 100.0 + took)
-    assert took <= PARAMS.share * (took + pause) + 1e-6
-    assert took + pause >= PARAMS.period - 1e-6
-
-
-def test_bad_parameters_name_themselves():
-    for key, value in (("period", 0.0), ("share", 0.0), ("share", 1.5), ("tolerance", -1.0), ("retry", "x")):
-        with pytest.raises(ParameterError, match=key):
-            PreviewParams.from_mapping({key: value})
+    assert took <= SHARE * (took + pause) + 1e-6
+    assert took + pause >= PERIOD_S - 1e-6

@@ -1,4 +1,4 @@
-"""The voice recogniser: spoken words for the whole, and its network's file."""
+"""The voice recogniser: spoken words for the whole, and the speech model's files."""
 from __future__ import annotations
 
 import sys
@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from vb_core.errors import CodedError, ParameterError
-from vb_voice_wizard.recognizer import ALWAYS_UNCLEAR, CommandNetwork, CommandRecognizer, RecognizerParams
-from vb_voice_wizard.voice.speech_model import END, FEATURES, START, Beginnings, SpeechModel
+from vb_voice_wizard.recognizer import ALWAYS_UNCLEAR, CommandRecognizer, RecognizerParams
+from vb_voice_wizard.voice.speech_model import FOLDER, SpeechModel
 
 sys.path.insert(0, str(Path(__file__).parent))
 from speech import RATE, room_noise, say, tone  # noqa: E402
@@ -39,12 +39,12 @@ def test_commands_are_recognised_most_of_the_time(recognizer):
     heard = [issue for command, issue in issues.items() if issue.command == command]
     assert len(heard) >= 6, issues
     assert all(issue.best == issue.command and issue.reason == "ok" for issue in heard)
-    assert all(issue.confidence >= recognizer.threshold for issue in heard)
+    assert all(issue.confidence >= recognizer.params.threshold for issue in heard)
 
 
 def test_what_was_made_of_it_can_be_seen(recognizer):
     (issue,) = recognizer.examine(say("has anyone seen my glasses"))
-    assert issue.command is None and issue.best and issue.confidence < recognizer.threshold
+    assert issue.command is None and issue.best and issue.confidence < recognizer.params.threshold
     assert issue.reason == "unlike_a_command"
     long = say("this sentence goes on and on and on for much longer than any command could ever take")
     assert [issue.reason for issue in recognizer.examine(long)] == ["too_long"]
@@ -77,26 +77,30 @@ def test_noise_beeps_and_nothing_are_no_commands(recognizer):
         assert recognizer.recognize(np.concatenate([quiet, tone(hertz, 0.3), quiet])) is None
 
 
-def test_every_beginning_is_asked_about_once_and_read_again_from_a_file():
-    beginnings = Beginnings([(5, 7), (5, 8, 9), (6,)])
-    np.testing.assert_array_equal(beginnings.texts, [[START, 5, 7, END], [START, 5, 8, 9], [START, 6, END, END]])
-    asked = [tuple(beginnings.texts[row, 1 : 1 + column]) for row, column in zip(*beginnings.at)]
-    assert sorted(asked) == [(), (5,), (5, 7), (5, 8), (5, 8, 9), (6,)] and asked[0] == ()
-    np.testing.assert_array_equal(Beginnings.read(beginnings.texts).at, beginnings.at)
+def test_what_is_spoken_clearly_is_not_asked_about(recognizer):
+    """Most one-word commands in a quiet room are done at once; how many in noise is the bench's matter."""
+    spoken = [(text, voice) for text in ("save", "cancel", "undo") for voice in ("en-us", "en-gb", "en-us+f2", "en-gb+m3")]
+    heard = [issue for text, voice in spoken for issue in recognizer.examine(say(text, voice, snr_db=25.0)) if issue.command == text]
+    assert sum(not issue.unclear for issue in heard) >= 4, heard
 
 
-def test_the_speech_model_tells_what_was_said_not_how_loud(recognizer):
-    model, pcm, beginnings = recognizer._model, say("define seed"), recognizer._network.beginnings
-    moments = model.moments(pcm)
-    assert moments.shape[1] == FEATURES
-    told = model.continuations(moments, beginnings)
-    assert len(told) == len(beginnings.at[0]) and told.max() <= 0.0
-    soft = model.continuations(model.moments((pcm // 8).astype(np.int16)), beginnings)
-    assert np.corrcoef(told.ravel(), soft.ravel())[0, 1] > 0.95
-    # nothing that it is asked afterwards changes what it says after the empty beginning
-    alone = model.continuations(moments, Beginnings([beginnings.texts[0, 1:2]]))
-    assert np.corrcoef(alone[0], told[0])[0, 1] > 0.95
-    assert np.isfinite(model.continuations(model.moments(np.zeros(RATE // 5, np.int16)), beginnings)).all()
+def test_the_speech_model_tells_what_was_said_not_how_loud():
+    texts = ["define seed", "define seeds", "save", "undo", "and do"]
+    model, pcm = SpeechModel(texts), say("define seed", snr_db=25.0)
+    told = model.evidence(pcm)
+    assert told.shape == (5,) and texts[int(told.argmax())] == "define seed"
+    np.testing.assert_allclose(model.evidence((pcm // 4).astype(np.int16)), told, atol=1.5)
+    # what else is asked does not matter
+    assert SpeechModel(["save"]).evidence(pcm)[0] == pytest.approx(told[2], abs=0.1)
+    assert np.isfinite(model.evidence(np.zeros(RATE // 5, np.int16))).all()
+
+
+def test_rare_texts_are_not_at_a_disadvantage():
+    """Silence makes "stop" far more probable than "define border"; that is no evidence for it."""
+    model = SpeechModel(["stop", "define border"])
+    written = model._written(np.zeros(RATE, np.int16))
+    evidence = model.evidence(np.zeros(RATE, np.int16))
+    assert written[0] - written[1] > evidence[0] - evidence[1] > 0.0
 
 
 def test_only_sound_of_the_expected_kind(recognizer):
@@ -105,30 +109,26 @@ def test_only_sound_of_the_expected_kind(recognizer):
             recognizer.recognize(wrong)
 
 
-def write_network(path, commands=("save", "cancel")):
-    """A network that finds "save" whatever it hears."""
-    np.savez(str(path), commands=np.array(commands), texts=Beginnings([(5,)]).texts, tokens=np.array([[3, 4], [5, 6]]), threshold=0.5,
-             sure=0.99, weights0=np.zeros((4, 3), np.float16), bias0=np.array([0.0, 3.0, 0.0]))
-    return path
-
-
-def test_another_network_by_configuration(tmp_path):
-    path = write_network(tmp_path / "mine.npz")
-    assert CommandRecognizer(RecognizerParams(model=str(path))).recognize(say("define border")) == "save"
-    surer = CommandRecognizer(RecognizerParams(model=str(path), threshold=0.95))
-    assert surer.recognize(say("define border")) is None
-    chance = CommandNetwork(path).probabilities(np.zeros((2, 10), np.float32))
-    assert chance.shape == (2,) and 0.0 < chance.sum() < 1.0
+def test_other_phrases_by_configuration():
+    halt = CommandRecognizer(RecognizerParams(phrases={"stop": ["please halt"], "save": ["Keep it"]}))
+    heard = [halt.recognize(say("please halt", voice, snr_db=25.0)) for voice in ("en-us", "en-gb", "en-us+f2")]
+    assert set(heard) <= {"stop", None} and "stop" in heard
+    assert halt.recognize(say("what is for dinner tonight", snr_db=25.0)) is None
+    for key, phrases in {"phrases/dance": {"dance": ["dance"]}, "phrases/save": {"save": "save"}}.items():
+        with pytest.raises(ParameterError) as caught:
+            RecognizerParams(phrases=phrases)
+        assert caught.value.key == key
 
 
 def test_bad_files_are_named(tmp_path):
-    (tmp_path / "bad.npz").write_bytes(b"nothing")
-    for path in (tmp_path / "none.npz", tmp_path / "bad.npz", write_network(tmp_path / "dance.npz", ("dance", "save"))):
-        with pytest.raises(ParameterError) as caught:
-            CommandRecognizer(RecognizerParams(model=str(path)))
-        assert caught.value.key == "model" and path.name in caught.value.message
     (tmp_path / "encoder_model.ort").write_bytes(b"nothing")
-    for folder in (tmp_path / "none", tmp_path):
+    for folder, name in ((tmp_path / "none", "encoder_model.ort"), (tmp_path, "encoder_model.ort")):
         with pytest.raises(CodedError) as caught:
-            SpeechModel(folder)
-        assert caught.value.code == "no_speech_model" and "encoder_model.ort" in str(caught.value.values["file"])
+            SpeechModel(["save"], folder)
+        assert caught.value.code == "no_speech_model" and name in str(caught.value.values["file"])
+    for name in ("encoder_model.ort", "decoder_model_merged.ort"):
+        (tmp_path / name).unlink() if (tmp_path / name).exists() else None
+        (tmp_path / name).symlink_to(FOLDER / name)
+    with pytest.raises(CodedError) as caught:
+        SpeechModel(["save"], tmp_path)
+    assert caught.value.code == "no_speech_model" and "tokenizer.bin" in str(caught.value.values["file"])

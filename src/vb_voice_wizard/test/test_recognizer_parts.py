@@ -13,7 +13,7 @@ import pytest
 from vb_core.errors import CodedError
 from vb_core.ros.node import start_thread
 from vb_voice_wizard.voice.audio_sources import Microphone, Resampler, level_db, read_wav, to_model_rate
-from vb_voice_wizard.voice.endpointing import CHUNK, Endpointer, EndpointParams, utterances
+from vb_voice_wizard.voice.endpointing import CHUNK, LONGEST_S, Endpointer, utterances
 
 sys.path.insert(0, str(Path(__file__).parent))
 from speech import RATE, room_noise, say, tone  # noqa: E402
@@ -34,8 +34,8 @@ def spoken_at(spans):
     return probability
 
 
-def cut(spans, total, params=EndpointParams(), size=RATE // 20):
-    endpointer, pcm = Endpointer(params, spoken_at(spans)), numbered(total)
+def cut(spans, total, size=RATE // 20):
+    endpointer, pcm = Endpointer(spoken_at(spans)), numbered(total)
     found = [one for at in range(0, len(pcm), size) for one in endpointer.push(pcm[at : at + size])]
     return found + endpointer.flush()
 
@@ -57,15 +57,15 @@ def test_speech_is_cut_where_it_is_whatever_the_size_of_the_pieces(size):
 
 
 def test_long_speech_is_told_once_and_a_pause_ends_it():
-    found = cut([(1.0, 3.0), (4.0, 4.5)], 5.5, EndpointParams(longest=1.0))
+    found = cut([(1.0, 5.0), (6.0, 6.5)], 7.5)
     assert [one.too_long for one in found] == [True, False]
-    # 1 s of speech, its padding, and no more is kept
-    assert len(found[0].pcm) <= 1.5 * RATE
+    # so much speech, its padding, and no more is kept
+    assert len(found[0].pcm) <= (LONGEST_S + 0.5) * RATE
 
 
 def test_a_click_is_no_utterance_and_reset_drops_one():
     assert cut([(1.0, 1.03)], 2.5) == []
-    endpointer, pcm = Endpointer(EndpointParams(), spoken_at([(1.0, 1.3)])), numbered(3.0)
+    endpointer, pcm = Endpointer(spoken_at([(1.0, 1.3)])), numbered(3.0)
     assert endpointer.push(pcm[: int(1.3 * RATE)]) == [] and endpointer.speaking
     endpointer.reset()
     assert not endpointer.speaking
@@ -78,17 +78,17 @@ def test_a_pause_within_a_phrase_does_not_end_it_and_the_end_of_a_recording_does
 
 def test_a_voice_is_found_and_noise_is_not():
     voice = np.concatenate([np.zeros(RATE), say("define border"), np.zeros(RATE)]).astype(np.int16)
-    found = utterances(voice, EndpointParams())
+    found = utterances(voice)
     assert len(found) == 1 and 1.4 < found[0].start < 1.8
-    assert utterances(room_noise(4 * RATE, 2000.0).astype(np.int16), EndpointParams()) == []
+    assert utterances(room_noise(4 * RATE, 2000.0).astype(np.int16)) == []
 
 
 def test_a_long_stream_needs_no_memory():
-    endpointer = Endpointer(EndpointParams(longest=1.0), spoken_at([(0.5, 100.0)]))
+    endpointer = Endpointer(spoken_at([(0.5, 100.0)]))
     for _ in range(60):
         endpointer.push(numbered(1.0))
     kept = sum(chunk.size for chunk in [*endpointer._kept, *endpointer._before])
-    assert endpointer.speaking and kept < 3 * RATE
+    assert endpointer.speaking and kept < (LONGEST_S + 2.0) * RATE
 
 
 # ------------------------------------------------------------------ sound

@@ -17,14 +17,14 @@ from vb_core.errors import CodedError, ParameterError  # noqa: E402
 from vb_web import access, requests  # noqa: E402
 from vb_web.access import Keys, Role  # noqa: E402
 from vb_web.pictures import Album, Picture  # noqa: E402
-from vb_web.server import Backend, PageServer, ServerParams  # noqa: E402
+from vb_web.server import PageServer, ServerParams  # noqa: E402
 from vb_web.view import View  # noqa: E402
 
 KEYS = Keys("view-er22", "oper-at33", "k" * 64)
 BOUNDS = requests.Bounds((0.0, 0.0), (8.0, 5.0))
 
 
-class FakeBackend(Backend):
+class FakeBackend:
     """Notes what is asked of it."""
 
     def __init__(self):

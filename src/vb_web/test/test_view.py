@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from vb_core import sentences
-from vb_web.view import Events, View, border_changes, coarse_age, number
+from vb_web.view import View, border_changes, coarse_age, number
 
 STATIC = Path(__file__).resolve().parents[1] / "src" / "vb_web" / "static"
 
@@ -43,13 +43,6 @@ def test_numbers_that_are_none_never_reach_json():
 def test_an_age_that_is_read_out_changes_seldom():
     assert [coarse_age(age) for age in (0.4, 2.9, 3.1, 7.0, 59.0, 119.0, 1e6)] == [0, 0, 3, 5, 50, 60, 3600]
     assert len({coarse_age(tenth / 10.0) for tenth in range(600)}) <= 10
-
-
-def test_the_history_has_an_end():
-    events = Events()
-    for at in range(1000):
-        shown = events.add({"at": at})
-    assert len(shown) == Events.KEPT and shown[-1] == {"at": 999}
 
 
 def border(**changes):

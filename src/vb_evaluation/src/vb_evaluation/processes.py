@@ -96,29 +96,10 @@ def start_screen(log: Path, width: int, height: int) -> "tuple[Child, str]":
     return screen, f":{number.decode().strip()}"
 
 
-def screenshot(display: str, path: Path, window: Optional[str] = None) -> bool:
-    """Takes a screenshot of a screen, or of one window by id; returns whether it worked."""
+def screenshot(display: str, path: Path) -> bool:
+    """Takes a screenshot of a screen; returns whether it worked."""
     done = subprocess.run(
-        ["import", "-window", window or "root", str(path)], env={**os.environ, "DISPLAY": display},
+        ["import", "-window", "root", str(path)], env={**os.environ, "DISPLAY": display},
         stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, stdin=subprocess.DEVNULL,
     )
     return done.returncode == 0 and path.exists()
-
-
-def find_window(display: str, word: str) -> Optional[str]:
-    """The id of the largest window whose title has a word in it, None if there is none."""
-    done = subprocess.run(
-        ["xwininfo", "-root", "-tree"], env={**os.environ, "DISPLAY": display}, stdout=subprocess.PIPE,
-        stderr=subprocess.DEVNULL, universal_newlines=True,
-    )
-    best, area = None, 0
-    for line in done.stdout.splitlines():
-        parts = line.split()
-        if word.lower() not in line.lower() or not parts or not parts[0].startswith("0x"):
-            continue
-        for part in parts:
-            size = part.split("+")[0].split("x")
-            if "+" in part and len(size) == 2 and all(side.isdigit() for side in size):
-                if int(size[0]) * int(size[1]) > area:
-                    best, area = parts[0], int(size[0]) * int(size[1])
-    return best

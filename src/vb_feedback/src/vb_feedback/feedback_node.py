@@ -2,24 +2,15 @@
 from __future__ import annotations
 
 import threading
-from dataclasses import dataclass
 
 import rospy
 from std_msgs.msg import ColorRGBA
 from vb_core import names
-from vb_core.parameters import Parameters, param
-from vb_core.ros import node, parameters
+from vb_core.ros import node
 from vb_msgs.msg import InteractionState, LaserSpot, Sound
 
 from vb_feedback.display import colours
 from vb_feedback.sound.sound_events import SoundEvents
-
-
-@dataclass(frozen=True)
-class FeedbackParams(Parameters):
-    """Parameters of feedback; config/feedback.yaml says why."""
-
-    tick_period: float = param(0.5, "s", above=0.0, high=10.0)
 
 
 class Feedback:
@@ -32,15 +23,12 @@ class Feedback:
     Published topics:
         /virtual_borders/led (std_msgs/ColorRGBA, latched): one colour per state, red while robots are stopped.
         /virtual_borders/sound (vb_msgs/Sound): a tone's name per change of state, "success", "refusal",
-            "asked", "stopped", and "tick" per accepted spot, at most one every ~tick_period.
-
-    Args:
-        params: see config/feedback.yaml.
+            "asked", "stopped", and "tick" per accepted spot, at most one every half second.
     """
 
-    def __init__(self, params: FeedbackParams) -> None:
+    def __init__(self) -> None:
         self._lock = threading.Lock()
-        self._tones = SoundEvents(params.tick_period)
+        self._tones = SoundEvents()
         self._lit = ""
         self._led = rospy.Publisher(names.LED, ColorRGBA, queue_size=1, latch=True)
         self._sound = rospy.Publisher(names.SOUND, Sound, queue_size=10)
@@ -71,6 +59,10 @@ class Feedback:
             self._sound.publish(sound)
 
 
+def _build() -> Feedback:
+    return Feedback()
+
+
 def main() -> None:
     """Runs the node."""
-    node.run("feedback", lambda: Feedback(parameters.read(FeedbackParams)))
+    node.run("feedback", _build)

@@ -1,10 +1,8 @@
 """Node: plays the sounds."""
 from __future__ import annotations
 
-import threading
 import time
 from dataclasses import dataclass
-from typing import Optional
 
 import rospy
 from vb_core import names
@@ -44,36 +42,20 @@ class SoundPlayer:
         self._params = params
         self._sink = sink
         self._playlist = SoundQueue(params.max_age)
-        self._condition = threading.Condition()
-        self._closed = False
         self._silent_until = 0.0
         self._said = False
-        node.Worker(self, self._play)
+        node.Worker(self._playlist, self._play)
         rospy.Subscriber(names.SOUND, Sound, self._on_sound, queue_size=10)
 
     def close(self) -> None:
         """Ends the thread."""
-        with self._condition:
-            self._closed = True
-            self._condition.notify()
+        self._playlist.close()
 
-    # on a steady clock: a loudspeaker does not follow simulated time
     def _on_sound(self, message: Sound) -> None:
-        if message.name not in tone_synthesis.SOUNDS:
+        if message.name in tone_synthesis.SOUNDS:
+            self._playlist.put(message.name)
+        else:
             rospy.logwarn_throttle(10.0, f"sound_player: no sound is called '{message.name}'")
-            return
-        with self._condition:
-            if self._playlist.add(message.name, time.monotonic()):
-                self._condition.notify()
-
-    def take(self) -> Optional[str]:
-        """Waits for the next sound; None once closed. For the worker alone."""
-        with self._condition:
-            name = self._playlist.take(time.monotonic())
-            while name is None and not self._closed:
-                self._condition.wait()
-                name = self._playlist.take(time.monotonic())
-            return None if self._closed else name
 
     def _play(self, name: str) -> None:
         if time.monotonic() < self._silent_until:

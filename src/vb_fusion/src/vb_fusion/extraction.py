@@ -125,7 +125,7 @@ class GrowingBorder:
         self._steps, self._stations, self._sides = Memory(), Memory(), Memory()
 
     def add(self, spots: Sights) -> None:
-        """Adds spots as `check` gives them, with stamps, and with numbers for cameras."""
+        """Adds spots as `check` gives them, with stamps since the same beginning, and with numbers for cameras."""
         if len(spots.points) == 0:
             return
         # moments that are over stay as they are; from the first that gets a spot on they are looked at again
@@ -176,25 +176,28 @@ def _paper(seen: Sights, params: ExtractionParams) -> BorderChain:
 
 def _joined(seen: Sights, tracks: List[Track], params: ExtractionParams) -> Tuple[Sights, Sights]:
     """The sights of the stroke, in the order in which the line runs, and those of strokes that do not go on from it."""
-    tracks = [track for track in tracks if expansion(track.points) > 0.8 * params.min_exp]
-    if not tracks:
+    # the widest is the line: going to and fro explains much, but makes no border
+    tracks = sorted(tracks, key=lambda track: expansion(track.points), reverse=True)
+    if not tracks or expansion(tracks[0].points) <= 0.8 * params.min_exp:
         raise _no_line(seen, params)
-    line, order = tracks[0].points, tracks[0].sights
-    others = [t for t in tracks[1:] if t.gain > params.min_exp and seen.spots[t.sights].sum() >= params.min_size]
+    line = tracks[0].sights
+    others = [
+        track.sights
+        for track in tracks[1:]
+        if track.gain > params.min_exp and seen.spots[track.sights].sum() >= params.min_size
+    ]
     while others:
         # which end of another stroke is nearest to which end of the line
-        near = [cdist(line[[0, -1]], track.points[[0, -1]]) for track in others]
+        near = [cdist(seen.points[line[[0, -1]]], seen.points[other[[0, -1]]]) for other in others]
         which = int(np.argmin([gaps.min() for gaps in near]))
-        if near[which].min() > params.eps:
+        if near[which].min() > params.eps + TREMBLE:
             break
         at, end = np.unravel_index(int(np.argmin(near[which])), (2, 2))
-        track = others.pop(which)
         # it runs away from the line's end, or up to its beginning
-        turn = -1 if at == end else 1
-        joined = [(line, order), (track.points[::turn], track.sights[::turn])][:: 1 if at else -1]
-        line, order = (np.concatenate(parts) for parts in zip(*joined))
-    left_out = np.concatenate([np.zeros(0, dtype=int)] + [track.sights for track in others])
-    return seen.select(order), seen.select(left_out)
+        other = others.pop(which)[:: -1 if at == end else 1]
+        line = np.concatenate([line, other] if at else [other, line])
+    left_out = np.concatenate([np.zeros(0, dtype=int), *others])
+    return seen.select(line), seen.select(left_out)
 
 
 def _line(

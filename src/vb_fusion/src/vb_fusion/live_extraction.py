@@ -78,8 +78,8 @@ class LiveExtractor:
     def reset(self) -> None:
         """Starts again, for a new interaction."""
         self._not_before = 0.0
-        self._border_total = self._seed_total = -1
-        self._drawing = GrowingBorder(self._params)
+        self._seed_total = -1
+        self._begin()
         self.candidate = DrawnBorder()
 
     def update(self, collection: Collection, clock: Callable[[], float], force: bool = False) -> DrawnBorder:
@@ -104,7 +104,7 @@ class LiveExtractor:
                 chain, no_chain = None, error
             except Exception:
                 # begins again: what it keeps may be half done
-                self._drawing, self._border_total = GrowingBorder(self._params), -1
+                self._begin()
                 raise
         if seed_new:
             try:
@@ -121,7 +121,14 @@ class LiveExtractor:
         rows = collection.border
         if self._params.mode == "paper":
             return extract_border(evenly(rows, PAPER_SPOTS)[:, 1:3], self._params)
+        began = float(rows[:, 0].min(initial=np.inf))
+        if began != self._began:
+            self._begin(began)
         # the last rows are the new ones, also after a full collection was thinned
         fresh = rows[max(len(rows) - collection.border_total + max(self._border_total, 0), 0) :]
-        self._drawing.add(check(fresh[:, 1:3], **_known(fresh)))
+        self._drawing.add(check(fresh[:, 1:3], **_known(fresh), began=began))
         return self._drawing.chain()
+
+    def _begin(self, began: float = np.nan) -> None:
+        """Forgets the drawing; the next one begins at a stamp [s]."""
+        self._drawing, self._began, self._border_total = GrowingBorder(self._params), began, -1

@@ -132,6 +132,19 @@ class MapIntegrator:
         self._reasons: Dict[str, str] = {}
         self._slow: Dict[str, Tuple[Region, float]] = {}
 
+    def started_again(self, now: float = 0.0) -> Optional["MapIntegrator"]:
+        """Another integrator with the same map, once a disk can be written that could not be at the start of this one.
+
+        None as long as nothing is gained by it; else this one is closed.
+        """
+        if not self._database.can_be_opened_again():
+            return None
+        self.close()
+        again = MapIntegrator(self.params, self._database.folder)
+        if self.has_map:
+            again.set_map(self.physical, now)
+        return again
+
     def close(self) -> None:
         """Releases the database."""
         self._database.close()

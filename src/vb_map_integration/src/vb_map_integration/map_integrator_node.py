@@ -130,9 +130,9 @@ class MapIntegratorNode:
             (names.RENAME_BORDER, RenameBorder, self._rename),
             (names.CONFIRM_MAP, ConfirmMap, self._confirm),
             (names.ADOPT_BORDERS, AdoptBorders, self._adopt),
-            (names.UNDO, Trigger, lambda _: self._trigger(self._integrator.undo)),
-            (names.REDO, Trigger, lambda _: self._trigger(self._integrator.redo)),
-            (names.CLEAR, Trigger, lambda _: self._trigger(self._integrator.clear)),
+            (names.UNDO, Trigger, lambda _: self._trigger("undo")),
+            (names.REDO, Trigger, lambda _: self._trigger("redo")),
+            (names.CLEAR, Trigger, lambda _: self._trigger("clear")),
         ):
             rospy.Service(name, service, handler)
         self._maps: node.Mailbox = node.Mailbox()
@@ -225,6 +225,13 @@ class MapIntegratorNode:
 
     def _expire(self, _event: Any) -> None:
         with self._lock:
+            again = self._integrator.started_again(self._now().to_sec())
+            if again is not None:
+                self._integrator = again
+                rospy.loginfo("%s: the database of borders can be written again", rospy.get_name())
+                self._notices.set(again.notices)
+                if again.has_map:
+                    self._publish()
             if not self._integrator.has_map:
                 return
             try:
@@ -404,11 +411,11 @@ class MapIntegratorNode:
                 return ListBordersResponse()
             return ListBordersResponse(self._array(self._now()))
 
-    def _trigger(self, command: Any) -> TriggerResponse:
+    def _trigger(self, command: str) -> TriggerResponse:
         response = TriggerResponse()
         try:
             with self._lock:
-                outcome = command(self._now().to_sec())
+                outcome = getattr(self._integrator, command)(self._now().to_sec())
                 self._publish()
         except CodedError as error:
             return TriggerResponse(False, str(error))

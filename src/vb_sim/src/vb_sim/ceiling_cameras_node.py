@@ -1,7 +1,6 @@
 """Node: the ceiling cameras of a world."""
 from __future__ import annotations
 
-import threading
 import time
 from dataclasses import dataclass
 from typing import Dict, List, Optional, Sequence
@@ -10,7 +9,6 @@ import cv2
 import numpy as np
 import rospy
 import tf2_ros
-from diagnostic_msgs.msg import DiagnosticArray
 from sensor_msgs.msg import CameraInfo, Image
 
 from vb_core import names
@@ -18,21 +16,19 @@ from vb_core.parameters import Parameters, param
 from vb_core.ros.cameras import info_from_camera
 from vb_core.ros import node, parameters
 from vb_core.ros.messages import transform_message
-from vb_msgs.msg import LabState
 from vb_sim.cameras.camera_calibration import calibrated_pose
-from vb_sim.cameras.camera_loop import run_cameras
+from vb_sim.cameras.camera_node import CameraNode
 from vb_sim.cameras.ceiling_view import CeilingView
 from vb_sim.room.floor_texture import render_floor
-from vb_sim.cameras.frame_clock import FrameSchedule, SmoothClock
-from vb_sim.lab_history import History, Snapshot
-from vb_sim.lab_messages import array_image, camera_diagnostics, models_file, snapshot_from_message
+from vb_sim.lab_history import Snapshot
+from vb_sim.lab_messages import array_image, models_file
 from vb_sim.room.mesh import world_mesh
 from vb_sim.room.models_cameras import CameraModels, load_camera_models
 from vb_sim.cameras.projector_input import ProjectorInput
 from vb_sim.room.world import CeilingCamera, World, load_world
 
 
-class CeilingCamerasNode:
+class CeilingCamerasNode(CameraNode):
     """Renders what a world's ceiling cameras see.
 
     Subscribed topics:
@@ -57,12 +53,9 @@ class CeilingCamerasNode:
 
     def __init__(self, world: World, models: CameraModels, cameras: List[CeilingCamera], seed: int,
                  views: Optional[Sequence[CeilingView]] = None) -> None:
-        self._cameras = cameras
-        self._history = History()
-        self._running = True
         optics = models.optics
-        self._schedule = FrameSchedule([camera.rate for camera in cameras], optics.latency_ms * 1e-3)
-        self._clock = SmoothClock(rospy.get_time, time.monotonic)
+        super().__init__("ceiling_cameras", [camera.rate for camera in cameras], optics.latency_ms)
+        self._cameras = cameras
         self._published = [0] * len(cameras)
         self._render_s = [0.0] * len(cameras)
         if views is None:
@@ -76,28 +69,12 @@ class CeilingCamerasNode:
         self._info_messages = [
             info_from_camera(view.model, rospy.Time(), frame) for view, frame in zip(self._views, self._frames)
         ]
-        self._diagnostics = rospy.Publisher("/sim/cameras", DiagnosticArray, queue_size=1, latch=True)
         self._broadcaster = tf2_ros.StaticTransformBroadcaster()
         self._broadcaster.sendTransform([
             transform_message(calibrated_pose(camera, optics, seed), names.MAP_FRAME, frame, rospy.Time.now())
             for camera, frame in zip(cameras, self._frames)
         ])
-        rospy.Subscriber(names.LAB_STATE, LabState, self._on_state, queue_size=10, tcp_nodelay=True)
-        self._thread = threading.Thread(target=self._run, daemon=True)
-        self._thread.start()
-
-    def close(self) -> None:
-        """Ends the thread."""
-        self._running = False
-
-    def _on_state(self, message: LabState) -> None:
-        self._history.add(snapshot_from_message(message))
-
-    def _run(self) -> None:
-        run_cameras(self._schedule, self._clock, lambda: self._running, self._publish, self._report)
-
-    def _report(self, now: float) -> None:
-        self._diagnostics.publish(camera_diagnostics("ceiling_cameras", self._figures(), rospy.Time.from_sec(now)))
+        self._start()
 
     def _publish(self, index: int, stamp_s: float) -> None:
         stamp = rospy.Time.from_sec(stamp_s)

@@ -1,28 +1,23 @@
 """Node: a robot's colour and depth camera."""
 from __future__ import annotations
 
-import threading
 import time
 from dataclasses import dataclass
-from typing import Optional
+from typing import Dict, List, Optional
 
 import cv2
 import rospy
 import tf2_ros
-from diagnostic_msgs.msg import DiagnosticArray
 from sensor_msgs.msg import CameraInfo, Image
 
-from vb_core import names
 from vb_core.parameters import Parameters, param
 from vb_core.ros.cameras import info_from_camera
 from vb_core.ros import node, parameters
 from vb_core.ros.messages import transform_message
-from vb_msgs.msg import LabState
-from vb_sim.cameras.camera_loop import run_cameras
+from vb_sim.cameras.camera_node import CameraNode
 from vb_sim.room.floor_texture import render_floor
-from vb_sim.cameras.frame_clock import FrameSchedule, SmoothClock
-from vb_sim.lab_history import History, Snapshot
-from vb_sim.lab_messages import array_image, camera_diagnostics, models_file, snapshot_from_message
+from vb_sim.lab_history import Snapshot
+from vb_sim.lab_messages import array_image, models_file
 from vb_sim.room.mesh import world_mesh
 from vb_sim.room.models_cameras import CameraModels, load_camera_models
 from vb_sim.cameras.projector_input import ProjectorInput
@@ -30,7 +25,7 @@ from vb_sim.cameras.robot_view import RobotView
 from vb_sim.room.world import Robot, World, load_world
 
 
-class RobotCameraNode:
+class RobotCameraNode(CameraNode):
     """Renders what the camera of one robot sees, from the robot's true pose.
 
     Subscribed topics:
@@ -56,12 +51,9 @@ class RobotCameraNode:
 
     def __init__(self, world: World, models: CameraModels, robot: Robot, seed: int, tf_prefix: str,
                  view: Optional[RobotView] = None) -> None:
+        super().__init__("robot_camera", [robot.camera_rate], models.optics.latency_ms)
         self._robot = robot
-        self._history = History()
-        self._running = True
         self._every = models.robot_camera.depth_every
-        self._schedule = FrameSchedule([robot.camera_rate], models.optics.latency_ms * 1e-3)
-        self._clock = SmoothClock(rospy.get_time, time.monotonic)
         self._counts = {"published": 0, "published_depth": 0}
         self._frames_taken = 0
         self._render_s = 0.0
@@ -76,24 +68,11 @@ class RobotCameraNode:
         self._depth_info = rospy.Publisher("camera/depth_registered/camera_info", CameraInfo, queue_size=2)
         self._color_info_message = info_from_camera(self._view.color_model, rospy.Time(), frame)
         self._depth_info_message = info_from_camera(self._view.depth_model, rospy.Time(), frame)
-        self._diagnostics = rospy.Publisher("/sim/cameras", DiagnosticArray, queue_size=1, latch=True)
         self._broadcaster = tf2_ros.StaticTransformBroadcaster()
         self._broadcaster.sendTransform(
             transform_message(robot.camera_mount(), f"{tf_prefix}base_link", frame, rospy.Time.now())
         )
-        rospy.Subscriber(names.LAB_STATE, LabState, self._on_state, queue_size=10, tcp_nodelay=True)
-        self._thread = threading.Thread(target=self._run, daemon=True)
-        self._thread.start()
-
-    def close(self) -> None:
-        """Ends the thread."""
-        self._running = False
-
-    def _on_state(self, message: LabState) -> None:
-        self._history.add(snapshot_from_message(message))
-
-    def _run(self) -> None:
-        run_cameras(self._schedule, self._clock, lambda: self._running, self._publish, self._report)
+        self._start()
 
     def _publish(self, _index: int, stamp_s: float) -> None:
         stamp = rospy.Time.from_sec(stamp_s)
@@ -125,10 +104,9 @@ class RobotCameraNode:
         """Whether an image of this moment is sent."""
         return True
 
-    def _report(self, now: float) -> None:
-        figures = {"camera": self._robot.name, **self._counts, "skipped": self._schedule.skipped[0]}
-        figures["render_ms"] = round(1e3 * self._render_s / max(1, self._counts["published"]), 3)
-        self._diagnostics.publish(camera_diagnostics("robot_camera", [figures], rospy.Time.from_sec(now)))
+    def _figures(self) -> List[Dict[str, object]]:
+        render_ms = round(1e3 * self._render_s / max(1, self._counts["published"]), 3)
+        return [{"camera": self._robot.name, **self._counts, "skipped": self._schedule.skipped[0], "render_ms": render_ms}]
 
 
 @dataclass(frozen=True)

@@ -24,7 +24,6 @@ class ButtonsParams(Parameters):
     mapping: dict = param({command: number for number, command in enumerate(COMMANDS)})
     by_state: dict = param({})
     source: str = param("buttons")
-    service_wait: float = param(1.0, "s", above=0.0, high=10.0)
 
 
 class Buttons:
@@ -45,7 +44,7 @@ class Buttons:
         self._params = params
         self._map = ButtonMap(params.mapping, params.by_state)
         self._state = "default"
-        self._orders = commands.Orders(params.source, self._on_answer, params.service_wait)
+        self._orders = commands.Orders(params.source, self._on_answer)
         rospy.Subscriber(names.STATE, InteractionState, self._on_state, queue_size=1)
         rospy.Subscriber("joy", Joy, self._on_joy, queue_size=20)
 

@@ -13,6 +13,7 @@ True
 """
 from __future__ import annotations
 
+import dataclasses
 import enum
 import math
 import uuid
@@ -120,6 +121,11 @@ def normalise(text: str) -> str:
 def spoken(command: str) -> str:
     """A command as one says it: "define border"."""
     return command.replace("_", " ")
+
+
+# what outlives a restart of the node, besides what is not one number or text
+_TIMES = ("started", "entered", "_active", "_counted_until", "last_answered")
+_TEXTS = ("interaction_id", "last_command", "last_source", "last_outcome", "last_border_id")
 
 
 def _new_id() -> str:
@@ -373,25 +379,13 @@ class Interaction:
     def to_mapping(self) -> Dict[str, Any]:
         """Everything there is to remember, as plain values; inverse of `from_mapping`."""
         return {
-            "state": self.state.name.lower(),
-            "interaction_id": self.interaction_id,
-            "started": self.started,
-            "entered": self.entered,
-            "active": self._active,
-            "counted_until": self._counted_until,
-            "durations": {state.name.lower(): value for state, value in self._durations.items()},
+            **{name.strip("_"): getattr(self, name) for name in (*_TIMES, *_TEXTS)},
+            "state": self.state.name,
+            "durations": {state.name: value for state, value in self._durations.items()},
             "sources": list(self._sources),
-            "visited": [state.name.lower() for state in self._visited],
+            "visited": [state.name for state in self._visited],
             "unanswered_save": self.unanswered_save,
-            "last_command": self.last_command,
-            "last_source": self.last_source,
-            "last_success": self.last_answer.success,
-            "last_code": self.last_answer.code,
-            "last_values": dict(self.last_answer.values),
-            "last_message": self.last_answer.said,
-            "last_answered": self.last_answered,
-            "last_outcome": self.last_outcome,
-            "last_border_id": self.last_border_id,
+            "last_answer": dataclasses.asdict(self.last_answer),
         }
 
     @classmethod
@@ -408,26 +402,21 @@ class Interaction:
         """
         self = cls(params, new_id)
         try:
-            self.state = State[mapping["state"].upper()]
-            self.interaction_id = str(mapping["interaction_id"])
-            self.started, self.entered = float(mapping["started"]), float(mapping["entered"])
-            self._active, self._counted_until = float(mapping["active"]), float(mapping["counted_until"])
-            for state in self._durations:
-                self._durations[state] = float(mapping["durations"][state.name.lower()])
+            for names, kind in ((_TIMES, float), (_TEXTS, str)):
+                for name in names:
+                    setattr(self, name, kind(mapping[name.strip("_")]))
+            self.state = State[mapping["state"]]
+            self._durations = {state: float(mapping["durations"][state.name]) for state in self._durations}
             self._sources = [str(source) for source in mapping["sources"]]
-            self._visited = [State[name.upper()] for name in mapping["visited"]]
+            self._visited = [State[name] for name in mapping["visited"]]
             self.unanswered_save = mapping["unanswered_save"] is True
-            self.last_command, self.last_source = str(mapping["last_command"]), str(mapping["last_source"])
-            self.last_answer = Answer(
-                bool(mapping["last_success"]), str(mapping["last_code"]),
-                {str(name): str(value) for name, value in mapping["last_values"].items()}, str(mapping["last_message"]),
-            )
-            self.last_answered = float(mapping["last_answered"])
-            self.last_outcome, self.last_border_id = str(mapping["last_outcome"]), str(mapping["last_border_id"])
+            answer = Answer(**mapping["last_answer"])
+            values = {str(name): str(value) for name, value in answer.values.items()}
+            self.last_answer = Answer(bool(answer.success), str(answer.code), values, str(answer.said))
         except (KeyError, TypeError, ValueError, AttributeError) as error:
             raise CodedError("bad_state_file", f"this is no memory of an interaction: {error!r}") from None
-        numbers = [self.started, self.entered, self._active, self._counted_until, self.last_answered]
-        if not all(map(math.isfinite, [*numbers, *self._durations.values()])) or min(self._durations.values()) < 0:
+        numbers = [*(getattr(self, name) for name in _TIMES), *self._durations.values()]
+        if not all(map(math.isfinite, numbers)) or min(self._durations.values()) < 0:
             raise CodedError("bad_state_file", "this is no memory of an interaction: times must be finite")
         if (self.state == State.DEFAULT) != (self.interaction_id == ""):
             raise CodedError("bad_state_file", "this is no memory of an interaction: state and id do not fit")

@@ -25,7 +25,6 @@ from vb_voice_wizard.interaction import (
 )
 from vb_voice_wizard.dialogue.border_services import UNANSWERED, BorderServices
 from vb_voice_wizard.dialogue.once import Once
-from vb_voice_wizard.dialogue.preview_scheduler import PreviewParams
 from vb_voice_wizard.dialogue.previewer import Previewer
 
 # [s] wall time: half a second after the last state robots rest, see vb_msgs/InteractionState
@@ -45,7 +44,6 @@ class ManagerParams(InteractionParams):
     method: str = param("nrs")
     border_name: str = param("")
     occupancy: float = param(1.0, "", low=0.0, high=1.0)
-    command_text_topic: str = param("/virtual_borders/command_text")
     service_wait: float = param(2.0, "s", above=0.0, high=10.0)
     service_answer: float = param(5.0, "s", above=0.0, high=60.0)
 
@@ -84,11 +82,11 @@ class InteractionManager:
         /virtual_borders/get_drawn_border, then /virtual_borders/preview_border (vb_msgs/PreviewBorder).
 
     Args:
-        params, preview: see config/interaction_manager.yaml.
+        params: see config/interaction_manager.yaml.
         run_id: the roscore's /run_id, which identifies files of another run.
     """
 
-    def __init__(self, params: ManagerParams, preview: PreviewParams, run_id: str) -> None:
+    def __init__(self, params: ManagerParams, run_id: str) -> None:
         self._params = params
         self._log_file = persistence.writable("~log_file", params.log_file)
         self._state_file = persistence.StateFile(persistence.writable("~state_file", params.state_file), run_id)
@@ -107,7 +105,7 @@ class InteractionManager:
         self._neighbours = BorderServices(
             params.border_name, params.occupancy, params.service_wait, params.service_answer
         )
-        self._preview = Previewer(preview, self._neighbours)
+        self._preview = Previewer(self._neighbours)
         self._stop = rospy.Publisher(names.STOP, Bool, queue_size=10)  # not latched: an old word must never come again
         self._publisher = rospy.Publisher(names.STATE, InteractionState, queue_size=10, latch=True)
         self._notices = NoticePublisher()
@@ -120,7 +118,7 @@ class InteractionManager:
         rospy.Subscriber(names.STOP, Bool, self._on_stop, queue_size=10)
         rospy.Subscriber(names.PROGRESS, BorderProgress, self._on_progress, queue_size=1)
         rospy.Subscriber(names.BORDERS, VirtualBorderArray, self._preview.on_borders, queue_size=1)
-        rospy.Subscriber(params.command_text_topic, String, self._on_text, queue_size=10)
+        rospy.Subscriber("/virtual_borders/command_text", String, self._on_text, queue_size=10)
         self._service = rospy.Service(names.COMMAND, Command, self._on_command)
 
     def close(self) -> None:
@@ -381,11 +379,10 @@ def _await_clock(limit_s: float = 3.0) -> None:
 
 
 def _build() -> InteractionManager:
-    params = parameters.read(ManagerParams, ignore=("preview",))
-    preview = parameters.read(PreviewParams, "~preview")
+    params = parameters.read(ManagerParams)
     _await_clock()
     run_id: Optional[str] = rospy.get_param("/run_id", "")
-    return InteractionManager(params, preview, str(run_id or ""))
+    return InteractionManager(params, str(run_id or ""))
 
 
 def main() -> None:

@@ -21,7 +21,7 @@ from vb_msgs.msg import Audio, SpeechCommand, Sound
 from vb_msgs.srv import CommandRequest, CommandResponse
 
 from vb_voice_wizard.voice.audio_sources import SAMPLE_RATE, Microphone, Resampler, arecord, level_db, read_wav
-from vb_voice_wizard.voice.endpointing import Endpointer, EndpointParams, Utterance
+from vb_voice_wizard.voice.endpointing import END_SILENCE_S, Endpointer, Utterance
 from vb_voice_wizard.recognizer import CommandRecognizer, RecognitionResult, RecognizerParams
 
 AUDIO = "/virtual_borders/voice/audio"
@@ -38,8 +38,6 @@ class VoiceParams(Parameters):
     source: str = param("microphone", choices=("microphone", "wav", "topic"))
     device: str = param("default")
     wav_file: str = param("")
-    audio_topic: str = param(AUDIO)
-    heard_topic: str = param(names.HEARD)
     sounds: dict = param(
         {
             "default": 0.3, "border": 0.3, "seed": 0.3, "guide": 0.3, "success": 0.6, "refusal": 0.5, "asked": 0.4,
@@ -47,8 +45,6 @@ class VoiceParams(Parameters):
         }
     )
     mute_after: float = param(0.25, "s", low=0.0, high=2.0)
-    understood_sound: str = param("understood")
-    refusal_sound: str = param("refusal")
     doubt: float = param(0.2, "", low=0.0, high=1.0)
     repeat_after: float = param(0.5, "s", low=0.0, high=10.0)
     service_wait: float = param(1.0, "s", above=0.0, high=10.0)
@@ -62,15 +58,14 @@ class VoiceCommands:
 
     Subscribed topics:
         /virtual_borders/sound (vb_msgs/Sound): while one of ~sounds plays, audio is ignored.
-        /virtual_borders/voice/audio (vb_msgs/Audio): the sound, if ~source is "topic" (~audio_topic).
+        /virtual_borders/voice/audio (vb_msgs/Audio): the sound, if ~source is "topic".
 
     Published topics:
-        /virtual_borders/voice/heard (vb_msgs/SpeechCommand, ~heard_topic): every utterance, accepted or not, and how its command was answered.
+        /virtual_borders/voice/heard (vb_msgs/SpeechCommand): every utterance, accepted or not, and how its command was answered.
         /virtual_borders/voice/level (std_msgs/Float32): of the microphone [dB], full scale is 0, four times a second.
         /virtual_borders/notices (vb_msgs/NoticeArray): microphone_missing, microphone_silent.
-        /virtual_borders/sound (vb_msgs/Sound): ~understood_sound as soon as a command is understood; ~refusal_sound
-            for a near miss, and for a command without an answer. The feedback node tells
-            how the interaction answers the command.
+        /virtual_borders/sound (vb_msgs/Sound): "understood" as soon as a command is understood; "refusal" for a near miss,
+            and for a command without an answer. The feedback node tells how the interaction answers the command.
 
     Services called:
         /virtual_borders/command (vb_msgs/Command) with source "voice".
@@ -88,7 +83,7 @@ class VoiceCommands:
         self._params = params
         self._recognizer = recognizer
         self._durations = _durations(params.sounds)
-        self._endpointer = Endpointer(recognizer.endpointing)
+        self._endpointer = Endpointer()
         self._muted_until = 0.0
         self._mute_lock = threading.Lock()
         self._last_command = ""
@@ -104,7 +99,7 @@ class VoiceCommands:
         self._level = rospy.Publisher(names.VOICE_LEVEL, Float32, queue_size=2)
         self._notices = NoticePublisher()
         self._watch = node.Beat(_LEVEL_S)
-        self._heard = rospy.Publisher(params.heard_topic, SpeechCommand, queue_size=10)
+        self._heard = rospy.Publisher(names.HEARD, SpeechCommand, queue_size=10)
         self._beeper = rospy.Publisher(names.SOUND, Sound, queue_size=10)
         # a command's answer may take seconds; listening goes on meanwhile
         self._orders = commands.Orders("voice", self._on_answer, params.service_wait, params.service_answer, size=4)
@@ -112,7 +107,7 @@ class VoiceCommands:
         node.Worker(self._watch, lambda _woken: self._on_watch())
         rospy.Subscriber(names.SOUND, Sound, self._on_sound, queue_size=10)
         if params.source == "topic":
-            rospy.Subscriber(params.audio_topic, Audio, self._on_audio, queue_size=100)
+            rospy.Subscriber(AUDIO, Audio, self._on_audio, queue_size=100)
         elif params.source == "wav":
             node.start_thread(self._play, read_wav(Path(params.wav_file).expanduser()))
         else:
@@ -179,12 +174,11 @@ class VoiceCommands:
 
     # ------------------------------------------------------------------ own sounds
     def _beep(self, name: str) -> None:
-        if name:
-            sound = Sound(name=name)
-            # ignore audio from now on, not only once the sound's message is back at this node
-            self._on_sound(sound)
-            sound.header.stamp = rospy.Time.now()
-            self._beeper.publish(sound)
+        sound = Sound(name=name)
+        # ignore audio from now on, not only once the sound's message is back at this node
+        self._on_sound(sound)
+        sound.header.stamp = rospy.Time.now()
+        self._beeper.publish(sound)
 
     def _on_sound(self, message: Sound) -> None:
         duration = self._durations.get(message.name, 0.0)
@@ -216,14 +210,14 @@ class VoiceCommands:
         now = time.monotonic()
         if issue.command and issue.command == self._last_command and now - self._last_time < self._params.repeat_after:
             issue = issue.refused("repeated")
-        silence = 0.0 if utterance.too_long else self._recognizer.endpointing.end_silence
+        silence = 0.0 if utterance.too_long else END_SILENCE_S
         answer_s = now - when + silence
         if not issue.command:
             if issue.reason == "unlike_a_command" and issue.confidence >= self._params.doubt:
-                self._beep(self._params.refusal_sound)
+                self._beep("refusal")
             self._publish(issue, utterance.end - utterance.start, answer_s)
             return
-        self._beep(self._params.understood_sound)
+        self._beep("understood")
         self._last_command, self._last_time = issue.command, now
         heard = (issue, utterance.end - utterance.start, answer_s)
         if not self._orders.put(issue.command, heard, issue.unclear):
@@ -237,7 +231,7 @@ class VoiceCommands:
             answer = CommandResponse(
                 success=False, code=error.code, message=error.message, values=values_from_mapping(error.values)
             )
-            self._beep(self._params.refusal_sound)
+            self._beep("refusal")
         self._publish(*beside, answer)
 
     def _publish(
@@ -273,13 +267,10 @@ def _durations(sounds: dict) -> Dict[str, float]:
 
 
 def _build() -> VoiceCommands:
-    params = parameters.read(VoiceParams, ignore=("recognizer", "endpointing"))
+    params = parameters.read(VoiceParams, ignore=("recognizer",))
     if params.source == "wav" and not params.wav_file:
         raise ParameterError(rospy.resolve_name("~wav_file"), "this parameter must be set when ~source is wav")
-    recognizer = CommandRecognizer(
-        parameters.read(RecognizerParams, "~recognizer"), parameters.read(EndpointParams, "~endpointing")
-    )
-    return VoiceCommands(params, recognizer)
+    return VoiceCommands(params, CommandRecognizer(parameters.read(RecognizerParams, "~recognizer")))
 
 
 def main() -> None:

@@ -8,7 +8,7 @@ import time
 from collections import deque
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Dict, List, Optional
+from typing import Any, Deque, Dict, List, Optional
 
 import numpy as np
 import rospy
@@ -30,15 +30,16 @@ from vb_core.ros.transforms import TransformLookup
 from vb_web import access, pictures, ros_view
 from vb_web.carrying_out import Carrier
 from vb_web.looking import Looker
-from vb_web.requests import Bounds, Request
+from vb_web.requests import Bounds
 from vb_web.server import Backend, PageServer, ServerParams, addresses
-from vb_web.view import Events, View, border_changes, coarse_age, number
+from vb_web.view import View, border_changes, coarse_age, number
 
 _POSES_S = 0.1  # between two looks at the robots' poses
 _HEALTH_S = 0.5
 _LEVEL_S = 0.25  # the microphone's level is shown no more often
 _SILENT_S = 4.0  # a detector says something every second
 _MAX_DIAGNOSTICS = 30
+_EVENTS = 100  # of the history that the page shows
 
 
 @dataclass(frozen=True)
@@ -64,19 +65,19 @@ class Journal:
     def __init__(self, path: Path) -> None:
         self._path = path
         self._lock = threading.Lock()
-        self._events = Events()
+        self._events: Deque[Dict[str, Any]] = deque(maxlen=_EVENTS)
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
             with open(str(path), "a+", encoding="utf-8") as file:
                 file.seek(0)
-                lines = deque(file, maxlen=Events.KEPT)
+                lines = deque(file, maxlen=_EVENTS)
         except OSError as error:
             raise ParameterError("events_file", f"{path} is not writable: {error}") from None
         self.recalled: List[Dict[str, Any]] = []
         for line in lines:
             try:
                 event = json.loads(line)
-                self._events.add({key: event[key] for key in ("at", "code", "values", "source")})
+                self._events.append({key: event[key] for key in ("at", "code", "values", "source")})
                 self.recalled.append(event)
             except (ValueError, TypeError, KeyError):
                 continue  # a line that was cut off by a power failure
@@ -90,14 +91,15 @@ class Journal:
                     file.write(json.dumps({**event, "ros_time": rospy.get_time(), **more}, ensure_ascii=False) + "\n")
             except OSError as error:
                 rospy.logerr_throttle(10.0, f"{rospy.get_name()}: the history is not written: {error}")
-            return self._events.add(event)
+            self._events.append(event)
+            return list(self._events)
 
     def shown(self) -> List[Dict[str, Any]]:
         """What the page shows at the start."""
-        return self._events.all()
+        return list(self._events)
 
 
-class PageNode(Backend):
+class PageNode:
     """Shows the system to browsers and carries out what operators ask for.
 
     Subscribed topics:
@@ -141,8 +143,9 @@ class PageNode(Backend):
         local = access.is_loopback(params.address)
         codes = Path(params.codes_file).expanduser()
         self._keys = None if local else access.load_keys(codes)
+        backend = Backend(self._carrier.carry_out, self._bounds, self._looker.camera_jpeg, self._looker.floor_webp)
         self._server = PageServer(
-            params, self._keys, self._view, self._album, self, lambda error: node.fail(CodedError("internal_error"))
+            params, self._keys, self._view, self._album, backend, lambda error: node.fail(CodedError("internal_error"))
         )
         self._server.start()
         self._addresses = addresses(params, self._server.port, _own_addresses())
@@ -350,25 +353,12 @@ class PageNode(Backend):
         self._view.put("study", {"participant": self._carrier.participant, "condition": self._carrier.condition})
 
     # ------------------------------------------------------------- for the server
-    def act(self, request: Request, source: str) -> Dict[str, Any]:
-        """See `Backend`."""
-        return self._carrier.carry_out(request, source)
-
-    def bounds(self) -> Optional[Bounds]:
-        """See `Backend`."""
+    def _bounds(self) -> Optional[Bounds]:
         grid = self._grid
         if grid is None:
             return None
         corners = grid.corners()
         return Bounds(tuple(corners.min(axis=0)), tuple(corners.max(axis=0)))
-
-    def camera_jpeg(self, camera: str) -> Optional[bytes]:
-        """See `Backend`."""
-        return self._looker.camera_jpeg(camera)
-
-    def floor_webp(self) -> Optional[bytes]:
-        """See `Backend`."""
-        return self._looker.floor_webp()
 
     def _invitation(self) -> Dict[str, Any]:
         if self._keys is None:

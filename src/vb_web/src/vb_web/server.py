@@ -32,7 +32,7 @@ from vb_web.view import View
 
 STATIC = Path(__file__).resolve().parent / "static"
 _TYPES = {".html": "text/html; charset=utf-8", ".js": "text/javascript; charset=utf-8", ".svg": "image/svg+xml",
-          ".css": "text/css; charset=utf-8", ".webmanifest": "application/manifest+json"}
+          ".json": "application/json; charset=utf-8", ".css": "text/css; charset=utf-8", ".webmanifest": "application/manifest+json"}
 # [s] between two messages to a browser: 25 a second look fluid, and cost 20 browsers little
 _PACE_S = 0.04
 _MAX_BROWSERS = 60
@@ -71,28 +71,22 @@ class ServerParams(Parameters):
         return "https" if self.certificate else "http"
 
 
+@dataclass(frozen=True)
 class Backend:
-    """What the server needs; called from threads, may take seconds."""
+    """What the server needs; called from threads, may take seconds.
 
-    def act(self, request: requests.Request, source: str) -> Dict[str, Any]:
-        """Carries a request out; its answer has ok, code, values, message.
+    Attributes:
+        act: carries a request of somebody out; its answer has ok, code, values, message. A `CodedError` is the same as an
+            answer that is not ok.
+        bounds: where points may be; None without a map.
+        camera_jpeg: the newest image of a camera with its detections; None if there is none. The name is not checked.
+        floor_webp: the floor as the ceiling cameras see it; None if none does.
+    """
 
-        Raises:
-            CodedError: the same as an answer that is not ok.
-        """
-        raise NotImplementedError
-
-    def bounds(self) -> Optional[requests.Bounds]:
-        """Where points may be; None without a map."""
-        raise NotImplementedError
-
-    def camera_jpeg(self, camera: str) -> Optional[bytes]:
-        """The newest image of a camera with its detections; None if there is none. `camera` is not checked."""
-        raise NotImplementedError
-
-    def floor_webp(self) -> Optional[bytes]:
-        """The floor as the ceiling cameras see it; None if none does."""
-        raise NotImplementedError
+    act: Callable[[requests.Request, str], Dict[str, Any]]
+    bounds: Callable[[], Optional[requests.Bounds]]
+    camera_jpeg: Callable[[str], Optional[bytes]]
+    floor_webp: Callable[[], Optional[bytes]]
 
 
 def _refusal(error: CodedError) -> Dict[str, Any]:
@@ -121,11 +115,9 @@ class PageServer:
         self.stop_pool = ThreadPoolExecutor(max_workers=2, thread_name_prefix="page_stop")  # stop does not wait
         self.answers: "OrderedDict[Tuple[str, str], asyncio.Future]" = OrderedDict()
         self.files = {path.name: (path.read_bytes(), _TYPES[path.suffix]) for path in STATIC.iterdir()}
-        english = sentences.catalogue()
-        self.words = {
-            language: json.dumps({**english, **sentences.catalogue(language)}, ensure_ascii=False).encode("utf-8")
-            for language in sentences.languages()
-        }
+        for language in sentences.languages():
+            words = {**sentences.catalogue(), **sentences.catalogue(language)}
+            self.files[f"words/{language}.json"] = json.dumps(words, ensure_ascii=False).encode("utf-8"), _TYPES[".json"]
         self.port = 0
         self._on_fault = on_fault
         self._started = threading.Event()
@@ -161,7 +153,6 @@ class PageServer:
         """The handlers; also for tests."""
         given = {"page": self}
         routes = [
-            (r"/words/([a-z]{2})\.json", _Words, given),
             (r"/picture/(map|restricted)/([0-9a-f]{16})\.png", _Picture, given),
             (r"/floor\.webp", _Floor, given),
             (r"/camera/([A-Za-z0-9_]{1,40})\.jpg", _Camera, given),
@@ -169,7 +160,7 @@ class PageServer:
             (r"/login", _Login, given),
             (r"/logout", _Logout, given),
             (r"/link", _Link, given),
-            (r"/(|[a-z_.]{1,40})", _File, given),
+            (r"/(|[a-z_.]{1,40}|words/[a-z]{2}\.json)", _File, given),
         ]
         return web.Application(
             routes, default_handler_class=_Nothing, default_handler_args=given, log_function=lambda _handler: None,
@@ -359,16 +350,6 @@ class _File(_Handler):
         self.send(*found, keep="no-cache", tag=True)
 
 
-class _Words(_Handler):
-    NEEDS = Role.NOBODY
-
-    def get(self, language: str) -> None:
-        words = self.page.words.get(language)
-        if words is None:
-            raise web.HTTPError(404)
-        self.send(words, "application/json; charset=utf-8", keep="no-cache", tag=True)
-
-
 class _Picture(_Handler):
     def get(self, kind: str, name: str) -> None:
         picture = self.page.album.get(kind, name)
@@ -459,7 +440,7 @@ class _Link(_Guarded, WebSocketHandler):
         self._underway = 0
         self._asks = Limiter(rate=10.0, burst=40.0)
         self.page.browsers.add(self)
-        hello = {"role": self.role.name.lower(), "languages": sorted(self.page.words), "login": self.page.keys is not None}
+        hello = {"role": self.role.name.lower(), "languages": sentences.languages(), "login": self.page.keys is not None}
         self._tell({"hello": hello})
         self.pump()
 

@@ -69,24 +69,6 @@ class View:
             return self._revision, self._last[2]
 
 
-class Events:
-    """The newest events for the page's history, oldest first. Not thread safe."""
-
-    KEPT = 100
-
-    def __init__(self) -> None:
-        self._events: List[Dict[str, Any]] = []
-
-    def add(self, event: Dict[str, Any]) -> List[Dict[str, Any]]:
-        """Appends an event and returns all that are kept."""
-        self._events = (self._events + [event])[-self.KEPT :]
-        return self.all()
-
-    def all(self) -> List[Dict[str, Any]]:
-        """All that are kept."""
-        return list(self._events)
-
-
 def border_changes(before: Dict[str, Dict[str, Any]], after: Dict[str, Dict[str, Any]]) -> List[Tuple[str, str]]:
     """[(code, border's name)] of what happened to borders between two lists, each by id.
 

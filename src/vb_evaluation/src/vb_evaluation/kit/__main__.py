@@ -23,7 +23,7 @@ from vb_core.map_files import read_map
 from vb_evaluation.kit import conduct, forms, measure, protocol
 from vb_evaluation.kit.ground_truth import read_ground_truth
 from vb_evaluation.kit.recording import Recording
-from vb_evaluation.report import write_report
+from vb_evaluation.report.page import write_report
 from vb_evaluation.report.data import write_table
 
 _console = Console(highlight=False, soft_wrap=True)

@@ -244,11 +244,11 @@ def replay(recording: Recording, images: bool = False) -> Replayed:
             start_launch(graph, PARTS / name, {**arguments, **({"state": state} if "state" in arguments else {})}, WITHOUT)
         for topic in played:
             if topic in packed:
-                graph.parameters[f"spot_detector_{packed[topic]}"]["image_transport"] = "compressed"
+                graph.parameters.set_param(f"/spot_detector_{packed[topic]}/image_transport", "compressed")
         over: List[bool] = []
         graph.start(Node("/player", {}), lambda: over.append(_Player(graph, recording, played, result).play() is None))
         graph.scheduler.run(lambda: bool(over), 2**63 - 1)
-        settings = graph.parameters["map_integrator"]
+        settings = graph.parameters.get_param("/map_integrator")
     known = set(IntegrationParams.__dataclass_fields__)
     result.integration = IntegrationParams.from_mapping({key: value for key, value in settings.items() if key in known})
     return result

@@ -2,8 +2,9 @@
 
     demo --scenario carpet --method nrs
 
-Starts everything with roslaunch under its own master, lets the simulated participant draw a
-border, asks move_base for the same path before and after, and has it drive the robot there. Leaves its results in out/demo.
+The one idea: the live system runs as it is, under a master of its own, and the demonstration only watches and asks. It
+starts `simulation.launch` and a simulated participant, tells what happens, and proves the border: move_base's path before and
+after, and a drive. Results are in out/demo.
 """
 from __future__ import annotations
 
@@ -14,47 +15,42 @@ import math
 import os
 import shutil
 import sys
-import threading
 import time
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Dict, List, Optional, Tuple
+from typing import Any, Dict, List, Optional, Tuple
 
 import numpy as np
 import rosgraph
 import rospy
-from roslib.packages import find_node
 from rich.console import Console
+from rich.table import Table
+from roslib.packages import find_node
 
 from vb_core import names
 from vb_core.errors import CodedError, ParameterError
 from vb_core.geometry import chain_length
-from vb_core.ros.images import image_array
-from vb_core.ros import messages
+from vb_core.ros import messages, services
 from vb_evaluation import metrics
-from vb_evaluation.live import pictures
 from vb_evaluation.goal_runs import Driven, GoalRunner
-from vb_evaluation.live.progress_log import ProgressLog, live_line, result_table
-from vb_evaluation.observer import CameraAlbum, Observer, wait_until
-from vb_evaluation.processes import Child, find_window, free_port, screenshot, start_screen
+from vb_evaluation.live import pictures
+from vb_evaluation.observer import Observer, wait_until
+from vb_evaluation.processes import Child, free_port, screenshot, start_screen
 from vb_feedback.display import fit_display
 from vb_msgs.msg import VirtualBorder
-from vb_msgs.srv import SaveMap
+from vb_msgs.srv import SaveMap, SaveMapRequest
 from vb_sim.room import floor_plan
-from vb_sim.room.world import DetourCheck, Scenario, World, load_world
+from vb_sim.room.world import Scenario, World, load_world
 
-METHODS = ("nrs", "robot_only")
+METHODS = {"nrs": "network robot system", "robot_only": "robot only"}
 NAVIGATIONS = ("standin", "move_base")
 DRIVE_S = 120.0  # [s] for one goal; move_base gives up one that is out of reach after 40 s
-METHOD_TITLES = {"nrs": "network robot system", "robot_only": "robot only"}
 READY_TIMEOUT_S = 90.0
-# of the page, if it is free
-PAGE_PORT = 8420
 INTERACTION_TIMEOUT_S = 900.0
+PAGE_PORT = 8420  # of the page, if it is free
 # software OpenGL pays for each pixel, and the cameras need the cores: the virtual screen is no larger than legible
 SCREEN = (1280, 720)
-# the screenshot of the drawing is taken once this part of the border is drawn
-DRAWN_FOR_PICTURE = 0.6
+_LAUNCH = Path(__file__).resolve().parents[5] / "launch"
 
 
 @dataclass(frozen=True)
@@ -68,8 +64,8 @@ class Options:
     seed: int
     out: Path
     rviz: bool
-    models: Optional[Path] = None
-    navigation: str = "standin"
+    models: Optional[Path]
+    navigation: str
 
 
 def parse(arguments: Optional[List[str]], top: Path) -> Options:
@@ -88,32 +84,28 @@ def parse(arguments: Optional[List[str]], top: Path) -> Options:
     parser.add_argument("--navigation", default="standin", help="standin, or move_base: the real one (make navigation)")
     parser.add_argument("--models", default="", help="a file of models; empty: config/models.yaml of vb_sim")
     given = parser.parse_args(arguments)
-    if given.method not in METHODS:
-        raise ParameterError("METHOD", f"must be one of {', '.join(METHODS)}, got '{given.method}'")
-    if given.navigation not in NAVIGATIONS:
-        raise ParameterError("NAVIGATION", f"must be one of {', '.join(NAVIGATIONS)}, got '{given.navigation}'")
-    if given.navigation == "move_base" and not find_node("move_base", "move_base"):
-        raise ParameterError("NAVIGATION", "move_base is not installed: run 'make navigation' once")
-    try:
-        seed = int(given.seed)
-    except ValueError:
-        raise ParameterError("SEED", f"expected a whole number, got '{given.seed}'") from None
     path = Path(given.world).expanduser().resolve() if given.world else top / "src/vb_sim/worlds/lab.yaml"
     world = load_world(str(path))
-    if given.scenario not in world.scenarios:
-        raise ParameterError("SCENARIO", f"'{given.scenario}' is not in {path.name}; known are {', '.join(world.scenarios)}")
+    for key, value, known in (("METHOD", given.method, METHODS), ("NAVIGATION", given.navigation, NAVIGATIONS),
+                              ("SCENARIO", given.scenario, world.scenarios)):
+        if value not in known:
+            raise ParameterError(key, f"must be one of {', '.join(known)}, got '{value}'")
+    if given.navigation == "move_base" and not find_node("move_base", "move_base"):
+        raise ParameterError("NAVIGATION", "move_base is not installed: run 'make navigation' once")
+    if not given.seed.isdigit():
+        raise ParameterError("SEED", f"expected a whole number, got '{given.seed}'")
     return Options(
-        path, world, world.scenarios[given.scenario], given.method, seed, Path(given.out).resolve(), not given.no_rviz,
-        Path(given.models).expanduser().resolve() if given.models else None, given.navigation,
-    )
+        path, world, world.scenarios[given.scenario], given.method, int(given.seed), Path(given.out).resolve(), not given.no_rviz,
+        Path(given.models).expanduser().resolve() if given.models else None, given.navigation)
 
 
 def main(arguments: Optional[List[str]] = None, top: Optional[Path] = None) -> int:
-    """Runs the demonstration; 0 if a border was saved and the second path respects it."""
+    """Runs the demonstration; 0 if a border was saved and the robot respects it, 1 if not, 2 for a mistake."""
     console = Console(highlight=False, soft_wrap=True)
     try:
         options = parse(arguments, top or Path.cwd())
-        return Demo(options, console).run()
+        with contextlib.ExitStack() as stack:
+            return Demo(options, console, stack).run()
     except CodedError as error:
         Console(stderr=True, highlight=False, soft_wrap=True).print(f"demo: {error}", markup=False, style="bold red")
         return 2
@@ -123,311 +115,187 @@ def main(arguments: Optional[List[str]] = None, top: Optional[Path] = None) -> i
 
 
 class Demo:
-    """One run, from starting the nodes to writing the summary."""
+    """One run, from starting the nodes to writing the summary; `stack` ends what it starts."""
 
-    def __init__(self, options: Options, console: Console) -> None:
-        self.options = options
-        self.console = console
-        self._narrator = ProgressLog(console)
-        self._stack = contextlib.ExitStack()
-        self.display: Optional[str] = None
-        self.virtual_screen = False
+    def __init__(self, options: Options, console: Console, stack: contextlib.ExitStack) -> None:
+        self.options, self.console, self._stack = options, console, stack
+        self._started = time.monotonic()
+        self._cameras = [camera.name for camera in options.world.cameras] if options.method == "nrs" else []
+        self._told: Dict[str, str] = {}
+        self._screen = ""
 
-    # ------------------------------------------------------------- the story
     def run(self) -> int:
-        options = self.options
-        options.out.mkdir(parents=True, exist_ok=True)
-        for old in list(options.out.glob("*.png")) + [options.out / "summary.json"]:
-            if old.exists():
-                old.unlink()
-        self.console.rule(f"[bold]{options.scenario.title}[/bold], {METHOD_TITLES[options.method]}")
-        with self._stack:
-            self._launch()
-            # rospy would complain about a master that is not up yet
-            if not wait_until(lambda: rosgraph.is_master_online() or not self._launched.running, READY_TIMEOUT_S):
-                raise CodedError("not_ready", "the ROS master did not come up")
-            rospy.init_node("demo_observer", anonymous=True, disable_signals=True, log_level=rospy.ERROR)
-            return self._observe()
+        """The story from beginning to end; what `main` returns."""
+        options, proof = self.options, self.options.scenario.proof
+        self.console.rule(f"[bold]{options.scenario.title}[/bold], {METHODS[options.method]}")
+        self._launch()
+        rospy.init_node("demo_observer", anonymous=True, disable_signals=True, log_level=rospy.ERROR)
+        observer = Observer()
+        self._wait_until_ready(observer)
+        start, goal = ((x, y, math.radians(yaw)) for x, y, yaw in (proof.start, proof.goal))
+        before = observer.plan(start, goal, "/move_base/make_plan")
+        self._follow(observer)
+        saved = observer.state is not None and observer.state.last_outcome == "saved"
+        after, driven = np.zeros((0, 2)), Driven("not_sent")
+        if saved:
+            # the map with the border was published before the state said "saved"; move_base's costmap takes it a little later
+            region = metrics.restricted_cells(observer.prior, observer.posterior)
+            plans = [after]
+            wait_until(lambda: plans.append(observer.plan(start, goal, "/move_base/make_plan"))
+                       or not metrics.crosses(plans[-1], observer.prior, region), 5.0, 0.25)
+            after, driven = plans[-1], self._drive(start, goal)
+            self._save_map()
+        time.sleep(1.0)  # RViz draws a few frames a second: let it show the last state
+        if self._screen and not screenshot(self._screen, options.out / "smart_display.png"):
+            self._say("no picture of the smart display could be taken")
+        return self._conclude(observer, before, after, driven, saved)
 
+    # ------------------------------------------------------------- starting
     def _launch(self) -> None:
         options = self.options
-        environment = dict(os.environ)
-        port = free_port()
-        os.environ["ROS_MASTER_URI"] = environment["ROS_MASTER_URI"] = f"http://127.0.0.1:{port}"
-        environment["ROS_LOG_DIR"] = str(options.out / "log")
-        if options.rviz:
-            self._prepare_display(environment)
-        cameras = " ".join(camera.name for camera in options.world.cameras) if options.method == "nrs" else ""
+        options.out.mkdir(parents=True, exist_ok=True)
         # borders, journals and logs of an earlier run would be taken up again
         state = options.out / "state"
         shutil.rmtree(str(state), ignore_errors=True)
-        self._environment = environment
-        page = free_port(PAGE_PORT)
-        self._launched = Child(
-            ["roslaunch", "-p", str(port), self._launch_file("simulation.launch"), f"world:={options.world_path}",
-             f"seed:={options.seed}", f"cameras:={cameras or 'none'}", f"method:={options.method}",
-             f"navigation:={options.navigation}", f"state:={state}", f"maps:={options.out}", f"page_port:={page}",
-             f"rviz:={'true' if options.rviz else 'false'}",
-             f"rviz_config:={self._fit_display()}",
-             *([self._launch_file("parts/models.launch"), f"models:={options.models}"] if options.models else [])],
-            options.out / "log" / "roslaunch.txt", environment,
-        )
-        self._stack.callback(self._launched.stop)
-        self._port = port
-        self._say(f"watch it, and take part, at http://127.0.0.1:{page}/")
-        self._say("starting the lab: "
-                  + (f"cameras {cameras} and the robot's" if cameras else "the robot's camera alone, as in the paper's baseline"))
-
-    def _prepare_display(self, environment: Dict[str, str]) -> None:
-        self.display = environment.get("DISPLAY")
-        if not self.display:
-            screen, self.display = start_screen(self.options.out / "log" / "xvfb.txt", *SCREEN)
+        for old in [*options.out.glob("*.png"), *options.out.glob("summary.json")]:
+            old.unlink()
+        self._port, page = free_port(), free_port(PAGE_PORT)
+        os.environ["ROS_MASTER_URI"] = f"http://127.0.0.1:{self._port}"
+        os.environ["ROS_LOG_DIR"] = str(options.out / "log")
+        if options.rviz and not os.environ.get("DISPLAY"):
+            screen, self._screen = start_screen(options.out / "log" / "xvfb.txt", *SCREEN)
             self._stack.callback(screen.stop)
-            self.virtual_screen = True
-            environment["LIBGL_ALWAYS_SOFTWARE"] = "1"
-        environment["DISPLAY"] = self.display
-        environment.setdefault("QT_X11_NO_MITSHM", "1")
-
-    def _fit_display(self) -> Path:
-        """Writes the smart display's configuration for this world's map; returns its path."""
-        grid = floor_plan.physical_map(self.options.world)
-        low, high = grid.corners()[0], grid.corners()[2]
-        path = self.options.out / "state" / "smart_display.rviz"
+            os.environ.update(DISPLAY=self._screen, LIBGL_ALWAYS_SOFTWARE="1")
+        os.environ.setdefault("QT_X11_NO_MITSHM", "1")
+        corners = floor_plan.physical_map(options.world).corners()
         numbers = lambda values: [f"{value:.3f}" for value in values]  # noqa: E731
-        fit_display.run([self._launch_file("../rviz/smart_display.rviz"), str(path), "--map", *numbers(high - low),
-                         "--origin", *numbers(low), "--screen", *map(str, SCREEN)])
-        return path
+        fit_display.run([str(_LAUNCH.parent / "rviz" / "smart_display.rviz"), str(state / "smart_display.rviz"), "--map",
+                         *numbers(corners[2] - corners[0]), "--origin", *numbers(corners[0]), "--screen", *map(str, SCREEN)])
+        self._launched = self._roslaunch(
+            "simulation.launch", [str(_LAUNCH / "parts" / "models.launch"), f"models:={options.models}"] if options.models else [],
+            navigation=options.navigation, cameras=" ".join(self._cameras) or "none", state=state, maps=options.out,
+            page_port=page, rviz=str(options.rviz).lower(), rviz_config=state / "smart_display.rviz")
+        # rospy would complain about a master that is not up yet
+        if not wait_until(lambda: rosgraph.is_master_online() or not self._launched.running, READY_TIMEOUT_S):
+            raise CodedError("not_ready", "the ROS master did not come up")
+        self._say(f"watch it, and take part, at http://127.0.0.1:{page}/")
 
-    @staticmethod
-    def _launch_file(name: str) -> str:
-        return str(Path(__file__).resolve().parents[5] / "launch" / name)
-
-    def _observe(self) -> int:
+    def _roslaunch(self, name: str, more: List[str], **arguments: Any) -> Child:
+        """Starts a launch file for this world, method and seed."""
         options = self.options
-        observer = Observer()
-        self._wait_until_ready(observer)
-        proof = options.scenario.proof
-        before = observer.plan(_pose(proof.start), _pose(proof.goal), "/move_base/make_plan")
-        self._say(f"before: the way from the robot's place to the goal is {chain_length(before):.2f} m long"
-                  if len(before) else "before: there is no way from start to goal, so the proof will be empty")
-        album = CameraAlbum(observer, self._camera_topics())
-        clock = self._start_clock(observer)
-        self._start_participant()
-        self._follow(observer)
-        measured = self._stop_clock(observer, clock)
-        saved = observer.state is not None and observer.state.last_outcome == "saved"
-        # the map that carries the border was published before the state said "saved"
-        region = metrics.restricted_cells(observer.prior, observer.posterior)
-        after = np.zeros((0, 2))
-        driven = Driven("not_sent")
-        if saved:
-            after = self._plan_after(observer, proof, region)
-        album.close()
-        if saved:
-            driven = self._drive(proof)
-        if saved:
-            self._save_map()
-        time.sleep(1.0)  # RViz draws a few frames a second: let it show the last state
-        self._take_screenshot("smart_display.png")
-        return self._conclude(observer, album, before, after, driven, region, saved, measured)
+        arguments.update(world=options.world_path, method=options.method, seed=options.seed)
+        child = Child(["roslaunch", "-p", str(self._port), str(_LAUNCH / name),
+                       *(f"{key}:={value}" for key, value in arguments.items()), *more],
+                      options.out / "log" / f"{Path(name).stem}.txt")
+        self._stack.callback(child.stop)
+        return child
 
     def _wait_until_ready(self, observer: Observer) -> None:
-        options = self.options
-        cameras = [camera.name for camera in options.world.cameras] if options.method == "nrs" else []
         wanted = {
             "the interaction manager (/virtual_borders/state)": lambda: observer.state is not None,
             "the physical map (/map)": lambda: observer.prior is not None,
             "the posterior map (/virtual_borders/map)": lambda: observer.posterior is not None,
             "the simulated lab (/sim/lab_state)": lambda: observer.lab is not None,
         }
-        for camera in cameras + ["robot"]:
+        for camera in [*self._cameras, "robot"]:
             wanted[f"the detector of camera {camera} (/virtual_borders/detectors)"] = (
-                lambda camera=camera: camera in observer.detectors and observer.detectors[camera].processed > 0
-            )
-        with self._narrator.status("waiting for all nodes"):
-            missing = lambda: [name for name, there in wanted.items() if not there()]  # noqa: E731
-            ready = wait_until(lambda: not missing() or not self._launched.running, READY_TIMEOUT_S)
-        if not ready or missing():
+                lambda camera=camera: camera in observer.detectors and observer.detectors[camera].processed > 0)
+
+        def missing() -> List[str]:
+            return [name for name, there in wanted.items() if not there()]
+
+        if not wait_until(lambda: not missing() or not self._launched.running, READY_TIMEOUT_S) or missing():
             raise CodedError("not_ready", f"these did not come up: {'; '.join(missing())}. The last lines of "
                              f"{self._launched.log}:\n{self._launched.tail()}")
-        self._say(f"all nodes are up: {len(cameras) + 1} cameras, maps, interaction, navigation")
-
-    def _camera_topics(self) -> Dict[str, str]:
-        topics = {"robot": "/camera/rgb/image_raw"}
-        if self.options.method == "nrs":
-            topics.update({camera.name: f"/{camera.name}/image_raw" for camera in self.options.world.cameras})
-        return topics
-
-    def _start_participant(self) -> None:
-        options = self.options
-        participant = Child(
-            ["roslaunch", "-p", str(self._port), self._launch_file("parts/participant.launch"), f"world:={options.world_path}",
-             f"scenario:={options.scenario.key}", f"method:={options.method}", f"seed:={options.seed}"],
-            options.out / "log" / "participant.txt", self._environment,
-        )
-        self._stack.callback(participant.stop)
-        self._say("the participant takes up the laser pointer")
+        self._say(f"all nodes are up: {len(self._cameras) + 1} cameras, maps, interaction, navigation")
 
     # ------------------------------------------------------------- while it runs
+    def _say(self, text: str) -> None:
+        self.console.print(f"[dim]{time.monotonic() - self._started:6.1f} s[/dim]  {text}")
+
     def _follow(self, observer: Observer) -> None:
-        """Reports what happens until the participant is done."""
-        pictured: List[threading.Thread] = []
-        scenario = self.options.scenario
-        wanted_m = DRAWN_FOR_PICTURE * chain_length(scenario.border, scenario.closed)
-
-        def tell() -> bool:
-            self._narrator.tell(observer)
-            status.update(live_line(observer))
-            chain = messages.array_from_points(observer.progress.chain) if observer.progress else np.zeros((0, 2))
-            if not pictured and chain_length(chain) > wanted_m:
-                pictured.append(self._start_screenshot("smart_display_drawing.png"))
-            return observer.outcome is not None or not self._launched.running
-
-        with self._narrator.status("the participant comes in") as status:
-            wait_until(tell, INTERACTION_TIMEOUT_S, 0.1)
+        """Lets the participant come, and tells what happens until the person is done."""
+        self._roslaunch("parts/participant.launch", [], scenario=self.options.scenario.key)
+        if not wait_until(lambda: self._tell(observer) or observer.outcome is not None or not self._launched.running,
+                          INTERACTION_TIMEOUT_S, 0.1):
+            self._say(f"the participant did not finish within {INTERACTION_TIMEOUT_S:.0f} s")
         if not self._launched.running:
             raise CodedError("launch_ended", f"roslaunch ended:\n{self._launched.tail()}")
-        if observer.outcome is None:
-            self._say(f"the participant did not finish within {INTERACTION_TIMEOUT_S:.0f} s")
-        elif observer.outcome.get("outcome") != "saved":
+        if observer.outcome is not None and observer.outcome.get("outcome") != "saved":
             self._say(f"the participant ended with '{observer.outcome.get('outcome')}': {observer.outcome.get('reason', '')}")
 
-    def _start_clock(self, observer) -> dict:
-        frames = observer.frames()
-        told = {camera: len(observer.delays(camera)) for camera in frames}
-        return {"ros": rospy.get_time(), "wall": time.monotonic(), "frames": frames, "told": told}
+    def _tell(self, observer: Observer) -> None:
+        """Says what has changed since the last call."""
+        state, progress, lab = observer.state, observer.progress, observer.lab
+        news = {"participant": f"the participant {lab.participant_doing}" if lab and lab.participant_doing else "",
+                "state": f"state [bold]{state.name}[/bold]: {state.last_message}" if state else ""}
+        if progress:
+            news["cameras"] = f"seen by {' and '.join(sorted(progress.cameras))}" if progress.cameras else ""
+            hundreds = progress.border_spots // 100 * 100
+            news["spots"] = f"more than {hundreds} spots, {len(progress.chain)} corners" if hundreds else ""
+            news["seed"] = "a seed point is shown" if progress.has_seed else ""
+        for what, words in news.items():
+            # the number of corners changes with each spot
+            if words.split(",")[0] != self._told.get(what, ""):
+                self._told[what] = words.split(",")[0]
+                self._say(words or f"no {what} any more")
 
-    def _stop_clock(self, observer, start: dict) -> dict:
-        ros, wall = rospy.get_time() - start["ros"], time.monotonic() - start["wall"]
-        frames = observer.frames()
-        for camera, counts in frames.items():
-            for key in counts:
-                counts[key] -= start["frames"].get(camera, {}).get(key, 0)
-            delays = observer.delays(camera)[start["told"].get(camera, 0) :]
-            if len(delays):
-                counts["delay_median_ms"], counts["delay_p95_ms"] = np.median(delays, axis=0).round(1).tolist()
-        return {"real_time_factor": ros / wall if wall > 0 else math.nan, "frames": frames, "duration_s": ros}
-
-    def _plan_after(self, observer, proof: DetourCheck, region: np.ndarray) -> np.ndarray:
-        """The path after the border, as soon as move_base's costmap has it (at most 5 s)."""
-        after = np.zeros((0, 2))
-
-        def respected() -> bool:
-            nonlocal after
-            after = observer.plan(_pose(proof.start), _pose(proof.goal), "/move_base/make_plan")
-            return not metrics.crosses(after, observer.prior, region)
-
-        wait_until(respected, 5.0, 0.25)
-        return after
-
-    def _drive(self, proof: DetourCheck) -> Driven:
+    def _drive(self, start: Tuple[float, float, float], goal: Tuple[float, float, float]) -> Driven:
         """Sends the robot to where the proof begins, and from there to its goal; returns the second drive."""
         runner = GoalRunner()
-        with self._narrator.status("the robot drives to the start of the proof"):
-            first = runner.drive(_pose(proof.start), DRIVE_S)
+        first = runner.drive(start, DRIVE_S)
         if first.outcome != "reached":
             self._say(f"the robot did not get to the start of the proof ({first.outcome}): it drives from where it is")
-        with self._narrator.status("the robot drives to the goal"):
-            driven = runner.drive(_pose(proof.goal), DRIVE_S)
+        driven = runner.drive(goal, DRIVE_S)
         self._say(f"driven: {driven.outcome} after {driven.length:.2f} m and {driven.seconds:.0f} s {driven.text}".rstrip())
         return driven
 
     def _save_map(self) -> None:
         try:
-            rospy.wait_for_service(names.SAVE_MAP, timeout=10.0)
-            reply = rospy.ServiceProxy(names.SAVE_MAP, SaveMap)(name="posterior", raw=False)
-        except (rospy.ROSException, rospy.ServiceException) as error:
-            self._say(f"the map could not be saved: {error}")
-            return
-        if not reply.success:
-            self._say(f"the map could not be saved: {reply.message}")
-
-    def _start_screenshot(self, name: str) -> threading.Thread:
-        """Takes a screenshot without delaying the narration."""
-        thread = threading.Thread(target=self._take_screenshot, args=(name,), daemon=True)
-        thread.start()
-        return thread
-
-    def _take_screenshot(self, name: str) -> None:
-        if not self.options.rviz:
-            return
-        window = None if self.virtual_screen else find_window(self.display, "rviz")
-        if not screenshot(self.display, self.options.out / name, window):
-            self._say("no picture of the smart display could be taken")
+            answer = services.call(names.SAVE_MAP, SaveMap, SaveMapRequest(name="posterior", raw=False), "the map recorder", 10.0)
+            failed = "" if answer.success else answer.message
+        except CodedError as error:
+            failed = str(error)
+        if failed:
+            self._say(f"the map could not be saved: {failed}")
 
     # ------------------------------------------------------------- the end
-    def _conclude(self, observer, album, before, after, driven, region, saved, measured) -> int:
-        options = self.options
+    def _conclude(self, observer: Observer, before: np.ndarray, after: np.ndarray, driven: Driven, saved: bool) -> int:
+        options, state, prior = self.options, observer.state, observer.prior
         truth = floor_plan.ground_truth(options.world, options.scenario)
-        same_grid = truth.shape == region.shape
-        score = metrics.jaccard(truth, region) if saved and same_grid else 0.0
-        state = observer.state
+        region = metrics.restricted_cells(prior, observer.posterior)
+        score = metrics.jaccard(truth, region) if saved and truth.shape == region.shape else 0.0
         times = {"guide": state.guide_s, "border": state.border_s, "seed": state.seed_s}
-        times["total"] = sum(times.values())
-        crossing = metrics.crosses(after, observer.prior, region)
-        entered = metrics.crosses(driven.path, observer.prior, region)
+        ways = {"before": before, "after": after, "driven": driven.path}
         summary = {
-            "scenario": options.scenario.key,
-            "method": options.method,
-            "world": options.world.name,
-            "seed": options.seed,
-            "completed": bool(saved),
-            "jaccard": round(score, 4),
-            "time_s": {key: round(value, 2) for key, value in times.items()},
-            "path_before_m": round(chain_length(before), 3) if len(before) else None,
-            "path_after_m": round(chain_length(after), 3) if len(after) else None,
-            "path_before_crosses_border": metrics.crosses(before, observer.prior, region),
-            "path_after_crosses_border": crossing,
-            "navigation": options.navigation,
-            "drive_outcome": driven.outcome,
-            "path_driven_m": round(driven.length, 3) if len(driven.path) else None,
-            "path_driven_crosses_border": entered,
-            "drive_s": round(driven.seconds, 1),
-            "real_time_factor": round(measured["real_time_factor"], 4),
-            "duration_s": round(measured["duration_s"], 2),
-            "frames": measured["frames"],
+            "scenario": options.scenario.key, "method": options.method, "world": options.world.name, "seed": options.seed,
+            "navigation": options.navigation, "completed": bool(saved), "jaccard": round(score, 4),
+            "time_s": {key: round(value, 2) for key, value in {**times, "total": sum(times.values())}.items()},
+            **{f"path_{key}_m": round(chain_length(way), 3) if len(way) else None for key, way in ways.items()},
+            **{f"path_{key}_crosses_border": metrics.crosses(way, prior, region) for key, way in ways.items()},
+            "drive_outcome": driven.outcome, "drive_s": round(driven.seconds, 1),
         }
         (options.out / "summary.json").write_text(json.dumps(summary, indent=2) + "\n")
-        chain = _chain(observer, state.last_border_id)
         pictures.before_after(
-            options.out / "before_after.png", observer.prior, region, truth if same_grid else None, before, after, chain,
-            driven.path,
-            f"{options.scenario.title}, {METHOD_TITLES[options.method]}: Jaccard index {score:.3f}",
-        )
-        for camera, image in album.images.items():
-            trail = observer.trail(camera)
-            stamp = image.header.stamp.to_sec()
-            now = [(u, v) for t, u, v in trail if abs(t - stamp) < 1e-3]
-            drawn = trail[:, 1:] if not observer.mobile.get(camera, camera == "robot") else np.zeros((0, 2))
-            pictures.camera_picture(
-                options.out / f"camera_{camera}.png", pictures.to_bgr(image_array(image), image.encoding),
-                f"camera {camera}: {len(trail)} spots seen", drawn, now,
-            )
-        self.console.print(result_table(summary))
-        written = sorted(str(path.relative_to(options.out)) for path in options.out.glob("*.*"))
-        self.console.print(f"written to {options.out}: {', '.join(written)}")
-        if not saved:
-            self.console.print("no border came out", style="bold red")
+            options.out / "before_after.png", prior, region, truth if truth.shape == region.shape else None, before, after,
+            _chain(observer, state.last_border_id), driven.path,
+            f"{options.scenario.title}, {METHODS[options.method]}: Jaccard index {score:.3f}")
+        table = Table(title="result", show_header=False)
+        for key, value in summary.items():
+            entries = value.items() if isinstance(value, dict) else [("", value)]
+            for part, entry in entries:
+                table.add_row(f"{key} {part}".strip().replace("_", " "), "none" if entry is None else str(entry))
+        self.console.print(table, f"written to {options.out}")
+        verdict = ("no border came out" if not saved else
+                   "the way still crosses the border" if summary["path_after_crosses_border"] else
+                   "the robot entered the border" if summary["path_driven_crosses_border"] else
+                   f"the robot did not get to the goal: {driven.outcome}" if len(after) and driven.outcome != "reached" else "")
+        if verdict:
+            self.console.print(verdict, style="bold red")
             return 1
-        if crossing:
-            self.console.print("the way still crosses the border", style="bold red")
-            return 1
-        if entered or (len(after) and driven.outcome != "reached"):
-            told = "entered the border" if entered else f"did not get to the goal: {driven.outcome}"
-            self.console.print(f"the robot {told}", style="bold red")
-            return 1
-        self.console.print(
-            "the robot went round the border" if len(after) else "no way crosses the border: the goal is out of reach now",
-            style="bold green",
-        )
+        self.console.print("the robot went round the border" if len(after) else "no way crosses the border: the goal is out of "
+                           "reach now", style="bold green")
         return 0
-
-    def _say(self, text: str) -> None:
-        self._narrator.say(text)
-
-
-def _pose(pose: Tuple[float, float, float]) -> Tuple[float, float, float]:
-    return pose[0], pose[1], math.radians(pose[2])
 
 
 def _chain(observer: Observer, border_id: str) -> np.ndarray:

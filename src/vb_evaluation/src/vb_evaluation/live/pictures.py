@@ -1,10 +1,9 @@
-"""Draws the figures of a run: paths before and after, and what each camera saw."""
+"""Draws the map of a demonstration with the paths before and after the border."""
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Optional, Sequence, Tuple
+from typing import Optional, Tuple
 
-import cv2
 import matplotlib
 import numpy as np
 
@@ -63,45 +62,6 @@ def before_after(
     figure.suptitle(title, fontsize=16)
     figure.savefig(str(path), dpi=100)
     plt.close(figure)
-
-
-def camera_picture(path: Path, image_bgr: np.ndarray, title: str, trail: np.ndarray, now: Sequence[Tuple[float, float]]) -> None:
-    """Draws detections into a camera's image.
-
-    Args:
-        image_bgr: (H, W, 3) uint8.
-        trail: (N, 2) [px] every spot that this camera saw, oldest first.
-        now: the spots of this very image [px].
-    """
-    picture = image_bgr.copy()
-    scale = picture.shape[1] / 1280.0
-    overlay = picture.copy()
-    for u, v in trail:
-        cv2.circle(overlay, (int(round(u)), int(round(v))), max(2, int(3 * scale)), (0, 159, 230), -1, cv2.LINE_AA)
-    picture = cv2.addWeighted(overlay, 0.6, picture, 0.4, 0)
-    for u, v in now:
-        centre = (int(round(u)), int(round(v)))
-        cv2.circle(picture, centre, int(24 * scale) + 4, (0, 0, 0), max(2, int(5 * scale)), cv2.LINE_AA)
-        cv2.circle(picture, centre, int(24 * scale) + 4, (255, 255, 255), max(1, int(2 * scale)), cv2.LINE_AA)
-    size, weight = 0.8 * max(scale, 0.7), 2 if scale > 0.8 else 1
-    (width, height), base = cv2.getTextSize(title, cv2.FONT_HERSHEY_SIMPLEX, size, weight)
-    cv2.rectangle(picture, (0, 0), (width + 24, height + base + 16), (0, 0, 0), -1)
-    cv2.putText(picture, title, (12, height + 10), cv2.FONT_HERSHEY_SIMPLEX, size, (255, 255, 255), weight, cv2.LINE_AA)
-    cv2.imwrite(str(path), picture)
-
-
-def to_bgr(image: np.ndarray, encoding: str) -> np.ndarray:
-    """An image in one of the usual encodings as (H, W, 3) bgr."""
-    # OpenCV names a Bayer pattern by its second row, ROS by its first
-    codes = {
-        "bayer_rggb8": cv2.COLOR_BayerBG2BGR,
-        "bayer_bggr8": cv2.COLOR_BayerRG2BGR,
-        "bayer_gbrg8": cv2.COLOR_BayerGR2BGR,
-        "bayer_grbg8": cv2.COLOR_BayerGB2BGR,
-        "mono8": cv2.COLOR_GRAY2BGR,
-        "rgb8": cv2.COLOR_RGB2BGR,
-    }
-    return cv2.cvtColor(image, codes[encoding]) if encoding in codes else image
 
 
 def _length(way: np.ndarray) -> float:

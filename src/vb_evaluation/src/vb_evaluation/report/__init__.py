@@ -1,4 +1,1 @@
-"""The study's report: one HTML page without external resources, and each of its tables as CSV."""
-from vb_evaluation.report.page import write_report
-
-__all__ = ["write_report"]
+"""The study's report: one HTML page without external resources (`page.write_report`), and each of its tables as CSV."""

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import List, Optional
 
 from vb_core.errors import CodedError
-from vb_evaluation.report import write_report
+from vb_evaluation.report.page import write_report
 
 
 def main(arguments: Optional[List[str]] = None) -> int:

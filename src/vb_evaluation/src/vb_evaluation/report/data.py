@@ -6,7 +6,7 @@ import json
 import math
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Dict, List, Mapping, Optional, Sequence, Tuple
+from typing import Any, Dict, Iterator, List, Mapping, Optional, Sequence, Tuple
 
 import numpy as np
 
@@ -14,7 +14,7 @@ from vb_core.errors import CodedError
 from vb_evaluation.metrics import ERRORS
 from vb_evaluation.report import paper
 
-RUNS, CURVES, WORLDS, UNGATED, META = "runs.csv", "curves.csv", "worlds.csv", "ungated.csv", "study.json"
+RUNS, CURVES, WORLDS, UNGATED, DRAWS, META = "runs.csv", "curves.csv", "worlds.csv", "ungated.csv", "draws.csv", "study.json"
 STATES = ("guide", "border", "seed")
 TIMES = tuple(f"time_{state}_s" for state in STATES) + ("time_total_s",)
 KEY = ("participant", "scenario", "method", "seed")
@@ -79,6 +79,16 @@ class Table:
 
 
 @dataclass(frozen=True)
+class Cell:
+    """The runs of one scenario with one method; `published` are the paper's figures if it has them."""
+
+    method: str
+    title: str
+    runs: Table
+    published: Optional[paper.Published]
+
+
+@dataclass(frozen=True)
 class Study:
     """A study's folder, read and checked.
 
@@ -121,6 +131,14 @@ class Study:
     def comparison(self) -> Tuple[str, str]:
         """(method, baseline) that are compared; the same one twice if there is no other."""
         return self.methods[0], self.methods[-1]
+
+    def cells(self, **where: object) -> Iterator[Tuple[str, List[Cell]]]:
+        """(scenario's title, its runs by method) of each scenario; only the runs with these values."""
+        for scenario in self.scenarios:
+            published = paper.PAPER.get(scenario)
+            yield self.scenario_title(scenario), [
+                Cell(method, paper.method_title(method), self.runs.select(scenario=scenario, method=method, **where),
+                     published if published is not None and method in published.jaccard else None) for method in self.methods]
 
     @property
     def missing(self) -> List[str]:

@@ -8,64 +8,51 @@ from vb_evaluation import statistics
 from vb_evaluation.report import charts, effects, maps, paper
 from vb_evaluation.report.blocks import Figure, Grid, Section, Text
 from vb_evaluation.report.data import ERRORS, STATES, Study
-from vb_evaluation.report.paper import PAPER
-
-
 
 ERROR_TITLES = dict(zip(ERRORS, ("mean", "95 % of the boundary within", "largest")))
+_WHICH = {"scenario": "Scenario", "method": "Method"}
 
 
 def summary(study: Study) -> Section:
     """Effects of the method, each with its interval."""
     if len(study.methods) < 2:
         return Section("summary", "Findings", [])
-    rows = []
+    both, rows = study.comparison, []
     for scenario in study.scenarios:
         here = study.runs.select(scenario=scenario)
         rows.append({
-            "scenario": study.scenario_title(scenario),
-            "pairs": len(here.pairs("time_total_s", study.comparison)[0]),
-            "error": effects.shift(here, "error_mean_cm", study.comparison, True),
-            "time": effects.shift(here, "time_total_s", study.comparison),
-            "speedup": effects.ratio(here, study.comparison),
-            "jaccard": effects.shift(here, "jaccard", study.comparison, True),
-            "completed": effects.completed_difference(here, study.comparison),
-        })
-    names = [paper.method_title(method).lower() for method in study.comparison]
+            "scenario": study.scenario_title(scenario), "pairs": len(here.pairs("time_total_s", both)[0]),
+            "error": effects.shift(here, "error_mean_cm", both, True), "time": effects.shift(here, "time_total_s", both),
+            "speedup": effects.ratio(here, both), "jaccard": effects.shift(here, "jaccard", both, True),
+            "completed": effects.completed_difference(here, both)})
+    names = [paper.method_title(method).lower() for method in both]
     grid = Grid("summary", {
         "scenario": "Scenario", "pairs": "Pairs", "error": "Mean boundary error [cm]", "time": "Time [s]", "speedup": "Speed-up",
         "jaccard": "Jaccard index", "completed": "Completed [points]"}, rows,
         {"error": 1, "time": 1, "jaccard": 3, "completed": 0},
         words=f"Differences are {names[0]} minus {names[1]}, paired by participant: Hodges-Lehmann estimate and 95 % interval "
               "(accuracy: who completed both). Speed-up: ratio of the mean times, bootstrap interval. [?]: too few pairs.")
-    blocks: List[Any] = [grid]
-    if not study.people:
-        blocks.append(Text((
-            "Part of the speed-up is an input, not a result: with the robot as the only camera the spot moves at most at the "
-            "robot's 0.2 m/s (paper), with ceiling cameras at what is assumed for a hand, and the robot must first be led to the "
-            "border. The intervals say how people of these assumptions differ; they leave out that the assumptions may be "
-            "wrong, which the section on plausible worlds is about.",), "caveat"))
-    return Section("summary", "Findings", blocks)
+    caveat = Text((
+        "Part of the speed-up is an input, not a result: with the robot as the only camera the spot moves at most at the "
+        "robot's 0.2 m/s (paper), with ceiling cameras at what is assumed for a hand, and the robot must first be led to the "
+        "border. The intervals say how people of these assumptions differ; they leave out that the assumptions may be "
+        "wrong, which the section on plausible worlds is about.",), "caveat")
+    return Section("summary", "Findings", [grid] if study.people else [grid, caveat])
 
 
 def error(study: Study) -> Section:
     """Boundary error in centimetres."""
     rows, panels = [], []
-    for scenario in study.scenarios:
-        groups = []
-        for method in study.methods:
-            done = study.runs.select(scenario=scenario, method=method, completed=1)
-            row: Dict[str, Any] = {"scenario": study.scenario_title(scenario), "method": paper.method_title(method)}
-            row.update({column: statistics.median(done.numbers(column)) for column in ERRORS})
-            worst = done.numbers("error_max_cm")
-            row.update(worst=float(worst.max()) if len(worst) else math.nan, runs=len(worst))
-            rows.append(row)
-            groups.append((method, paper.method_title(method), done.numbers("error_mean_cm"), None))
-        panels.append((charts.boxes(groups, "mean boundary error [cm]"), study.scenario_title(scenario)))
+    for title, cells in study.cells(completed=1):
+        for cell in cells:
+            worst = cell.runs.numbers("error_max_cm")
+            rows.append({"scenario": title, "method": cell.title, "worst": float(worst.max()) if len(worst) else math.nan,
+                         "runs": len(worst), **{column: statistics.median(cell.runs.numbers(column)) for column in ERRORS}})
+        groups = [(cell.method, cell.title, cell.runs.numbers("error_mean_cm"), None) for cell in cells]
+        panels.append((charts.boxes(groups, "mean boundary error [cm]"), title))
     if not any(row["runs"] for row in rows):
         return Section("error", "Boundary error", [])
-    columns = {"scenario": "Scenario", "method": "Method", **{key: f"{ERROR_TITLES[key]} [cm]" for key in ERRORS},
-               "worst": "worst run's largest [cm]", "runs": "Runs"}
+    columns = {**_WHICH, **{key: f"{ERROR_TITLES[key]} [cm]" for key in ERRORS}, "worst": "worst run's largest [cm]", "runs": "Runs"}
     return Section("error", "Boundary error", [
         Text(("How far the boundary that the robot respects lies from the one that was asked for, both ways, over completed runs. "
               "Of each run the mean, the 95th percentile and the largest distance along the boundary; in the table their medians "
@@ -77,21 +64,18 @@ def error(study: Study) -> Section:
 
 def time(study: Study) -> Section:
     """Interaction time by state."""
-    rows = []
+    rows, panels = [], []
     totals = study.runs.numbers("time_total_s")
     limit = 1.04 * float(totals.max()) if len(totals) else 1.0
-    panels = []
-    for scenario in study.scenarios:
+    for title, cells in study.cells():
         bars = []
-        for method in study.methods:
-            here = study.runs.select(scenario=scenario, method=method)
-            means = {state: effects.mean(here.numbers(f"time_{state}_s")) for state in STATES}
-            bars.append((method, paper.method_title(method), means, here.numbers("time_total_s")))
-            rows.append({"scenario": study.scenario_title(scenario), "method": paper.method_title(method), **means,
-                         "total": statistics.mean(here.numbers("time_total_s")), "runs": len(here.rows)})
-        panels.append((charts.time_bars(bars, limit), study.scenario_title(scenario)))
-    columns = {"scenario": "Scenario", "method": "Method", **{state: f"{state.capitalize()} [s]" for state in STATES},
-               "total": "Total, mean [s]", "runs": "Runs"}
+        for cell in cells:
+            means = {state: effects.mean(cell.runs.numbers(f"time_{state}_s")) for state in STATES}
+            taken = cell.runs.numbers("time_total_s")
+            bars.append((cell.method, cell.title, means, taken))
+            rows.append({"scenario": title, "method": cell.title, **means, "total": statistics.mean(taken), "runs": len(cell.runs.rows)})
+        panels.append((charts.time_bars(bars, limit), title))
+    columns = {**_WHICH, **{state: f"{state.capitalize()} [s]" for state in STATES}, "total": "Total, mean [s]", "runs": "Runs"}
     return Section("time", "Interaction time", [
         Text(("From leaving the state Default to the border in the map, in the states Guide (orange), Border (blue) and Seed "
               "(green), attempts that were cancelled included (paper, Sect. 5.5).",)),
@@ -102,19 +86,17 @@ def time(study: Study) -> Section:
 def accuracy(study: Study) -> Section:
     """The paper's Jaccard index, and representative maps."""
     rows, panels = [], []
-    for scenario in study.scenarios:
+    for title, cells in study.cells(completed=1):
         groups = []
-        for method in study.methods:
-            done = study.runs.select(scenario=scenario, method=method, completed=1).numbers("jaccard")
-            published = PAPER[scenario].jaccard[method] if paper.published(scenario, (method,)) else math.nan
-            rows.append({"scenario": study.scenario_title(scenario), "method": paper.method_title(method), "runs": len(done),
-                         "median": statistics.median(done), "least": float(done.min()) if len(done) else math.nan,
-                         "paper": published})
-            groups.append((method, paper.method_title(method), done, None if math.isnan(published) else published))
-        panels.append((charts.boxes(groups, "Jaccard index"), f"{study.scenario_title(scenario)} (diamond: the paper's median)"))
+        for cell in cells:
+            done = cell.runs.numbers("jaccard")
+            published = cell.published.jaccard[cell.method] if cell.published else math.nan
+            rows.append({"scenario": title, "method": cell.title, "runs": len(done), "median": statistics.median(done),
+                         "least": float(done.min()) if len(done) else math.nan, "paper": published})
+            groups.append((cell.method, cell.title, done, published if cell.published else None))
+        panels.append((charts.boxes(groups, "Jaccard index"), f"{title} (diamond: the paper's median)"))
     pictures, notes = maps.representatives(study)
-    columns = {"scenario": "Scenario", "method": "Method", "median": "Median", "least": "Smallest", "paper": "Paper",
-               "runs": "Runs"}
+    columns = {**_WHICH, "median": "Median", "least": "Smallest", "paper": "Paper", "runs": "Runs"}
     blocks: List[Any] = [
         Text(("Restricted cells against those that were asked for, over completed runs.",)),
         Text(("The index saturates with the area's size: of the same error a large area shows little. A line across the 0.70 m "
@@ -125,30 +107,27 @@ def accuracy(study: Study) -> Section:
         blocks += [Text(("Representative maps: the ground truth (yellow), and by method the run nearest to the median: agreement "
                          "(green), restricted beyond the ground truth (red), union (blue outline).",)),
                    Figure([(charts.data_uri(png, "image/png"), words) for png, words in pictures])]
-    if notes:
-        blocks.append(Text(tuple(notes), "list"))
-    return Section("accuracy", "Jaccard index", blocks)
+    return Section("accuracy", "Jaccard index", [*blocks, Text(tuple(notes), "list")] if notes else blocks)
 
 
 def completeness(study: Study) -> Section:
     """Success rates."""
-    rows, groups = [], []
-    for scenario in study.scenarios:
+    rows: List[Dict[str, Any]] = []
+    groups = []
+    for title, cells in study.cells():
         bars = []
-        for method in study.methods:
-            done = study.runs.select(scenario=scenario, method=method).numbers("completed")
+        for cell in cells:
+            done = cell.runs.numbers("completed")
             share = statistics.proportion(int(done.sum()), len(done))
-            published = PAPER[scenario].completeness if paper.published(scenario, (method,)) else math.nan
-            rows.append({"scenario": study.scenario_title(scenario), "method": paper.method_title(method),
-                         "completed": f"{int(done.sum())} of {len(done)}", "share": effects.scaled(share, 100.0), "paper": 100 * published})
-            bars.append((method, paper.method_title(method), share.estimate, share.low, share.high,
-                         None if math.isnan(published) else published))
-        groups.append((study.scenario_title(scenario), bars))
-    columns = {"scenario": "Scenario", "method": "Method", "completed": "Completed", "share": "Share [%]", "paper": "Paper [%]"}
+            published = cell.published.completeness if cell.published else math.nan
+            rows.append({"scenario": title, "method": cell.title, "completed": f"{int(done.sum())} of {len(done)}",
+                         "share": effects.scaled(share, 100.0), "paper": 100 * published})
+            bars.append((cell.method, cell.title, share.estimate, share.low, share.high, published if cell.published else None))
+        groups.append((title, bars))
+    caveat = Text(("How often simulated people err (wrong side, slips, wrong words) is assumed, so that the level is an input; only the "
+                   "difference between the methods is a result.",), "caveat")
+    columns = {**_WHICH, "completed": "Completed", "share": "Share [%]", "paper": "Paper [%]"}
     return Section("completeness", "Completeness", [
         Text(("Runs that ended with a saved border and a seed on the side that was asked for; Wilson's 95 % intervals.",)),
-        *([] if study.people else [Text((
-            "How often simulated people err (wrong side, slips, wrong words) is assumed, so that the level is an input; only the "
-            "difference between the methods is a result.",), "caveat")]),
-        Figure([(charts.rates(groups), "Completed runs")], wide=True),
+        *([] if study.people else [caveat]), Figure([(charts.rates(groups), "Completed runs")], wide=True),
         Grid("completeness", columns, rows, {"share": 0, "paper": 1})])

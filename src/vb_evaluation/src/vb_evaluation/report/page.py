@@ -1,4 +1,9 @@
-"""Renders a study's sections as one page without external resources, and each of its tables as CSV."""
+"""Writes the report: one page without external resources, and each of its tables as CSV.
+
+Sections are in the order of importance: how far the border is from where it was wanted, then time, then the paper's Jaccard
+index; every figure comes with what limits it. For simulated people, effects have intervals and no p: their number is free, so
+that any effect can be made significant. For real people, the paper's tests are reported too.
+"""
 from __future__ import annotations
 
 from pathlib import Path
@@ -8,11 +13,19 @@ import jinja2
 from markupsafe import Markup
 
 from vb_core.errors import CodedError
-from vb_evaluation.report import sections
+from vb_evaluation.report import background, beside, outcomes, sensitivity
 from vb_evaluation.report.blocks import Grid
-from vb_evaluation.report.data import read_study, write_table
+from vb_evaluation.report.data import Study, read_study, write_table
 
 PAGE, TABLES = "report.html", "tables"
+SECTIONS = (
+    outcomes.summary, outcomes.error, outcomes.time, outcomes.accuracy, outcomes.completeness, beside.beside, sensitivity.plausible,
+    sensitivity.curves, sensitivity.ungated, background.order, background.experience, background.assumptions, background.runs)
+_SIZES = {
+    "quick": ["A quick run, to see that all works: one person, so that there are no intervals, no worlds and no curves."],
+    "usual": ["The usual size: few plausible worlds, which say how often a conclusion holds to within some ten percentage points but "
+              "not which assumption decides, and no curves. `make study SIZE=full` has both and takes some hours."],
+}
 
 
 def write_report(folder: Path) -> Path:
@@ -24,26 +37,38 @@ def write_report(folder: Path) -> Path:
     Raises:
         CodedError: "bad_study" naming the file, and the line or column; "cannot_write".
     """
-    study = read_study(folder)
-    found = sections.all_sections(study)
+    study, here = read_study(folder), Path(__file__).parent
+    sections = [section for section in (make(study) for make in SECTIONS) if section.blocks]
     environment = jinja2.Environment(
-        loader=jinja2.FileSystemLoader(str(Path(__file__).parent)), autoescape=True, undefined=jinja2.StrictUndefined,
-        trim_blocks=True)
-    css = Markup((Path(__file__).parent / "page.css").read_text(encoding="utf-8"))
-    page = study.folder / PAGE
+        loader=jinja2.FileSystemLoader(str(here)), autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True)
+    text = environment.get_template("page.html.j2").render(
+        title=f"Drawing virtual borders: the study with {'people' if study.people else 'simulated people'}",
+        notices=notices(study), sections=sections, css=Markup((here / "page.css").read_text(encoding="utf-8")))
     try:
-        page.write_text(environment.get_template("page.html.j2").render(
-            title=sections.title(study), notices=sections.notices(study), sections=found, css=css), encoding="utf-8")
-        _write_tables(study.folder / TABLES, [block for part in found for block in part.blocks if isinstance(block, Grid)])
+        (study.folder / PAGE).write_text(text, encoding="utf-8")
+        (study.folder / TABLES).mkdir(exist_ok=True)
+        for grid in (block for section in sections for block in section.blocks if isinstance(block, Grid)):
+            rows = [grid.plain(row) for row in grid.rows]
+            if rows:
+                write_table(study.folder / TABLES / f"{grid.name}.csv", max((list(row) for row in rows), key=len), rows)
     except OSError as error:
         raise CodedError("cannot_write", f"cannot write the report into {study.folder}: {error.strerror}") from None
-    return page
+    return study.folder / PAGE
 
 
-def _write_tables(folder: Path, grids: List[Grid]) -> None:
-    folder.mkdir(exist_ok=True)
-    for grid in grids:
-        rows = [grid.plain(row) for row in grid.rows]
-        if rows:
-            columns = max((list(row) for row in rows), key=len)
-            write_table(folder / f"{grid.name}.csv", columns, rows)
+def notices(study: Study) -> List[str]:
+    """What readers must know before any figure."""
+    count = len(study.runs.distinct("participant"))
+    found = [f"{count} people, {len(study.runs.rows)} runs." if study.people else (
+        f"This is a simulation: {count} simulated people, {len(study.runs.rows)} runs. No person took part. The figures follow "
+        "from the assumptions that are listed below; they predict nothing about people, and user experience is not examined.")]
+    made = [f"{name} {study.meta[name]}" for name in ("revision", "command", "machine", "date") if study.meta.get(name)]
+    if made:
+        found.append("Made by: " + "; ".join(made))
+    if study.meta.get("deviating"):
+        found.append(f"{study.meta['deviating']} runs were not done in the planned condition and are left out; runs.csv has them.")
+    found += _SIZES.get(study.meta.get("size"), [])
+    if study.missing:
+        found.append(f"Missing runs ({len(study.missing)}): {'; '.join(study.missing[:12])}. Means take the runs that are there, "
+                     "differences the participants who have both.")
+    return found

@@ -1,7 +1,7 @@
 """What the paper measured with 15 people (Sect. 5.8), for its three scenarios. "nrs" against "robot_only"."""
 from __future__ import annotations
 
-from typing import Dict, Mapping, NamedTuple, Optional, Tuple
+from typing import Dict, Mapping, NamedTuple, Optional
 
 CITATION = (
     "D. Sprute, K. Tönnies, M. König: Interactive Restriction of a Mobile Robot's Workspace in a Smart Home "
@@ -42,8 +42,3 @@ def scenario_title(key: str) -> str:
 def method_title(key: str) -> str:
     """A method's name for people."""
     return METHOD_TITLES.get(key, key.replace("_", " ").capitalize())
-
-
-def published(scenario: str, methods: Tuple[str, ...]) -> bool:
-    """Whether the paper has figures of a scenario with these methods."""
-    return scenario in PAPER and all(method in PAPER[scenario].jaccard for method in methods)

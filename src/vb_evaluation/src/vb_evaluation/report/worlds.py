@@ -9,9 +9,8 @@ import numpy as np
 from scipy import stats
 
 from vb_evaluation import statistics
-from vb_evaluation.report.data import WORLDS, Study, Table, number, read_table
+from vb_evaluation.report.data import DRAWS, WORLDS, Study, Table, number, read_table
 
-DRAWS = "draws.csv"
 TOLERATED_CM = 2.5  # [cm] one cell of the map: no robot keeps a border more exactly
 
 

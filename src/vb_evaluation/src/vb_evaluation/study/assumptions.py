@@ -7,7 +7,6 @@ from functools import lru_cache
 from typing import Any, Dict, List, Mapping, Tuple
 
 import yaml
-from scipy.stats import qmc
 
 from vb_core.errors import ParameterError
 from vb_core.parameters import Parameters, param
@@ -64,6 +63,9 @@ def draw_worlds(study: Study, count: int, seed: int) -> List[Dict[str, float]]:
 
     Worlds that were drawn for another count are other worlds.
     """
+    # imported here: it takes as long as everything else that a worker imports, which never draws worlds
+    from scipy.stats import qmc
+
     found = varied(study)
     unit = qmc.LatinHypercube(len(found), seed=seed).random(count)
     return [{key: round(math.exp(math.log(entry.range[0]) + share * math.log(entry.range[1] / entry.range[0])), 6)

@@ -29,8 +29,7 @@ from vb_core.errors import CodedError
 from vb_core.grid_map import OCCUPIED, GridMap
 from vb_core.map_files import write_map
 from vb_evaluation.provenance import revision, top
-from vb_evaluation.report.data import KEY, REQUIRED, RUNS, WORLDS, write_table
-from vb_evaluation.report.worlds import DRAWS
+from vb_evaluation.report.data import DRAWS, KEY, REQUIRED, RUNS, WORLDS, write_table
 from vb_evaluation.study import assumptions, measures, plan
 from vb_evaluation.study.config import Study, study_of
 from vb_evaluation.study.plan import CONDITIONS, Job
@@ -111,29 +110,22 @@ def conduct(study: Study, jobs: Sequence[Job], folder: Path, processes: int = 1,
     if any(job.file == WORLDS for job in jobs):
         drawn = assumptions.draw_worlds(study, study.design.worlds, study.design.seed)
         write_table(folder / DRAWS, ["draw", *drawn[0]], [{"draw": draw, **factors} for draw, factors in enumerate(drawn, 1)])
-    files: Dict[str, RowFile] = {}
-    order: Dict[str, Dict[Tuple[str, ...], int]] = {}
-    waiting: List[Job] = []
-    for job in jobs:
-        file = files.get(job.file) or RowFile(folder / job.file, columns(job.file), (*CONDITIONS[job.file], *KEY))
-        files[job.file] = file
-        name = file.name_of(job.columns(study.design.seed))
-        if not order.setdefault(job.file, {}):
-            done = set(file.done)
-        order[job.file].setdefault(name, len(order[job.file]))
-        if name not in done:
-            waiting.append(job)
+    files = {file: RowFile(folder / file, columns(file), (*CONDITIONS[file], *KEY)) for file in dict.fromkeys(job.file for job in jobs)}
+    names = [(job, files[job.file].name_of(job.columns(study.design.seed))) for job in jobs]
+    waiting = [job for job, name in names if name not in files[job.file].rows]
     if len(waiting) < len(jobs):
         console.print(f"{len(jobs) - len(waiting)} of {len(jobs)} runs are there already")
     # where a curve changes nothing, the run is one of the study itself
-    main = {job.task for job in jobs if job.file == RUNS}
+    main = {job.task: Job(job.task) for job in jobs if job.file == RUNS}
     repeated = [job for job in waiting if job.file == plan.CURVES and not job.changes and job.task in main]
-    def kept() -> int:
-        # what is on the disk: an interruption may come between a row's writing and whatever counts it
-        return sum(name in order[key] for key, file in files.items() for name in RowFile(file.path, file.columns, file.key).done)
+
+    def kept() -> str:
+        # what is on the disk: an interruption may come while a row is written
+        there = {file: RowFile(rows.path, rows.columns, rows.key).rows for file, rows in files.items()}
+        return f"{sum(name in there[job.file] for job, name in names)} of {len(jobs)} runs are done"
 
     failed = 0
-    with _told(console, folder, lambda: f"{kept()} of {len(jobs)} runs are done"), _progress(console) as bar:
+    with _told(console, folder, kept), _progress(console) as bar:
         ticker = bar.add_task("study", total=len(waiting) - len(repeated))
         for outcome in _carry_out(study, [job for job in waiting if job not in repeated], processes, scheduler, work or _work):
             if outcome.row is None:
@@ -145,9 +137,11 @@ def conduct(study: Study, jobs: Sequence[Job], folder: Path, processes: int = 1,
                 files[outcome.job.file].append(outcome.row)
             bar.update(ticker, advance=1, description=outcome.job.words)
     for job in repeated:
-        _repeat(study, job, files)
-    for name, file in files.items():
-        file.sort(order[name])
+        row = files[RUNS].rows.get(files[RUNS].name_of(main[job.task].columns(study.design.seed)))
+        if row is not None:
+            files[job.file].append({**row, **job.columns(study.design.seed)})
+    for file, rows in files.items():
+        rows.sort([name for job, name in names if job.file == file])
     return failed
 
 
@@ -173,15 +167,6 @@ def _told(console: Console, folder: Path, state: Callable[[], str]) -> Iterator[
     finally:
         for number, handler in before.items():
             signal.signal(number, handler or signal.SIG_DFL)
-
-
-def _repeat(study: Study, job: Job, files: Mapping[str, RowFile]) -> None:
-    """Takes a row over from runs.csv."""
-    wanted = files[RUNS].name_of(Job(job.task).columns(study.design.seed))
-    for row in files[RUNS].rows:
-        if files[RUNS].name_of(row) == wanted:
-            files[job.file].append({**row, **job.columns(study.design.seed)})
-            return
 
 
 # ---------------------------------------------------------------- workers
@@ -217,8 +202,9 @@ def _cluster(scheduler: str) -> Iterator[None]:
 
 
 def _ordered(jobs: Sequence[Job]) -> List[Job]:
-    """The study itself first and person by person, so that what an interrupted study has is balanced."""
-    return sorted(jobs, key=lambda job: (job.file != RUNS, job.file))
+    """The few longest first, as others would wait for one that came last; then the study itself, person by person, so that what
+    an interrupted study has is balanced."""
+    return sorted(jobs, key=lambda job: (not job.thorough, job.file != RUNS, job.file))
 
 
 _studies: Dict[str, Study] = {}

@@ -11,13 +11,12 @@ from pathlib import Path
 from typing import Any, Callable, Dict, Mapping, Optional, Tuple
 
 import numpy as np
-import yaml
 
 from vb_core.errors import CodedError, ParameterError
 from vb_core.parameters import Parameters, param
 from vb_evaluation.provenance import top
 from vb_evaluation.study.people import KINDS, Population, Streams, Traits, draw
-from vb_sim.room.models import section
+from vb_sim.room.models import read_document, section
 from vb_sim.room.models_cameras import CameraModels, CameraNoise, Optics, RobotCamera
 from vb_sim.room.models_motion import LocalisationModel, RobotModel, ScanModel
 from vb_sim.room.models_participant import ParticipantModel
@@ -40,7 +39,7 @@ class Design(Parameters):
     """Who does what."""
 
     seed: int = param(1, low=0, doc="of everything that is drawn")
-    quick_participants: int = param(2, low=1, high=1000, doc="of the size quick")
+    quick_participants: int = param(1, low=1, high=1000, doc="of the size quick")
     participants: int = param(10, low=1, high=1000, doc="of the size usual")
     full_participants: int = param(15, low=1, high=1000, doc="of the size full")
     scenarios: list = param(["room", "carpet", "corner"], doc="keys of the world's scenarios")
@@ -200,14 +199,7 @@ def study_of(document: Mapping[str, Any], sources: Mapping[str, Any]) -> Study:
 
 
 def _read(path: Path) -> Dict[str, Any]:
-    try:
-        document = yaml.safe_load(Path(path).read_text(encoding="utf-8"))
-    except OSError as error:
-        raise CodedError("no_study", f"cannot read '{path}': {error.strerror}") from None
-    except yaml.YAMLError as error:
-        where = getattr(error, "problem_mark", None)
-        line = f" in line {where.line + 1}" if where else ""
-        raise CodedError("bad_study", f"'{path}' is not valid YAML{line}") from None
+    document = read_document(path, "study")
     if document is None:
         return {}
     if not isinstance(document, dict):

@@ -6,7 +6,7 @@ import io
 import json
 import os
 from pathlib import Path
-from typing import Any, Dict, List, Mapping, Sequence, Tuple
+from typing import Any, Dict, Mapping, Sequence, Tuple
 
 from vb_core.errors import CodedError
 from vb_core.files import write_atomically
@@ -23,61 +23,51 @@ class RowFile:
     Args:
         key: the columns that together name a row.
 
+    Attributes:
+        rows: by name, as in the file.
+
     Raises:
         CodedError: "other_columns" if the file has others.
     """
 
     def __init__(self, path: Path, columns: Sequence[str], key: Sequence[str]) -> None:
-        self.path = path
-        self.columns = tuple(columns)
-        self.key = tuple(key)
-        self.rows: List[Dict[str, str]] = []
-        if path.exists():
-            self._recover()
-        else:
-            path.parent.mkdir(parents=True, exist_ok=True)
-            write_atomically(path, self._lines([dict(zip(self.columns, self.columns))]))
-
-    def _recover(self) -> None:
-        content = self.path.read_bytes()
+        self.path, self.columns, self.key = path, tuple(columns), tuple(key)
+        self.rows: Dict[Tuple[str, ...], Mapping[str, str]] = {}
+        if not path.exists():
+            write_atomically(path, self._lines([]))
+        content = path.read_bytes()
         whole = content[: content.rfind(b"\n") + 1]
         if len(whole) < len(content):
-            write_atomically(self.path, whole)
+            write_atomically(path, whole)
         reader = csv.DictReader(io.StringIO(whole.decode("utf-8")))
         if tuple(reader.fieldnames or ()) != self.columns:
             raise CodedError(
-                "other_columns", f"{self.path} was written with other columns: move it away, or start again with FRESH=1"
-            )
-        self.rows = [dict(row) for row in reader]
+                "other_columns", f"{path} was written with other columns: move it away, or start again with FRESH=1")
+        self.rows.update((self.name_of(row), row) for row in reader)
 
     def name_of(self, row: Mapping[str, Any]) -> Tuple[str, ...]:
         """The name of a row."""
         return tuple(str(row[column]) for column in self.key)
 
-    @property
-    def done(self) -> List[Tuple[str, ...]]:
-        """The names of all rows."""
-        return [self.name_of(row) for row in self.rows]
-
     def append(self, row: Mapping[str, Any]) -> None:
         """Adds a row for good."""
         text = {column: str(row.get(column, "")) for column in self.columns}
-        descriptor = os.open(str(self.path), os.O_WRONLY | os.O_APPEND)
-        try:
-            os.write(descriptor, self._lines([text]))
-            os.fsync(descriptor)
-        finally:
-            os.close(descriptor)
-        self.rows.append(text)
+        with open(str(self.path), "ab", buffering=0) as stream:
+            stream.write(self._lines([text], False))
+            os.fsync(stream.fileno())
+        self.rows[self.name_of(text)] = text
 
-    def sort(self, order: Mapping[Tuple[str, ...], int]) -> None:
-        """Puts the rows in an order, by name, so that the file does not depend on who finished first."""
-        self.rows.sort(key=lambda row: order.get(self.name_of(row), len(order)))
-        write_atomically(self.path, self._lines([dict(zip(self.columns, self.columns)), *self.rows]))
+    def sort(self, names: Sequence[Tuple[str, ...]]) -> None:
+        """Puts rows in the order of their names, so that the file does not depend on who finished first; others come last."""
+        self.rows = {name: self.rows[name] for name in dict.fromkeys([*names, *self.rows]) if name in self.rows}
+        write_atomically(self.path, self._lines(list(self.rows.values())))
 
-    def _lines(self, rows: Sequence[Mapping[str, str]]) -> bytes:
+    def _lines(self, rows: Sequence[Mapping[str, str]], header: bool = True) -> bytes:
         stream = io.StringIO()
-        csv.DictWriter(stream, self.columns, lineterminator="\n").writerows(rows)
+        writer = csv.DictWriter(stream, self.columns, lineterminator="\n")
+        if header:
+            writer.writeheader()
+        writer.writerows(rows)
         return stream.getvalue().encode("utf-8")
 
 

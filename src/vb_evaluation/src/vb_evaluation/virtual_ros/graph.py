@@ -11,6 +11,7 @@ import genpy
 import greenlet
 import rosgraph.masterapi
 import rosgraph.names
+import rosmaster.paramserver
 import rospy
 import rospy.impl.tcpros_service
 import rospy.msg
@@ -73,11 +74,14 @@ class Graph:
     Args:
         scheduler: of its tasks.
         delays: resolved topic or service to seconds that its messages or answers take.
+
+    Attributes:
+        parameters: the ROS master's own server of parameters; takes resolved names.
     """
 
     def __init__(self, scheduler: Scheduler, delays: Mapping[str, float]) -> None:
         self.scheduler = scheduler
-        self.parameters: Dict[str, Any] = {}
+        self.parameters = rosmaster.paramserver.ParamDictionary(None)
         self.services: Dict[str, Service] = {}
         self.closers: List[Callable[[], None]] = []
         self._delays = {name: int(seconds * 1e9) for name, seconds in delays.items()}
@@ -145,48 +149,13 @@ class Graph:
         """Whose task is at work."""
         return getattr(greenlet.getcurrent(), "owner", None) or _NOBODY
 
-    def _walk(self, key: str, make: bool = False) -> Tuple[Dict[str, Any], str]:
-        *parents, last = self.node.resolve(key).strip("/").split("/")
-        found: Any = self.parameters
-        for name in parents:
-            if not isinstance(found, dict) or (name not in found and not make):
-                return {}, last
-            found = found.setdefault(name, {})
-        return (found if isinstance(found, dict) else {}), last
-
-    def get_param(self, name: str, *default: Any) -> Any:
-        """rospy.get_param."""
-        found, last = self._walk(name)
-        if last not in found:
+    def _get_param(self, name: str, *default: Any) -> Any:
+        try:
+            return self.parameters.get_param(self.node.resolve(name))
+        except KeyError:
             if not default:
-                raise KeyError(name)
+                raise KeyError(name) from None
             return default[0]
-        return found[last]
-
-    def set_param(self, name: str, value: Any) -> None:
-        """rospy.set_param."""
-        found, last = self._walk(name, True)
-        found[last] = value
-
-    def has_param(self, name: str) -> bool:
-        """rospy.has_param."""
-        found, last = self._walk(name)
-        return last in found
-
-    def delete_param(self, name: str) -> None:
-        """rospy.delete_param."""
-        found, last = self._walk(name)
-        del found[last]
-
-    def search_param(self, name: str) -> Optional[str]:
-        """rospy.search_param: the name in this namespace or the next above."""
-        namespace = self.node.name
-        while namespace:
-            full = f"{namespace.rstrip('/')}/{name}"
-            if self.has_param(full):
-                return full
-            namespace = namespace.rpartition("/")[0]
-        return f"/{name}" if self.has_param(f"/{name}") else None
 
     # ------------------------------------------------------------- time
     def sleep(self, duration: Any) -> None:
@@ -234,8 +203,10 @@ class Graph:
             "ServiceProxy": bound(ServiceProxy), "Timer": bound(Timer), "wait_for_service": self._wait_for_service,
             "sleep": self.sleep, "spin": self.spin, "is_shutdown": lambda: self.scheduler.closed,
             "signal_shutdown": self._shut_down, "on_shutdown": self.closers.append,
-            "get_param": self.get_param, "set_param": self.set_param, "has_param": self.has_param,
-            "delete_param": self.delete_param, "search_param": self.search_param,
+            "get_param": self._get_param, "set_param": lambda name, value: self.parameters.set_param(self.node.resolve(name), value),
+            "has_param": lambda name: self.parameters.has_param(self.node.resolve(name)),
+            "delete_param": lambda name: self.parameters.delete_param(self.node.resolve(name)),
+            "search_param": lambda name: self.parameters.search_param(self.node.name, name),
         }
         for word, level in _LEVELS.items():
             names[f"log{word}"] = names[f"log{word}_once"] = self._logger(level)

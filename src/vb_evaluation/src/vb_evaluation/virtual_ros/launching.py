@@ -5,7 +5,7 @@ import ast
 import importlib
 from functools import lru_cache
 from pathlib import Path
-from typing import Any, Callable, Collection, Dict, List, Mapping, NamedTuple, Tuple
+from typing import Any, Callable, Collection, List, Mapping, NamedTuple, Tuple
 
 import rospkg
 
@@ -63,7 +63,7 @@ def start_launch(
     """
     nodes, parameters = read_launch(str(path), _given(arguments))
     for key, value in parameters.items():
-        _put(graph.parameters, key, value.replace(_STATE, arguments.get("state", "")) if isinstance(value, str) else value)
+        graph.parameters.set_param(key, value.replace(_STATE, arguments.get("state", "")) if isinstance(value, str) else value)
     started = []
     for launched in nodes:
         if launched.type in without:
@@ -95,14 +95,3 @@ def _script(package: str, kind: str) -> Callable[[], Any]:
 @lru_cache(maxsize=None)
 def _package(name: str) -> Path:
     return Path(rospkg.RosPack().get_path(name))
-
-
-def _put(parameters: Dict[str, Any], key: str, value: Any) -> None:
-    *parents, last = key.strip("/").split("/")
-    for name in parents:
-        parameters = parameters.setdefault(name, {})
-    if isinstance(value, dict):
-        for name, entry in value.items():
-            _put(parameters, f"{last}/{name}", entry)
-    else:
-        parameters[last] = value

@@ -81,14 +81,51 @@ def _Queues(scheduler: Scheduler) -> _Module:
     return _Module(real_queue, Queue=lambda maxsize=0: Queue(scheduler))
 
 
+class _Line:
+    """Tasks that wait for something, first come first served: what locks, conditions, events and queues are made of.
+
+    Tasks take turns and lose their turn only where they wait, so that nothing else needs protection.
+    """
+
+    def __init__(self, scheduler: Scheduler) -> None:
+        self._scheduler = scheduler
+        self._tasks: Deque[Task] = deque()
+
+    def wait(self, timeout_ns: Optional[int] = None) -> bool:
+        """Whether it was woken within a time [ns]."""
+        task = greenlet.getcurrent()
+        self._tasks.append(task)
+        try:
+            return self._scheduler.wait(timeout_ns)
+        finally:
+            # `wake` would wake one that no longer waits, and the next one would wait for ever
+            with contextlib.suppress(ValueError):
+                self._tasks.remove(task)
+
+    def wait_for(self, predicate: Callable[[], Any], timeout_ns: Optional[int] = None) -> bool:
+        """Whether something came to hold within a time [ns]; looks each time that it is woken."""
+        end = None if timeout_ns is None else self._scheduler.now_ns + timeout_ns
+        while not predicate() and (end is None or self._scheduler.now_ns < end):
+            self.wait(None if end is None else end - self._scheduler.now_ns)
+        return bool(predicate())
+
+    def wake(self, count: int = 1) -> None:
+        """Lets the first ones go on."""
+        for _ in range(min(count, len(self._tasks))):
+            self._scheduler.wake(self._tasks.popleft())
+
+    def wake_all(self) -> None:
+        """Lets all go on."""
+        self.wake(len(self._tasks))
+
+
 class Lock:
     """threading.Lock, or RLock."""
 
     def __init__(self, scheduler: Scheduler, again: bool = False) -> None:
-        self._scheduler, self._again = scheduler, again
+        self._line, self._again = _Line(scheduler), again
         self._holder: Any = None
         self._depth = 0
-        self._waiting: Deque[Task] = deque()
 
     def acquire(self, blocking: bool = True, timeout: float = -1) -> bool:
         """Takes it, waiting until it is free."""
@@ -96,14 +133,8 @@ class Lock:
         if self._again and self._holder is current:
             self._depth += 1
             return True
-        end = None if timeout < 0 else self._scheduler.now_ns + int(timeout * 1e9)
-        while self._holder is not None:
-            if not blocking or (end is not None and self._scheduler.now_ns >= end):
-                return False
-            self._waiting.append(current)
-            if not self._scheduler.wait(None if end is None else end - self._scheduler.now_ns):
-                # `release` would hand it to one that no longer waits, and the next one would wait for ever
-                self._waiting.remove(current)
+        if not self._line.wait_for(lambda: self._holder is None, _ns(timeout) if blocking else 0):
+            return False
         self._holder, self._depth = current, 1
         return True
 
@@ -112,8 +143,7 @@ class Lock:
         self._depth -= 1
         if self._depth <= 0:
             self._holder = None
-            if self._waiting:
-                self._scheduler.wake(self._waiting.popleft())
+            self._line.wake()
 
     def __enter__(self) -> bool:
         return self.acquire()
@@ -126,26 +156,22 @@ class Condition:
     """threading.Condition."""
 
     def __init__(self, scheduler: Scheduler, lock: Optional[Lock] = None) -> None:
-        self._scheduler = scheduler
+        self._scheduler, self._line = scheduler, _Line(scheduler)
         self._lock = lock or Lock(scheduler, True)
-        self._waiting: Deque[Task] = deque()
         self.acquire, self.release = self._lock.acquire, self._lock.release
+        self.notify = self._line.wake
+        self.notify_all = self.notifyAll = self._line.wake_all
 
     def wait(self, timeout: Optional[float] = None) -> bool:
         """Releases the lock until it is notified."""
-        task, depth = greenlet.getcurrent(), self._lock._depth
-        self._waiting.append(task)
-        self._lock._depth = 1
+        depth, self._lock._depth = self._lock._depth, 1
         self._lock.release()
         try:
-            woken = self._scheduler.wait(_ns(timeout))
+            return self._line.wait(_ns(timeout))
         finally:
-            with contextlib.suppress(ValueError):
-                self._waiting.remove(task)
             if not self._scheduler.closed:
                 self._lock.acquire()
             self._lock._depth = depth
-        return woken
 
     def wait_for(self, predicate: Callable[[], Any], timeout: Optional[float] = None) -> Any:
         """Waits until something holds."""
@@ -153,17 +179,6 @@ class Condition:
         while not predicate() and (end is None or self._scheduler.now_ns < end):
             self.wait(None if end is None else (end - self._scheduler.now_ns) * 1e-9)
         return predicate()
-
-    def notify(self, count: int = 1) -> None:
-        """Lets some that wait go on."""
-        for _ in range(min(count, len(self._waiting))):
-            self._scheduler.wake(self._waiting.popleft())
-
-    def notify_all(self) -> None:
-        """Lets all go on."""
-        self.notify(len(self._waiting))
-
-    notifyAll = notify_all  # noqa: N815 (threading.Condition still has it)
 
     def __enter__(self) -> bool:
         return self._lock.acquire()
@@ -176,9 +191,8 @@ class Event:
     """threading.Event."""
 
     def __init__(self, scheduler: Scheduler) -> None:
-        self._scheduler = scheduler
+        self._line = _Line(scheduler)
         self._set = False
-        self._waiting: Deque[Task] = deque()
 
     def is_set(self) -> bool:
         """Whether it was set."""
@@ -187,8 +201,7 @@ class Event:
     def set(self) -> None:
         """Lets all that wait go on."""
         self._set = True
-        while self._waiting:
-            self._scheduler.wake(self._waiting.popleft())
+        self._line.wake_all()
 
     def clear(self) -> None:
         """Makes others wait again."""
@@ -196,15 +209,7 @@ class Event:
 
     def wait(self, timeout: Optional[float] = None) -> bool:
         """Waits until it is set."""
-        if not self._set:
-            task = greenlet.getcurrent()
-            self._waiting.append(task)
-            woken = self._scheduler.wait(_ns(timeout))
-            if not woken:
-                with contextlib.suppress(ValueError):
-                    self._waiting.remove(task)
-            return woken or self._set
-        return True
+        return self._set or self._line.wait(_ns(timeout)) or self._set
 
 
 class Thread:
@@ -243,14 +248,13 @@ class Queue:
     """queue.Queue without a limit."""
 
     def __init__(self, scheduler: Scheduler) -> None:
-        self._condition = Condition(scheduler)
+        self._line = _Line(scheduler)
         self._items: Deque[Any] = deque()
 
     def put(self, item: Any, *_: Any, **__: Any) -> None:
         """Adds an item."""
-        with self._condition:
-            self._items.append(item)
-            self._condition.notify()
+        self._items.append(item)
+        self._line.wake()
 
     def get(self, block: bool = True, timeout: Optional[float] = None) -> Any:
         """Takes the oldest item.
@@ -258,12 +262,9 @@ class Queue:
         Raises:
             queue.Empty: after `timeout` [s].
         """
-        with self._condition:
-            if block:
-                self._condition.wait_for(lambda: self._items, timeout)
-            if not self._items:
-                raise real_queue.Empty
-            return self._items.popleft()
+        if not self._line.wait_for(lambda: self._items, _ns(timeout) if block else 0):
+            raise real_queue.Empty
+        return self._items.popleft()
 
 
 @contextlib.contextmanager

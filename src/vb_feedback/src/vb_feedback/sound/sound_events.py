@@ -9,6 +9,7 @@ REFUSAL = "refusal"
 STOPPED = "stopped"
 ASKED = "asked"
 
+TICK_PERIOD_S = 0.5  # at 25 spots a second one tick for each would be a buzz
 # codes of answers that are a question, not an error
 _QUESTIONS = ("confirm_save", "confirm_command")
 
@@ -17,12 +18,11 @@ class SoundEvents:
     """Turns states and spots into the names of sounds.
 
     A tone per change of state, one for a save that worked, one for an error, one for a question and for a drawing that
-    is about to be dropped, one for a stop, and a soft tick per accepted spot, at most every `tick_period` seconds.
+    is about to be dropped, one for a stop, and a soft tick per accepted spot, at most every TICK_PERIOD_S.
     Time may jump back.
     """
 
-    def __init__(self, tick_period: float) -> None:
-        self._tick_period = tick_period
+    def __init__(self) -> None:
         self._state: Optional[str] = None
         self._stopped = False
         self._ending = False
@@ -66,7 +66,7 @@ class SoundEvents:
         """A spot at a time [s]: a tick, if spots are wanted and the last one is long enough ago."""
         if self._state not in ("border", "seed"):
             return []
-        if self._last_tick is not None and 0.0 <= now - self._last_tick < self._tick_period:
+        if self._last_tick is not None and 0.0 <= now - self._last_tick < TICK_PERIOD_S:
             return []
         self._last_tick = now
         return [TICK]

@@ -24,7 +24,7 @@ class Sights:
 
     Attributes:
         points: (N, 2) [m].
-        stamps: (N,) [s]; zeros for bare points.
+        stamps: (N,) [s] since the drawing began; zeros for bare points.
         cameras: (N,) int, index of the camera.
         weights: (N,) > 0: how many spots, how confident, seen by which kind of camera.
         mobile: (N,) bool, seen by a camera that moves.
@@ -53,7 +53,7 @@ class Sights:
 
 
 def moments(stamps: np.ndarray) -> np.ndarray:
-    """(N,) int, the moment of each stamp [s]; images come at round times, so a moment begins beside them."""
+    """(N,) int, the moment of each stamp [s]; images come at round intervals, so a moment begins beside them."""
     return np.floor(stamps / MOMENT + 0.031).astype(np.int64)
 
 
@@ -63,8 +63,15 @@ def check(
     cameras: Optional[Sequence] = None,
     confidences: Optional[Sequence[float]] = None,
     mobile: Optional[Sequence[bool]] = None,
+    began: Optional[float] = None,
 ) -> Sights:
     """Spots as they came, one sight each; rows that are not finite, or are off any floor, are left out.
+
+    What the clock said does not matter, only the time since the drawing began: the same drawing gives the same border
+    at any hour.
+
+    Args:
+        began: [s] the stamp from which the others count; that of the first spot if None.
 
     Raises:
         ExtractionError: "bad_points" if the shapes do not fit.
@@ -91,6 +98,10 @@ def check(
     trust = np.where(moving, TREMBLE / LOCALISATION, 1.0) * trust
     times = np.zeros(count) if stamps is None else np.asarray(stamps, dtype=float)
     usable = (np.abs(array) <= FARTHEST).all(axis=1) & np.isfinite(times)
+    if began is None:
+        began = times[usable].min() if usable.any() else 0.0
+    # in microseconds: a double that counts seconds since 1970 knows them no better
+    times = np.round(times - began, 6)
     return Sights(array, times, known, trust, moving, np.ones(count, dtype=int)).select(usable)
 
 
@@ -99,7 +110,6 @@ def condense(spots: Sights) -> Sights:
     if len(spots.points) == 0:
         return spots
     moment = moments(spots.stamps)
-    offset = MOMENT * float(moment.min())
     cell = np.floor(spots.points / TREMBLE).astype(np.int64)
     cell -= cell.min(axis=0)
     width, height = (int(size) for size in cell.max(axis=0) + 1)
@@ -107,11 +117,9 @@ def condense(spots: Sights) -> Sights:
     key += cell[:, 0] * height + cell[:, 1]
     _, first, index = np.unique(key, return_index=True, return_inverse=True)
     weights = np.bincount(index, spots.weights)
-    x, y, times = (
-        np.bincount(index, spots.weights * values) / weights for values in (*spots.points.T, spots.stamps - offset)
-    )
+    x, y, times = (np.bincount(index, spots.weights * values) / weights for values in (*spots.points.T, spots.stamps))
     order = np.lexsort((y, x, times))
     return Sights(
-        np.column_stack([x, y]), offset + times, spots.cameras[first], weights, spots.mobile[first],
+        np.column_stack([x, y]), times, spots.cameras[first], weights, spots.mobile[first],
         np.bincount(index, spots.spots).astype(int),
     ).select(order)

@@ -35,6 +35,6 @@ def without_offsets(seen: Sights) -> Sights:
     apart = np.column_stack(
         [np.bincount(offset, axis, unknown) - share.T @ np.bincount(row, axis) for axis in seen.points.T]
     )
-    # in whole millimetres: what was placed before stays where it is while more is seen
-    found = np.round(spsolve(equations.tocsc(), apart).reshape(-1, 2), 3)
+    # in tenths of a millimetre: what was placed before stays where it is while more is seen
+    found = np.round(spsolve(equations.tocsc(), apart).reshape(-1, 2), 4)
     return seen.moved(seen.points - found[offset])

@@ -2,7 +2,7 @@
 
 The pointer's track is found as for the border (stroke/track.py): the sequence of places that explains most with the least
 effort. What a place explains is another thing here: the pointer dwells instead of moving, and may be switched off on
-its way. So what counts is light that is new at its place, and a jump costs no more than a blink of it.
+its way. So what counts is light that is new at its place, and a jump costs a blink of it, or little more.
 """
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ def extract_seed(
         of_place = places.sights >= 0
         pairs = np.unique(np.column_stack([places.sights, seen.cameras])[of_place], axis=0)
         gains *= np.bincount(pairs[:, 0]) / (1.0 + MOMENT * earlier)
-        gain, previous = best_steps(at, places.stamps, gains, np.inf, BLINK / MOMENT, Memory())
+        gain, previous = best_steps(at, places.stamps, gains, np.inf, 1.0, Memory())
         path = path_to(int(gain.argmax()), previous, np.ones(len(at), dtype=bool))
     dwelt = np.bincount(spot[path], gains[path])[spot[path]]
     # on its way it dwells nowhere for half as long

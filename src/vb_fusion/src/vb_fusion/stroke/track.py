@@ -3,11 +3,11 @@
 The pointer is one thing that moves through time. What was seen within a moment and close together is one place; the
 track is the sequence of places that explains the most floor with the least effort. In metres:
 
-    gain  = the floor that a place adds while something is there: staying adds nothing more, and what is there
-            for longer than an ABSENCE counts less and less, a hand that rests and a bright thing alike; coming back
-            counts again. Places that are passed at one speed add the path between them
-    cost  = distance^2 / (time * BRISK) between places: a jump is expensive, a gap that was crossed at the speed of a
-            hand is cheap, a pause is free
+    gain  = the floor that a place adds: staying and coming back add nothing more, and what is there for longer than
+            a REST counts less and less. Places that are passed at one speed add the path between them
+    cost  = distance^2 / (time * BRISK) between places: a gap that was crossed at the speed of a hand is cheap, a pause
+            is free. Hands flick, too: beyond a TREMBLE the cost grows with the logarithm only, as the likelihood of
+            an error with heavy tails does. So a rest behind a flick belongs to the stroke, and a stray does not pay
 
 The best track is found by dynamic programming, place by place in the order of time. The branches that it leaves are
 the other strokes.
@@ -26,7 +26,7 @@ from vb_fusion.stroke.observations import MOMENT, TREMBLE, Sights, moments
 FLOOR = 2.0 * TREMBLE  # [m] width of the floor that a place covers
 BRISK = 6.0  # [m/s] at this speed an unseen path costs as much floor as it crosses
 BLINK = 3.0 * MOMENT  # [s] a pointer that moves is seen again within it
-ABSENCE = 20.0 * MOMENT  # [s] what is seen again after this has come back, and what is seen for longer stays
+REST = 20.0 * MOMENT  # [s] a hand seldom rests for longer; a bright thing stays
 STRAY = 0.02  # of the spots of the strongest place of the same moment: the rest of a moment with hundreds of spots
 LOOK_BACK = 40  # places among which a predecessor is looked for: 4 s, less where more than one thing is seen
 
@@ -78,9 +78,7 @@ def find_places(seen: Sights) -> Places:
         new = (np.diff(group[order]) != 0) | (np.diff(seen.points[order, axis]) > FLOOR)
         group[order] = np.concatenate([[0], np.cumsum(new)])
     weights = np.bincount(group, seen.weights)
-    offset = seen.stamps[0]
-    columns = (*seen.points.T, seen.stamps - offset)
-    x, y, time = (np.bincount(group, seen.weights * values) / weights for values in columns)
+    x, y, time = (np.bincount(group, seen.weights * values) / weights for values in (*seen.points.T, seen.stamps))
     moment = np.zeros(len(weights), dtype=np.int64)
     moment[group] = moments(seen.stamps)
     strongest = np.zeros(int(np.ptp(moment)) + 1)
@@ -90,7 +88,7 @@ def find_places(seen: Sights) -> Places:
     order = order[strong[order]]
     rank = np.full(len(weights), -1)
     rank[order] = np.arange(len(order))
-    return Places(np.column_stack([x, y])[order], offset + time[order], rank[group])
+    return Places(np.column_stack([x, y])[order], time[order], rank[group])
 
 
 def find_tracks(seen: Sights, places: Places, widest_gap: float, shortest: float, known: Memory) -> List[Track]:
@@ -104,7 +102,7 @@ def find_tracks(seen: Sights, places: Places, widest_gap: float, shortest: float
         known: the steps through places that were here before.
     """
     points, stamps = places.points, places.stamps
-    gain, previous = best_steps(points, stamps, floor_gains(points, stamps), widest_gap, np.inf, known)
+    gain, previous = best_steps(points, stamps, floor_gains(points, stamps), widest_gap, TREMBLE, known)
     tracks: List[Track] = []
     free = np.ones(len(points), dtype=bool)
     worth = gain
@@ -138,7 +136,7 @@ def _from_branch(gain: np.ndarray, previous: np.ndarray, free: np.ndarray) -> np
 
 
 def floor_gains(points: np.ndarray, stamps: np.ndarray) -> np.ndarray:
-    """(P,) [m] of floor that each place adds: that of a visit is shared by all places without an ABSENCE between them.
+    """(P,) [m] of floor that each place adds: all that see the same floor share it.
 
     Places count for the four nodes of a lattice about them, by how near they are: continuous in place.
     """
@@ -152,16 +150,16 @@ def floor_gains(points: np.ndarray, stamps: np.ndarray) -> np.ndarray:
     shares = np.concatenate([np.abs(1 - dx - part[:, 0]) * np.abs(1 - dy - part[:, 1]) for dx, dy in corners])
     order = np.lexsort((np.tile(stamps, 4), nodes))
     pause = np.append(0.0, np.diff(np.tile(stamps, 4)[order]))
-    first = np.append(True, np.diff(nodes[order]) != 0) | (pause > ABSENCE)
-    visit = np.empty(len(order), dtype=np.int64)
-    visit[order] = np.cumsum(first) - 1
-    company = (np.bincount(visit, shares)[visit] * shares).reshape(4, -1).sum(axis=0)
+    first = np.append(True, np.diff(nodes[order]) != 0)
+    node = np.empty(len(order), dtype=np.int64)
+    node[order] = np.cumsum(first) - 1
+    company = (np.bincount(node, shares)[node] * shares).reshape(4, -1).sum(axis=0)
     # a place alone has 4/9 of its own company on average
     new = 0.5 * FLOOR / np.maximum(0.75 * company, 1.0)
     # a thing that is not seen for longer than a BLINK was not there
-    there = np.bincount(visit[order], np.where(first, MOMENT, np.minimum(pause, BLINK)))
-    stay = there[visit].reshape(4, -1).max(axis=0)
-    gains = np.maximum(new, _swept(points, stamps)) * np.minimum(1.0, ABSENCE / stay) ** 2
+    there = np.bincount(node[order], np.where(first, MOMENT, np.minimum(pause, BLINK)))
+    stay = there[node].reshape(4, -1).max(axis=0)
+    gains = np.maximum(new, _swept(points, stamps)) * np.minimum(1.0, REST / stay) ** 2
     # in tenths of a millimetre, so that what stays for long has got its gain for good; never quite nothing
     return np.round(gains, 4) + 1e-5
 
@@ -190,11 +188,11 @@ def _swept(points: np.ndarray, times: np.ndarray) -> np.ndarray:
 
 
 def best_steps(
-    points: np.ndarray, stamps: np.ndarray, gains: np.ndarray, widest_gap: float, dearest: float, known: Memory
+    points: np.ndarray, stamps: np.ndarray, gains: np.ndarray, widest_gap: float, flick: float, known: Memory
 ) -> Tuple[np.ndarray, np.ndarray]:
     """Of the best track that ends at each of the places (P, 2) [m]: what it gains [m], and the place before.
 
-    No jump costs more than the dearest; the place before is -1 where a track begins.
+    The cost of a jump beyond a flick grows with its logarithm; the place before is -1 where a track begins.
     """
     first, states = known.resume(np.column_stack([points, stamps, gains]), 2)
     count = len(points)
@@ -204,7 +202,7 @@ def best_steps(
     time = stamps[first:, None] - stamps[origin]
     possible = (earlier >= 0) & (time > 0.0) & ((way <= widest_gap + TREMBLE) | (time <= BLINK))
     effort = np.maximum(way - TREMBLE, 0.0) ** 2 / (np.clip(time, 1e-9, BLINK) * BRISK)
-    effort = np.minimum(effort, dearest)
+    effort = flick * np.log1p(effort / flick)
     effort[~possible] = np.inf
     best = states[:, 0]
     for row, place in enumerate(range(first, count)):

@@ -180,6 +180,17 @@ class Database:
         except (OSError, sqlite3.Error) as error:
             self._main, self._state = self._open_for_reading(error)
 
+    def can_be_opened_again(self) -> bool:
+        """Whether the disk could not be written at the start, and now can be: then a new start finds what is there."""
+        if not self._read_only or self.folder is None:
+            return False
+        try:
+            self.folder.mkdir(parents=True, exist_ok=True)
+            _try_to_write(self.folder)
+        except OSError:
+            return False
+        return True
+
     def close(self) -> None:
         """Closes the files."""
         for connection in (self._main, self._twin):

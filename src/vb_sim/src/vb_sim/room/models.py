@@ -12,21 +12,33 @@ from vb_core.parameters import Parameters
 P = TypeVar("P", bound=Parameters)
 
 
+def read_document(path: Path, what: str) -> Any:
+    """The contents of a YAML file; None if it is empty.
+
+    Args:
+        what: it is, "world": part of the codes and of the sentences.
+
+    Raises:
+        CodedError: "no_<what>" if there is no such file, "bad_<what>" if it is not YAML.
+    """
+    try:
+        return yaml.safe_load(Path(path).read_text(encoding="utf-8"))
+    except OSError as error:
+        raise CodedError(f"no_{what}", f"cannot read the {what} file '{path}': {error.strerror}") from None
+    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        where = getattr(error, "problem_mark", None)
+        line = f" in line {where.line + 1}" if where else ""
+        raise CodedError(f"bad_{what}", f"the {what} file '{path}' is not valid YAML{line}") from None
+
+
 def load_models(path: str) -> Mapping[str, Any]:
     """The sections of a models file.
 
     Raises:
-        CodedError: "no_models" if there is no such file, "bad_models" if it is not YAML.
+        CodedError: "no_models", "bad_models", as `read_document`.
         ParameterError: if it holds anything but sections.
     """
-    try:
-        document = yaml.safe_load(Path(path).read_text(encoding="utf-8"))
-    except OSError as error:
-        raise CodedError("no_models", f"cannot read the models file '{path}': {error.strerror}") from None
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
-        where = getattr(error, "problem_mark", None)
-        line = f" in line {where.line + 1}" if where else ""
-        raise CodedError("bad_models", f"the models file '{path}' is not valid YAML{line}") from None
+    document = read_document(Path(path), "models")
     if document is None:
         return {}
     if not isinstance(document, Mapping):

@@ -12,13 +12,13 @@ from pathlib import Path
 from typing import Any, Dict, List, Mapping, Optional, Tuple, Type, TypeVar
 
 import numpy as np
-import yaml
 from shapely.geometry import Polygon
 
 from vb_core import geometry
 from vb_core.camera_model import CameraModel
-from vb_core.errors import CodedError, ParameterError
+from vb_core.errors import ParameterError
 from vb_core.parameters import Parameters, param
+from vb_sim.room.models import read_document
 
 P = TypeVar("P", bound=Parameters)
 Color = Tuple[int, int, int]
@@ -278,25 +278,22 @@ class World:
         """The scenario of that name.
 
         Raises:
-            ParameterError: with the names there are.
+            ParameterError: with the names there are; so do the next two.
         """
-        if key not in self.scenarios:
-            raise ParameterError("scenario", f"'{key}' is not in world '{self.name}'; known are {', '.join(self.scenarios)}")
-        return self.scenarios[key]
+        return self._one("scenario", key, self.scenarios)
 
     def camera(self, name: str) -> CeilingCamera:
         """The ceiling camera of that name."""
-        for camera in self.cameras:
-            if camera.name == name:
-                return camera
-        raise ParameterError("camera", f"'{name}' is not in world '{self.name}'")
+        return self._one("camera", name, {camera.name: camera for camera in self.cameras})
 
     def robot(self, name: str) -> Robot:
         """The robot of that name."""
-        for robot in self.robots:
-            if robot.name == name:
-                return robot
-        raise ParameterError("robot", f"'{name}' is not in world '{self.name}'")
+        return self._one("robot", name, {robot.name: robot for robot in self.robots})
+
+    def _one(self, what: str, name: str, known: Mapping[str, Any]) -> Any:
+        if name not in known:
+            raise ParameterError(what, f"'{name}' is not in world '{self.name}'; known are {', '.join(known)}")
+        return known[name]
 
     def robot_radii(self) -> Dict[str, float]:
         """Radius [m] of each robot, by its name and by its namespace: people and topics call it by either."""
@@ -324,14 +321,7 @@ def load_world(path: str) -> World:
 
 def _document(file: Path, depth: int = 0) -> Any:
     """A world file's contents; with the key `like`, on top of those of another file beside it."""
-    try:
-        document = yaml.safe_load(file.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise CodedError("no_world", f"cannot read the world file '{file}': {error.strerror}") from None
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
-        where = getattr(error, "problem_mark", None)
-        line = f" in line {where.line + 1}" if where else ""
-        raise CodedError("bad_world", f"the world file '{file}' is not valid YAML{line}") from None
+    document = read_document(file, "world")
     if not isinstance(document, Mapping) or "like" not in document:
         return document
     if depth > 8 or not isinstance(document["like"], str):

@@ -6,17 +6,11 @@ from typing import Optional, Tuple
 
 import numpy as np
 
-from vb_core.parameters import Parameters, param
 
-
-@dataclass(frozen=True)
-class PreviewParams(Parameters):
-    """How often to preview, and after what change; config/interaction_manager.yaml says why."""
-
-    period: float = param(0.5, "s", above=0.0, high=10.0)
-    retry: float = param(2.0, "s", above=0.0, high=60.0)
-    tolerance: float = param(0.02, "m", low=0.0, high=1.0)
-    share: float = param(0.25, above=0.0, high=1.0)
+PERIOD_S = 0.5  # between two previews: faster than people read
+RETRY_S = 2.0  # after which a service that did not answer is called again
+TOLERANCE_M = 0.02  # a vertex or seed that moved less causes no visible change: a cell of the map
+SHARE = 0.25  # of the time that previews may take: the same computer searches the images
 
 
 def _nothing() -> np.ndarray:
@@ -48,18 +42,14 @@ class PreviewInputs:
         """Whether there is something to preview."""
         return bool(self.interaction_id) and len(self.chain) > 0 and len(self.seed) > 0
 
-    def like(self, other: "PreviewInputs", tolerance: float) -> bool:
-        """Whether a preview of the other one would look the same.
-
-        Args:
-            tolerance: [m] by which every point may have moved.
-        """
+    def like(self, other: "PreviewInputs") -> bool:
+        """Whether a preview of the other one would look the same."""
         if self.interaction_id != other.interaction_id or self.complete != other.complete:
             return False
         if not self.complete:
             return (self.code, self.message, self.values) == (other.code, other.message, other.values)
         return self.borders == other.borders and all(
-            mine.shape == others.shape and bool(np.abs(mine - others).max() <= tolerance)
+            mine.shape == others.shape and bool(np.abs(mine - others).max() <= TOLERANCE_M)
             for mine, others in ((self.chain, other.chain), (self.seed, other.seed))
         )
 
@@ -70,8 +60,7 @@ class PreviewScheduler:
     The pace is in wall time: it limits the previews' share of the computer.
     """
 
-    def __init__(self, params: PreviewParams) -> None:
-        self._params = params
+    def __init__(self) -> None:
         self._shown: Optional[PreviewInputs] = None
         self._not_before = float("-inf")
         self._retry_at: Optional[float] = None
@@ -80,7 +69,7 @@ class PreviewScheduler:
         """[s] until this situation needs a preview; 0: now; None: never while it stays as it is."""
         if self._shown is None or situation.interaction_id != self._shown.interaction_id:
             return 0.0
-        if situation.like(self._shown, self._params.tolerance):
+        if situation.like(self._shown):
             return None if self._retry_at is None else max(0.0, self._retry_at - now)
         return max(0.0, self._not_before - now)
 
@@ -93,5 +82,5 @@ class PreviewScheduler:
             answered: False if a service did not answer: it is tried again.
         """
         self._shown = situation
-        self._retry_at = None if answered else now + self._params.retry
-        self._not_before = max(started + self._params.period, now + (now - started) * (1.0 / self._params.share - 1.0))
+        self._retry_at = None if answered else now + RETRY_S
+        self._not_before = max(started + PERIOD_S, now + (now - started) * (1.0 / SHARE - 1.0))

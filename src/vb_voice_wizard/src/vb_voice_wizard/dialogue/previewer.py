@@ -15,7 +15,7 @@ from vb_core.ros.messages import BorderPreviewArray, array_from_points, mapping_
 from vb_msgs.msg import BorderProgress, VirtualBorderArray
 
 from vb_voice_wizard.dialogue.border_services import UNANSWERED, BorderServices
-from vb_voice_wizard.dialogue.preview_scheduler import PreviewScheduler, PreviewParams, PreviewInputs
+from vb_voice_wizard.dialogue.preview_scheduler import PreviewInputs, PreviewScheduler
 
 
 class Previewer:
@@ -24,13 +24,12 @@ class Previewer:
     The `on_*` methods only store; a command never waits for a preview.
 
     Args:
-        params: how often, and after what change.
         neighbours: the services to call.
     """
 
-    def __init__(self, params: PreviewParams, neighbours: BorderServices) -> None:
+    def __init__(self, neighbours: BorderServices) -> None:
         self._neighbours = neighbours
-        self._pace = PreviewScheduler(params)
+        self._pace = PreviewScheduler()
         self._condition = threading.Condition()
         self._situation = PreviewInputs()
         self._progress: Optional[BorderProgress] = None

