@@ -4,9 +4,9 @@
     make navigation                                                     once
     python3 bench/robot_drives.py --robot turtlebot2                    all that is missing in its file
     python3 bench/robot_drives.py --robot turtlebot2 --seconds 200      for at most about that long, then go on later
-    python3 bench/robot_drives.py --robot turtlebot2 --repeat 1 --drives 10              the first ten once more
-    python3 bench/robot_drives.py --robot turtlebot2 --real-time --drives 10             the same without lockstep, for a
-                                                                        comparison: on a quiet computer
+    python3 bench/robot_drives.py --repeat 1 --drives 10                For a comparison: ten drives, the same once more
+    python3 bench/robot_drives.py --repeat 2 --drives 10                (--repeat 2), and in real time on a quiet computer.
+    python3 bench/robot_drives.py --real-time --drives 10               They do not count in the table of all drives.
 
 A robot type drives in the simulated lab (no cameras, no display) with move_base and AMCL as they are shipped here,
 through its driver. The judge sees where the robot truly is. Goals are drawn by a seed: in each scenario a chain of places
@@ -355,7 +355,7 @@ def comparison(runs):
     drives = {}
     for run in runs:
         if "path" in run and len(run["path"]) > 1:
-            way = "again" if run["repeat"] else "lockstep" if run["lockstep"] else "real time"
+            way = {(True, 1): "lockstep", (True, 2): "again", (False, 0): "real time"}.get((run["lockstep"], run["repeat"]))
             drives.setdefault((run["robot"], run["kind"], run["scenario"], run["number"], run["seed"]), {})[way] = run
     ways = ("lockstep", "again", "real time")
     drives = {key: found for key, found in drives.items() if all(way in found for way in ways)}

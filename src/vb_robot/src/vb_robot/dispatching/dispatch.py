@@ -253,7 +253,7 @@ class Fleet:
         self._before, before = moment, self.serving
         self._choose(moment, able)
         for name, record in self.records.items():
-            # the one that takes over also calls off one that is not able
+            # the one that takes over also cancels one that is not able
             if name != self.serving and (name in able or self.serving != before):
                 record.goal = None
         return {name: record.goal for name, record in self.records.items()}

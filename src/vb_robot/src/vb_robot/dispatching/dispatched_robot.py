@@ -73,7 +73,7 @@ class DispatchedRobot:
         elif self._handle is not None and self._goal_status() in (GoalStatus.SENT, GoalStatus.ACTIVE):
             self._handle.cancel()
             self._handle = None
-            rospy.loginfo("%s: %s is called off", rospy.get_name(), self._who)
+            rospy.loginfo("%s: the goal of %s is cancelled", rospy.get_name(), self._who)
 
     # ------------------------------------------------------------- how it is
     def status(self, wanted: bool) -> RobotStatus:
