@@ -32,7 +32,7 @@ PHRASES["stop"].append("stop robot")
 ALWAYS_UNCLEAR = (RESUME,)
 # Evidence with which an utterance is as probably a command as a word that sounds like one: with it as many commands are missed
 # as near misses are taken in the development group (docs/results/voice.md).
-EVEN = -2.25
+EVEN = -3.0
 _SHORTEST_S = 0.2  # with its padding: less is no word
 # Each utterance is heard at these speeds, and what is found is averaged: what noise hides at one of them, another shows.
 _SPEEDS = (1.0, 0.94, 1.07)
