@@ -16,6 +16,7 @@ from __future__ import annotations
 import argparse
 import json
 import os
+import signal
 import subprocess
 import sys
 import time
@@ -243,13 +244,13 @@ def main() -> int:
     parser.add_argument("--processes", type=int, default=os.cpu_count())
     parser.add_argument("--seconds", type=float, default=1e9, help="stop then; the next call goes on")
     arguments = parser.parse_args()
-    group = arguments.group
+    started, group = time.monotonic(), arguments.group
     jobs, talkers = speech.everything(group, arguments.takes, arguments.share, arguments.snr)
     path = TOP / "out" / "bench" / f"voice_{group}.json"
     plan = {"snr_db": arguments.snr}
     before = json.loads(path.read_text()) if path.exists() else {}
     results = before["utterances"] if plan.items() <= before.items() else []
-    done, started = {one["plan"] for one in results}, time.monotonic()
+    done = {one["plan"] for one in results}
     with Pool(arguments.processes, _setup, (talkers,)) as pool:
         try:
             for result in pool.imap(_judge, [job for job in jobs if repr(job) not in done], chunksize=4):
@@ -259,6 +260,7 @@ def main() -> int:
                 if time.monotonic() - started > arguments.seconds:
                     break
         except KeyboardInterrupt:
+            signal.signal(signal.SIGINT, signal.SIG_IGN)  # what was found is written in any case
             print(f"stopped after {len(results)} of {len(jobs)}")
     if not results:
         print("no voice could be synthesised: install espeak-ng", file=sys.stderr)
