@@ -32,7 +32,7 @@ PHRASES["stop"].append("stop robot")
 ALWAYS_UNCLEAR = (RESUME,)
 # Evidence with which an utterance is as probably a command as a word that sounds like one: with it as many commands are missed
 # as near misses are taken in the development group (docs/results/voice.md).
-EVEN = -3.0
+EVEN = -3.7
 _SHORTEST_S = 0.2  # with its padding: less is no word
 # Each utterance is heard at these speeds, and what is found is averaged: what noise hides at one of them, another shows.
 _SPEEDS = (1.0, 0.94, 1.07)
@@ -43,7 +43,7 @@ class RecognizerParams(Parameters):
     """Parameters of the recogniser; config/voice_commands.yaml says why."""
 
     threshold: float = param(0.5, "", low=0.0, high=1.0)
-    sure: float = param(0.95, "", low=0.0, high=1.0)
+    sure: float = param(0.984, "", low=0.0, high=1.0)
     phrases: dict = param(PHRASES)
 
     def __post_init__(self) -> None:
