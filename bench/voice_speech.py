@@ -266,8 +266,10 @@ def plans(group: str, voices: Sequence[Voice], takes: int, noises: Sequence[str]
     def noise() -> str:
         return str(rng.choice(noises))
 
+    recorded = {path.parts[-2:] for path in RECORDINGS.glob("*/*-0.wav")}
+
     def can_say(voice: Voice, text: str) -> bool:
-        return voice[0] != "recorded" or any((RECORDINGS / voice[1]).glob(f"{text.replace(' ', '_')}-*.wav"))
+        return voice[0] != "recorded" or (voice[1], f"{text.replace(' ', '_')}-0.wav") in recorded
 
     result = [
         Plan("command", text, voice, noise(), take, snr_db)
@@ -294,7 +296,7 @@ def everything(group: str, takes: int = 1, share: float = 1.0, snr_db: float = 1
     # the neural voices have not recorded such long sentences
     people = [voice for voice in voices if voice[0] != "recorded"] or [("flite", "awb"), ("flite", "slt"), ("festival", "ked_diphone")]
     texts, rng = sentences(f"{group}_others"), np.random.default_rng(0)
-    talkers = [synthesise(people[index % len(people)], f"{texts[index]}, {texts[-index - 1]}") for index in range(0, 40, 2)]
+    talkers = [synthesise(people[index % len(people)], f"{texts[index]}, {texts[-index - 1]}") for index in range(0, min(40, len(texts)), 2)]
     planned = [plan for noises in (NOISES[group], MUSIC[group], ("babble",)) for plan in plans(group, voices, takes, noises, snr_db)]
     order = [index for index in rng.permutation(len(planned)) if rng.random() < share]
     return [planned[index] for index in order], talkers

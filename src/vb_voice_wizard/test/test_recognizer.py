@@ -87,19 +87,25 @@ def test_what_is_spoken_clearly_is_not_asked_about(recognizer):
 def test_the_speech_model_tells_what_was_said_not_how_loud():
     texts = ["define seed", "define seeds", "save", "undo", "and do"]
     model, pcm = SpeechModel(texts), say("define seed", snr_db=25.0)
-    told = model.evidence(pcm)
+    told = model.evidence(model.hear(pcm))
     assert told.shape == (5,) and texts[int(told.argmax())] == "define seed"
-    np.testing.assert_allclose(model.evidence((pcm // 4).astype(np.int16)), told, atol=1.5)
+    np.testing.assert_allclose(model.evidence(model.hear((pcm // 4).astype(np.int16))), told, atol=1.5)
     # what else is asked does not matter
-    assert SpeechModel(["save"]).evidence(pcm)[0] == pytest.approx(told[2], abs=0.1)
-    assert np.isfinite(model.evidence(np.zeros(RATE // 5, np.int16))).all()
+    assert SpeechModel(["save"]).evidence(model.hear(pcm))[0] == pytest.approx(told[2], abs=1.0)
+    assert np.isfinite(model.evidence(model.hear(np.zeros(RATE // 5, np.int16)))).all()
+
+
+def test_what_would_be_written_is_the_rival():
+    model = SpeechModel(["saving", "save"])
+    spoken = model.rivalry(model.hear(say("saving", snr_db=30.0)))
+    assert spoken.max() <= 0.0 and spoken[0] > -1.0 > spoken[1]
 
 
 def test_rare_texts_are_not_at_a_disadvantage():
     """Silence makes "stop" far more probable than "define border"; that is no evidence for it."""
     model = SpeechModel(["stop", "define border"])
-    written = model._written(np.zeros(RATE, np.int16))
-    evidence = model.evidence(np.zeros(RATE, np.int16))
+    silence = model.hear(np.zeros(RATE, np.int16))
+    written, evidence = model._written(silence), model.evidence(silence)
     assert written[0] - written[1] > evidence[0] - evidence[1] > 0.0
 
 
