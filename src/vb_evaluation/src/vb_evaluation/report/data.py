@@ -171,7 +171,7 @@ def read_study(folder: Path) -> Study:
     tables[RUNS] = tables[RUNS].keep(planned)
     if not tables[RUNS].rows:
         raise CodedError("bad_study", f"{folder / RUNS} has no rows: no run has ended yet")
-    return Study(folder, tables, {**_read_meta(folder / META), "deviating": deviating})
+    return Study(folder, tables, {**read_meta(folder / META), "deviating": deviating})
 
 
 def read_sheet(path: Path, required: Sequence[str], code: str = "bad_study") -> Table:
@@ -242,7 +242,8 @@ def _number(text: str) -> float:
         return math.nan
 
 
-def _read_meta(path: Path) -> Dict[str, Any]:
+def read_meta(path: Path) -> Dict[str, Any]:
+    """study.json; empty if there is none."""
     if not path.is_file():
         return {}
     try:
