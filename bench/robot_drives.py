@@ -4,7 +4,9 @@
     make navigation                                                     once
     python3 bench/robot_drives.py --robot turtlebot2                    all that is missing in its file
     python3 bench/robot_drives.py --robot turtlebot2 --seconds 200      for at most about that long, then go on later
-    python3 bench/robot_drives.py --robot turtlebot2 --pace 1           in real time, as a comparison
+    python3 bench/robot_drives.py --robot turtlebot2 --repeat 1 --drives 10              the first ten once more
+    python3 bench/robot_drives.py --robot turtlebot2 --real-time --drives 10             the same without lockstep, for a
+                                                                        comparison: on a quiet computer
 
 A robot type drives in the simulated lab (no cameras, no display) with move_base and AMCL as they are shipped here,
 through its driver. The judge sees where the robot truly is. Goals are drawn by a seed: in each scenario a chain of places
@@ -35,6 +37,7 @@ import numpy as np
 import rosgraph
 import rospy
 import yaml
+from scipy.spatial.distance import directed_hausdorff
 from geometry_msgs.msg import PoseWithCovarianceStamped
 from rosgraph_msgs.msg import Log
 from std_msgs.msg import Float64
@@ -134,7 +137,7 @@ def places(scenario: str, seed: int):
 class Lab:
     """The running lab: borders, goals, and what truly happened."""
 
-    def __init__(self, robot: str, start, folder: Path, fastest: float, seed: int) -> None:
+    def __init__(self, robot: str, start, folder: Path, fastest: float, seed: int, lockstep: bool) -> None:
         state = tempfile.mkdtemp(prefix="robot_drives")
         world = yaml.safe_load((WORLDS / "burger.yaml").read_text()) if robot == "turtlebot3_burger" else {
             "name": "lab", "robots": yaml.safe_load((WORLDS / "lab.yaml").read_text())["robots"]}
@@ -149,7 +152,8 @@ class Lab:
         os.environ["ROS_MASTER_URI"] = f"http://127.0.0.1:{port}"
         self.child = Child(
             ["roslaunch", "-p", str(port), str(TOP / "bench" / "robot_drives.launch"),
-             f"world:={path}", f"state:={state}", f"robot_type:={robot}", "amcl:=true", f"seed:={seed}", f"x:={x}", f"y:={y}", f"yaw:={yaw}"],
+             f"world:={path}", f"state:={state}", f"robot_type:={robot}", "amcl:=true", f"seed:={seed}",
+             f"lockstep:={str(lockstep).lower()}", f"x:={x}", f"y:={y}", f"yaw:={yaw}"],
             folder / "roslaunch.txt", {**os.environ, "ROS_LOG_DIR": str(folder / "log")})
         if not wait_until(rosgraph.is_master_online, 60.0):
             raise CodedError("not_ready", "no master")
@@ -187,7 +191,8 @@ class Lab:
         return driven, {
             "goal": goal, "outcome": driven.outcome, "text": driven.text, "length_m": round(driven.length, 2),
             "seconds": round(driven.seconds, 1), "wall_s": round(time.monotonic() - began, 1),
-            "localised_m": round(max(self._errors, default=math.nan), 3), "missed": self.pace.missed(), "late": self._late}
+            "localised_m": round(max(self._errors, default=math.nan), 3), "missed": self.pace.missed(), "late": self._late,
+            "path": np.round(driven.path[::5], 3).tolist()}
 
     def pose(self):
         pose = self.observer.lab.robot_poses[0]
@@ -303,30 +308,31 @@ WANTED = {"round": ("reached",), "inside": ("refused",), "nose": ("reached", "re
 TITLES = {"round": "past the border", "inside": "into it", "nose": "border put before the nose"}
 
 
-def table(runs) -> str:
+def table(every) -> str:
     """The results as Markdown."""
+    runs = [run for run in every if run.get("lockstep", True) and not run.get("repeat")]
     lines = [
         "# Driving with the real move_base", "",
-        f"`python3 bench/robot_drives.py --robot ...`, {time.strftime('%Y-%m-%d', time.gmtime())}, revisions "
-        f"{', '.join(sorted({run['revision'] for run in runs}))}, goals of seeds "
-        f"{', '.join(sorted({str(run['seed']) for run in runs}))}. ros-planning/navigation at 9ad6441 with AMCL, "
+        f"`python3 bench/robot_drives.py --robot ...`, {time.strftime('%Y-%m-%d', time.gmtime())}; goals by seeds, of which "
+        "each belongs to other code, see the revisions. ros-planning/navigation at 9ad6441 with AMCL, "
         "parameters of `vb_bringup/config/navigation` and the robot's profile, through `robot_driver`; simulated lab, "
         "truth judged. As wanted: reached; into a border: refused; before the nose: not entered. *Entered*: the footprint "
-        "more than one and a half cells inside of what a border restricts. *Pace*: simulated seconds per real second, at "
-        "most and in the mean. *Missed*: control or costmap cycles that move_base reported as late, per simulated minute. "
+        "more than one and a half cells inside of what a border restricts. *Pace*: simulated seconds per real second, in "
+        "the mean. *Missed*: control or costmap cycles that move_base reported as late, per simulated minute. "
         "*Late*: reports of the driver that an input was too old.", "",
-        "| robot | drives | scenario | pace at most | done | as wanted | 95 % interval of that | entered | "
-        "localisation off, at most | median time | longest | mean pace | missed | late |",
-        "|---|---|---|---|---|---|---|---|---|---|---|---|---|---|"]
-    for key in sorted({(run["robot"], run["kind"], run["scenario"], run["pace"]) for run in runs}):
-        robot, kind, scenario, pace = key
-        group = [run for run in runs if (run["robot"], run["kind"], run["scenario"], run["pace"]) == key]
+        "| seed | revisions | robot | drives | scenario | done | as wanted | 95 % interval of that | entered | "
+        "localisation off, at most | median time | longest | pace | missed | late |",
+        "|---|---|---|---|---|---|---|---|---|---|---|---|---|---|---|"]
+    for key in sorted({(run["seed"], run["robot"], run["kind"], run["scenario"]) for run in runs}):
+        seed, robot, kind, scenario = key
+        group = [run for run in runs if (run["seed"], run["robot"], run["kind"], run["scenario"]) == key]
         counted = [run for run in group if kind != "nose" or run["border"] == "added"]
         good = sum(_as_wanted(run) for run in counted)
         entered = sum((run["entered_m"] or -1.0) > 0.0 for run in counted)
         seconds = [run["seconds"] for run in counted] or [0.0]
         off = max([run["localised_m"] for run in counted if run["localised_m"] > 0] or [0.0])
-        lines.append(f"| {robot} | {TITLES[kind]} | {scenario or '-'} | {pace:g} | {len(counted)} | {good} | "
+        revisions = ", ".join(sorted({run["revision"] for run in group}))
+        lines.append(f"| {seed} | {revisions} | {robot} | {TITLES[kind]} | {scenario or '-'} | {len(counted)} | {good} | "
                      f"{_interval(good, len(counted))} | {entered} | "
                      f"{off:.2f} m | {np.median(seconds):.0f} s | {max(seconds):.0f} s | "
                      f"{sum(seconds) / max(sum(run['wall_s'] for run in counted), 1e-9):.2f} | "
@@ -334,14 +340,49 @@ def table(runs) -> str:
                      f"{sum(run['late'] for run in counted)} |")
     bad = [run for run in runs if not _as_wanted(run)]
     lines += ["", "Not as wanted:" if bad else "Every drive went as wanted.", ""]
-    lines += [f"- {run['robot']}, {run['kind']} {run['scenario']} {run['number']}, pace {run['pace']:g}, goal "
+    lines += [f"- seed {run['seed']}, {run['robot']}, {run['kind']} {run['scenario']} {run['number']}, goal "
               f"{tuple(run['goal'])}: {run['outcome']} after {run['seconds']:.0f} s, {run['length_m']:.1f} m, entered "
               f"{run['entered_m']} m, {run.get('border', '')} {run['text']}" for run in bad]
     noses = [run for run in runs if run["kind"] == "nose" and run["border"] == "added"]
     if noses:
         lines += ["", "Before the nose: " + ", ".join(
             f"{sum(run['outcome'] == outcome for run in noses)} {outcome}" for outcome in WANTED["nose"]) + "."]
-    return "\n".join(lines) + "\n"
+    return "\n".join(lines + comparison(every)) + "\n"
+
+
+def comparison(runs):
+    """Lines: the same drives in lockstep, in lockstep once more, and in real time."""
+    drives = {}
+    for run in runs:
+        if "path" in run and len(run["path"]) > 1:
+            way = "again" if run["repeat"] else "lockstep" if run["lockstep"] else "real time"
+            drives.setdefault((run["robot"], run["kind"], run["scenario"], run["number"], run["seed"]), {})[way] = run
+    ways = ("lockstep", "again", "real time")
+    drives = {key: found for key, found in drives.items() if all(way in found for way in ways)}
+    if not drives:
+        return []
+    lines = ["", "## Lockstep and real time", "",
+             "The same drives three times; revisions "
+             + ", ".join(sorted({run["revision"] for found in drives.values() for run in found.values()}))
+             + ". *Apart*: the largest distance of a place on one path to the other path.", "",
+             "| robot | drive | outcome | length | time | missed | late | apart: lockstep twice | apart: lockstep, real time |",
+             "|---|---|---|---|---|---|---|---|---|"]
+
+    def all_of(found, name, form="{}"):
+        return " / ".join(form.format(found[way][name]) for way in ways)
+
+    def apart(found, way):
+        one, other = (np.array(found[each]["path"]) for each in ("lockstep", way))
+        return max(directed_hausdorff(one, other)[0], directed_hausdorff(other, one)[0])
+
+    again, real = ([apart(found, way) for found in drives.values()] for way in ("again", "real time"))
+    for (robot, kind, scenario, number, _), found in drives.items():
+        lines.append(
+            f"| {robot} | {TITLES[kind]}, {scenario} {number} | {all_of(found, 'outcome')} | "
+            f"{all_of(found, 'length_m', '{:.1f}')} m | {all_of(found, 'seconds', '{:.0f}')} s | {all_of(found, 'missed')} | "
+            f"{all_of(found, 'late')} | {apart(found, 'again'):.2f} m | {apart(found, 'real time'):.2f} m |")
+    return lines + ["", f"Median apart: {np.median(again):.2f} m in lockstep twice, {np.median(real):.2f} m in lockstep and "
+                    "real time."]
 
 
 def _as_wanted(run) -> bool:
@@ -353,23 +394,29 @@ def main() -> int:
     parser.add_argument("--robot", default=ROBOTS[0], choices=ROBOTS)
     parser.add_argument("--seed", type=int, default=2, help="of the goals and of the simulated noise")
     parser.add_argument("--pace", type=float, default=FASTEST, help="simulated seconds per real second, at most")
+    parser.add_argument("--real-time", action="store_true", help="time does not wait for anybody; pace 1")
+    parser.add_argument("--repeat", type=int, default=0, help="another time, in a file of its own")
+    parser.add_argument("--kinds", nargs="+", default=list(TITLES), choices=list(TITLES), help="of drives")
     parser.add_argument("--drives", type=int, default=1000, help="how many at most")
     parser.add_argument("--seconds", type=float, default=math.inf, help="of wall time, then go on another time")
     parser.add_argument("--only-write", action="store_true", help="the table of what the files have")
     arguments = parser.parse_args()
     OUT.mkdir(parents=True, exist_ok=True)
-    out = OUT / f"{arguments.robot}-{arguments.seed}-{arguments.pace:g}.json"
+    how = {"pace": 1.0 if arguments.real_time else arguments.pace, "lockstep": not arguments.real_time, "repeat": arguments.repeat}
+    out = OUT / (f"{arguments.robot}-{arguments.seed}-{how['pace']:g}" + ("-real" if arguments.real_time else "")
+                 + (f"-{arguments.repeat}" if arguments.repeat else "") + ".json")
     runs = json.loads(out.read_text()) if out.exists() else []
     until = time.monotonic() + arguments.seconds
     done = {(run["kind"], run["scenario"], run["number"]) for run in runs}
-    todo = [task for task in tasks(arguments.seed) if task[:3] not in done][:max(0, arguments.drives - len(done))]
+    todo = [task for task in tasks(arguments.seed) if task[:3] not in done and task[0] in arguments.kinds]
+    todo = todo[:max(0, arguments.drives - len(done))]
     if todo and not arguments.only_write:
-        lab = Lab(arguments.robot, todo[0][3], OUT / out.stem, arguments.pace, arguments.seed)
+        lab = Lab(arguments.robot, todo[0][3], OUT / out.stem, how["pace"], arguments.seed, how["lockstep"])
 
         def keep(run) -> None:
-            runs.append({"robot": arguments.robot, "revision": revision(), "seed": arguments.seed, "pace": arguments.pace, **run})
+            runs.append({"robot": arguments.robot, "revision": revision(), "seed": arguments.seed, **how, **run})
             out.write_text(json.dumps(runs, indent=1) + "\n")
-            print(run, flush=True)
+            print({key: value for key, value in run.items() if key != "path"}, flush=True)
             if time.monotonic() > until:
                 raise TimeoutError
 

@@ -5,9 +5,11 @@
     python3 bench/robot_faults.py --fresh
 
 The driver, the guide's servoing, the stand-in for navigation and the simulated base with its own brakes and timeout, in
-one process and in simulated time, as the study drives them. Each fault is put in while the robot follows a spot that is
-drawn away from it for ever, and while it drives under navigation round the carpet; a moment later it is mended. The network is
-the link between the robot's computer and the others: state, spots and maps do not come any more.
+one process and in simulated time, as the study drives them. Each fault is put in while the robot follows a spot that leads
+it round in a circle for ever, on the widest free floor, and while it drives under navigation round the carpet; a moment
+later it is mended. The network is the link between the robot's computer and the others: state, spots and maps do not come
+any more. *Nothing* is the control: whatever happens there is not the loss's doing. The driver hears nothing of the
+dispatcher, so that its loss must look like the control.
 Writes each run to out/bench/robot_faults.json, and docs/results/robots_faults.md.
 """
 import argparse
@@ -20,10 +22,11 @@ from pathlib import Path
 import numpy as np
 
 from result_table import revision
-from robot_stand import NAVIGATION_HZ, SCAN_HZ, DrivenRobot, Every, PoseHistory, standin_navigator
+from robot_stand import NAVIGATION_HZ, SCAN_HZ, DrivenRobot, Every, standin_navigator
 from vb_core.robot_profile import RobotProfile
 from vb_map_integration.border import VirtualBorder
 from vb_map_integration.integrator import IntegratorParams, MapIntegrator
+from vb_robot.clearance_map import OCCUPIED, clearance_grid
 from vb_robot.driving.driver import RATE
 from vb_robot.spots import DEFAULT, GUIDE, Sighting
 from vb_sim.room.floor_plan import physical_map
@@ -34,10 +37,11 @@ TOP = Path(__file__).resolve().parent.parent
 OUT = TOP / "out" / "bench" / "robot_faults.json"
 TABLE = TOP / "docs" / "results" / "robots_faults.md"
 STEP = 0.02
-FAULTS = ("state", "spots", "dispatcher", "driver", "network", "pose", "scan", "clock")
-TITLES = {"state": "interaction manager", "spots": "detector", "dispatcher": "dispatcher", "driver": "driver",
+FAULTS = ("nothing", "state", "spots", "dispatcher", "driver", "network", "pose", "scan", "clock")
+TITLES = {"nothing": "nothing", "state": "interaction manager", "spots": "detector", "dispatcher": "dispatcher", "driver": "driver",
           "network": "network", "pose": "localisation", "scan": "scan", "clock": "clock"}
 HELD = 2.5  # [s] for which it is lost
+AHEAD, BEARING, CIRCLE = 1.6, 0.2, 0.56  # [m, rad] where the spot is from the robot; [m] radius of where that leads it
 
 
 class Run:
@@ -46,8 +50,14 @@ class Run:
     def __init__(self, world, grid, posterior, profile, guided, seed):
         self.lab = Lab(world, seed=seed)
         self.rng = np.random.default_rng(seed)
-        self.body, self.guided, self.poses = self.lab.robots[0], guided, PoseHistory()
-        self.robot = DrivenRobot(0, self.lab, self.poses, standin_navigator(grid, profile), "robot", grid, profile)
+        self.body, self.guided = self.lab.robots[0], guided
+        if guided:
+            clearance = clearance_grid((posterior.data >= OCCUPIED) | (posterior.data < 0), posterior.resolution)
+            middle = np.unravel_index(int(np.argmax(clearance)), clearance.shape)
+            x, y = posterior.cell_to_world(np.array([middle]))[0]
+            yaw = self.rng.uniform(-math.pi, math.pi)
+            self.body.pose = (float(x + CIRCLE * math.sin(yaw)), float(y - CIRCLE * math.cos(yaw)), float(yaw))
+        self.robot = DrivenRobot(0, self.lab, standin_navigator(grid, profile), "robot", grid, profile)
         self.robot.set_map(posterior)
         self.scan, self.drive, self.control, self.image = Every(SCAN_HZ), Every(RATE), Every(NAVIGATION_HZ), Every(25.0)
         self.now, self.frozen = 100.0, False
@@ -58,15 +68,14 @@ class Run:
         self.now += STEP
         now = self.now
         self.lab.step(STEP, now)
-        self.poses.add(now, self.body.odometry, self.body.estimate())
         if self.frozen:
             return  # without a clock nothing comes any more
         if self.scan.due(now):
             self.robot.scan(now)
         if self.guided and self.image.due(now):
             x, y, yaw = self.body.pose
-            # always a little too far ahead: only a fault or something in the way ends the drive
-            place = np.array([x + 1.6 * math.cos(yaw + 0.1), y + 1.6 * math.sin(yaw + 0.1)])
+            # always a little too far ahead: only a fault ends the drive
+            place = np.array([x + AHEAD * math.cos(yaw + BEARING), y + AHEAD * math.sin(yaw + BEARING)])
             self.waiting.append((now, place))
         while self.waiting and self.waiting[0][0] <= now - 0.1:
             stamp, place = self.waiting.pop(0)
@@ -98,7 +107,7 @@ def run(world, grid, posterior, profile, guided, fault, seed):
             # time stands still for the driver, and it knows only for how long
             run.frozen = True
             if run.drive.due(run.now):
-                run.robot.driver.set_clock(run.now - at)
+                run.robot.driver.clock_age = run.now - at
                 run.robot.drive(at)
                 run.body.command(run.robot.command.v, run.robot.command.w, run.now)
         run.step()
@@ -107,7 +116,7 @@ def run(world, grid, posterior, profile, guided, fault, seed):
             stopped = run.now - at
         depth = max(depth, profile.radius - float(np.linalg.norm(cells - run.body.pose[:2], axis=1).min()))
     run.robot.lost.clear()
-    run.robot.driver.set_clock(0.0)
+    run.robot.driver.clock_age = 0.0
     run.frozen = False
     end = run.now + 4.0
     going = 0.0

@@ -2,22 +2,20 @@
 from __future__ import annotations
 
 import math
-from collections import deque
 from pathlib import Path
-from typing import Deque, Optional, Set, Tuple
+from typing import Optional, Set
 
 import numpy as np
 import yaml
 
-from vb_core import geometry
 from vb_core.errors import CodedError
 from vb_core.grid_map import GridMap
 from vb_core.robot_profile import RobotProfile
 from vb_robot.dispatching.dispatch import GoalStatus
 from vb_robot.dispatching.dispatcher import RobotStatus
 from vb_robot.driving.driver import NAVIGATION, Command, Driver
-from vb_robot.driving.following import Frames
 from vb_robot.driving.safety import Scan
+from vb_robot.driving.workspace import Workspace
 from vb_robot.spots import Sighting
 from vb_robot.dispatching.view import FloorView
 from vb_sim.robot.costmap import CostmapParams
@@ -60,44 +58,6 @@ def standin_navigator(grid: GridMap, profile: RobotProfile) -> Navigator:
     return navigator
 
 
-class PoseHistory:
-    """Where odometry and localisation have put a robot lately, as tf remembers it."""
-
-    def __init__(self, span: int = 200) -> None:
-        self._entries: Deque[Tuple[float, Pose, Pose]] = deque(maxlen=span)
-
-    def add(self, now: float, odometry: Pose, estimate: Pose) -> None:
-        """Takes the newest poses."""
-        self._entries.append((now, odometry, estimate))
-
-    def at(self, stamp: float) -> Tuple[Pose, Pose]:
-        """(odometry, estimate) at a time [s], interpolated."""
-        entries = self._entries
-        if stamp >= entries[-1][0]:
-            return entries[-1][1], entries[-1][2]
-        index = len(entries) - 1
-        while index > 0 and entries[index - 1][0] > stamp:
-            index -= 1
-        later, earlier = entries[index], entries[max(index - 1, 0)]
-        span = later[0] - earlier[0]
-        share = min(max((stamp - earlier[0]) / span, 0.0), 1.0) if span > 0 else 0.0
-        return _between(earlier[1], later[1], share), _between(earlier[2], later[2], share)
-
-    def estimate(self, stamp: float) -> Pose:
-        """The pose (x, y, yaw) in the map frame at a time [s]."""
-        return self.at(stamp)[1]
-
-    def map_to_odom(self, stamp: float) -> np.ndarray:
-        """T_map_odom, 4x4, at a time [s]."""
-        odometry, estimate = self.at(stamp)
-        return geometry.pose2d_transform(*estimate) @ geometry.invert(geometry.pose2d_transform(*odometry))
-
-
-def _between(a: Pose, b: Pose, share: float) -> Pose:
-    turn = geometry.wrap_angle(b[2] - a[2])
-    return a[0] + share * (b[0] - a[0]), a[1] + share * (b[1] - a[1]), geometry.wrap_angle(a[2] + share * turn)
-
-
 class DrivenRobot:
     """One robot of a run, as its navigation and its driver drive it.
 
@@ -114,7 +74,6 @@ class DrivenRobot:
         self,
         index: int,
         lab: Lab,
-        poses: PoseHistory,
         navigator: Navigator,
         camera: str,
         grid: GridMap,
@@ -122,13 +81,13 @@ class DrivenRobot:
         leaves: bool = False,
     ) -> None:
         self._index, self._lab, self._body = index, lab, lab.robots[index]
-        self._poses, self._navigator, self._profile = poses, navigator, profile
+        self._navigator, self._profile = navigator, profile
         self._state = (0, "", 0.0)
         self._said_at = -math.inf
         self.driver = Driver(profile, camera, (camera,), leaves)
         robot = lab.world.robots[index]
-        self.driver.set_view(FloorView(robot.color_model(), robot.camera_mount(), profile.camera.max_range))
-        self.driver.set_maps(grid, None, None)
+        self.driver.following.view = FloorView(robot.color_model(), robot.camera_mount(), profile.camera.max_range)
+        self.driver.set_maps(Workspace(grid, None, profile.radius))
         self.lost: Set[str] = set()
         self.command = Command()
         self._obstacles = np.zeros((0, 2))  # robot's frame, from the newest scan
@@ -139,7 +98,7 @@ class DrivenRobot:
     def set_map(self, grid: GridMap) -> None:
         """Takes the map with borders."""
         self._navigator.set_map(grid)
-        self.driver.set_maps(grid, None, None)
+        self.driver.set_maps(Workspace(grid, None, self._profile.radius))
 
     def set_state(self, state: int, interaction_id: str, entered: float) -> None:
         """Takes the interaction's state."""
@@ -171,7 +130,7 @@ class DrivenRobot:
     def status(self, now: float) -> RobotStatus:
         """How the dispatcher sees it."""
         place = self._goal[:2] if self.driving and self._goal is not None else None
-        return RobotStatus(self._poses.estimate(now), True, self._goal_status, False, place)
+        return RobotStatus(self._body.estimate(), True, self._goal_status, False, place)
 
     def send(self, pose: Pose) -> None:
         """Begins a new goal."""
@@ -189,7 +148,7 @@ class DrivenRobot:
         if not self.driving:
             return
         try:
-            drive = self._navigator.step(now, self._poses.estimate(now), self._obstacles, dt)
+            drive = self._navigator.step(now, self._body.estimate(), self._obstacles, dt)
         except CodedError:
             self._end(GoalStatus.FAILED)
             return
@@ -213,13 +172,9 @@ class DrivenRobot:
             self._said_at = now
             self.driver.set_state(state, interaction_id, entered, now)
         if "pose" not in self.lost:
-            self.driver.set_pose(self._poses.estimate(now), now)
-        self.driver.set_goal(self.driving)
-        odometry = self._poses.at(now)[0]
-        self.command = command = self.driver.step(now, Frames(
-            lambda stamp: geometry.invert(self._poses.map_to_odom(stamp)),
-            lambda: geometry.invert(geometry.pose2d_transform(*odometry)),
-        ))
+            self.driver.set_pose(self._body.estimate(), now)
+        self.driver.goal_runs = self.driving
+        self.command = command = self.driver.step(now)
         if command.cancel:
             self.cancel()
         if command.speaks:

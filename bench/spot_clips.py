@@ -2,7 +2,7 @@
 """How right the spot detector is on labelled clips, in each role that a camera can have.
 
     bench/spot_clips.py DIR [--roles stationary mobile window] [--as plain jpeg60 ...] [--clips WORD ...]
-                            [--left-out EXAMPLES ...] [--other SRC] [--csv FILE] [--crops DIR]
+                            [--left-out EXAMPLES] [--other SRC] [--csv FILE] [--crops DIR]
 
 DIR holds labels.json and clips/. Roles: a camera that stands still; the same pictures as a robot's camera sees them
 while it stands; and as a robot sees them that looks around, through a window that pans, tilts and rolls over the
@@ -39,7 +39,7 @@ sys.path.insert(0, str(TOP / "bench"))
 
 from spot_versions import append_rows, other_detector  # noqa: E402
 from vb_laser_detect.detector import DetectorParams, SpotDetector  # noqa: E402
-from vb_laser_detect.detection.training import fit_without, load_examples  # noqa: E402
+from vb_laser_detect.detection.training import fit_without, kept_examples  # noqa: E402
 
 REACH_PX, FRINGE = 10.0, 2
 COUNTED = ("frames", "labels", "found", "shots", "shots_found", "false", "false_off_fringe", "false_on_unlabelled")
@@ -242,7 +242,7 @@ def main() -> int:
     parser.add_argument("--roles", nargs="+", default=list(ROLES), choices=ROLES)
     parser.add_argument("--as", nargs="+", default=["plain"], dest="variants", choices=list(VARIANTS) + ["all"])
     parser.add_argument("--clips", nargs="+", default=[""], metavar="WORD", help="only clips with a WORD in their name")
-    parser.add_argument("--left-out", nargs="+", type=Path, metavar="EXAMPLES")
+    parser.add_argument("--left-out", type=Path, metavar="EXAMPLES")
     parser.add_argument("--confirmed", action="store_true", help="also with confirmation")
     parser.add_argument("--other", type=Path, metavar="SRC", help="folder of another version's packages")
     parser.add_argument("--csv", type=Path, help="append a row for each role, variant, version and clip, and for all clips")
@@ -250,7 +250,7 @@ def main() -> int:
     given = parser.parse_args()
     cv2.setNumThreads(1)
     videos = sorted(json.loads((given.folder / "labels.json").read_text())["videos"].items())
-    judges = fit_without(load_examples(given.left_out), [name for name, _ in videos], 4) if given.left_out else {}
+    judges = fit_without(kept_examples(sorted(given.left_out.glob("*.npz"))), [name for name, _ in videos], 4) if given.left_out else {}
     videos = [(name, video) for name, video in videos if any(word in name for word in given.clips)]
     for variant in VARIANTS if "all" in given.variants else given.variants:
         for role in given.roles:

@@ -95,7 +95,7 @@ def measure_time(frames: int) -> Dict[str, Any]:
 
 
 def measure_scenes(
-    words: List[str], seed: int, other: Optional[Path], left_out: List[Path], share: float, without: List[str], table: Optional[Path],
+    words: List[str], seed: int, other: Optional[Path], left_out: Optional[Path], share: float, without: List[str], table: Optional[Path],
 ) -> Dict[str, Any]:
     """Recall, false spots and errors on the floor in rendered scenes; prints each as it is done.
 
@@ -104,18 +104,18 @@ def measure_scenes(
         table: gets a row for each scene and version.
         without: no scenes with one of these words in their names.
         other: folder of another version's packages, which see the same pictures.
-        left_out: examples that spot_training.py kept: the scenes are also searched with classifiers fitted without
+        left_out: folder of the examples that spot_training.py kept: the scenes are also searched with classifiers fitted without
             them, a fifth of all at once.
     """
     from spot_scenes import Camera, CameraModels, Rooms, ceiling_scenes, lab, mobile_scenes, play
-    from vb_laser_detect.detection.training import fit_without, load_examples
+    from vb_laser_detect.detection.training import fit_without, kept_examples
 
     result: Dict[str, Any] = {}
     room, rooms = lab(), Rooms(CameraModels(), seed)
     print(f"{'scene':52s} recall  false/h  error on the floor [mm]: median, 95 % (and with pose errors)")
     scenes = ceiling_scenes(room) + mobile_scenes(room)
     groups = [("robot: " if scene.mobile else "ceiling: ") + scene.name for scene in scenes]
-    judges = fit_without(load_examples(left_out), groups, 5) if left_out else {}
+    judges = fit_without(kept_examples(sorted(left_out.glob("*.npz"))), groups, 5) if left_out else {}
     for scene, group in zip(scenes, groups):
         name = ("robot's camera: " if scene.mobile else "") + scene.name
         if words and not any(word in name for word in words) or any(word in name for word in without):
@@ -158,7 +158,7 @@ def main() -> int:
     parser.add_argument("--quiet", type=float, metavar="MINUTES", help="simulated time without a laser")
     parser.add_argument("--seed", type=int, default=1, help="of textures, noise and, with --quiet, who walks where")
     parser.add_argument("--other", type=Path, help="folder of another version's packages, for --scenes: on the same pictures")
-    parser.add_argument("--left-out", nargs="+", type=Path, default=[], metavar="EXAMPLES",
+    parser.add_argument("--left-out", type=Path, metavar="EXAMPLES",
                         help="for --scenes: also with classifiers fitted without the scene, by what spot_training.py kept")
     parser.add_argument("--csv", type=Path, help="append the scenes to a table")
     parser.add_argument("--out", type=Path, default=TOP / "out" / "bench" / "spot_detection.json")

@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Writes docs/results/detection.md from the tables beside it that the spot benches write.
 
-    bench/spot_clips.py DIR --left-out EXAMPLES --csv docs/results/detection_clips.csv
+    bench/spot_clips.py DIR --left-out out/spot_examples --csv docs/results/detection_clips.csv
     bench/spot_training.py --clips DIR --csv docs/results/detection_left_out.csv
     bench/spot_detection.py --no-times --scenes --share .4 --other SRC --csv docs/results/detection_scenes.csv
     bench/spot_table.py --other SRC --csv docs/results/detection_table.csv

@@ -31,7 +31,7 @@ from vb_sim.room.floor_plan import physical_map  # noqa: E402
 from vb_sim.room.floor_texture import FloorTexture, render_floor  # noqa: E402
 from vb_sim.lab_history import Snapshot  # noqa: E402
 from vb_sim.room.mesh import world_mesh  # noqa: E402
-from vb_sim.room.models_cameras import CameraModels  # noqa: E402
+from vb_sim.room.models_cameras import CameraModels, generator  # noqa: E402
 from vb_sim.room.models_motion import LocalisationModel  # noqa: E402
 from vb_sim.room.raycast import DistanceField  # noqa: E402
 from vb_sim.cameras.robot_view import RobotView  # noqa: E402
@@ -167,6 +167,14 @@ class Camera:
         self._model: Any = None
         self._views = [rooms.view(world, "" if scene.mobile else scene.camera) for world in scene.worlds]
         self._poses = _pose_errors(scene, rooms.models, rooms.seed)
+        first = next(course(scene))[2]
+        for view in self._views:
+            # a scene's noise is its own, whichever scenes were played before in the same room
+            noise = generator(rooms.seed, f"scene {scene.name}")
+            if scene.mobile:
+                view.draw_from(noise)
+            else:
+                view.frame(first, noise)
         self._missed: Dict[float, str] = {}  # why nothing was seen at a time [s], until a later frame recalls it
 
     def picture(self, t: float, index: int, snapshot: Snapshot) -> Tuple[np.ndarray, SeenFrame, Any]:
@@ -423,6 +431,25 @@ def ceiling_scenes(room: World) -> List[Scene]:
     scenes += [Scene(f"camera {height} m high", border, (with_camera(room, height=height),)) for height in (2.2, 4.0)]
     scenes += [Scene(f"{encoding} images", border, (with_camera(room, encoding=encoding),)) for encoding in ("bgr8", "mono8")]
     scenes.append(Scene("strong distortion", border, (with_camera(room, distortion=(-0.28, 0.08, 0.0, 0.0, 0.0)),)))
+    return scenes
+
+
+def training_scenes(room: World) -> List[Scene]:
+    """What only the classifier's training sees: printed dots of other colours and sizes, on other floors, under both cameras.
+
+    The dots of `ceiling_scenes` thus remain a test of whether paint is told from light.
+    """
+    colours = ((40, 60, 220), (240, 220, 40), (240, 120, 200), (250, 130, 30), (30, 200, 210))
+    scenes = []
+    for name, floor, size in (("grey", room.floor, 0.012), ("pale", replace(room.floor, kind="tiles", color=(170, 165, 155)), 0.025),
+                              ("brown", replace(room.floor, kind="tiles", color=(120, 85, 60)), 0.018)):
+        bare = lab(floor=floor, patches=())
+        for mobile, places in ((False, ((3.3, 2.3), (4.4, 2.5), (5.2, 1.6), (3.9, 1.4), (4.8, 1.1))),
+                               (True, ((5.9, 1.2), (5.6, 0.8), (5.3, 1.1), (5.7, 1.0), (5.5, 1.3)))):
+            printed = replace(bare, patches=dots(places, colours, size))
+            # twice within the time that is learnt from; a robot stands still, so that they are new to it
+            scenes.append(Scene(f"dots on a {name} floor", still(4.0, 3.0) if not mobile else still(5.8, 0.9), (bare, printed),
+                                every(1.0, 1, 0), mobile=mobile, person=False, robot_at=lambda t: (6.9, 1.0, math.pi)))
     return scenes
 
 

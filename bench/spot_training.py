@@ -6,7 +6,10 @@
     bench/spot_training.py --out FILE                  from rendered scenes alone: says so in the file, and is the worse
                                                        for it on real pictures
     ... --recording BAG TOPIC                          with one's own camera; may be repeated
-    ... --keep FILE.npz, --from FILE.npz ...           keeps the examples; starts from kept ones instead of scenes
+    ... --examples FOLDER                              where the examples of each scene, clip and recording are kept, a file
+                                                       each (default: out/spot_examples): what is there is not rendered
+                                                       again, so the command goes on where it was stopped. Delete the
+                                                       folder when the detector has changed
 
 Validates on clips, scenes and recordings that were left out, each as a whole. --compare FILE tells how far the result is
 from another classifier's numbers: everything is seeded, so on one machine it is the same; another processor may round
@@ -20,9 +23,10 @@ from __future__ import annotations
 
 import argparse
 import json
+import re
 import sys
 from pathlib import Path
-from typing import Any, Iterator, List
+from typing import Any, Callable, Iterator, List, Tuple
 
 import cv2
 import numpy as np
@@ -37,7 +41,7 @@ from spot_versions import append_rows  # noqa: E402
 from vb_laser_detect.detection import classifier  # noqa: E402
 from vb_laser_detect.detector import DetectorParams  # noqa: E402
 from vb_laser_detect.detection.training import (  # noqa: E402
-    Examples, Frame, collect, fit, load_examples, logits, save, save_examples, validate)
+    Examples, Frame, collect, fit, kept_examples, logits, save, save_examples, validate)
 
 SCENES_SHARE, SCENES_SEED = 0.2, 7  # of each scene's time; other rooms than spot_detection's
 NEAR_FRAMES, FIRST_FRAMES = 8, 60  # of long clips those near a shot, and the first ones, tell enough
@@ -91,19 +95,22 @@ def from_recording(bag_file: str, topic: str) -> Examples:
         return collect(frames(), preset, f"recording: {Path(bag_file).name}", SCENE_REACH_PX, encoding)
 
 
-def from_scenes(share: float, seed: int) -> Iterator[Examples]:
-    """Examples of rendered scenes, so much of each one's time; other floors, noise and ways than spot_detection's."""
+def scene_parts(share: float, seed: int) -> Iterator[Tuple[str, Callable[[], Examples]]]:
+    """Names of rendered scenes, and what makes their examples from so much of each one's time.
+
+    Other floors, noise and ways than spot_detection's.
+    """
     import spot_scenes as scenes
 
     scenes.LEARN_S, scenes.QUIET_S, scenes.DRAW_S = 0.5, 8.0 * share, 10.0 * share
     room, rooms = scenes.lab(), scenes.Rooms(scenes.CameraModels(), seed)
-    for scene in scenes.ceiling_scenes(room) + scenes.mobile_scenes(room):
-        yield collect(*_rendered(scenes, scene, rooms, share))
+    for scene in scenes.ceiling_scenes(room) + scenes.mobile_scenes(room) + scenes.training_scenes(room):
+        name = ("robot: " if scene.mobile else "ceiling: ") + scene.name
+        yield name, lambda scene=scene, name=name: collect(*_rendered(scenes, scene, rooms, share, name))
 
 
-def _rendered(scenes: Any, scene: Any, rooms: Any, share: float) -> Any:
+def _rendered(scenes: Any, scene: Any, rooms: Any, share: float, name: str) -> Any:
     camera = scenes.Camera(scene, rooms)
-    name = ("robot: " if scene.mobile else "ceiling: ") + scene.name
     encoding = {"encoding": "bgr8" if scene.mobile else scene.worlds[0].camera(scene.camera).encoding}
 
     def frames() -> Iterator[Frame]:
@@ -123,22 +130,22 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--clips", type=Path, metavar="DIR")
     parser.add_argument("--recording", nargs=2, action="append", default=[], metavar=("BAG", "TOPIC"))
-    parser.add_argument("--from", type=Path, nargs="+", dest="kept", help="examples that were kept, instead of rendered scenes")
-    parser.add_argument("--keep", type=Path, help="write the examples")
+    parser.add_argument("--examples", type=Path, metavar="FOLDER", default=TOP / "out" / "spot_examples")
     parser.add_argument("--out", type=Path, help="write the classifier")
     parser.add_argument("--compare", type=Path, help="with a classifier of an earlier run")
     parser.add_argument("--csv", type=Path, help="append a row for each clip and scene that was left out")
     parser.add_argument("--no-validation", action="store_true")
     given = parser.parse_args()
     cv2.setNumThreads(1)
-    parts: List[Examples] = []
-    for part in examples_of(given):
-        if len(part.truth):
-            parts.append(part)
-            print(f"{', '.join(np.unique(part.groups)[:1])[:60]:60s} {part.truth.sum():5d} spots of {len(part.truth)}", flush=True)
-    examples = Examples.joined(parts)
-    if given.keep:
-        save_examples(examples, given.keep)
+    given.examples.mkdir(parents=True, exist_ok=True)
+    files = []
+    for name, make in parts_of(given):
+        file = given.examples / (re.sub(r"\W+", "_", name) + ".npz")
+        if not file.exists():
+            save_examples(make(), file)
+            print(f"made {file.name}", flush=True)
+        files.append(file)
+    examples = kept_examples(files)
     print(f"{len(examples.truth)} examples, {examples.truth.sum()} spots, {len(np.unique(examples.groups))} clips and scenes")
     if not given.no_validation:
         rows = []
@@ -160,17 +167,14 @@ def main() -> int:
     return 0
 
 
-def examples_of(given: argparse.Namespace) -> Iterator[Examples]:
-    """The examples that the command asks for."""
-    if given.kept:
-        yield load_examples(given.kept)
-    else:
-        yield from from_scenes(SCENES_SHARE, SCENES_SEED)
+def parts_of(given: argparse.Namespace) -> Iterator[Tuple[str, Callable[[], Examples]]]:
+    """Names of the scenes, clips and recordings that the command asks for, and what makes their examples."""
+    yield from scene_parts(SCENES_SHARE, SCENES_SEED)
     if given.clips:
         for name, video in sorted(json.loads((given.clips / "labels.json").read_text())["videos"].items()):
-            yield from_clip(given.clips, name, video)
+            yield name, lambda name=name, video=video: from_clip(given.clips, name, video)
     for bag, topic in given.recording:
-        yield from_recording(bag, topic)
+        yield f"recording: {Path(bag).name}", lambda bag=bag, topic=topic: from_recording(bag, topic)
 
 
 def compare(made: classifier.SpotClassifier, other: classifier.SpotClassifier, examples: Examples) -> None:

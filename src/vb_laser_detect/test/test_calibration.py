@@ -259,7 +259,7 @@ def test_unwritable_folder_is_said(tmp_path):
     (tmp_path / "file").write_text("")
     with pytest.raises(CodedError) as raised:
         calibration_file.save(tmp_path / "file" / "red.yaml", {"camera": "red"})
-    assert raised.value.code == "bad_file"
+    assert raised.value.code == "cannot_write"
 
 
 def test_projection_of_the_estimate_goes_back_to_the_pixels():

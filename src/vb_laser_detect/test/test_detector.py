@@ -507,6 +507,23 @@ def test_a_newcomer_does_not_take_the_drawn_spot_s_place(bayer, weaker):
     assert all(len(spots) == 1 and abs(spots[0].v - 200) < 1 for spots in found[4:])
 
 
+@pytest.mark.parametrize("bayer", [False, True])
+@pytest.mark.parametrize("preset", [DetectorParams.stationary, DetectorParams.mobile])
+def test_paint_takes_light_from_some_channel_and_is_no_spot(preset, bayer):
+    # dots of paper that are laid down are as sudden, round and bright as a spot, and more coloured
+    for colour in ((225, 80, 50), (30, 130, 250), (60, 230, 40), (45, 35, 235)):
+        for radius in (3, 5, 9):
+            scene, detector = tinted(Scene(320, 240)), SpotDetector(preset(confirm_frames=1))
+            detector.encoding = "bayer_rggb8" if bayer else "bgr8"
+            feed(detector, [scene.render(bayer=bayer) for _ in range(5)])
+            dot = cv2.circle(np.zeros((240, 320), np.float32), (150, 120), radius, 1.0, -1, cv2.LINE_AA)
+            dot = cv2.GaussianBlur(dot, (0, 0), 0.8)[:, :, None]
+            laid = scene.floor * (1.0 - dot) + dot * np.array(colour, np.float32)
+            assert feed(detector, [scene.render(floor=laid, bayer=bayer) for _ in range(3)], 0.2) == [[]] * 3, (colour, radius)
+            # and light that falls beside it is one
+            assert len(detector.detect(scene.render([(60, 60)], floor=laid, bayer=bayer), 0.32)) == 1
+
+
 @pytest.mark.parametrize("params", [DetectorParams.stationary(), DetectorParams.mobile()])
 def test_a_camera_of_two_images_a_second_sees_a_stroke(params):
     scene, detector, told = Scene(), SpotDetector(params), 0

@@ -9,9 +9,9 @@ import yaml
 
 from scenes import GREEN, RED, Scene, tinted
 from vb_laser_detect.detection import features
-from vb_laser_detect.detector import Candidate, DetectorParams
+from vb_laser_detect.detector import DetectorParams, Spot
 from vb_laser_detect.detection.background import Background
-from vb_laser_detect.detection.blocks import block_maxima, mask_of_blocks, max_channel, regions
+from vb_laser_detect.detection.blocks import block_maxima, halved, mask_of_blocks, max_channel, regions
 from vb_laser_detect.detection.debug_image import draw
 
 from vb_laser_detect.detection.projection import ProjectionParams
@@ -20,7 +20,7 @@ from vb_laser_detect.detection.detector_counts import DetectorCounts
 PACKAGE = Path(__file__).resolve().parents[1]
 
 
-@pytest.mark.parametrize("shape", [(64, 96), (64, 96, 3), (67, 101, 3), (33, 47)])
+@pytest.mark.parametrize("shape", [(64, 96), (64, 96, 3), (67, 101, 3), (33, 47), (171, 9000, 3)])
 def test_block_maxima_are_numpys(shape):
     image = np.random.default_rng(1).integers(0, 256, shape, dtype=np.uint8)
     background = np.random.default_rng(2).integers(0, 256, shape, dtype=np.uint8)
@@ -30,7 +30,7 @@ def test_block_maxima_are_numpys(shape):
         return values[: rows * 8, : columns * 8].reshape(rows, 8, columns, 8, *shape[2:])
 
     rise = blocks(np.maximum(image.astype(int) - background, 0))
-    for found, truth in ((block_maxima(image, background), rise), (block_maxima(image, background, row_step=2), rise[:, 1::2])):
+    for found, truth in ((block_maxima(image, background), rise), (block_maxima(image, background, (1, 2, 5, 6)), rise[:, [1, 2, 5, 6]])):
         assert (found == truth.reshape(*truth.shape[:4], -1).max(axis=(1, 3, 4))).all()
     assert (max_channel(image) == (image if image.ndim == 2 else image.max(axis=2))).all()
 
@@ -52,7 +52,7 @@ def test_background_takes_in_what_stays_and_leaves_out_what_is_a_spot():
     spots[4, 4] = True
     for _ in range(60):
         maxima, _ = background.rise(changed, None)
-        background.learn(changed, maxima, maxima > 18, spots, 60.0, 0.04)
+        background.learn(changed, maxima, maxima > 18, spots, 0.04)
     assert (background.image[8:16, 8:16] == 200).all()
     assert (background.image[32:40, 32:40] == 100).all()
 
@@ -62,7 +62,7 @@ def test_background_follows_a_slow_drift():
     for i in range(500):
         image = np.full((64, 64), 100 + i // 25, np.uint8)
         maxima, _ = background.rise(image, None)
-        background.learn(image, maxima, maxima > 18, np.zeros((8, 8), bool), 60.0, 0.04)
+        background.learn(image, maxima, maxima > 18, np.zeros((8, 8), bool), 0.04)
     assert abs(int(background.image.mean()) - 119) <= 4
 
 
@@ -79,14 +79,14 @@ def test_what_a_spot_hides_stays_in_its_place_while_the_camera_moves():
         motion, image = np.array([[1.0, 0, -0.6 * (i - keyframe)], [0, 1, 0], [0, 0, 1]]), seen(i)
         left = 100 - 0.6 * i  # of what is hidden, in this image
         image[40:56, int(left) : int(left) + 16] = 255
-        rise, _ = background.rise(image, motion)
+        rise, _ = background.rise(image, motion, halved(image))
         background.examine([(int(left) // 8 * 8, 40, int(left) // 8 * 8 + 24, 56)], image)
         spots = np.zeros(background.blocks, bool)
         spots[5:7, int(left) // 8 : int(left) // 8 + 3] = True
         hidden = (slice(42, 54), slice(int(left) + 2, int(left) + 14))
         known = cv2.dilate(seen(i), np.ones((3, 3)))[hidden].astype(int)
         assert np.abs(background.reference[hidden] - known).mean() < 6.0, i
-        if background.learn(image, rise, rise > 18, spots, 60.0, 0.04):
+        if background.learn(image, rise, rise > 18, spots, 0.04):
             keyframe = i
 
 
@@ -100,7 +100,8 @@ def test_tint_is_the_light_s_wherever_a_window_starts(bayer):
             window = (slice(top, top + 40), slice(left, left + 40))
             rise = cv2.GaussianBlur(max_channel(cv2.subtract(lit[window], floor[window])), (3, 3), 0)
             blob = (rise > 0.35 * rise.max()).astype(np.uint8)
-            tints.append(features.tint_of(blob, rise.astype(np.float32), lit[window], floor[window]))
+            means = features.means_over(blob, bayer, lit[window], floor[window])
+            tints.append(features.tint_of(blob, rise, lit[window], floor[window], *means))
         assert np.allclose(tints, tints[0], atol=0.02)
         assert least <= features.chroma(tints[0]) <= most
     # four places of a pattern, of which green has two; three channels
@@ -116,7 +117,7 @@ def test_white_light_in_a_shadow_is_white():
     rise = cv2.GaussianBlur(max_channel(cv2.subtract(shaded, floor)), (3, 3), 0)
     blob = (rise > 0.35 * rise.max()).astype(np.uint8)
     # beside the saturated core the shadow takes most where the floor was brightest: that is no colour of the light
-    assert features.chroma(features.tint_of(blob, rise.astype(np.float32), shaded, floor)) < 0.12
+    assert features.chroma(features.tint_of(blob, rise, shaded, floor, *features.means_over(blob, False, shaded, floor))) < 0.12
 
 
 def test_regions_part_a_bright_spot_from_what_it_touches():
@@ -147,7 +148,7 @@ def test_statistics():
 @pytest.mark.parametrize("encoding, bayer", [("bgr8", False), ("rgb8", False), ("bayer_rggb8", True), ("mono8", True)])
 def test_debug_image(encoding, bayer):
     image = Scene(160, 96).render(bayer=bayer)
-    picture = draw(image, encoding, [Candidate(50.2, 40.1, 6.0, confidence=0.9), Candidate(100, 50, 9, refusal="too_dark")])
+    picture = draw(image, encoding, [Spot(50.2, 40.1, 6.0, confidence=0.9), Spot(100, 50, 9, refusal="too_dark")])
     assert picture.shape == (96, 160, 3) and (picture == (0, 220, 0)).all(axis=2).any()
 
 

@@ -32,8 +32,8 @@ class FaultsTest(unittest.TestCase):
         cls.bases = {body.name: FaultyMoveBase(body) for body in (cls.ada, cls.bob)}
         cls.words = []
         rospy.Subscriber(names.NOTICES, NoticeArray, lambda message: cls.words.extend(n.code for n in message.notices))
-        cls.own_map = rospy.Publisher("/bob/virtual_borders/map", OccupancyGridArray, queue_size=1, latch=True)
-        cls.own_map.publish(message_from_grid(room(), rospy.Time.now()))
+        cls.maps = {name: rospy.Publisher(f"/{name}/virtual_borders/map", OccupancyGridArray, queue_size=1, latch=True)
+                    for name in cls.bases}
         assert wait_until(lambda: cls.stimulus.spots.get_num_connections() > 0), "the dispatcher did not subscribe"
 
     def setUp(self):
@@ -42,11 +42,17 @@ class FaultsTest(unittest.TestCase):
         self.assertTrue(wait_until(lambda: not any(base.active for base in self.bases.values())))
         for base in self.bases.values():
             base.forget()
-        self.stimulus.publish_map(room())
-        self.own_map.publish(message_from_grid(room(), rospy.Time.now()))
+        self.publish_maps(room())
         self.ada.pose, self.bob.pose = (5.0, 2.5, 0.0), (5.4, 0.6, 0.0)
         self.ada.offset = self.bob.offset = (0.0, 0.0)
         self.words.clear()
+
+    def publish_maps(self, grid, *robots):
+        """The maps of some robots; without a name that of all, and the one without borders."""
+        if not robots:
+            self.stimulus.publish_map(grid)
+        for name in robots or self.maps:
+            self.maps[name].publish(message_from_grid(grid, rospy.Time.now()))
 
     def draw(self, spot=SPOT):
         self.stimulus.set_state(BORDER)
@@ -64,8 +70,7 @@ class FaultsTest(unittest.TestCase):
         grid = room()
         data = grid.data.copy()
         data[:75, 70:74] = 100  # a wall at x = 3.6 m, open at the top: ada has 2.6 m more to go
-        self.stimulus.publish_map(grid.with_data(data))
-        self.own_map.publish(message_from_grid(grid.with_data(data), rospy.Time.now()))
+        self.publish_maps(grid.with_data(data))
         self.ada.pose, self.bob.pose = (4.2, 0.6, 0.0), (3.3, 4.4, 0.0)
         self.draw((2.0, 1.0))
         self.is_sent("bob")
@@ -95,7 +100,7 @@ class FaultsTest(unittest.TestCase):
         grid = room()
         data = grid.data.copy()
         data[:, 10:75] = 100  # bob is to keep out of where the spot is
-        self.own_map.publish(message_from_grid(grid.with_data(data), rospy.Time.now()))
+        self.publish_maps(grid.with_data(data), "bob")
         self.ada.pose, self.bob.pose = (5.0, 4.4, 0.0), (4.2, 2.5, math.pi)
         self.draw((2.0, 1.2))
         self.is_sent("ada")

@@ -5,9 +5,9 @@ import numpy as np
 import pytest
 
 from vb_core.grid_map import GridMap
-from vb_robot.dispatching.dispatch import GoalStatus, Kind
-from vb_robot.dispatching.dispatcher import Dispatcher, RobotMap, Progress, RobotStatus, WatchParams
-from vb_robot.dispatching.drawing import Drawing
+from vb_robot.dispatching.dispatch import GoalStatus
+from vb_robot.dispatching.dispatcher import Dispatcher, RobotMap, Progress, RobotStatus
+from vb_robot.dispatching.drawing import BlindSpots, Drawing
 from vb_robot.spots import BORDER, Sighting
 from vb_robot.dispatching.view import FloorView, to_base
 
@@ -26,17 +26,17 @@ class Lab:
         grid = GridMap(data, 0.05)
         coverage = np.where(data > 0, np.int8(-1), np.int8(1))
         coverage[1:-1, int(EDGE / 0.05):-1] = 0
-        self.dispatcher = Dispatcher()
-        self.dispatcher.set_view("", VIEW)
-        self.dispatcher.set_map(grid)
+        self.dispatcher = Dispatcher({"": 0.18})
+        self.dispatcher.maps[""].view = VIEW
+        self.dispatcher.maps[""].set_map(grid)
         self.dispatcher.set_physical_map(grid)
-        self.dispatcher.set_coverage(grid.with_data(coverage))
-        self.dispatcher.set_state(BORDER, "a", 100.0)
+        self.dispatcher.unseen = BlindSpots(grid.with_data(coverage))
+        self.dispatcher.sightings.set_state(BORDER, "a", 100.0)
         self.now, self.robot, self.goal, self.sent = 100.0, robot, GoalStatus.NONE, []
-        self.spot = np.array([3.0, 2.5])
+        self.spot, self.given = np.array([3.0, 2.5]), None
 
     def see(self, camera, position, mobile=False, confidence=0.9):
-        self.dispatcher.add(Sighting(self.now, tuple(position), camera, mobile, confidence))
+        self.dispatcher.sightings.add(Sighting(self.now, tuple(position), camera, mobile, confidence))
 
     def step(self, speed=0.0, robot_sees=True):
         """A quarter of a second in which the spot moves on along x [m/s]."""
@@ -48,11 +48,11 @@ class Lab:
             if robot_sees and self.robot_views(self.spot):
                 self.see("robot", self.spot, mobile=True)
         status = RobotStatus(self.robot, True, self.goal)
-        decision = self.dispatcher.decide(self.now, {"": status})[""]
-        if decision.kind is Kind.SEND:
-            self.robot, self.goal = decision.viewpoint.pose, GoalStatus.REACHED
+        goal = self.dispatcher.decide(self.now, {"": status})[""]
+        if goal is not None and goal is not self.given:
+            self.robot, self.goal = goal.pose, GoalStatus.REACHED
             self.sent.append((self.now, self.robot))
-        return decision
+        self.given = goal
 
     def robot_views(self, place):
         return bool(VIEW.sees(to_base(np.asarray(place)[None], self.robot))[0])
@@ -130,10 +130,10 @@ def test_a_dispatcher_that_restarts_while_somebody_draws_in_a_blind_corner_comes
     lab = Lab()
     # what it hears after its restart: the state, who contributed, and no spot at all but the robot's single one
     lab.spot = np.array([EDGE + 0.5, 2.5])
-    assert not lab.dispatcher.wanted()
+    assert not lab.dispatcher.sightings.dispatches()
     points = np.array([[EDGE - 0.1, 2.5], [EDGE + 0.2, 2.5]])
     lab.dispatcher.set_progress(Progress("a", cameras=("red",), points=points))
-    assert lab.dispatcher.wanted()
+    assert lab.dispatcher.sightings.dispatches()
     for _ in range(8):
         lab.step(robot_sees=False)
     assert lab.sent and lab.robot_views((EDGE + 0.2, 2.5)), "it comes to where the line was seen last"
@@ -152,7 +152,7 @@ def test_what_people_are_told():
         lab.see("red", lab.spot)
         lab.step()
     assert lab.dispatcher.notice is None or lab.dispatcher.notice.code == "spot_ahead_unseen", "seen again"
-    lab.dispatcher.set_state(0, "", lab.now)
+    lab.dispatcher.sightings.set_state(0, "", lab.now)
     lab.step()
     assert lab.dispatcher.notice is None
 
@@ -192,20 +192,20 @@ def test_in_a_mixed_fleet_the_small_robot_goes_where_the_large_one_does_not_fit(
     data[:, [0, -1]] = 100
     data[:, 80] = 100
     data[45:53, 80] = 0  # a gap of 0.4 m
-    dispatcher = Dispatcher(WatchParams(robots=["large", "small"]), radii={"large": 0.18, "small": 0.10})
-    dispatcher.set_map(GridMap(data, 0.05))
-    for robot in dispatcher.robots:
-        dispatcher.set_view(robot, VIEW)
-    dispatcher.set_state(BORDER, "a", 100.0)
+    dispatcher = Dispatcher({"large": 0.18, "small": 0.10})
+    for known in dispatcher.maps.values():
+        known.set_map(GridMap(data, 0.05))
+        known.view = VIEW
+    dispatcher.sightings.set_state(BORDER, "a", 100.0)
     for i in range(10):
-        dispatcher.add(Sighting(100.0 + 0.1 * i, (2.0, 2.5), "red", False, 0.9))
+        dispatcher.sightings.add(Sighting(100.0 + 0.1 * i, (2.0, 2.5), "red", False, 0.9))
     robots = {"large": RobotStatus((5.0, 1.0, 1.5)), "small": RobotStatus((7.0, 1.0, 3.1))}
     decisions = dispatcher.decide(101.0, robots)
-    assert decisions["small"].kind is Kind.SEND and decisions["large"].kind is not Kind.SEND
+    assert decisions["small"] is not None and decisions["large"] is None
 
 
 def test_a_robot_whose_camera_is_not_known_is_not_sent():
     lab = Lab()
-    lab.dispatcher._grounds[""].view = None
+    lab.dispatcher.maps[""].view = None
     lab.draw_until(EDGE)
     assert not lab.sent

@@ -9,10 +9,9 @@ from hypothesis import strategies as st
 from vb_core.grid_map import GridMap
 from vb_core.robot_profile import RobotProfile
 from vb_robot.driving.driver import RATE, Driver
-from vb_robot.driving.following import Frames
 from vb_robot.driving.border_exit import MARGIN, ExitPlanner
-from vb_robot.driving.safety import KeepoutMap, Scan
-from vb_robot.driving.border_monitor import BorderMonitor
+from vb_robot.driving.safety import Scan
+from vb_robot.driving.workspace import Workspace
 
 RADIUS, DT = 0.18, 1.0 / RATE
 OPEN = np.full(360, math.inf)
@@ -44,7 +43,7 @@ class Rig:
 
     def __init__(self, posterior, physical, pose, ranges=OPEN):
         self.driver, self.maps = Driver(RobotProfile(), leaves=True), (posterior, physical)
-        self.driver.set_maps(posterior, physical, BorderMonitor(posterior, physical, [], RADIUS))
+        self.driver.set_maps(Workspace(posterior, physical, RADIUS))
         self.pose, self.ranges, self.now, self.poses, self.state, self.said = pose, ranges, 100.0, [pose], 0, set()
 
     def step(self):
@@ -52,7 +51,7 @@ class Rig:
         self.driver.set_state(self.state, "a" if self.state else "", 0.0, self.now)
         self.driver.set_pose(self.pose, self.now)
         self.driver.set_scan(Scan(self.ranges, -math.pi, math.pi / 180, 0.1, 8.0, np.eye(4), RADIUS), self.now)
-        command = self.driver.step(self.now, Frames(lambda stamp: None, lambda: None))
+        command = self.driver.step(self.now)
         assert abs(command.v) <= 0.2 + 1e-9 and abs(command.w) <= 0.8 + 1e-9
         middle = self.pose[2] + 0.5 * command.w * DT
         self.pose = (self.pose[0] + command.v * DT * math.cos(middle), self.pose[1] + command.v * DT * math.sin(middle),
@@ -65,13 +64,13 @@ class Rig:
 def drive(posterior, physical, pose, ranges=OPEN, seconds=90.0):
     """(whether the robot became free, the poses, what held it or why it gave up)."""
     rig = Rig(posterior, physical, pose, ranges)
-    watch = BorderMonitor(posterior, physical, [], RADIUS)
+    watch = Workspace(posterior, physical, RADIUS)
     for _ in range(int(seconds / DT)):
         rig.step()
         if watch.distance_to_keepout(rig.pose[:2]) >= RADIUS + MARGIN - 1e-6:
             return True, np.array(rig.poses), ""
-        if rig.driver.leave_failed:
-            return False, np.array(rig.poses), rig.driver.leave_failed
+        if rig.driver.exit.failed:
+            return False, np.array(rig.poses), rig.driver.exit.failed
     return False, np.array(rig.poses), f"too late {rig.said}"
 
 
@@ -94,7 +93,7 @@ def test_everything_but_a_corner_is_restricted():
     free, poses, why = drive(posterior, physical, (2.0, 1.0, 2.0))
     assert free, why
     assert poses[-1, 0] > 4.2 and poses[-1, 1] > 3.6
-    gap = KeepoutMap(physical, RADIUS).clearance_at(poses[:, :2]).min()
+    gap = min(Workspace(physical, physical, RADIUS).distance_to_anything(pose) for pose in poses)
     assert gap >= RADIUS, "it does not touch the wall"
 
 
@@ -102,16 +101,16 @@ def test_gap_between_border_and_wall_is_no_place_to_end():
     physical = room()
     # 0.6 m are left to the right wall: the robot fits in, but out of there nothing leads
     posterior = restricted(physical, square(physical, 3.0, 0.0, 5.35, 5.0))
-    route = ExitPlanner(posterior, physical, RADIUS, (5.1, 2.5)).route((5.1, 2.5))
+    route = ExitPlanner(Workspace(posterior, physical, RADIUS), RADIUS, (5.1, 2.5)).route((5.1, 2.5))
     assert route is not None and route[-1, 0] < 3.0
 
 
 def test_no_allowed_floor_and_no_way():
     physical = room()
-    assert ExitPlanner(restricted(physical, np.ones(physical.shape, bool)), physical, RADIUS, (1, 1)).route((1, 1)) is None
+    assert ExitPlanner(Workspace(restricted(physical, np.ones(physical.shape, bool)), physical, RADIUS), RADIUS, (1, 1)).route((1, 1)) is None
     shut = physical.with_data(np.where(np.arange(120) == 60, 100, physical.data).astype(np.int8))
     posterior = restricted(shut, square(shut, 3.05, 0.0, 6.0, 5.0))
-    assert ExitPlanner(posterior, shut, RADIUS, (4.0, 2.0)).route((4.0, 2.0)) is None
+    assert ExitPlanner(Workspace(posterior, shut, RADIUS), RADIUS, (4.0, 2.0)).route((4.0, 2.0)) is None
 
 
 def swallowed(ranges=OPEN, pose=(4.5, 1.5, 0.0)):
@@ -121,10 +120,10 @@ def swallowed(ranges=OPEN, pose=(4.5, 1.5, 0.0)):
 
 def test_gives_up_where_something_is_in_the_way_and_tries_again():
     rig = swallowed(np.full(360, 0.25))
-    while not rig.driver.leave_failed:
+    while not rig.driver.exit.failed:
         rig.step()
         assert rig.now < 130.0
-    assert rig.driver.leave_failed == "obstacle"
+    assert rig.driver.exit.failed == "obstacle"
     assert np.allclose(np.array(rig.poses)[:, :2], (4.5, 1.5)), "it only turns"
     rig.ranges = OPEN
     while math.dist(rig.pose[:2], (4.5, 1.5)) < 0.5:
@@ -137,14 +136,14 @@ def test_waits_while_somebody_draws_and_keeps_navigations_goal_for_afterwards():
     rig.state = 1
     assert all(rig.step().driver == "nobody" for _ in range(40))
     rig.state = 0
-    rig.driver.set_goal(True)
+    rig.driver.goal_runs = True
     driven = []
     while not driven or driven[-1].driver == "leave":
         rig.driver.wish("navigation", 0.0, 0.5, rig.now + DT)  # its recovery turns the robot, in vain
         driven.append(rig.step())
         assert rig.now < 130.0
     assert driven[-1].driver == "navigation" and not any(command.cancel for command in driven)
-    assert BorderMonitor(*rig.maps, [], RADIUS).distance_to_keepout(rig.pose[:2]) >= RADIUS + MARGIN - 1e-6
+    assert Workspace(*rig.maps, RADIUS).distance_to_keepout(rig.pose[:2]) >= RADIUS + MARGIN - 1e-6
 
 
 def test_without_a_new_map_nobody_is_driven_out_of_free_floor():
@@ -156,7 +155,7 @@ def test_a_robot_that_was_brought_near_a_border_is_left_to_whoever_brought_it():
     rig = swallowed(pose=(2.0, 4.0, 0.0))
     rig.step()
     rig.pose = (4.0 - RADIUS + 0.01, 1.5, 0.0)
-    rig.driver.set_goal(True)
+    rig.driver.goal_runs = True
     for _ in range(40):
         rig.driver.wish("navigation", -0.1, 0.0, rig.now + DT)
         assert rig.step().driver == "navigation"
@@ -167,7 +166,7 @@ def test_a_robot_too_near_for_navigation_to_plan_is_helped_away_and_keeps_its_go
     rig = swallowed(pose=(2.0, 4.0, 0.0))
     rig.step()
     rig.pose = (4.0 - RADIUS - gap, 1.5, 0.3)
-    rig.driver.set_goal(True)
+    rig.driver.goal_runs = True
     commands = [rig.step() for _ in range(160)]
     assert {command.driver for command in commands} == {"nobody", "leave"} and not any(c.cancel for c in commands)
     assert rig.pose[0] < 4.0 - RADIUS - MARGIN + 0.05, "to a cell"

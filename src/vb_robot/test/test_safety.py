@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from vb_core.grid_map import GridMap
 from vb_core.robot_profile import Limits
-from vb_robot.driving.safety import KeepoutMap, Keep, Scan, SpeedLimits, arc, safe_speed, stop_distance
+from vb_robot.driving.safety import Keep, Scan, SpeedLimits, arc, safe_speed, stop_distance
 
 LIMITS, RADIUS, KEEP = Limits(), 0.18, Keep(0.12, 0.04, 0.05)
 
@@ -74,16 +74,6 @@ def test_the_robots_own_parts_are_no_obstacle():
     ranges = np.full(360, math.inf)
     ranges[180] = 0.085
     assert scan(ranges, range_min=0.05).free_distance(0.2, 0.0, RADIUS, KEEP) == math.inf
-
-
-def test_ground_lets_a_robot_out_but_not_further_in():
-    data = empty().data.copy()
-    data[:, 160:] = 100  # x = 4 m and more
-    ground = KeepoutMap(empty().with_data(data), RADIUS)
-    assert ground.free_distance((3.0, 2.5, 0.0), 0.2, 0.0, 0.05) == pytest.approx(1.0 - RADIUS - 0.05, abs=0.04)
-    assert ground.free_distance((3.9, 2.5, 0.0), 0.2, 0.0, 0.05) <= 0.04
-    assert ground.free_distance((3.9, 2.5, 0.0), -0.2, 0.0, 0.05) == math.inf
-    assert KeepoutMap(empty(), RADIUS).free_distance((3.0, 2.5, 0.0), 0.2, 0.1, 0.05) == math.inf
 
 
 def test_speed_limits_count_where_the_robot_is_and_where_it_drives_to():

@@ -15,8 +15,8 @@ whether it counts.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
-from typing import Any, Callable, List, NamedTuple, Optional, Tuple
+from dataclasses import replace
+from typing import Any, Callable, List, Optional, Tuple
 
 import cv2
 import numpy as np
@@ -24,83 +24,23 @@ import numpy as np
 from vb_core.errors import CodedError, ParameterError
 from vb_laser_detect.detection import classifier, features
 from vb_laser_detect.detection.blocks import BLOCK
-from vb_laser_detect.detector_params import DetectorParams
 from vb_laser_detect.detection.features import Blob, Camera
 from vb_laser_detect.detection.floor_scale import ToFloor, metres_per_pixel
 from vb_laser_detect.detection.image_format import BAYER
 from vb_laser_detect.detection.proposals import Proposal, Proposer, View
-from vb_laser_detect.detection.tracking import Sighting, SpotTracker
+from vb_laser_detect.detection.tracking import BackfilledSpot, Sighting, Spot, SpotTracker
+from vb_laser_detect.detector_params import DetectorParams
+
+__all__ = ["BackfilledSpot", "DetectorParams", "Spot", "SpotDetector"]
 
 _SMEAR_PX = 3.0  # optics and pixels smear every spot by this, whatever its size
 _LONGEST = 2.0  # times its diameter: a fast one is elongated
 _WIDEST = 0.09  # of the image's diagonal, where no pose is known
 _LEAST_PX = 2.5  # smaller blobs are noise
-_LEAST_WHITE = 128.0  # [grey levels] no camera's white is darker
-_VIVID = 0.4  # mean chroma of a laser's light on a floor; webcams show less, but other bright things even less
-_PALE = 0.25  # ... of a laser on a floor that is nearly white; a mosaic's mean of white glints over half a second is less
-# [s] colourless light is followed for longer before it counts: a glint on a shoe, a watch or a cup lasts
-# less than a step, half a second. Nothing is lost, as the spots until then are backfilled
-_STEP_S = 0.6
 _CERTAIN = 0.9  # probability from which a spot that stays is kept out of the background: less, and it may be a ghost
 # part of a spot's surroundings that lost light. A laser adds light and takes none: what darkens this much is
 # an object, for instance a person's shirt; a hand or a foot beside the spot darkens less
 _MAX_DARKER = 0.25
-
-
-@dataclass(frozen=True)
-class Spot:
-    """A laser spot in an image.
-
-    Attributes:
-        u, v: [px] column and row, sub-pixel; the centre of the first pixel is 0.
-        diameter: [px]
-        confidence: 0 ... 1
-        track: number of the spot in this camera's images; it stays while the spot is followed.
-    """
-
-    u: float
-    v: float
-    diameter: float
-    confidence: float
-    track: int = 0
-
-
-@dataclass(frozen=True)
-class BackfilledSpot:
-    """A spot of an earlier frame that a later one confirmed.
-
-    Attributes:
-        stamp: [s] of its frame.
-        tag: what `SpotDetector.tag` was then.
-    """
-
-    spot: Spot
-    stamp: float
-    tag: Any
-
-
-@dataclass(frozen=True)
-class Candidate:
-    """The verdict on an examined place: `refusal` says why it is not a spot, or ""."""
-
-    u: float
-    v: float
-    diameter: float
-    confidence: float = 0.0
-    refusal: str = ""
-
-
-class _Finding(NamedTuple):
-    """A measured proposal; `certain`: the image alone shows it, not only that it was expected there."""
-
-    blob: Blob
-    confidence: float = 0.0
-    refusal: str = ""
-    certain: bool = True
-
-    def candidate(self, refusal: str = "") -> Candidate:
-        """What a debug image shows of it."""
-        return Candidate(self.blob.u, self.blob.v, self.blob.diameter, self.confidence, refusal or self.refusal)
 
 
 class SpotDetector:
@@ -108,7 +48,7 @@ class SpotDetector:
 
     Attributes:
         tag: whatever belongs to the next frame; it comes back with those of its spots that are backfilled later.
-        candidates: the last frame's spots and rejected candidates, for debug images.
+        candidates: the last frame's spots and what was rejected, for debug images.
         backfilled: spots of earlier frames that the last one confirmed, the oldest first: what a stroke began with.
         encoding: of the images, as in sensor_msgs/Image; (H, W) images are grey ones unless it says bayer.
     """
@@ -118,9 +58,7 @@ class SpotDetector:
         self.tag: Any = None
         self.encoding = ""
         self._given = judge
-        self._to_floor: Optional[ToFloor] = None
-        self._place_check: Optional[Callable[[float, float], str]] = None
-        self._white = _LEAST_WHITE
+        self.look_from(None)
         self.reset()
         self.retune(self.params)
 
@@ -145,12 +83,11 @@ class SpotDetector:
         if params.moving_camera != self.params.moving_camera:
             raise ParameterError("moving_camera", "cannot be changed while the detector runs")
         self._classifier = self._given or classifier.load(params.classifier)
-        self.params = params
-        self._tracker.params = self._proposer.params = params
+        self.params = self._tracker.params = self._proposer.params = params
 
     def reset(self) -> None:
         """Forgets the scene; the next frame begins a new one."""
-        self.candidates: List[Candidate] = []
+        self.candidates: List[Spot] = []
         self.backfilled: List[BackfilledSpot] = []
         self._stamp: Optional[float] = None
         self._shape: Optional[Tuple[int, ...]] = None
@@ -181,102 +118,87 @@ class SpotDetector:
             image, mosaic = cv2.cvtColor(image, BAYER[self.encoding[:10]]), False
         if self._stamp is not None and stamp < self._stamp or self._shape not in (None, image.shape):
             self.reset()
-        if self._shape is None:
-            self._white = max(self._white, float(image.max()))
         elapsed = 0.0 if self._stamp is None else stamp - self._stamp
         self._stamp, self._shape = stamp, image.shape
-        diagonal = math.hypot(*image.shape[:2])
-        expected = self._tracker.begin(stamp, diagonal, self._proposer.motion(image))
-        view = self._proposer.look(image, self._white, expected)
-        self._white = view.white
-        findings, self.candidates = self._examine_all(view, Camera(self._white, diagonal, mosaic))
-        spots = self._confirm(findings, mosaic)
-        kept = [(f.blob.u, f.blob.v, f.blob.diameter) for f in findings
-                if not f.refusal and f.certain and f.confidence >= max(_CERTAIN, self.params.min_probability)]
+        camera = Camera(math.hypot(*image.shape[:2]), mosaic)
+        view = self._proposer.look(image, self._tracker.begin(stamp, camera, self._proposer.motion(image)))
+        spots, kept = self._confirm(self._examine_all(view, camera._replace(white=view.white)))
         # a pause must not make one frame outweigh all earlier ones
         self._proposer.learn(view, kept, min(elapsed, 1.0))
         return spots
 
-    def _examine_all(self, view: View, camera: Camera) -> Tuple[List[_Finding], List[Candidate]]:
-        """Measures a view's proposals; the second list are those not examined."""
-        findings: List[_Finding] = []
-        left_out, proposals = [one for one in view.proposals if one.refusal], [one for one in view.proposals if not one.refusal]
-        for number, (proposal, metre) in enumerate(zip(proposals, self._metres_in(proposals))):
-            finding, one = self._examine(proposal, metre, view, camera), proposal.expected
+    def _examine_all(self, view: View, camera: Camera) -> List[Sighting]:
+        """Measures and judges a view's proposals; notes those that were not examined in `candidates`."""
+        seen: List[Sighting] = []
+        proposals, left_out = [one for one in view.proposals if not one.refusal], [one for one in view.proposals if one.refusal]
+        metres: List[Optional[float]] = [None] * len(proposals)
+        if self._to_floor is not None:
+            metres = metres_per_pixel(self._to_floor, [one.middle for one in proposals])
+        for number, (proposal, metre) in enumerate(zip(proposals, metres)):
+            sighting, one = self._examine(proposal, metre, view, camera), proposal.expected
+            spot = sighting.spot
             # two regions can lead to the same blob
-            if not any(math.hypot(finding.blob.u - other.blob.u, finding.blob.v - other.blob.v) < 2.0
-                       and bool(other.refusal) == bool(finding.refusal) for other in findings):
-                findings.append(finding)
-            if (self.params.max_spots == 1 and one is not None and one.published and finding.certain
-                    and not finding.refusal and one.holds(finding.blob.u, finding.blob.v)):
+            if not any(math.hypot(spot.u - other.spot.u, spot.v - other.spot.v) < 2.0
+                       and bool(other.spot.refusal) == bool(spot.refusal) for other in seen):
+                seen.append(sighting)
+            if (self.params.max_spots == 1 and one is not None and one.published and sighting.certain
+                    and not spot.refusal and one.holds(spot.u, spot.v)):
                 # the one spot is found where it is expected: nothing else can take its place
                 left_out += [other._replace(refusal="not_looked_at") for other in proposals[number + 1 :]]
                 break
-        return findings, [Candidate((left + right) / 2.0, (top + bottom) / 2.0, float(right - left), refusal=other.refusal)
-                          for other in left_out for left, top, right, bottom in [other.region]]
+        self.candidates = [Spot(*one.middle, float(one.region[2] - one.region[0]), refusal=one.refusal) for one in left_out]
+        return seen
 
-    def _examine(self, proposal: Proposal, metre: Optional[float], view: View, camera: Camera) -> _Finding:
+    def _examine(self, proposal: Proposal, metre: Optional[float], view: View, camera: Camera) -> Sighting:
         """Measures and judges one proposal; where a spot must be, also as what a brighter area left of it."""
         one, largest = proposal.expected, _LONGEST * self._sizes(metre, camera)[1]
         blob = features.measure(view.image, view.reference, proposal.region, largest, camera)
-        finding = self._judge(blob, metre, view, camera, False)
-        for edge in (features.EDGE, *features.CORES) if one is not None and one.trusted and finding.refusal else ():
+        sighting = self._judge(blob, metre, view, camera, False)
+        for edge in (features.EDGE, *features.CORES) if one is not None and one.trusted and sighting.spot.refusal else ():
             if edge != features.EDGE:
                 blob = features.measure(view.image, view.reference, proposal.part, largest, camera, edge)
             if one.holds(blob.u, blob.v):
                 again = self._judge(blob, metre, view, camera, True)
-                if not again.refusal:
+                if not again.spot.refusal:
                     return again
-        return finding
+        return sighting
 
-    def _judge(self, blob: Blob, metre: Optional[float], view: View, camera: Camera, expected: bool) -> _Finding:
-        refusal = blob.problem or self._wrong_size(blob, metre, camera)
-        if refusal:
-            return _Finding(blob, refusal=refusal)
-        numbers = {**blob.numbers, **view.around(blob.u, blob.v, blob.diameter)}
-        verdict = self._classifier.judge(blob, numbers, expected)
-        if verdict.probability < (max(self.params.min_probability, _CERTAIN) if expected else self.params.min_probability):
-            refusal = verdict.against
-        elif not expected and numbers["darker"] > _MAX_DARKER:
-            refusal = "darker"
-        elif self._place_check is not None:
-            refusal = self._place_check(blob.u, blob.v)
-        return _Finding(blob, verdict.probability, refusal, not expected)
+    def _judge(self, blob: Blob, metre: Optional[float], view: View, camera: Camera, expected: bool) -> Sighting:
+        refusal, probability = blob.problem or self._wrong_size(blob, metre, camera), 0.0
+        if not refusal:
+            numbers = {**blob.numbers, "busy": view.busy(blob.u, blob.v, blob.diameter)}
+            probability, against = self._classifier.judge(blob, numbers, expected)
+            if probability < max(self.params.min_probability, _CERTAIN if expected else 0.0):
+                refusal = against
+            elif not expected and numbers["darker"] > _MAX_DARKER:
+                refusal = "darker"
+            elif self._place_check is not None:
+                refusal = self._place_check(blob.u, blob.v)
+        return Sighting(Spot(blob.u, blob.v, blob.diameter, probability, refusal=refusal), not expected, blob.tint)
 
-    def _confirm(self, findings: List[_Finding], mosaic: bool) -> List[Spot]:
-        """The spots to publish, the most certain first; notes the others, and why, in `candidates`."""
-        found = sorted((f for f in findings if not f.refusal), key=lambda f: (not f.certain, -f.confidence))
-        places = np.full((len(found), 4), np.nan)
-        if found:
-            places[:, :2] = [(f.blob.u, f.blob.v) for f in found]
-            if self._to_floor is not None:
-                places[:, 2:] = np.asarray(self._to_floor(places[:, :2]), float)[:, :2]
-        spots = [Spot(f.blob.u, f.blob.v, f.blob.diameter, f.confidence) for f in found]
-        sightings = [
-            Sighting(place, f.confidence, f.certain, f.blob.tint, (spot, self._stamp, self.tag))
-            for place, f, spot in zip(places, found, spots)]
+    def _confirm(self, seen: List[Sighting]) -> Tuple[List[Spot], List[Spot]]:
+        """The spots to publish, the most certain first, and those that are kept out of the background.
 
-        def agrees(tint: Optional[np.ndarray], followed_s: float) -> bool:
-            """Whether the mean colour of a track's sightings is a laser's; one that is paler must be followed for a while."""
-            least = _VIVID if followed_s < _STEP_S else _PALE if mosaic else 0.0
-            return (0.0 if tint is None else features.chroma(tint)) >= least
-
-        told, self.backfilled = [], []
-        self.candidates += [f.candidate() for f in findings if f.refusal]
-        for f, spot, track in zip(found, spots, self._tracker.update(sightings, agrees)):
-            self.candidates.append(f.candidate("" if track.published else "less_certain" if track.confirmed else "unconfirmed"))
+        Notes the others, and why they are not published, in `candidates`.
+        """
+        found = sorted((one for one in seen if not one.spot.refusal), key=lambda one: (not one.certain, -one.spot.confidence))
+        if found and self._to_floor is not None:
+            floor = np.asarray(self._to_floor(np.array([(one.spot.u, one.spot.v) for one in found])), float)
+            found = [one._replace(floor=(x, y)) for one, (x, y) in zip(found, floor[:, :2])]
+        self.candidates += [one.spot for one in seen if one.spot.refusal]
+        told, kept, self.backfilled = [], [], []
+        for (spot, certain, *_), track in zip(found, self._tracker.update(found, self.tag)):
+            refusal = "" if track.published else "less_certain" if track.confirmed else "unconfirmed"
+            spot = replace(spot, track=track.number, refusal=refusal)
+            self.candidates.append(spot)
             if track.published:
-                told.append(replace(spot, track=track.track))
-                self.backfilled += [BackfilledSpot(replace(earlier, track=track.track), stamp, tag)
-                                    for earlier, stamp, tag in track.backfilled]
-        return told
-
-    def _metres_in(self, proposals: List[Proposal]) -> List[Optional[float]]:
-        """[m/px] on the floor in the middle of regions; None where the floor, or the camera's pose, is not known."""
-        if self._to_floor is None:
-            return [None] * len(proposals)
-        middles = [((left + right) / 2.0, (top + bottom) / 2.0) for (left, top, right, bottom), *_ in proposals]
-        return metres_per_pixel(self._to_floor, middles)
+                told.append(spot)
+                self.backfilled += track.waiting
+                track.waiting = []
+            if (certain and spot.confidence >= max(_CERTAIN, self.params.min_probability)
+                    and self._stamp - track.rests_since < self.params.hold_s):
+                kept.append(spot)
+        return told, kept
 
     def _sizes(self, metre: Optional[float], camera: Camera) -> Tuple[float, float]:
         """The least and the largest diameter [px] of a spot where a pixel is this long on the floor [m], or where is unknown."""

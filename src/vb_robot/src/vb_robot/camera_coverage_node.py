@@ -89,10 +89,8 @@ class CameraCoverageNode:
         """Computes what has changed since the last look."""
         if self._map_message is not self._map_taken:
             self._map_taken = self._map_message
-            grid = grid_from_message(self._map_taken)
-            if self._map is None or not self._map.same_geometry(grid) or not np.array_equal(self._map.data, grid.data):
-                self._map = grid
-                self._seen.clear()
+            self._map = grid_from_message(self._map_taken)
+            self._seen.clear()
         if self._map is None:
             return
         for name, packed in list(self._infos.items()):

@@ -114,7 +114,7 @@ class ClearanceMap:
         self.clearance = clearance_grid(self.blocked, grid.resolution, edge)
         seen_through = physical if physical is not None and physical.same_geometry(grid) else grid
         self.opaque = seen_through.data >= occupied
-        self._build_ways()
+        self._mark_ways()
 
     # ------------------------------------------------------------- places
     def clearance_at(self, points: np.ndarray) -> np.ndarray:
@@ -143,24 +143,14 @@ class ClearanceMap:
         return ~(hidden > 0).any(axis=1)
 
     # ------------------------------------------------------------- paths
-    def _build_ways(self) -> None:
+    def _mark_ways(self) -> None:
         # in a window a choice is made four times a second; a whole map is searched once
         coarse = 0.0 if self.edge else self.grid.resolution * np.sqrt(self.grid.data.size / MAX_WAY_CELLS)
         self.step = step = max(1, int(np.ceil(max(WAY_CELL, coarse) / self.grid.resolution - 0.01)))
         rows, columns = (size // step for size in self.grid.shape)
         blocks = self.clearance[: rows * step, : columns * step].reshape(rows, step, columns, step)
         # the largest clearance of a block: the smallest would close doorways that are wide enough
-        best = blocks.max(axis=(1, 3)) if rows * columns else np.zeros((rows, columns))
-        self.way = best >= self.radius + self.travel_margin
-        index = np.arange(rows * columns).reshape(rows, columns)
-        edges = []
-        for dr, dc in ((0, 1), (1, 0), (1, 1), (1, -1)):
-            here = (slice(0, rows - dr), slice(max(0, -dc), columns - max(0, dc)))
-            there = (slice(dr, rows), slice(max(0, dc), columns + min(0, dc)))
-            both = self.way[here] & self.way[there]
-            length = np.full(int(both.sum()), np.hypot(dr, dc) * step * self.grid.resolution)
-            edges.append((index[here][both], index[there][both], length))
-        self.edges = tuple(np.concatenate(column) for column in zip(*edges))  # (from, to, length [m])
+        self.way = blocks.max(axis=(1, 3), initial=0.0) >= self.radius + self.travel_margin
 
     def ways(self, start, others=()) -> "ShortestPaths":
         """The shortest paths from a start (2,) [m] to every place, around other robots (K, 2) [m] of the same size."""
@@ -211,33 +201,34 @@ class ShortestPaths:
 
     def __init__(self, terrain: ClearanceMap, start: np.ndarray, others: np.ndarray) -> None:
         self._terrain, self._start, self._others = terrain, start, others
-        way, (begin, end, length) = terrain.way, terrain.edges
+        way = terrain.way.copy()
         cells = np.argwhere(way)
-        if len(others) and len(cells):
+        if len(others):
             gaps = np.linalg.norm(self._centres(cells)[:, None] - others[None], axis=2).min(axis=1)
-            taken = gaps < 2.0 * terrain.radius + terrain.travel_margin
-            way = way.copy()
-            way[tuple(cells[taken].T)] = False
-            kept = way.ravel()[begin] & way.ravel()[end]
-            begin, end, length, cells = begin[kept], end[kept], length[kept], cells[~taken]
-        self._shape, size = way.shape, way.size
-        gates, gaps = self._gates(cells)
-        graph = csr_matrix((np.concatenate([length, gaps]),
-                            (np.concatenate([begin, np.full(len(gates), size)]),
-                             np.concatenate([end, gates[:, 0] * way.shape[1] + gates[:, 1]]))),
-                           shape=(size + 1, size + 1))
-        lengths, before = dijkstra(graph, directed=False, indices=size, return_predecessors=True)
-        self._lengths = lengths[:size].reshape(way.shape)
-        self._before = np.where((before[:size] < 0) | (before[:size] == size), -1, before[:size])
+            way[tuple(cells[gaps < 2.0 * terrain.radius + terrain.travel_margin].T)] = False
+        self._shape, (rows, columns) = way.shape, way.shape
+        index = np.arange(way.size).reshape(way.shape)
+        gates, gaps = self._gates(np.argwhere(way))
+        edges = [(np.full(len(gates), way.size), index[tuple(gates.T)], gaps)]  # (from, to, length [m])
+        for dr, dc in ((0, 1), (1, 0), (1, 1), (1, -1)):
+            here = (slice(0, rows - dr), slice(max(0, -dc), columns - max(0, dc)))
+            there = (slice(dr, rows), slice(max(0, dc), columns + min(0, dc)))
+            both = way[here] & way[there]
+            length = np.full(int(both.sum()), np.hypot(dr, dc) * terrain.step * terrain.grid.resolution)
+            edges.append((index[here][both], index[there][both], length))
+        begin, end, length = (np.concatenate(column) for column in zip(*edges))
+        graph = csr_matrix((length, (begin, end)), shape=(way.size + 1, way.size + 1))
+        lengths, before = dijkstra(graph, directed=False, indices=way.size, return_predecessors=True)
+        self._lengths = lengths[:-1].reshape(way.shape)
+        self._before = np.where((before[:-1] < 0) | (before[:-1] == way.size), -1, before[:-1])
 
     def _gates(self, cells: np.ndarray) -> Tuple[np.ndarray, np.ndarray]:
         """Free cells (K, 2) where paths begin, and (K,) [m] how far they are from the start."""
         terrain = self._terrain
-        outside = not terrain.grid.contains_cells(terrain.grid.world_to_cell(self._start))[0]
-        if outside and not terrain.edge:
-            cells = cells[((cells == 0) | (cells == np.array(self._shape) - 1)).any(axis=1)]
-            return cells, np.linalg.norm(self._centres(cells) - self._start, axis=1)
         gaps = np.linalg.norm(self._centres(cells) - self._start, axis=1)
+        if not terrain.edge and not terrain.grid.contains_cells(terrain.grid.world_to_cell(self._start))[0]:
+            edge = ((cells == 0) | (cells == np.array(self._shape) - 1)).any(axis=1)
+            return cells[edge], gaps[edge]
         nearest = np.argsort(gaps, kind="stable")[:1]
         nearest = nearest[gaps[nearest] <= START_TOLERANCE]
         return cells[nearest], np.full(len(nearest), 1e-6)

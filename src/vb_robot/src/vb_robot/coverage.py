@@ -1,18 +1,19 @@
 """Computes which floor a stationary camera sees, from its pose, its lens and what blocks its view."""
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import List, Mapping
 
 import cv2
 import numpy as np
 
-from vb_core import geometry
 from vb_core.camera_model import CameraModel
 from vb_core.errors import CodedError, ParameterError
 from vb_core.grid_map import GridMap
 from vb_core.parameters import Parameters, param
 from vb_robot.clearance_map import OCCUPIED
+from vb_robot.dispatching.view import FloorView
 
 
 @dataclass(frozen=True)
@@ -65,7 +66,8 @@ def floor_seen(
     seen = np.zeros(grid.shape, dtype=bool)
     cells = np.argwhere(heights <= 0.0)
     places = grid.cell_to_world(cells)
-    inside = _in_image(places, camera, T_map_camera, params.image_margin)
+    margin = params.image_margin / np.array([camera.width, camera.height])
+    inside = FloorView(camera, T_map_camera, math.inf).sees(places, margin)
     inside &= np.linalg.norm(np.column_stack([places, np.zeros(len(places))]) - eye, axis=1) <= params.max_distance
     cells, places = cells[inside], places[inside]
     free = ~_hidden(grid, heights, places, eye)
@@ -88,24 +90,6 @@ def outlines(grid: GridMap, seen: np.ndarray, least_m2: float = 0.05) -> List[np
     found, _ = cv2.findContours(seen.astype(np.uint8), cv2.RETR_CCOMP, cv2.CHAIN_APPROX_SIMPLE)
     least = least_m2 / grid.resolution ** 2
     return [grid.grid_to_world(contour[:, 0, :]) for contour in found if cv2.contourArea(contour) >= least]
-
-
-def _in_image(places: np.ndarray, camera: CameraModel, T_map_camera: np.ndarray, margin: float) -> np.ndarray:
-    """(N,) bool: which floor places (N, 2) [m] fall into the image, off its edges by a margin [px]."""
-    floor = np.column_stack([places, np.zeros(len(places))])
-    points = geometry.apply(geometry.invert(T_map_camera), floor)
-    ahead = points[:, 2] > 1e-6
-    # far outside the image the distortion polynomials may lead back into it
-    width, height = camera.width, camera.height
-    corners = np.array([[0, 0], [width - 1, 0], [width - 1, height - 1], [0, height - 1]], dtype=float)
-    widest = 1.05 * float(np.linalg.norm(camera.rays(corners)[:, :2], axis=1).max())
-    with np.errstate(divide="ignore", invalid="ignore"):
-        ahead &= np.hypot(points[:, 0], points[:, 1]) <= widest * points[:, 2]
-    inside = np.zeros(len(places), dtype=bool)
-    pixels = camera.project(points[ahead])
-    limits = np.array([width - 1, height - 1], dtype=float)
-    inside[ahead] = ((pixels >= margin) & (pixels <= limits - margin)).all(axis=1)
-    return inside
 
 
 def _hidden(grid: GridMap, heights: np.ndarray, places: np.ndarray, eye: np.ndarray) -> np.ndarray:

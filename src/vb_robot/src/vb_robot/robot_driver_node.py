@@ -34,12 +34,10 @@ from vb_core.ros.transforms import TransformLookup
 from vb_msgs.msg import BorderProgress, DriverState, InteractionState, VirtualBorder, VirtualBorderArray
 from vb_robot.driving import driver as drivers
 from vb_robot.driving.driver import Command, Driver
-from vb_robot.driving.following import Frames
-from vb_robot.driving.safety import Scan
+from vb_robot.driving.safety import Scan, SpeedLimits
+from vb_robot.driving.workspace import BorderContact, KnownBorder, Workspace
 from vb_robot.inputs import CameraView, SpotListener
-from vb_robot.driving.border_monitor import KnownBorder, BorderContact, BorderMonitor
 
-SLOW_LOCALISATION = 0.15  # [s] for an older spot the newest localisation is used: that is near enough
 STATE_EACH = 0.5  # [s] between reports of who drives, even if nothing changes
 HELD_FOR = 0.5  # [s] a shorter stop is not worth a notice
 GOAL_NOTICE = 5.0  # [s] for which a goal in a border is reported
@@ -97,7 +95,6 @@ class RobotDriverNode:
         self._lock = threading.Lock()
         self._maps: Dict[str, GridMap] = {}
         self._borders: List[KnownBorder] = []
-        self._workspace: Optional[BorderMonitor] = None
         self._mounts: Dict[str, np.ndarray] = {}
         self._bad_goal: Optional[Notice] = None
         self._bad_goal_until = -1.0
@@ -106,7 +103,8 @@ class RobotDriverNode:
         self._beat = node.Beat(1.0 / drivers.RATE)
         self._transforms = TransformLookup()
         self._camera = CameraView(
-            profile.camera.info, self._base, profile.camera.max_range, self._transforms, self._driver.set_view)
+            profile.camera.info, self._base, profile.camera.max_range, self._transforms,
+            functools.partial(setattr, self._driver.following, "view"))
         self._notices = NoticePublisher()
         self._cmd_vel = rospy.Publisher("cmd_vel", Twist, queue_size=1, tcp_nodelay=True)
         self._cancel = rospy.Publisher("move_base/cancel", GoalID, queue_size=1)
@@ -186,8 +184,9 @@ class RobotDriverNode:
     def _on_scan(self, message: LaserScan) -> None:
         frame = message.header.frame_id
         if frame not in self._mounts:
-            T = self._lookup(self._base, frame, rospy.Time(0), warn=True)
+            T = self._lookup(self._base, frame, rospy.Time(0))
             if T is None:
+                rospy.logwarn_throttle(5.0, f"{rospy.get_name()}: scans do not count: no transform from '{frame}' yet")
                 return
             self._mounts[frame] = T
         scan = Scan(np.asarray(message.ranges), message.angle_min, message.angle_increment, message.range_min,
@@ -195,10 +194,10 @@ class RobotDriverNode:
         self._driver.set_scan(scan, message.header.stamp.to_sec())
 
     def _on_contact(self, contact: Contact, message: Any) -> None:
-        self._driver.set_contact(contact.topic, int(getattr(message, contact.field)) == contact.alarm)
+        self._driver.contacts[contact.topic] = int(getattr(message, contact.field)) == contact.alarm
 
     def _on_status(self, message: GoalStatusArray) -> None:
-        self._driver.set_goal(any(entry.status in RUNNING for entry in message.status_list))
+        self._driver.goal_runs = any(entry.status in RUNNING for entry in message.status_list)
 
     def _on_plan(self, message: Path) -> None:
         marker = Marker(header=message.header, ns=self._params.robot, type=Marker.LINE_STRIP)
@@ -216,10 +215,13 @@ class RobotDriverNode:
             rospy.logwarn_throttle(5.0, f"{rospy.get_name()}: map refused: {error}")
             return
         if which == "speed":
-            self._driver.set_speed_limits(grid)
+            self._driver.speed_limits = SpeedLimits(grid)
             return
-        self._maps[which] = grid
-        self._renew()
+        with self._lock:
+            self._maps[which] = grid
+            if "borders" in self._maps:
+                self._driver.set_maps(Workspace(
+                    self._maps["borders"], self._maps.get("physical"), self._profile.radius, self._borders))
 
     def _on_borders(self, message: VirtualBorderArray) -> None:
         self._borders = [
@@ -229,28 +231,17 @@ class RobotDriverNode:
             for border in message.borders
             if border.enabled and len(border.points) and (not border.robots or self._params.robot in border.robots)
         ]
-        if self._workspace is not None:
-            self._workspace.name_borders(self._borders)
-
-    def _renew(self) -> None:
-        with self._lock:
-            borders, physical = self._maps.get("borders"), self._maps.get("physical")
-            if borders is None:
-                return
-            workspace = None
-            if physical is not None and physical.same_geometry(borders):
-                workspace = BorderMonitor(borders, physical, self._borders, self._profile.radius)
-            self._workspace = workspace
-            self._driver.set_maps(borders, physical, workspace)
+        if self._driver.workspace is not None:
+            self._driver.workspace.known = self._borders
 
     def _on_goal(self, message: MoveBaseActionGoal) -> None:
-        target, workspace = message.goal.target_pose, self._workspace
+        target, workspace = message.goal.target_pose, self._driver.workspace
         if target.header.frame_id.lstrip("/") != names.MAP_FRAME or workspace is None:
             return
         x, y, _ = pose_to_2d(target.pose)
         if workspace.standing((x, y)) is not BorderContact.FREE and workspace.is_hard((x, y)):
-            borders = _quoted(workspace.names_at((x, y)))
-            self._bad_goal = self._notice("goal_in_border", Severity.WARNING, border=borders)
+            name = _quoted(workspace.name_at((x, y)))
+            self._bad_goal = self._notice("goal_in_border", Severity.WARNING, border=name)
             self._bad_goal_until = rospy.get_time() + GOAL_NOTICE
 
     # ------------------------------------------------------------- driving
@@ -262,8 +253,9 @@ class RobotDriverNode:
             try:
                 if now != last:
                     last, moved = now, time.monotonic()
-                self._driver.set_clock(time.monotonic() - moved)
-                self._obey(self._step(now), now)
+                self._driver.clock_age = time.monotonic() - moved
+                self._locate()
+                self._obey(self._driver.step(now.to_sec()), now)
             except rospy.ROSException:
                 if not rospy.is_shutdown():
                     raise
@@ -272,15 +264,12 @@ class RobotDriverNode:
                 self._obey(self._driver.halt("fault"), now)
                 rospy.logerr_throttle(5.0, f"{rospy.get_name()}: {traceback.format_exc()}")
 
-    def _step(self, now: rospy.Time) -> Command:
+    def _locate(self) -> None:
         # tf returns the newest transform, however old
         stamp = self._transforms.newest(names.MAP_FRAME, self._base)
         T = self._lookup(names.MAP_FRAME, self._base, stamp)
         self._driver.set_pose(geometry.transform_pose2d(T) if T is not None else None, stamp.to_sec(),
                               self._transforms.newest(names.MAP_FRAME, self._odom).to_sec())
-        frames = Frames(lambda stamp: self._odom_from_map(now, stamp),
-                        lambda: self._lookup(self._base, self._odom, rospy.Time(0), warn=True))
-        return self._driver.step(now.to_sec(), frames)
 
     def _obey(self, command: Command, now: rospy.Time) -> None:
         if command.speaks:
@@ -291,18 +280,10 @@ class RobotDriverNode:
             self._cancel.publish(GoalID())
         self._tell(command, now.to_sec())
 
-    def _odom_from_map(self, now: rospy.Time, stamp: float) -> Optional[np.ndarray]:
-        T = self._lookup(self._odom, names.MAP_FRAME, rospy.Time.from_sec(stamp))
-        if T is None and now.to_sec() - stamp > SLOW_LOCALISATION:
-            T = self._lookup(self._odom, names.MAP_FRAME, rospy.Time(0), warn=True)
-        return T
-
-    def _lookup(self, target: str, source: str, stamp: rospy.Time, warn: bool = False) -> Optional[np.ndarray]:
+    def _lookup(self, target: str, source: str, stamp: rospy.Time) -> Optional[np.ndarray]:
         try:
             return self._transforms.lookup(target, source, stamp, timeout_s=0.0)
-        except CodedError as error:
-            if warn:
-                rospy.logwarn_throttle(5.0, f"{rospy.get_name()}: {error}")
+        except CodedError:
             return None
 
     # ------------------------------------------------------------- notices
@@ -324,18 +305,18 @@ class RobotDriverNode:
 
     def _said(self, command: Command, now: float) -> List[Notice]:
         found = []
-        standing, borders, hard = self._driver.standing(now)
+        standing, name, hard = self._driver.standing(now)
         if standing is not BorderContact.FREE:
             inside = standing is BorderContact.INSIDE
             code = "robot_inside_border" if inside else "robot_touches_border"
             severity = Severity.ERROR if inside and hard else Severity.WARNING
-            found.append(self._notice(code, severity, border=_quoted(borders)))
+            found.append(self._notice(code, severity, border=_quoted(name)))
             if command.driver == drivers.LEAVE:
-                found.append(self._notice("robot_leaves_border", Severity.INFO, border=_quoted(borders)))
-            elif self._driver.leave_failed:
-                reason = sentences.say(f"robot_{self._driver.leave_failed}", {"who": self._who})
+                found.append(self._notice("robot_leaves_border", Severity.INFO, border=_quoted(name)))
+            elif self._driver.exit.failed:
+                reason = sentences.say(f"robot_{self._driver.exit.failed}", {"who": self._who})
                 found.append(self._notice(
-                    "robot_cannot_leave", Severity.WARNING, border=_quoted(borders), reason=reason))
+                    "robot_cannot_leave", Severity.WARNING, border=_quoted(name), reason=reason))
         if command.cancel:
             found.append(self._notice("goal_cancelled", Severity.INFO))
         self._held_since = {command.code: self._held_since.get(command.code, now)}
@@ -364,8 +345,8 @@ def _is_there(path: FilePath) -> bool:
     return True
 
 
-def _quoted(border_names: List[str]) -> str:
-    return " and ".join(f"'{name}'" for name in border_names) if border_names else "a border without a name"
+def _quoted(name: str) -> str:
+    return f"'{name}'" if name else "a border without a name"
 
 
 def build() -> RobotDriverNode:

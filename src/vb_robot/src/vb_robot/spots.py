@@ -5,6 +5,7 @@ that the two never both act, and never wait for each other.
 """
 from __future__ import annotations
 
+import math
 from collections import Counter, deque
 from dataclasses import dataclass
 from typing import Deque, Dict, Iterable, Optional, Set, Tuple
@@ -12,6 +13,7 @@ from typing import Deque, Dict, Iterable, Optional, Set, Tuple
 import numpy as np
 
 DEFAULT, BORDER, SEED, GUIDE = range(4)  # the values of vb_msgs/InteractionState
+WINDOW, LEAST_TARGETS = 1.0, 3  # [s] for which sightings count for the spot's present place, and how many must
 LOST_AFTER = 0.7  # [s] a spot that no camera has seen for this long is lost: cameras miss some images
 STRAIGHT = 0.7  # cosine of the angle up to which a spot goes straight on
 PIECE = 0.25  # [m] of the line tell where it goes on: ten times what cameras are off
@@ -41,12 +43,10 @@ class Sightings:
     the robot follows.
 
     Args:
-        window_s: [s] how long a sighting counts for the spot's present place.
         mobile_cameras: names known to be cameras on robots, before any of them has seen a spot.
     """
 
-    def __init__(self, window_s: float = 1.0, mobile_cameras: Iterable[str] = ()) -> None:
-        self._window = window_s
+    def __init__(self, mobile_cameras: Iterable[str] = ()) -> None:
         self._mobile_names: Set[str] = set(mobile_cameras)
         self._recent: Deque[Sighting] = deque(maxlen=400)
         # by camera on a robot: since when and until when it sees the spot [s]
@@ -132,25 +132,25 @@ class Sightings:
         stamps = [s.stamp for s in self._recent if not s.mobile]
         if newest is None or not stamps:
             return False
-        return self.state == SEED or (newest.stamp - max(stamps) <= self._window and self.silent(now) <= LOST_AFTER)
+        return self.state == SEED or (newest.stamp - max(stamps) <= WINDOW and self.silent(now) <= LOST_AFTER)
 
     def silent(self, now: float) -> float:
         """[s] for which no camera has seen a border's spot; 0 before one did, and for a seed: that does not move."""
         newest = self.newest()
         return max(0.0, now - newest.stamp) if newest is not None and self.state == BORDER else 0.0
 
-    def target(self, min_sightings: int = 3) -> Optional[np.ndarray]:
+    def target(self) -> Optional[np.ndarray]:
         """(2,) [m] where the spot was last: the median of the last window before the newest sighting.
 
-        None with fewer than `min_sightings` of them: one false spot sends no robot.
+        None with fewer than LEAST_TARGETS of them: one false spot sends no robot.
         """
         newest = self.newest()
         if newest is None:
             return None
-        last = [s.position for s in self._recent if s.stamp >= newest.stamp - 0.3 * self._window]
-        if len(last) < min_sightings:
-            last = [s.position for s in self._recent if s.stamp >= newest.stamp - self._window]
-        return np.median(np.array(last), axis=0) if len(last) >= min_sightings else None
+        last = [s.position for s in self._recent if s.stamp >= newest.stamp - 0.3 * WINDOW]
+        if len(last) < LEAST_TARGETS:
+            last = [s.position for s in self._recent if s.stamp >= newest.stamp - WINDOW]
+        return np.median(np.array(last), axis=0) if len(last) >= LEAST_TARGETS else None
 
     def velocity(self) -> Optional[np.ndarray]:
         """(2,) [m/s] how the spot moved on the last PIECE of its line; None if it rests, or turned on it.
@@ -161,23 +161,20 @@ class Sightings:
         newest = self.newest()
         if newest is None:
             return None
-        recent = [s for s in self._recent if s.stamp >= newest.stamp - self._window]
+        recent = [s for s in self._recent if s.stamp >= newest.stamp - WINDOW]
         counts = Counter(s.camera for s in recent)
         camera = newest.camera if counts[newest.camera] >= LEAST_SIGHTINGS else counts.most_common(1)[0][0]
         recent = sorted((s for s in recent if s.camera == camera), key=lambda s: s.stamp)
-        places = np.array([s.position for s in recent])
         if len(recent) < LEAST_SIGHTINGS:
             return None
+        places = np.array([s.position for s in recent])
         earlier = places[:len(places) - LEAST_SIGHTINGS + 1]
         far = np.flatnonzero(np.linalg.norm(earlier - np.median(places[-3:], axis=0), axis=1) >= PIECE)
         begin = int(far[-1]) if len(far) else 0
-        times, places = (
-            [np.median(third, axis=0) for third in np.array_split(values, 3)]
-            for values in (np.array([s.stamp for s in recent[begin:]]), places[begin:])
-        )
-        before, after, whole = places[1] - places[0], places[2] - places[1], places[2] - places[0]
-        seconds = float(times[2] - times[0])
-        if seconds <= 0 or float(np.linalg.norm(whole)) < MIN_SPEED * max(seconds, 0.5 * self._window):
+        path = np.column_stack([[sighting.stamp for sighting in recent], places])[begin:]
+        thirds = np.array([np.median(third, axis=0) for third in np.array_split(path, 3)])  # (3, 3): [s], x, y [m]
+        (before, after), (seconds, *whole) = np.diff(thirds, axis=0)[:, 1:], thirds[2] - thirds[0]
+        if seconds <= 0 or math.hypot(*whole) < MIN_SPEED * max(seconds, 0.5 * WINDOW):
             return None
         straight = float(np.dot(before, after)) >= STRAIGHT * float(np.linalg.norm(before) * np.linalg.norm(after))
-        return whole / seconds if straight else None
+        return np.array(whole) / seconds if straight else None

@@ -14,10 +14,11 @@ from scipy.spatial import cKDTree
 from vb_fusion.chain import ExtractionError
 from vb_fusion.memory import Memory
 from vb_fusion.stroke.observations import MOMENT, TREMBLE, check, condense
-from vb_fusion.stroke.track import BLINK, best_steps, find_places, path_to
+from vb_fusion.stroke.track import best_steps, find_places, path_to
 
 HAND = 1.5 * TREMBLE  # [m] a hand that holds still stays within this of its mean, cameras' offsets included
 MIN_SPOTS = 3
+PLACE = 1.0  # what a place counts that nobody saw before
 KNOWN = 0.2  # what a place counts that was seen before the seed was asked for
 
 
@@ -64,7 +65,7 @@ def extract_seed(
         of_place = places.sights >= 0
         pairs = np.unique(np.column_stack([places.sights, seen.cameras])[of_place], axis=0)
         gains *= np.bincount(pairs[:, 0]) / (1.0 + MOMENT * earlier)
-        gain, previous = best_steps(at, places.stamps, gains, np.inf, 1.0, Memory())
+        gain, previous = best_steps(at, places.stamps, gains, np.inf, PLACE, Memory())
         path = path_to(int(gain.argmax()), previous, np.ones(len(at), dtype=bool))
     dwelt = np.bincount(spot[path], gains[path])[spot[path]]
     # on its way it dwells nowhere for half as long

@@ -1,8 +1,6 @@
 """A calibrated camera's file: its pose, which the launch file publishes, and what it was computed from."""
 from __future__ import annotations
 
-import os
-import tempfile
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, List, Mapping
@@ -12,6 +10,7 @@ import yaml
 
 from vb_core import geometry
 from vb_core.errors import CodedError
+from vb_core.files import write_atomically
 
 if TYPE_CHECKING:  # a node that only publishes poses does without OpenCV
     from vb_laser_detect.calibration.pose import Observations, PoseEstimate
@@ -41,7 +40,7 @@ class CameraPose:
 
 def calibration_path(folder: str, camera: str) -> Path:
     """The path of a camera's file."""
-    return Path(os.path.expanduser(folder)) / f"{camera}.yaml"
+    return Path(folder).expanduser() / f"{camera}.yaml"
 
 
 def document(
@@ -89,19 +88,12 @@ def save(path: Path, content: Mapping[str, Any]) -> None:
     """Writes a calibration file, atomically; the previous one is kept beside it as *.old.
 
     Raises:
-        CodedError: "bad_file" if it cannot be written.
+        CodedError: "cannot_write"
     """
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with tempfile.NamedTemporaryFile("w", dir=str(path.parent), suffix=".part", delete=False) as file:
-            file.write(_HEAD.format(camera=content["camera"]))
-            yaml.safe_dump(dict(content), file, sort_keys=False, default_flow_style=None, width=110)
-        os.chmod(file.name, 0o644)
-        if path.exists():
-            os.replace(str(path), str(path) + ".old")
-        os.replace(file.name, str(path))
-    except OSError as error:
-        raise CodedError("bad_file", f"cannot write '{path}': {error.strerror}") from None
+    if path.exists():
+        write_atomically(path.with_name(path.name + ".old"), path.read_bytes())
+    text = _HEAD.format(camera=content["camera"]) + yaml.safe_dump(dict(content), sort_keys=False, default_flow_style=None, width=110)
+    write_atomically(path, text.encode("utf-8"))
 
 
 def load(path: Path) -> CameraPose:

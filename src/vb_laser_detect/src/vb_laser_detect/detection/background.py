@@ -13,7 +13,7 @@ from typing import Optional, Sequence, Tuple
 import cv2
 import numpy as np
 
-from vb_laser_detect.detection.blocks import BLOCK, Region, block_maxima, mask_of_blocks, max_channel, sample_blocks
+from vb_laser_detect.detection.blocks import BLOCK, Region, block_maxima, halved, mask_of_blocks, max_channel, sample_blocks
 
 _DARKER = 20  # [grey levels] a pixel that became darker by more than this has changed
 _NOISE_DEVIATIONS = 6.0  # how far a rise must exceed a block's own noise
@@ -25,9 +25,10 @@ _KEYFRAME = 6  # [images] a moving camera's background is kept for: people walk 
 _KEYFRAME_PART = 0.1  # of the image's width that it may have moved by: what comes into view is not in the keyframe
 _MARGIN = 24  # [px] around a region that is examined
 _AROUND = 7  # [blocks] the neighbourhood of a spot, whose median is taken for the floor under it
+# half the rows must do, in half the time: spots cover several. In a Bayer image's pattern two neighbours hold all colours
+_COLOUR_ROWS, _MOSAIC_ROWS = (1, 3, 5, 7), (1, 2, 5, 6)
 _SQUARE = np.ones((3, 3), np.uint8)
 _HALF = np.diag((0.5, 0.5, 1.0))
-_PER_BLOCK = np.diag((1.0 / BLOCK, 1.0 / BLOCK, 1.0))
 
 
 class Background:
@@ -35,7 +36,7 @@ class Background:
 
     A stationary camera's image is blended in strip by strip, so that every frame costs the same. Blocks that changed are
     left out until the change has lasted 1.5 s; then they are adopted in one step. Blocks that show a spot are left
-    out for a longer time.
+    out.
 
     Args:
         image: (H, W) or (H, W, 3) uint8, the first image.
@@ -52,12 +53,13 @@ class Background:
         self.motion: Optional[np.ndarray] = None
         self._sample = sample_blocks(image)
         self.blocks = blocks = (image.shape[0] // BLOCK, image.shape[1] // BLOCK)
-        self._noise, self._deviation, self._changed_s, self._held_s = np.zeros((4,) + blocks, np.float32)
+        self._noise, self._deviation, self._changed_s = np.zeros((3,) + blocks, np.float32)
         self._limit: Optional[np.ndarray] = None  # of a rise that exceeds the noise, once that is known
         self._noise_s, self._noise_known = 0.0, False
         self._strip = 0.0  # part of the image that was blended in
-        self._small: Optional[np.ndarray] = None  # the background at half size
-        self._images, self._moving_s = 0, 0.0  # since the keyframe, with motion
+        # at half size, the brightest of nine pixels each
+        self._brightest: Optional[np.ndarray] = None
+        self._images = 0  # since the keyframe, with motion
 
     def guess(self, where: np.ndarray) -> None:
         """Replaces blocks, (rows, columns) bool, by the median of their neighbourhood: the spot on them is no floor."""
@@ -68,26 +70,24 @@ class Background:
             floor[place] = cv2.resize(cv2.medianBlur(means, _AROUND), floor[place].shape[1::-1])
         self._take(floor, where, 1.0)
 
-    def rise(self, image: np.ndarray, motion: Optional[np.ndarray]) -> Tuple[np.ndarray, np.ndarray]:
+    def rise(self, image: np.ndarray, motion: Optional[np.ndarray], half: Optional[np.ndarray] = None) -> Tuple[np.ndarray, np.ndarray]:
         """Each block's largest rise above the background, (rows, columns) uint8, and which became darker, bool.
 
         Args:
             motion: (3, 3) maps the background's pixels to the image's; None: the camera is stationary.
+            half: the image at half size, if the camera is not.
         """
         self.motion, self.reference = motion, self.image
         if motion is None:
-            # a colour image has so much data that every second row must do: spots cover several
-            rise = block_maxima(image, self.image, row_step=1 if image.ndim == 2 else 2)
+            rise = block_maxima(image, self.image, _MOSAIC_ROWS if image.ndim == 2 else _COLOUR_ROWS)
             return rise, max_channel(cv2.subtract(self._sample, sample_blocks(image))) > _DARKER
-        # at half size moving it costs a quarter, and fractions of a pixel matter less
-        if self._small is None:
-            self._small = _halved(self.image)
-        small = _halved(image)
-        shown = cv2.warpPerspective(self._small, _HALF @ motion @ np.diag((2.0, 2.0, 1.0)), small.shape[1::-1], small.copy(),
-                                    cv2.INTER_LINEAR, cv2.BORDER_TRANSPARENT)
+        # at half size moving it costs a quarter, and fractions of a pixel matter less: to the nearest one it is moved
+        if self._brightest is None:
+            self._brightest = cv2.dilate(halved(self.image), _SQUARE)
         self.reference = image.copy()
-        darker = cv2.subtract(sample_blocks(shown, BLOCK // 2), sample_blocks(small, BLOCK // 2))
-        return block_maxima(small, cv2.dilate(shown, _SQUARE), BLOCK // 2), max_channel(darker) > _DARKER
+        shown = moved(self._brightest, _HALF @ motion @ np.diag((2.0, 2.0, 1.0)), half.copy(), cv2.INTER_NEAREST)
+        darker = cv2.subtract(sample_blocks(cv2.erode(shown, _SQUARE), BLOCK // 2), sample_blocks(half, BLOCK // 2))
+        return block_maxima(half, shown, range(BLOCK // 2), BLOCK // 2), max_channel(darker) > _DARKER
 
     def examine(self, regions: Sequence[Region], image: np.ndarray) -> None:
         """Makes the reference of a moving camera exact around regions [px]; elsewhere it is the image."""
@@ -97,9 +97,8 @@ class Background:
 
     def _moved_part(self, part: Tuple[slice, slice], image: np.ndarray) -> np.ndarray:
         """A part of the background as the camera sees it now; of the image where nothing was in view."""
-        result = image[part].copy()
         there = np.array([[1.0, 0.0, -part[1].start], [0.0, 1.0, -part[0].start], [0.0, 0.0, 1.0]]) @ self.motion
-        return cv2.warpPerspective(self.image, there, result.shape[1::-1], result, cv2.INTER_CUBIC, cv2.BORDER_TRANSPARENT)
+        return moved(self.image, there, image[part].copy(), cv2.INTER_CUBIC)
 
     def hot_blocks(self, maxima: np.ndarray, least: float) -> np.ndarray:
         """(rows, columns) bool: blocks whose rise is at least `least` and exceeds the block's own noise."""
@@ -117,15 +116,13 @@ class Background:
         return cv2.compare(maxima, cv2.max(self._limit, math.ceil(least)), cv2.CMP_GE) > 0
 
     def learn(
-        self, image: np.ndarray, rise: np.ndarray, changed: np.ndarray, spots: np.ndarray, hold_s: float, dt: float,
-        at_rest: bool = False,
+        self, image: np.ndarray, rise: np.ndarray, changed: np.ndarray, spots: np.ndarray, dt: float, at_rest: bool = False,
     ) -> bool:
         """Adds a frame.
 
         Args:
             rise: (rows, columns) of the blocks.
             changed, spots: (rows, columns) bool; blocks that changed, and blocks that show a spot.
-            hold_s: [s] how long a spot may shine in the same place before it counts as a lamp.
             dt: [s] since the last frame.
             at_rest: the camera has moved, and stopped.
 
@@ -133,16 +130,15 @@ class Background:
             Whether the image became the keyframe of a camera that moved.
         """
         if self.motion is not None:
-            self._images, self._moving_s = self._images + 1, self._moving_s + dt
+            self._images += 1
             middle = np.array([[[0.5 * image.shape[1], 0.5 * image.shape[0]]]])
             far = np.abs(cv2.perspectiveTransform(middle, self.motion) - middle).max() > _KEYFRAME_PART * image.shape[1]
             if not (at_rest or far or self._images >= _KEYFRAME):
                 return False
-            self._begin_keyframe(image, spots, hold_s)
+            self._begin_keyframe(image, spots)
             return True
-        held = self._held(spots, hold_s, dt)
-        steady = ~(changed | held)
-        self._changed_s = (self._changed_s + np.float32(dt)) * ~(steady | held)
+        steady = ~(changed | spots)
+        self._changed_s = cv2.copyTo(cv2.add(self._changed_s, dt), (changed & ~spots).view(np.uint8))
         self._noise_s += dt
         if self._noise_s >= _NOISE_TIME / 8:
             # noise changes slowly: not updated with each image
@@ -152,8 +148,8 @@ class Background:
             cv2.accumulateWeighted(cv2.absdiff(values, self._noise), self._deviation, weight, mask)
             self._noise_s, self._limit = 0.0, None
         absorbed = self._changed_s > _ABSORB_S
-        self._changed_s[absorbed] = 0.0
         if absorbed.any():
+            self._changed_s[absorbed] = 0.0
             self._take(image, absorbed, 1.0)
         first, self._strip = self._strip, self._strip + min(1.0, dt / _CYCLE_S)
         self._take(image, steady, _WEIGHT, *(int(round(min(1.0, part) * len(steady))) for part in (first, self._strip)))
@@ -161,24 +157,16 @@ class Background:
             self._strip = 0.0
         return False
 
-    def _held(self, spots: np.ndarray, hold_s: float, dt: float) -> np.ndarray:
-        """(rows, columns) bool: blocks with a spot that has not shone there for long."""
-        self._held_s = cv2.max(self._held_s + (spots * np.float32(2.0 * dt) - np.float32(dt)), 0.0)
-        return spots & (self._held_s < hold_s)
-
-    def _begin_keyframe(self, image: np.ndarray, spots: np.ndarray, hold_s: float) -> None:
+    def _begin_keyframe(self, image: np.ndarray, spots: np.ndarray) -> None:
         """Makes the image the background, except under spots."""
-        of_blocks = _PER_BLOCK @ self.motion @ np.diag((float(BLOCK), float(BLOCK), 1.0))
-        self._held_s = cv2.warpPerspective(self._held_s, of_blocks, self.blocks[::-1], flags=cv2.INTER_NEAREST)
-        held = self._held(spots, hold_s, self._moving_s)
-        left, top, wide, high = (BLOCK * number for number in cv2.boundingRect(held.view(np.uint8)))
+        left, top, wide, high = (BLOCK * number for number in cv2.boundingRect(spots.view(np.uint8)))
         kept = image.copy()
         if wide:
             part = slice(top, top + high), slice(left, left + wide)
-            mask = mask_of_blocks(held, *image.shape[:2])[part]
-            cv2.copyTo(self._moved_part(part, image), mask, kept[part])
-        self.image, self._sample, self._small, self.motion = kept, sample_blocks(kept), None, None
-        self._changed_s[:], self._images, self._moving_s = 0.0, 0, 0.0
+            rows, columns = (slice(one.start // BLOCK, one.stop // BLOCK) for one in part)
+            cv2.copyTo(self._moved_part(part, image), mask_of_blocks(np.ascontiguousarray(spots[rows, columns]), high, wide), kept[part])
+        self.image, self._sample, self._brightest, self.motion = kept, sample_blocks(kept), None, None
+        self._changed_s[:], self._images = 0.0, 0
         self._noise[:], self._deviation[:], self._limit = self._noise.mean(), self._deviation.mean(), None
 
     def _take(self, image: np.ndarray, blocks: np.ndarray, weight: float, first: int = 0, last: Optional[int] = None) -> None:
@@ -193,10 +181,11 @@ class Background:
         new = image[part] if weight == 1.0 else cv2.addWeighted(image[part], weight, strip, 1.0 - weight, 0.0)
         cv2.copyTo(new, mask_of_blocks(blocks, *strip.shape[:2]), strip)
         self._sample[first : first + len(blocks)] = sample_blocks(strip)
-        self._small = None
+        self._brightest = None
 
 
-def _halved(image: np.ndarray) -> np.ndarray:
-    """The whole blocks of an image at half its size."""
-    height, width = (number // BLOCK * BLOCK for number in image.shape[:2])
-    return cv2.resize(image[:height, :width], (width // 2, height // 2), interpolation=cv2.INTER_AREA)
+def moved(image: np.ndarray, motion: np.ndarray, into: np.ndarray, how: int) -> np.ndarray:
+    """An image after a motion (3, 3), in place of all pixels of another one that it covers."""
+    if np.array_equal(motion[2], (0.0, 0.0, 1.0)):  # in half the time
+        return cv2.warpAffine(image, motion[:2], into.shape[1::-1], into, how, cv2.BORDER_TRANSPARENT)
+    return cv2.warpPerspective(image, motion, into.shape[1::-1], into, how, cv2.BORDER_TRANSPARENT)

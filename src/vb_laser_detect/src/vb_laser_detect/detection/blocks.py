@@ -1,39 +1,48 @@
 """Whole-image work that must stay cheap: maxima over blocks of pixels, masks back to pixels."""
 from __future__ import annotations
 
-from typing import List, Tuple
+from typing import List, Sequence, Tuple
 
 import cv2
 import numpy as np
 
 BLOCK = 8  # [px] edge of a block
+_BAND = 160_000  # [bytes] of one row of all blocks in a band: it stays in the cache of the processor's core
 _LARGE = 14  # [blocks] regions that are larger are cut down to their brightest parts
 
 Region = Tuple[int, int, int, int]  # left, top, right, bottom [px]; right and bottom are excluded
 
 
-def block_maxima(image: np.ndarray, background: np.ndarray, block: int = BLOCK, row_step: int = 1) -> np.ndarray:
+def block_maxima(image: np.ndarray, background: np.ndarray, rows: Sequence[int] = range(BLOCK), block: int = BLOCK) -> np.ndarray:
     """(H // block, W // block) uint8: each block's largest rise above the background, of any channel.
+
+    Band by band: what one step leaves is still in the processor's cache for the next, which saves more than half the time.
 
     Args:
         image, background: (H, W) or (H, W, C) uint8, contiguous. The difference is never stored at full size.
-        row_step: 2 reads only every second row, in half the time; rows of a Bayer image differ in colour.
+        rows: of each block, that are read.
     """
-    rows, columns = image.shape[0] // block, image.shape[1] // block
+    high = block * max(1, _BAND // image[0].nbytes)
+    return cv2.vconcat([_band_maxima(image[top : top + high], background[top : top + high], rows, block)
+                        for top in range(0, image.shape[0] - block + 1, high)])
+
+
+def _band_maxima(image: np.ndarray, background: np.ndarray, rows: Sequence[int], block: int) -> np.ndarray:
+    high, columns = image.shape[0] // block, image.shape[1] // block
     # first over rows, where memory is contiguous; then the small rest is turned and reduced the same way
-    now, before = (picture[: rows * block].reshape(rows, -1) for picture in (image, background))
+    now, before = (picture[: high * block].reshape(high, -1) for picture in (image, background))
     length = now.shape[1] // block
-    parts = [slice(row * length, (row + 1) * length) for row in range(row_step - 1, block, row_step)]
-    best = cv2.subtract(now[:, parts[0]], before[:, parts[0]])
+    first, *parts = [slice(row * length, (row + 1) * length) for row in rows]
+    best = cv2.subtract(now[:, first], before[:, first])
     rise = np.empty_like(best)
-    for part in parts[1:]:
+    for part in parts:
         cv2.subtract(now[:, part], before[:, part], rise)
         cv2.max(best, rise, best)
-    best = max_channel(best.reshape((rows,) + image.shape[1:]))
+    best = max_channel(best.reshape((high,) + image.shape[1:]))
     turned = cv2.transpose(best[:, : columns * block]).reshape(columns, -1)
-    best = np.ascontiguousarray(turned[:, :rows])
-    for row in range(1, block):
-        cv2.max(best, turned[:, row * rows : (row + 1) * rows], best)
+    best = np.ascontiguousarray(turned[:, :high])
+    for column in range(1, block):
+        cv2.max(best, turned[:, column * high : (column + 1) * high], best)
     return cv2.transpose(best)
 
 
@@ -42,6 +51,12 @@ def sample_blocks(image: np.ndarray, block: int = BLOCK) -> np.ndarray:
     rows, columns = image.shape[0] // block, image.shape[1] // block
     # numpy copies three bytes no faster than thirty
     return cv2.resize(image[: rows * block, : columns * block], (columns, rows), interpolation=cv2.INTER_NEAREST)
+
+
+def halved(image: np.ndarray) -> np.ndarray:
+    """The whole blocks of an image at half its size."""
+    height, width = (number // BLOCK * BLOCK for number in image.shape[:2])
+    return cv2.resize(image[:height, :width], (width // 2, height // 2), interpolation=cv2.INTER_AREA)
 
 
 def max_channel(image: np.ndarray) -> np.ndarray:

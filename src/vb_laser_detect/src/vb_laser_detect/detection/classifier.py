@@ -21,9 +21,8 @@ from vb_laser_detect.detection.features import Blob
 VERSION = 1
 BUILT_IN = Path(__file__).resolve().parent / "spot_classifier.json"
 # features of the surroundings do not count against a spot that was seen until now and must be there; nor does colour,
-# which it has shown and other light may now hide; and such light may leave a small and ragged core of its outline
-_NOT_ASKED_AGAIN = ("surround", "darker", "fall", "busy", "neighbours", "chroma_mosaic",
-                    "smallness", "compactness")
+# which it has shown and other light may now hide
+_NOT_ASKED_AGAIN = ("darker", "fall", "busy", "chroma_mosaic")
 
 
 class Verdict(NamedTuple):

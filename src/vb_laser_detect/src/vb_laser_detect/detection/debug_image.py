@@ -6,13 +6,13 @@ from typing import Iterable
 import cv2
 import numpy as np
 
-from vb_laser_detect.detector import Candidate
+from vb_laser_detect.detector import Spot
 from vb_laser_detect.detection.pixels import to_bgr
 
 _SPOT, _REFUSED = (0, 220, 0), (0, 140, 255)
 
 
-def draw(image: np.ndarray, encoding: str, candidates: Iterable[Candidate]) -> np.ndarray:
+def draw(image: np.ndarray, encoding: str, candidates: Iterable[Spot]) -> np.ndarray:
     """A bgr copy (H, W, 3) of the image, with a green ring round each spot and the reason beside rejected ones.
 
     Args:

@@ -17,7 +17,6 @@ from vb_laser_detect.detection.blocks import Region, max_channel
 EDGE = 0.35  # the blob is where the rise exceeds this part of its peak; ...
 CORES = (0.6, 0.75)  # ... its core, where it touches a bright line, or more that became brighter with it
 _SHADOW = 0.5  # part of the light that a shadow leaves at least
-_SATURATED = 0.97  # of the camera's white: from here on the sensor shows no more
 _ONE_MOSAIC = 0.75  # a small spot's colour in one mosaic depends on the places it falls on; in a mean it does not
 _WHITE = 240.0  # [grey levels] a pixel whose weakest channel is above says nothing about colour
 _GREY = 0.85  # a floor is grey if its weakest channel has this share of the strongest
@@ -46,11 +45,11 @@ class Blob:
 
 
 class Camera(NamedTuple):
-    """What is known of the camera: the brightest value that it shows, its images' diagonal [px], a Bayer mosaic or not."""
+    """What is known of the camera: its images' diagonal [px], a Bayer mosaic or not, the brightest value that it shows."""
 
-    white: float
     diagonal: float
     mosaic: bool
+    white: float = 255.0
 
 
 def measure(
@@ -70,7 +69,7 @@ def measure(
     """
     height, width = image.shape[:2]
     left, top, right, bottom = seed
-    margin = 12
+    margin = 20
     while True:
         # even bounds keep each pixel's place in a Bayer image's pattern
         x0, y0 = max(0, left - margin) & ~1, max(0, top - margin) & ~1
@@ -94,78 +93,54 @@ def measure(
         margin += missing
     sx, sy = max(0, bx - pad) & ~1, max(0, by - pad) & ~1
     part = slice(sy, by + bh + pad), slice(sx, bx + bw + pad)
-    mask, light, now, before = (labels[part] == label).view(np.uint8), smooth[part].astype(np.float32), now[part], before[part]
-    tint = tint_of(mask, light, now, before) if now.ndim == 3 or camera.mosaic else None
-    moments = cv2.moments(cv2.copyTo(light, mask))
-    area, long, short = _axes(mask)
-    return Blob(
-        u=moments["m10"] / moments["m00"] + x0 + sx, v=moments["m01"] / moments["m00"] + y0 + sy,
-        diameter=2.0 * math.sqrt(area / math.pi), tint=tint,
-        numbers={"elongation": math.log(long / short), "compactness": area / (4.0 * math.pi * long * short),
-                 **_describe(mask, light, now, before, area, tint, camera)})
-
-
-def _describe(
-    blob: np.ndarray, smooth: np.ndarray, image: np.ndarray, background: np.ndarray, area: float, tint: Optional[np.ndarray],
-    camera: Camera,
-) -> Dict[str, float]:
-    """The features of a blob; grey levels count as parts of the camera's white."""
-    # cv2 with masks, not numpy with indices: on patches this small the calls take the time
-    white, none, diameter, rise = camera.white, math.nan, 2.0 * math.sqrt(area / math.pi), cv2.subtract(image, background)
-    peak, highest, level = (float(cv2.minMaxLoc(plane, blob)[1]) for plane in (smooth, max_channel(rise), max_channel(image)))
-    ring = _ring(blob, diameter)
-    around = cv2.countNonZero(ring)
-    rises = cv2.mean(rise, blob)[: 1 if rise.ndim == 2 else 3]
-    best = int(np.argmax(rises))
-    rose = max(rises[best], 1.0)
-    levels, floor = means_over(blob, image, background, camera.mosaic)
-    now, before = _plane(image, best), _plane(background, best)
-    # a light falls on a floor that goes on beside it; where an object has left, the background still shows the object,
-    # and nothing beside it looks the same
-    off = cv2.absdiff(before, middle_of(before[blob > 0]))
-    alike = cv2.countNonZero(cv2.bitwise_and(ring, cv2.compare(off, max(12.0, 0.25 * rose), cv2.CMP_LT)))
+    mask, light, now, before = (labels[part] == label).view(np.uint8), smooth[part], now[part], before[part]
+    area, elongation = _shape_of(mask)
+    moments, diameter = cv2.moments(cv2.copyTo(light, mask)), 2.0 * math.sqrt(area / math.pi)
+    levels, floor = means_over(mask, camera.mosaic, now, before)
+    tint = tint_of(mask, light, now, before, levels, floor) if len(levels) > 1 else None
+    level, ring = cv2.minMaxLoc(max_channel(now), mask)[1], _ring(mask, diameter)
+    channel = int(np.argmax(levels - floor)) if now.ndim == 3 else 0
+    now, before = _plane(now, channel), _plane(before, channel)
     # a shadow that passes over a spot leaves about half of the light; what hides the floor is an object
     hidden = cv2.compare(now, cv2.addWeighted(before, _SHADOW, before, 0.0, -4.0), cv2.CMP_LT)
-    rim = cv2.subtract(cv2.dilate(blob, _SQUARE), cv2.erode(blob, _SQUARE))
+    rim = cv2.subtract(cv2.dilate(mask, _SQUARE), cv2.erode(mask, _SQUARE))
     slope, slope_before = cv2.mean(_gradient(now), rim)[0], cv2.mean(_gradient(before), rim)[0]
-    coloured, raw = none if tint is None else chroma(tint), camera.mosaic
-    return {
-        "peak": math.log(max(peak, 1.0) / white),
-        # of a spot hardly larger than a pixel, smoothing leaves less than half
-        "rise": none if level >= _SATURATED * white else math.log(max(highest, 1.0) / white),
-        "level": level / white,
-        "surround": cv2.mean(smooth, ring)[0] / peak if around else 1.0,
-        "likeness": alike / around if around else 1.0,
+    return Blob(moments["m10"] / moments["m00"] + x0 + sx, moments["m01"] / moments["m00"] + y0 + sy, diameter, tint=tint, numbers={
+        "elongation": elongation,
+        "peak": math.log(max(cv2.minMaxLoc(light, mask)[1], 1.0) / camera.white),
+        "level": level / camera.white,
         # of the outline, in the image and in the image and the reference together: a ghost's is in the reference alone; the
         # longer it is, the less noise and a table's edge under the spot affect it
         "edge": slope / max(1e-3, slope + slope_before) - 0.14 * min(1.0, max(0.0, diameter / 24.0 - 1.0)),
-        "darker": cv2.countNonZero(cv2.bitwise_and(hidden, ring)) / around if around else 0.0,
+        "darker": cv2.countNonZero(cv2.bitwise_and(hidden, ring)) / max(1, cv2.countNonZero(ring)),
         # a light darkens no channel, paint does
-        "fall": max(0.0, float((floor - levels).max())) / white,
+        "fall": max(0.0, float((floor - levels).max())) / camera.white,
         "diameter": math.log(diameter / camera.diagonal),
-        "smallness": min(diameter, 6.0),
-        # many webcams make white of a spot, mosaics show its colour: what it tells depends on the camera
-        "chroma": none if raw else coloured,
-        "chroma_mosaic": min(1.0, coloured / _ONE_MOSAIC) if raw else none,
-    }
+        # many webcams make white of a spot, mosaics show its colour: only there it tells a single blob
+        "chroma_mosaic": min(1.0, chroma(tint) / _ONE_MOSAIC) if camera.mosaic else math.nan,
+    })
 
 
 # ------------------------------------------------------------------ colour
-def means_over(mask: np.ndarray, image: np.ndarray, background: np.ndarray, mosaic: bool) -> Tuple[np.ndarray, np.ndarray]:
-    """Mean level and floor (C,) of each channel over a mask (H, W), which must not be empty.
-
-    The four places in a Bayer image's pattern count as channels, in the order of the first two rows.
-    """
-    if not mosaic:
-        channels = 1 if image.ndim == 2 else 3
-        return np.array(cv2.mean(image, mask)[:channels]), np.array(cv2.mean(background, mask)[:channels])
-    parts = _places(mask)
-    if not all(map(cv2.countNonZero, parts)):
-        parts = _places(cv2.dilate(mask, _SQUARE))  # nine pixels hold all four places
-    return tuple(np.array([cv2.mean(*pair)[0] for pair in zip(_places(plane), parts)]) for plane in (image, background))
+def channels_of(image: np.ndarray, mosaic: bool) -> np.ndarray:
+    """(C, N) float32: the pixels of each channel; the four places in a Bayer image's pattern count as channels."""
+    if mosaic:
+        rows, columns = image.shape[0] // 2, image.shape[1] // 2
+        image = image[: 2 * rows, : 2 * columns].reshape(rows, 2, columns, 2).transpose(1, 3, 0, 2).reshape(4, -1)
+    else:
+        image = image.reshape(-1, 1 if image.ndim == 2 else 3).T
+    return image.astype(np.float32)
 
 
-def tint_of(blob: np.ndarray, smooth: np.ndarray, image: np.ndarray, background: np.ndarray) -> np.ndarray:
+def means_over(mask: np.ndarray, mosaic: bool, *images: np.ndarray) -> List[np.ndarray]:
+    """The mean (C,) of each channel of images over a mask (H, W), which must not be empty."""
+    weights = channels_of(mask, mosaic)
+    if not weights.any(axis=1).all():
+        weights = channels_of(cv2.dilate(mask, _SQUARE), mosaic)  # nine pixels hold all four places
+    return [(channels_of(image, mosaic) * weights).sum(axis=1) / weights.sum(axis=1) for image in images]
+
+
+def tint_of(blob: np.ndarray, smooth: np.ndarray, image: np.ndarray, background: np.ndarray, level: np.ndarray, floor: np.ndarray) -> np.ndarray:
     """Each channel's share (C,) of a blob's light; 1 for the strongest, and for all of them if the light is white.
 
     White paper on a brown floor rises most in blue, and still looks white: a laser's light rises most in its own colour
@@ -176,11 +151,10 @@ def tint_of(blob: np.ndarray, smooth: np.ndarray, image: np.ndarray, background:
         blob: (H, W) uint8 mask.
         smooth: (H, W) the rise of the brightest channel, smoothed.
         image, background: (H, W, 3) or a Bayer image's (H, W), uint8; its window starts on an even row and column.
+        level, floor: their means (C,) over the blob.
     """
     mosaic = image.ndim == 2
-    level, floor = means_over(blob, image, background, mosaic)
-    rise = np.maximum(level - floor, 0.0)
-    core = rise / max(rise.max(), 1.0)
+    core = _share_of(level - floor)
     looks = 1.0 - level.min() / max(level.max(), 1.0)
     if looks < chroma(core):
         core = 1.0 - (1.0 - core) * looks / chroma(core)
@@ -189,21 +163,19 @@ def tint_of(blob: np.ndarray, smooth: np.ndarray, image: np.ndarray, background:
     halo = cv2.bitwise_and(cv2.dilate(blob, _HALO), cv2.bitwise_and(bright, cv2.compare(weakest, _WHITE, cv2.CMP_LT)))
     if cv2.countNonZero(halo) < 6:
         return core
-    level, floor = means_over(halo, image, background, mosaic)
+    level, floor = means_over(halo, mosaic, image, background)
     if floor.min() < _GREY * floor.max():
         return core
     # in a person's shadow a white light would seem to rise unevenly: less is left of the floor's light
-    beside = cv2.bitwise_or(bright, blob) == 0
-    shade = min(1.0, middle_of(image[beside].ravel()) / max(middle_of(background[beside].ravel()), 1.0)) if beside.any() else 1.0
-    rise = np.maximum(level - shade * floor, 0.0)
-    rim = rise / max(rise.max(), 1e-6)
+    beside = cv2.compare(cv2.bitwise_or(bright, blob), 0, cv2.CMP_EQ)
+    left = sum(cv2.mean(image, beside)) / max(sum(cv2.mean(background, beside)), 1.0)
+    rise = level - min(1.0, left or 1.0) * floor
+    rim = _share_of(rise)
     return rim if rise.max() >= 4.0 and chroma(rim) > chroma(core) else core
 
 
-def middle_of(values: np.ndarray) -> float:
-    """The upper median of values (N,): np.median also looks for NaN and takes the mean of two, in three times the time."""
-    half = len(values) // 2
-    return float(np.partition(values, half)[half])
+def _share_of(rise: np.ndarray) -> np.ndarray:
+    return np.maximum(rise, 0.0) / max(rise.max(), 1.0)
 
 
 def chroma(tint: np.ndarray) -> float:
@@ -211,20 +183,15 @@ def chroma(tint: np.ndarray) -> float:
     return float(1.0 - tint.min() / max(tint.max(), 1e-6))
 
 
-def _places(image: np.ndarray) -> List[np.ndarray]:
-    """The pixels at each of the four places of a Bayer pattern."""
-    return [np.ascontiguousarray(image[y::2, x::2]) for y in (0, 1) for x in (0, 1)]
-
-
 # ------------------------------------------------------------------ shape
-def _axes(blob: np.ndarray) -> Tuple[float, float, float]:
-    """Area [px] and the two axes, as standard deviations [px]."""
+def _shape_of(blob: np.ndarray) -> Tuple[float, float]:
+    """Area [px], and the logarithm of the ratio of its axes."""
     moments = cv2.moments(blob, binaryImage=True)
     area = moments["m00"]
     # a pixel is a square with its own second moments: without them a single pixel would have no extent
     xx, yy, xy = moments["mu20"] / area + 1 / 12.0, moments["mu02"] / area + 1 / 12.0, moments["mu11"] / area
     half, mean = math.hypot((xx - yy) / 2.0, xy), (xx + yy) / 2.0
-    return area, math.sqrt(mean + half), math.sqrt(max(mean - half, 1e-3))
+    return area, 0.5 * math.log((mean + half) / max(mean - half, 1e-3))
 
 
 def _ring(blob: np.ndarray, diameter: float) -> np.ndarray:
@@ -237,7 +204,7 @@ def _ring(blob: np.ndarray, diameter: float) -> np.ndarray:
 
 def _plane(image: np.ndarray, channel: int) -> np.ndarray:
     plane = image if image.ndim == 2 else np.ascontiguousarray(image[:, :, channel])
-    return cv2.GaussianBlur(plane, (3, 3), 0).astype(np.float32)
+    return cv2.GaussianBlur(plane, (3, 3), 0)
 
 
 def _gradient(plane: np.ndarray) -> np.ndarray:

@@ -7,18 +7,18 @@ Under a spot that was followed until a light was switched, the median of its sur
 from __future__ import annotations
 
 import math
-from typing import Dict, List, NamedTuple, Optional, Sequence, Tuple
+from typing import List, NamedTuple, Optional, Sequence, Tuple
 
 import cv2
 import numpy as np
 
 from vb_laser_detect.detection.background import Background
-from vb_laser_detect.detection.blocks import BLOCK, Region, blocks_around, regions
+from vb_laser_detect.detection.blocks import BLOCK, Region, blocks_around, halved, regions
 from vb_laser_detect.detector_params import DetectorParams
 from vb_laser_detect.detection.registration import Registration, is_still
-from vb_laser_detect.detection.tracking import Expected
+from vb_laser_detect.detection.tracking import Expected, Spot
 
-_NEAR = 6  # [blocks] whose changes count as nearby
+_LEAST_WHITE = 128.0  # [grey levels] no camera's white is darker
 _LEAST_LEVEL = 0.74  # of the camera's white: a spot saturates, unless it is smaller than a pixel
 _SATURATED = 0.97
 _MOST = 12  # regions: people who walk leave fewer, and examining more would take longer than an image lasts
@@ -34,6 +34,12 @@ class Proposal(NamedTuple):
     part: Optional[Region] = None
     refusal: str = ""
 
+    @property
+    def middle(self) -> Tuple[float, float]:
+        """Of the region [px]."""
+        left, top, right, bottom = self.region
+        return (left + right) / 2.0, (top + bottom) / 2.0
+
 
 class View(NamedTuple):
     """An image, and what is known of the scene.
@@ -41,25 +47,21 @@ class View(NamedTuple):
     Attributes:
         reference: what the image would show without a spot where it is examined, the same shape.
         proposals: the most promising first.
-        rise: (rows, columns) uint8, of each block; hot, changed: bool, those that became brighter; and those, or darker.
+        rise: (rows, columns) uint8, of each block; changed: bool, those that became brighter or darker.
         white: [grey levels] the brightest value so far.
     """
 
     image: np.ndarray
     reference: np.ndarray
-    proposals: Tuple[Proposal, ...]
+    proposals: Sequence[Proposal]
     rise: np.ndarray
-    hot: np.ndarray
     changed: np.ndarray
     white: float
 
-    def around(self, u: float, v: float, diameter: float) -> Dict[str, float]:
-        """Features of what else changed, apart from a blob and its own light: in the image, and nearby."""
-        own = blocks_around(self.hot.shape, u, v, 1.25 * diameter + BLOCK)
-        near = blocks_around(self.hot.shape, u, v, _NEAR * BLOCK)
-        busy = np.count_nonzero(self.changed) - np.count_nonzero(self.changed[own])
-        neighbours = np.count_nonzero(self.hot[near]) - np.count_nonzero(self.hot[own])
-        return {"busy": math.sqrt(busy / self.hot.size), "neighbours": math.sqrt(max(0, neighbours))}
+    def busy(self, u: float, v: float, diameter: float) -> float:
+        """How much else changed in the image, apart from a blob and its own light."""
+        own = blocks_around(self.changed.shape, u, v, 1.25 * diameter + BLOCK)
+        return math.sqrt((np.count_nonzero(self.changed) - np.count_nonzero(self.changed[own])) / self.changed.size)
 
 
 class Proposer:
@@ -67,21 +69,24 @@ class Proposer:
 
     Attributes:
         params: the detector's; they may be changed between images.
+        white: [grey levels] the brightest that the camera has shown.
     """
 
     def __init__(self, params: DetectorParams) -> None:
-        self.params = params
+        self.params, self.white = params, _LEAST_WHITE
         # if the camera may move its motion is found in the images
         self._registration = Registration() if params.moving_camera else None
         self._background: Optional[Background] = None
         self._motion = np.eye(3)  # from the background's pixels to the last image's
         self._lost = self._at_rest = False
+        self._half: Optional[np.ndarray] = None
 
     def motion(self, image: np.ndarray) -> Optional[np.ndarray]:
         """(3, 3) how the camera moved since the last image; None if it was stationary. Call it before `look`."""
         if self._registration is None:
             return None
-        found, before = self._registration.motion_to(image), self._motion
+        self._half = halved(image)
+        found, before = self._registration.motion_to(image, self._half), self._motion
         # while it is not known the camera is taken to be where it was
         self._lost = found is None
         if found is None:
@@ -91,30 +96,54 @@ class Proposer:
         self._at_rest = is_still(step, image.shape)
         return None if self._at_rest else step
 
-    def look(self, image: np.ndarray, white: float, expected: Sequence[Expected]) -> View:
+    def look(self, image: np.ndarray, expected: Sequence[Expected]) -> View:
         """Compares an image with the background.
 
         Args:
-            white: [grey levels] the brightest that the camera has shown.
             expected: where spots should be.
         """
         min_rise = self.params.min_rise
         if self._background is not None:
-            moved = not np.array_equal(self._motion, np.eye(3))
-            rise, darker = self._background.rise(image, self._motion if moved else None)
+            still = np.array_equal(self._motion, np.eye(3))
+            rise, darker = self._background.rise(image, None if still else self._motion, self._half)
             hot = self._background.hot_blocks(rise, min_rise)
             limit = _MAX_CHANGE_LOST if self._lost else _MAX_CHANGE
+        else:
+            self.white = max(self.white, float(image.max()))
         # a person close to the camera darkens much of the image too, and must not become its background
         if self._background is None or max(np.count_nonzero(hot), 0.5 * np.count_nonzero(darker)) > limit * hot.size:
             self._start(image, expected)
             rise, darker = self._background.rise(image, None)
             hot = rise >= min_rise
         background = self._background
-        proposals, white = _ranked(image, regions(rise, hot, 4 * _MOST), white, expected)
+        proposals = self._rank(image, regions(rise, hot, 4 * _MOST), expected)
         background.examine([one.region for one in proposals if not one.refusal], image)
         # while the camera moves, what became darker is taken from the image at once
         changed = hot if background.motion is not None else hot | darker
-        return View(image, background.reference, proposals, rise, hot, changed, white)
+        return View(image, background.reference, proposals, rise, changed, self.white)
+
+    def _rank(self, image: np.ndarray, found: Sequence[Tuple[Region, float]], expected: Sequence[Expected]) -> List[Proposal]:
+        """Proposals of regions with their rise; notes the brightest value.
+
+        Those where a spot is expected come first. A spot shows the camera's white wherever it falls; by how much it rises
+        depends on the floor, and on a bright one a person beside it rises more. So white regions come next, among them those
+        that rose most.
+        """
+        rated = []
+        for region, peak in found:
+            left, top, right, bottom = region
+            part = image[top:bottom, left:right]
+            # columns and channels side by side: the brightest sample is all that counts
+            rated.append((region, cv2.minMaxLoc(part.reshape(part.shape[0], -1))[1], peak))
+        self.white = max([self.white] + [level for _, level, _ in rated])
+        rated.sort(key=lambda one: (-min(one[1], _SATURATED * self.white), -one[2]))
+        proposals = []
+        # most of what a person's clothes leave is found too large at once, and must not use up all places
+        for region, level, _ in rated[: 2 * _MOST]:
+            part, spot = _part_of(region, expected)
+            proposals.append(Proposal(region, spot, part, "" if level >= _LEAST_LEVEL * self.white else "too_dark"))
+        # published ones, other expected ones, the rest
+        return sorted(proposals, key=lambda one: 2 if one.refusal or one.expected is None else int(not one.expected.published))
 
     def _start(self, image: np.ndarray, expected: Sequence[Expected]) -> None:
         background = self._background = Background(image)
@@ -131,44 +160,17 @@ class Proposer:
         if self._registration is not None:
             self._registration.take()
 
-    def learn(self, view: View, spots: Sequence[Tuple[float, float, float]], elapsed: float) -> None:
-        """Adds an image, except the blobs (u, v, diameter) [px] of spots.
+    def learn(self, view: View, spots: Sequence[Spot], elapsed: float) -> None:
+        """Adds an image, except some spots.
 
         Args:
             elapsed: [s] since the last image.
         """
-        held = np.zeros_like(view.hot)
-        for u, v, diameter in spots:
-            held[blocks_around(held.shape, u, v, 1.25 * diameter + BLOCK)] = True
-        if self._background.learn(view.image, view.rise, view.changed, held, self.params.hold_s, elapsed, self._at_rest):
+        held = np.zeros_like(view.changed)
+        for spot in spots:
+            held[blocks_around(held.shape, spot.u, spot.v, 1.25 * spot.diameter + BLOCK)] = True
+        if self._background.learn(view.image, view.rise, view.changed, held, elapsed, self._at_rest):
             self._begin()
-
-
-def _ranked(
-    image: np.ndarray, found: List[Tuple[Region, float]], white: float, expected: Sequence[Expected]
-) -> Tuple[Tuple[Proposal, ...], float]:
-    """Proposals of regions with their rise, and the brightest value so far [grey levels].
-
-    Those where a spot is expected come first. A spot shows the camera's white wherever it falls; by how much it rises
-    depends on the floor, and on a bright one a person beside it rises more. So white regions come next, among them those
-    that rose most.
-    """
-    rated = []
-    for region, peak in found:
-        left, top, right, bottom = region
-        part = image[top:bottom, left:right]
-        # columns and channels side by side: the brightest sample is all that counts
-        rated.append((region, float(cv2.minMaxLoc(part.reshape(part.shape[0], -1))[1]), peak))
-    white = max([white] + [level for _, level, _ in rated])
-    rated.sort(key=lambda one: (-min(one[1], _SATURATED * white), -one[2]))
-    proposals = []
-    # most of what a person's clothes leave is found too large at once, and must not use up all places
-    for region, level, _ in rated[: 2 * _MOST]:
-        part, spot = _part_of(region, expected)
-        proposals.append(Proposal(region, spot, part, "" if level >= _LEAST_LEVEL * white else "too_dark"))
-    # published ones, other expected ones, the rest
-    rank = [2 if one.refusal or one.expected is None else int(not one.expected.published) for one in proposals]
-    return tuple(proposals[number] for number in np.argsort(rank, kind="stable")), white
 
 
 def _part_of(region: Region, expected: Sequence[Expected]) -> Tuple[Optional[Region], Optional[Expected]]:

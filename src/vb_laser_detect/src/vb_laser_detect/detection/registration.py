@@ -10,13 +10,15 @@ from typing import Optional
 import cv2
 import numpy as np
 
+from vb_laser_detect.detection.blocks import halved
+
 _WIDTH = 240  # [px] at least, of the images in which corners are followed
 _CORNERS, _FEWEST = 48, 12  # looked for; needed to know a motion
 _AGREE_PX = 0.7  # [px of the small image] corners that are farther off do not agree
 _SHARE, _SURE = 0.35, 0.75  # of the corners have to agree; so many cannot be a thing's
 _DIFFERS = 10  # [grey levels] a pixel differs
 _STILL_PX = 0.35  # [px] no place of the image moved farther: the camera is stationary
-_FLOW = dict(winSize=(11, 11), maxLevel=2, criteria=(cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 12, 0.02),
+_FLOW = dict(winSize=(11, 11), criteria=(cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 12, 0.02),
              flags=cv2.OPTFLOW_USE_INITIAL_FLOW)
 _HALF = np.diag((0.5, 0.5, 1.0))
 
@@ -28,19 +30,18 @@ class Registration:
         self._keyframe: Optional[np.ndarray] = None
         self._latest: Optional[np.ndarray] = None
         self._corners: Optional[np.ndarray] = None
-        self._guess: Optional[np.ndarray] = None  # (N, 1, 2) where the corners were last
+        self._motion = self._step = np.eye(3)  # since the keyframe, and since the image before the last
 
-    def motion_to(self, image: np.ndarray) -> Optional[np.ndarray]:
+    def motion_to(self, image: np.ndarray, half: np.ndarray) -> Optional[np.ndarray]:
         """(3, 3) maps pixels of the keyframe to those of this image; None: unknown. The first image is a keyframe.
 
         Args:
             image: (H, W) or (H, W, 3) uint8.
+            half: the same at half size.
         """
-        grey, scale = image, 1.0
+        grey, scale = (half, 0.5) if half.shape[1] >= _WIDTH else (image, 1.0)
         while grey.shape[1] >= 2 * _WIDTH:
-            # by halves: any other ratio takes ten times as long
-            height, width = grey.shape[0] // 2, grey.shape[1] // 2
-            grey, scale = cv2.resize(grey[: 2 * height, : 2 * width], (width, height), interpolation=cv2.INTER_AREA), 0.5 * scale
+            grey, scale = halved(grey), 0.5 * scale
         self._latest = grey if grey.ndim == 2 else cv2.cvtColor(grey, cv2.COLOR_BGR2GRAY)
         if self._keyframe is None or self._keyframe.shape != self._latest.shape:
             self.take()
@@ -58,12 +59,23 @@ class Registration:
         # where exactly a corner is does not matter
         half = cv2.resize(self._latest, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA)
         found = cv2.goodFeaturesToTrack(half, _CORNERS, 0.01, 4)
-        self._corners = self._guess = np.zeros((0, 1, 2), np.float32) if found is None else 2.0 * found + np.float32(0.5)
+        self._corners = np.zeros((0, 1, 2), np.float32) if found is None else 2.0 * found + np.float32(0.5)
+        self._motion = np.eye(3)
 
     def _follow(self) -> Optional[np.ndarray]:
+        """The motion since the keyframe: first where it leads on as before, if that fails wherever it may lead."""
         if len(self._corners) < _FEWEST:
             return None
-        found, good, _ = cv2.calcOpticalFlowPyrLK(self._keyframe, self._latest, self._corners, self._guess.copy(), **_FLOW)
+        for ahead, levels in ((self._step @ self._motion, 0), (self._motion, 2)):
+            motion = self._search(cv2.perspectiveTransform(self._corners, ahead), levels)
+            if motion is not None:
+                self._step, self._motion = motion @ cv2.invert(self._motion)[1], motion
+                return motion
+        self._step = np.eye(3)
+        return None
+
+    def _search(self, guess: np.ndarray, levels: int) -> Optional[np.ndarray]:
+        found, good, _ = cv2.calcOpticalFlowPyrLK(self._keyframe, self._latest, self._corners, guess, maxLevel=levels, **_FLOW)
         good = good.ravel() > 0
         before, after = self._corners[good], found[good]
         if len(before) < _FEWEST:
@@ -73,15 +85,15 @@ class Registration:
         if motion is None:
             return None
         motion, count = np.vstack([motion, (0, 0, 1)]), int(agree.sum())
+        if not levels and count < _SHARE * len(before):
+            return None  # most corners were not where the search began
         if count < 0.85 * len(before) and len(before) >= 2 * _FEWEST:
             # a floor seen at a slant: where the camera drives, near places move farther than far ones
             plane, of_plane = cv2.findHomography(before, after, cv2.RANSAC, _AGREE_PX, maxIters=200, confidence=0.99)
             if plane is not None and of_plane.sum() > 1.15 * count:
                 motion, count = plane, int(of_plane.sum())
-        if count < max(_FEWEST, _SHARE * len(before)) or count < _SURE * len(before) and not self._explains(motion):
-            return None
-        self._guess = cv2.perspectiveTransform(self._corners, motion)
-        return motion
+        known = count >= max(_FEWEST, _SHARE * len(before)) and (count >= _SURE * len(before) or self._explains(motion))
+        return motion if known else None
 
     def _explains(self, motion: np.ndarray) -> bool:
         """Whether the images differ less after the motion than before: objects that move together do not count."""

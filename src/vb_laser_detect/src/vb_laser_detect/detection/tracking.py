@@ -8,15 +8,16 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from statistics import median
-from typing import Any, Callable, Deque, List, NamedTuple, Optional, Sequence, Tuple
+from typing import Any, Deque, List, NamedTuple, Optional, Sequence
 
 import cv2
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
 from vb_laser_detect.detector_params import DetectorParams
+from vb_laser_detect.detection.features import Camera, chroma
 
 _SLACK_M, _SLACK_PX = 0.05, 12.0  # what noise alone may move a spot between two images
 _MAX_SPEED = 8.0  # [m/s] of a spot on the floor: a wrist's flick
@@ -25,24 +26,60 @@ _RECALL_S = 1.0  # older sightings of a spot confirmed late are not published
 _TRUST_S = 0.5  # [s] how long a spot is followed while it cannot be measured well
 _DIAGONAL_M = 5.0  # without a pose an image's diagonal counts as this much
 _PERIODS = 15  # [images] whose median distance in time is the period
+_VIVID = 0.4  # mean chroma of a laser's light on a floor; webcams show less, but other bright things even less
+_PALE = 0.25  # ... of a laser on a floor that is nearly white; a mosaic's mean of white glints over half a second is less
+# [s] colourless light is followed for longer before it counts: a glint on a shoe, a watch or a cup lasts
+# less than a step, half a second. Nothing is lost, as the spots until then are backfilled
+_STEP_S = 0.6
+
+
+@dataclass(frozen=True)
+class Spot:
+    """A laser spot in an image, or a candidate that is none.
+
+    Attributes:
+        u, v: [px] column and row, sub-pixel; the centre of the first pixel is 0.
+        diameter: [px]
+        confidence: 0 ... 1
+        track: number of the spot in this camera's images; it stays while the spot is followed.
+        refusal: why it is not published, or "".
+    """
+
+    u: float
+    v: float
+    diameter: float
+    confidence: float = 0.0
+    track: int = 0
+    refusal: str = ""
+
+
+@dataclass(frozen=True)
+class BackfilledSpot:
+    """A spot of an earlier frame that a later one confirmed.
+
+    Attributes:
+        stamp: [s] of its frame.
+        tag: what `SpotDetector.tag` was then.
+    """
+
+    spot: Spot
+    stamp: float
+    tag: Any
 
 
 class Sighting(NamedTuple):
     """What one image shows of a spot.
 
     Attributes:
-        place: (4,) u, v [px] and x, y [m] on the floor, NaN without a pose.
-        confidence: 0 ... 1, to choose among several.
         certain: False if it was taken for a spot only since one was expected there.
-        tint: what `features.tint_of` said; None if its colour does not matter.
-        content: anything; comes back when it is backfilled.
+        tint: what `features.tint_of` said; None: without colour.
+        floor: (x, y) [m]; NaN where the pose is not known.
     """
 
-    place: np.ndarray
-    confidence: float
-    certain: bool
-    tint: Optional[np.ndarray]
-    content: Any
+    spot: Spot
+    certain: bool = True
+    tint: Optional[np.ndarray] = None
+    floor: Sequence[float] = (math.nan, math.nan)
 
 
 class Expected(NamedTuple):
@@ -65,28 +102,29 @@ class Expected(NamedTuple):
         return math.hypot(u - self.u, v - self.v) <= self.reach
 
 
-class Tracked(NamedTuple):
-    """A sighting's track number, whether it is confirmed and published, and what it recalls, oldest first."""
-
-    track: int
-    confirmed: bool
-    published: bool
-    backfilled: Tuple[Any, ...]
-
-
 @dataclass(eq=False)
-class _Track:
+class Track:
+    """A spot that is followed.
+
+    Attributes:
+        place: (4,) u, v [px] and x, y [m], the last ones, with their velocity per second.
+        rest, rests_since: (2,) [px] from where it has hardly moved since then.
+        waiting: what was seen before it was confirmed, the oldest first.
+    """
+
     number: int
     place: np.ndarray
     stamp: float
     since: float
+    rest: np.ndarray
+    rests_since: float
     velocity: np.ndarray = field(default_factory=lambda: np.zeros(4))
     certain_at: float = -math.inf
     hits: int = 0
     confirmed: bool = False
     published: bool = False
-    tint: Optional[np.ndarray] = None  # the sum over its sightings
-    waiting: Deque[Tuple[float, Any]] = field(default_factory=deque)
+    light: Any = None  # the sum of its sightings' tints
+    waiting: List[BackfilledSpot] = field(default_factory=list)
 
 
 class SpotTracker:
@@ -99,19 +137,18 @@ class SpotTracker:
 
     def __init__(self, params: DetectorParams) -> None:
         self.params = params
-        self._tracks: List[_Track] = []
+        self._tracks: List[Track] = []
         self._numbers = 0
         self._periods: Deque[float] = deque(maxlen=_PERIODS)
         self.period_s = 0.0
         self._stamp: Optional[float] = None
         self._axes = slice(0, 2)  # of a place, in which spots are told apart
 
-    def begin(self, stamp: float, diagonal: float, motion: Optional[np.ndarray]) -> List[Expected]:
+    def begin(self, stamp: float, camera: Camera, motion: Optional[np.ndarray]) -> List[Expected]:
         """Begins the next image; call it before `update`.
 
         Args:
             stamp: [s] of the image, later than the last one's.
-            diagonal: [px] of the image.
             motion: (3, 3) from the last image's pixels to this one's; None: the camera was stationary.
 
         Returns:
@@ -120,101 +157,93 @@ class SpotTracker:
         if self._stamp is not None:
             self._periods.append(stamp - self._stamp)
             self.period_s = median(self._periods)
-        self._stamp, self._diagonal = stamp, diagonal
+        self._stamp, self._camera = stamp, camera
         gap = max(_GAP_S, _GAP_PERIODS * self.period_s)
         self._tracks = [track for track in self._tracks if stamp - track.stamp <= gap]
-        if motion is not None:
-            for track in self._tracks:
-                moved = cv2.perspectiveTransform(track.place[None, None, :2], motion)[0, 0]
-                track.place = np.concatenate([moved, track.place[2:]])
+        for track in self._tracks if motion is not None else ():
+            track.place[:2], track.rest = cv2.perspectiveTransform(np.array([[track.place[:2], track.rest]]), motion)[0]
         expected = [self._expect(track) for track in self._tracks if track.confirmed]
         return sorted(expected, key=lambda one: not one.published)
 
-    def _expect(self, track: _Track) -> Expected:
+    def _expect(self, track: Track) -> Expected:
         elapsed = self._stamp - track.stamp
         u, v = (track.place + track.velocity * elapsed)[:2].tolist()
         reach = _SLACK_PX + 0.5 * elapsed * math.hypot(*track.velocity[:2])
         trusted = self._stamp - track.certain_at <= max(_TRUST_S, _GAP_PERIODS * self.period_s)
         return Expected(u, v, reach, trusted, track.published)
 
-    def update(
-        self, sightings: Sequence[Sighting],
-        agrees: Callable[[Optional[np.ndarray], float], bool] = lambda *_: True,
-    ) -> List[Tracked]:
+    def update(self, sightings: Sequence[Sighting], tag: Any = None) -> List[Track]:
         """Adds the sightings of the image that was begun.
 
         Args:
-            agrees: asked when a track would be confirmed, with the mean tint of its sightings, and since when it
-                is followed [s]: of a white glint hardly larger than a pixel one place of a Bayer pattern gets most, which
-                looks like a colour; in the mean over several images it does not.
+            tag: of the image, for spots that are backfilled.
 
         Returns:
-            One for each sighting.
+            The track of each sighting.
         """
-        if sightings:
-            axes = slice(0, 2) if np.isnan(sightings[0].place[2]) else slice(2, 4)
-            if axes != self._axes:
-                self._tracks, self._axes = [], axes
         tracks = self._assign(sightings)
         oldest = self._stamp - max(_RECALL_S, (self.params.confirm_frames + 1) * self.period_s)
         for sighting, track in zip(sightings, tracks):
             self._see(track, sighting)
-            if not track.confirmed and track.hits >= self.params.confirm_frames:
-                mean = None if track.tint is None else track.tint / track.tint.max()
-                track.confirmed = self.params.confirm_frames <= 1 or agrees(mean, self._stamp - track.since)
-            while track.waiting and track.waiting[0][0] < oldest:
-                track.waiting.popleft()
+            track.waiting = [earlier for earlier in track.waiting if earlier.stamp >= oldest]
+            if not track.confirmed:
+                track.waiting.append(BackfilledSpot(replace(sighting.spot, track=track.number), self._stamp, tag))
         self._choose(tracks, sightings)
-        result = []
-        for sighting, track in zip(sightings, tracks):
-            backfilled = tuple(content for _, content in track.waiting) if track.published else ()
-            if track.published:
-                track.waiting.clear()
-            elif not track.confirmed:
-                track.waiting.append((self._stamp, sighting.content))
-            result.append(Tracked(track.number, track.confirmed, track.published, backfilled))
-        return result
+        return tracks
 
-    def _assign(self, sightings: Sequence[Sighting]) -> List[_Track]:
+    def _assign(self, sightings: Sequence[Sighting]) -> List[Track]:
         """The track of each sighting; the nearest pairs within reach, else a new one."""
-        slack, speed = (_SLACK_M, _MAX_SPEED) if self._axes.start else (
-            _SLACK_PX, _MAX_SPEED * self._diagonal / _DIAGONAL_M)
-        found: List[Optional[_Track]] = [None] * len(sightings)
-        if self._tracks and sightings:
-            places = np.array([s.place[self._axes] for s in sightings])[:, None]
-            last = np.array([track.place[self._axes] for track in self._tracks])
-            elapsed = np.array([[self._stamp - track.stamp] for track in self._tracks])
-            ahead = last + elapsed * [track.velocity[self._axes] for track in self._tracks]
-            near = np.linalg.norm(places - last, axis=2) <= slack + speed * elapsed[:, 0]
-            costs = np.where(near, np.linalg.norm(places - ahead, axis=2), 1e9)
-            for row, column in zip(*linear_sum_assignment(costs)):
+        if not sightings:
+            return []
+        places = np.array([(s.spot.u, s.spot.v, *s.floor) for s in sightings])
+        axes = slice(0, 2) if math.isnan(places[0, 2]) else slice(2, 4)
+        if axes != self._axes:
+            self._tracks, self._axes = [], axes
+        slack, speed = (_SLACK_M, _MAX_SPEED) if axes.start else (_SLACK_PX, _MAX_SPEED * self._camera.diagonal / _DIAGONAL_M)
+        found: List[Optional[Track]] = [None] * len(sightings)
+        if self._tracks:
+            last = np.array([track.place[axes] for track in self._tracks])
+            elapsed = np.array([self._stamp - track.stamp for track in self._tracks])
+            ahead = last + elapsed[:, None] * [track.velocity[axes] for track in self._tracks]
+            off, off_ahead = (np.hypot(*(places[:, None, axes] - known).T).T for known in (last, ahead))
+            near = off <= slack + speed * elapsed
+            for row, column in zip(*linear_sum_assignment(np.where(near, off_ahead, 1e9))):
                 if near[row, column]:
                     found[row] = self._tracks[column]
-        for row, track in enumerate(found):
+        for row, place in enumerate(places):
+            track = found[row]
             if track is None:
                 self._numbers += 1
-                found[row] = _Track(self._numbers, sightings[row].place, self._stamp, self._stamp)
+                found[row] = Track(self._numbers, place, self._stamp, self._stamp, place[:2].copy(), self._stamp)
                 self._tracks.append(found[row])
+            elif self._stamp > track.stamp:
+                track.velocity = (place - track.place) / (self._stamp - track.stamp)
+                track.place, track.stamp = place, self._stamp
+                if math.hypot(*(place[:2] - track.rest)) > _SLACK_PX:
+                    track.rest, track.rests_since = place[:2].copy(), self._stamp
         return found
 
-    def _see(self, track: _Track, sighting: Sighting) -> None:
-        elapsed = self._stamp - track.stamp
-        if elapsed > 0:
-            track.velocity = (sighting.place - track.place) / elapsed
-        track.place, track.stamp = sighting.place, self._stamp
+    def _see(self, track: Track, sighting: Sighting) -> None:
         if sighting.certain:
             track.certain_at = self._stamp
             track.hits += 1
             if sighting.tint is not None:
-                track.tint = sighting.tint if track.tint is None else track.tint + sighting.tint
+                track.light = sighting.tint if track.light is None else track.light + sighting.tint
+        if track.hits < self.params.confirm_frames or track.confirmed:
+            return
+        # of a white glint hardly larger than a pixel one place of a Bayer pattern gets most, which looks like a colour; in
+        # the mean over several images it does not
+        shown = 0.0 if track.light is None else chroma(track.light)
+        least = _VIVID if self._stamp - track.since < _STEP_S else _PALE if self._camera.mosaic else 0.0
+        track.confirmed = self.params.confirm_frames <= 1 or shown >= least
 
-    def _choose(self, tracks: Sequence[_Track], sightings: Sequence[Sighting]) -> None:
+    def _choose(self, tracks: Sequence[Track], sightings: Sequence[Sighting]) -> None:
         """Chooses the confirmed tracks to publish: those that were, then the most certain."""
         if self.params.confirm_frames <= 1:
             for track in self._tracks:
                 track.published = False
         left = self.params.max_spots - sum(track.published for track in self._tracks)
-        for track, _ in sorted(zip(tracks, sightings), key=lambda both: (not both[1].certain, -both[1].confidence)):
+        for track, _ in sorted(zip(tracks, sightings), key=lambda both: (not both[1].certain, -both[1].spot.confidence)):
             if track.confirmed and not track.published and left > 0:
                 track.published = True
                 left -= 1

@@ -23,7 +23,7 @@ _FALSE_COSTS = 3.0  # times a missed spot, which the next image shows again
 _FOLDS = 5  # a fifth of all clips and scenes is left out at a time
 _STRENGTH = 0.3  # of the fit against the wish for low ramps
 # which way a curve may go: more of it speaks for a spot, or against; or for it up to a usual value and then against
-_FOR = ("peak", "rise", "level", "compactness", "likeness", "edge", "smallness", "chroma", "chroma_mosaic")
+_FOR = ("peak", "level", "edge", "chroma_mosaic")
 _UP_TO = {"diameter": math.log(0.01)}
 
 
@@ -91,15 +91,17 @@ class Oracle(SpotClassifier):
 
 
 def save_examples(examples: Examples, path: Path) -> None:
-    """Keeps examples, so that scenes need to be rendered once."""
-    np.savez_compressed(path, values=examples.values, truth=examples.truth, names=np.array(examples.names),
-                        groups=examples.groups)
+    """Keeps the examples of one clip or scene; the file is there once it is whole."""
+    part = path.with_suffix(".part")
+    with part.open("wb") as file:
+        np.savez_compressed(file, values=examples.values, truth=examples.truth, names=np.array(examples.names), groups=examples.groups)
+    part.replace(path)
 
 
-def load_examples(paths: Sequence[Path]) -> Examples:
-    """Examples that were kept in several files."""
-    return Examples.joined([Examples(data["values"], data["truth"], tuple(data["names"].tolist()), data["groups"])
-                            for data in map(np.load, paths)])
+def kept_examples(files: Iterable[Path]) -> Examples:
+    """Examples of several clips and scenes that were kept."""
+    parts = [Examples(data["values"], data["truth"], tuple(data["names"].tolist()), data["groups"]) for data in map(np.load, files)]
+    return Examples.joined([part for part in parts if len(part.truth)])
 
 
 def collect(frames: Iterable[Frame], params: DetectorParams, group: str, reach: float, encoding: str = "") -> Examples:

@@ -4,7 +4,7 @@ from __future__ import annotations
 import threading
 from collections import deque
 from functools import partial
-from typing import Any, Deque, Optional, Tuple
+from typing import Deque, Optional, Tuple
 
 import numpy as np
 import rospy
@@ -39,7 +39,7 @@ class InfoTopic:
     def __init__(self, topic: str, report: DetectorDiagnostics, rectified: bool = False) -> None:
         self._report, self._rectified = report, rectified
         self._lock = threading.Lock()
-        self._key: Any = None
+        self._message: Optional[CameraInfo] = None
         self._camera: Optional[CameraModel] = None
         self._reason = f"no camera_info on {topic}"
         rospy.Subscriber(topic, CameraInfo, self._on_info, queue_size=1)
@@ -60,24 +60,10 @@ class InfoTopic:
         return camera
 
     def _on_info(self, message: CameraInfo) -> None:
-        roi = message.roi
-        key = (
-            message.width,
-            message.height,
-            message.distortion_model,
-            tuple(message.K),
-            tuple(message.D),
-            tuple(message.P),
-            message.binning_x,
-            message.binning_y,
-            roi.width,
-            roi.height,
-            roi.x_offset,
-            roi.y_offset,
-        )
-        if key == self._key:
+        message.header = type(message.header)()  # the time is another one each time
+        if message == self._message:
             return
-        self._key = key
+        self._message = message
         camera, reason = None, ""
         try:
             camera = camera_from_info(message, self._rectified)

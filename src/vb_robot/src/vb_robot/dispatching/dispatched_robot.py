@@ -20,7 +20,7 @@ from vb_core.ros.transforms import TransformLookup
 from vb_robot.inputs import CameraView
 from vb_robot.dispatching.dispatch import GoalStatus, RobotStatus
 from vb_robot.dispatching.view import FloorView
-from vb_robot.dispatching.viewpoint import Pose
+from vb_robot.dispatching.viewpoint import Pose, Viewpoint
 
 SILENCE = rospy.Duration(2.0)  # without a status message for this long navigation counts as gone: it sends five a second
 RUNNING = (StatusMessage.PENDING, StatusMessage.ACTIVE)
@@ -39,17 +39,17 @@ class DispatchedRobot:
     """
 
     def __init__(
-        self, name: str, profile: RobotProfile, transforms: TransformLookup,
-        set_view: Callable[[str, FloorView], None],
+        self, name: str, profile: RobotProfile, transforms: TransformLookup, take_view: Callable[[FloorView], None],
+        sent: Callable[[Pose], None],
     ) -> None:
         prefix = f"{name}/" if name else ""
-        self.name, self.who = name, f"robot {name}" if name else "the robot"
-        self._base_frame, self._transforms = prefix + profile.frames.base, transforms
-        self._camera = CameraView(prefix + profile.camera.info, self._base_frame, profile.camera.max_range, transforms,
-                                  functools.partial(set_view, name))
+        self.name, self._who = name, f"robot {name}" if name else "the robot"
+        self._base_frame, self._transforms, self._sent = prefix + profile.frames.base, transforms, sent
+        self._camera = CameraView(
+            prefix + profile.camera.info, self._base_frame, profile.camera.max_range, transforms, take_view)
+        self._goal: Optional[Viewpoint] = None
         self._client = actionlib.ActionClient(f"{prefix}move_base", MoveBaseAction)
         self._handle: Optional[actionlib.ClientGoalHandle] = None
-        self._cancelled = False
         self._status_seen: Optional[object] = None
         self._heard = rospy.Time(0)
         self._known: Deque[str] = deque(maxlen=100)  # ids of goals that are this node's own
@@ -57,22 +57,23 @@ class DispatchedRobot:
         self._goals = rospy.Subscriber(f"{prefix}move_base/goal", MoveBaseActionGoal,
                                        functools.partial(setattr, self, "_newest_goal"), queue_size=5)
 
-    # ------------------------------------------------------------- goals
-    def send(self, pose: Pose) -> None:
-        """Sends the robot to a pose (x, y, yaw), map frame; a goal that still runs is replaced by it."""
-        goal = MoveBaseGoal()
-        goal.target_pose.header.frame_id = MAP_FRAME
-        goal.target_pose.header.stamp = rospy.Time.now()
-        goal.target_pose.pose = pose_from_2d(*pose)
-        self._cancelled = False
-        self._handle = self._client.send_goal(goal)
-        self._known.append(self._handle.comm_state_machine.action_goal.goal_id.id)
-
-    def cancel(self) -> None:
-        """Cancels the goal, if there is one."""
-        if self._handle is not None and self._goal_status() in (GoalStatus.SENT, GoalStatus.ACTIVE):
-            self._cancelled = True
+    def pursue(self, goal: Optional[Viewpoint]) -> None:
+        """Sends it to a new goal, which replaces the one before; without one the last is cancelled if it still runs."""
+        if goal is self._goal:
+            return
+        self._goal = goal
+        if goal is not None:
+            message = MoveBaseGoal()
+            message.target_pose.header.frame_id, message.target_pose.header.stamp = MAP_FRAME, rospy.Time.now()
+            message.target_pose.pose = pose_from_2d(*goal.pose)
+            self._handle = self._client.send_goal(message)
+            self._known.append(self._handle.comm_state_machine.action_goal.goal_id.id)
+            self._sent(goal.pose)
+            rospy.loginfo("%s: %s is sent to x %.2f m, y %.2f m, yaw %.2f rad", rospy.get_name(), self._who, *goal.pose)
+        elif self._handle is not None and self._goal_status() in (GoalStatus.SENT, GoalStatus.ACTIVE):
             self._handle.cancel()
+            self._handle = None
+            rospy.loginfo("%s: %s is called off", rospy.get_name(), self._who)
 
     # ------------------------------------------------------------- how it is
     def status(self, wanted: bool) -> RobotStatus:
@@ -88,7 +89,7 @@ class DispatchedRobot:
         try:
             T = self._transforms.lookup(MAP_FRAME, self._base_frame, rospy.Time(0), timeout_s=0.0)
         except CodedError as error:
-            rospy.logwarn_throttle(5.0, f"{rospy.get_name()}: {self.who} is not localised: {error}")
+            rospy.logwarn_throttle(5.0, f"{rospy.get_name()}: {self._who} is not localised: {error}")
             return None
         return geometry.transform_pose2d(T)
 
@@ -107,12 +108,13 @@ class DispatchedRobot:
         return [entry.goal_id.id for entry in (status.status_list if status is not None else []) if entry.status in RUNNING]
 
     def _cancel_leftovers(self, running: List[str]) -> None:
-        """Cancels goals that an earlier process of this node sent before it died."""
+        """Cancels goals that an earlier process of this node sent before it died, until they have ended."""
         for goal in running:
             if goal not in self._known and goal.startswith(f"{rospy.get_name()}-"):
-                self._known.append(goal)
+                # said again each time: while publishers are being connected a message may be lost
                 self._client.pub_cancel.publish(GoalID(id=goal))
-                rospy.logwarn("%s: cancelled a goal that %s had from before a restart", rospy.get_name(), self.who)
+                rospy.logwarn_throttle(
+                    5.0, f"{rospy.get_name()}: cancels a goal that {self._who} has from before a restart")
 
     def _goal_place(self, running: List[str]) -> Optional[Tuple[float, float]]:
         """(x, y) [m], map frame, where it drives to, no matter who gave the goal; None if nowhere that is known."""
@@ -124,7 +126,7 @@ class DispatchedRobot:
 
     def _goal_status(self) -> GoalStatus:
         """What became of the goal that was sent last."""
-        if self._handle is None or self._cancelled:
+        if self._handle is None:
             return GoalStatus.NONE
         state = self._handle.get_comm_state()
         if state == CommState.WAITING_FOR_GOAL_ACK:

@@ -1,7 +1,8 @@
-"""What a robot's camera sees of the floor."""
+"""What a camera sees of the floor."""
 from __future__ import annotations
 
 import math
+from typing import Union
 
 import numpy as np
 
@@ -10,12 +11,12 @@ from vb_core.camera_model import CameraModel
 
 
 class FloorView:
-    """Projects floor points, given in the robot's base frame, into the robot's image.
+    """Projects floor points, given in the frame of a robot's base, into the image of its camera.
 
     Args:
         camera: the lens, from camera_info.
         T_base_camera: (4, 4) the mount, from tf.
-        max_range: [m] beyond it a spot is too small to be detected.
+        max_range: [m] farther from the base a spot is too small to be detected.
     """
 
     def __init__(self, camera: CameraModel, T_base_camera: np.ndarray, max_range: float = 3.0) -> None:
@@ -23,6 +24,9 @@ class FloorView:
         self.T_base_camera = T_base_camera
         self.max_range = max_range
         self._T_camera_base = geometry.invert(T_base_camera)
+        corners = np.array([[0, 0], [camera.width - 1, 0], [camera.width - 1, camera.height - 1], [0, camera.height - 1]])
+        # far outside the image the distortion polynomials may lead back into it
+        self._widest = 1.05 * float(np.linalg.norm(camera.rays(corners.astype(float))[:, :2], axis=1).max())
 
     @classmethod
     def usual(cls) -> "FloorView":
@@ -32,16 +36,20 @@ class FloorView:
         return cls(CameraModel.ideal(640, 480, focal), geometry.transform(rotation, (0.10, 0.0, 0.45)))
 
     def pixels(self, points: np.ndarray) -> np.ndarray:
-        """(N, 2) [px] of floor points (N, 2) [m] in the base frame; NaN for what is behind the camera."""
+        """(N, 2) [px] of floor points (N, 2) [m] in the base frame; NaN far outside of the image."""
         points = np.asarray(points, dtype=float).reshape(-1, 2)
-        on_floor = np.column_stack([points, np.zeros(len(points))])
-        return self.camera.project(geometry.apply(self._T_camera_base, on_floor))
+        points = geometry.apply(self._T_camera_base, np.column_stack([points, np.zeros(len(points))]))
+        ahead = (points[:, 2] > 1e-6) & (np.hypot(points[:, 0], points[:, 1]) <= self._widest * points[:, 2])
+        pixels = np.full((len(points), 2), np.nan)
+        pixels[ahead] = self.camera.project(points[ahead])
+        return pixels
 
-    def sees(self, points: np.ndarray, margin: float = 0.0) -> np.ndarray:
+    def sees(self, points: np.ndarray, margin: Union[float, np.ndarray] = 0.0) -> np.ndarray:
         """(N,) bool: which floor points (N, 2) [m], base frame, are in the image and within range.
 
         Args:
-            margin: how far from the image's edges, as a fraction of its width and height; 0.5 leaves the middle only.
+            margin: how far from the image's edges, as a fraction of its width and height, or (2,) of each; 0.5 leaves
+                the middle only.
         """
         points = np.asarray(points, dtype=float).reshape(-1, 2)
         width, height = self.camera.width, self.camera.height

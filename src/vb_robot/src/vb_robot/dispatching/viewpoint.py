@@ -164,8 +164,11 @@ class Outlook:
         places, yaws, distances, way = (values[keep] for values in (places, yaws, distances, way))
         if not len(places):
             return []
-        turns = np.array([_turns(robot, place, yaw) for place, yaw in zip(places, yaws)])
-        cost = way + TURN_COST * turns + DISTANCE_COST * np.abs(distances - BEST_DISTANCE)
+        # the robot turns towards the place and there to the yaw, or only to the yaw if it is there already
+        off = places - robot[:2]
+        heading = np.where(np.hypot(*off.T) < 0.1, robot[2], np.arctan2(off[:, 1], off[:, 0]))
+        turns = np.abs([np.arctan2(np.sin(turn), np.cos(turn)) for turn in (heading - robot[2], yaws - heading)])
+        cost = way + TURN_COST * turns.sum(axis=0) + DISTANCE_COST * np.abs(distances - BEST_DISTANCE)
         ahead = np.vstack([self.drawing.line_ahead(LINE_AHEAD), self.drawing.stretch])
         if len(ahead) > 1:
             cost += UNSEEN_COST * (1.0 - self._seen(ahead, places, yaws).mean(axis=1))
@@ -202,12 +205,3 @@ def _poses_round(look_at: np.ndarray, robot: Pose) -> Tuple[np.ndarray, np.ndarr
         # turning is quicker than driving to a slightly better place
         distance, yaw = np.append(distance, home[0]), np.append(yaw, home[1])
     return look_at - distance[:, None] * np.column_stack([np.cos(yaw), np.sin(yaw)]), yaw, distance
-
-
-def _turns(robot: Pose, place: np.ndarray, yaw: float) -> float:
-    """[rad] that a robot turns in total: towards the place, and there to a yaw."""
-    way = place - robot[:2]
-    if float(np.hypot(*way)) < 0.1:
-        return abs(geometry.wrap_angle(yaw - robot[2]))
-    heading = math.atan2(way[1], way[0])
-    return abs(geometry.wrap_angle(heading - robot[2])) + abs(geometry.wrap_angle(yaw - heading))

@@ -12,42 +12,29 @@ import cv2
 import numpy as np
 
 from vb_core import geometry
-from vb_core.grid_map import GridMap
-from vb_robot.driving.border_monitor import BorderMonitor
-from vb_robot.navigation_parameters import PATH_MARGIN
-from vb_robot.driving.safety import HARD, KeepoutMap
-from vb_robot.driving.following import MAX_TURN, TURN_GAIN, Wish
 from vb_robot.clearance_map import ClearanceMap, around, clearance_grid
-from vb_robot.dispatching.view import pose_distance
 from vb_robot.dispatching.viewpoint import Pose
+from vb_robot.driving.following import DRIVE_CONE, MAX_SPEED, MAX_TURN, TURN_GAIN, Wish
+from vb_robot.driving.workspace import HARD, Workspace
+from vb_robot.navigation_parameters import PATH_MARGIN
 
-MAX_SPEED = 0.2  # [m/s] the robot drives unasked: as slowly as when a person guides it
-DRIVE_CONE = math.radians(25.0)  # if the path is farther off the axis, the robot only turns
 LOOKAHEAD = 0.2  # [m] to the point of the path that it steers for
 OFF_WAY = 0.15  # [m] farther off (the localisation jumped) a new path is planned
 MARGIN = 0.08  # [m] beyond the radius counts as free: cells and localisation are a few centimetres off
 MAP_MARGIN = 0.05  # [m] from mapped obstacles on the path
 MIN_AREA = 0.3  # [m^2] less room for the robot's centre is a gap between border and wall, not a goal
-PATIENCE = 15.0  # [s] without progress it gives up and says why
-TIMEOUT = 90.0  # [s] of driving: 18 m
+PATIENCE, PROGRESS = 15.0, 0.05  # [s, m] if in that time the rest of the path has not become shorter, it gives up
 PINCHED_AFTER = 1.5  # [s] navigation has a goal and moves nothing: beside something it may find no path from here
 RETRY = 20.0  # [s] after it gave up: the person in the way may have gone
 WINDOW = 10.0  # [m] around the robot: no path out is that long
-PROGRESS = 0.05  # [m] less does not count
 
 
 class ExitPlanner:
-    """Finds allowed floor and the shortest path to it.
+    """Finds allowed floor and the shortest path to it, around a place (2,) [m] for a robot of a radius [m]."""
 
-    Args:
-        posterior, physical: maps of the same geometry.
-        radius: [m] of the robot.
-        place: (2,) [m] where it is: only floor around it is searched.
-    """
-
-    def __init__(self, posterior: GridMap, physical: GridMap, radius: float, place) -> None:
+    def __init__(self, workspace: Workspace, radius: float, place) -> None:
         window = (place[0] - WINDOW, place[1] - WINDOW, place[0] + WINDOW, place[1] + WINDOW)
-        posterior, physical = around(posterior, window), around(physical, window)
+        posterior, physical = around(workspace.borders, window), around(workspace.physical, window)
         # a robot that stops a few centimetres short, or one cell away, counts as free
         room = MARGIN + 0.03 + posterior.resolution
         # the robot cuts corners by some centimetres; it keeps to the path only where there is no room for that
@@ -92,11 +79,8 @@ class BorderExit:
 
     def __init__(self, radius: float, leaves: bool) -> None:
         self._radius, self._leaves = radius, leaves
-        self._grids: Optional[Tuple[GridMap, GridMap]] = None  # with and without borders
-        self._monitor: Optional[BorderMonitor] = None
-        self._ground: Optional[KeepoutMap] = None
-        # whether the newest map put a border where the robot is; None: not yet known
-        self._swallowed: Optional[bool] = None
+        self._workspace: Optional[Workspace] = None
+        self._swallowed: Optional[bool] = None  # whether the newest map put a border where it is; None: not yet known
         self._idle_since = self._retry_at = -math.inf
         self.failed = ""
         self._end()
@@ -104,22 +88,16 @@ class BorderExit:
     def _end(self) -> None:
         self._way_out: Optional[ExitPlanner] = None
         self._route: Optional[np.ndarray] = None
-        self._last: Optional[float] = None
-        self._driven = self._idle = 0.0  # [s] in all, and since the last progress
-        self._progress_at: Optional[Pose] = None
+        self.pause()
 
-    def set_maps(self, ground: KeepoutMap, physical: Optional[GridMap], monitor: Optional[BorderMonitor]) -> None:
-        """Takes the map with borders, the one without, and what is known about the borders between them."""
-        same = physical is not None and physical.same_geometry(ground.grid) and monitor is not None
-        self._grids = (ground.grid, physical) if same and physical is not None else None
-        self._ground, self._monitor = ground, monitor
-        self._swallowed, self._retry_at, self.failed = None, -math.inf, ""
+    def set_maps(self, workspace: Workspace) -> None:
+        """Takes new maps."""
+        self._workspace, self._swallowed, self._retry_at, self.failed = workspace, None, -math.inf, ""
         self._end()
 
     def pause(self) -> None:
         """Somebody else drives, or nobody may; this time does not count."""
-        self._last = None
-        self._idle = 0.0
+        self._shortest: Tuple[float, float] = math.inf, math.inf  # [m] way that was left at least, and since when [s]
 
     def wish(self, now: float, pose: Pose, calm: bool, goal: bool, moves: bool, held_by: str) -> Optional[Wish]:
         """What the robot would do at a time [s]; None if it needs no help.
@@ -128,18 +106,18 @@ class BorderExit:
             calm: nobody draws or guides; goal: navigation has one; moves: it wants to move the robot.
             held_by: what kept the last wish from being granted, as a code.
         """
-        if self._grids is None or self._monitor is None or self._ground is None:
+        workspace = self._workspace
+        if workspace is None:
             return None
-        to_border = self._monitor.distance_to_keepout(pose[:2]) - self._radius
-        to_anything = float(self._ground.clearance_at([pose[:2]])[0]) - self._radius
+        to_border = workspace.distance_to_keepout(pose) - self._radius
+        to_anything = workspace.distance_to_anything(pose) - self._radius
         if moves or not goal:
             self._idle_since = now
         under_way = self._way_out is not None
         if self._swallowed is None:
-            self._swallowed = self._leaves and to_border < 0.0 and self._monitor.is_hard(pose[:2])
+            self._swallowed = self._leaves and to_border < 0.0 and workspace.is_hard(pose[:2])
         if self._swallowed:
-            self._swallowed = to_border < (MARGIN if under_way else 0.0)
-            needed = self._swallowed
+            needed = self._swallowed = to_border < (MARGIN if under_way else 0.0)
         elif under_way:
             needed = goal and to_anything < MARGIN
         else:
@@ -148,39 +126,27 @@ class BorderExit:
             self._end()
             return None
         if self._way_out is None:
-            self._way_out, self.failed = ExitPlanner(*self._grids, self._radius, pose[:2]), ""
-        wish, self.failed = self._drive(now, pose, held_by, self._way_out)
-        if self.failed:
-            self._retry_at = now + RETRY
-            self._end()
-        return wish
-
-    def _drive(self, now: float, pose: Pose, held_by: str, way_out: ExitPlanner) -> Tuple[Wish, str]:
-        """What to do, and why it gives up, if it does."""
-        dt = 0.0 if self._last is None else max(0.0, now - self._last)
-        self._last = now
-        # a gap of a whole second is a clock that jumped, or a process that slept
-        self._driven += min(dt, 1.0)
-        self._idle += min(dt, 1.0)
-        if self._progress_at is None or pose_distance(self._progress_at, pose) >= PROGRESS:
-            self._progress_at, self._idle = pose, 0.0
-        failed = ""
-        if self._driven > TIMEOUT or self._idle > PATIENCE:
-            failed = held_by or "takes_too_long"
-        elif self._route is None or float(np.linalg.norm(self._route - pose[:2], axis=1).min()) > OFF_WAY:
-            self._route = way_out.route(pose[:2])
-            failed = "no_way_out" if self._route is None else ""
-        if failed or self._route is None:
-            return Wish(0.0, 0.0, failed), failed
-        return self._steer(pose, self._route), ""
-
-    def _steer(self, pose: Pose, route: np.ndarray) -> Wish:
-        rest = route[int(np.argmin(np.linalg.norm(route - pose[:2], axis=1))):]
+            self._way_out, self.failed = ExitPlanner(workspace, self._radius, pose[:2]), ""
+        if self._route is None or float(np.linalg.norm(self._route - pose[:2], axis=1).min()) > OFF_WAY:
+            self._route = self._way_out.route(pose[:2])
+            self.pause()
+        if self._route is None:
+            return self._give_up(now, "no_way_out")
+        rest = self._route[int(np.argmin(np.linalg.norm(self._route - pose[:2], axis=1))):]
         along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(rest, axis=0), axis=1))])
-        target = rest[min(int(np.searchsorted(along, LOOKAHEAD)), len(rest) - 1)]
         remaining = float(along[-1]) + math.dist(rest[0], pose[:2])
+        if remaining < self._shortest[0] - PROGRESS:
+            self._shortest = remaining, now
+        elif now - self._shortest[1] > PATIENCE:
+            return self._give_up(now, held_by or "takes_too_long")
+        target = rest[min(int(np.searchsorted(along, LOOKAHEAD)), len(rest) - 1)]
         if math.dist(target, pose[:2]) < 0.015:
             return Wish(0.0, 0.0)
         bearing = geometry.wrap_angle(math.atan2(target[1] - pose[1], target[0] - pose[0]) - pose[2])
         v = min(MAX_SPEED, 0.8 * remaining + 0.03) * max(0.0, 1.0 - abs(bearing) / DRIVE_CONE)
         return Wish(v, min(max(TURN_GAIN * bearing, -MAX_TURN), MAX_TURN))
+
+    def _give_up(self, now: float, code: str) -> Wish:
+        self.failed, self._retry_at = code, now + RETRY
+        self._end()
+        return Wish(0.0, 0.0, code)

@@ -15,17 +15,15 @@ from __future__ import annotations
 import math
 import threading
 from dataclasses import dataclass
-from typing import Dict, Iterable, List, Optional, Tuple
+from typing import Dict, Iterable, Optional, Tuple
 
-from vb_core.grid_map import GridMap
 from vb_core.robot_profile import RobotProfile
 from vb_robot.driving.border_exit import MAP_MARGIN, BorderExit
-from vb_robot.driving.safety import (LEAP, KeepoutMap, Keep, Scan, SpeedLimits, pose_jump, safe_speed, stop_distance)
-from vb_robot.driving.following import MAX_SPEED, Following, Frames, Wish
+from vb_robot.driving.safety import LEAP, Keep, Scan, SpeedLimits, pose_jump, safe_speed, stop_distance
+from vb_robot.driving.following import MAX_SPEED, Following, Wish
 from vb_robot.spots import DEFAULT, Sighting, Sightings
-from vb_robot.dispatching.view import FloorView
 from vb_robot.dispatching.viewpoint import Pose
-from vb_robot.driving.border_monitor import BorderContact, BorderMonitor
+from vb_robot.driving.workspace import BorderContact, Workspace
 
 RATE = 20.0  # [1/s] how soon late messages are noticed
 STOP_WITHIN = 0.5  # [s] after the last scan, state, pose or command the robot stops
@@ -42,7 +40,9 @@ KEEPS = {
     TELEOP: Keep(0.05, 0.02, 0.0),
     FOLLOW: Keep(0.12, 0.04, 0.06),  # from where a person leaves it, navigation must still find a path
     LEAVE: Keep(0.12, 0.04, MAP_MARGIN),
-    NAVIGATION: Keep(0.04, 0.0, -0.04),  # it keeps its own distance; here is only what must never happen
+    # It keeps its own distance; here is only what must never happen: nearer than costmaps let it. They measure to the
+    # middle of a cell of usually 2.5 cm, and `clearance_grid` to its corner.
+    NAVIGATION: Keep(0.04, 0.0, -0.02),
 }
 
 
@@ -73,34 +73,36 @@ class Driver:
         camera: name of the robot's camera in the spots; mobile_cameras: names of all cameras on robots.
         leaves: whether it leaves a border that was saved where it is.
         stopped: whether it was stopped when this program ended last; holds until released, as a stop of the topic.
+
+    Attributes:
+        following, exit: the behaviours that are the driver's own.
+        workspace: the maps; None before there are any. speed_limits: where there are slow zones.
+        contacts: by bumper or cliff sensor whether it is touched.
+        goal_runs: whether navigation has a goal.
+        clock_age: [s] of real time for which the clock has stood still: messages age without it.
     """
 
     def __init__(
         self, profile: RobotProfile, camera: str = "robot", mobile_cameras: Iterable[str] = (), leaves: bool = True,
         stopped: bool = False,
     ) -> None:
-        self.profile = profile
-        self._camera = camera
+        self.profile, self._camera = profile, camera
+        self.following, self.exit = Following(), BorderExit(profile.radius, leaves)
+        self.workspace: Optional[Workspace] = None
+        self.speed_limits: Optional[SpeedLimits] = None
+        self.contacts: Dict[str, bool] = {}
+        self.goal_runs = False
         self._lock = threading.RLock()
         self._spots = Sightings(mobile_cameras=(*mobile_cameras, camera))
-        self._following = Following()
-        self._exit = BorderExit(profile.radius, leaves)
-        self._stamps: Dict[str, float] = {}  # [s] of the newest scan, state and pose
-        self._clock_age = 0.0  # [s] for which the clock has stood still
+        self._stamps: Dict[str, float] = {}  # [s] of the newest scan, state, pose and command
+        self.clock_age = 0.0
         self._stopped, self._stopped_at = {"state": False, "topic": stopped}, -math.inf  # the latter by the topic [s]
         self._scan: Optional[Scan] = None
         self._pose: Optional[Tuple[float, Pose]] = None
         self._correction = 0.0, -math.inf  # its date, and when that was new [s]
-        self._doubt_until = -math.inf
-        self._ground: Optional[KeepoutMap] = None
-        self._physical: Optional[KeepoutMap] = None
-        self._workspace: Optional[BorderMonitor] = None
-        self._speed_limits: Optional[SpeedLimits] = None
-        self._contacts: Dict[str, bool] = {}
+        self._doubt_until = self._cancelled_at = -math.inf
         self._others: Dict[str, float] = {}  # who else commanded this robot, and when
-        self._commands: Dict[str, Tuple[float, Wish]] = {}
-        self._goal_runs = False
-        self._cancelled_at = -math.inf
+        self._commands: Dict[str, Wish] = {}
         self._last = Command()
         self._stepped_at: Optional[float] = None
 
@@ -109,7 +111,7 @@ class Driver:
         """Takes the interaction's state, said at a time [s]."""
         with self._lock:
             if self._spots.set_state(state, interaction, entered):
-                self._following.forget()
+                self.following.forget()
             self._note("state", stamp)
             # `resume` releases both, but not a stop that is newer than it: the two topics have no common order
             if self._stopped["state"] and not stopped and stamp >= self._stopped_at:
@@ -137,17 +139,13 @@ class Driver:
         with self._lock:
             self._spots.add(sighting)
             if sighting.mobile and sighting.camera == self._camera and self._spots.newest() is sighting:
-                self._following.add(sighting)
+                self.following.add(sighting)
 
     def contributed(self, interaction: str, cameras: Iterable[str]) -> None:
         """Learns which cameras contributed to an interaction, for instance before this program started."""
         with self._lock:
             if interaction == self._spots.key[0]:
                 self._spots.contributed(cameras)
-
-    def set_view(self, view: FloorView) -> None:
-        """Takes what the robot's camera sees of the floor."""
-        self._following.view = view
 
     def set_scan(self, scan: Scan, stamp: float) -> None:
         """Takes a scan of a time [s]."""
@@ -166,56 +164,29 @@ class Driver:
             if correction != self._correction[0]:
                 self._correction = correction, stamp
             stamp = min(stamp, self._correction[1]) if correction else stamp
-            before = self._pose
+            before, self._pose = self._pose, (stamp, pose) if pose is not None else None
             if pose is None:
-                self._pose = None
                 self._stamps.pop("pose", None)
-                return
-            if before is None or stamp != before[0]:
+            elif before is None or stamp != before[0]:
                 self._note("pose", stamp)  # the same one again is as old as before
-            self._pose = (stamp, pose)
-            since = stamp - before[0] if before is not None else math.inf
             # after a pause a robot may be anywhere
-            if before is not None and 0.0 <= since < 1.0 and pose_jump(before[1], pose, since) > LEAP:
+            if pose is not None and before is not None and 0.0 <= stamp - before[0] < 1.0 and pose_jump(
+                    before[1], pose, stamp - before[0]) > LEAP:
                 self._doubt_until = stamp + POSE_DOUBT
 
-    def set_clock(self, age: float) -> None:
-        """Learns for how long [s] of real time the clock has stood still: messages age without it."""
+    def set_maps(self, workspace: Workspace) -> None:
+        """Takes new maps."""
         with self._lock:
-            self._clock_age = age
-
-    def set_maps(self, borders: GridMap, physical: Optional[GridMap], workspace: Optional[BorderMonitor]) -> None:
-        """Takes the map with borders, the one without, and what is known about the borders between them."""
-        radius = self.profile.radius
-        ground = KeepoutMap(borders, radius)
-        beneath = KeepoutMap(physical, radius) if physical is not None else None
-        with self._lock:
-            self._ground, self._physical, self._workspace = ground, beneath, workspace
-            self._exit.set_maps(ground, physical, workspace)
-
-    def set_speed_limits(self, grid: GridMap) -> None:
-        """Takes the highest speeds by place [cm/s]."""
-        with self._lock:
-            self._speed_limits = SpeedLimits(grid)
-
-    def set_contact(self, name: str, touched: bool) -> None:
-        """Takes what a bumper or cliff sensor says."""
-        with self._lock:
-            self._contacts[name] = touched
+            self.workspace = workspace
+            self.exit.set_maps(workspace)
 
     def wish(self, driver: str, v: float, w: float, now: float) -> None:
         """Takes a command of navigation or teleoperation [m/s, rad/s]."""
-        with self._lock:
-            self._commands[driver] = (now, Wish(v, w))
-
-    def set_goal(self, runs: bool) -> None:
-        """Learns whether navigation has a goal."""
-        self._goal_runs = runs
+        self._commands[driver], self._stamps[driver] = Wish(v, w), now
 
     def heard_other(self, name: str, now: float) -> None:
         """Another node has commanded this robot's base."""
-        with self._lock:
-            self._others[name] = now
+        self._others[name] = now
 
     # ------------------------------------------------------------- outputs
     @property
@@ -237,18 +208,18 @@ class Driver:
             self._last = Command(0.0, 0.0, self._last.driver, code, True)
             return self._last
 
-    def step(self, now: float, frames: Frames) -> Command:
+    def step(self, now: float) -> Command:
         """The command for a time [s]; once in 1 / RATE."""
         with self._lock:
             dt = 0.0 if self._stepped_at is None else min(max(now - self._stepped_at, 0.0), 0.2)
             self._stepped_at = now
-            driver, wish = self._choose(now, dt, frames)
+            driver, wish = self._choose(now, dt)
             if driver not in (LEAVE, NOBODY):
-                self._exit.pause()
+                self.exit.pause()
             if driver != FOLLOW:
-                self._following.rest()
+                self.following.rest()
             v, w, code = self._gate(now, driver, wish)
-            cancel = self._goal_runs and driver == FOLLOW and not 0.0 <= now - self._cancelled_at < CANCEL_EACH
+            cancel = self.goal_runs and driver == FOLLOW and not 0.0 <= now - self._cancelled_at < CANCEL_EACH
             if cancel:
                 self._cancelled_at = now
             # a robot that nobody drives any more is told once to stop, and one that stops on command all the time
@@ -256,7 +227,7 @@ class Driver:
             self._last = Command(v, w, driver, code, speaks, cancel)
             return self._last
 
-    def _choose(self, now: float, dt: float, frames: Frames) -> Tuple[str, Wish]:
+    def _choose(self, now: float, dt: float) -> Tuple[str, Wish]:
         """Chooses who drives; returns that one and its wish."""
         if self.stopped:
             return STOP, Wish(0.0, 0.0, "stopped")
@@ -265,7 +236,7 @@ class Driver:
             return TELEOP, teleop
         # a robot that a person guides stays theirs when the state is lost: the gate then stops it
         if self._spots.follows(self._camera, now):
-            return FOLLOW, self._ramped(dt, self._following.wish(now, dt, frames))
+            return FOLLOW, self._ramped(dt, self.following.wish(self.pose(now)))
         wish = self._leave(now)
         if wish is not None:
             return LEAVE, self._ramped(dt, wish)
@@ -275,8 +246,7 @@ class Driver:
         return NOBODY, Wish(0.0, 0.0, "idle")
 
     def _command(self, driver: str, now: float) -> Optional[Wish]:
-        stamp, wish = self._commands.get(driver, (-math.inf, Wish(0.0, 0.0)))
-        return wish if -0.1 <= now - stamp <= STOP_WITHIN else None
+        return self._commands[driver] if -0.1 <= now - self._stamps.get(driver, -math.inf) <= STOP_WITHIN else None
 
     def _leave(self, now: float) -> Optional[Wish]:
         pose = self.pose(now)
@@ -285,12 +255,7 @@ class Driver:
         last = self._command(NAVIGATION, now)
         moves = last is not None and (last.v != 0.0 or last.w != 0.0)
         held = self._last.code if self._last.driver == LEAVE and self._last.code != "drives" else ""
-        return self._exit.wish(now, pose, self._spots.state == DEFAULT, self._goal_runs, moves, held)
-
-    @property
-    def leave_failed(self) -> str:
-        """Why the last try to leave a border ended, as a code, while it waits to try again; else empty."""
-        return self._exit.failed
+        return self.exit.wish(now, pose, self._spots.state == DEFAULT, self.goal_runs, moves, held)
 
     def _ramped(self, dt: float, wish: Wish) -> Wish:
         """The wish with bounded accelerations; slowing down is bounded by the brake only."""
@@ -307,12 +272,10 @@ class Driver:
             return 0.0, 0.0, wish.code
         if not (math.isfinite(wish.v) and math.isfinite(wish.w)):
             return 0.0, 0.0, "bad_command"
-        lacks = self._lacks(now, driver)
-        if lacks:
-            return 0.0, 0.0, lacks
         v, w, code = self._slowed_by_floor(now, driver, wish)
         share, late = self._slowed_by_age(now, driver, v, w)
-        return share * v, share * w, late or code
+        held = self._held(now, driver) or late
+        return (0.0, 0.0, held) if held else (share * v, share * w, code)
 
     def _slowed_by_floor(self, now: float, driver: str, wish: Wish) -> Tuple[float, float, str]:
         """The wish as fast as the floor ahead allows: (v, w, code)."""
@@ -334,10 +297,13 @@ class Driver:
 
         Returns what was lost, as a code, if that is nothing; else "".
         """
-        ages = {f"{what}_lost": self._age(now, what) for what in self._needs(driver)}
-        if driver in self._commands:
-            ages["drives"] = now - self._commands[driver][0]
-        ages["clock_stands"] = self._clock_age
+        # a person with a joystick beside the robot may have come because all else is lost
+        needs = [*["scan"] * self.profile.scanner.present, *["state", "pose"] * (driver != TELEOP)]
+        ages = {f"{what}_lost": self._age(now, what) for what in needs}
+        if driver == FOLLOW and math.isfinite(self.following.seen):
+            self._stamps["spot"] = self.following.seen
+            ages["spot_gone"] = self._age(now, "spot")
+        ages.update(drives=self._age(now, driver) if driver in self._commands else 0.0, clock_stands=self.clock_age)
         oldest = max(ages, key=lambda what: ages[what])
         # the command of this step holds until the next one, and the base takes a moment
         left = STOP_WITHIN - 1.0 / RATE - BASE_DELAY - ages[oldest]
@@ -345,12 +311,6 @@ class Driver:
             return 0.0, oldest
         limits = self.profile.limits
         return min(1.0, left / max(abs(v) / limits.brake, abs(w) / limits.turn_acceleration, 1e-9)), ""
-
-    def _needs(self, driver: str) -> List[str]:
-        """The inputs that must keep coming while the robot is driven."""
-        scan = ["scan"] if self.profile.scanner.present else []
-        # a person beside the robot may have come because all else is lost
-        return scan if driver == TELEOP else [*scan, "state", "pose"]
 
     def _note(self, what: str, stamp: float) -> None:
         """Something has come that is dated so [s]; a date a little ahead makes it no younger than it is."""
@@ -362,17 +322,14 @@ class Driver:
         age = now - self._stamps.get(what, -math.inf)
         return age if age >= -AHEAD else math.inf
 
-    def _lacks(self, now: float, driver: str) -> str:
-        """What is still unknown and must be known before anything moves, as a code; empty if all is known."""
-        self._others = {name: at for name, at in self._others.items() if 0.0 <= now - at <= OTHER_LIMIT}
+    def _held(self, now: float, driver: str) -> str:
+        """Why nothing may move, apart from what is too old, as a code; else empty."""
+        self._others = {name: at for name, at in list(self._others.items()) if 0.0 <= now - at <= OTHER_LIMIT}
         if self._others:
             return "somebody_else_drives"
-        for what in self._needs(driver):
-            if self._age(now, what) > STOP_WITHIN:
-                return f"{what}_lost"
         if driver != TELEOP and now < self._doubt_until:
             return "pose_leapt"
-        if driver != TELEOP and (self._physical if driver == LEAVE else self._ground) is None:
+        if driver != TELEOP and self.workspace is None:
             return "no_map"
         return ""
 
@@ -380,7 +337,7 @@ class Driver:
         """The highest speed [m/s] on the arc of (v, w), and what limits it."""
         limits, keep, radius = self.profile.limits, KEEPS[driver], self.profile.radius
         found = [(MAX_SPEED if driver in (FOLLOW, LEAVE) else limits.max_speed, "speed_limit")]
-        if v > 0 and any(self._contacts.values()):
+        if v > 0 and any(self.contacts.values()):
             found.append((0.0, "contact"))
         blind = self._scan is None or not self.profile.scanner.present
         if not blind:
@@ -391,27 +348,23 @@ class Driver:
                 found.append((0.0, "unseen_floor"))
         if blind:
             found.append((BLIND_SPEED, "unseen_floor"))
-        pose = self.pose(now)
-        if pose is not None:
-            ground = self._physical if driver == LEAVE else self._ground
-            if driver == NAVIGATION and self._workspace is not None and self._workspace.distance_to_keepout(pose[:2]) <= 0.0:
+        pose, workspace = self.pose(now), self.workspace
+        if pose is not None and workspace is not None:
+            if driver == NAVIGATION and workspace.distance_to_keepout(pose) <= 0.0:
                 found.append((0.0, "inside_border"))
-            if ground is not None:
-                found.append((safe_speed(ground.free_distance(pose, v, w, keep.cells), limits), "border"))
-            if self._speed_limits is not None:
-                found.append((self._speed_limits.at(pose, v, w, stop_distance(v, limits)), "speed_zone"))
+            free = workspace.free_distance(pose, v, w, keep.cells, leaving=driver == LEAVE)
+            found.append((safe_speed(free, limits), "border"))
+        if pose is not None and self.speed_limits is not None:
+            found.append((self.speed_limits.at(pose, v, w, stop_distance(v, limits)), "speed_zone"))
         return min(found, key=lambda entry: entry[0])
 
     # ------------------------------------------------------------- for people
-    def standing(self, now: float) -> Tuple[BorderContact, list, bool]:
-        """Where the robot is with respect to the borders, their names, and whether one of them may not be entered."""
-        pose, workspace = self.pose(now), self._workspace
+    def standing(self, now: float) -> Tuple[BorderContact, str, bool]:
+        """Where the robot is with respect to the borders, the name of that border, and whether it may not be entered."""
+        pose, workspace = self.pose(now), self.workspace
         if pose is None or workspace is None:
-            return BorderContact.FREE, [], False
-        standing = workspace.standing(pose[:2])
-        if standing is BorderContact.FREE:
-            return standing, [], False
-        return standing, workspace.names_at(pose[:2]), workspace.is_hard(pose[:2])
+            return BorderContact.FREE, "", False
+        return workspace.standing(pose), workspace.name_at(pose[:2]), workspace.is_hard(pose[:2])
 
 
 def _towards(value: float, target: float, step: float) -> float:

@@ -2,20 +2,19 @@
 
 Position-based: the error is the spot's place in the robot's base frame, measured through the camera. The robot
 moves only when the spot is about to leave the inner zone of the image or the good distance, and then until the spot
-is well inside again, so that small strokes do not make it restless. The spot is kept in the odom frame: there it stays
-in place on the floor while the robot moves, and a jump of the localisation does not move it.
+is well inside again, so that small strokes do not make it restless. The spot stays in its place on the floor while the
+robot moves; how old it is, and whether the localisation has jumped, is the gate's business.
 """
 from __future__ import annotations
 
 import math
-from collections import deque
 from dataclasses import dataclass
-from typing import Callable, Deque, Optional, Tuple
+from typing import Optional, Tuple
 
 import numpy as np
 
-from vb_core import geometry
-from vb_robot.dispatching.view import FloorView
+from vb_robot.dispatching.view import FloorView, to_base
+from vb_robot.dispatching.viewpoint import Pose
 from vb_robot.spots import Sighting
 
 MAX_SPEED = 0.2  # [m/s] the paper's limit while a person guides the robot; also backwards, as fast as a spot is drawn
@@ -27,10 +26,6 @@ NEAR_DISTANCE, BACK_TO_DISTANCE = 0.75, 0.9  # below NEAR it backs off, to BACK_
 INNER_ZONE, SETTLED_ZONE = 0.45, 0.12  # part of the image's width: outside of INNER it turns, until within SETTLED
 DRIVE_CONE = math.radians(25.0)  # if the spot is farther off the axis, the robot only turns
 DISTANCE_GAIN, TURN_GAIN = 0.8, 1.8  # [1/s]
-# [s] by how much a spot is older than usual: up to LATE they vary at 25 images/s, at GONE four images are missed
-LATE, GONE = 0.04, 0.16
-MAX_AGE = 0.5  # [s] a spot older than this is gone, whatever the usual age
-CLOCK_DIFFERENCE = 0.1  # [s] a clock that differs by less must not make the spot come from the future
 
 
 @dataclass(frozen=True)
@@ -42,82 +37,40 @@ class Wish:
     code: str = "drives"
 
 
-@dataclass(frozen=True)
-class Frames:
-    """Where the robot is: 4x4 transforms, None where one is not known (yet).
-
-    Attributes:
-        odom_from_map: T_odom_map at a time [s].
-        base_from_odom: T_base_odom now.
-    """
-
-    odom_from_map: Callable[[float], Optional[np.ndarray]]
-    base_from_odom: Callable[[], Optional[np.ndarray]]
-
-
 class Following:
     """Visual servoing on the spot that the robot's own camera sees.
 
     Attributes:
         view: of that camera, once it is known.
+        seen: [s] when the spot was seen that the robot follows; -inf: there is none.
     """
 
     def __init__(self) -> None:
-        self._pending: Deque[Sighting] = deque(maxlen=10)  # not in the odom frame yet
-        self._spot: Optional[Tuple[float, np.ndarray]] = None  # stamp [s], (2,) [m] in the odom frame
         self.view: Optional[FloorView] = None
+        self.forget()
         self.rest()
 
     def add(self, sighting: Sighting) -> None:
         """Takes a spot of the robot's own camera."""
-        self._pending.append(sighting)
+        self.seen, self._spot = sighting.stamp, np.array([sighting.position])  # (1, 2) [m] map frame
 
     def forget(self) -> None:
         """Forgets the spot: the state has ended, and what was seen in it guides no robot."""
-        self._pending.clear()
-        self._spot = None
+        self.seen, self._spot = -math.inf, np.zeros((1, 2))
 
     def rest(self) -> None:
         """Rests: the robot does not follow now."""
         self._turning, self._driving = False, 0  # driving: 1 forward, -1 back
-        self._usual: Optional[float] = None  # [s] age at which spots come
-        self._age = 0.0
 
-    def wish(self, now: float, dt: float, frames: Frames) -> Wish:
-        """The motion that keeps the spot in view, at a time [s], `dt` [s] after the last step."""
+    def wish(self, pose: Optional[Pose]) -> Wish:
+        """The motion that keeps the spot in view of the robot at a pose (x, y, yaw), map frame; None: not known."""
         if self.view is None:
             return Wish(0.0, 0.0, "no_camera")
-        for sighting in reversed(self._pending):
-            T = frames.odom_from_map(sighting.stamp)
-            if T is not None:
-                self._spot = (sighting.stamp, geometry.apply(T, np.array([*sighting.position, 0.0]))[:2])
-                while self._pending and self._pending[0].stamp <= sighting.stamp:
-                    self._pending.popleft()
-                break
-        T = frames.base_from_odom() if self._spot is not None else None
-        age = now - self._spot[0] if self._spot is not None else math.inf
-        if self._spot is None or T is None or not -CLOCK_DIFFERENCE < age <= MAX_AGE:
-            self._turning, self._driving = False, 0
+        if pose is None or not math.isfinite(self.seen):
+            self.rest()
             return Wish(0.0, 0.0, "spot_gone")
-        v, w = self._servo(geometry.apply(T, np.array([*self._spot[1], 0.0]))[:2], self.view)
-        trust = self._trust(dt, max(age, 0.0))
-        if not v and not w:
-            return Wish(0.0, 0.0, "spot_in_view")
-        return Wish(min(max(v, -trust * MAX_SPEED), trust * MAX_SPEED), trust * w)
-
-    def _trust(self, dt: float, age: float) -> float:
-        """0 .. 1: how far the spot's place can be trusted; less when the next image is overdue.
-
-        What is overdue depends on the images' latency, which is estimated on the run: a robot
-        with a quick camera stops 0.3 s after its last image, and one with a slow computer does not crawl.
-        """
-        if self._usual is None:
-            self._usual = age
-        elif age < self._age + 0.5 * dt:
-            # a newer image has arrived
-            self._usual += 0.1 * (age - self._usual)
-        self._age = age
-        return min(1.0, max(0.0, (self._usual + GONE - age) / (GONE - LATE)))
+        v, w = self._servo(to_base(self._spot, pose)[0], self.view)
+        return Wish(min(max(v, -MAX_SPEED), MAX_SPEED), w, "drives" if v or w else "spot_in_view")
 
     def _servo(self, spot: np.ndarray, view: FloorView) -> Tuple[float, float]:
         """(v, w) [m/s, rad/s] for a spot (2,) [m] in the base frame."""

@@ -1,4 +1,4 @@
-"""Computes how far a robot may drive, by what its scanner sees and does not see, and by the map with borders.
+"""Computes how far and fast a robot may drive, by what its scanner sees and does not see, and by the map of speeds.
 
 The idea: floor is free only if a sensor or a map says so. A direction without a beam is not free, an echo nearer than
 the scanner can measure is an obstacle, and floor without a map is unknown.
@@ -13,12 +13,11 @@ import numpy as np
 from vb_core import geometry
 from vb_core.grid_map import GridMap
 from vb_core.robot_profile import Limits
-from vb_robot.clearance_map import clearance_grid, sample
+from vb_robot.clearance_map import sample
 from vb_robot.dispatching.view import to_map
 from vb_robot.dispatching.viewpoint import Pose
 
 HORIZON = 0.8  # [m] how far along its arc a robot is checked: 1 m/s stops within it at 1.5 m/s^2
-HARD = 99  # [%] from this occupancy on a cell is never entered
 TIGHT = 0.3  # [m] on arcs narrower than this a robot counts as driving straight on
 GAP_DEG = 4.0  # [deg] holes in a scan up to this hide nothing wider than a hand at arm's length
 LEAP = 0.25  # [m] of the localisation: ten times what AMCL corrects; a turn of 1 rad counts as 0.5 m
@@ -116,37 +115,6 @@ class Scan:
         if v < 0:
             bearing = math.pi - bearing
         return self.covers(bearing, math.atan2(radius, radius + HORIZON))
-
-
-class KeepoutMap:
-    """The cells of a map that the footprint never enters.
-
-    Args:
-        grid: occupied cells are forbidden.
-        radius: [m] of the robot.
-    """
-
-    def __init__(self, grid: GridMap, radius: float) -> None:
-        self.grid = grid
-        self._radius = radius
-        # the map's edge is not an obstacle: the map ends there, the floor may go on
-        self._clearance = clearance_grid(grid.data >= HARD, grid.resolution, edge=False)
-
-    def clearance_at(self, points: np.ndarray) -> np.ndarray:
-        """(N,) [m] from points (N, 2) to the next forbidden cell; 0 off the map."""
-        return sample(self.grid, self._clearance, points)
-
-    def free_distance(self, pose: Pose, v: float, w: float, margin: float) -> float:
-        """[m] the robot can drive along the arc of (v, w) before it comes nearer to a cell than `margin` [m].
-
-        A robot that is too near already may move so that it does not come nearer; one that a new border has
-        swallowed may move within it, so that a person can guide it out.
-        """
-        steps = np.arange(0.0, HORIZON + 1e-9, 0.02)
-        clearance = self.clearance_at(arc(pose, steps * math.copysign(1.0, v), w / v))
-        needed = min(self._radius + margin, float(clearance[0]))
-        bad = np.flatnonzero(clearance < needed - 1e-6)
-        return float(max(0.0, steps[bad[0]] - 0.02)) if len(bad) else math.inf
 
 
 class SpeedLimits:

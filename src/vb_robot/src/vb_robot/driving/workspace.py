@@ -1,0 +1,121 @@
+"""The maps as one robot's driver sees them: how near its footprint is to what, and which border that is."""
+from __future__ import annotations
+
+import enum
+import math
+from dataclasses import dataclass
+from typing import Optional, Sequence
+
+import cv2
+import numpy as np
+
+from vb_core.grid_map import GridMap
+from vb_robot.clearance_map import clearance_grid, nearest_cell, sample
+from vb_robot.dispatching.viewpoint import Pose
+from vb_robot.driving.safety import HORIZON, arc
+
+HARD = 99  # [%] from this occupancy on a cell is never entered
+
+
+@dataclass(frozen=True)
+class KnownBorder:
+    """What names a border: its name, chain (N, 2) [m], seed (2,) [m], and kind."""
+
+    name: str
+    points: np.ndarray
+    seed: np.ndarray
+    polygon: bool
+
+    def may_restrict(self, place) -> bool:
+        """Whether a place is on the same side of a polygon as its seed; of a curve that is not known."""
+        polygon = np.asarray(self.points, dtype=np.float32).reshape(-1, 1, 2)
+        inside = [cv2.pointPolygonTest(polygon, (float(p[0]), float(p[1])), False) >= 0 for p in (place, self.seed)]
+        return not self.polygon or inside[0] == inside[1]
+
+
+class BorderContact(enum.Enum):
+    """Where a footprint is with respect to the borders, from best to worst."""
+
+    FREE = 0
+    TOUCHES = 1
+    INSIDE = 2
+
+
+class Workspace:
+    """What a robot may enter. What the map with borders has more occupied than the one without is restricted by borders.
+
+    The maps decide what is restricted, so that this always agrees with navigation. The borders only lend names.
+
+    Args:
+        borders: the map with borders.
+        physical: the one without; if it is missing, or of another geometry, nothing is known to be a border.
+        radius: [m] of the robot.
+        known: the borders that are enabled and meant for this robot.
+    """
+
+    def __init__(
+        self, borders: GridMap, physical: Optional[GridMap], radius: float, known: Sequence[KnownBorder] = ()
+    ) -> None:
+        if physical is None or not physical.same_geometry(borders):
+            physical = borders
+        self.borders, self.physical, self._radius, self.known = borders, physical, radius, known
+        # unknown (-1) that becomes occupied is restricted too
+        self._restricted = borders.data > np.maximum(physical.data, 0)
+        self._hard = self._restricted & (borders.data >= HARD)
+        # the map's edge is neither a border nor an obstacle: the map ends there, the floor may go on
+        self._to_restricted, self._to_hard, self._to_borders, self._to_physical = (
+            clearance_grid(cells, borders.resolution, edge=False)
+            for cells in (self._restricted, self._hard, borders.data >= HARD, physical.data >= HARD))
+
+    def standing(self, place) -> BorderContact:
+        """Where the round footprint at a place (2,) [m] is with respect to the restricted area."""
+        gap = self._at(self._to_restricted, place)
+        return BorderContact.INSIDE if gap <= 0.0 else BorderContact.TOUCHES if gap < self._radius else BorderContact.FREE
+
+    def distance_to_keepout(self, place) -> float:
+        """[m] from a place (2,) [m] to what borders forbid to enter; 0 within it."""
+        return self._at(self._to_hard, place)
+
+    def distance_to_anything(self, place) -> float:
+        """[m] from a place (2,) [m] to what must not be entered; 0 within it."""
+        return self._at(self._to_borders, place)
+
+    def is_hard(self, place) -> bool:
+        """Whether the restricted cell nearest to a place (2,) [m] may not be entered at all."""
+        cell, _ = self._nearest(place)
+        return cell is not None and bool(self._hard[cell])
+
+    def name_at(self, place) -> str:
+        """The name of the border that restricts a place (2,) [m], or the restricted area next to it; "" if none does.
+
+        A polygon that encloses it, or else a curve, the nearest: the maps do not say which border a cell is from.
+        """
+        cell, centre = self._nearest(place)
+        if cell is None or not self.known:
+            return ""
+        return min(self.known, key=lambda border: (
+            not border.may_restrict(centre), not border.polygon,
+            float(np.linalg.norm(border.points - centre, axis=1).min()))).name
+
+    def free_distance(self, pose: Pose, v: float, w: float, margin: float, leaving: bool) -> float:
+        """[m] the robot can drive along the arc of (v, w) before it comes nearer to a cell than `margin` [m].
+
+        A robot that is too near already may move so that it does not come nearer; one that a new border has
+        swallowed may move within it, so that a person can guide it out. Off the map nothing is free.
+
+        Args:
+            leaving: borders do not count.
+        """
+        steps = np.arange(0.0, HORIZON + 1e-9, 0.02)
+        clearance = sample(self.borders, self._to_physical if leaving else self._to_borders,
+                           arc(pose, steps * math.copysign(1.0, v), w / v))
+        needed = min(self._radius + margin, float(clearance[0]))
+        bad = np.flatnonzero(clearance < needed - 1e-6)
+        return float(max(0.0, steps[bad[0]] - 0.02)) if len(bad) else math.inf
+
+    def _at(self, layer: np.ndarray, place) -> float:
+        return float(sample(self.borders, layer, np.asarray(place, dtype=float)[:2].reshape(1, 2), outside=np.inf)[0])
+
+    def _nearest(self, place):
+        """((row, column), centre (2,)) of the restricted cell nearest to a place within twice the radius."""
+        return nearest_cell(self.borders, self._restricted, place, 2.0 * self._radius + self.borders.resolution)
