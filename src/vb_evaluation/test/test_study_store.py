@@ -6,7 +6,8 @@ import sys
 import pytest
 
 from vb_core.errors import CodedError
-from vb_evaluation.study.store import RowFile, claim, read_meta
+from vb_evaluation.report.data import META, read_meta
+from vb_evaluation.study.store import RowFile, claim
 
 COLUMNS = ("participant", "scenario", "value")
 
@@ -54,9 +55,9 @@ def test_another_configuration_is_refused_or_thrown_away(tmp_path):
     claim(tmp_path, "abc", False, {"seed": 1})
     with pytest.raises(CodedError, match="FRESH=1"):
         claim(tmp_path, "def", False, {})
-    assert (tmp_path / "runs.csv").exists() and read_meta(tmp_path)["configuration"] == "abc"
+    assert (tmp_path / "runs.csv").exists() and read_meta(tmp_path / META)["configuration"] == "abc"
     claim(tmp_path, "def", True, {"seed": 2})
-    assert not (tmp_path / "runs.csv").exists() and read_meta(tmp_path) == {"configuration": "def", "seed": 2}
+    assert not (tmp_path / "runs.csv").exists() and read_meta(tmp_path / META) == {"configuration": "def", "seed": 2}
 
 
 def test_rows_of_unknown_origin_are_refused(tmp_path):

@@ -53,6 +53,9 @@ class Interval:
     confidence: float
 
 
+UNKNOWN = Interval(math.nan, math.nan, math.nan, math.nan)
+
+
 @dataclass(frozen=True)
 class PairedComparison:
     """All statistics of two paired samples; differences are first minus second.
@@ -120,7 +123,7 @@ def hodges_lehmann(differences: np.ndarray, confidence: float = CONFIDENCE) -> I
     differences = _sample(differences)
     n = len(differences)
     if n == 0:
-        return Interval(math.nan, math.nan, math.nan, math.nan)
+        return UNKNOWN
     rows, columns = np.triu_indices(n)
     walsh = np.sort((differences[rows] + differences[columns]) / 2.0)
     if n <= EXACT_UP_TO:
@@ -135,24 +138,19 @@ def hodges_lehmann(differences: np.ndarray, confidence: float = CONFIDENCE) -> I
     return Interval(float(np.median(walsh)), float(walsh[cut]), float(walsh[-1 - cut]), reached)
 
 
-def ratio_of_means(numerator: np.ndarray, denominator: np.ndarray, confidence: float = CONFIDENCE) -> Interval:
+def ratio_of_means(numerator: np.ndarray, denominator: np.ndarray) -> Interval:
     """Ratio of the means of two paired samples (N,), for instance a speed-up, with a bootstrap interval."""
-    return bootstrap(
-        lambda a, b, axis=-1: np.mean(a, axis=axis) / np.mean(b, axis=axis),
-        numerator,
-        denominator,
-        confidence=confidence,
-    )
+    return bootstrap(lambda a, b, axis=-1: np.mean(a, axis=axis) / np.mean(b, axis=axis), numerator, denominator)
 
 
-def median(values: np.ndarray, confidence: float = CONFIDENCE) -> Interval:
+def median(values: np.ndarray) -> Interval:
     """Median of values (N,) with a bootstrap interval."""
-    return bootstrap(lambda a, axis=-1: np.median(a, axis=axis), values, confidence=confidence, method="percentile")
+    return bootstrap(np.median, values, method="percentile")
 
 
-def mean(values: np.ndarray, confidence: float = CONFIDENCE) -> Interval:
+def mean(values: np.ndarray) -> Interval:
     """Mean of values (N,) with a bootstrap interval."""
-    return bootstrap(lambda a, axis=-1: np.mean(a, axis=axis), values, confidence=confidence)
+    return bootstrap(np.mean, values)
 
 
 @dataclass(frozen=True)
@@ -163,23 +161,21 @@ class UnpairedComparison:
     shift: Interval
 
 
-def unpaired(first: np.ndarray, second: np.ndarray, confidence: float = CONFIDENCE) -> UnpairedComparison:
+def unpaired(first: np.ndarray, second: np.ndarray) -> UnpairedComparison:
     """Compares two independent samples (N,), (M,); the interval is Moses' (Hollander, Wolfe & Chicken 2014, Sect. 4.3)."""
     first, second = _sample(first), _sample(second)
     if not len(first) or not len(second):
-        return UnpairedComparison(math.nan, Interval(math.nan, math.nan, math.nan, math.nan))
+        return UnpairedComparison(math.nan, UNKNOWN)
     n, m = len(first), len(second)
     differences = np.sort((first[:, None] - second[None, :]).ravel())
     spread = math.sqrt(n * m * (n + m + 1) / 12.0)
-    cut = int(math.floor(n * m / 2.0 - stats.norm.ppf((1.0 + confidence) / 2.0) * spread))
+    cut = int(math.floor(n * m / 2.0 - stats.norm.ppf((1.0 + CONFIDENCE) / 2.0) * spread))
     p = float(stats.mannwhitneyu(first, second, alternative="two-sided").pvalue)
     low, high = (differences[cut], differences[-1 - cut]) if cut >= 0 else (math.nan, math.nan)
-    return UnpairedComparison(p, Interval(float(np.median(differences)), float(low), float(high), confidence))
+    return UnpairedComparison(p, Interval(float(np.median(differences)), float(low), float(high), CONFIDENCE))
 
 
-def bootstrap(
-    statistic: Callable[..., np.ndarray], *samples: np.ndarray, confidence: float = CONFIDENCE, method: str = "BCa"
-) -> Interval:
+def bootstrap(statistic: Callable[..., np.ndarray], *samples: np.ndarray, method: str = "BCa") -> Interval:
     """A statistic of one sample, or of paired ones, with a bootstrap interval that is the same every time.
 
     Args:
@@ -190,35 +186,25 @@ def bootstrap(
     if len({len(sample) for sample in values}) != 1:
         raise CodedError("bad_sample", "paired samples have the same length")
     if len(values[0]) == 0:
-        return Interval(math.nan, math.nan, math.nan, math.nan)
-    estimate = float(statistic(*values))
-    if len(values[0]) < 2:
-        return Interval(estimate, math.nan, math.nan, math.nan)
-    for name in dict.fromkeys((method, "percentile")):
+        return UNKNOWN
+    estimate, low, high = float(statistic(*values)), math.nan, math.nan
+    for name in dict.fromkeys((method, "percentile") if len(values[0]) > 1 else ()):
         with warnings.catch_warnings(), np.errstate(invalid="ignore", divide="ignore"):
             warnings.simplefilter("ignore")
-            found = stats.bootstrap(
-                values,
-                statistic,
-                n_resamples=RESAMPLES,
-                vectorized=True,
-                paired=True,
-                confidence_level=confidence,
-                method=name,
-                random_state=0,
-            )
-        low, high = (float(value) for value in found.confidence_interval)
+            low, high = map(float, stats.bootstrap(
+                values, statistic, n_resamples=RESAMPLES, vectorized=True, paired=True, confidence_level=CONFIDENCE, method=name,
+                random_state=0).confidence_interval)
         if math.isfinite(low) and math.isfinite(high):
-            break
-    return Interval(estimate, low, high, confidence)
+            return Interval(estimate, low, high, CONFIDENCE)
+    return Interval(estimate, low, high, CONFIDENCE if len(values[0]) > 1 else math.nan)
 
 
-def proportion(successes: int, n: int, confidence: float = CONFIDENCE) -> Interval:
+def proportion(successes: int, n: int) -> Interval:
     """A success rate, 0 .. 1, with Wilson's interval."""
     if n == 0:
-        return Interval(math.nan, math.nan, math.nan, math.nan)
-    limits = stats.binomtest(int(successes), int(n)).proportion_ci(confidence, method="wilson")
-    return Interval(successes / n, float(limits.low), float(limits.high), confidence)
+        return UNKNOWN
+    limits = stats.binomtest(int(successes), int(n)).proportion_ci(CONFIDENCE, method="wilson")
+    return Interval(successes / n, float(limits.low), float(limits.high), CONFIDENCE)
 
 
 def format_p(p: float) -> str:

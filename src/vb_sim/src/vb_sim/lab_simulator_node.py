@@ -26,6 +26,7 @@ from vb_core.parameters import Parameters, param
 from vb_core.ros import messages, node, parameters
 from vb_msgs.msg import LabState, ParticipantState
 from vb_sim.lab import Lab, Participant
+from vb_sim.lab_messages import models_file
 from vb_sim.room.models import load_models, section
 from vb_sim.room.models_motion import LocalisationModel, RobotModel, ScanModel
 from vb_sim.pacing import Lockstep, Pacer, RealTimeFactor
@@ -331,16 +332,11 @@ def clock_publisher() -> rospy.Publisher:
         return rospy.Publisher("/clock", Clock, queue_size=None)
 
 
-def default_models() -> str:
-    """The models file of this package."""
-    return os.path.join(rospkg.RosPack().get_path("vb_sim"), "config", "models.yaml")
-
-
 def build() -> LabSimulatorNode:
     """Makes the node from the parameter server."""
     parameters.required("~world")
     params = parameters.read(LabSimulatorParams)
-    models = load_models(params.models or default_models())
+    models = load_models(models_file(params.models))
     localisation = section(models, "localisation", LocalisationModel)
     lab = Lab(
         load_world(params.world), section(models, "robot", RobotModel), localisation, section(models, "scan", ScanModel), params.seed

@@ -18,7 +18,7 @@ from vb_core.errors import CodedError
 from vb_core.parameters import Parameters, param
 from vb_core.ros import commands, node, parameters
 from vb_msgs.msg import BorderProgress, InteractionState, LabState, LaserSpot, NoticeArray, ParticipantState
-from vb_sim.lab_simulator_node import default_models
+from vb_sim.lab_messages import models_file
 from vb_sim.room.models import load_models, section
 from vb_sim.room.models_participant import ParticipantModel
 from vb_sim.person.participant import Action, Answer, ParticipantScript, Percept, Person
@@ -214,7 +214,7 @@ def build() -> ParticipantNode:
         parameters.required(name)
     params = parameters.read(ParticipantParams, ignore=("finished",))
     world = load_world(params.world)
-    model = section(load_models(params.models or default_models()), "participant", ParticipantModel)
+    model = section(load_models(models_file(params.models)), "participant", ParticipantModel)
     return ParticipantNode(world, world.scenario(params.scenario), model, params)
 
 

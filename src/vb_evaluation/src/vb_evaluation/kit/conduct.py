@@ -85,7 +85,7 @@ def next_run(path: Path, participant: str, again: bool = False, **asked: Optiona
         known = ", ".join(dict.fromkeys(entry.participant for entry in entries))
         raise CodedError("no_participant", f"{path} has no participant '{participant}'; there are {known}", participant=participant)
     begun = [entry for entry in mine if _folder(path, entry).exists()]
-    open_ = [entry for entry in begun if "ended" not in _run_of(last_attempt(_folder(path, entry)))]
+    open_ = [entry for entry in begun if "ended" not in Recording(last_attempt(_folder(path, entry))).run]
     if again and begun:
         entry = (open_ or begun)[-1]
     elif open_:
@@ -168,13 +168,6 @@ def conduct(planned: Planned, start: Callable[[Planned], Callable[[], None]], ke
 
 def _folder(path: Path, entry: protocol.Entry) -> Path:
     return path.parent / Path(entry.recording).expanduser()
-
-
-def _run_of(folder: Path) -> Mapping[str, Any]:
-    try:
-        return yaml.safe_load((folder / RUN).read_text(encoding="utf-8")) or {}
-    except (OSError, yaml.YAMLError):
-        return {}
 
 
 def _write(folder: Path, run: Mapping[str, Any]) -> None:

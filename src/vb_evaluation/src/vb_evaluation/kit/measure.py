@@ -14,7 +14,7 @@ from vb_evaluation import metrics
 from vb_evaluation.kit import protocol
 from vb_evaluation.kit.ground_truth import find_ground_truths
 from vb_evaluation.kit.recording import Recording
-from vb_evaluation.report.data import META, REQUIRED, RUNS, write_table
+from vb_evaluation.report.data import META, REQUIRED, RUNS, read_meta, write_table
 
 _TIMES = ("guide", "border", "seed", "total")
 COLUMNS = (*REQUIRED, *metrics.ERRORS, "order", "as_planned", "revision", "map", "saved", "seed_correct", "recording", "interaction", "note")
@@ -94,13 +94,7 @@ def _refuse_foreign(out: Path) -> None:
     Raises:
         CodedError: "other_study".
     """
-    if not (out / RUNS).exists():
-        return
-    try:
-        people = json.loads((out / META).read_text(encoding="utf-8")).get("people")
-    except (OSError, ValueError, AttributeError):
-        people = False
-    if not people:
+    if (out / RUNS).exists() and not read_meta(out / META).get("people"):
         raise CodedError("other_study", f"{out} holds another study: choose another --out, or move it away")
 
 

@@ -228,17 +228,17 @@ class Demo:
         """Says what has changed since the last call."""
         state, progress, lab = observer.state, observer.progress, observer.lab
         news = {"participant": f"the participant {lab.participant_doing}" if lab and lab.participant_doing else "",
-                "state": f"state [bold]{state.name}[/bold]: {state.last_message}" if state else ""}
+                "state": f"state [bold]{state.name}[/bold] {state.last_message}" if state else ""}
         if progress:
             news["cameras"] = f"seen by {' and '.join(sorted(progress.cameras))}" if progress.cameras else ""
             hundreds = progress.border_spots // 100 * 100
-            news["spots"] = f"more than {hundreds} spots, {len(progress.chain)} corners" if hundreds else ""
+            news["spots"] = f"more than {hundreds} spots" if hundreds else ""
             news["seed"] = "a seed point is shown" if progress.has_seed else ""
         for what, words in news.items():
-            # the number of corners changes with each spot
-            if words.split(",")[0] != self._told.get(what, ""):
-                self._told[what] = words.split(",")[0]
-                self._say(words or f"no {what} any more")
+            if words != self._told.get(what, ""):
+                self._told[what] = words
+                if words:
+                    self._say(words)
 
     def _drive(self, start: Tuple[float, float, float], goal: Tuple[float, float, float]) -> Driven:
         """Sends the robot to where the proof begins, and from there to its goal; returns the second drive."""

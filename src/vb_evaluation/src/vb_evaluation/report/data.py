@@ -60,22 +60,19 @@ class Table:
         found = np.array([number(row, column) for row in self.rows], dtype=float)
         return found[np.isfinite(found)]
 
-    def pairs(
-        self, column: str, methods: Tuple[str, str], completed: bool = False, key: Sequence[str] = ("participant",)
-    ) -> Tuple[np.ndarray, np.ndarray]:
+    def pairs(self, column: str, methods: Tuple[str, str], completed: bool = False) -> Tuple[np.ndarray, np.ndarray]:
         """Two (N,) samples of a column, one for each method, paired by participant.
 
         Args:
             completed: uses only those who completed both.
-            key: the columns by which rows are paired.
         """
-        by_key: Dict[Tuple[str, ...], Dict[str, float]] = {}
+        found: Dict[str, Dict[str, float]] = {}
         for row in self.rows:
             value = number(row, column)
             if math.isfinite(value) and (not completed or row.get("completed") == "1"):
-                by_key.setdefault(tuple(row[name] for name in key), {})[row["method"]] = value
-        both = [found for found in by_key.values() if set(methods) <= set(found)]
-        return tuple(np.array([found[method] for found in both], dtype=float) for method in methods)  # type: ignore
+                found.setdefault(row["participant"], {})[row["method"]] = value
+        both = [values for values in found.values() if set(methods) <= set(values)]
+        return tuple(np.array([values[method] for values in both], dtype=float) for method in methods)  # type: ignore
 
 
 @dataclass(frozen=True)
@@ -171,7 +168,7 @@ def read_study(folder: Path) -> Study:
     tables[RUNS] = tables[RUNS].keep(planned)
     if not tables[RUNS].rows:
         raise CodedError("bad_study", f"{folder / RUNS} has no rows: no run has ended yet")
-    return Study(folder, tables, {**_read_meta(folder / META), "deviating": deviating})
+    return Study(folder, tables, {**read_meta(folder / META), "deviating": deviating})
 
 
 def read_sheet(path: Path, required: Sequence[str], code: str = "bad_study") -> Table:
@@ -242,7 +239,8 @@ def _number(text: str) -> float:
         return math.nan
 
 
-def _read_meta(path: Path) -> Dict[str, Any]:
+def read_meta(path: Path) -> Dict[str, Any]:
+    """study.json; empty if there is none."""
     if not path.is_file():
         return {}
     try:

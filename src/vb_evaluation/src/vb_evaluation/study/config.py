@@ -6,7 +6,7 @@ import hashlib
 import json
 import math
 import zlib
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Callable, Dict, Mapping, Optional, Tuple
 
@@ -99,7 +99,6 @@ class Study:
     timing: Timing
     world: World
     models: Models
-    cache: Dict[str, Any] = field(default_factory=dict, compare=False, repr=False)
 
     def traits(self, participant: int) -> Traits:
         """A participant, numbered from 1."""
@@ -132,7 +131,7 @@ class Study:
 
         Args:
             changes: "design/seed", "timing/save_s", "participants/traits/tremor", "models/optics/exposure_ms" or
-                "world/cameras" to a value; a callable gets the present value and returns the new one.
+                "world/cameras" to a value.
 
         Raises:
             ParameterError: names the key that is wrong.
@@ -148,12 +147,7 @@ def _set(document: Any, path: str, value: Any) -> None:
     *parents, last = path.split("/")
     for name in parents:
         document = document[int(name)] if isinstance(document, list) else document.setdefault(name, {})
-    key: Any = int(last) if isinstance(document, list) else last
-    if callable(value):
-        if key not in document and not isinstance(document, list):
-            raise ParameterError(path, "there is no such value to be changed")
-        value = value(document[key])
-    document[key] = value
+    document[int(last) if isinstance(document, list) else last] = value
 
 
 def load(path: Optional[Path] = None, seed: Optional[int] = None) -> Study:

@@ -10,8 +10,7 @@ from typing import Any, Dict, Mapping, Sequence, Tuple
 
 from vb_core.errors import CodedError
 from vb_core.files import write_atomically
-
-META = "study.json"
+from vb_evaluation.report.data import META, read_meta
 
 
 class RowFile:
@@ -82,7 +81,7 @@ def claim(folder: Path, configuration: str, fresh: bool, facts: Mapping[str, Any
     Raises:
         CodedError: "other_study".
     """
-    found = read_meta(folder)
+    found = read_meta(folder / META)
     if fresh:
         for path in [*folder.glob("*.csv"), *folder.glob("maps/*"), folder / META]:
             if path.is_file():
@@ -98,14 +97,3 @@ def claim(folder: Path, configuration: str, fresh: bool, facts: Mapping[str, Any
     folder.mkdir(parents=True, exist_ok=True)
     document = {**facts, "configuration": configuration}
     write_atomically(folder / META, (json.dumps(document, indent=2, sort_keys=True, default=str) + "\n").encode())
-
-
-def read_meta(folder: Path) -> Dict[str, Any]:
-    """study.json; empty if there is none."""
-    try:
-        found = json.loads((folder / META).read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        return {}
-    except (OSError, ValueError) as error:
-        raise CodedError("bad_study", f"cannot read {folder / META}: {error}: start again with FRESH=1") from None
-    return found if isinstance(found, dict) else {}

@@ -18,7 +18,7 @@ import rospy.msg
 
 from vb_core.errors import CodedError
 from vb_evaluation.virtual_ros.scheduler import Scheduler
-from vb_evaluation.virtual_ros.stand_ins import StandIns, replaced
+from vb_evaluation.virtual_ros.stand_ins import Line, StandIns, replaced
 
 LOG = logging.getLogger("vb_evaluation.nodes")
 _LEVELS = {"debug": logging.DEBUG, "info": logging.INFO, "warn": logging.WARNING, "err": logging.ERROR,
@@ -289,46 +289,36 @@ class Subscriber:
         self.kind, self._callback, self._extra = data_class, callback, callback_args
         size = queue_size if queue_size is not None and queue_size > 0 else None
         self._queue: Deque[_Delivery] = deque(maxlen=size)
-        self._idle = False
         self._over = False
+        self._line = Line(graph.scheduler)
         self._topic = graph.topic(self.resolved_name)
         self._topic.subscribers.append(self)
-        self._task = graph.scheduler.spawn(self._work)
+        graph.scheduler.spawn(self._work)
         for publisher in self._topic.publishers:
             if publisher.latched is not None:
                 publisher.send(self, publisher.latched)
 
     def put(self, delivery: _Delivery) -> None:
         """A message has come; of too many the oldest ones are lost, as in rospy."""
-        if self._over:
-            return
-        self._queue.append(delivery)
-        if self._idle:
-            self._idle = False
-            self._graph.scheduler.wake(self._task)
+        if not self._over:
+            self._queue.append(delivery)
+            self._line.wake()
 
     def _work(self) -> None:
         while not self._over:
             if not self._queue:
-                self._idle = True
-                self._graph.scheduler.wait()
+                self._line.wait()
                 continue
             message = self._queue.popleft().message(self.kind)
-            if self._callback is None:
-                continue
-            if self._extra is None:
-                self._callback(message)
-            else:
-                self._callback(message, self._extra)
+            if self._callback is not None:
+                self._callback(message, *([] if self._extra is None else [self._extra]))
 
     def unregister(self) -> None:
         """Ends it."""
         self._over = True
         if self in self._topic.subscribers:
             self._topic.subscribers.remove(self)
-        if self._idle:
-            self._idle = False
-            self._graph.scheduler.wake(self._task)
+        self._line.wake()
 
     def get_num_connections(self) -> int:
         """How many publish."""
