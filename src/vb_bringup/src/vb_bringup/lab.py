@@ -54,11 +54,12 @@ class Line:
 
 @dataclass(frozen=True)
 class CameraInfoSeen:
-    """A camera_info message; `focal` [px] is 0 for a lens that was never calibrated."""
+    """A camera_info message; `focal` [px] is 0 for a lens that was never calibrated, `rectified` that of rectified images."""
 
     width: int
     height: int
     focal: float
+    rectified: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -153,7 +154,8 @@ def _lens_faults(camera: CameraSeen, fault: Any) -> Iterable[Line]:
         yield fault(
             State.ERROR, "lab_camera_info_size", size=f"{camera.width} x {camera.height}",
             info_size=f"{info.width} x {info.height}")
-    elif camera.file_focal > 0.0 and abs(info.focal / camera.file_focal - 1.0) > OTHER_LENS:
+    elif camera.file_focal > 0.0 and all(
+            abs(focal / camera.file_focal - 1.0) > OTHER_LENS for focal in (info.focal, info.rectified)):
         yield fault(
             State.ERROR, "lab_camera_other_lens", focal=f"{info.focal:.0f}", file_focal=f"{camera.file_focal:.0f}", file=camera.file)
 

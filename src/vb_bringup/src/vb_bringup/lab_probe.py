@@ -285,7 +285,7 @@ def _camera(
         age=streams[topic].age(), width=pixels.shape[1], height=pixels.shape[0],
         encoding=getattr(image, "encoding", "") or getattr(image, "format", ""), frame=frame,
         bright=float((pixels >= 250).mean()) if pixels.size else 0.0,
-        info=None if info is None else CameraInfoSeen(info.width, info.height, float(info.K[0])),
+        info=None if info is None else CameraInfoSeen(info.width, info.height, float(info.K[0]), float(info.P[0])),
         detector=node if node in graph.nodes else "",
         has_pose=bool(frame) and _transform_age(transforms, frame) is not None, **poses.look(name),
     )
