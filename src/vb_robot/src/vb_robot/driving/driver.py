@@ -40,9 +40,7 @@ KEEPS = {
     TELEOP: Keep(0.05, 0.02, 0.0),
     FOLLOW: Keep(0.12, 0.04, 0.06),  # from where a person leaves it, navigation must still find a path
     LEAVE: Keep(0.12, 0.04, MAP_MARGIN),
-    # It keeps its own distance; here is only what must never happen: nearer than costmaps let it. They measure to the
-    # middle of a cell of usually 2.5 cm, and `clearance_grid` to its corner.
-    NAVIGATION: Keep(0.04, 0.0, -0.02),
+    NAVIGATION: Keep(0.04, 0.0, -0.04),  # it keeps its own distance; here is only what must never happen
 }
 
 
