@@ -122,12 +122,14 @@ class CommandRecognizer:
         if len(utterance.pcm) < _SHORTEST_S * SAMPLE_RATE:
             return RecognitionResult(reason="too_short")
         heard = [self._model.hear(_played(utterance.pcm, speed)) for speed in _SPEEDS]
-        odds = np.mean([np.exp(self._model.evidence(one) - EVEN) for one in heard], axis=0)
+        evidence = np.array([self._model.evidence(one) for one in heard])
+        odds = np.mean(np.exp(evidence - EVEN), axis=0)
         number = int(odds.argmax())
         best, confidence = str(self._meanings[number]), float(odds.max() / (1.0 + odds.max()))
         if confidence < self.params.threshold:
             return RecognitionResult(best=best, confidence=confidence, reason="unlike_a_command")
-        odds = odds[number] * np.exp(max(self._model.rivalry(one)[number] for one in heard))
+        written = evidence[:, number] + self._model.rarity[number]
+        odds = odds[number] * np.exp(min(0.0, np.max(written - [self._model.rival(one) for one in heard])))
         certainty = float(odds / (1.0 + odds))
         return RecognitionResult(best, best, confidence, certainty, unclear=certainty < self.params.sure or best in ALWAYS_UNCLEAR)
 
