@@ -1,8 +1,10 @@
 """Recognises the spoken commands and rejects everything else.
 
 The idea: endpointing finds the speech, and a network that knows people's speech says how much more probable the utterance
-makes each command than silence does (speech_model). Even odds against a word that sounds like it are enough to take a command. To do at once what cannot be undone, the command must also bear comparison with what the network would write if it
-were asked to write: *stave* is near *save*, but then the network writes "Stave". Nothing is trained; bench/voice.py measures, and chooses what is even.
+makes each command than silence does (speech_model). Even odds against a word that sounds like it are enough to take a
+command. To do at once what cannot be undone, the command must also bear comparison with what the network would write if it
+were asked to write: *stave* is near *save*, but then the network writes "Stave". Nothing is trained; bench/voice.py measures,
+and says which odds are even.
 
 >>> import numpy as np
 >>> recognizer = CommandRecognizer()
