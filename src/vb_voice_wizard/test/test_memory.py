@@ -8,7 +8,7 @@ import pytest
 
 from vb_core.errors import CodedError, ParameterError
 from vb_voice_wizard.interaction import Record
-from vb_voice_wizard.dialogue.persistence import StateFile, append_line, record_line, writable
+from vb_voice_wizard.dialogue.persistence import StateFile, append_line, file_path, record_line
 
 RECORD = Record("i1", "saved", "b7", 10.0, 31.23456, 1.0, 15.0, 5.23456, 21.23456, ("voice", "wizard"))
 
@@ -52,15 +52,23 @@ def test_record_is_one_line_of_json(tmp_path):
     assert fields["seed_s"] == 5.235 and fields["outcome"] == "saved"
 
 
-def test_writable_makes_the_folder(tmp_path, monkeypatch):
+def test_a_line_goes_into_a_folder_that_is_made_for_it(tmp_path, monkeypatch):
     monkeypatch.setenv("HOME", str(tmp_path))
-    path = writable("~log_file", "~/a/b/log.jsonl")
-    assert path == str(tmp_path / "a" / "b" / "log.jsonl") and os.path.isdir(os.path.dirname(path))
+    path = file_path("~log_file", "~/a/b/log.jsonl")
+    append_line(path, "{}")
+    assert (tmp_path / "a" / "b" / "log.jsonl").read_text() == "{}\n"
 
 
-def test_unwritable_names_the_key(tmp_path):
+def test_a_folder_is_no_file(tmp_path):
+    with pytest.raises(ParameterError) as caught:
+        file_path("~log_file", str(tmp_path))
+    assert caught.value.key == "~log_file"
+
+
+def test_a_disk_that_cannot_be_written_ends_nothing_before_something_is_written(tmp_path):
     (tmp_path / "file").write_text("")
-    for path in (str(tmp_path / "file" / "log"), str(tmp_path)):
-        with pytest.raises(ParameterError) as caught:
-            writable("~log_file", path)
-        assert caught.value.key == "~log_file"
+    path = file_path("~log_file", str(tmp_path / "file" / "log"))
+    with pytest.raises(OSError):
+        append_line(path, "{}")
+    (tmp_path / "file").unlink()
+    append_line(path, "{}")

@@ -88,8 +88,8 @@ class InteractionManager:
 
     def __init__(self, params: ManagerParams, run_id: str) -> None:
         self._params = params
-        self._log_file = persistence.writable("~log_file", params.log_file)
-        self._state_file = persistence.StateFile(persistence.writable("~state_file", params.state_file), run_id)
+        self._log_file = persistence.file_path("~log_file", params.log_file)
+        self._state_file = persistence.StateFile(persistence.file_path("~state_file", params.state_file), run_id)
         self._lock = threading.Lock()
         self._interaction = Interaction(params)
         # a save calls two services, undo calls one three times

@@ -67,12 +67,12 @@ class Journal:
         self._lock = threading.Lock()
         self._events: Deque[Dict[str, Any]] = deque(maxlen=_EVENTS)
         try:
-            path.parent.mkdir(parents=True, exist_ok=True)
-            with open(str(path), "a+", encoding="utf-8") as file:
-                file.seek(0)
+            with open(str(path), encoding="utf-8") as file:
                 lines = deque(file, maxlen=_EVENTS)
+        except FileNotFoundError:
+            lines = deque()
         except OSError as error:
-            raise ParameterError("events_file", f"{path} is not writable: {error}") from None
+            raise ParameterError("events_file", f"{path} cannot be read: {error}") from None
         self.recalled: List[Dict[str, Any]] = []
         for line in lines:
             try:
@@ -87,6 +87,7 @@ class Journal:
         event = {"at": round(time.time(), 1), "code": code, "values": values, "source": source}
         with self._lock:
             try:
+                self._path.parent.mkdir(parents=True, exist_ok=True)
                 with open(str(self._path), "a", encoding="utf-8") as file:
                     file.write(json.dumps({**event, "ros_time": rospy.get_time(), **more}, ensure_ascii=False) + "\n")
             except OSError as error:

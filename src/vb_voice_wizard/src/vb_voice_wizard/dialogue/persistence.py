@@ -10,21 +10,15 @@ from vb_core.errors import CodedError, ParameterError
 from vb_voice_wizard.interaction import Record
 
 
-def writable(key: str, path: str) -> str:
-    """The path with ~ expanded, its folder made.
+def file_path(key: str, path: str) -> str:
+    """The path with ~ expanded. Whether it can be written shows when it is: a disk may be full or read-only for a while.
 
     Raises:
-        ParameterError: names the key if nothing can be written there.
+        ParameterError: names the key if it is a folder.
     """
     full = os.path.abspath(os.path.expanduser(path))
-    folder = os.path.dirname(full)
-    try:
-        os.makedirs(folder, exist_ok=True)
-    except OSError as error:
-        raise ParameterError(key, f"cannot make the folder {folder}: {error.strerror}") from None
-    target = full if os.path.exists(full) else folder
-    if os.path.isdir(full) or not os.access(target, os.W_OK):
-        raise ParameterError(key, f"cannot write {full}")
+    if os.path.isdir(full):
+        raise ParameterError(key, f"{full} is a folder")
     return full
 
 
@@ -88,11 +82,12 @@ def record_line(record: Record, method: str, cameras: Sequence[str]) -> str:
 
 
 def append_line(path: str, line: str) -> None:
-    """Adds a line to a file in one write, so that two writers never mix theirs.
+    """Adds a line to a file in one write, so that two writers never mix theirs; makes its folder.
 
     Raises:
         OSError: if it cannot be written.
     """
+    os.makedirs(os.path.dirname(path), exist_ok=True)
     descriptor = os.open(path, os.O_WRONLY | os.O_APPEND | os.O_CREAT, 0o644)
     try:
         os.write(descriptor, (line + "\n").encode("utf-8"))
