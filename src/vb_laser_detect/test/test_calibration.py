@@ -225,13 +225,13 @@ def test_file_round_trip(tmp_path):
     observed = observe(np.random.default_rng(9), 8)
     estimate = estimate_pose(CAMERA, observed)
     path = calibration_file.calibration_path(str(tmp_path / "new"), "red")
-    pose = calibration_file.CameraPose("red", "map", "red_optical_frame", estimate.T_map_camera)
+    pose = calibration_file.CameraPose("red", "map", "red_optical_frame", estimate.T_map_camera, 812.5)
     for _ in range(2):
         calibration_file.save(path, calibration_file.document(pose, estimate, observed, "spots", "2020-01-01 12:00"))
     assert path.with_name("red.yaml.old").exists() and not list(path.parent.glob("*.part"))
     loaded = calibration_file.load(path)
     assert (loaded.camera, loaded.parent, loaded.frame) == ("red", "map", "red_optical_frame")
-    assert np.abs(loaded.T - estimate.T_map_camera).max() < 1e-5
+    assert np.abs(loaded.T - estimate.T_map_camera).max() < 1e-5 and loaded.focal == 812.5
 
 
 @pytest.mark.parametrize(
@@ -243,6 +243,7 @@ def test_file_round_trip(tmp_path):
         ("{camera: red, parent: map, frame: f, translation: [0, 0], rotation: [0, 0, 0, 1]}", "bad_calibration"),
         ("{camera: red, parent: map, frame: f, translation: [0, 0, .nan], rotation: [0, 0, 0, 1]}", "bad_calibration"),
         ("{camera: red, parent: map, frame: f, translation: [0, 0, 1], rotation: [0, 0, 0, 0]}", "bad_calibration"),
+        ("{camera: green, parent: map, frame: f, translation: [0, 0, 1], rotation: [0, 0, 0, 1]}", "bad_calibration"),
         ("{camera: red, parent: '', frame: f, translation: [0, 0, 1], rotation: [0, 0, 0, 1]}", "bad_calibration"),
     ],
 )

@@ -19,6 +19,8 @@ from vb_core.notices import Notice, Severity
 SLOW_CAMERA_HZ = 5.0
 # clocks: a pointer moved at 0.5 m/s is 5 cm further on after 0.1 s
 CLOCK_APART_S = 0.1
+# lenses of one model differ by more, two calibrations of one lens by less
+OTHER_LENS = 0.01
 # part of the image at its white level, in which no spot can be seen
 TOO_BRIGHT = 0.05
 # room for a day of logs and recordings
@@ -52,11 +54,12 @@ class Line:
 
 @dataclass(frozen=True)
 class CameraInfoSeen:
-    """A camera_info message; `focal` [px] is 0 for a lens that was never calibrated."""
+    """A camera_info message; `focal` [px] is 0 for a lens that was never calibrated, `rectified` that of rectified images."""
 
     width: int
     height: int
     focal: float
+    rectified: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -70,7 +73,7 @@ class CameraSeen:
         detector: the detector's node; "" if none runs.
         has_pose: whether tf knows the frame in the map.
         file: the calibration file, "" if others publish the pose; file_error: why it cannot be read;
-        file_frame: the frame that it names.
+        file_frame: the frame that it names; file_focal: [px] of the lens with which it was made, 0 if that is not known.
     """
 
     name: str
@@ -90,6 +93,7 @@ class CameraSeen:
     file: str = ""
     file_error: str = ""
     file_frame: str = ""
+    file_focal: float = 0.0
 
 
 def check_cameras(cameras: Sequence[CameraSeen]) -> List[Line]:
@@ -150,6 +154,10 @@ def _lens_faults(camera: CameraSeen, fault: Any) -> Iterable[Line]:
         yield fault(
             State.ERROR, "lab_camera_info_size", size=f"{camera.width} x {camera.height}",
             info_size=f"{info.width} x {info.height}")
+    elif camera.file_focal > 0.0 and all(
+            abs(focal / camera.file_focal - 1.0) > OTHER_LENS for focal in (info.focal, info.rectified)):
+        yield fault(
+            State.ERROR, "lab_camera_other_lens", focal=f"{info.focal:.0f}", file_focal=f"{camera.file_focal:.0f}", file=camera.file)
 
 
 def _pose_faults(camera: CameraSeen, by_frame: Mapping[str, Sequence[str]], fault: Any) -> Iterable[Line]:

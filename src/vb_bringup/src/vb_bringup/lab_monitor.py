@@ -16,8 +16,8 @@ from vb_laser_detect.calibration.consistency import Sighting, agreement
 SILENT_S = 3.0
 # on a slow computer detectors start one after the other
 STARTING_S = 15.0
-# what two calibrated cameras differ by is some centimetres; a border that is off by this much closes the wrong floor
-DISAGREE_M = 0.15
+# the extraction takes cameras to agree within a hand's tremble; calibrated ones differ by one or two centimetres
+DISAGREE_M = 0.05
 # sightings of one camera that are compared, and [s] for how long: enough for a mean, soon replaced after a calibration
 _SIGHTINGS, _REMEMBERED_S = 200, 300.0
 # a detector's count of dropped spots, to the code of the notice

@@ -135,11 +135,14 @@ def probe(seconds: float) -> List[Line]:
         if rospy.get_param("/interaction_manager/robot", True):
             lines += check_robot(_robot(robot, streams, transforms))
         move_base = _within(robot, "move_base")
-        lines += check_navigation(_navigation(graph, move_base))
+        if move_base in graph.nodes or rospy.get_param("/interaction_manager/robot", True):
+            lines += check_navigation(_navigation(graph, move_base))
     voice = any(node.split("/")[-1] == "voice_commands" for node in graph.nodes)
     lines.append(Line("voice", State.OK, "lab_voice_ok" if voice else "lab_voice_off"))
     display = next((node for node in sorted(graph.nodes) if node.split("/")[-1] in ("smart_display", "rviz")), "")
-    lines.append(Line("display", State.OK, "lab_display_ok" if display else "lab_display_off", {"node": display}))
+    waits = display and rospy.get_param(f"{display}/waits_for_screen", False)
+    code = "lab_display_waits" if waits else "lab_display_ok" if display else "lab_display_off"
+    lines.append(Line("display", State.WARNING if waits else State.OK, code, {"node": display}))
     place = Path(str(rospy.get_param("/map_integrator/store_dir", "~"))).expanduser()
     while not place.exists():
         place = place.parent
@@ -248,15 +251,16 @@ class _CalibrationFiles:
         self._folder = str(found.get("folder", ""))
         self._cameras = str(found.get("cameras", "")).split()
 
-    def look(self, camera: str) -> Tuple[str, str, str]:
-        """(file, why it cannot be read, the frame that it names); all "" if others publish the pose."""
+    def look(self, camera: str) -> Mapping[str, Any]:
+        """What CameraSeen says of a camera's file; nothing if others publish the pose."""
         if not self._folder or camera not in self._cameras:
-            return "", "", ""
+            return {}
         path = self._files.calibration_path(self._folder, camera)
         try:
-            return str(path), "", self._files.load(path).frame
+            found = self._files.load(path)
         except CodedError as error:
-            return str(path), error.message, ""
+            return {"file": str(path), "file_error": error.message}
+        return {"file": str(path), "file_frame": found.frame, "file_focal": found.focal}
 
 
 def _other_images(graph: Graph, topic: str) -> List[str]:
@@ -275,17 +279,15 @@ def _camera(
     image, info = streams[topic].message(), streams[_beside(topic)].message()
     pixels = _pixels(image)
     frame = str(parameters.get("frame", "")) or (image.header.frame_id if image is not None else "")
-    file, error, file_frame = poses.look(name)
     return CameraSeen(
         name=name, topic=topic, publishers=graph.publishers.get(topic, []), others=_other_images(graph, topic),
         rate=streams[topic].rate(),
         age=streams[topic].age(), width=pixels.shape[1], height=pixels.shape[0],
         encoding=getattr(image, "encoding", "") or getattr(image, "format", ""), frame=frame,
         bright=float((pixels >= 250).mean()) if pixels.size else 0.0,
-        info=None if info is None else CameraInfoSeen(info.width, info.height, float(info.K[0])),
+        info=None if info is None else CameraInfoSeen(info.width, info.height, float(info.K[0]), float(info.P[0])),
         detector=node if node in graph.nodes else "",
-        has_pose=bool(frame) and _transform_age(transforms, frame) is not None, file=file, file_error=error,
-        file_frame=file_frame,
+        has_pose=bool(frame) and _transform_age(transforms, frame) is not None, **poses.look(name),
     )
 
 

@@ -22,7 +22,8 @@ _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 _LAUNCH = """\
 <launch>
   <!-- This lab. Start it with:  roslaunch {folder}/lab.launch   and check it with:  rosrun vb_bringup check_lab
-       Every argument of the stack's lab.launch can be set here; that file lists and explains them. -->
+       Every argument of the stack's lab.launch can be set here; $(find vb_bringup)/launch/lab.launch lists and explains them. -->
+  <arg name="rviz" default="true" doc="whether the smart display is on this computer"/>
   <include file="$(dirname)/cameras.launch"/>
   <include file="$(find vb_bringup)/launch/lab.launch">
     <arg name="cameras" value="{cameras}"/>
@@ -34,6 +35,7 @@ _LAUNCH = """\
     <arg name="robot_types" value="$(dirname)/robot.yaml"/>
     <arg name="navigation" value="none"/>
     <arg name="voice" value="false"/>
+    <arg name="rviz" value="$(arg rviz)"/>
   </include>
 </launch>
 """
@@ -101,13 +103,13 @@ _README = """\
 
 The way to the first border:
 
-1. Start the cameras alone, `roslaunch {folder}/cameras.launch`, and look at each: `rosrun image_view image_view
+1. Start the cameras alone, `roslaunch {folder}/cameras.launch`, and look at each (with a screen): `rosrun image_view image_view
    image:=/{first}/image_raw`.
 2. Calibrate each lens once: `rosrun camera_calibration cameracalibrator.py --size 8x6 --square 0.03 image:=/{first}/image_raw
    camera:=/{first}`, then put the YAML file into `lenses/`. End the cameras with Ctrl-C: from now on `lab.launch` starts them.
 3. Start the lab: `roslaunch {folder}/lab.launch`. It says what is still wrong, and what cures it, whenever something has changed.
-4. Find where each camera hangs: `rosrun vb_laser_detect calibrate_camera spots {first}`. It writes into `calibration/`, and the
-   running lab takes it.
+4. Find where each camera hangs: `rosrun vb_laser_detect calibrate_camera spots {first}`; with places measured by tape add
+   `--point_sigma 0.005`. It writes into `calibration/`, and the running lab takes it.
 5. `rosrun vb_bringup check_lab` says once more what is wrong, one line each.
 6. Say *define border*, or press `b` in `rosrun vb_voice_wizard wizard_console`, and draw.
 """

@@ -59,10 +59,13 @@ def _ask_screen() -> Optional[str]:
 
 def _wait_for_screen() -> None:
     """Says once that there is no screen, and waits for one: RViz would end at once, again and again."""
-    if _ask_screen() is None:
+    waits = _ask_screen() is None
+    rospy.set_param("~waits_for_screen", waits)
+    if waits:
         rospy.logwarn("smart_display: %s", sentences.say("no_screen"))
     while _ask_screen() is None and not rospy.is_shutdown():
         rospy.rostime.wallsleep(_LOOK_FOR_SCREEN)
+    rospy.set_param("~waits_for_screen", False)
 
 
 def _fitted(params: SmartDisplayParams) -> str:

@@ -241,7 +241,8 @@ class Guide:
         for line in describe(estimate, observed):
             say("  " + line)
         a = self._arguments
-        pose = calibration_file.CameraPose(a.camera, names.MAP_FRAME, self._frame, estimate.T_map_camera)
+        pose = calibration_file.CameraPose(
+            a.camera, names.MAP_FRAME, self._frame, estimate.T_map_camera, float(self.camera.matrix[0, 0]))
         path = calibration_file.calibration_path(a.folder, a.camera)
         date = datetime.datetime.now().isoformat(" ", "minutes")
         calibration_file.save(path, calibration_file.document(pose, estimate, observed, self.session.method, date))

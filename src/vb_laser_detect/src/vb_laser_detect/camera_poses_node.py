@@ -59,8 +59,6 @@ class CameraPosesNode:
             self._known[camera] = version
             try:
                 pose = calibration_file.load(path)
-                if pose.camera != camera:
-                    raise CodedError("bad_calibration", f"'{path}' is of camera '{pose.camera}'")
                 same = [name for name, other in self._transforms.items()
                         if other.child_frame_id == pose.frame and name != camera]
                 if same:

@@ -1,8 +1,10 @@
 """Recognises the spoken commands and rejects everything else.
 
 The idea: endpointing finds the speech, and a network that knows people's speech says how much more probable the utterance
-makes each command than silence does (speech_model). Even odds against a word that sounds like it are enough to take a command. To do at once what cannot be undone, the command must also bear comparison with what the network would write if it
-were asked to write: *stave* is near *save*, but then the network writes "Stave". Nothing is trained; bench/voice.py measures, and chooses what is even.
+makes each command than silence does (speech_model). Even odds against a word that sounds like it are enough to take a
+command. To do at once what cannot be undone, the command must also bear comparison with what the network would write if it
+were asked to write: *stave* is near *save*, but then the network writes "Stave". Nothing is trained; bench/voice.py measures,
+and says which odds are even.
 
 >>> import numpy as np
 >>> recognizer = CommandRecognizer()
@@ -122,12 +124,14 @@ class CommandRecognizer:
         if len(utterance.pcm) < _SHORTEST_S * SAMPLE_RATE:
             return RecognitionResult(reason="too_short")
         heard = [self._model.hear(_played(utterance.pcm, speed)) for speed in _SPEEDS]
-        odds = np.mean([np.exp(self._model.evidence(one) - EVEN) for one in heard], axis=0)
+        evidence = np.array([self._model.evidence(one) for one in heard])
+        odds = np.mean(np.exp(evidence - EVEN), axis=0)
         number = int(odds.argmax())
         best, confidence = str(self._meanings[number]), float(odds.max() / (1.0 + odds.max()))
         if confidence < self.params.threshold:
             return RecognitionResult(best=best, confidence=confidence, reason="unlike_a_command")
-        odds = odds[number] * np.exp(max(self._model.rivalry(one)[number] for one in heard))
+        written = evidence[:, number] + self._model.rarity[number]
+        odds = odds[number] * np.exp(min(0.0, np.max(written - [self._model.rival(one) for one in heard])))
         certainty = float(odds / (1.0 + odds))
         return RecognitionResult(best, best, confidence, certainty, unclear=certainty < self.params.sure or best in ALWAYS_UNCLEAR)
 

@@ -18,7 +18,7 @@ if TYPE_CHECKING:  # a node that only publishes poses does without OpenCV
 _HEAD = """\
 # Pose of the ceiling camera '{camera}' in the map, written by calibrate_camera.
 # launch/parts/perception.launch publishes it as a static transform from `parent` to `frame`. Only `camera`, `parent`,
-# `frame`, `translation` and `rotation` are read; the rest says how good it is and what it was worked out from.
+# `frame`, `translation`, `rotation` and `focal_px` are read; the rest says how good it is and what it came from.
 """
 
 
@@ -30,12 +30,14 @@ class CameraPose:
         camera: its name.
         parent, frame: the transform's frames, usually map and <camera>_optical_frame.
         T: (4, 4) T_parent_frame.
+        focal: [px] of the lens with which it was found: with another lens the pose is wrong; 0 if it is not known.
     """
 
     camera: str
     parent: str
     frame: str
     T: np.ndarray
+    focal: float = 0.0
 
 
 def calibration_path(folder: str, camera: str) -> Path:
@@ -57,6 +59,7 @@ def document(
         "frame": pose.frame,
         "translation": numbers(pose.T[:3, 3], 6),
         "rotation": numbers(geometry.quaternion_from_rotation(pose.T[:3, :3]), 9),  # x, y, z, w
+        "focal_px": round(pose.focal, 3),
         "date": date,
         "method": method,
         "error_px": {"rms": round(estimate.rms_px, 3), "max": round(float(estimate.errors_px[estimate.used].max()), 3)},
@@ -100,7 +103,8 @@ def load(path: Path) -> CameraPose:
     """Reads a calibration file; inverse of `save` for what the launch file needs.
 
     Raises:
-        CodedError: "no_calibration" if there is no such file; "bad_calibration" if it holds no pose.
+        CodedError: "no_calibration" if there is no such file; "bad_calibration" if it holds no pose, or that of another
+            camera than its name says.
     """
     try:
         content = yaml.safe_load(path.read_text())
@@ -116,9 +120,12 @@ def load(path: Path) -> CameraPose:
             raise ValueError("camera, parent and frame must be names")
         if not np.isfinite(translation).all():
             raise ValueError(f"translation {translation}")
+        focal = float(content.get("focal_px", 0.0))
     except (KeyError, TypeError, ValueError) as error:
         raise CodedError("bad_calibration", f"'{path}' is no calibration: {error}") from None
-    return CameraPose(camera, parent, frame, geometry.transform(rotation, translation))
+    if camera != path.stem:
+        raise CodedError("bad_calibration", f"'{path}' is of camera '{camera}'")
+    return CameraPose(camera, parent, frame, geometry.transform(rotation, translation), focal)
 
 
 def require_own_frame(folder: str, camera: str, frame: str) -> None:

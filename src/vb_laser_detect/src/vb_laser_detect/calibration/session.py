@@ -40,7 +40,7 @@ class HeldSpot:
         """
         recent = np.array([(u, v) for stamp, u, v in self._sightings if stamp >= self._newest - _HOLD_S])
         if len(recent) < _LEAST_SIGHTINGS:
-            raise CodedError("no_spot", "the camera does not see the spot: hold it still for two seconds and try again")
+            raise CodedError("no_spot", "the camera does not see the spot: is this place in its picture? Hold the spot still for two seconds and try again")
         middle = np.median(recent, axis=0)
         away = np.linalg.norm(recent - middle, axis=1)
         if np.percentile(away, 80) > _STILL_PX:

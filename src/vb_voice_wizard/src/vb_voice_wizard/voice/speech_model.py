@@ -35,6 +35,9 @@ class SpeechModel:
         texts: what is to be recognised, in small letters.
         folder: with encoder_model.ort, decoder_model_merged.ort and tokenizer.bin.
 
+    Attributes:
+        rarity: (M,) what is taken off for each text's rarity.
+
     Raises:
         CodedError: "no_speech_model" if a file is missing or unusable.
     """
@@ -48,7 +51,7 @@ class SpeechModel:
         rows = [_tokenise(text, tokens) for text in texts]
         self._length = np.array([len(row) for row in rows])
         self._given = np.array([[_START, *row] + [_ENDS[0]] * (max(map(len, rows)) - len(row)) for row in rows], np.int64)
-        self._rarity = _RARITY * self._written(self.hear(np.zeros(16000, np.int16)))
+        self.rarity = _RARITY * self._written(self.hear(np.zeros(16000, np.int16)))
 
     def hear(self, pcm: np.ndarray) -> np.ndarray:
         """What the other methods work on: (N,) int16 at 16 kHz, a tenth of a second at least, to (1, T, 288) float32."""
@@ -58,19 +61,18 @@ class SpeechModel:
 
     def evidence(self, heard: np.ndarray) -> np.ndarray:
         """(M,) for each text the logarithm of how much more probable an utterance makes it."""
-        return self._written(heard) - self._rarity
+        return self._written(heard) - self.rarity
 
-    def rivalry(self, heard: np.ndarray) -> np.ndarray:
-        """(M,) logarithm of how probable each text is compared with what the network would write itself; at most 0."""
+    def rival(self, heard: np.ndarray) -> float:
+        """Logarithm of the probability of what the network would write itself, one token after the other."""
         tokens, logarithm = [_START], 0.0
         while len(tokens) <= _WRITTEN:
             after = self._continued(heard, np.array([tokens]))[0, -1]
             if after.argmax() in _ENDS:
-                logarithm += float(np.log(np.exp(after[_ENDS]).sum()))
-                break
+                return logarithm + float(np.log(np.exp(after[_ENDS]).sum()))
             tokens.append(int(after.argmax()))
             logarithm += float(after.max())
-        return np.minimum(0.0, self._written(heard) - logarithm)
+        return logarithm
 
     def _continued(self, heard: np.ndarray, tokens: np.ndarray) -> np.ndarray:
         """(M, L) tokens to (M, L, tokens there are): logarithms of the probabilities of what follows each of them."""
