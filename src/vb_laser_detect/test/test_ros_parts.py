@@ -127,3 +127,11 @@ def test_a_calibration_sees_spots_as_the_camera_s_detector_does(monkeypatch):
 def test_a_compressed_image_s_format_says_whether_it_is_a_mosaic(kind, shape, encoding):
     message = CompressedImage(format=kind, data=cv2.imencode(".png", np.zeros(shape, np.uint8))[1].tobytes())
     assert compressed_encoding(message, compressed_image_array(message)) == encoding
+
+
+def test_a_camera_info_that_others_of_the_process_get_too_is_left_as_it_came():
+    topic = camera_geometry.InfoTopic("camera_info", Faults())
+    message = cameras.info_from_camera(CameraModel.ideal(640, 480, 500.0), rospy.Time(5), "optical")
+    topic._on_info(message)
+    assert message.header.frame_id == "optical" and message.header.stamp == rospy.Time(5)
+    assert topic.fitting((480, 640)).width == 640

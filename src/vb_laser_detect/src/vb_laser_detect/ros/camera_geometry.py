@@ -39,7 +39,7 @@ class InfoTopic:
     def __init__(self, topic: str, report: DetectorDiagnostics, rectified: bool = False) -> None:
         self._report, self._rectified = report, rectified
         self._lock = threading.Lock()
-        self._message: Optional[CameraInfo] = None
+        self._known: Optional[list] = None  # what the last one said
         self._camera: Optional[CameraModel] = None
         self._reason = f"no camera_info on {topic}"
         rospy.Subscriber(topic, CameraInfo, self._on_info, queue_size=1)
@@ -60,10 +60,11 @@ class InfoTopic:
         return camera
 
     def _on_info(self, message: CameraInfo) -> None:
-        message.header = type(message.header)()  # the time is another one each time
-        if message == self._message:
+        # the time is another one each time; other listeners of this process get the same message, header and all
+        known = [getattr(message, name) for name in message.__slots__ if name != "header"]
+        if known == self._known:
             return
-        self._message = message
+        self._known = known
         camera, reason = None, ""
         try:
             camera = camera_from_info(message, self._rectified)
