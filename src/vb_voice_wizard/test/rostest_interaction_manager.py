@@ -415,7 +415,7 @@ class InteractionManagerTest(unittest.TestCase):
     def test_a_bad_parameter_is_one_line(self):
         # limits and unknown keys are tested where parameters are checked; each node here costs a second
         found = subprocess.run(
-            ["rosrun", "vb_voice_wizard", "interaction_manager", "__name:=bad", "_log_file:=/proc/none/x"],
+            ["rosrun", "vb_voice_wizard", "interaction_manager", "__name:=bad", "_log_file:=/tmp"],
             stdout=subprocess.PIPE, stderr=subprocess.STDOUT, universal_newlines=True, timeout=120,
         )
         self.assertEqual(found.returncode, 1)

@@ -24,14 +24,14 @@ from vb_core.parameters import Parameters, param
 
 from vb_voice_wizard.voice.audio_sources import SAMPLE_RATE
 from vb_voice_wizard.voice.endpointing import Utterance, utterances
-from vb_voice_wizard.interaction import COMMANDS, RESUME
+from vb_voice_wizard.interaction import CANCEL, COMMANDS, RESUME
 from vb_voice_wizard.voice.speech_model import SpeechModel
 
 # what people say for each command
 PHRASES = {command: [command.replace("_", " ")] for command in COMMANDS}
 PHRASES["stop"].append("stop robot")
-# one spoken word never lets robots drive again
-ALWAYS_UNCLEAR = (RESUME,)
+# one spoken word never does what no other word takes back: robots drive again, a drawing is gone
+ALWAYS_UNCLEAR = (RESUME, CANCEL)
 # Evidence with which an utterance is as probably a command as a word that sounds like one: with it as many commands are missed
 # as near misses are taken in the development group (docs/results/voice.md).
 EVEN = -3.7
