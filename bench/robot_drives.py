@@ -395,7 +395,7 @@ def main() -> int:
     parser.add_argument("--seed", type=int, default=2, help="of the goals and of the simulated noise")
     parser.add_argument("--pace", type=float, default=FASTEST, help="simulated seconds per real second, at most")
     parser.add_argument("--real-time", action="store_true", help="time does not wait for anybody; pace 1")
-    parser.add_argument("--repeat", type=int, default=0, help="another time, in a file of its own")
+    parser.add_argument("--repeat", type=int, default=0, help="another time, in another file")
     parser.add_argument("--kinds", nargs="+", default=list(TITLES), choices=list(TITLES), help="of drives")
     parser.add_argument("--drives", type=int, default=1000, help="how many at most")
     parser.add_argument("--seconds", type=float, default=math.inf, help="of wall time, then go on another time")

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from vb_core.errors import CodedError
+from vb_core.files import append_line
 from vb_core.grid_map import GridMap
 from vb_core.map_files import write_map
 from vb_evaluation import metrics
@@ -21,7 +22,7 @@ from vb_map_integration.border import VirtualBorder
 from vb_map_integration.integration import integrate
 from vb_map_integration.storage.recording import Recording as MapRecording
 from vb_voice_wizard.interaction import Interaction
-from vb_voice_wizard.dialogue.persistence import append_line, record_line
+from vb_voice_wizard.dialogue.persistence import record_line
 
 
 def room():
@@ -181,7 +182,7 @@ class Lab:
             machine.finish_save(border.id, self.time)
         else:
             machine.command("cancel", "wizard", self.time)
-        append_line(str(self.folder / "interactions.jsonl"), record_line(machine.take_record(), method, ["green"]))
+        append_line(self.folder / "interactions.jsonl", record_line(machine.take_record(), method, ["green"]))
         self.time += 5.0
         return self
 

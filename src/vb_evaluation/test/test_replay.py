@@ -13,6 +13,7 @@ from tf2_msgs.msg import TFMessage
 from vb_core import geometry
 from vb_core.camera_model import CameraModel
 from vb_core.errors import CodedError
+from vb_core.files import append_line
 from vb_core.grid_map import GridMap
 from vb_core.ros.cameras import info_from_camera
 from vb_core.ros.images import image_message
@@ -27,7 +28,7 @@ from vb_map_integration.integration import integrate
 from vb_map_integration.storage.recording import Recording as MapRecording
 from vb_msgs.msg import InteractionState, LaserSpot
 from vb_voice_wizard.interaction import Interaction
-from vb_voice_wizard.dialogue.persistence import append_line, record_line
+from vb_voice_wizard.dialogue.persistence import record_line
 
 # the messages themselves call it when a bag is written
 pytestmark = pytest.mark.filterwarnings("ignore:tostring")
@@ -77,7 +78,7 @@ def make_recording(folder, rows, saved=True):
         machine.finish_save("b1", end)
     else:
         machine.command("cancel", "wizard", end)
-    append_line(str(folder / "interactions.jsonl"), record_line(machine.take_record(), "nrs", ["green"]))
+    append_line(folder / "interactions.jsonl", record_line(machine.take_record(), "nrs", ["green"]))
     return Recording(folder)
 
 

@@ -7,8 +7,9 @@ import os
 import pytest
 
 from vb_core.errors import CodedError, ParameterError
+from vb_core.files import append_line
 from vb_voice_wizard.interaction import Record
-from vb_voice_wizard.dialogue.persistence import StateFile, append_line, file_path, record_line
+from vb_voice_wizard.dialogue.persistence import StateFile, file_path, record_line
 
 RECORD = Record("i1", "saved", "b7", 10.0, 31.23456, 1.0, 15.0, 5.23456, 21.23456, ("voice", "wizard"))
 
@@ -57,6 +58,13 @@ def test_a_line_goes_into_a_folder_that_is_made_for_it(tmp_path, monkeypatch):
     path = file_path("~log_file", "~/a/b/log.jsonl")
     append_line(path, "{}")
     assert (tmp_path / "a" / "b" / "log.jsonl").read_text() == "{}\n"
+
+
+def test_the_state_is_remembered_in_a_folder_that_is_made_for_it(tmp_path):
+    """Before the first record there may be none, and a stop has to be remembered from the first second on."""
+    state = StateFile(str(tmp_path / "new" / "state.json"), "run")
+    state.write({"stopped": True})
+    assert state.read()["stopped"] is True
 
 
 def test_a_folder_is_no_file(tmp_path):

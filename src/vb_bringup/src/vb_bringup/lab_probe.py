@@ -130,12 +130,13 @@ def probe(seconds: float) -> List[Line]:
     lines += check_nodes([node for node in NEEDED_NODES if node not in graph.nodes])
     lines += check_cameras(cameras)
     lines += check_map(_map(graph, streams))
+    driven = rospy.get_param("/interaction_manager/robot", True)
     for robot in robots:
         # robot:=false: one that merely navigates is asked about its navigation only
-        if rospy.get_param("/interaction_manager/robot", True):
+        if driven:
             lines += check_robot(_robot(robot, streams, transforms))
         move_base = _within(robot, "move_base")
-        if move_base in graph.nodes or rospy.get_param("/interaction_manager/robot", True):
+        if driven or move_base in graph.nodes:
             lines += check_navigation(_navigation(graph, move_base))
     voice = any(node.split("/")[-1] == "voice_commands" for node in graph.nodes)
     lines.append(Line("voice", State.OK, "lab_voice_ok" if voice else "lab_voice_off"))

@@ -1,9 +1,10 @@
-"""Writing files atomically."""
+"""Writing files so that nobody finds half of anything in them."""
 from __future__ import annotations
 
 import os
 import tempfile
 from pathlib import Path
+from typing import Union
 
 from vb_core.errors import CodedError
 
@@ -35,3 +36,17 @@ def write_atomically(path: Path, content: bytes) -> None:
             os.close(folder)
     except OSError as error:
         raise CodedError("cannot_write", what=str(path), reason=error.strerror or str(error)) from None
+
+
+def append_line(path: Union[str, Path], line: str) -> None:
+    """Adds a line to a file in one write, so that two writers never mix theirs; makes its folder.
+
+    Raises:
+        OSError: if it cannot be written.
+    """
+    os.makedirs(os.path.dirname(str(path)), exist_ok=True)
+    descriptor = os.open(str(path), os.O_WRONLY | os.O_APPEND | os.O_CREAT, 0o644)
+    try:
+        os.write(descriptor, (line + "\n").encode("utf-8"))
+    finally:
+        os.close(descriptor)

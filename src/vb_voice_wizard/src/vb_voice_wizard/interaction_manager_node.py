@@ -11,6 +11,7 @@ import rospy
 from std_msgs.msg import Bool, String
 from vb_core import names
 from vb_core.errors import CodedError
+from vb_core.files import append_line
 from vb_core.notices import Notice, Severity
 from vb_core.parameters import param
 from vb_core.ros import node, parameters
@@ -272,7 +273,7 @@ class InteractionManager:
             line = persistence.record_line(record, self._params.method, cameras)
             rospy.loginfo("interaction %s %s after %.1f s", record.interaction_id, record.outcome, record.total_s)
             try:
-                persistence.append_line(self._log_file, line)
+                append_line(self._log_file, line)
             except OSError as error:
                 rospy.logwarn("interaction_manager: cannot write %s: %s", self._log_file, error)
         self._remember()

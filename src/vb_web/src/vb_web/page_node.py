@@ -19,6 +19,7 @@ from vb_msgs.msg import StudyEvent, VirtualBorder, VirtualBorderArray
 
 from vb_core import names
 from vb_core.errors import CodedError, ParameterError
+from vb_core.files import append_line
 from vb_core.geometry import transform_pose2d
 from vb_core.grid_map import GridMap
 from vb_core.notices import Notice, NoticeBook
@@ -87,9 +88,7 @@ class Journal:
         event = {"at": round(time.time(), 1), "code": code, "values": values, "source": source}
         with self._lock:
             try:
-                self._path.parent.mkdir(parents=True, exist_ok=True)
-                with open(str(self._path), "a", encoding="utf-8") as file:
-                    file.write(json.dumps({**event, "ros_time": rospy.get_time(), **more}, ensure_ascii=False) + "\n")
+                append_line(self._path, json.dumps({**event, "ros_time": rospy.get_time(), **more}, ensure_ascii=False))
             except OSError as error:
                 rospy.logerr_throttle(10.0, f"{rospy.get_name()}: the history is not written: {error}")
             self._events.append(event)

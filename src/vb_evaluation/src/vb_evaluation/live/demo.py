@@ -2,7 +2,7 @@
 
     demo --scenario carpet --method nrs
 
-The one idea: the live system runs as it is, under a master of its own, and the demonstration only watches and asks. It
+The one idea: the live system runs as it is, under another ROS master, and the demonstration only watches and asks. It
 starts `simulation.launch` and a simulated participant, tells what happens, and proves the border: move_base's path before and
 after, and a drive. Results are in out/demo.
 """

@@ -12,6 +12,7 @@ from typing import Callable, List, Tuple
 import numpy as np
 import yaml
 
+from vb_core.files import append_line
 from vb_core.map_files import write_map
 from vb_evaluation.kit.conduct import Planned
 from vb_evaluation.kit.recording import LOG, MAPS, SESSION
@@ -22,7 +23,6 @@ from vb_evaluation.study.result import Result, Task
 from vb_map_integration.border import VirtualBorder
 from vb_map_integration.storage.recording import Recording as MapRecording
 from vb_sim.room import floor_plan
-from vb_voice_wizard.dialogue.persistence import append_line
 
 
 def person(study: Study, outcomes: List[bool]) -> Callable[[Planned], Callable[[], None]]:
@@ -55,7 +55,7 @@ def write_recording(result: Result, folder: Path) -> None:
         if record["border_id"] and result.border is not None:
             border = VirtualBorder(result.border.points, result.border.seed, 1.0, result.border.closed, id=record["border_id"])
             maps.record(result.posterior, [border], record["ended"] - 0.05, {})
-        append_line(str(folder / LOG), json.dumps(record))
+        append_line(folder / LOG, json.dumps(record))
     session = {"method": result.task.method, "cameras": cameras, "revision": revision(), "rehearsal": True}
     (folder / SESSION).write_text(yaml.safe_dump(session), encoding="utf-8")
 

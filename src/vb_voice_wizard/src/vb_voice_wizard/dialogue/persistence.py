@@ -40,6 +40,7 @@ class StateFile:
         Raises:
             OSError: if it cannot be written.
         """
+        os.makedirs(os.path.dirname(self._path), exist_ok=True)
         temporary = f"{self._path}.{os.getpid()}.new"
         with open(temporary, "w", encoding="utf-8") as file:
             json.dump({"run_id": self._run_id, **memory}, file)
@@ -79,17 +80,3 @@ def record_line(record: Record, method: str, cameras: Sequence[str]) -> str:
         if isinstance(value, float):
             fields[key] = round(value, 3)
     return json.dumps({**fields, "method": method, "cameras": list(cameras)})
-
-
-def append_line(path: str, line: str) -> None:
-    """Adds a line to a file in one write, so that two writers never mix theirs; makes its folder.
-
-    Raises:
-        OSError: if it cannot be written.
-    """
-    os.makedirs(os.path.dirname(path), exist_ok=True)
-    descriptor = os.open(path, os.O_WRONLY | os.O_APPEND | os.O_CREAT, 0o644)
-    try:
-        os.write(descriptor, (line + "\n").encode("utf-8"))
-    finally:
-        os.close(descriptor)
