@@ -166,7 +166,7 @@ def measured_boards(lab: Lab, rng: np.random.Generator, count: int, care: Care, 
             pixels = true[-1] + rng.normal(0.0, CORNER_PX, true[-1].shape)
         wrong = ends(p1 + rng.normal(0.0, care.board_m, 2), yaw + math.radians(rng.normal(0.0, care.board_deg)))
         placed.append((pixels, corners_on_map(board, corners, *wrong)))
-    return Observations.boards(placed), np.concatenate(true)
+    return Observations.placed(placed), np.concatenate(true)
 
 
 def _choose(
