@@ -4,8 +4,8 @@ Consensus over minimal sets of four points finds what fits together (RANSAC; Fis
 by IPPE (Collins and Bartoli, 2014). Least squares over everything that fits gives the pose, and its covariance says how
 far off a spot on the floor can be. Input that does not determine a pose is refused.
 
-One idea for single points and for boards: what was measured is a placement, of one point or of many, and each may be a little
-off its place in the map. The floor is the map's plane z = 0.
+One idea for single points and for boards: what was measured is a placement, of one point or of many, whose points are off their
+places in the map together. The floor is the map's plane z = 0.
 """
 from __future__ import annotations
 
@@ -292,7 +292,7 @@ def _minimal_sets(observed: Observations) -> List[np.ndarray]:
 
 
 class _Fit:
-    """Least squares for the pose and each placement's true place, weighted by the measurements' accuracy.
+    """Least squares for the pose, weighted by the measurements' accuracy; a placement's points are off together.
 
     Attributes:
         T_map_camera: (4, 4)
@@ -304,34 +304,35 @@ class _Fit:
         from scipy.optimize import least_squares  # programs that only read calibrations do without its 20 MiB
 
         self._camera, self._observed, self._params, self._start = camera, observed, params, start
-        self._groups = [np.flatnonzero(observed.placements == number) for number in np.unique(observed.placements)]
-        self._sigma = np.array([self._sigma_of(group) for group in self._groups])
+        groups = [np.flatnonzero(observed.placements == number) for number in np.unique(observed.placements)]
+        self._placements = [(group, self._whitening(observed.points[group])) for group in groups]
         # points that agree with the pose can still be off: soft_l1 gives those beyond 2 sigma less weight
-        solution = least_squares(self._residuals, np.zeros(6 + self._sigma.size), loss="soft_l1", f_scale=2.0, x_scale="jac")
-        self.T_map_camera = _moved(start, solution.x[:6])
+        solution = least_squares(self._residuals, np.zeros(6), loss="soft_l1", f_scale=2.0, x_scale="jac")
+        self.T_map_camera = _moved(start, solution.x)
         self.chi_square = float(2.0 * solution.cost)
         # measurements worse than stated make the pose less certain; better ones prove nothing
         factor = max(1.0, self.chi_square / (2 * len(observed) - 6))
-        self.covariance = factor * np.linalg.pinv(solution.jac.T @ solution.jac)[:6, :6]
+        self.covariance = factor * np.linalg.pinv(solution.jac.T @ solution.jac)
 
-    def _residuals(self, x: np.ndarray) -> np.ndarray:
-        points = self._observed.points.copy()
-        moves = x[6:].reshape(-1, 3)
-        for group, move in zip(self._groups, moves):
-            centre = points[group].mean(axis=0)
-            c, s = math.cos(move[2]), math.sin(move[2])
-            points[group] = centre + move[:2] + (points[group] - centre) @ np.array([[c, s], [-s, c]])
-        seen = _project(self._camera, _moved(self._start, x[:6]), points)
+    def _residuals(self, delta: np.ndarray) -> np.ndarray:
+        seen = _project(self._camera, _moved(self._start, delta), self._observed.points)
         # a pose that has a point behind it must be worse than any other
-        off = np.where(np.isfinite(seen), seen - self._observed.pixels, 1e4) / _PIXEL_SIGMA
-        return np.concatenate([off.ravel(), (moves / self._sigma).ravel()])
+        off = np.where(np.isfinite(seen), seen - self._observed.pixels, 1e4)
+        return np.concatenate([whitening @ off[group].ravel() for group, whitening in self._placements])
 
-    def _sigma_of(self, group: np.ndarray) -> Tuple[float, float, float]:
-        """[m, m, rad] by which a placement may be off; the turn of a single point means nothing."""
-        if len(group) == 1:
-            return self._params.point_sigma, self._params.point_sigma, 1.0
-        sigma, length = self._params.placement_sigma, np.ptp(self._observed.points[group], axis=0).max()
-        return sigma / math.sqrt(2.0), sigma / math.sqrt(2.0), math.sqrt(2.0) * sigma / max(0.05, float(length))
+    def _whitening(self, points: np.ndarray) -> np.ndarray:
+        """(2 N, 2 N): of a placement's errors in the image [px] it makes independent ones of 1."""
+        from_middle = points - points.mean(axis=0)
+        if len(points) == 1:
+            shift, turn = self._params.point_sigma, 0.0
+        else:
+            shift = self._params.placement_sigma / math.sqrt(2.0)
+            turn = 2.0 * shift / max(0.05, float(np.ptp(points, axis=0).max()))
+        moves = [(shift, 0.0), (0.0, shift), turn * from_middle[:, ::-1] * (-1.0, 1.0)]
+        here = _project(self._camera, self._start, points)
+        moved = [_project(self._camera, self._start, points + move) - here for move in moves]
+        spread = np.nan_to_num(np.stack(moved)).reshape(3, -1)
+        return np.linalg.inv(np.linalg.cholesky(_PIXEL_SIGMA**2 * np.eye(2 * len(points)) + spread.T @ spread))
 
 
 def _refuse_if_ambiguous(camera: CameraModel, observed: Observations, params: CalibrationParams, fit: _Fit) -> None:
