@@ -7,7 +7,7 @@ from scenes import GREEN, RED, Scene, tinted
 from vb_core.errors import CodedError, ParameterError
 from vb_laser_detect.detection.classifier import SpotClassifier, Verdict
 from vb_laser_detect.detector import DetectorParams, SpotDetector
-from vb_laser_detect.detection.floor_scale import metres_per_pixel
+from vb_laser_detect.detection.projection import metres_per_pixel
 
 PERIOD = 0.04
 
@@ -330,9 +330,8 @@ def test_a_place_can_be_refused_and_the_reason_is_kept():
 
 
 def test_metres_per_pixel():
-    assert metres_per_pixel(lambda p: p * 0.004, [(10, 10)]) == pytest.approx([0.004])
-    assert metres_per_pixel(lambda p: p * np.nan, [(10, 10), (20, 20)]) == [None, None]
-    assert metres_per_pixel(lambda p: p * 0.004, []) == []
+    assert metres_per_pixel(lambda p: p * 0.004, 10, 10) == pytest.approx(0.004)
+    assert np.isnan(metres_per_pixel(lambda p: p * np.nan, 10, 10))
 
 
 def test_moving_camera():

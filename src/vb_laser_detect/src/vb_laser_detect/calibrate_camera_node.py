@@ -27,8 +27,7 @@ from vb_laser_detect.calibration.board import BoardParams, BoardView, corners_on
 from vb_laser_detect.calibration.session import HeldSpot, Session, describe, parse_numbers
 from vb_laser_detect.calibration.consistency import Sighting, agreement
 from vb_laser_detect.detector import DetectorParams, SpotDetector
-from vb_laser_detect.detection.image_format import PixelReader
-from vb_laser_detect.detection.pixels import to_grey
+from vb_laser_detect.detection.image_format import PixelReader, to_grey
 from vb_laser_detect.ros.camera_geometry import beside, decoded, is_rectified
 from vb_msgs.msg import DetectorStatus, LaserSpot
 

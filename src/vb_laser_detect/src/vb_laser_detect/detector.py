@@ -25,7 +25,7 @@ from vb_core.errors import CodedError, ParameterError
 from vb_laser_detect.detection import classifier, features
 from vb_laser_detect.detection.blocks import BLOCK
 from vb_laser_detect.detection.features import Blob, Camera
-from vb_laser_detect.detection.floor_scale import ToFloor, metres_per_pixel
+from vb_laser_detect.detection.projection import ToFloor, metres_per_pixel
 from vb_laser_detect.detection.image_format import BAYER
 from vb_laser_detect.detection.proposals import Proposal, Proposer, View
 from vb_laser_detect.detection.tracking import BackfilledSpot, Sighting, Spot, SpotTracker
@@ -38,9 +38,6 @@ _LONGEST = 2.0  # times its diameter: a fast one is elongated
 _WIDEST = 0.09  # of the image's diagonal, where no pose is known
 _LEAST_PX = 2.5  # smaller blobs are noise
 _CERTAIN = 0.9  # probability from which a spot that stays is kept out of the background: less, and it may be a ghost
-# part of a spot's surroundings that lost light. A laser adds light and takes none: what darkens this much is
-# an object, for instance a person's shirt; a hand or a foot beside the spot darkens less
-_MAX_DARKER = 0.25
 
 
 class SpotDetector:
@@ -131,11 +128,8 @@ class SpotDetector:
         """Measures and judges a view's proposals; notes those that were not examined in `candidates`."""
         seen: List[Sighting] = []
         proposals, left_out = [one for one in view.proposals if not one.refusal], [one for one in view.proposals if one.refusal]
-        metres: List[Optional[float]] = [None] * len(proposals)
-        if self._to_floor is not None:
-            metres = metres_per_pixel(self._to_floor, [one.middle for one in proposals])
-        for number, (proposal, metre) in enumerate(zip(proposals, metres)):
-            sighting, one = self._examine(proposal, metre, view, camera), proposal.expected
+        for number, proposal in enumerate(proposals):
+            sighting, one = self._examine(proposal, view, camera), proposal.expected
             spot = sighting.spot
             # two regions can lead to the same blob
             if not any(math.hypot(spot.u - other.spot.u, spot.v - other.spot.v) < 2.0
@@ -149,29 +143,25 @@ class SpotDetector:
         self.candidates = [Spot(*one.middle, float(one.region[2] - one.region[0]), refusal=one.refusal) for one in left_out]
         return seen
 
-    def _examine(self, proposal: Proposal, metre: Optional[float], view: View, camera: Camera) -> Sighting:
-        """Measures and judges one proposal; where a spot must be, also as what a brighter area left of it."""
-        one, largest = proposal.expected, _LONGEST * self._sizes(metre, camera)[1]
+    def _examine(self, proposal: Proposal, view: View, camera: Camera) -> Sighting:
+        """Measures and judges one proposal; where a spot must be, also what a brighter area left of it: its core."""
+        one, largest = proposal.expected, _LONGEST * self._sizes(self._metre(*proposal.middle), camera)[1]
         blob = features.measure(view.image, view.reference, proposal.region, largest, camera)
-        sighting = self._judge(blob, metre, view, camera, False)
-        for edge in (features.EDGE, *features.CORES) if one is not None and one.trusted and sighting.spot.refusal else ():
-            if edge != features.EDGE:
-                blob = features.measure(view.image, view.reference, proposal.part, largest, camera, edge)
-            if one.holds(blob.u, blob.v):
-                again = self._judge(blob, metre, view, camera, True)
-                if not again.spot.refusal:
-                    return again
+        sighting = self._judge(blob, view, camera, False)
+        if sighting.spot.refusal and one is not None and one.trusted:
+            core = features.measure(view.image, view.reference, one.part_of(proposal.region), largest, camera, features.CORE)
+            again = self._judge(core, view, camera, True)
+            if not again.spot.refusal and one.holds(core.u, core.v):
+                return again
         return sighting
 
-    def _judge(self, blob: Blob, metre: Optional[float], view: View, camera: Camera, expected: bool) -> Sighting:
-        refusal, probability = blob.problem or self._wrong_size(blob, metre, camera), 0.0
+    def _judge(self, blob: Blob, view: View, camera: Camera, expected: bool) -> Sighting:
+        refusal, probability = blob.problem or self._wrong_size(blob, camera), 0.0
         if not refusal:
             numbers = {**blob.numbers, "busy": view.busy(blob.u, blob.v, blob.diameter)}
             probability, against = self._classifier.judge(blob, numbers, expected)
             if probability < max(self.params.min_probability, _CERTAIN if expected else 0.0):
                 refusal = against
-            elif not expected and numbers["darker"] > _MAX_DARKER:
-                refusal = "darker"
             elif self._place_check is not None:
                 refusal = self._place_check(blob.u, blob.v)
         return Sighting(Spot(blob.u, blob.v, blob.diameter, probability, refusal=refusal), not expected, blob.tint)
@@ -200,19 +190,21 @@ class SpotDetector:
                 kept.append(spot)
         return told, kept
 
-    def _sizes(self, metre: Optional[float], camera: Camera) -> Tuple[float, float]:
-        """The least and the largest diameter [px] of a spot where a pixel is this long on the floor [m], or where is unknown."""
-        if not metre:
+    def _metre(self, u: float, v: float) -> float:
+        """[m] a pixel's length on the floor; NaN where that is not known."""
+        return metres_per_pixel(self._to_floor, u, v) if self._to_floor is not None else math.nan
+
+    def _sizes(self, metre: float, camera: Camera) -> Tuple[float, float]:
+        """The least and the largest diameter [px] of a spot where a pixel is this long on the floor [m]."""
+        if math.isnan(metre):
             return _LEAST_PX, _WIDEST * camera.diagonal
         least, largest = (0.001 / metre * size for size in (self.params.min_diameter_mm, self.params.max_diameter_mm))
         return max(_LEAST_PX, least), largest + _SMEAR_PX
 
-    def _wrong_size(self, blob: Blob, metre: Optional[float], camera: Camera) -> str:
-        if self._to_floor is not None and not metre:
-            # a person's region may have its middle above the horizon, and the spot on the floor
-            metre = metres_per_pixel(self._to_floor, [(blob.u, blob.v)])[0]
-            if metre is None:
-                return "off_floor"
+    def _wrong_size(self, blob: Blob, camera: Camera) -> str:
+        metre = self._metre(blob.u, blob.v)
+        if self._to_floor is not None and math.isnan(metre):
+            return "off_floor"
         least, largest = self._sizes(metre, camera)
         return "too_small" if blob.diameter < least else "too_large" if blob.diameter > largest else ""
 

@@ -16,6 +16,7 @@ import cv2
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
+from vb_laser_detect.detection.blocks import Region
 from vb_laser_detect.detector_params import DetectorParams
 from vb_laser_detect.detection.features import Camera, chroma
 
@@ -100,6 +101,12 @@ class Expected(NamedTuple):
     def holds(self, u: float, v: float) -> bool:
         """Whether a place [px] is within reach."""
         return math.hypot(u - self.u, v - self.v) <= self.reach
+
+    def part_of(self, region: Region) -> Optional[Region]:
+        """What is within reach of a region; None if nothing is."""
+        left, top = max(region[0], int(self.u - self.reach)), max(region[1], int(self.v - self.reach))
+        right, bottom = min(region[2], int(self.u + self.reach) + 1), min(region[3], int(self.v + self.reach) + 1)
+        return (left, top, right, bottom) if left < right and top < bottom else None
 
 
 @dataclass(eq=False)
