@@ -9,7 +9,6 @@ import diagnostic_updater
 import numpy as np
 import rospy
 from diagnostic_msgs.msg import DiagnosticStatus
-from std_msgs.msg import Header
 
 from vb_core import names
 from vb_core.errors import CodedError
@@ -123,7 +122,7 @@ class DetectorDiagnostics:
     def _publish(self, _event: Any) -> None:
         now = rospy.Time.now()
         self._status = DetectorStatus(
-            Header(stamp=now), camera=self._camera, mobile=self._mobile, frame_id=self._frame_id, received=self._mailbox.received,
+            rospy.Header(stamp=now), camera=self._camera, mobile=self._mobile, frame_id=self._frame_id, received=self._mailbox.received,
             dropped=self._mailbox.dropped, **self._statistics.summary(now.to_sec()))
         self._publisher.publish(self._status)
         self._updater.force_update()
