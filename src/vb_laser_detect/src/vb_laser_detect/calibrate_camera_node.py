@@ -23,7 +23,8 @@ from vb_core.errors import CodedError
 from vb_core.ros.cameras import camera_from_info
 from vb_laser_detect.calibration import file as calibration_file
 from vb_laser_detect.calibration.pose import CalibrationParams
-from vb_laser_detect.calibration.board import BoardParams, BoardView, corners_on_map, find_board, merge_views, write_board
+from vb_laser_detect.calibration.board import (
+    BoardParams, BoardView, corners_on_map, find_board, merge_views, write_board)
 from vb_laser_detect.calibration.session import HeldSpot, Session, describe, parse_numbers
 from vb_laser_detect.calibration.consistency import Sighting, agreement
 from vb_laser_detect.detector import DetectorParams, SpotDetector
@@ -90,8 +91,8 @@ class CameraInput:
             raise CodedError("no_camera", topics=self._topic)
         height, width = self._shape[:2]
         if (camera.width, camera.height) != (width, height):
-            raise CodedError(
-                "bad_camera_info", f"camera_info is for {camera.width} x {camera.height} px, the images have {width} x {height} px")
+            info = f"camera_info is for {camera.width} x {camera.height} px"
+            raise CodedError("bad_camera_info", f"{info}, the images have {width} x {height} px")
         return camera
 
 

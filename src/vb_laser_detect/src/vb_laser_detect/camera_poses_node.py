@@ -61,7 +61,8 @@ class CameraPosesNode:
                 pose = calibration_file.load(path)
                 frames = {name: other.child_frame_id for name, other in self._transforms.items()}
                 # a shared one can be right for neither
-                self._transforms = {name: other for name, other in self._transforms.items() if frames[name] != pose.frame or name == camera}
+                self._transforms = {name: other for name, other in self._transforms.items()
+                                    if frames[name] != pose.frame or name == camera}
                 calibration_file.require_own_frame(camera, pose.frame, frames)
             except CodedError as error:
                 rospy.logwarn("%s: %s", rospy.get_name(), error)

@@ -131,7 +131,8 @@ class SpotDetector:
         for number, proposal in enumerate(proposals):
             spot, one = self._examine(proposal, view, camera), proposal.expected
             # two regions can lead to the same blob
-            if not any(math.hypot(spot.u - other.u, spot.v - other.v) < 2.0 and bool(other.refusal) == bool(spot.refusal) for other in seen):
+            if not any(math.hypot(spot.u - other.u, spot.v - other.v) < 2.0
+                       and bool(other.refusal) == bool(spot.refusal) for other in seen):
                 seen.append(spot)
             if (self.params.max_spots == 1 and one is not None and one.published and spot.certain
                     and not spot.refusal and one.holds(spot.u, spot.v)):

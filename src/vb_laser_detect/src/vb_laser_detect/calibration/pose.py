@@ -4,8 +4,8 @@ Consensus over minimal sets of four points finds what fits together (RANSAC; Fis
 by IPPE (Collins and Bartoli, 2014). Least squares over everything that fits gives the pose, and its covariance says how
 far off a spot on the floor can be. Input that does not determine a pose is refused.
 
-One idea for single points and for boards: what was measured is a placement, of one point or of many, whose points are off their
-places in the map together. The floor is the map's plane z = 0.
+One idea for single points and for boards: what was measured is a placement, of one point or of many, whose points are
+off their places in the map together. The floor is the map's plane z = 0.
 """
 from __future__ import annotations
 
@@ -178,7 +178,8 @@ def check_points(camera: CameraModel, observed: Observations) -> None:
     near_px = _SAME_PLACE * math.hypot(camera.width, camera.height)
     different = min(_different(observed.points, _SAME_PLACE_M), _different(observed.pixels, near_px))
     if different < LEAST_POINTS:
-        raise CodedError("too_few_points", f"{different} different points of {len(observed)}; at least {LEAST_POINTS} are needed, 6 are good")
+        found = f"{different} different points of {len(observed)}"
+        raise CodedError("too_few_points", f"{found}; at least {LEAST_POINTS} are needed, 6 are good")
     for values in (observed.points, observed.pixels):
         along, across = np.linalg.svd(values - values.mean(axis=0), compute_uv=False)
         if across < 0.1 * along:
@@ -212,8 +213,9 @@ def floor_uncertainty(camera: CameraModel, T_map_camera: np.ndarray, covariance:
     """
     columns, rows = (np.array([0.05, 0.5, 0.95]) * (size - 1) for size in (camera.width, camera.height))
     pixels, step = np.array([(u, v) for v in rows for u in columns]), 1e-5
-    moved = [[floor_points(camera, _moved(T_map_camera, sign * step * axis), pixels)[:, :2] for sign in (1, -1)] for axis in np.eye(6)]
-    derivative = np.stack([(more - less) / (2 * step) for more, less in moved], axis=2)
+    axes = step * np.vstack([np.eye(6), -np.eye(6)])
+    moved = [floor_points(camera, _moved(T_map_camera, axis), pixels)[:, :2] for axis in axes]
+    derivative = (np.stack(moved[:6], axis=2) - np.stack(moved[6:], axis=2)) / (2 * step)
     seen = np.isfinite(derivative).all(axis=(1, 2))
     if not seen.any():
         return math.inf, math.inf
@@ -229,7 +231,8 @@ def _moved(T_map_camera: np.ndarray, delta: np.ndarray) -> np.ndarray:
 
 
 def _project(camera: CameraModel, T_map_camera: np.ndarray, points: np.ndarray) -> np.ndarray:
-    return camera.project(geometry.apply(geometry.invert(T_map_camera), np.column_stack([points, np.zeros(len(points))])))
+    on_floor = np.column_stack([points, np.zeros(len(points))])
+    return camera.project(geometry.apply(geometry.invert(T_map_camera), on_floor))
 
 
 def _planar_poses(rays: np.ndarray, points: np.ndarray, polish: bool = False) -> List[np.ndarray]:
@@ -300,7 +303,9 @@ class _Fit:
         chi_square: of the measurements, robust.
     """
 
-    def __init__(self, camera: CameraModel, observed: Observations, params: CalibrationParams, start: np.ndarray) -> None:
+    def __init__(
+        self, camera: CameraModel, observed: Observations, params: CalibrationParams, start: np.ndarray
+    ) -> None:
         from scipy.optimize import least_squares  # programs that only read calibrations do without its 20 MiB
 
         self._camera, self._observed, self._params, self._start = camera, observed, params, start
