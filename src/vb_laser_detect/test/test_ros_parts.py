@@ -17,6 +17,7 @@ from vb_core.ros import cameras
 from vb_core.ros.images import compressed_encoding, compressed_image_array
 from vb_laser_detect import calibrate_camera_node, clock_check_node
 from vb_laser_detect.calibration.clock_offset import ClockOffset
+from vb_laser_detect.detection.detector_counts import DetectorCounts
 from vb_laser_detect.detector_params import DetectorParams
 from vb_laser_detect.ros import camera_geometry
 from vb_laser_detect.ros.camera_geometry import is_rectified
@@ -98,6 +99,13 @@ def test_ceiling_cameras_that_share_a_frame_are_named():
     assert error.code == "shared_frame" and "green, red" in str(error) and "robot" not in str(error)
     assert report_of(False).shared_frame("red_optical_frame") is None
     assert report_of(True).shared_frame("head_camera") is None
+
+
+def test_counts_are_the_status_s_fields():
+    counts = DetectorCounts()
+    counts.frame(10.0, 9.98, 0.002, 1)
+    status = DetectorStatus(camera="red", **counts.summary(10.5))
+    assert (status.processed, status.spots, status.refusals) == (1, 1, []) and status.rate_hz > 0.0
 
 
 def test_a_clock_that_was_right_says_nothing_once_its_computer_is_silent():

@@ -122,8 +122,8 @@ class DetectorDiagnostics:
     def _publish(self, _event: Any) -> None:
         now = rospy.Time.now()
         self._status = DetectorStatus(
-            rospy.Header(stamp=now), camera=self._camera, mobile=self._mobile, frame_id=self._frame_id, received=self._mailbox.received,
-            dropped=self._mailbox.dropped, **self._statistics.summary(now.to_sec()))
+            header=rospy.Header(stamp=now), camera=self._camera, mobile=self._mobile, frame_id=self._frame_id,
+            received=self._mailbox.received, dropped=self._mailbox.dropped, **self._statistics.summary(now.to_sec()))
         self._publisher.publish(self._status)
         self._updater.force_update()
 
