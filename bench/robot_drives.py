@@ -165,7 +165,7 @@ class Lab:
         self.runner = GoalRunner()
         if not wait_until(lambda: self.observer.posterior is not None and self.observer.lab is not None, 60.0):
             raise CodedError("not_ready", f"no maps, see {folder}")
-        self._truth, self._errors, self._late = deque(maxlen=500), [], 0
+        self._truth, self._errors, self._late = deque(maxlen=500), [], 0  # errors: with twice their standard deviation [m]
         self._subscribers = [rospy.Subscriber(names.LAB_STATE, LabState, self._on_lab),
                              rospy.Subscriber("/amcl_pose", PoseWithCovarianceStamped, self._on_amcl),
                              rospy.Subscriber(names.DRIVERS, DriverState, self._on_driver)]
@@ -178,7 +178,8 @@ class Lab:
         stamp, place = message.header.stamp.to_sec(), message.pose.pose.position
         truth = min(list(self._truth), key=lambda entry: abs(entry[0] - stamp), default=None)
         if truth is not None and abs(truth[0] - stamp) < 0.05:
-            self._errors.append(math.dist((place.x, place.y), truth[1:]))
+            spread = np.linalg.eigvalsh(np.reshape(message.pose.covariance, (6, 6))[:2, :2])[-1]
+            self._errors.append((math.dist((place.x, place.y), truth[1:]), 2.0 * math.sqrt(max(spread, 0.0))))
 
     def _on_driver(self, message) -> None:
         self._late += message.code.endswith("_lost") or message.code == "clock_stands"
@@ -191,7 +192,8 @@ class Lab:
         return driven, {
             "goal": goal, "outcome": driven.outcome, "text": driven.text, "length_m": round(driven.length, 2),
             "seconds": round(driven.seconds, 1), "wall_s": round(time.monotonic() - began, 1),
-            "localised_m": round(max(self._errors, default=math.nan), 3), "missed": self.pace.missed(), "late": self._late,
+            "localised_m": round(max((error for error, _ in self._errors), default=math.nan), 3),
+            "errors": np.round(self._errors, 3).tolist(), "missed": self.pace.missed(), "late": self._late,
             "path": np.round(driven.path[::5], 3).tolist()}
 
     def pose(self):
@@ -416,7 +418,7 @@ def main() -> int:
         def keep(run) -> None:
             runs.append({"robot": arguments.robot, "revision": revision(), "seed": arguments.seed, **how, **run})
             out.write_text(json.dumps(runs, indent=1) + "\n")
-            print({key: value for key, value in run.items() if key != "path"}, flush=True)
+            print({key: value for key, value in run.items() if key not in ("path", "errors")}, flush=True)
             if time.monotonic() > until:
                 raise TimeoutError
 
