@@ -21,11 +21,13 @@ from vb_robot.dispatching.viewpoint import Pose
 from vb_robot.driving.safety import HORIZON, arc
 
 HARD = 99  # [%] from this occupancy on a cell is never entered
-# [m] what AMCL was off when its particles lay close together, and what counts where no covariance is published
-LEAST_DOUBT = 0.05
+# How far off the localisation may be. AMCL tells how far its particles are spread, and its pose, which is their mean, is off
+# by less: by up to SHARE of their standard deviation at 95 of 100 updates, by up to LEAST_DOUBT at 99.
+SHARE = 0.75
+LEAST_DOUBT = 0.05  # [m] also where no covariance is published
 MOST_DOUBT = 0.10  # [m] places to look from are that far from borders; goals farther in would all be refused
 DOUBT_STEP = 0.025  # [m] a cell of most maps: with each step navigation gets another map
-UPDATES = 20  # of the localisation, some 2 m of driving: for that long its largest doubt counts
+UPDATES = 5  # of the localisation, half a metre of driving: for that long its largest doubt counts
 
 
 @dataclass(frozen=True)
@@ -53,7 +55,7 @@ class BorderContact(enum.Enum):
 
 
 class Doubt:
-    """How far off the localisation may be: twice its own standard deviation, in the worst direction.
+    """How far off the localisation may be, by its own covariance, in the worst direction.
 
     Attributes:
         metres: [m] in steps, so that it seldom changes. It rises at once and falls slowly.
@@ -66,10 +68,9 @@ class Doubt:
     def add(self, covariance: np.ndarray) -> bool:
         """Takes the covariance (2, 2) [m^2] of x and y of one update; returns whether the doubt has changed."""
         worst = float(np.linalg.eigvalsh(covariance)[-1]) if np.isfinite(covariance).all() else math.inf
-        self._last.append(2.0 * math.sqrt(max(worst, 0.0)))
+        self._last.append(SHARE * math.sqrt(max(worst, 0.0)))
         before = self.metres
-        steps = math.ceil(min(max(*self._last, LEAST_DOUBT), MOST_DOUBT) / DOUBT_STEP - 1e-6)
-        self.metres = steps * DOUBT_STEP
+        self.metres = DOUBT_STEP * math.floor(min(max(*self._last, LEAST_DOUBT), MOST_DOUBT) / DOUBT_STEP + 1e-6)
         return self.metres != before
 
 
