@@ -319,12 +319,13 @@ def table(every) -> str:
         "each belongs to other code, see the revisions. ros-planning/navigation at 9ad6441 with AMCL, "
         "parameters of `vb_bringup/config/navigation` and the robot's profile, through `robot_driver`; simulated lab, "
         "truth judged. As wanted: reached; into a border: refused; before the nose: not entered. *Entered*: the footprint "
-        "more than one and a half cells inside of what a border restricts. *Pace*: simulated seconds per real second, in "
+        "more than one and a half cells inside of what a border restricts; *deepest*: by how much, negative: by how much it "
+        "was missed. Seeds up to 5: before robots kept off borders by what the localisation may be off. *Pace*: simulated seconds per real second, in "
         "the mean. *Missed*: control or costmap cycles that move_base reported as late, per simulated minute. "
         "*Late*: reports of the driver that an input was too old.", "",
-        "| seed | revisions | robot | drives | scenario | done | as wanted | 95 % interval of that | entered | "
+        "| seed | revisions | robot | drives | scenario | done | as wanted | 95 % interval of that | entered | deepest | "
         "localisation off, at most | median time | longest | pace | missed | late |",
-        "|---|---|---|---|---|---|---|---|---|---|---|---|---|---|---|"]
+        "|---|---|---|---|---|---|---|---|---|---|---|---|---|---|---|---|"]
     for key in sorted({(run["seed"], run["robot"], run["kind"], run["scenario"]) for run in runs}):
         seed, robot, kind, scenario = key
         group = [run for run in runs if (run["seed"], run["robot"], run["kind"], run["scenario"]) == key]
@@ -336,7 +337,7 @@ def table(every) -> str:
         revisions = ", ".join(sorted({run["revision"] for run in group}))
         lines.append(f"| {seed} | {revisions} | {robot} | {TITLES[kind]} | {scenario or '-'} | {len(counted)} | {good} | "
                      f"{_interval(good, len(counted))} | {entered} | "
-                     f"{off:.2f} m | {np.median(seconds):.0f} s | {max(seconds):.0f} s | "
+                     f"{1000 * max(run['entered_m'] for run in counted):.0f} mm | {off:.2f} m | {np.median(seconds):.0f} s | {max(seconds):.0f} s | "
                      f"{sum(seconds) / max(sum(run['wall_s'] for run in counted), 1e-9):.2f} | "
                      f"{sum(run['missed'] for run in counted) / max(sum(seconds) / 60.0, 1e-9):.2f} | "
                      f"{sum(run['late'] for run in counted)} |")
