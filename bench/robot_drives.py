@@ -57,6 +57,7 @@ from vb_map_integration.integration import integrate
 from vb_msgs.msg import DriverState, LabState, VirtualBorder
 from vb_msgs.srv import AddBorder, AddBorderRequest, RemoveBorder, RemoveBorderRequest
 from vb_robot.clearance_map import STAND_MARGIN, ClearanceMap, sample
+from vb_robot.driving.workspace import Doubt
 from vb_robot.navigation_parameters import PATH_MARGIN
 from vb_sim.room.floor_plan import physical_map
 from vb_sim.room.world import load_world
@@ -350,7 +351,28 @@ def table(every) -> str:
     if noses:
         lines += ["", "Before the nose: " + ", ".join(
             f"{sum(run['outcome'] == outcome for run in noses)} {outcome}" for outcome in WANTED["nose"]) + "."]
-    return "\n".join(lines + comparison(every)) + "\n"
+    return "\n".join(lines + localisation(runs) + comparison(every)) + "\n"
+
+
+def localisation(runs):
+    """Lines: how far off AMCL was, how far its particles were spread, and how often what robots keep off was enough."""
+    runs = [run for run in runs if run.get("errors")]
+    if not runs:
+        return []
+    enough = []
+    for run in runs:
+        doubt = Doubt()
+        for error, spread in run["errors"]:
+            doubt.add(np.eye(2) * (0.5 * spread) ** 2)
+            enough.append(error <= doubt.metres)
+    errors, spreads = np.vstack([run["errors"] for run in runs]).T
+    share = proportion(sum(enough), len(enough))
+    return ["", "## The localisation", "",
+            f"{len(enough)} updates of AMCL in {len(runs)} drives of the seeds {sorted({run['seed'] for run in runs})}. Its pose was off by "
+            f"{np.median(errors):.3f} m in the median, {np.quantile(errors, 0.95):.3f} m at 95 %, {errors.max():.3f} m at most; the "
+            f"standard deviation of its particles was {np.median(spreads) / 2:.3f} m in the median. What robots keep off borders "
+            f"was enough in {100 * sum(enough) / len(enough):.1f} % (95 % interval {100 * share.low:.1f} to {100 * share.high:.1f} %, as if "
+            "updates were independent)."]
 
 
 def comparison(runs):

@@ -22,8 +22,9 @@ from vb_robot.driving.safety import HORIZON, arc
 
 HARD = 99  # [%] from this occupancy on a cell is never entered
 # How far off the localisation may be. AMCL tells how far its particles are spread, and its pose, which is their mean, is off
-# by less: by up to SHARE of their standard deviation at 95 of 100 updates, by up to LEAST_DOUBT at 99.
-SHARE = 0.75
+# by much less: with these values by less than what robots keep at 94 of 100 updates (docs/results/robots_navigation.md). For
+# the rest there is what navigation itself keeps.
+SHARE = 0.75  # of the particles' standard deviation
 LEAST_DOUBT = 0.05  # [m] also where no covariance is published
 MOST_DOUBT = 0.10  # [m] places to look from are that far from borders; goals farther in would all be refused
 DOUBT_STEP = 0.025  # [m] a cell of most maps: with each step navigation gets another map
