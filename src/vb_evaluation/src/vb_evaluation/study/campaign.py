@@ -48,8 +48,7 @@ CAVEATS = (
     "Too kind in spot cleaning: the paper's people had a heap of paper snippets before them and no line, these see marks on the floor. "
     "The paper's .878 and .906 are 8 to 12 cm all along the line; here people err by 2 cm.",
     "Marks on the floor, the map, cameras' calibration and localisation are wrong by assumed amounts.",
-    "Ceiling cameras and robot send only images in which the true spot can be, and some others (the section on every image "
-    "searched says what that changes).",
+    "Ceiling cameras and robot send only images in which the true spot can be, and some others.",
     "The live system's own nodes run, with the launch file's parameters; what a processor and a network need is given as fixed "
     "delays of commands, spots, saving and extraction, and is otherwise zero.",
     "The lab is one room, rebuilt from the paper's description; what the description leaves open is assumed and not varied.",
