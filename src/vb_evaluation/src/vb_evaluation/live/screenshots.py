@@ -133,6 +133,7 @@ def _play(lab: "Lab", seen: Observer, shoot: Callable[[str], None]) -> None:
     lab.point(drawn.seed + np.linspace((-0.04, 0.02), (0.0, 0.0), 60), cameras[:2])
     shoot("seed")
     lab.show(inside)
+    lab.point(drawn.seed + np.linspace((0.1, 0.1), (0.12, 0.1), 60), cameras[:2])
     shoot("seed_mind")
     lab.rest()
     lab.show(start)
@@ -140,7 +141,7 @@ def _play(lab: "Lab", seen: Observer, shoot: Callable[[str], None]) -> None:
     _until(lambda: len(seen.borders) == len(stored) + 1, "the new border")
     shoot("saved")
     # the robot's driver says this; here is no robot that could drive
-    lab.show(inside, Notice("robot_inside_border", Severity.WARNING, values={"robot": "", "border": seen.borders[-1].name}))
+    lab.show(inside, Notice("robot_inside_border", Severity.WARNING, values={"who": "the robot", "border": seen.borders[-1].name}))
     shoot("robot_in_border")
     along = geometry.resample_chain(np.array([start[:2], drawn.guide[0] if len(drawn.guide) else drawn.stand]), STEP)
     _say(seen, "guide_robot", "guide")
