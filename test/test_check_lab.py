@@ -76,6 +76,7 @@ def test_each_mistake_with_a_robot_is_named(seen, code):
 
 @pytest.mark.parametrize("changes, code", [
     (dict(shape=None), "lab_map_missing"),
+    (dict(shape=None, file="room.yaml"), "lab_map_not_served"),
     (dict(publishers=["/a", "/b"]), "lab_map_many_publishers"),
     (dict(with_borders=False), "lab_map_without_borders"),
     (dict(needs_confirmation=True), "lab_borders_need_confirmation"),

@@ -88,7 +88,9 @@ class InteractionManagerTest(unittest.TestCase):
         # elapsed times grow without anybody saying anything
         self.state.wait(lambda message: message.border_s > drawing.border_s, "time that runs")
         refused = self.command("save")
-        self.assertEqual((refused.success, refused.code), (False, "missing_seed"))
+        self.assertEqual((refused.success, refused.code), (False, "missing_spots"))
+        self.progress.publish(interaction_id=drawing.interaction_id, border_spots=5)
+        wait_until(lambda: self.command("save").code == "missing_seed", "the spots in the answer")
         self.assertTrue(self.command("define_seed").success)
         before = len(self.stub.added)
         saved = self.command("save", "wizard")

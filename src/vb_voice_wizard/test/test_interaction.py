@@ -24,6 +24,7 @@ from vb_voice_wizard.interaction import (
     SAVE,
     STOP,
     UNDO,
+    UNSEEN_AFTER,
     Answer,
     Interaction,
     InteractionParams,
@@ -44,6 +45,8 @@ def after(*commands: str) -> Interaction:
     interaction = machine()
     for second, command in enumerate(commands):
         assert interaction.command(command, "test", float(second)).success
+    # commands are about what was said; that spots were seen has tests of its own
+    interaction.count_spots(3, 2, 1, float(len(commands)))
     return interaction
 
 
@@ -335,7 +338,7 @@ def test_an_abandoned_interaction_ends_after_a_warning():
     interaction.command(DEFINE_BORDER, "a", 1000.0)
     assert not interaction.end_if_idle(1079.0) and interaction.ends == 0.0
     assert not interaction.end_if_idle(1080.0) and interaction.ends == 1100.0
-    interaction.touch(1090.0)
+    interaction.count_spots(1, 0, 0, 1090.0)
     assert not interaction.end_if_idle(1100.0) and interaction.ends == 0.0
     # over a restart of the node too: tomorrow's spots must not join today's border
     interaction = Interaction.from_mapping(interaction.to_mapping(), InteractionParams(idle_limit=100.0, idle_warning=20.0))
@@ -370,3 +373,29 @@ def test_without_a_robot_nobody_is_offered_to_guide_one():
         assert "guide_robot" not in interaction.suggested_commands()
     answer = Interaction(InteractionParams(robot=False)).command("guide robot", "test", 1.0)
     assert (answer.success, answer.code) == (False, "no_robot_to_guide")
+
+
+def test_a_person_whose_laser_nobody_sees_is_told_so_and_not_that_the_seed_is_missing():
+    interaction = machine()
+    interaction.command(DEFINE_BORDER, "test", 100.0)
+    interaction.advance(100.0 + UNSEEN_AFTER - 0.1)
+    assert not interaction.unseen
+    interaction.advance(100.0 + UNSEEN_AFTER)
+    assert interaction.unseen
+    assert interaction.command(SAVE, "test", 115.0).code == "missing_spots"
+
+    interaction.count_spots(7, 0, 0, 116.0)
+    assert not interaction.unseen
+    assert interaction.command(SAVE, "test", 117.0).code == "missing_seed"
+
+    # spots of the border are none of the seed
+    interaction.command(DEFINE_SEED, "test", 120.0)
+    interaction.advance(120.0 + UNSEEN_AFTER)
+    assert interaction.unseen
+    # in Guide nothing is drawn, and the next interaction begins without spots
+    interaction.command(GUIDE_ROBOT, "test", 140.0)
+    interaction.advance(200.0)
+    assert not interaction.unseen
+    interaction.command(CANCEL, "test", 201.0)
+    interaction.command(DEFINE_BORDER, "test", 202.0)
+    assert interaction.command(SAVE, "test", 203.0).code == "missing_spots"

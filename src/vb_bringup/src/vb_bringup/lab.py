@@ -221,6 +221,7 @@ class MapSeen:
         shape: (rows, columns) of /map; None: no map arrived.
         publishers: nodes that publish /map; with_borders: whether /virtual_borders/map has the same geometry.
         borders, acting: how many are switched on, and how many of these are in force; disabled: how many are switched off.
+        file: what the lab was given as its map; "" if nothing.
     """
 
     shape: Optional[Tuple[int, int]] = None
@@ -231,12 +232,13 @@ class MapSeen:
     acting: int = 0
     disabled: int = 0
     needs_confirmation: bool = False
+    file: str = ""
 
 
 def check_map(seen: MapSeen) -> List[Line]:
     """Whether there is one physical map, and whose borders are in it."""
     if seen.shape is None:
-        return [Line("map", State.ERROR, "lab_map_missing")]
+        return [Line("map", State.ERROR, "lab_map_not_served" if seen.file else "lab_map_missing", {"file": seen.file})]
     lines = []
     if len(seen.publishers) > 1:
         lines.append(Line("map", State.ERROR, "lab_map_many_publishers", {"nodes": ", ".join(seen.publishers)}))

@@ -336,7 +336,7 @@ def _map(graph: Graph, streams: Mapping[str, Stream]) -> MapSeen:
     borders = streams[names.BORDERS].message()
     publishers = graph.publishers.get(names.PHYSICAL_MAP, [])
     if physical is None:
-        return MapSeen(publishers=publishers)
+        return MapSeen(file=str(rospy.get_param("/map_server/map_yaml", "")), publishers=publishers)
     found = [] if borders is None else borders.borders
     return MapSeen(
         shape=(physical.info.height, physical.info.width), resolution=physical.info.resolution, publishers=publishers,

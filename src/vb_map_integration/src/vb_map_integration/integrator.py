@@ -136,6 +136,9 @@ class MapIntegrator:
         """Another integrator with the same map, once a disk can be written that could not be at the start of this one.
 
         None as long as nothing is gained by it; else this one is closed.
+
+        Raises:
+            CodedError: as at a start; this one is closed then, too.
         """
         if not self._database.can_be_opened_again():
             return None

@@ -225,7 +225,13 @@ class MapIntegratorNode:
 
     def _expire(self, _event: Any) -> None:
         with self._lock:
-            again = self._integrator.started_again(self._now().to_sec())
+            try:
+                again = self._integrator.started_again(self._now().to_sec())
+            except CodedError as error:
+                # as at a start, for instance since another process has taken the database meanwhile
+                rospy.logfatal("%s: %s", rospy.get_name(), error)
+                rospy.signal_shutdown(str(error))
+                return
             if again is not None:
                 self._integrator = again
                 rospy.loginfo("%s: the database of borders can be written again", rospy.get_name())

@@ -30,7 +30,7 @@ def run(arguments: Optional[List[str]] = None) -> int:
         epilog="Exit status: 0 done, 1 refused, 2 wrong call, 3 the interaction manager or the ROS master is away.",
     )
     parser.add_argument("command", type=normalise, choices=COMMANDS)
-    parser.add_argument("--source", default="wizard", help="who says so, for the record (default: wizard)")
+    parser.add_argument("--source", default="shell", help="who says so, for the record (default: shell)")
     parser.add_argument("--language", default=sentences.ENGLISH, choices=sentences.languages(), help="of the answer")
     parser.add_argument("--wait", type=float, default=2.0, help="[s] how long to wait for the interaction manager")
     chosen = parser.parse_args(rospy.myargv(["command", *(sys.argv[1:] if arguments is None else arguments)])[1:])

@@ -48,6 +48,8 @@ COMMANDS = (DEFINE_BORDER, DEFINE_SEED, GUIDE_ROBOT, SAVE, CANCEL, STOP, RESUME,
 _ENTERS = {DEFINE_BORDER: State.BORDER, DEFINE_SEED: State.SEED, GUIDE_ROBOT: State.GUIDE}
 # what an unclear command must not do on its own: these discard, undo, or let robots drive
 _ASKED_ABOUT = (SAVE, CANCEL, RESUME, UNDO, REDO)
+# [s] without a spot in Border or Seed: a person has begun by then, or draws with a laser that no camera sees
+UNSEEN_AFTER = 10.0
 # [s] the second `save` counts as a confirmation within this time: enough to look at the preview, too short to forget
 CONFIRM_WITHIN = 30.0
 
@@ -167,6 +169,7 @@ class Interaction:
         self._counted_until = 0.0
         self._sources: List[str] = []
         self._visited: List[State] = []
+        self._spots = {State.BORDER: 0, State.SEED: 0, State.GUIDE: 0}
         self._record: Optional[Record] = None
 
     @property
@@ -293,6 +296,9 @@ class Interaction:
         if self.state == State.DEFAULT:
             return Answer(False, "nothing_to_save")
         missing = self.missing()
+        if len(missing) == 1 and not any(self._spots.values()):
+            # the person may have drawn all the same: what is missing first is a camera that sees it
+            return Answer(False, "missing_spots")
         return Answer(False, "missing_" + "_and_".join(missing)) if missing else None
 
     def _begin_change(self, name: str, source: str) -> Answer:
@@ -352,9 +358,18 @@ class Interaction:
             self._confirming = ""
 
     # ------------------------------------------------------------------ abandoned interactions
-    def touch(self, now: float) -> None:
-        """The person does something that is not a command: draws, points, guides."""
-        self._active = now
+    def count_spots(self, border: int, seed: int, others: int, now: float) -> None:
+        """How many spots were seen in this interaction so far, for border and seed, and without being wanted."""
+        spots = {State.BORDER: border, State.SEED: seed, State.GUIDE: others}
+        if spots != self._spots:
+            # the person draws, points or guides
+            self._spots, self._active = spots, now
+
+    @property
+    def unseen(self) -> bool:
+        """Whether the person should have drawn or pointed by now, and no spot was seen."""
+        wanted = self.state in (State.BORDER, State.SEED) and not self.pending
+        return wanted and not self._spots[self.state] and self._counted_until >= self.entered + UNSEEN_AFTER
 
     @property
     def ends(self) -> float:
@@ -428,6 +443,7 @@ class Interaction:
         self.started = self.entered = self._counted_until = self._active = now
         self._durations = {state: 0.0 for state in self._durations}
         self._sources, self._visited = [], []
+        self._spots = {state: 0 for state in self._spots}
         self.unanswered_save = False
 
     def _end(self, outcome: str, border_id: str, now: float) -> None:

@@ -63,7 +63,8 @@ class InteractionManager:
     Published topics:
         /virtual_borders/state (vb_msgs/InteractionState, latched): on each change, and every 0.1 s of wall time.
         /virtual_borders/stop (std_msgs/Bool): on `stop` and `resume`, before anything else; not latched, the state has it too.
-        /virtual_borders/notices (vb_msgs/NoticeArray): robots_stopped, stop_memory_lost, interaction_ends_soon.
+        /virtual_borders/notices (vb_msgs/NoticeArray): robots_stopped, stop_memory_lost, interaction_ends_soon,
+            no_spot_seen.
         /virtual_borders/preview (vb_msgs/BorderPreview, latched): what saving now would do, as soon as there are
             border and seed, and again when they, the map or the borders in it change.
 
@@ -99,7 +100,6 @@ class InteractionManager:
         self._memory_lost = False
         self._cameras: List[str] = []
         self._cameras_of = ""
-        self._spots = -1
         self._beaten, self._revived = time.monotonic(), float("-inf")
         self._recall()
 
@@ -132,11 +132,10 @@ class InteractionManager:
     def _on_progress(self, message: BorderProgress) -> None:
         with self._lock:
             self._cameras, self._cameras_of = list(message.cameras), message.interaction_id
-            # in Guide the fusion ignores all spots, and yet a person holds the laser
-            spots = message.border_spots + message.seed_spots + message.ignored_spots
-            if spots != self._spots:
-                self._spots = spots
-                self._interaction.touch(rospy.get_time())
+            if message.interaction_id == self._interaction.interaction_id:
+                # in Guide the fusion ignores all spots, and yet a person holds the laser
+                self._interaction.count_spots(
+                    message.border_spots, message.seed_spots, message.ignored_spots, rospy.get_time())
         self._preview.on_progress(message)
 
     def _on_stop(self, message: Bool) -> None:
@@ -359,6 +358,8 @@ class InteractionManager:
             said.append(Notice(code, Severity.WARNING, values={"by": self._interaction.stopped_by}))
         if self._interaction.ends:
             said.append(Notice("interaction_ends_soon", Severity.WARNING))
+        if self._interaction.unseen:
+            said.append(Notice("no_spot_seen", Severity.WARNING))
         return said
 
 
