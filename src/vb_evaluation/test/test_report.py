@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from vb_core.errors import CodedError
-from vb_evaluation.report import __main__ as command
+from vb_evaluation.kit import __main__ as command
 from vb_evaluation.report import background, beside, charts, sensitivity
 from vb_evaluation.report.data import read_study
 from vb_evaluation.report.maps import nearest_to_median
@@ -181,7 +181,7 @@ def test_bad_data_is_one_line(tmp_path, change, words, capsys):
     rows = rows_of(folder / "runs.csv")
     rows[0].update(change)
     study_rows.write(folder / "runs.csv", study_rows.RUN_COLUMNS, rows)
-    assert command.main([str(folder)]) == 2
+    assert command.main(["report", str(folder)]) == 2
     assert words in capsys.readouterr().err
 
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 import json
 import re
 from pathlib import Path
-from typing import Callable, List, Tuple
+from typing import Callable, List
 
 import yaml
 
@@ -16,7 +16,6 @@ from vb_evaluation.kit.conduct import Planned
 from vb_evaluation.kit.recording import LOG, MAPS, SESSION
 from vb_evaluation.provenance import revision
 from vb_evaluation.study import config
-from vb_evaluation.study.campaign import write_truths
 from vb_evaluation.study.config import METHODS, Study
 from vb_evaluation.study.result import Result, Task
 from vb_map_integration.border import VirtualBorder
@@ -56,12 +55,6 @@ def write_recording(result: Result, folder: Path) -> None:
         append_line(folder / LOG, json.dumps(record))
     session = {"method": result.task.method, "cameras": cameras, "revision": revision(), "rehearsal": True}
     (folder / SESSION).write_text(yaml.safe_dump(session), encoding="utf-8")
-
-
-def write_ground_truths(study: Study, folder: Path) -> Tuple[Path, Path]:
-    """Ground truths and physical map of the simulated lab, for the analysis of a rehearsal; returns folder and map."""
-    write_truths(study, folder / "map", folder / "ground_truth" / "{}")
-    return folder / "ground_truth", folder / "map.yaml"
 
 
 def default_study() -> Study:
