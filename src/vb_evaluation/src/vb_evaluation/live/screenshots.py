@@ -36,8 +36,8 @@ from vb_core.ros.notices import message_from_notice
 from vb_evaluation.observer import wait_until
 from vb_evaluation.processes import Child, free_port, screenshot, start_screen
 from vb_evaluation.live.screenshot_scenes import Scene, scenes
-from vb_feedback.display import fit_display, rviz_fonts
-from vb_feedback.display.layout import plain
+from vb_feedback.display import rviz_config, rviz_fonts
+from vb_feedback.display.layout import Box, plain
 from vb_msgs.msg import (
     BorderProgress, BorderIssue, InteractionState, LaserSpot, NoticeArray, VirtualBorder, VirtualBorderArray,
 )
@@ -97,16 +97,12 @@ def _take(
     letters = rviz_fonts.overlay(Path(rospkg.RosPack().get_path("rviz")), folder / "letters")
     path_with_letters = f"{letters}:{os.environ.get('ROS_PACKAGE_PATH', '')}"
     stack.callback(stage.close)
-    corners = grid.corners()
     for width, height in SIZES:
         with contextlib.ExitStack() as screen_stack:
             screen, display = start_screen(folder / "xvfb.txt", width, height)
             screen_stack.callback(screen.stop)
             config = folder / f"{width}.rviz"
-            fit_display.run([
-                str(top / "rviz/smart_display.rviz"), str(config), "--screen", str(width), str(height),
-                "--map", *map(str, corners[2] - corners[0]), "--origin", *map(str, corners[0]),
-            ])
+            rviz_config.write_fitted(str(top / "rviz/smart_display.rviz"), config, Box.around(grid.corners()), width, height)
             rviz = _start(["rviz", "--fullscreen", "-d", str(config)], folder / "rviz.txt",
                           {"DISPLAY": display, "ROS_PACKAGE_PATH": path_with_letters})
             screen_stack.callback(rviz.stop)
