@@ -210,7 +210,7 @@ def main() -> int:
         used = (cpu_seconds("/display_markers") - before) / (time.monotonic() - started)
         everything = [value for values in observer.markers.values() for value in values]
         result = {
-            "spot_rate_hz": rospy.get_param("/display_markers/spot_rate"), "projector": given.projector, "cameras": given.cameras,
+            "projector": given.projector, "cameras": given.cameras,
             "rviz": not given.no_rviz, "real_time_factor": round(observer.factor, 3), "stamp_to_marker": summary(everything),
             "spot_to_marker": summary(observer.own),
             "stamp_to_marker_by_camera": {camera: summary(values) for camera, values in sorted(observer.markers.items())},
