@@ -62,5 +62,6 @@ def test_a_spot_that_nobody_sees():
     assert texts(coverage_notices("seed", (), (1.2, 0.5), None, True, (), "en")) == [("No camera sees a spot. Keep pointing: a robot comes.", False)]
     for coverage in (None, partly):
         assert "robot" not in texts(coverage_notices("seed", (), (1.2, 0.5), coverage, False, (), "en"))[0][0]
-    # a dispatcher that says so itself knows better
-    assert coverage_notices("border", (), (1.2, 0.5), partly, True, [Held("spot_unseen_robot_comes")], "en") == []
+    # others that say so themselves know better
+    for code in ("spot_unseen_robot_comes", "no_spot_seen"):
+        assert coverage_notices("border", (), (1.2, 0.5), partly, True, [Held(code)], "en") == []

@@ -12,8 +12,8 @@ from vb_feedback.display.text_panel import Notice
 
 # more sentences cannot be read from across the room, and letters would get too small
 _MOST = 3
-# codes of a dispatcher that itself says that no camera sees the spot, and what follows
-_ABOUT_THE_SPOT = ("spot_unseen_robot_comes", "spot_unseen_no_robot", "spot_ahead_unseen")
+# codes of others that themselves say that no camera sees the spot, and what follows
+_ABOUT_THE_SPOT = ("spot_unseen_robot_comes", "spot_unseen_no_robot", "spot_ahead_unseen", "no_spot_seen")
 
 
 def of_others(held: Sequence[notices.Notice], language: str) -> List[Notice]:
@@ -42,7 +42,7 @@ def coverage_notices(
         lost: (x, y) [m] where the spot was seen last; None if that is only a moment ago, or never was.
         coverage: how many stationary cameras see each cell; None if that is not known.
         robots: whether there is a robot that can be sent.
-        held: what other nodes say; a dispatcher knows better.
+        held: what other nodes say; the dispatcher and the interaction manager know better.
     """
     if state not in ("border", "seed") or seeing or lost is None:
         return []
