@@ -35,7 +35,6 @@ from vb_evaluation.goal_runs import Driven, GoalRunner
 from vb_evaluation.live import pictures
 from vb_evaluation.observer import Observer, wait_until
 from vb_evaluation.processes import Child, free_port, screenshot, start_screen
-from vb_feedback.display import fit_display
 from vb_msgs.msg import VirtualBorder
 from vb_msgs.srv import SaveMap, SaveMapRequest
 from vb_sim.room import floor_plan
@@ -151,14 +150,10 @@ class Demo:
             self._stack.callback(screen.stop)
             os.environ.update(DISPLAY=self._screen, LIBGL_ALWAYS_SOFTWARE="1")
         os.environ.setdefault("QT_X11_NO_MITSHM", "1")
-        corners = floor_plan.physical_map(options.world).corners()
-        numbers = lambda values: [f"{value:.3f}" for value in values]  # noqa: E731
-        fit_display.run([str(_LAUNCH.parent / "rviz" / "smart_display.rviz"), str(state / "smart_display.rviz"), "--map",
-                         *numbers(corners[2] - corners[0]), "--origin", *numbers(corners[0]), "--screen", *map(str, SCREEN)])
         self._launched = self._roslaunch(
             "simulation.launch", [str(_LAUNCH / "parts" / "models.launch"), f"models:={options.models}"] if options.models else [],
             navigation=options.navigation, cameras=" ".join(self._cameras) or "none", state=state, maps=options.out,
-            page_port=page, rviz=str(options.rviz).lower(), rviz_config=state / "smart_display.rviz")
+            page_port=page, rviz=str(options.rviz).lower())
         # rospy would complain about a master that is not up yet
         if not wait_until(lambda: rosgraph.is_master_online() or not self._launched.running, READY_TIMEOUT_S):
             raise CodedError("not_ready", "the ROS master did not come up")
