@@ -123,7 +123,7 @@ class DetectorDiagnostics:
     def _publish(self, _event: Any) -> None:
         now = rospy.Time.now()
         self._status = DetectorStatus(
-            Header(stamp=now), camera=self._camera, mobile=self._mobile, frame_id=self._frame_id, received=self._mailbox.received,
+            header=Header(stamp=now), camera=self._camera, mobile=self._mobile, frame_id=self._frame_id, received=self._mailbox.received,
             dropped=self._mailbox.dropped, **self._statistics.summary(now.to_sec()))
         self._publisher.publish(self._status)
         self._updater.force_update()
