@@ -1,8 +1,14 @@
 """check_navigation without the nodes that it asks."""
+from types import SimpleNamespace
+
+import numpy as np
 import pytest
 import rospy
 
+from vb_core import names
 from vb_core.errors import CodedError
+from vb_core.grid_map import GridMap
+from vb_evaluation.live import navigation_check
 from vb_evaluation.live.navigation_check import NavigationCheck
 
 
@@ -19,3 +25,50 @@ def test_without_move_base_it_says_so_at_once(monkeypatch):
     with pytest.raises(CodedError, match="/robot1/move_base/make_plan") as caught:
         check.run()
     assert caught.value.code == "no_planner" and waited == [("/robot1/move_base/make_plan", 2.0)]
+
+
+class Planner:
+    """A map integrator and a move_base in one: plans straight on, and round a border unless it does not know of it."""
+
+    def __init__(self, monkeypatch, respects=True):
+        self.borders, self.respects = [], respects
+        self.posterior = GridMap(np.zeros((100, 100), np.int8), 0.05)
+        monkeypatch.setattr(rospy, "wait_for_service", lambda *_, **__: None)
+        monkeypatch.setattr(rospy, "get_param", lambda name, default: default)
+        monkeypatch.setattr(navigation_check, "Observer", lambda: self)
+        monkeypatch.setattr(navigation_check, "TransformLookup", lambda: SimpleNamespace(lookup=lambda *_, **__: np.eye(4)))
+        monkeypatch.setattr(navigation_check, "call", self.call)
+        monkeypatch.setattr(navigation_check, "WATCHED", 0.01)
+
+    def plan(self, start, goal, _service):
+        around = [(2.0, 1.0)] if self.borders and self.respects else []
+        return np.array([start[:2], *around, goal[:2]], dtype=float)
+
+    def call(self, name, _kind, request, _who):
+        if name == names.ADD_BORDER:
+            self.borders.append(request.border)
+            return SimpleNamespace(success=True, id="one")
+        if name == names.REMOVE_BORDER:
+            self.borders.pop()
+        return SimpleNamespace()
+
+
+def test_a_good_navigation_passes_and_nothing_stays_behind(monkeypatch):
+    planner = Planner(monkeypatch)
+    checks = NavigationCheck((4.0, 0.0), at_once=60.0, patience=60.0).run()
+    assert [check for check in checks if check.good is False] == [] and sum(check.good is True for check in checks) == 5
+    assert not planner.borders
+
+
+def test_a_navigation_that_knows_no_borders_is_found_out(monkeypatch):
+    planner = Planner(monkeypatch, respects=False)
+    bad = {check.what for check in NavigationCheck((4.0, 0.0), patience=0.05).run() if check.good is False}
+    assert {"plans respect a new border at once", "a soft border is gone round where that is possible"} <= bad
+    assert not planner.borders
+
+
+def test_a_goal_that_is_too_near_is_said(monkeypatch):
+    Planner(monkeypatch)
+    with pytest.raises(CodedError) as caught:
+        NavigationCheck((0.6, 0.0)).run()
+    assert caught.value.code == "short_way"

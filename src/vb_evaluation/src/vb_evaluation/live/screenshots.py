@@ -129,14 +129,13 @@ def _play(lab: "Lab", seen: Observer, shoot: Callable[[str], None]) -> None:
     shoot("refusal")
     lab.point(line[shown:], cameras)
     _say(seen, "define_seed", "seed")
-    lab.show(start)
-    lab.point(drawn.seed + np.linspace((-0.04, 0.02), (0.0, 0.0), 60), cameras[:2])
-    shoot("seed")
     lab.show(inside)
     lab.point(drawn.seed + np.linspace((0.1, 0.1), (0.12, 0.1), 60), cameras[:2])
     shoot("seed_mind")
-    lab.rest()
     lab.show(start)
+    lab.point(drawn.seed + np.linspace((-0.04, 0.02), (0.0, 0.0), 60), cameras[:2])
+    shoot("seed")
+    lab.rest()
     _say(seen, "save", "default")
     _until(lambda: len(seen.borders) == len(stored) + 1, "the new border")
     shoot("saved")
@@ -168,9 +167,12 @@ def _stored(world: World, drawn: Scenario) -> List[VirtualBorder]:
 
 
 def _say(seen: Observer, command: str, state: str) -> None:
-    """Gives a command and waits for the state after it."""
-    commands.send(commands.order(command, "screenshots", PATIENCE_S), PATIENCE_S, PATIENCE_S)
-    _until(lambda: seen.state.name == state, f"the state {state}")
+    """Gives a command until its state has come: a person would say it again, too."""
+    def said() -> bool:
+        commands.send(commands.order(command, "screenshots", PATIENCE_S), PATIENCE_S, PATIENCE_S)
+        return wait_until(lambda: seen.state.name == state, 10.0)
+
+    _until(said, f"the state {state}")
 
 
 def _until(condition: Callable[[], Any], what: str) -> None:
