@@ -57,6 +57,7 @@ from vb_map_integration.integration import integrate
 from vb_msgs.msg import DriverState, LabState, VirtualBorder
 from vb_msgs.srv import AddBorder, AddBorderRequest, RemoveBorder, RemoveBorderRequest
 from vb_robot.clearance_map import STAND_MARGIN, ClearanceMap, sample
+from vb_robot.driving.workspace import Doubt
 from vb_robot.navigation_parameters import PATH_MARGIN
 from vb_sim.room.floor_plan import physical_map
 from vb_sim.room.world import load_world
@@ -165,7 +166,7 @@ class Lab:
         self.runner = GoalRunner()
         if not wait_until(lambda: self.observer.posterior is not None and self.observer.lab is not None, 60.0):
             raise CodedError("not_ready", f"no maps, see {folder}")
-        self._truth, self._errors, self._late = deque(maxlen=500), [], 0
+        self._truth, self._errors, self._late = deque(maxlen=500), [], 0  # errors: with twice their standard deviation [m]
         self._subscribers = [rospy.Subscriber(names.LAB_STATE, LabState, self._on_lab),
                              rospy.Subscriber("/amcl_pose", PoseWithCovarianceStamped, self._on_amcl),
                              rospy.Subscriber(names.DRIVERS, DriverState, self._on_driver)]
@@ -178,7 +179,8 @@ class Lab:
         stamp, place = message.header.stamp.to_sec(), message.pose.pose.position
         truth = min(list(self._truth), key=lambda entry: abs(entry[0] - stamp), default=None)
         if truth is not None and abs(truth[0] - stamp) < 0.05:
-            self._errors.append(math.dist((place.x, place.y), truth[1:]))
+            spread = np.linalg.eigvalsh(np.reshape(message.pose.covariance, (6, 6))[:2, :2])[-1]
+            self._errors.append((math.dist((place.x, place.y), truth[1:]), 2.0 * math.sqrt(max(spread, 0.0))))
 
     def _on_driver(self, message) -> None:
         self._late += message.code.endswith("_lost") or message.code == "clock_stands"
@@ -191,7 +193,8 @@ class Lab:
         return driven, {
             "goal": goal, "outcome": driven.outcome, "text": driven.text, "length_m": round(driven.length, 2),
             "seconds": round(driven.seconds, 1), "wall_s": round(time.monotonic() - began, 1),
-            "localised_m": round(max(self._errors, default=math.nan), 3), "missed": self.pace.missed(), "late": self._late,
+            "localised_m": round(max((error for error, _ in self._errors), default=math.nan), 3),
+            "errors": np.round(self._errors, 3).tolist(), "missed": self.pace.missed(), "late": self._late,
             "path": np.round(driven.path[::5], 3).tolist()}
 
     def pose(self):
@@ -317,12 +320,13 @@ def table(every) -> str:
         "each belongs to other code, see the revisions. ros-planning/navigation at 9ad6441 with AMCL, "
         "parameters of `vb_bringup/config/navigation` and the robot's profile, through `robot_driver`; simulated lab, "
         "truth judged. As wanted: reached; into a border: refused; before the nose: not entered. *Entered*: the footprint "
-        "more than one and a half cells inside of what a border restricts. *Pace*: simulated seconds per real second, in "
+        "more than one and a half cells inside of what a border restricts; *deepest*: by how much, negative: by how much it "
+        "was missed. Seeds up to 5: before robots kept off borders by what the localisation may be off. *Pace*: simulated seconds per real second, in "
         "the mean. *Missed*: control or costmap cycles that move_base reported as late, per simulated minute. "
         "*Late*: reports of the driver that an input was too old.", "",
-        "| seed | revisions | robot | drives | scenario | done | as wanted | 95 % interval of that | entered | "
+        "| seed | revisions | robot | drives | scenario | done | as wanted | 95 % interval of that | entered | deepest | "
         "localisation off, at most | median time | longest | pace | missed | late |",
-        "|---|---|---|---|---|---|---|---|---|---|---|---|---|---|---|"]
+        "|---|---|---|---|---|---|---|---|---|---|---|---|---|---|---|---|"]
     for key in sorted({(run["seed"], run["robot"], run["kind"], run["scenario"]) for run in runs}):
         seed, robot, kind, scenario = key
         group = [run for run in runs if (run["seed"], run["robot"], run["kind"], run["scenario"]) == key]
@@ -334,7 +338,7 @@ def table(every) -> str:
         revisions = ", ".join(sorted({run["revision"] for run in group}))
         lines.append(f"| {seed} | {revisions} | {robot} | {TITLES[kind]} | {scenario or '-'} | {len(counted)} | {good} | "
                      f"{_interval(good, len(counted))} | {entered} | "
-                     f"{off:.2f} m | {np.median(seconds):.0f} s | {max(seconds):.0f} s | "
+                     f"{1000 * max(run['entered_m'] for run in counted):.0f} mm | {off:.2f} m | {np.median(seconds):.0f} s | {max(seconds):.0f} s | "
                      f"{sum(seconds) / max(sum(run['wall_s'] for run in counted), 1e-9):.2f} | "
                      f"{sum(run['missed'] for run in counted) / max(sum(seconds) / 60.0, 1e-9):.2f} | "
                      f"{sum(run['late'] for run in counted)} |")
@@ -347,7 +351,28 @@ def table(every) -> str:
     if noses:
         lines += ["", "Before the nose: " + ", ".join(
             f"{sum(run['outcome'] == outcome for run in noses)} {outcome}" for outcome in WANTED["nose"]) + "."]
-    return "\n".join(lines + comparison(every)) + "\n"
+    return "\n".join(lines + localisation(runs) + comparison(every)) + "\n"
+
+
+def localisation(runs):
+    """Lines: how far off AMCL was, how far its particles were spread, and how often what robots keep off was enough."""
+    runs = [run for run in runs if run.get("errors")]
+    if not runs:
+        return []
+    enough = []
+    for run in runs:
+        doubt = Doubt()
+        for error, spread in run["errors"]:
+            doubt.add(np.eye(2) * (0.5 * spread) ** 2)
+            enough.append(error <= doubt.metres)
+    errors, spreads = np.vstack([run["errors"] for run in runs]).T
+    share = proportion(sum(enough), len(enough))
+    return ["", "## The localisation", "",
+            f"{len(enough)} updates of AMCL in {len(runs)} drives of the seeds {sorted({run['seed'] for run in runs})}. Its pose was off by "
+            f"{np.median(errors):.3f} m in the median, {np.quantile(errors, 0.95):.3f} m at 95 %, {errors.max():.3f} m at most; the "
+            f"standard deviation of its particles was {np.median(spreads) / 2:.3f} m in the median. What robots keep off borders "
+            f"was enough in {100 * sum(enough) / len(enough):.1f} % (95 % interval {100 * share.low:.1f} to {100 * share.high:.1f} %, as if "
+            "updates were independent)."]
 
 
 def comparison(runs):
@@ -416,7 +441,7 @@ def main() -> int:
         def keep(run) -> None:
             runs.append({"robot": arguments.robot, "revision": revision(), "seed": arguments.seed, **how, **run})
             out.write_text(json.dumps(runs, indent=1) + "\n")
-            print({key: value for key, value in run.items() if key != "path"}, flush=True)
+            print({key: value for key, value in run.items() if key not in ("path", "errors")}, flush=True)
             if time.monotonic() > until:
                 raise TimeoutError
 

@@ -144,11 +144,13 @@ def test_borders_act_in_both_costmaps_below_inflation(name):
     found = costmap(name)
     kinds = [plugin["type"].split("::")[1] for plugin in found["plugins"]]
     # an obstacle layer above the static one keeps its obstacles: it takes the larger value
-    assert kinds == ["StaticLayer", "ObstacleLayer", "InflationLayer"]
-    layer = found["static_layer"]
-    assert layer["map_topic"] == "/virtual_borders/map"
-    assert layer["trinary_costmap"] is False and layer["lethal_cost_threshold"] == 100
-    assert layer["subscribe_to_updates"] is False
+    assert kinds == ["StaticLayer", "StaticLayer", "ObstacleLayer", "InflationLayer"]
+    static, keep_out = found["static_layer"], found["keep_out_layer"]
+    assert static["map_topic"] == "/virtual_borders/map" and keep_out["map_topic"] == "robot_driver/keep_out"
+    assert keep_out["use_maximum"] is True, "it adds to the layer below"
+    for layer in (static, keep_out):
+        assert layer["trinary_costmap"] is False and layer["lethal_cost_threshold"] == 100
+        assert layer["subscribe_to_updates"] is False
 
 
 def test_plans_keep_to_borders():

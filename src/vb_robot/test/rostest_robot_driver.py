@@ -9,7 +9,7 @@ from xmlrpc.client import ServerProxy
 import rosgraph
 import rospy
 import rostest
-from geometry_msgs.msg import Point, PoseStamped, Twist
+from geometry_msgs.msg import Point, PoseStamped, PoseWithCovarianceStamped, Twist
 from move_base_msgs.msg import MoveBaseActionGoal
 from nav_msgs.msg import Path
 from std_msgs.msg import Bool
@@ -19,7 +19,7 @@ sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
 from stimulus import Body, Stimulus, assert_bad_parameter_is_named, room, wait_until  # noqa: E402
 
 from vb_core import names  # noqa: E402
-from vb_core.ros.messages import pose_from_2d  # noqa: E402
+from vb_core.ros.messages import OccupancyGridArray, pose_from_2d  # noqa: E402
 from vb_msgs.msg import DriverState, NoticeArray, VirtualBorder, VirtualBorderArray  # noqa: E402
 from vb_robot import robot_driver_node  # noqa: E402
 
@@ -98,6 +98,7 @@ class DriverTest(unittest.TestCase):
         data = grid.data.copy()
         data[40:60, 80:100] = 100  # x 4 to 5 m, y 2 to 3 m
         self.stimulus.publish_map(grid.with_data(data) if there else grid, physical=grid)
+        return int((data == 100).sum())
 
     def guided(self):
         self.stimulus.set_state(GUIDE)
@@ -194,8 +195,26 @@ class DriverTest(unittest.TestCase):
         self.publish_border()
         self.stimulus.set_state(DEFAULT)
         self.assertTrue(wait_until(lambda: self.said("robot_leaves_border", "ada")))
-        self.assertTrue(wait_until(lambda: self.ada.pose[0] < 4.0 - 0.18 and self.ada.velocity == (0.0, 0.0), 25.0))
+        self.assertTrue(wait_until(lambda: self.ada.pose[0] < 4.0 - 0.18 and self.ada.velocity == (0.0, 0.0)))
         self.assertTrue(wait_until(lambda: not self.said("robot_inside_border", "ada")))
+
+    def test_navigation_gets_borders_grown_by_what_the_localisation_may_be_off(self):
+        cells, localisation = [], PoseWithCovarianceStamped()
+        listener = rospy.Subscriber("robot_driver/keep_out", OccupancyGridArray,
+                                    lambda message: cells.append(int((message.data == 100).sum())))
+        poses = rospy.Publisher("amcl_pose", PoseWithCovarianceStamped, queue_size=1)
+        plain = self.publish_border()
+        self.assertTrue(wait_until(lambda: cells and cells[-1] > plain), "by something in any case")
+        usual = cells[-1]
+
+        def becomes(variance, condition):
+            localisation.pose.covariance[0] = localisation.pose.covariance[7] = variance
+            poses.publish(localisation)
+            return condition(cells[-1])
+
+        self.assertTrue(wait_until(lambda: becomes(0.25, lambda count: count > usual)))
+        self.assertTrue(wait_until(lambda: becomes(0.0001, lambda count: count == usual)))
+        listener.unregister()
 
     def test_a_goal_inside_is_answered(self):
         self.publish_border()

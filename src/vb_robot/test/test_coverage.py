@@ -7,11 +7,10 @@ from shapely.geometry import LineString, box
 
 from vb_core import geometry
 from vb_core.camera_model import CameraModel
-from vb_core.errors import CodedError, ParameterError
+from vb_core.errors import CodedError
 from vb_core.grid_map import GridMap
-from vb_robot.coverage import CoverageParams, combined, floor_seen, obstacle_heights, outlines
+from vb_robot.coverage import IMAGE_MARGIN, MAX_DISTANCE, OBSTACLE_HEIGHT, floor_seen
 
-PARAMS = CoverageParams(image_margin=0.0)
 LENS = CameraModel.ideal(1600, 1000, 800.0)
 # looks straight down, the image's top is +y: the camera's z is -z of the map
 DOWN = np.array([[1.0, 0, 0], [0, -1.0, 0], [0, 0, -1.0]])
@@ -31,22 +30,19 @@ def places(grid, mask):
 
 def test_camera_straight_above_sees_a_rectangle():
     grid = room()
-    seen = floor_seen(grid, np.zeros(grid.shape), LENS, above(4.0, 3.0, 3.0), PARAMS)
+    seen = floor_seen(grid, LENS, above(4.0, 3.0, 3.0))
     # 1600 px at a focal length of 800 px are 2 m per metre of height, 1000 px 1.25 m
     x, y = np.abs(places(grid, np.ones(grid.shape, bool)) - (4.0, 3.0)).T
     assert seen.ravel()[(x < 2.95) & (y < 1.83)].all() and not seen.ravel()[(x > 3.05) | (y > 1.92)].any()
-    smaller = floor_seen(grid, np.zeros(grid.shape), LENS, above(4.0, 3.0, 3.0), CoverageParams(image_margin=50.0))
-    assert smaller.sum() < seen.sum() and not (smaller & ~seen).any()
 
 
 def test_shadows_are_those_of_the_rays():
     grid = room()
     data = grid.data.copy()
-    data[70:80, 100:110] = 100  # x from 5.0 to 5.5 m, y from 3.5 to 4.0 m, 1.0 m high
+    data[70:80, 100:110] = 100  # x from 5.0 to 5.5 m, y from 3.5 to 4.0 m
     grid = grid.with_data(data)
-    params = CoverageParams(image_margin=0.0, obstacle_height=1.0)
     eye = np.array([4.0, 3.0, 3.0])
-    seen = floor_seen(grid, obstacle_heights(grid, params), LENS, above(*eye), params)
+    seen = floor_seen(grid, LENS, above(*eye))
     thing = box(5.0, 3.5, 5.5, 4.0)
     rng = np.random.default_rng(1)
     checked = 0
@@ -54,8 +50,8 @@ def test_shadows_are_those_of_the_rays():
         x, y = grid.cell_to_world(np.array([[row, column]]))[0]
         if data[row, column] or not (abs(x - 4.0) < 2.9 and abs(y - 3.0) < 1.8):
             continue
-        # below 1 m height the ray runs over a third of its way on the floor
-        low = LineString([(x, y), np.array([x, y]) + (eye[:2] - (x, y)) / 3.0])
+        # up to so high a thing it runs over this share of its way on the floor
+        low = LineString([(x, y), np.array([x, y]) + (eye[:2] - (x, y)) * OBSTACLE_HEIGHT / eye[2]])
         gap = low.distance(thing)
         if 0.0 < gap < 0.06 or (gap == 0.0 and low.intersection(thing).length < 0.06):
             continue  # too near to the edge for cells of 5 cm
@@ -64,30 +60,17 @@ def test_shadows_are_those_of_the_rays():
     assert checked > 300
 
 
-def test_heights_that_are_known_replace_the_assumed_one():
-    grid = room()
-    data = grid.data.copy()
-    data[60:70, 60:70] = 100
-    data[60:70, 100:110] = 100
-    params = CoverageParams(heights=[[2.9, 2.9, 3.6, 3.6, 2.0]])
-    heights = obstacle_heights(grid.with_data(data), params)
-    assert heights[65, 65] == 2.0 and heights[65, 105] == 0.5 and heights[0, 0] == 0.0
-    for wrong in ([[1, 2, 3]], [[3.0, 0.0, 1.0, 1.0, 0.5]], ["wall"]):
-        with pytest.raises(ParameterError, match="heights"):
-            CoverageParams(heights=wrong)
-
-
 def test_tilted_camera_with_distortion_agrees_with_the_rays_of_its_pixels():
     grid = room()
     lens = CameraModel(1600, 1000, LENS.matrix, np.array([-0.06, 0.01, 0.0, 0.0, 0.0]))
     body = geometry.rotation_from_rpy(0.0, math.radians(55.0), math.radians(30.0))
     pose = geometry.transform(body @ geometry.optical_rotation(), (1.0, 1.0, 2.5))
-    seen = floor_seen(grid, np.zeros(grid.shape), lens, pose, PARAMS)
+    seen = floor_seen(grid, lens, pose)
     rng = np.random.default_rng(2)
-    rays = lens.rays(rng.uniform((5, 5), (1594, 994), (2000, 2))) @ pose[:3, :3].T
+    rays = lens.rays(rng.uniform(IMAGE_MARGIN + 5.0, (1594 - IMAGE_MARGIN, 994 - IMAGE_MARGIN), (2000, 2))) @ pose[:3, :3].T
     hits = [pose[:3, 3] - ray * pose[2, 3] / ray[2] for ray in rays if ray[2] < -0.05]
     cells = grid.world_to_cell(np.array(hits)[:, :2])
-    near = np.linalg.norm(np.array(hits) - pose[:3, 3], axis=1) < PARAMS.max_distance - 0.1
+    near = np.linalg.norm(np.array(hits) - pose[:3, 3], axis=1) < MAX_DISTANCE - 0.1
     cells = cells[grid.contains_cells(cells) & near]
     assert len(cells) > 300
     assert seen[cells[:, 0], cells[:, 1]].mean() > 0.97
@@ -97,22 +80,8 @@ def test_tilted_camera_with_distortion_agrees_with_the_rays_of_its_pixels():
     assert (outside >= corners.min(axis=0)).all() and (outside <= corners.max(axis=0)).all()
 
 
-def test_counts_outlines_and_what_is_no_floor():
-    grid = room()
-    data = grid.data.copy()
-    data[:, :10], data[:, 10:14] = -1, 100
-    grid = grid.with_data(data)
-    left, right = np.zeros(grid.shape, bool), np.zeros(grid.shape, bool)
-    left[:, :100], right[:, 60:] = True, True
-    values = combined(grid, {"left": left, "right": right})
-    assert (values[:, :14] == -1).all() and (values[:, 14:60] == 1).all() and (values[:, 60:100] == 2).all()
-    assert (combined(grid, {})[:, 14:] == 0).all()
-    (outline,) = outlines(grid, right)
-    assert outline[:, 0].min() == pytest.approx(3.0, abs=0.05) and outline[:, 0].max() == pytest.approx(8.0, abs=0.05)
-
-
 def test_camera_below_the_floor_is_refused():
     grid = room()
     with pytest.raises(CodedError) as caught:
-        floor_seen(grid, np.zeros(grid.shape), LENS, above(4.0, 3.0, -1.0), PARAMS)
+        floor_seen(grid, LENS, above(4.0, 3.0, -1.0))
     assert caught.value.code == "bad_camera_pose"

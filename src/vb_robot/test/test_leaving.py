@@ -172,3 +172,15 @@ def test_a_robot_too_near_for_navigation_to_plan_is_helped_away_and_keeps_its_go
     assert rig.pose[0] < 4.0 - RADIUS - MARGIN + 0.05, "to a cell"
     rig.driver.wish("navigation", 0.1, 0.0, rig.now + DT)
     assert rig.step().driver == "navigation"
+
+
+def test_navigation_that_wants_to_go_on_into_a_border_is_helped_away_too():
+    rig = swallowed(pose=(2.0, 4.0, 0.0))
+    rig.step()
+    rig.pose = (4.0 - RADIUS - 0.01, 1.5, 0.0)
+    rig.driver.goal_runs = True
+    drivers = set()
+    for _ in range(100):
+        rig.driver.wish("navigation", 0.2, 0.1, rig.now + DT)
+        drivers.add(rig.step().driver)
+    assert "leave" in drivers and max(pose[0] for pose in rig.poses) < 4.0 - RADIUS + 0.03

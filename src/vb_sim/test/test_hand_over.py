@@ -12,7 +12,7 @@ from shapely.geometry import LineString, Point
 
 from vb_core import geometry
 from vb_fusion.extraction import ExtractionParams, extract_border
-from vb_robot.coverage import CoverageParams, floor_seen, obstacle_heights
+from vb_robot.coverage import floor_seen
 from vb_robot.dispatching.view import FloorView, to_base
 from vb_sim.cameras.camera_calibration import calibrated_pose
 from vb_sim.room.floor_plan import physical_map
@@ -26,7 +26,7 @@ WORLD = load_world(str(PACKAGE / "worlds" / "lab.yaml"))
 MODELS = str(PACKAGE / "config" / "models.yaml")
 GRID = physical_map(WORLD)
 BLUE = WORLD.camera("blue")
-SEEN = floor_seen(GRID, obstacle_heights(GRID, CoverageParams()), BLUE.model(), BLUE.pose(), CoverageParams())
+SEEN = floor_seen(GRID, BLUE.model(), BLUE.pose())
 ROBOT = (7.4, 2.0, np.radians(88.0))  # looks at the line from below
 TRUTH = LineString(WORLD.scenario("corner").border)
 TREMOR = 0.010  # [m]; models.yaml

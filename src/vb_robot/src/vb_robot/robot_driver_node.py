@@ -12,7 +12,7 @@ from typing import Any, Dict, List, Optional
 import numpy as np
 import rospy
 from actionlib_msgs.msg import GoalID, GoalStatus, GoalStatusArray
-from geometry_msgs.msg import Twist
+from geometry_msgs.msg import PoseWithCovarianceStamped, Twist
 from move_base_msgs.msg import MoveBaseActionGoal
 from nav_msgs.msg import Path
 from roslib.message import get_message_class
@@ -28,14 +28,14 @@ from vb_core.notices import Notice, Severity
 from vb_core.parameters import Parameters, param
 from vb_core.robot_profile import Contact, RobotProfile
 from vb_core.ros import node, parameters, robot_profile
-from vb_core.ros.messages import OccupancyGridArray, array_from_points, grid_from_message, pose_to_2d
+from vb_core.ros.messages import OccupancyGridArray, array_from_points, grid_from_message, message_from_grid, pose_to_2d
 from vb_core.ros.notices import NoticePublisher
 from vb_core.ros.transforms import TransformLookup
 from vb_msgs.msg import BorderProgress, DriverState, InteractionState, VirtualBorder, VirtualBorderArray
 from vb_robot.driving import driver as drivers
 from vb_robot.driving.driver import Command, Driver
 from vb_robot.driving.safety import Scan, SpeedLimits
-from vb_robot.driving.workspace import BorderContact, KnownBorder, Workspace
+from vb_robot.driving.workspace import BorderContact, Doubt, KnownBorder, Workspace
 from vb_robot.inputs import CameraView, SpotListener
 
 STATE_EACH = 0.5  # [s] between reports of who drives, even if nothing changes
@@ -70,12 +70,15 @@ class RobotDriverNode:
         scan (sensor_msgs/LaserScan), camera_info (sensor_msgs/CameraInfo), contacts: as the profile names them
         move_base/status (actionlib_msgs/GoalStatusArray), move_base/goal (move_base_msgs/MoveBaseActionGoal)
         move_base/NavfnROS/plan (nav_msgs/Path): for robots with a name
+        amcl_pose (geometry_msgs/PoseWithCovarianceStamped): how far off the localisation may be; optional
         cmd_vel (geometry_msgs/Twist): whether another node commands the base
     Published topics:
         cmd_vel (geometry_msgs/Twist): while the robot is driven, one zero when that ends, zeros while stopped
         move_base/cancel (actionlib_msgs/GoalID): while it follows the spot
         /virtual_borders/drivers (vb_msgs/DriverState): who drives, and why
         /virtual_borders/notices (vb_msgs/NoticeArray)
+        ~keep_out (nav_msgs/OccupancyGrid, latched): /virtual_borders/map with borders grown by what the localisation may
+            be off: for navigation's costmaps
         /virtual_borders/plans (visualization_msgs/MarkerArray): navigation's path of a robot with a name, for 5 s
             after it was planned; RViz would have to know the robots' names to subscribe to each one's path
     Parameters:
@@ -95,6 +98,7 @@ class RobotDriverNode:
         self._lock = threading.Lock()
         self._maps: Dict[str, GridMap] = {}
         self._borders: List[KnownBorder] = []
+        self._doubt = Doubt()
         self._mounts: Dict[str, np.ndarray] = {}
         self._bad_goal: Optional[Notice] = None
         self._bad_goal_until = -1.0
@@ -109,6 +113,7 @@ class RobotDriverNode:
         self._cmd_vel = rospy.Publisher("cmd_vel", Twist, queue_size=1, tcp_nodelay=True)
         self._cancel = rospy.Publisher("move_base/cancel", GoalID, queue_size=1)
         self._states = rospy.Publisher(names.DRIVERS, DriverState, queue_size=5)
+        self._keep_out = rospy.Publisher("~keep_out", OccupancyGridArray, queue_size=1, latch=True)
         listen = rospy.Subscriber
         self._subscribers = [
             listen("cmd_vel/navigation", Twist, self._on_wish, drivers.NAVIGATION, queue_size=1, tcp_nodelay=True),
@@ -123,6 +128,7 @@ class RobotDriverNode:
             listen(names.PHYSICAL_MAP, OccupancyGridArray, self._on_map, "physical", queue_size=1),
             listen(names.SPEED_LIMITS, OccupancyGridArray, self._on_map, "speed", queue_size=1),
             listen(names.BORDERS, VirtualBorderArray, self._on_borders, queue_size=1),
+            listen("amcl_pose", PoseWithCovarianceStamped, self._on_covariance, queue_size=1),
             listen("move_base/status", GoalStatusArray, self._on_status, queue_size=1),
             listen("move_base/goal", MoveBaseActionGoal, self._on_goal, queue_size=5),
         ]
@@ -219,9 +225,20 @@ class RobotDriverNode:
             return
         with self._lock:
             self._maps[which] = grid
-            if "borders" in self._maps:
-                self._driver.set_maps(Workspace(
-                    self._maps["borders"], self._maps.get("physical"), self._profile.radius, self._borders))
+            self._use_maps()
+
+    def _on_covariance(self, message: PoseWithCovarianceStamped) -> None:
+        with self._lock:
+            if self._doubt.add(np.reshape(message.pose.covariance, (6, 6))[:2, :2]):
+                rospy.loginfo("%s: keeps off borders by %.3f m more", rospy.get_name(), self._doubt.metres)
+                self._use_maps()
+
+    def _use_maps(self) -> None:
+        if "borders" in self._maps:
+            workspace = Workspace(self._maps["borders"], self._maps.get("physical"), self._profile.radius, self._borders,
+                                  self._doubt.metres)
+            self._driver.set_maps(workspace)
+            self._keep_out.publish(message_from_grid(workspace.keep_out, rospy.Time.now()))
 
     def _on_borders(self, message: VirtualBorderArray) -> None:
         self._borders = [

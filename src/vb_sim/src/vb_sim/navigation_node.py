@@ -3,7 +3,7 @@ from __future__ import annotations
 
 import threading
 from dataclasses import dataclass
-from typing import Optional, Tuple
+from typing import Dict, Optional, Tuple
 
 import actionlib
 import numpy as np
@@ -30,6 +30,7 @@ from vb_sim.robot.planner import PlannerParams
 
 OccupancyGridUpdateArray = numpy_msg(OccupancyGridUpdate)
 Pose = Tuple[float, float, float]
+MAPS = (names.MAP_WITH_BORDERS, "robot_driver/keep_out")
 
 
 @dataclass(frozen=True)
@@ -48,6 +49,7 @@ class NavigationNode:
 
     Subscribed topics:
         /virtual_borders/map (nav_msgs/OccupancyGrid): the static map of both costmaps
+        robot_driver/keep_out (nav_msgs/OccupancyGrid): its borders grown by what the localisation may be off; optional
         scan (sensor_msgs/LaserScan): only while driving
         move_base_simple/goal (geometry_msgs/PoseStamped)
         tf: map -> base_link
@@ -81,9 +83,11 @@ class NavigationNode:
         self._updates = rospy.Publisher("~global_costmap/costmap_updates", OccupancyGridUpdateArray, queue_size=1)
         self._local = rospy.Publisher("~local_costmap/costmap", messages.OccupancyGridArray, queue_size=1)
         self._goals = rospy.Publisher("move_base/goal", MoveBaseActionGoal, queue_size=1)
-        self._maps: node.Mailbox = node.Mailbox()
+        self._static: Dict[str, messages.OccupancyGridArray] = {}  # by topic
+        self._maps: node.Mailbox = node.Mailbox()  # which of them has come
         self._worker = node.Worker(self._maps, self._take_map)
-        rospy.Subscriber(names.MAP_WITH_BORDERS, messages.OccupancyGridArray, self._maps.put, queue_size=1, buff_size=2**24)
+        for topic in MAPS:
+            rospy.Subscriber(topic, messages.OccupancyGridArray, self._on_map, topic, queue_size=1, buff_size=2**24)
         rospy.Service("~make_plan", GetPlan, self._on_make_plan)
         rospy.Service("~clear_costmaps", Empty, self._on_clear)
         self._server = actionlib.SimpleActionServer("move_base", MoveBaseAction, self._execute, auto_start=False)
@@ -98,8 +102,18 @@ class NavigationNode:
         self._maps.close()
 
     # ------------------------------------------------------------ maps
-    def _take_map(self, message: messages.OccupancyGridArray) -> None:
-        grid = messages.grid_from_message(message)
+    def _on_map(self, message: messages.OccupancyGridArray, topic: str) -> None:
+        self._static[topic] = message
+        self._maps.put(topic)
+
+    def _take_map(self, _topic: str) -> None:
+        borders, keep_out = (self._static.get(topic) for topic in MAPS)
+        if borders is None:
+            return
+        grid = messages.grid_from_message(borders)
+        grown = messages.grid_from_message(keep_out) if keep_out is not None else grid
+        if grown.same_geometry(grid):
+            grid = grid.with_data(np.maximum(grid.data, grown.data))  # as a static layer with use_maximum
         if abs(grid.origin[2]) > 1e-6:
             rospy.logwarn_once("%s: the map's rotation is ignored, as move_base does", rospy.get_name())
             grid = GridMap(grid.data, grid.resolution, (grid.origin[0], grid.origin[1], 0.0))

@@ -16,7 +16,6 @@ import os
 import shutil
 import sys
 import time
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Dict, List, Optional, Tuple
 
@@ -39,7 +38,7 @@ from vb_evaluation.processes import Child, free_port, screenshot, start_screen
 from vb_msgs.msg import VirtualBorder
 from vb_msgs.srv import SaveMap, SaveMapRequest
 from vb_sim.room import floor_plan
-from vb_sim.room.world import Scenario, World, load_world
+from vb_sim.room.world import load_world
 
 METHODS = {"nrs": "network robot system", "robot_only": "robot only"}
 NAVIGATIONS = ("standin", "move_base")
@@ -52,23 +51,8 @@ SCREEN = (1280, 720)
 _LAUNCH = Path(__file__).resolve().parents[5] / "launch"
 
 
-@dataclass(frozen=True)
-class Options:
-    """The command line's options, checked."""
-
-    world_path: Path
-    world: World
-    scenario: Scenario
-    method: str
-    seed: int
-    out: Path
-    rviz: bool
-    models: Optional[Path]
-    navigation: str
-
-
-def parse(arguments: Optional[List[str]], top: Path) -> Options:
-    """Reads the command line.
+def parse(arguments: Optional[List[str]], top: Path) -> argparse.Namespace:
+    """Reads the command line: its options, with world and scenario read.
 
     Raises:
         CodedError: one line that names the argument or the key of the world file.
@@ -79,7 +63,7 @@ def parse(arguments: Optional[List[str]], top: Path) -> Options:
     parser.add_argument("--world", default="", help="a world file; empty: the paper's lab")
     parser.add_argument("--seed", default="1", help="of every random draw")
     parser.add_argument("--out", default=str(top / "out" / "demo"))
-    parser.add_argument("--no-rviz", action="store_true", help="leave the smart display out")
+    parser.add_argument("--no-rviz", dest="rviz", action="store_false", help="leave the smart display out")
     parser.add_argument("--navigation", default="standin", help="standin, or move_base: the real one (make navigation)")
     parser.add_argument("--models", default="", help="a file of models; empty: config/models.yaml of vb_sim")
     given = parser.parse_args(arguments)
@@ -93,9 +77,9 @@ def parse(arguments: Optional[List[str]], top: Path) -> Options:
         raise ParameterError("NAVIGATION", "move_base is not installed: run 'make navigation' once")
     if not given.seed.isdigit():
         raise ParameterError("SEED", f"expected a whole number, got '{given.seed}'")
-    return Options(
-        path, world, world.scenarios[given.scenario], given.method, int(given.seed), Path(given.out).resolve(), not given.no_rviz,
-        Path(given.models).expanduser().resolve() if given.models else None, given.navigation)
+    given.world_path, given.world, given.scenario, given.seed = path, world, world.scenarios[given.scenario], int(given.seed)
+    given.out, given.models = Path(given.out).resolve(), Path(given.models).expanduser().resolve() if given.models else None
+    return given
 
 
 def main(arguments: Optional[List[str]] = None, top: Optional[Path] = None) -> int:
@@ -116,7 +100,7 @@ def main(arguments: Optional[List[str]] = None, top: Optional[Path] = None) -> i
 class Demo:
     """One run, from starting the nodes to writing the summary; `stack` ends what it starts."""
 
-    def __init__(self, options: Options, console: Console, stack: contextlib.ExitStack) -> None:
+    def __init__(self, options: argparse.Namespace, console: Console, stack: contextlib.ExitStack) -> None:
         self.options, self.console, self._stack = options, console, stack
         self._started = time.monotonic()
         self._cameras = [camera.name for camera in options.world.cameras] if options.method == "nrs" else []

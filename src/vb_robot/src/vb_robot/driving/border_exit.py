@@ -34,7 +34,7 @@ class ExitPlanner:
 
     def __init__(self, workspace: Workspace, radius: float, place) -> None:
         window = (place[0] - WINDOW, place[1] - WINDOW, place[0] + WINDOW, place[1] + WINDOW)
-        posterior, physical = around(workspace.borders, window), around(workspace.physical, window)
+        posterior, physical = around(workspace.keep_out, window), around(workspace.physical, window)
         # a robot that stops a few centimetres short, or one cell away, counts as free
         room = MARGIN + 0.03 + posterior.resolution
         # the robot cuts corners by some centimetres; it keeps to the path only where there is no room for that
@@ -117,7 +117,7 @@ class BorderExit:
         if self._swallowed is None:
             self._swallowed = self._leaves and to_border < 0.0 and workspace.is_hard(pose[:2])
         if self._swallowed:
-            needed = self._swallowed = to_border < (MARGIN if under_way else 0.0)
+            needed = self._swallowed = to_border < 0.0 or (under_way and to_anything < MARGIN)
         elif under_way:
             needed = goal and to_anything < MARGIN
         else:

@@ -251,7 +251,9 @@ class Driver:
         if pose is None:
             return None
         last = self._command(NAVIGATION, now)
-        moves = last is not None and (last.v != 0.0 or last.w != 0.0)
+        # a wish that ends at a border moves nothing either, whatever navigation believes
+        blocked = self._last.driver == NAVIGATION and self._last.code == "border" and self._last.v == 0.0
+        moves = last is not None and (last.v != 0.0 or last.w != 0.0) and not blocked
         held = self._last.code if self._last.driver == LEAVE and self._last.code != "drives" else ""
         return self.exit.wish(now, pose, self._spots.state == DEFAULT, self.goal_runs, moves, held)
 

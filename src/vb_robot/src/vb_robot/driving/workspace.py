@@ -1,10 +1,16 @@
-"""The maps as one robot's driver sees them: how near its footprint is to what, and which border that is."""
+"""The maps as one robot's driver sees them: how near its footprint is to what, and which border that is.
+
+The idea: a scanner shows how far a wall is from the robot, but only the localisation tells how far a border is. So the
+robot keeps off borders, and only off them, by what its localisation may be off. Borders are grown by that much once, in
+one map, `Workspace.keep_out`, which the gate, the path out of a border and navigation share, so that they agree.
+"""
 from __future__ import annotations
 
 import enum
 import math
+from collections import deque
 from dataclasses import dataclass
-from typing import Optional, Sequence
+from typing import Deque, Optional, Sequence
 
 import cv2
 import numpy as np
@@ -15,6 +21,14 @@ from vb_robot.dispatching.viewpoint import Pose
 from vb_robot.driving.safety import HORIZON, arc
 
 HARD = 99  # [%] from this occupancy on a cell is never entered
+# How far off the localisation may be. AMCL tells how far its particles are spread, and its pose, which is their mean, is off
+# by much less: with these values by less than what robots keep at 94 of 100 updates (docs/results/robots_navigation.md). For
+# the rest there is what navigation itself keeps.
+SHARE = 0.75  # of the particles' standard deviation
+LEAST_DOUBT = 0.05  # [m] also where no covariance is published
+MOST_DOUBT = 0.10  # [m] places to look from are that far from borders; goals farther in would all be refused
+DOUBT_STEP = 0.025  # [m] a cell of most maps: with each step navigation gets another map
+UPDATES = 5  # of the localisation, half a metre of driving: for that long its largest doubt counts
 
 
 @dataclass(frozen=True)
@@ -41,6 +55,26 @@ class BorderContact(enum.Enum):
     INSIDE = 2
 
 
+class Doubt:
+    """How far off the localisation may be, by its own covariance, in the worst direction.
+
+    Attributes:
+        metres: [m] in steps, so that it seldom changes. It rises at once and falls slowly.
+    """
+
+    def __init__(self) -> None:
+        self.metres = LEAST_DOUBT
+        self._last: Deque[float] = deque(maxlen=UPDATES)
+
+    def add(self, covariance: np.ndarray) -> bool:
+        """Takes the covariance (2, 2) [m^2] of x and y of one update; returns whether the doubt has changed."""
+        worst = float(np.linalg.eigvalsh(covariance)[-1]) if np.isfinite(covariance).all() else math.inf
+        self._last.append(SHARE * math.sqrt(max(worst, 0.0)))
+        before = self.metres
+        self.metres = DOUBT_STEP * math.floor(min(max(*self._last, LEAST_DOUBT), MOST_DOUBT) / DOUBT_STEP + 1e-6)
+        return self.metres != before
+
+
 class Workspace:
     """What a robot may enter. What the map with borders has more occupied than the one without is restricted by borders.
 
@@ -51,10 +85,15 @@ class Workspace:
         physical: the one without; if it is missing, or of another geometry, nothing is known to be a border.
         radius: [m] of the robot.
         known: the borders that are enabled and meant for this robot.
+        doubt: [m] by which its localisation may be off.
+
+    Attributes:
+        keep_out: the map with borders, with those that must not be entered grown by the doubt.
     """
 
     def __init__(
-        self, borders: GridMap, physical: Optional[GridMap], radius: float, known: Sequence[KnownBorder] = ()
+        self, borders: GridMap, physical: Optional[GridMap], radius: float, known: Sequence[KnownBorder] = (),
+        doubt: float = 0.0,
     ) -> None:
         if physical is None or not physical.same_geometry(borders):
             physical = borders
@@ -63,9 +102,12 @@ class Workspace:
         self._restricted = borders.data > np.maximum(physical.data, 0)
         self._hard = self._restricted & (borders.data >= HARD)
         # the map's edge is neither a border nor an obstacle: the map ends there, the floor may go on
-        self._to_restricted, self._to_hard, self._to_borders, self._to_physical = (
+        self._to_restricted, self._to_hard, self._to_physical = (
             clearance_grid(cells, borders.resolution, edge=False)
-            for cells in (self._restricted, self._hard, borders.data >= HARD, physical.data >= HARD))
+            for cells in (self._restricted, self._hard, physical.data >= HARD))
+        self.keep_out = borders.with_data(
+            np.where((self._to_hard < doubt) & (borders.data >= 0), np.int8(100), borders.data))
+        self._to_anything = clearance_grid(self.keep_out.data >= HARD, borders.resolution, edge=False)
 
     def standing(self, place) -> BorderContact:
         """Where the round footprint at a place (2,) [m] is with respect to the restricted area."""
@@ -77,8 +119,8 @@ class Workspace:
         return self._at(self._to_hard, place)
 
     def distance_to_anything(self, place) -> float:
-        """[m] from a place (2,) [m] to what must not be entered; 0 within it."""
-        return self._at(self._to_borders, place)
+        """[m] from a place (2,) [m] to what the robot keeps out of; 0 within it."""
+        return self._at(self._to_anything, place)
 
     def is_hard(self, place) -> bool:
         """Whether the restricted cell nearest to a place (2,) [m] may not be entered at all."""
@@ -107,7 +149,7 @@ class Workspace:
             leaving: borders do not count.
         """
         steps = np.arange(0.0, HORIZON + 1e-9, 0.02)
-        clearance = sample(self.borders, self._to_physical if leaving else self._to_borders,
+        clearance = sample(self.borders, self._to_physical if leaving else self._to_anything,
                            arc(pose, steps * math.copysign(1.0, v), w / v))
         needed = min(self._radius + margin, float(clearance[0]))
         bad = np.flatnonzero(clearance < needed - 1e-6)
