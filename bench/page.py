@@ -314,12 +314,17 @@ def hostile():
 
         rospy.Subscriber(names.STATE, InteractionState, lambda message: state.__setitem__("now", message))
         wait(lambda: "now" in state, "the state")
-        before = (listing().borders.revision, state["now"].last_command, (folder / "e.jsonl").read_text())
+
+        def history():
+            file = folder / "e.jsonl"
+            return file.read_text() if file.exists() else ""  # it is made with the first event
+
+        before = (listing().borders.revision, state["now"].last_command, history())
         texts = [text for text in hostile_messages(7600, seed=11) if not is_request(text)][:7000]
         total = len(texts)
         sent = asyncio.run(messages(port, texts))
         answers = plain(port, 3000)
-        after = (listing().borders.revision, state["now"].last_command, (folder / "e.jsonl").read_text())
+        after = (listing().borders.revision, state["now"].last_command, history())
         alive = page_pid() == pid
         return [f"{sent} of {total} hostile messages over WebSockets as an operator, {sum(answers.values())} requests from elsewhere "
                 f"(answers {dict(sorted(answers.items()))}): page alive with the same process: {alive}, borders, commands and history unchanged: {before == after}"]

@@ -18,6 +18,7 @@ import tempfile
 import wave
 import zlib
 from dataclasses import dataclass
+from itertools import zip_longest
 from pathlib import Path
 from typing import Callable, List, Optional, Sequence, Tuple
 
@@ -290,7 +291,8 @@ def everything(group: str, takes: int = 1, share: float = 1.0, snr_db: float = 1
         share: of the plans, at random, the same each time.
 
     Returns:
-        The plans in a random order, so that what is stopped early has something of everything; talkers' sound.
+        The plans in a random order, but commands, near misses and others in turn: what is stopped early has as many of each;
+        talkers' sound.
     """
     voices = EVALUATION_VOICES if group == "evaluation" else DEVELOPMENT_VOICES
     # the neural voices have not recorded such long sentences
@@ -298,5 +300,6 @@ def everything(group: str, takes: int = 1, share: float = 1.0, snr_db: float = 1
     texts, rng = sentences(f"{group}_others"), np.random.default_rng(0)
     talkers = [synthesise(people[index % len(people)], f"{texts[index]}, {texts[-index - 1]}") for index in range(0, min(40, len(texts)), 2)]
     planned = [plan for noises in (NOISES[group], MUSIC[group], ("babble",)) for plan in plans(group, voices, takes, noises, snr_db)]
-    order = [index for index in rng.permutation(len(planned)) if rng.random() < share]
-    return [planned[index] for index in order], talkers
+    drawn = [planned[index] for index in rng.permutation(len(planned)) if rng.random() < share]
+    kinds = [[plan for plan in drawn if plan.kind == kind] for kind in ("command", "near_miss", "other")]
+    return [plan for together in zip_longest(*kinds) for plan in together if plan is not None], talkers

@@ -4,7 +4,7 @@ from __future__ import annotations
 import collections
 import threading
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Callable, Deque, Dict, List, Optional, Sequence, Tuple
 
 import numpy as np
@@ -52,17 +52,17 @@ class DisplayParams(Parameters):
 
 @dataclass(frozen=True)
 class _Known:
-    """The messages received, as one drawing step uses them."""
+    """What has been heard, as one drawing step uses it."""
 
-    physical: Optional[GridMap]
-    posterior: Optional[GridMap]
-    coverage: Optional[GridMap]
-    state: Optional[InteractionState]
-    progress: Optional[BorderProgress]
-    preview: Optional[BorderPreview]
-    borders: Tuple[VirtualBorder, ...]
-    spots: Tuple[scene.Spot, ...]
-    held: Tuple[Said, ...]
+    physical: Optional[GridMap] = None
+    posterior: Optional[GridMap] = None
+    coverage: Optional[GridMap] = None
+    state: Optional[InteractionState] = None
+    progress: Optional[BorderProgress] = None
+    preview: Optional[BorderPreview] = None
+    borders: Tuple[VirtualBorder, ...] = ()
+    spots: Tuple[scene.Spot, ...] = ()
+    held: Tuple[Said, ...] = ()
 
 
 class DisplayMarkers:
@@ -98,11 +98,7 @@ class DisplayMarkers:
         self._dirty = True  # something but a spot has changed
         self._urgent = False  # something that a person waits for: an answer, the new map
         self._newcomers: List[Any] = []
-        self._grids: Dict[str, Optional[GridMap]] = {"physical": None, "posterior": None, "coverage": None}
-        self._state: Optional[InteractionState] = None
-        self._progress: Optional[BorderProgress] = None
-        self._preview: Optional[BorderPreview] = None
-        self._borders: Tuple[VirtualBorder, ...] = ()
+        self._known = _Known()
         self._book = NoticeBook()
         self._spots: Deque[scene.Spot] = collections.deque(maxlen=_TRAIL)
         # of the worker alone
@@ -118,8 +114,8 @@ class DisplayMarkers:
         for topic, which in ((names.PHYSICAL_MAP, "physical"), (names.MAP_WITH_BORDERS, "posterior"), (names.COVERAGE, "coverage")):
             rospy.Subscriber(topic, OccupancyGridArray, self._on_grid, which, queue_size=1)
         rospy.Subscriber(names.STATE, InteractionState, self._on_state, queue_size=5)
-        rospy.Subscriber(names.PROGRESS, BorderProgress, self._store, "_progress", queue_size=1)
-        rospy.Subscriber(names.PREVIEW, BorderPreviewArray, self._store, "_preview", queue_size=1)
+        rospy.Subscriber(names.PROGRESS, BorderProgress, self._store, "progress", queue_size=1)
+        rospy.Subscriber(names.PREVIEW, BorderPreviewArray, self._store, "preview", queue_size=1)
         rospy.Subscriber(names.BORDERS, VirtualBorderArray, self._on_borders, queue_size=1)
         rospy.Subscriber(names.NOTICES, NoticeArray, self._on_notices, queue_size=20)
         rospy.Subscriber(names.SPOTS, LaserSpot, self._on_spot, queue_size=50, tcp_nodelay=True)
@@ -143,19 +139,18 @@ class DisplayMarkers:
         self._urgent |= urgent
         self._wake.set()
 
-    def _store(self, message: Any, where: str) -> None:
+    def _store(self, what: Any, where: str, urgent: bool = False) -> None:
         with self._lock:
-            setattr(self, where, message)
-        self._changed()
+            self._known = replace(self._known, **{where: what})
+        self._changed(urgent)
 
     def _on_state(self, message: InteractionState) -> None:
-        with self._lock:
-            before, self._state = self._state, message
+        before = self._known.state
         # it is repeated constantly: only what a person waits for is urgent
         news = before is None or (before.last_answered, before.name, before.stopped) != (
             message.last_answered, message.name, message.stopped
         )
-        self._changed(urgent=news)
+        self._store(message, "state", urgent=news)
 
     def _on_grid(self, message: OccupancyGrid, which: str) -> None:
         try:
@@ -163,12 +158,10 @@ class DisplayMarkers:
         except CodedError as error:
             rospy.logwarn_throttle(5.0, f"display_markers: {error}")
             return
-        with self._lock:
-            self._grids[which] = grid
-        self._changed(urgent=True)
+        self._store(grid, which, urgent=True)
 
     def _on_borders(self, message: VirtualBorderArray) -> None:
-        self._store(tuple(message.borders), "_borders")
+        self._store(tuple(message.borders), "borders")
 
     def _on_notices(self, message: NoticeArray) -> None:
         with self._lock:
@@ -206,13 +199,6 @@ class DisplayMarkers:
         """Ends the worker."""
         self._wake.close()
 
-    def _known(self) -> _Known:
-        """All that has been heard; the lock is held."""
-        return _Known(
-            state=self._state, progress=self._progress, preview=self._preview, borders=self._borders,
-            spots=tuple(self._spots), held=tuple(self._book.current(time.monotonic())), **self._grids,
-        )
-
     def _draw_spots(self) -> None:
         """Sends the live spots alone."""
         if self._markers.get_num_connections() == 0:
@@ -228,7 +214,8 @@ class DisplayMarkers:
     def _draw(self) -> bool:
         """Sends what changed; returns whether something goes on changing by itself."""
         with self._lock:
-            known = self._known()
+            held = tuple(self._book.current(time.monotonic()))
+            known = replace(self._known, spots=tuple(self._spots), held=held)
             newcomers, self._newcomers = self._newcomers, []
         grid = known.posterior or known.physical
         if grid is not None:

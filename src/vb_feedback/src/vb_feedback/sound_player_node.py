@@ -17,7 +17,7 @@ from vb_feedback.sound.tone_synthesis import SOUNDS, TICK, samples
 
 
 _RETRY_S = 5.0  # after a failure: a device may be plugged in later
-_MOST = 4  # sounds that may wait: at `max_age` they would be old
+_MOST = 16  # sounds that may wait; long before that they are too old
 
 
 @dataclass(frozen=True)
@@ -62,7 +62,6 @@ class SoundPlayer:
         if message.name not in SOUNDS:
             rospy.logwarn_throttle(10.0, f"sound_player: no sound is called '{message.name}'")
         elif message.name != TICK or not self._busy:
-            # one too many would be too old by the time it is played
             self._waiting.put((message.name, time.monotonic()))
 
     def _play(self, sound: Tuple[str, float]) -> None:

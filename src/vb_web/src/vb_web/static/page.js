@@ -350,7 +350,7 @@ function drawState() {
   $("laser").hidden = !state && !there;
   const given = new Set(there && state ? state.commands : []);
   $("laser-text").textContent = there ? say(`page_laser_${state ? state.name : "absent"}`) : say("page_manager_gone");
-  // whoever gave the command, by voice for instance: this is why nothing happened
+  // also of a command by voice or from another phone: this is why nothing happened
   const refused = there && state && state.name !== "default" && state.last.command && !state.last.ok ? words.tell(state.last) : "";
   if ($("laser-refused").textContent !== refused) $("laser-refused").textContent = refused;
   fill($("commands"), COMMANDS.filter((one) => given.has(one)).map((one) => element("button", {
