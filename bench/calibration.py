@@ -35,7 +35,7 @@ from vb_laser_detect.calibration.pose import CalibrationParams, Observations, es
 from vb_laser_detect.calibration.board import BoardParams, corners_on_map, find_board, merge_views  # noqa: E402
 from vb_laser_detect.calibration.session import HeldSpot  # noqa: E402
 from vb_laser_detect.detector import DetectorParams, SpotDetector  # noqa: E402
-from vb_laser_detect.detection.pixels import to_grey  # noqa: E402
+from vb_laser_detect.detection.image_format import to_grey  # noqa: E402
 from vb_laser_detect.detection.projection import floor_points, pixels_of  # noqa: E402
 from vb_sim.cameras.camera_calibration import calibrated_pose  # noqa: E402
 from vb_sim.cameras.ceiling_view import CeilingView  # noqa: E402
@@ -166,7 +166,7 @@ def measured_boards(lab: Lab, rng: np.random.Generator, count: int, care: Care, 
             pixels = true[-1] + rng.normal(0.0, CORNER_PX, true[-1].shape)
         wrong = ends(p1 + rng.normal(0.0, care.board_m, 2), yaw + math.radians(rng.normal(0.0, care.board_deg)))
         placed.append((pixels, corners_on_map(board, corners, *wrong)))
-    return Observations.boards(placed), np.concatenate(true)
+    return Observations.placed(placed), np.concatenate(true)
 
 
 def _choose(

@@ -169,7 +169,6 @@ def draw(observer: Observer, world) -> dict:
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--spot-rate", type=float, default=0.0, help="[1/s] display_markers' ~spot_rate; default: its own")
     parser.add_argument("--projector", action="store_true", help="with the floor projector")
     parser.add_argument("--cameras", default="red green blue", help="ceiling cameras; fewer for a slower machine")
     parser.add_argument("--no-rviz", action="store_true", help="without RViz's load")
@@ -202,8 +201,6 @@ def main() -> int:
         if not wait_until(lambda: observer.maps and all(observer.searched.get(name, 0) > 100 for name in cameras), 120.0):
             print(f"the lab did not come up:\n{launch.tail()}", file=sys.stderr)
             return 1
-        if given.spot_rate:
-            rospy.set_param("/display_markers/spot_rate", given.spot_rate)
             former = pid_of("/display_markers")
             os.kill(former, signal.SIGTERM)
             wait_until(lambda: pid_of("/display_markers") not in (0, former), 60.0)
@@ -213,7 +210,7 @@ def main() -> int:
         used = (cpu_seconds("/display_markers") - before) / (time.monotonic() - started)
         everything = [value for values in observer.markers.values() for value in values]
         result = {
-            "spot_rate_hz": rospy.get_param("/display_markers/spot_rate"), "projector": given.projector, "cameras": given.cameras,
+            "projector": given.projector, "cameras": given.cameras,
             "rviz": not given.no_rviz, "real_time_factor": round(observer.factor, 3), "stamp_to_marker": summary(everything),
             "spot_to_marker": summary(observer.own),
             "stamp_to_marker_by_camera": {camera: summary(values) for camera, values in sorted(observer.markers.items())},

@@ -26,7 +26,6 @@ from vb_core.errors import CodedError
 from vb_core.grid_map import FREE
 from vb_evaluation import metrics, statistics
 from vb_evaluation.provenance import revision
-from vb_evaluation.report.blocks import interval_text
 from vb_evaluation.report.paper import PAPER
 from vb_evaluation.study import assumptions, config
 from vb_evaluation.study.config import Study
@@ -133,8 +132,8 @@ def _line(study: Study, key: str, hand: str, mode: str, found: List[Drawn]) -> s
         np.array([getattr(one, name) for one in found if np.isfinite(getattr(one, name))]) for name in names)
     worst = f"{np.percentile(errors, 95):.1f}" if len(errors) else "–"
     return (f"| {study.world.scenario(key).title} | {hand} | {mode} | {refused} of {len(found)} | "
-            f"{interval_text(statistics.median(scores), 3)} | {interval_text(statistics.median(enclosed), 3)} | {PAPER[key].jaccard['nrs']:.3f} | "
-            f"{interval_text(statistics.median(errors), 1)} | {worst} | {interval_text(statistics.median(rim), 3)} |")
+            f"{statistics.median(scores).text(3)} | {statistics.median(enclosed).text(3)} | {PAPER[key].jaccard['nrs']:.3f} | "
+            f"{statistics.median(errors).text(1)} | {worst} | {statistics.median(rim).text(3)} |")
 
 
 if __name__ == "__main__":

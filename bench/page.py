@@ -6,6 +6,7 @@
     python3 bench/page.py large         a map of 4000 x 4000 cells: pictures, bytes, frames a second in a real browser, and 20 browsers' links
     python3 bench/page.py hostile       10,000 malformed or hostile messages and requests against the real nodes
     python3 bench/page.py axe FILE      axe-core (its axe.min.js) on the page in both sizes, light and dark
+    python3 bench/page.py pictures DIR  screenshots to be looked at: both sizes and languages, dark, no spot seen, stopped
 
 Each starts a roscore and the nodes that it needs on free ports of loopback, stops by itself, and appends a line to
 docs/results/page.md.
@@ -14,6 +15,7 @@ from __future__ import annotations
 
 import argparse
 import asyncio
+import base64
 import json
 import os
 import random
@@ -351,12 +353,69 @@ def axe(path):
     return lines
 
 
+def pictures(folder):
+    import rospy
+    from geometry_msgs.msg import Point
+    from phone import PHONE, WALL, Browser
+    from vb_core import names, sentences
+    from vb_core.ros.commands import order, send
+    from vb_msgs.msg import VirtualBorder
+    from vb_msgs.srv import AddBorder
+
+    target = Path(folder)
+    target.mkdir(parents=True, exist_ok=True)
+    with ExitStack() as stack:
+        port, _ = start(stack)
+        add = rospy.ServiceProxy(names.ADD_BORDER, AddBorder)
+        add.wait_for_service(60.0)
+        for name, x, y, schedule in (("Rug under the dining table", 3.1, 0.8, ""), ("K\u00fcche \u53a8\u623f", 1.0, 3.2, "mon-fri 08:00-12:30")):
+            corners = [Point(x, y, 0), Point(x + 1.6, y, 0), Point(x + 1.6, y + 1.1, 0), Point(x, y + 1.1, 0)]
+            border = VirtualBorder(name=name, kind=VirtualBorder.POLYGON, enabled=True, occupancy=1.0, points=corners,
+                                   seed=Point(x + 0.8, y + 0.5, 0), schedule=schedule)
+            add(border=border, frame_id="map", source="bench")
+        for language in ("en", "de"):
+            for size, kind in ((PHONE, "phone"), (WALL, "wall")):
+                page = Browser(f"http://127.0.0.1:{port}/", size, language)
+                try:
+                    page.wait_ready()
+                    page.wait("document.querySelectorAll('#borders li').length == 2")
+
+                    def take(view):
+                        page.run("window.scrollTo(0, 0)")
+                        height = page.run("return document.documentElement.scrollHeight")
+                        clip = {"x": 0, "y": 0, "width": size[0], "height": min(height, 2400), "scale": 1}
+                        found = page.driver.execute_cdp_cmd("Page.captureScreenshot", {"captureBeyondViewport": True, "clip": clip})
+                        (target / f"{kind}_{language}_{view}.png").write_bytes(base64.b64decode(found["data"]))
+
+                    take("ready")
+                    page.resize(size, True)
+                    take("dark")
+                    page.resize(size)
+                    send(order("define_border", "bench", 10.0))
+                    page.wait_text("body", sentences.say("no_spot_seen", {}, language))
+                    take("unseen")
+                    send(order("save", "voice", 10.0))
+                    page.wait_text("#laser", sentences.say("missing_spots", {}, language))
+                    take("missing")
+                    send(order("stop", "bench", 10.0))
+                    page.wait("document.getElementById('stop').dataset.command == 'resume'")
+                    take("stopped")
+                    send(order("resume", "bench", 10.0))
+                    send(order("cancel", "bench", 10.0))
+                finally:
+                    page.close()
+    return [f"{len(list(target.glob('*.png')))} screenshots"]
+
+
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("what", choices=("cost", "browser", "large", "hostile", "axe"))
+    parser.add_argument("what", choices=("cost", "browser", "large", "hostile", "axe", "pictures"))
     parser.add_argument("file", nargs="?")
     given = parser.parse_args()
-    lines = axe(given.file) if given.what == "axe" else globals()[given.what]()
+    lines = globals()[given.what](*([given.file] if given.what in ("axe", "pictures") else []))
+    if given.what == "pictures":
+        print(*lines)
+        return
     revision = subprocess.run(["git", "describe", "--always", "--dirty"], cwd=str(TOP), stdout=subprocess.PIPE, universal_newlines=True).stdout.strip()
     load = os.getloadavg()[0]
     RESULTS.parent.mkdir(parents=True, exist_ok=True)

@@ -46,7 +46,8 @@ COUNTED = ("frames", "labels", "found", "shots", "shots_found", "false", "false_
 ROLES = ("stationary", "mobile", "window")
 # frames with pulses that nobody labelled, looked at one by one: what is found there counts as false, and is told apart too
 UNLABELLED = {
-    "logitech-indoor-tree-green.mp4": (43, 44, 70, 71, 87, 88, 126, 127, 222, 223),
+    # 115 and 116 fall on a wall that is white already, and light a disc beside it
+    "logitech-indoor-tree-green.mp4": (43, 44, 70, 71, 87, 88, 115, 116, 126, 127, 222, 223),
 }
 Change = Callable[[np.ndarray], np.ndarray]
 

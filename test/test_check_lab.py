@@ -92,11 +92,12 @@ def test_each_mistake_with_the_map_is_named(changes, code):
     (NavigationSeen("move_base"), "lab_navigation_missing"),
     (NavigationSeen("move_base", True, ["/map"]), "lab_navigation_without_borders"),
     (NavigationSeen("move_base", True, ["/map", "/virtual_borders/map"]), "lab_navigation_physical_map"),
-    (NavigationSeen("move_base", True, ["/virtual_borders/map"], True), "lab_navigation_clears_plans"),
+    (NavigationSeen("move_base", True, ["/virtual_borders/map"]), "lab_navigation_without_keep_out"),
+    (NavigationSeen("move_base", True, ["/virtual_borders/map", "/robot_driver/keep_out"], True), "lab_navigation_clears_plans"),
 ])
 def test_navigation_that_ignores_borders_is_named(seen, code):
     assert codes(check_navigation(seen)) == [code]
-    assert not codes(check_navigation(NavigationSeen("r1/move_base", True, ["/r1/virtual_borders/map"])))
+    assert not codes(check_navigation(NavigationSeen("r1/move_base", True, ["/r1/virtual_borders/map", "/r1/robot_driver/keep_out"])))
 
 
 def test_a_mistyped_launch_argument_is_named_with_the_nearest():

@@ -17,9 +17,9 @@ from geometry_msgs.msg import Point
 
 from vb_core import names
 from vb_core.grid_map import GridMap
+from vb_core.map_files import write_map
 from vb_core.ros import messages
 from vb_evaluation.kit import measure, replay
-from vb_evaluation.kit.ground_truth import picture_of
 from vb_evaluation.kit.recording import Recording
 from vb_msgs.msg import InteractionState, LaserSpot
 from vb_msgs.srv import Command
@@ -102,7 +102,8 @@ class RecordingTest(unittest.TestCase):
         self.assertLess(found.chain_distance_m, 0.05)
 
         study = self.folder.parent
-        truth = cv2.cvtColor(picture_of(lab()), cv2.COLOR_GRAY2BGR)
+        write_map(study / "map", lab())
+        truth = cv2.imread(str(study / "map.pgm"))
         truth[::-1][20:40, 20:50] = (0, 215, 247)
         (study / "truth").mkdir()
         cv2.imwrite(str(study / "truth" / "carpet.png"), truth)

@@ -1,6 +1,8 @@
 """Ground truths, protocol, and measures of recordings that other packages' code writes."""
 import dataclasses
 import json
+import tempfile
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -14,10 +16,11 @@ from vb_evaluation import metrics
 from vb_evaluation.kit import conduct, forms, measure, protocol
 from vb_evaluation.study import rehearsal
 from vb_evaluation.kit.__main__ import main
-from vb_evaluation.kit.ground_truth import find_ground_truths, picture_of, read_ground_truth
+from vb_evaluation.kit.ground_truth import find_ground_truths, read_ground_truth
 from vb_evaluation.kit.recording import Recording
-from vb_evaluation.report.data import read_study
-from vb_evaluation.study import config, measures, runner
+from vb_evaluation.report.data import read_sheet, read_study
+from vb_evaluation.study import campaign, config, runner
+from vb_evaluation.study.result import COLUMNS, measure as measure_run
 from vb_map_integration.border import VirtualBorder
 from vb_map_integration.integration import integrate
 from vb_map_integration.storage.recording import Recording as MapRecording
@@ -40,9 +43,16 @@ def truth_of(grid):
     return marked & (grid.data == 0)
 
 
+def picture_of(grid):
+    """The map's picture, as an editor opens it."""
+    with tempfile.TemporaryDirectory() as folder:
+        write_map(Path(folder) / "map", grid)
+        return cv2.imread(f"{folder}/map.pgm")
+
+
 def painted(grid, color, **options):
     """The map's picture with the area painted in a colour (b, g, r), as an editor does it."""
-    picture = cv2.cvtColor(picture_of(grid), cv2.COLOR_GRAY2BGR)
+    picture = picture_of(grid)
     picture[::-1][10:30, 20:50] = color  # over anything that stands there
     return picture
 
@@ -290,7 +300,7 @@ def test_what_was_done_otherwise_than_planned_is_left_out(study):
     rows, notes = rows_of(study)
     assert [row["as_planned"] for row in rows] == ["1", "0", "1"] and [row["order"] for row in rows] == ["1", "2", "1"]
     assert len(notes) == 1 and "with the cameras green" in notes[0] and rows[0]["revision"] == "abc"
-    assert [row["recording"] for row in read_study(study / "out").runs.rows] == ["a", "c"]
+    assert list(read_study(study / "out").runs.recording) == ["a", "c"]
     assert float(rows[0]["error_mean_cm"]) == 0.0
 
 
@@ -428,19 +438,20 @@ def test_a_dry_run_with_simulated_people(tmp_path, monkeypatch):
     assert main(["plan", "--participants", "1", "--scenarios", "room", "--out", str(path)]) == 0
     for _ in range(2):
         assert main(["run", "p01", "--protocol", str(path), "--rehearse"]) == 0
-    truths, physical = rehearsal.write_ground_truths(study, tmp_path)
-    assert main(["measure", str(path), "--ground-truth", str(truths), "--map", str(physical), "--out", str(tmp_path / "out")]) == 0
-    rows = read_study(tmp_path / "out").runs.rows
+    truths = tmp_path / "ground_truth"
+    campaign.write_truths(study, tmp_path / "map", truths / "{}")
+    assert main(["measure", str(path), "--ground-truth", str(truths), "--map", str(tmp_path / "map.yaml"), "--out", str(tmp_path / "out")]) == 0
+    rows = read_sheet(tmp_path / "out" / "runs.csv", ()).to_dict("records")
     assert {row["method"] for row in rows} == {"nrs", "robot_only"} and [row["order"] for row in rows] == ["1", "2"]
     assert all(row["as_planned"] == "1" and row["revision"] for row in rows)
     for row, result in zip(rows, results):
-        simulated = measures.measure(result)
-        assert set(simulated) == set(measures.COLUMNS)
+        simulated = measure_run(result)
+        assert set(simulated) == set(COLUMNS)
         assert row["completed"] == row["saved"] == str(simulated["completed"]) == str(int(result.task.method == "nrs"))
         # a run that ended before anything was begun has no times
         assert float(row["time_total_s"] or 0.0) == pytest.approx(simulated["time_total_s"], abs=0.02)
     done = next(index for index, result in enumerate(results) if result.saved)
-    row, simulated = rows[done], measures.measure(results[done])
+    row, simulated = rows[done], measure_run(results[done])
     assert simulated["time_guide_s"] == 0.0 and simulated["time_border_s"] > 0 and simulated["time_seed_s"] > 0
     # a line across the doorway is off by centimetres, the index does not show it
     assert float(row["jaccard"]) == pytest.approx(simulated["jaccard"], abs=1e-4) and 0.9 < simulated["jaccard"] < 1.0

@@ -1,6 +1,7 @@
+import re
 import sys
 
-from vb_evaluation.processes import Child, free_port
+from vb_evaluation.processes import Child, free_port, start_screen
 
 
 def test_a_child_and_all_it_started_end(tmp_path):
@@ -20,3 +21,13 @@ def test_what_a_child_wrote_can_be_told(tmp_path):
 
 def test_a_free_port_is_a_port():
     assert 1024 < free_port() < 65536
+
+
+def test_two_screens_are_two_displays(tmp_path):
+    screens = [start_screen(tmp_path / f"{name}.txt", 64, 48) for name in "ab"]
+    try:
+        assert all(screen.running and re.fullmatch(r":\d+", display) for screen, display in screens)
+        assert screens[0][1] != screens[1][1]
+    finally:
+        for screen, _ in screens:
+            screen.stop()

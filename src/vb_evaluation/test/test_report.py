@@ -1,6 +1,7 @@
 """The report says what the CSV says, with intervals and caveats, and takes few or odd data."""
 import csv
 import html
+import json
 import re
 import subprocess
 import sys
@@ -10,12 +11,13 @@ import numpy as np
 import pytest
 
 from vb_core.errors import CodedError
-from vb_evaluation.report import __main__ as command
-from vb_evaluation.report import background, beside, charts, worlds
+from vb_evaluation.kit import __main__ as command
+from vb_evaluation.report import background, beside, charts, sensitivity
 from vb_evaluation.report.data import read_study
 from vb_evaluation.report.maps import nearest_to_median
 from vb_evaluation.report.page import write_report
 from vb_evaluation.statistics import Interval
+from vb_evaluation.study import campaign
 
 sys.path.insert(0, str(Path(__file__).parent))
 import study_rows  # noqa: E402
@@ -87,13 +89,14 @@ def test_every_section_of_a_simulation_has_its_caveat(full):
 
 
 def test_the_worlds_tell_what_decides(full):
-    found = worlds.read(read_study(full[0]))
-    assert found.draws == 60 and found.dimensions == 3
-    first = found.deciding["speed-up (logarithm)"][0]
-    assert first["assumption"] == "hand/speed" and first["clear"] == "yes" and first["_rho"][1] > found.noise
-    assert [entry["clear"] for entry in found.deciding["boundary error, network robot system"]] == ["no"] * 3
-    faster = next(row for row in found.conclusions if row["conclusion"].startswith("faster") and row["scenario"] == "all")
-    assert faster["holds"].estimate == 1.0 and faster["holds"].low < 0.97 and faster["n"] < 60  # who failed is no evidence
+    blocks = sensitivity.plausible(read_study(full[0])).blocks
+    assert "All 3 assumptions" in blocks[0].words[0] and "60 draws" in blocks[0].words[0]
+    conclusions, deciding = (next(block.rows for block in blocks if getattr(block, "name", "") == name) for name in ("worlds", "deciding"))
+    first = next(row for row in deciding if row["outcome"] == "speed-up (logarithm)")
+    assert first["assumption"] == "hand/speed" and first["clear"] == "yes" and first["rho"].low > sensitivity.noise(first["n"], 3)
+    assert [row["clear"] for row in deciding if row["outcome"] == "boundary error, network robot system"] == ["no"] * 3
+    faster = next(row for row in conclusions if row["conclusion"].startswith("faster") and row["scenario"] == "all")
+    assert faster["holds"].estimate == 100.0 and faster["holds"].low < 97.0 and faster["n"] < 60  # who failed is no evidence
 
 
 def test_noise_of_many_correlations_is_that_of_shuffled_draws():
@@ -103,7 +106,7 @@ def test_noise_of_many_correlations_is_that_of_shuffled_draws():
         drawn = rng.random((60, 20))
         outcome = rng.random(60)
         largest.append(max(abs(np.corrcoef(drawn[:, index], outcome)[0, 1]) for index in range(20)))
-    assert worlds.noise(60, 20) == pytest.approx(np.percentile(largest, 95), abs=0.04)
+    assert sensitivity.noise(60, 20) == pytest.approx(np.percentile(largest, 95), abs=0.04)
 
 
 def test_order_effects_are_found(tmp_path):
@@ -129,10 +132,10 @@ def test_the_page_stands_alone_and_is_the_same_again(full):
 def test_maps_are_those_nearest_to_the_median(full):
     study = read_study(full[0])
     for scenario in study.scenarios:
-        line, row = nearest_to_median(study, scenario, "nrs")
-        done = [float(one["jaccard"]) for one in study.runs.rows
+        row = nearest_to_median(study, scenario, "nrs")
+        done = [float(one["jaccard"]) for one in rows_of(full[0] / "runs.csv")
                 if (one["scenario"], one["method"], one["completed"]) == (scenario, "nrs", "1")]
-        assert abs(float(row["jaccard"]) - np.median(done)) == min(abs(value - np.median(done)) for value in done)
+        assert abs(row["jaccard"] - np.median(done)) == min(abs(value - np.median(done)) for value in done)
 
 
 def test_a_map_that_does_not_fit_its_line_is_told(tmp_path, no_pictures):
@@ -152,6 +155,16 @@ def test_few_participants_and_nothing_but_runs(tmp_path, participants, no_pictur
     assert "Beside the paper" in page and "Plausible worlds" not in page and "nan" not in words_of(page)
 
 
+@pytest.mark.parametrize("size", ["quick", "usual"])
+def test_no_word_of_a_section_that_is_absent(tmp_path, no_pictures, size):
+    folder = study_rows.make_study(tmp_path / "study", 2, sweeps=False, maps=False)
+    meta = {**json.loads((folder / "study.json").read_text()), "size": size, "caveats": campaign.CAVEATS}
+    (folder / "study.json").write_text(json.dumps(meta))
+    page = words_of(write_report(folder).read_text()).lower()
+    for section in ("plausible world", "curves", "picture searched", "image searched"):
+        assert section not in page.replace("has curves, and takes some hours", ""), section
+
+
 def test_runs_that_are_missing_are_named(tmp_path, no_pictures):
     folder = study_rows.make_study(tmp_path / "study", 3, sweeps=False, maps=False)
     rows = rows_of(folder / "runs.csv")
@@ -168,7 +181,7 @@ def test_bad_data_is_one_line(tmp_path, change, words, capsys):
     rows = rows_of(folder / "runs.csv")
     rows[0].update(change)
     study_rows.write(folder / "runs.csv", study_rows.RUN_COLUMNS, rows)
-    assert command.main([str(folder)]) == 2
+    assert command.main(["report", str(folder)]) == 2
     assert words in capsys.readouterr().err
 
 

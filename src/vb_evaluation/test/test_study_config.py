@@ -5,7 +5,9 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from vb_core import geometry
 from vb_core.errors import CodedError, ParameterError
+from vb_core.geometry import chain_length, resample_chain
 from vb_evaluation.design import order_of_runs
 from vb_evaluation.provenance import top
 from vb_evaluation.report.data import CURVES, RUNS, WORLDS
@@ -176,20 +178,30 @@ def test_worlds_cover_all_scenarios_and_both_methods():
     assert len({job.task.participant for job in jobs}) == 9
 
 
-def test_coverage_goes_from_none_to_all():
-    jobs = plan.curve_jobs(STUDY, ["coverage"])
-    values = sorted({job.conditions["value"] for job in jobs})
-    assert values[0] == 0.0 and values[-1] == 1.0 and len(values) == 5
-    # the baseline does not notice the ceiling; the paper's cameras are the study itself
-    assert all(not job.changes for job in jobs if job.task.method == "robot_only")
-    assert sum(not job.changes for job in jobs if job.task.method == "nrs") == 2 * len(STUDY.design.scenarios)
-
-
-def test_borders_grow_with_their_regions():
-    for job in plan.curve_jobs(STUDY, ["border_length"]):
-        scenario = STUDY.changed(job.changes).world.scenario(job.task.scenario)
-        edges = {tuple(corner) for corner in scenario.region}
-        assert sum(tuple(corner) in edges for corner in scenario.border) >= 2
+def test_curves_say_what_they_are_over():
+    """Each point's value, looked up in the world that its changes make."""
+    jobs = [job for job in plan.curve_jobs(STUDY) if job.task.participant == 1 and job.task.method == "nrs"]
+    for job in jobs:
+        world, value = STUDY.changed(job.changes).world, job.conditions["value"]
+        scenario = world.scenario(job.task.scenario)
+        if job.conditions["sweep"] == "border_length":
+            assert chain_length(scenario.border, scenario.closed) == pytest.approx(value, abs=1e-3)
+            edges = {tuple(corner) for corner in scenario.region}  # the region grows with it
+            assert sum(tuple(corner) in edges for corner in scenario.border) >= 2
+        if job.conditions["sweep"] == "robots":
+            assert len(world.robots) == value
+        if job.conditions["sweep"] == "coverage":
+            grid = floor_plan.physical_map(world)
+            floor = np.pad(grid.cell_to_world(np.argwhere(grid.data == 0)[::37]), ((0, 0), (0, 1)))
+            seen = [camera.model().contains(camera.model().project(geometry.apply(geometry.invert(camera.pose()), floor)))
+                    for camera in world.cameras]
+            assert np.any(seen, axis=0).mean() == pytest.approx(value, abs=0.01)
+        if job.conditions["sweep"] == "distance":  # no farther than the crow flies
+            line = resample_chain(scenario.border, 0.1, scenario.closed)
+            assert np.linalg.norm(line - world.robots[0].start_pose()[:2], axis=1).min() < value + 0.7
+    assert {job.conditions["sweep"] for job in jobs} == {"coverage", "distance", "border_length", "robots"}
+    # the baseline does not notice the ceiling, nor other robots
+    assert not any(job.changes for sweep in ("coverage", "robots") for job in plan.curve_jobs(STUDY, sweep) if job.task.method == "robot_only")
 
 
 def test_the_examples_of_the_documentation_work(tmp_path):
@@ -200,7 +212,7 @@ def test_the_examples_of_the_documentation_work(tmp_path):
         studies.append(config.load(tmp_path / f"{number}.yaml"))
     assert [study.world.name for study in studies].count("studio") == 1 and len(studies) > 1
     for study in studies:
-        assert plan.curve_jobs(study, ["coverage", "robots"])
+        assert bool(plan.curve_jobs(study)) == (study.world.name == "lab")
 
 
 def test_each_size_is_part_of_the_next():

@@ -43,12 +43,12 @@ def test_the_same_whatever_was_run_before():
     assert len(first.spots) > 10 and np.allclose(first.path, again.path, atol=1e-6)
 
 
-def tell(key, document, sources, job):
+def tell(document, sources, job):
     """What a worker of these tests does instead of a run: a row that depends on job and configuration."""
     study = config.study_of(document, sources)
     varied = study.changed(job.changes) if job.changes else study
     row = {name: 0 for name in campaign.columns(job.file)}
-    row.update(job.columns(study.design.seed), spots=int(varied.hash, 16) % 10**6, reason=key)
+    row.update(job.columns(study.design.seed), spots=int(varied.hash, 16) % 10**6)
     row.update({"map": ""} if "map" in row else {})
     return campaign.Outcome(job, row)
 
@@ -69,7 +69,7 @@ INTERRUPTED = """
 import os, signal, sys, threading
 from vb_evaluation.study import __main__ as command, campaign
 
-def work(key, document, sources, job):
+def work(document, sources, job):
     if job.order > 4:
         os.kill(int(os.environ["CONDUCTOR"]), signal.SIGINT)
         threading.Event().wait()  # a run that would never end
@@ -92,7 +92,7 @@ def test_an_interruption_ends_the_study_and_the_same_command_goes_on(tmp_path, p
     assert f"interrupted: {done} of 6 runs are done and kept in {tmp_path}" in cut.stdout and done < 6
     assert "Traceback" not in cut.stdout and "failed" not in cut.stdout
 
-    def work(key, document, sources, job):
+    def work(document, sources, job):
         return campaign.Outcome(job, {**dict.fromkeys(campaign.columns(job.file), 0), **job.columns(1), "map": ""})
 
     for folder in ("cut", "whole"):
@@ -113,6 +113,20 @@ def test_a_cluster_gives_the_same_rows(tmp_path):
         assert (tmp_path / "far" / file).read_bytes() == (tmp_path / "here" / file).read_bytes()
 
 
+def test_a_curve_repeats_no_run_that_the_study_has(tmp_path):
+    """Where nothing is changed the row is the study's own, under the curve's name."""
+    jobs, done = plan.main_jobs(STUDY, 1) + plan.curve_jobs(STUDY, "robots"), []
+    curve = [job for job in jobs if job.conditions and job.task.participant == 1]
+
+    def work(document, sources, job):
+        done.append(job)
+        return tell(document, sources, job)
+
+    assert campaign.conduct(STUDY, jobs, tmp_path, console=QUIET, work=work) == 0
+    assert sum(job.task.participant == 1 for job in done) == 6 + sum(bool(job.changes) for job in curve) < 6 + len(curve)
+    assert (tmp_path / "curves.csv").read_text().count("\n") == 1 + 2 * len(curve)
+
+
 def test_no_scheduler_is_one_line(tmp_path):
     with pytest.raises(CodedError) as caught:
         campaign.conduct(moments(1.0), plan.main_jobs(STUDY, 1), tmp_path, console=QUIET, scheduler="nonsense://nowhere")
@@ -121,7 +135,7 @@ def test_no_scheduler_is_one_line(tmp_path):
 
 @pytest.mark.parametrize("name", ["runs.csv", "curves.csv", "worlds.csv"])
 def test_a_row_of_each_file_is_made_again_alone(name, tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr(campaign, "row_of", lambda study, job: (tell("", study.document, study.sources, job).row, None))
+    monkeypatch.setattr(campaign, "row_of", lambda study, job: (tell(study.document, study.sources, job).row, None))
     path = tmp_path / "short.yaml"
     path.write_text("design: {worlds: 2}\n")
     study = config.load(path)
@@ -140,4 +154,4 @@ def test_a_row_of_each_file_is_made_again_alone(name, tmp_path, capsys, monkeypa
 
 def test_a_row_that_no_study_has_is_told():
     with pytest.raises(CodedError):
-        plan.find(plan.curve_jobs(STUDY, ["robots"]), participant=1, scenario="room", method="nrs", value=9.0)
+        plan.find(plan.curve_jobs(STUDY, "robots"), participant=1, scenario="room", method="nrs", value=9.0)

@@ -39,7 +39,7 @@ def test_the_order_does_not_tell_who_was_ready_first(tmp_path):
     rows = file(tmp_path)
     for participant in (3, 1, 2):
         rows.append({"participant": participant, "scenario": "room", "value": 0})
-    rows.sort([(str(number), "room") for number in (1, 2)])
+    rows.write([(str(number), "room") for number in (1, 2)])
     assert list(file(tmp_path).rows) == [("1", "room"), ("2", "room"), ("3", "room")]
 
 
@@ -62,7 +62,7 @@ def test_another_configuration_is_refused_or_thrown_away(tmp_path):
 
 def test_rows_of_unknown_origin_are_refused(tmp_path):
     (tmp_path / "runs.csv").write_text("participant\n1\n")
-    with pytest.raises(CodedError, match="nobody knows"):
+    with pytest.raises(CodedError, match="of another configuration"):
         claim(tmp_path, "abc", False, {})
     (tmp_path / "study.json").write_text("{")
     with pytest.raises(CodedError, match="study.json"):

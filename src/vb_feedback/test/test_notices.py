@@ -6,24 +6,32 @@ import numpy as np
 from vb_core.grid_map import GridMap
 from vb_core.notices import Notice as Held
 from vb_core.notices import Severity
-from vb_feedback.display.notices import Issue, Preview, of_others, preview_notices, coverage_notices
+from vb_core.ros.messages import values_from_mapping
+from vb_feedback.display.display_messages import preview_notices
+from vb_feedback.display.notices import coverage_notices, of_others
+from vb_msgs.msg import BorderIssue, BorderPreview
 
 
 def texts(found):
     return [(notice.text, notice.warning) for notice in found]
 
 
+def issue(severity, code, message=""):
+    return BorderIssue(severity=severity, code=code, message=message)
+
+
 def test_what_save_would_do():
+    warning, error = BorderIssue.WARNING, BorderIssue.ERROR
     assert preview_notices(None, "en") == []
-    assert texts(preview_notices(Preview(True, area_m2=2.5), "en")) == [("Save would restrict 2.50 m\u00b2.", False)]
-    found = (Issue(False, "of_the_integrator", (), "it parts the room."), Issue(False, "more"))
-    mind = preview_notices(Preview(True, issues=found, area_m2=8.0), "en")
-    assert texts(mind)[1] == ("Mind: it parts the room.", True)
-    errors = (Issue(False, "a"), Issue(True, "b", (), "the seed is on a wall."))
-    refused = preview_notices(Preview(False, Issue(True, "c"), errors), "en")
-    assert texts(refused) == [("Save would be refused: the seed is on a wall.", True)]
-    why = Issue(True, "no_service", (("who", "$map_integrator"),), "in English")
-    assert texts(preview_notices(Preview(False, why), "de")) == [
+    preview = BorderPreview(success=True, area_m2=2.5)
+    assert texts(preview_notices(preview, "en")) == [("Save would restrict 2.50 m\u00b2.", False)]
+    preview.issues = [issue(warning, "of_the_integrator", "it parts the room."), issue(warning, "more")]
+    assert texts(preview_notices(preview, "en"))[1] == ("Mind: it parts the room.", True)
+    refused = BorderPreview(code="c", issues=[issue(warning, "a"), issue(error, "b", "the seed is on a wall.")])
+    assert texts(preview_notices(refused, "en")) == [("Save would be refused: the seed is on a wall.", True)]
+    values = values_from_mapping({"who": "$map_integrator"})
+    unreached = BorderPreview(code="no_service", values=values, message="in English")
+    assert texts(preview_notices(unreached, "de")) == [
         ("Speichern w\u00fcrde abgelehnt: Die Kartenverwaltung l\u00e4uft nicht.", True)
     ]
 
@@ -54,5 +62,6 @@ def test_a_spot_that_nobody_sees():
     assert texts(coverage_notices("seed", (), (1.2, 0.5), None, True, (), "en")) == [("No camera sees a spot. Keep pointing: a robot comes.", False)]
     for coverage in (None, partly):
         assert "robot" not in texts(coverage_notices("seed", (), (1.2, 0.5), coverage, False, (), "en"))[0][0]
-    # a dispatcher that says so itself knows better
-    assert coverage_notices("border", (), (1.2, 0.5), partly, True, [Held("spot_unseen_robot_comes")], "en") == []
+    # others that say so themselves know better
+    for code in ("spot_unseen_robot_comes", "no_spot_seen"):
+        assert coverage_notices("border", (), (1.2, 0.5), partly, True, [Held(code)], "en") == []

@@ -8,9 +8,8 @@ import pytest
 import yaml
 
 from vb_core.errors import CodedError
-from vb_feedback.display import fit_display
 from vb_feedback.display.layout import Box, fit
-from vb_feedback.display.rviz_config import fit_config, screen_size
+from vb_feedback.display.rviz_config import fit_config, screen_size, write_fitted
 
 RVIZ = Path(__file__).resolve().parents[3] / "rviz"
 
@@ -65,16 +64,14 @@ def test_another_view_is_refused():
         fit_config(config, Box(0, 0, 8, 5), 1920, 1080)
 
 
-def test_the_program(tmp_path, capsys):
+def test_a_file_is_fitted(tmp_path):
     output = tmp_path / "new" / "fitted.rviz"
-    source = str(RVIZ / "smart_display.rviz")
-    assert fit_display.run([source, str(output), "--map", "10", "4", "--origin", "-5", "-2"]) == 0
-    view = yaml.safe_load(output.read_text())["Visualization Manager"]["Views"]["Current"]
-    assert view["Scale"] > 0
-    assert fit_display.run([str(tmp_path / "none.rviz"), str(output)]) == 1
-    assert "none.rviz" in capsys.readouterr().err
-    assert fit_display.run([source, str(output), "--map", "0", "4"]) == 1
-    assert "extent" in capsys.readouterr().err
+    write_fitted(str(RVIZ / "smart_display.rviz"), output, Box(-5, -2, 5, 2), 1920, 1080)
+    assert yaml.safe_load(output.read_text()) == fit_config(template(), Box(-5, -2, 5, 2), 1920, 1080)
+    with pytest.raises(CodedError, match="none.rviz"):
+        write_fitted(str(tmp_path / "none.rviz"), output, Box(0, 0, 8, 5), 1920, 1080)
+    with pytest.raises(CodedError, match="extent"):
+        write_fitted(str(RVIZ / "smart_display.rviz"), output, Box(0, 0, 0, 4), 1920, 1080)
 
 
 def test_the_engineers_config_is_one():

@@ -64,15 +64,15 @@ def test_segments_join_at_corners():
 def test_spots_fade_and_go():
     layout = fit(Box(0, 0, 8, 5), 16 / 9)
     seen = [scene.Spot("red", 1.0, 1.0, 10.0), scene.Spot("red", 1.1, 1.0, 11.0), scene.Spot("blue", 2.0, 2.0, 10.9)]
-    shapes = {shape.key: shape for shape in scene.trails(layout, seen, 11.0, 1.5, 3.0)}
+    shapes = {shape.key: shape for shape in scene.trails(layout, seen, 11.0)}
     trail = shapes[("spots/red/trail", 0)]
     assert trail.points == ((1.0, 1.0), (1.1, 1.0)) and sum(trail.colours[0]) > sum(trail.colours[1])
     assert trail.colours[1] == colours.camera_colour("red") != colours.camera_colour("blue")
-    discs = {shape.key: shape for shape in scene.live_spots(layout, seen, 11.0, 1.5, 3.0)}
+    discs = {shape.key: shape for shape in scene.live_spots(layout, seen, 11.0)}
     assert discs[("spots/red", 1)].points == ((1.1, 1.0),) and ("spots/blue", 1) in discs
     # long ago; and time that jumped back: what seems to come from the future is left out
     for now in (20.0, 0.0):
-        assert scene.trails(layout, seen, now, 1.5, 3.0) == scene.live_spots(layout, seen, now, 1.5, 3.0) == []
+        assert scene.trails(layout, seen, now) == scene.live_spots(layout, seen, now) == []
 
 
 def test_drawing_needs_no_camera_names():

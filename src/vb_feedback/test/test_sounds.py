@@ -1,4 +1,4 @@
-"""What the sounds sound like, and which are played."""
+"""What the sounds sound like, and how they get to the device."""
 from __future__ import annotations
 
 import itertools
@@ -10,7 +10,6 @@ import pytest
 
 from vb_core.errors import CodedError
 from vb_feedback.sound.audio_sink import AudioSink
-from vb_feedback.sound.playlist import SoundQueue
 from vb_feedback.sound.tone_synthesis import RATE, SOUNDS, samples
 
 
@@ -58,29 +57,6 @@ def test_a_tick_is_soft_and_volume_counts():
     assert power(samples("tick")) * 100 < min(power(samples(name)) for name in SOUNDS if name != "tick")
     assert np.abs(samples("border", 0.5)).max() == pytest.approx(np.abs(samples("border")).max() / 2, abs=1)
     assert not samples("border", 0.0).any() and len(samples("no such sound")) == 0
-
-
-# ----------------------------------------------------------------- which are played
-def test_ticks_give_way():
-    playlist = SoundQueue(60.0)
-    for name in ("tick", "border", "tick"):
-        playlist.put(name)
-    assert playlist.take() == "border"
-    playlist.put("tick")
-    assert playlist.take() == "tick"
-    playlist.close()
-    assert playlist.take() is None
-
-
-def test_old_sounds_are_dropped():
-    now = [0.0]
-    playlist = SoundQueue(1.0, lambda: now[0])
-    for number, name in enumerate(["border", "refusal", "seed", "guide", "success"]):
-        now[0] = 0.1 * number
-        playlist.put(name)
-    now[0] = 1.25
-    # the first had to go since five are too many; the next two are too old
-    assert [playlist.take(), playlist.take()] == ["guide", "success"]
 
 
 # ----------------------------------------------------------------- the device

@@ -228,7 +228,7 @@ class CalibrateCameraTest(unittest.TestCase):
                     break
                 self.assertTrue("no_spot" in answer or "spot_moves" in answer, answer)
             self.assertIn("is at", answer)
-            command.wait_for(f"{i + 1} point", after=before)
+            command.wait_for(f"{i + 1} place", after=before)
         command.type("done")
         self.assertEqual(command.status(), 0, command.lines)
         text = "\n".join(command.lines)

@@ -9,8 +9,9 @@ from vb_core import geometry
 from vb_core.camera_model import CameraModel
 from vb_core.errors import CodedError
 from vb_laser_detect.calibration import file as calibration_file
+from vb_laser_detect.calibration import pose as pose_module
 from vb_laser_detect.calibration.pose import CalibrationParams, Observations, estimate_pose
-from vb_laser_detect.calibration.session import HeldSpot, SpotSession, describe, parse_numbers
+from vb_laser_detect.calibration.session import HeldSpot, Session, describe, parse_numbers
 from vb_laser_detect.detection.projection import floor_points, pixels_of
 
 GRID = np.array([(u, v) for u in (96, 960, 1824) for v in (54, 540, 1026)], float)
@@ -146,12 +147,13 @@ def test_points_close_together_are_refused():
 @pytest.mark.parametrize(
     "focal, tilt, part, code", [(1100.0, 0.15, 0.25, "uncertain"), (3000.0, 0.3, 0.15, "ambiguous")]
 )
-def test_points_that_leave_the_pose_open_are_refused(focal, tilt, part, code):
+def test_points_that_leave_the_pose_open_are_refused(focal, tilt, part, code, monkeypatch):
+    monkeypatch.setattr(pose_module, "_LEAST_AREA", 0.0)
     camera = CameraModel.ideal(1920, 1080, focal)
     pose = geometry.transform(geometry.rotation_from_rpy(math.pi + tilt, 0, 0), (0, 0, 3.0))
     pixels = (SPREAD[:4] - (960, 540)) * part + (960, 540)
     observed = Observations.single(pixels, floor_points(camera, pose, pixels)[:, :2])
-    assert refusal(observed, CalibrationParams(point_sigma=0.02, min_area=0.0), camera) == code
+    assert refusal(observed, CalibrationParams(point_sigma=0.02), camera) == code
 
 
 def test_mirrored_coordinates_are_refused():
@@ -202,7 +204,7 @@ def test_a_spot_is_taken_only_while_it_is_still():
 
 def test_session_guides_to_a_result_and_back():
     observed = observe(np.random.default_rng(8), 8)
-    session = SpotSession(CAMERA, CalibrationParams())
+    session = Session(CAMERA, CalibrationParams())
     assert not session.undo() and "at least 4" in session.progress()
     for pixel, point in zip(observed.pixels, observed.points):
         session.add(tuple(pixel), tuple(point))

@@ -18,7 +18,7 @@ from vb_laser_detect.calibration.board import (
     merge_views,
     write_board,
 )
-from vb_laser_detect.calibration.session import BoardSession
+from vb_laser_detect.calibration.session import Session
 from vb_laser_detect.calibration.consistency import agreement
 from vb_laser_detect.detection.projection import floor_points, pixels_of
 
@@ -45,9 +45,9 @@ def test_corners_are_found_to_a_fraction_of_a_pixel(views):
 
 
 def test_pose_from_a_board_in_four_places(views):
-    session = BoardSession(CAMERA, CalibrationParams(), BOARD)
+    session = Session(CAMERA, CalibrationParams())
     for p1, p2, view in views:
-        session.add([view], p1, p2)
+        session.add(view.pixels, corners_on_map(BOARD, view.corners, p1, p2))
     estimate = session.solve()
     assert estimate.rms_px < 0.4 and estimate.rms_m < 0.001
     assert np.linalg.norm(estimate.T_map_camera[:3, 3] - POSE[:3, 3]) < 0.01
@@ -64,7 +64,7 @@ def test_pose_from_a_board_in_four_places(views):
 def test_errors_of_the_places_are_shared_out_and_a_wrong_place_is_left_out(views):
     rng = np.random.default_rng(1)
     params = CalibrationParams(placement_sigma=0.006)
-    session, apart = BoardSession(CAMERA, params, BOARD), []
+    session, apart = Session(CAMERA, params), []
     for wrong in (False, True):
         while session.undo():
             pass
@@ -72,7 +72,7 @@ def test_errors_of_the_places_are_shared_out_and_a_wrong_place_is_left_out(views
             slip = (0.3, -0.2) if wrong and i == 1 else (0.0, 0.0)
             p1 = np.add(p1, rng.normal(0, 0.004, 2)) + slip
             p2 = np.add(p2, rng.normal(0, 0.004, 2)) + slip
-            session.add([view], p1, p2)
+            session.add(view.pixels, corners_on_map(BOARD, view.corners, p1, p2))
         estimate = session.solve()
         apart.append(np.linalg.norm(estimate.T_map_camera[:2, 3] - POSE[:2, 3]))
         assert (~estimate.used).sum() == (12 if wrong else 0)

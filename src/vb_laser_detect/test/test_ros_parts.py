@@ -19,8 +19,8 @@ from vb_laser_detect import calibrate_camera_node, clock_check_node
 from vb_laser_detect.calibration.clock_offset import ClockOffset
 from vb_laser_detect.detector_params import DetectorParams
 from vb_laser_detect.ros import camera_geometry
+from vb_laser_detect.ros.camera_geometry import is_rectified
 from vb_laser_detect.ros.diagnostics import DetectorDiagnostics
-from vb_laser_detect.spot_detector_node import is_rectified
 from vb_msgs.msg import DetectorStatus
 
 

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from vb_laser_detect.detection.features import Camera
-from vb_laser_detect.detection.tracking import Sighting, Spot, SpotTracker
+from vb_laser_detect.detection.tracking import Spot, SpotTracker
 from vb_laser_detect.detector_params import DetectorParams
 
 GREEN, WHITE = np.array([0.1, 1.0, 0.1]), np.array([1.0, 1.0, 1.0])
@@ -22,7 +22,7 @@ class Told(NamedTuple):
 
 def sighting(x, y=0.0, confidence=0.9, certain=True, tint=GREEN):
     """A spot at (x, y) [m] under a camera of 2 mm per pixel."""
-    return Sighting(Spot(500 * x, 500 * y, 8.0, confidence), certain, tint, (x, y))
+    return Spot(500 * x, 500 * y, 8.0, confidence, certain=certain, tint=tint, floor=(x, y))
 
 
 class Film:

@@ -1,10 +1,12 @@
-"""Speech for the tests: espeak-ng in room noise."""
+"""Speech for the tests: espeak-ng in room noise; and what the recogniser makes of a recording."""
 from __future__ import annotations
 
 import subprocess
 
 import numpy as np
 from scipy.signal import resample_poly
+
+from vb_voice_wizard.voice.endpointing import Endpointer
 
 RATE = 16000
 _ESPEAK_RATE = 22050
@@ -36,3 +38,18 @@ def room_noise(count: int, level: float, seed: int = 0) -> np.ndarray:
 def tone(hertz: float, duration: float) -> np.ndarray:
     """(N,) int16: a beep."""
     return (6000 * np.sin(2 * np.pi * hertz * np.arange(int(duration * RATE)) / RATE)).astype(np.int16)
+
+
+def utterances(pcm: np.ndarray) -> list:
+    """All utterances of a recording, (N,) int16, after which nothing is heard for a second."""
+    return Endpointer().push(np.concatenate([pcm, np.zeros(RATE, np.int16)]))
+
+
+def examine(recognizer, pcm: np.ndarray) -> list:
+    """What became of each utterance in a recording."""
+    return [recognizer.classify(utterance) for utterance in utterances(pcm)]
+
+
+def command_in(recognizer, pcm: np.ndarray):
+    """The first command in a recording; None if there is none."""
+    return next((issue.command for issue in examine(recognizer, pcm) if issue.command), None)

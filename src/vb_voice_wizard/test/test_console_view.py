@@ -4,11 +4,13 @@ from __future__ import annotations
 import io
 
 import pytest
+from geometry_msgs.msg import Point
 from rich.console import Console
 
 from vb_core import sentences
 from vb_core.notices import Notice, Severity
-from vb_voice_wizard.console.view import BAD, GOOD, BorderRow, View, render
+from vb_msgs.msg import BorderIssue, BorderPreview, BorderProgress, InteractionState, VirtualBorder
+from vb_voice_wizard.console.view import BAD, GOOD, View, render
 
 
 def screen(view, width=80, height=24):
@@ -19,14 +21,25 @@ def screen(view, width=80, height=24):
     return "\n".join(lines)
 
 
+def border(name, area_m2=1.0, **more):
+    return VirtualBorder(name=name, area_m2=area_m2, **{"enabled": True, "occupancy": 1.0, **more})
+
+
+def refused(message, *issues):
+    return BorderPreview(available=True, message=message, issues=[BorderIssue(severity=BorderIssue.ERROR, message=one) for one in issues])
+
+
 def drawing():
-    view = View("http://here:11311", True, "border", (), "ab12", (1.0, 72.3, 0.0), ("define_seed", "cancel"))
-    view.border_spots, view.seed_spots, view.ignored_spots, view.chain_points, view.closed = 120, 3, 7, 9, True
-    view.seeing, view.cameras = ("red",), ("red", "robot")
+    view = View("http://here:11311", True)
+    view.state = InteractionState(
+        name="border", interaction_id="ab12", guide_s=1.0, border_s=72.3, commands=["define_seed", "cancel"])
+    view.progress = BorderProgress(
+        interaction_id="ab12", border_spots=120, seed_spots=3, ignored_spots=7, chain=[Point()] * 9, closed=True,
+        seeing=["red"], cameras=["red", "robot"])
     view.robot = "x 2.10 m, y 0.43 m, drives"
-    view.preview, view.preview_good = "the border would restrict 2.50 m2", True
-    view.issues = (("The robot stands inside the new border.", False),)
-    view.borders = (BorderRow("Nursery", 8.0, True), BorderRow("Old carpet", 1.0, False, 0.5))
+    view.preview = BorderPreview(available=True, success=True, area_m2=2.5, issues=[
+        BorderIssue(severity=BorderIssue.WARNING, message="The robot stands inside the new border.")])
+    view.borders = [border("Nursery", 8.0), border("Old carpet", enabled=False, occupancy=0.5)]
     view.say("10:00:00", "wizard, define border: Draw the border.", GOOD)
     return view
 
@@ -36,36 +49,41 @@ def test_everything_is_on_the_screen(width, height):
     text = screen(drawing(), width, height)
     for word in ("BORDER", "1:13", "ab12", "120 border, 3 seed, 7 ignored", "9 points, polygon", "red (before: robot)", "Nursery",
                  "50% off", "resume", "stop", "Draw the border", "borders (2)", "72.3", "quit", "undo", "redo", "define border",
-                 "guide robot", "drives", "restrict 2.50 m2", "stands inside"):
+                 "guide robot", "drives", "restrict 2.50 m\u00b2", "stands inside"):
         assert word in text, word
 
 
 @pytest.mark.parametrize("width, height", [(80, 23), (60, 18), (40, 10), (20, 5), (500, 100)])
 def test_any_size_can_be_drawn(width, height):
     view = drawing()
-    view.borders = tuple(BorderRow(f"border {number}", 1.0, True) for number in range(30))
+    view.borders = [border(f"border {number}") for number in range(30)]
     assert "BORDER" in screen(view, width, height)
 
 
 def test_long_answers_are_read_to_their_end():
     view = drawing()
     view.say("10:00:01", "word " * 30 + "end", BAD)
-    view.preview, view.preview_good, view.issues = "It separates nothing: " + "so " * 40 + "redraw", False, ()
+    view.preview = refused("It separates nothing: " + "so " * 40 + "redraw")
     text = screen(view)
     assert " end" in text and "redraw" in text and "\u2026" not in text
 
 
 def test_a_refused_preview_is_not_said_twice():
     view = drawing()
-    view.preview, view.preview_good = "It separates nothing.", False
-    view.issues = (("It separates nothing.", True),)
+    view.preview = refused("It separates nothing.", "It separates nothing.")
     assert screen(view).count("It separates nothing.") == 1
 
 
 def test_the_newest_borders_are_on_the_screen():
     view = drawing()
-    view.borders = tuple(BorderRow(f"border {number} ", 1.0, True) for number in range(40))
+    view.borders = [border(f"border {number} ") for number in range(40)]
     assert "border 39 " in screen(view) and "border 0 " not in screen(view)
+
+
+def test_an_earlier_drawing_is_not_shown_in_a_new_interaction():
+    view = drawing()
+    view.state.interaction_id = "cd34"
+    assert "120 border" not in screen(view) and "0 border, 0 seed, 0 ignored" in screen(view)
 
 
 def test_what_is_away_is_said():
@@ -78,7 +96,7 @@ def test_what_is_away_is_said():
 
 def test_markup_in_names_is_only_text():
     view = drawing()
-    view.borders = (BorderRow("[red]x[/red] [/", 1.0, True),)
+    view.borders = [border("[red]x[/red] [/")]
     view.say("10:00:01", "[bold]y", BAD)
     text = screen(view, 120)
     assert "[red]x[/red] [/" in text and "[bold]y" in text
@@ -95,8 +113,9 @@ def test_messages_do_not_grow_for_ever_nor_repeat():
 @pytest.mark.parametrize("language", sentences.languages())
 def test_a_long_value_leaves_the_labels_their_room(language):
     view = drawing()
-    view.language, view.chain_points = language, 0
-    view.progress_message = "The points do not make a border yet: draw on, slowly, where a camera sees the spot. " * 2
+    view.language = language
+    sentence = "The points do not make a border yet: draw on, slowly, where a camera sees the spot. " * 2
+    view.progress = BorderProgress(interaction_id="ab12", code="of_a_newer_version", message=sentence)
     view.say("10:00:01", "word " * 60, BAD)
     text = screen(view, 90, 30)
     for label in ("time", "spots", "chain", "seen_by", "cameras", "robot", "voice"):
@@ -106,7 +125,7 @@ def test_a_long_value_leaves_the_labels_their_room(language):
 
 def test_stop_cameras_notices_and_the_microphone_are_shown():
     view = drawing()
-    view.stopped, view.stopped_by, view.ends_in_s, view.confirm_save = True, "voice", 45.0, True
+    view.state.stopped, view.state.stopped_by, view.state.confirm_save, view.ends_in_s = True, "voice", True, 45.0
     view.detectors, view.level_db = (("green", 24.6), ("red", 0.0)), -31.7
     view.notices = (Notice("robots_stopped", Severity.WARNING), Notice("of_a_newer_version", Severity.ERROR, message="Look!"))
     text = screen(view, 100)

@@ -288,6 +288,8 @@ def check_navigation(seen: NavigationSeen) -> List[Line]:
         lines.append(Line(seen.name, State.ERROR, "lab_navigation_without_borders", values))
     elif names.PHYSICAL_MAP in seen.maps:
         lines.append(Line(seen.name, State.ERROR, "lab_navigation_physical_map", values))
+    elif not any(topic.endswith("/robot_driver/keep_out") for topic in seen.maps):
+        lines.append(Line(seen.name, State.WARNING, "lab_navigation_without_keep_out", values))
     if seen.clears_plans:
         lines.append(Line(seen.name, State.ERROR, "lab_navigation_clears_plans", values))
     return lines or [Line(seen.name, State.OK, "lab_navigation_ok", values)]

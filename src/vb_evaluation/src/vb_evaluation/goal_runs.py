@@ -1,9 +1,8 @@
 """Sends a robot to a goal through move_base and records the path that it truly drove."""
 from __future__ import annotations
 
-import threading
 from dataclasses import dataclass, field
-from typing import List, Optional, Tuple
+from typing import List, Tuple
 
 import actionlib
 import numpy as np
@@ -44,28 +43,17 @@ class Driven:
 
 
 class GoalRunner:
-    """Sends goals to one robot of the simulated lab, one at a time.
+    """Sends goals to the simulated lab's only robot, one at a time."""
 
-    Args:
-        robot: its namespace; empty for the only one.
-        index: of the robot in the world.
-    """
-
-    def __init__(self, robot: str = "", index: int = 0) -> None:
-        self._index = index
-        self._lock = threading.Lock()
-        self._path: Optional[List[Tuple[float, float]]] = None
-        self._client = actionlib.SimpleActionClient(f"{robot}/move_base" if robot else "/move_base", MoveBaseAction)
+    def __init__(self) -> None:
+        self._path: List[Tuple[float, float]] = []
+        self._client = actionlib.SimpleActionClient("/move_base", MoveBaseAction)
         self._subscriber = rospy.Subscriber(names.LAB_STATE, LabState, self._on_lab, queue_size=10)
 
     def _on_lab(self, message: LabState) -> None:
-        if len(message.robot_poses) <= self._index:
-            return
-        pose = message.robot_poses[self._index]
-        with self._lock:
-            path = self._path
-            if path is not None and (not path or (pose.x - path[-1][0]) ** 2 + (pose.y - path[-1][1]) ** 2 > 1e-6):
-                path.append((pose.x, pose.y))
+        path, place = self._path, tuple((pose.x, pose.y) for pose in message.robot_poses[:1])
+        if place and (not path or np.hypot(*np.subtract(path[-1], place[0])) > 1e-3):
+            path.append(place[0])
 
     def drive(self, goal: Tuple[float, float, float], limit_s: float, wall_s: float = 600.0) -> Driven:
         """Sends the robot to a goal (x, y, yaw) [m, m, rad] and waits for the outcome.
@@ -79,8 +67,7 @@ class GoalRunner:
         message.target_pose.header.frame_id = names.MAP_FRAME
         message.target_pose.header.stamp = rospy.Time.now()
         message.target_pose.pose = pose_from_2d(*goal)
-        with self._lock:
-            self._path = []
+        self._path = []
         began = rospy.get_time()
         self._client.send_goal(message)
         wait_until(lambda: self._client.get_state() in OUTCOMES or rospy.get_time() - began > limit_s, wall_s, 0.05)
@@ -88,6 +75,4 @@ class GoalRunner:
         outcome, text = OUTCOMES.get(state, "time_is_up"), self._client.get_goal_status_text()
         if state not in OUTCOMES:
             self._client.cancel_goal()
-        with self._lock:
-            path, self._path = np.array(self._path or [], dtype=float).reshape(-1, 2), None
-        return Driven(outcome, text, path, seconds)
+        return Driven(outcome, text, np.array(list(self._path), dtype=float).reshape(-1, 2), seconds)

@@ -2,7 +2,6 @@
 from __future__ import annotations
 
 import os
-import select
 import signal
 import socket
 import subprocess
@@ -27,13 +26,13 @@ def free_port(wanted: int = 0) -> int:
 class Child:
     """A child process in its own group, so that all it started ends with it."""
 
-    def __init__(self, command: List[str], log: Path, env: Optional[Dict[str, str]] = None, pass_fds=()) -> None:
+    def __init__(self, command: List[str], log: Path, env: Optional[Dict[str, str]] = None) -> None:
         self.log = log
         log.parent.mkdir(parents=True, exist_ok=True)
         with open(str(log), "w") as output:
             self._process = subprocess.Popen(
                 command, stdin=subprocess.DEVNULL, stdout=output, stderr=subprocess.STDOUT, env=env,
-                start_new_session=True, pass_fds=pass_fds,
+                start_new_session=True,
             )
 
     @property
@@ -71,29 +70,16 @@ def start_screen(log: Path, width: int, height: int) -> "tuple[Child, str]":
     Raises:
         CodedError: "no_screen" if Xvfb does not come up.
     """
-    reading, writing = os.pipe()
-    try:
-        screen = Child(
-            ["Xvfb", "-displayfd", str(writing), "-screen", "0", f"{width}x{height}x24", "-nolisten", "tcp"],
-            log, pass_fds=(writing,),
-        )
-    except FileNotFoundError:
-        raise CodedError("no_screen", "Xvfb is not installed: run 'make setup'") from None
-    finally:
-        os.close(writing)
+    chosen = log.with_suffix(".display")
+    screen = Child(["sh", "-c", 'exec Xvfb -displayfd 3 -screen 0 "$1" -nolisten tcp 3>"$2"', "Xvfb", f"{width}x{height}x24", str(chosen)], log)
+    deadline = time.monotonic() + 60.0
     # Xvfb says which display it took once it is ready
-    number, deadline = b"", time.monotonic() + 20.0
-    while not number.endswith(b"\n") and time.monotonic() < deadline:
-        if select.select([reading], [], [], 0.5)[0]:
-            chunk = os.read(reading, 16)
-            if not chunk:
-                break
-            number += chunk
-    os.close(reading)
-    if not number.strip():
-        screen.stop(1.0)
-        raise CodedError("no_screen", f"the virtual screen did not start: {screen.tail(3)}")
-    return screen, f":{number.decode().strip()}"
+    while not chosen.exists() or not chosen.read_text().endswith("\n"):
+        if not screen.running or time.monotonic() > deadline:
+            screen.stop(1.0)
+            raise CodedError("no_screen", f"the virtual screen did not start: {screen.tail(3)}")
+        time.sleep(0.05)
+    return screen, f":{chosen.read_text().strip()}"
 
 
 def screenshot(display: str, path: Path) -> bool:

@@ -48,12 +48,23 @@ class Interval:
     """An estimate with its confidence interval; `confidence` is what was reached, 0 .. 1."""
 
     estimate: float
-    low: float
-    high: float
-    confidence: float
+    low: float = math.nan
+    high: float = math.nan
+    confidence: float = math.nan
+
+    def scaled(self, factor: float) -> "Interval":
+        """The same in another unit."""
+        return Interval(self.estimate * factor, self.low * factor, self.high * factor, self.confidence)
+
+    def text(self, digits: int) -> str:
+        """ "2.41 [2.10, 2.80]"; "2.41 [?]" without limits, a dash where nothing is known."""
+        estimate, low, high = (format_number(value, digits) for value in (self.estimate, self.low, self.high))
+        if math.isnan(self.estimate):
+            return estimate
+        return f"{estimate} [?]" if math.isnan(self.low) else f"{estimate} [{low}, {high}]"
 
 
-UNKNOWN = Interval(math.nan, math.nan, math.nan, math.nan)
+UNKNOWN = Interval(math.nan)
 
 
 @dataclass(frozen=True)
@@ -205,6 +216,11 @@ def proportion(successes: int, n: int) -> Interval:
         return UNKNOWN
     limits = stats.binomtest(int(successes), int(n)).proportion_ci(CONFIDENCE, method="wilson")
     return Interval(successes / n, float(limits.low), float(limits.high), CONFIDENCE)
+
+
+def format_number(value: float, digits: int) -> str:
+    """A number as the report shows it; a dash for what is unknown."""
+    return "–" if math.isnan(value) else f"{value:.{digits}f}".replace("-", "\N{MINUS SIGN}")
 
 
 def format_p(p: float) -> str:

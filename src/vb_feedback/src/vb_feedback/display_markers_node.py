@@ -30,6 +30,10 @@ from vb_feedback.display.layout import Box, Layout, fit
 from vb_feedback.display.text_panel import Notice, words
 
 _REFRESH_S = 2.0
+_PERIOD_S = 0.1  # between two drawings of everything but live spots: RViz draws 8 frames/s, more would only cost
+_SPOT_PERIOD_S = 0.04  # between two drawings of live spots: none waits longer than one frame of a camera
+_TRAIL = 60  # spots kept, all cameras together: 1.5 s at 25 frames/s from one to two cameras
+_STRIPE_M = 0.10  # width of the stripes over restricted areas: visible from 3 m, finer than a doorway
 # [s] a spot that no camera has seen for this long is lost; a hand that hides it briefly does not count
 _LOST_S = 1.0
 
@@ -41,13 +45,8 @@ class DisplayParams(Parameters):
     """Parameters of display_markers; config/display_markers.yaml says why."""
 
     screen_aspect: float = param(16.0 / 9.0, "", low=0.5, high=5.0)
-    max_rate: float = param(10.0, "1/s", low=1.0, high=30.0)
-    spot_rate: float = param(25.0, "1/s", low=1.0, high=60.0)
-    fade: float = param(1.5, "s", above=0.0, high=10.0)
-    trail: int = param(60, "spots", low=1, high=1000)
     robots: list = param(["base_link"])
     robot_radius: float = param(0.18, "m", above=0.0, high=2.0)
-    stripe: float = param(0.10, "m", above=0.0, high=5.0)
     language: str = param(sentences.ENGLISH, choices=sentences.languages())
 
 
@@ -81,7 +80,7 @@ class DisplayMarkers:
 
     Published topics:
         /virtual_borders/markers (visualization_msgs/MarkerArray): only what changed; live spots as they arrive, at
-            most ~spot_rate times a second, the rest ~max_rate times; everything to a new subscriber.
+            most 25 times a second, the rest 10 times; everything to a new subscriber.
         /virtual_borders/display/restricted (nav_msgs/OccupancyGrid, latched): stripes where borders
             restrict the map and where saving now would, for RViz's colour scheme "costmap".
 
@@ -105,7 +104,7 @@ class DisplayMarkers:
         self._preview: Optional[BorderPreview] = None
         self._borders: Tuple[VirtualBorder, ...] = ()
         self._book = NoticeBook()
-        self._spots: Deque[scene.Spot] = collections.deque(maxlen=params.trail)
+        self._spots: Deque[scene.Spot] = collections.deque(maxlen=_TRAIL)
         # of the worker alone
         self._shown: Dict[Tuple[str, int], scene.Shape] = {}
         self._made: Dict[str, Tuple[Any, List[scene.Shape]]] = {}
@@ -188,19 +187,18 @@ class DisplayMarkers:
     # ------------------------------------------------------------------ work
     def _work(self) -> None:
         """Draws on change. Pauses are wall time: what a screen can show does not depend on simulated time."""
-        pause, full_period = 1.0 / self._params.spot_rate, 1.0 / self._params.max_rate
         started = time.monotonic()
         if started - self._refreshed >= _REFRESH_S:
             # RViz drops markers in a frame that tf does not know yet: robots are sent again and again
             self._refreshed, self._dirty = started, True
             self._shown = {key: shape for key, shape in self._shown.items() if not shape.frame}
         if started >= self._full_due or self._urgent:
-            self._full_due, self._dirty, self._urgent = started + full_period, False, False
+            self._full_due, self._dirty, self._urgent = started + _PERIOD_S, False, False
             if self._draw():
                 self._dirty = True
         else:
             self._draw_spots()
-        rospy.rostime.wallsleep(max(0.0, started + pause - time.monotonic()))
+        rospy.rostime.wallsleep(max(0.0, started + _SPOT_PERIOD_S - time.monotonic()))
         if self._dirty:
             self._wake.set()
 
@@ -221,7 +219,7 @@ class DisplayMarkers:
             return
         with self._lock:
             seen = list(self._spots)
-        shapes = scene.live_spots(self._layout, seen, rospy.get_time(), self._params.fade, 2.0 * self._params.fade)
+        shapes = scene.live_spots(self._layout, seen, rospy.get_time())
         shapes = [shape for shape in shapes if self._shown.get(shape.key) != shape]
         if shapes:
             self._shown.update((shape.key, shape) for shape in shapes)
@@ -270,7 +268,7 @@ class DisplayMarkers:
                 wanted = region.data if region.same_geometry(posterior) else None
             except CodedError as error:
                 rospy.logwarn_throttle(5.0, f"display_markers: the preview: {error}")
-        stripe = max(1, int(round(self._params.stripe / posterior.resolution)))
+        stripe = max(1, int(round(_STRIPE_M / posterior.resolution)))
         cells = restriction_overlay.overlay(physical.data, posterior.data, stripe, wanted)
         self._restricted.publish(message_from_grid(posterior.with_data(cells), rospy.Time.now()))
 
@@ -299,8 +297,8 @@ class DisplayMarkers:
             shapes += self._part("drawing", (layout, progress), lambda: scene.drawing(
                 layout, display_messages.drawing_from_progress(progress)
             ))
-        shapes += scene.trails(layout, known.spots, now, params.fade, 2.0 * params.fade)
-        shapes += scene.live_spots(layout, known.spots, now, params.fade, 2.0 * params.fade)
+        shapes += scene.trails(layout, known.spots, now)
+        shapes += scene.live_spots(layout, known.spots, now)
         for number, frame in enumerate(params.robots):
             shapes += scene.robot(str(frame), number, self._radii[frame])
         return shapes
@@ -312,7 +310,7 @@ class DisplayMarkers:
             lost = (last.x, last.y) if now - last.stamp > _LOST_S else None
         language = self._params.language
         said = notices.of_others(known.held, language)
-        said += notices.preview_notices(display_messages.preview_from_message(preview) if preview is not None else None, language)
+        said += display_messages.preview_notices(preview, language)
         if lost is not None and preview is None and known.state is not None:
             said += notices.coverage_notices(
                 known.state.name, seeing, lost, known.coverage, bool(self._params.robots), known.held, language

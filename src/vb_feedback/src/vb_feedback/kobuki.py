@@ -22,8 +22,6 @@ class KobukiParams(Parameters):
         ParameterError: names the entry of a mapping that is not a state, sound or constant of Kobuki's.
     """
 
-    led_topic: str = param("mobile_base/commands/led1")
-    sound_topic: str = param("mobile_base/commands/sound")
     leds: dict = param({"default": "BLACK", "border": "ORANGE", "seed": "GREEN", "guide": "RED"})
     sounds: dict = param({
         "border": "BUTTON", "seed": "BUTTON", "guide": "BUTTON", "default": "OFF", "success": "CLEANINGEND", "refusal": "ERROR",

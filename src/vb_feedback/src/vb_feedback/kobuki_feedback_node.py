@@ -20,7 +20,7 @@ class KobukiFeedback:
         /virtual_borders/state (vb_msgs/InteractionState), /virtual_borders/sound (vb_msgs/Sound)
 
     Published topics:
-        <led_topic> (kobuki_msgs/Led, latched), <sound_topic> (kobuki_msgs/Sound)
+        mobile_base/commands/led1 (kobuki_msgs/Led, latched), mobile_base/commands/sound (kobuki_msgs/Sound)
 
     Args:
         params: see config/kobuki_feedback.yaml.
@@ -31,8 +31,8 @@ class KobukiFeedback:
         self._params = params
         self._messages = messages
         self._lit = ""
-        self._led = rospy.Publisher(params.led_topic, messages.Led, queue_size=1, latch=True)
-        self._sound = rospy.Publisher(params.sound_topic, messages.Sound, queue_size=5)
+        self._led = rospy.Publisher("mobile_base/commands/led1", messages.Led, queue_size=1, latch=True)
+        self._sound = rospy.Publisher("mobile_base/commands/sound", messages.Sound, queue_size=5)
         rospy.Subscriber(names.STATE, InteractionState, self._on_state, queue_size=5)
         rospy.Subscriber(names.SOUND, Sound, self._on_sound, queue_size=5)
 

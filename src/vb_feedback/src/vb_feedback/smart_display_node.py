@@ -10,17 +10,15 @@ from typing import List, Optional, Tuple
 
 import rospkg
 import rospy
-import yaml
 from vb_core import names, sentences
 from vb_core.errors import CodedError, ParameterError
-from vb_core.files import write_atomically
 from vb_core.parameters import Parameters, param
 from vb_core.ros import parameters
 from vb_core.ros.messages import OccupancyGridArray, grid_from_message
 
 from vb_feedback.display import rviz_fonts
 from vb_feedback.display.layout import Box
-from vb_feedback.display.rviz_config import fit_config, screen_size
+from vb_feedback.display.rviz_config import screen_size, write_fitted
 
 _ASPECT = "/display_markers/screen_aspect"
 _USUAL = (1920, 1080)
@@ -72,15 +70,9 @@ def _fitted(params: SmartDisplayParams) -> str:
     """Waits for the map and writes the configuration; returns its path."""
     rospy.loginfo("smart_display: RViz starts as soon as there is a map on %s", names.PHYSICAL_MAP)
     extent = Box.around(grid_from_message(rospy.wait_for_message(names.PHYSICAL_MAP, OccupancyGridArray)).corners())
-    try:
-        with open(params.config, encoding="utf-8") as file:
-            config = yaml.safe_load(file)
-    except (OSError, yaml.YAMLError) as error:
-        raise CodedError("bad_config", f"cannot read the RViz config '{params.config}': {error}") from None
-    fitted = fit_config(config, extent, *params.size(), aspect=rospy.get_param(_ASPECT, None))
     # one per node, written again at each start: RViz reads it when this process has ended
     path = os.path.join(rospkg.get_ros_home(), f"{rospy.get_name().strip('/').replace('/', '_')}.rviz")
-    write_atomically(Path(path), yaml.safe_dump(fitted, default_flow_style=False, sort_keys=False).encode("utf-8"))
+    write_fitted(params.config, Path(path), extent, *params.size(), aspect=rospy.get_param(_ASPECT, None))
     return path
 
 

@@ -3,6 +3,7 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass
+from typing import Tuple
 
 import rospy
 from vb_core import names
@@ -11,9 +12,12 @@ from vb_core.parameters import Parameters, param
 from vb_core.ros import node, parameters
 from vb_msgs.msg import Sound
 
-from vb_feedback.sound import tone_synthesis
 from vb_feedback.sound.audio_sink import AudioSink
-from vb_feedback.sound.playlist import SoundQueue
+from vb_feedback.sound.tone_synthesis import SOUNDS, TICK, samples
+
+
+_RETRY_S = 5.0  # after a failure: a device may be plugged in later
+_MOST = 4  # sounds that may wait: at `max_age` they would be old
 
 
 @dataclass(frozen=True)
@@ -24,11 +28,13 @@ class SoundParams(Parameters):
     program: str = param("aplay")
     volume: float = param(0.7, "", low=0.0, high=1.0)
     max_age: float = param(1.0, "s", above=0.0, high=10.0)
-    retry: float = param(30.0, "s", low=1.0, high=3600.0)
 
 
 class SoundPlayer:
     """Plays sounds on this computer. Without a sound device it says so once and stays quiet.
+
+    Sounds arrive faster than they can be played: a tick plays only if nothing else does or waits, and one that waited longer
+    than ~max_age is dropped, since it tells of something that is over.
 
     Subscribed topics:
         /virtual_borders/sound (vb_msgs/Sound): names of sounds; see tone_synthesis.SOUNDS for what they sound like.
@@ -41,34 +47,40 @@ class SoundPlayer:
     def __init__(self, params: SoundParams, sink: AudioSink) -> None:
         self._params = params
         self._sink = sink
-        self._playlist = SoundQueue(params.max_age)
+        self._waiting: node.Queue = node.Queue(_MOST)
+        self._busy = False
         self._silent_until = 0.0
         self._said = False
-        node.Worker(self._playlist, self._play)
+        node.Worker(self._waiting, self._play)
         rospy.Subscriber(names.SOUND, Sound, self._on_sound, queue_size=10)
 
     def close(self) -> None:
         """Ends the thread."""
-        self._playlist.close()
+        self._waiting.close()
 
     def _on_sound(self, message: Sound) -> None:
-        if message.name in tone_synthesis.SOUNDS:
-            self._playlist.put(message.name)
-        else:
+        if message.name not in SOUNDS:
             rospy.logwarn_throttle(10.0, f"sound_player: no sound is called '{message.name}'")
+        elif message.name != TICK or not self._busy:
+            # one too many would be too old by the time it is played
+            self._waiting.put((message.name, time.monotonic()))
 
-    def _play(self, name: str) -> None:
-        if time.monotonic() < self._silent_until:
+    def _play(self, sound: Tuple[str, float]) -> None:
+        (name, since), now = sound, time.monotonic()
+        if now < self._silent_until or now - since > self._params.max_age:
             return
+        self._busy = True
         try:
-            self._sink.play(tone_synthesis.samples(name, self._params.volume))
+            self._sink.play(samples(name, self._params.volume))
         except CodedError as error:
             # a device may be plugged in later: tried again now and then, without a second word
-            self._silent_until = time.monotonic() + self._params.retry
+            self._silent_until = time.monotonic() + _RETRY_S
             if not self._said:
                 self._said = True
                 rospy.logwarn("sound_player: there is no sound: %s", error)
             return
+        finally:
+            self._busy = False
         if self._said:
             self._said = False
             rospy.loginfo("sound_player: sounds are played again")

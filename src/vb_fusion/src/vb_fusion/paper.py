@@ -9,7 +9,6 @@ from typing import List
 
 import numpy as np
 from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from vb_fusion.chain import ExtractionError
@@ -45,23 +44,14 @@ def clustering(
 def dbscan(points: np.ndarray, eps: float, min_pts: int) -> List[np.ndarray]:
     """DBSCAN (Ester et al. 1996) with Euclidean distance; noise is left out.
 
-    A point that may go to several clusters goes to its nearest core point's.
-
     Returns:
         One ascending array of indices per cluster, in the order of the clusters' first core points.
     """
-    count = len(points)
-    rows, columns = neighbours(points, eps).T
-    core = np.bincount(np.concatenate([rows, columns]), minlength=count) + 1 >= min_pts
-    joined = core[rows] & core[columns]
-    graph = coo_matrix((np.ones(int(joined.sum()), dtype=bool), (rows[joined], columns[joined])), shape=(count, count))
-    label = np.where(core, connected_components(graph, directed=False)[1], -1)
-    if core.any() and not core.all():
-        distance, nearest = cKDTree(points[core]).query(points[~core], distance_upper_bound=np.nextafter(eps, np.inf))
-        found = np.append(label[core], -1)[nearest]
-        label[~core] = np.where(np.isfinite(distance), found, -1)
-    firsts = dict.fromkeys(label[core].tolist())
-    return [np.flatnonzero(label == number) for number in firsts]
+    from sklearn.cluster import DBSCAN  # 80 MB that the default mode does not need
+
+    _tree(points, eps)
+    label = DBSCAN(eps=eps, min_samples=min_pts).fit(points).labels_
+    return [np.flatnonzero(label == number) for number in range(int(label.max()) + 1)]
 
 
 def neighbours(points: np.ndarray, radius: float) -> np.ndarray:
@@ -70,11 +60,16 @@ def neighbours(points: np.ndarray, radius: float) -> np.ndarray:
     Raises:
         ExtractionError: "too_many_spots".
     """
+    return _tree(points, radius).query_pairs(radius, output_type="ndarray").astype(np.int64)
+
+
+def _tree(points: np.ndarray, radius: float) -> cKDTree:
+    """The points, unless too many of them are neighbours."""
     tree = cKDTree(points)
     pairs = (int(tree.count_neighbors(tree, radius)) - len(points)) // 2
     if pairs > MOST_PAIRS:
         raise ExtractionError("too_many_spots", spots=len(points))
-    return tree.query_pairs(radius, output_type="ndarray").astype(np.int64)
+    return tree
 
 
 def expansion(points: np.ndarray) -> float:

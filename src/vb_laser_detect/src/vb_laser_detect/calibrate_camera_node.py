@@ -2,6 +2,7 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
 import datetime
 import queue
 import sys
@@ -20,23 +21,20 @@ from vb_core import names
 from vb_core.camera_model import CameraModel
 from vb_core.errors import CodedError
 from vb_core.ros.cameras import camera_from_info
-from vb_core.ros.images import compressed_encoding, compressed_image_array, image_array
-from vb_core.ros.node import Mailbox, Worker
 from vb_laser_detect.calibration import file as calibration_file
 from vb_laser_detect.calibration.pose import CalibrationParams
-from vb_laser_detect.calibration.board import BoardParams, BoardView, find_board, write_board
-from vb_laser_detect.calibration.session import BoardSession, HeldSpot, SpotSession, describe, parse_numbers
+from vb_laser_detect.calibration.board import BoardParams, BoardView, corners_on_map, find_board, merge_views, write_board
+from vb_laser_detect.calibration.session import HeldSpot, Session, describe, parse_numbers
 from vb_laser_detect.calibration.consistency import Sighting, agreement
 from vb_laser_detect.detector import DetectorParams, SpotDetector
-from vb_laser_detect.detection.image_format import PixelReader
-from vb_laser_detect.detection.pixels import to_grey
-from vb_laser_detect.spot_detector_node import is_rectified
+from vb_laser_detect.detection.image_format import PixelReader, to_grey
+from vb_laser_detect.ros.camera_geometry import beside, decoded, is_rectified
 from vb_msgs.msg import DetectorStatus, LaserSpot
 
 FOLDER = "~/.ros/virtual_borders/cameras"
 _BOARD_IMAGES = 10
-_BOARD_PATIENCE_S = 10.0
-_REPORTS_S = 2.5  # [s] within which each detector has told its camera's frame twice
+_BOARD_PATIENCE_S = 10.0  # for the next image
+_REPORTS_S = 2.5  # within which each detector has told its camera's frame twice
 _SPOT_PATIENCE_S = 4.0  # [s] for the spot to be seen and still
 
 
@@ -56,34 +54,26 @@ class CameraInput:
 
     Subscribed topics:
         <image> (sensor_msgs/Image) or <image>/compressed (sensor_msgs/CompressedImage), <camera_info>
+
+    Attributes:
+        frame_id: that the images name.
     """
 
     def __init__(self, image: str, info: str, compressed: bool, handle: Any) -> None:
-        self._ready = threading.Condition()
-        self._info: Optional[CameraInfo] = None
-        self.frame_id = ""
-        self._size: Optional[Tuple[int, int]] = None
-        self._compressed, self._handle, self._rectified = compressed, handle, is_rectified(image)
-        self._mailbox: Mailbox = Mailbox()
-        self._worker = Worker(self._mailbox, self._take)
-        rospy.Subscriber(info, CameraInfo, self._on_info, queue_size=1)
-        kind, topic = (CompressedImage, image + "/compressed") if compressed else (Image, image)
-        self._topics = f"{topic} and {info}"
-        rospy.Subscriber(topic, kind, self._mailbox.put, queue_size=1, buff_size=2**24)
-
-    def _on_info(self, message: CameraInfo) -> None:
-        with self._ready:
-            self._info = message
-            self._ready.notify_all()
+        self._handle, self._info, self._rectified = handle, info, is_rectified(image)
+        self._first = threading.Event()
+        self.frame_id, self._shape = "", (0, 0)
+        kind, self._topic = (CompressedImage, image + "/compressed") if compressed else (Image, image)
+        rospy.Subscriber(self._topic, kind, self._take, queue_size=1, buff_size=2**24)
 
     def _take(self, message: Any) -> None:
-        image = compressed_image_array(message) if self._compressed else image_array(message)
-        with self._ready:
-            self.frame_id = message.header.frame_id
-            self._size = (image.shape[1], image.shape[0])
-            self._ready.notify_all()
-        encoding = compressed_encoding(message, image) if self._compressed else message.encoding
-        self._handle(image, encoding, message.header.stamp.to_sec())
+        try:
+            image, encoding = decoded(message)
+            self.frame_id, self._shape = message.header.frame_id, image.shape
+            self._first.set()
+            self._handle(image, encoding, message.header.stamp.to_sec())
+        except CodedError as error:
+            rospy.logwarn_throttle(5.0, str(error))
 
     def wait(self, patience_s: float) -> CameraModel:
         """The camera's model, once images and camera_info have come.
@@ -92,47 +82,35 @@ class CameraInput:
             CodedError: "no_camera" if they do not come; "bad_camera_info" if they do not match, or the lens
                 is not calibrated.
         """
-        with self._ready:
-            if not self._ready.wait_for(lambda: self._info is not None and self._size is not None, patience_s):
-                raise CodedError("no_camera", f"nothing comes on {self._topics}: is the camera's driver running?")
-            camera = camera_from_info(self._info, self._rectified)
-            if (camera.width, camera.height) != self._size:
-                raise CodedError(
-                    "bad_camera_info",
-                    f"camera_info is for {camera.width} x {camera.height} px, "
-                    f"the images have {self._size[0]} x {self._size[1]} px",
-                )
-            return camera
+        try:
+            camera = camera_from_info(rospy.wait_for_message(self._info, CameraInfo, patience_s), self._rectified)
+        except rospy.ROSException:
+            raise CodedError("no_camera", topics=self._info) from None
+        if not self._first.wait(patience_s):
+            raise CodedError("no_camera", topics=self._topic)
+        height, width = self._shape[:2]
+        if (camera.width, camera.height) != (width, height):
+            raise CodedError(
+                "bad_camera_info", f"camera_info is for {camera.width} x {camera.height} px, the images have {width} x {height} px")
+        return camera
 
 
-class OtherFrames:
-    """The frames of the other cameras, as their detectors tell them.
+def frames_of_detectors() -> Dict[str, str]:
+    """The frame of each ceiling camera that a detector runs for.
 
     Subscribed topics:
         /virtual_borders/detectors (vb_msgs/DetectorStatus)
     """
+    frames: Dict[str, str] = {}
 
-    def __init__(self, camera: str) -> None:
-        self._camera = camera
-        self._frames: Dict[str, str] = {}
-        self._heard_all = time.monotonic() + _REPORTS_S
-        self._subscriber = rospy.Subscriber(names.DETECTORS, DetectorStatus, self._on_status, queue_size=20)
+    def hear(message: DetectorStatus) -> None:
+        if not message.mobile:
+            frames[message.camera] = message.frame_id
 
-    def _on_status(self, message: DetectorStatus) -> None:
-        if message.camera != self._camera and not message.mobile:
-            self._frames[message.camera] = message.frame_id
-
-    def require_own_frame(self, frame: str) -> None:
-        """Refuses a frame that another running camera has: a frame has one pose.
-
-        Raises:
-            CodedError: "shared_frame", naming the cameras.
-        """
-        rospy.rostime.wallsleep(max(0.0, self._heard_all - time.monotonic()))
-        self._subscriber.unregister()
-        same = [camera for camera, other in list(self._frames.items()) if other == frame]
-        if same:
-            raise CodedError("shared_frame", cameras=", ".join(sorted([*same, self._camera])), frame=frame)
+    subscriber = rospy.Subscriber(names.DETECTORS, DetectorStatus, hear, queue_size=20)
+    rospy.rostime.wallsleep(_REPORTS_S)
+    subscriber.unregister()
+    return frames
 
 
 class Inputs:
@@ -170,26 +148,25 @@ class Inputs:
 
 
 class Guide:
-    """The dialogue that both calibration methods share."""
+    """The dialogue that both calibration methods share; `help` introduces it, a place is given by so many `numbers`."""
 
-    help = ""
+    help, numbers = "", 2
 
-    def __init__(self, arguments: argparse.Namespace) -> None:
+    def __init__(self, arguments: argparse.Namespace, params: CalibrationParams) -> None:
         self._arguments = arguments
         self._inputs = Inputs()
-        others = OtherFrames(arguments.camera)
         # what the lab's files say of this camera need not be said again
         running = rospy.get_param(f"/spot_detector_{arguments.camera}", {})
         image = arguments.image or "/" + (running.get("image") or f"{arguments.camera}/image_raw").lstrip("/")
-        info = arguments.camera_info or running.get("camera_info") or image.rsplit("/", 1)[0] + "/camera_info"
+        info = arguments.camera_info or running.get("camera_info") or beside(image, "camera_info")
         compressed = arguments.compressed or running.get("image_transport") == "compressed"
         self._input = CameraInput(image, info, compressed, self.on_image)
         self.camera = self._input.wait(arguments.patience)
         self._frame = arguments.frame or running.get("frame") or self._input.frame_id or f"{arguments.camera}_optical_frame"
         # before the person does any work
-        calibration_file.require_own_frame(arguments.folder, arguments.camera, self._frame)
-        others.require_own_frame(self._frame)
-        self.session: Any = None
+        for frames in (calibration_file.frames_in(arguments.folder), frames_of_detectors()):
+            calibration_file.require_own_frame(arguments.camera, self._frame, frames)
+        self.session = Session(self.camera, params)
 
     def on_image(self, image: np.ndarray, encoding: str, stamp: float) -> None:
         """Each image, in a separate thread."""
@@ -201,13 +178,12 @@ class Guide:
         """Until the person is done; returns the exit status."""
         say(self.help)
         clicked: List[float] = []
-        wanted = self.numbers
         while True:
             kind, value = self._inputs.next()
             try:
                 if kind == "click":
                     clicked += value
-                    if len(clicked) < wanted:
+                    if len(clicked) < self.numbers:
                         say(f"  P1 at {value[0]:.3f} {value[1]:.3f}; now click P2")
                         continue
                     values, clicked = clicked, []
@@ -221,7 +197,7 @@ class Guide:
                 elif value == "done":
                     return self._finish()
                 elif value:
-                    numbers = parse_numbers(value, wanted)
+                    numbers = parse_numbers(value, self.numbers)
                     if numbers is None:
                         say(self.help)
                         continue
@@ -233,8 +209,6 @@ class Guide:
                 clicked = []
                 say(f"! {error}")
 
-    numbers = 2
-
     def _finish(self) -> int:
         estimate, observed = self.session.solve(), self.session.observed
         say("")
@@ -245,17 +219,13 @@ class Guide:
             a.camera, names.MAP_FRAME, self._frame, estimate.T_map_camera, float(self.camera.matrix[0, 0]))
         path = calibration_file.calibration_path(a.folder, a.camera)
         date = datetime.datetime.now().isoformat(" ", "minutes")
-        calibration_file.save(path, calibration_file.document(pose, estimate, observed, self.session.method, date))
+        calibration_file.save(path, calibration_file.document(pose, estimate, observed, a.command, date))
         looked_for = str(rospy.get_param("/camera_poses/folder", ""))
-        if looked_for and not _same_folder(looked_for, a.folder):
+        if looked_for and Path(looked_for).expanduser().resolve() != path.parent.resolve():
             say(f"wrote {path}; the running lab.launch looks in {looked_for}: start it with calibration:={a.folder}")
         else:
             say(f"wrote {path}; {'the running' if looked_for else 'a'} lab.launch takes it within seconds")
         return 0
-
-
-def _same_folder(first: str, second: str) -> bool:
-    return Path(first).expanduser().resolve() == Path(second).expanduser().resolve()
 
 
 class SpotGuide(Guide):
@@ -272,8 +242,7 @@ Four places are needed, six to eight are good: near the corners of what the came
         # a held spot must not become background while the person finds the place in RViz
         self._detector = SpotDetector(tuned_params(arguments.camera).replace(hold_s=3600.0))
         self._reader = PixelReader()
-        super().__init__(arguments)
-        self.session = SpotSession(self.camera, CalibrationParams(point_sigma=arguments.point_sigma))
+        super().__init__(arguments, CalibrationParams(point_sigma=arguments.point_sigma))
 
     def on_image(self, image: np.ndarray, encoding: str, stamp: float) -> None:
         self._detector.encoding = encoding
@@ -283,7 +252,7 @@ Four places are needed, six to eight are good: near the corners of what the came
 
     def measured(self, values: List[float]) -> None:
         u, v = self._rest()
-        self.session.add((u, v), (values[0], values[1]))
+        self.session.add([u, v], values)
         say(f"  ({values[0]:.3f}, {values[1]:.3f}) m is at ({u:.1f}, {v:.1f}) px")
 
     def _rest(self) -> Tuple[float, float]:
@@ -312,39 +281,30 @@ Lay it on three or four places that are far from each other in the image.
     def __init__(self, arguments: argparse.Namespace) -> None:
         board = BoardParams.for_paper(arguments.paper)
         self._board = board if arguments.square is None else board.replace(square=arguments.square)
-        self._changed = threading.Condition()
-        self._wanted = 0
-        self._views: List[BoardView] = []
-        self._reason: Optional[CodedError] = None
-        super().__init__(arguments)
-        params = CalibrationParams(placement_sigma=arguments.placement_sigma)
-        self.session = BoardSession(self.camera, params, self._board)
+        self._images: "queue.Queue[Tuple[np.ndarray, str]]" = queue.Queue(_BOARD_IMAGES)
+        super().__init__(arguments, CalibrationParams(placement_sigma=arguments.placement_sigma))
 
     def on_image(self, image: np.ndarray, encoding: str, stamp: float) -> None:
-        with self._changed:
-            if self._wanted == 0:
-                return
-        try:
-            view, reason = find_board(self._board, to_grey(image, encoding)), None
-        except CodedError as error:
-            view, reason = None, error
-        with self._changed:
-            self._wanted = max(0, self._wanted - 1)
-            self._reason = reason or self._reason
-            if view is not None:
-                self._views.append(view)
-            self._changed.notify_all()
+        with contextlib.suppress(queue.Full):
+            self._images.put_nowait((image, encoding))
 
     def measured(self, values: List[float]) -> None:
-        with self._changed:
-            self._wanted, self._views, self._reason = _BOARD_IMAGES, [], None
-            self._changed.wait_for(lambda: self._wanted == 0, _BOARD_PATIENCE_S)
-            self._wanted = 0
-            views, reason = self._views, self._reason
+        # those that wait were taken before the board lay there
+        while not self._images.empty():
+            self._images.get()
+        views: List[BoardView] = []
+        reason: Optional[CodedError] = None
+        with contextlib.suppress(queue.Empty):
+            for _ in range(_BOARD_IMAGES):
+                try:
+                    views.append(find_board(self._board, to_grey(*self._images.get(timeout=_BOARD_PATIENCE_S))))
+                except CodedError as error:
+                    reason = error
         if not views and reason is not None:
             raise reason
-        seen = self.session.add(views, (values[0], values[1]), (values[2], values[3]))
-        say(f"  {seen} corners seen in {len(views)} images")
+        view = merge_views(views)
+        self.session.add(view.pixels, corners_on_map(self._board, view.corners, values[:2], values[2:]))
+        say(f"  {len(view.ids)} corners seen in {len(views)} images")
 
 
 def check(arguments: argparse.Namespace) -> int:
@@ -360,15 +320,12 @@ def check(arguments: argparse.Namespace) -> int:
         while not rospy.is_shutdown() and rospy.Time.now() < end:
             rospy.rostime.wallsleep(0.1)
     worst = 0.0
-    for pair in agreement([s for s in list(sightings) if s is not None]):
+    for pair in agreement([one for one in list(sightings) if one is not None]):
         say(pair.describe())
         worst = max(worst, pair.median)
     limit = arguments.limit / 100.0
-    say(
-        f"cameras agree to {arguments.limit:g} cm"
-        if worst <= limit
-        else f"cameras do NOT agree to {arguments.limit:g} cm: calibrate the one again that is off in most lines"
-    )
+    say(f"cameras agree to {arguments.limit:g} cm" if worst <= limit
+        else f"cameras do NOT agree to {arguments.limit:g} cm: calibrate the one again that is off in most lines")
     return 0 if worst <= limit else 1
 
 
@@ -386,7 +343,7 @@ def _from_bag(path: str) -> List[Optional[Sighting]]:
         with rosbag.Bag(path) as bag:
             return [_sighting(message) for _, message, _ in bag.read_messages(topics=[names.SPOTS])]
     except (OSError, rosbag.ROSBagException) as error:
-        raise CodedError("bad_file", f"cannot read the bag '{path}': {error}") from None
+        raise CodedError("bad_file", file=path, why=str(error)) from None
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -412,19 +369,11 @@ def _parser() -> argparse.ArgumentParser:
     board = commands.add_parser("board", parents=[guided], help="from a printed board on known places")
     board.add_argument("--paper", **board_paper)
     board.add_argument("--square", type=float, help="[m] side of a square as measured, if the print is not exact")
-    board.add_argument(
-        "--placement_sigma",
-        type=float,
-        default=CalibrationParams.placement_sigma,
-        help="[m] how exactly P1 and P2 lie on their places; default: %(default)s",
-    )
+    board.add_argument("--placement_sigma", type=float, default=CalibrationParams.placement_sigma,
+                       help="[m] how exactly P1 and P2 lie on their places; default: %(default)s")
     spots = commands.add_parser("spots", parents=[guided], help="from laser spots on known places")
-    spots.add_argument(
-        "--point_sigma",
-        type=float,
-        default=CalibrationParams.point_sigma,
-        help="[m] how exactly the places are known; default: %(default)s, as clicked in RViz",
-    )
+    spots.add_argument("--point_sigma", type=float, default=CalibrationParams.point_sigma,
+                       help="[m] how exactly the places are known; default: %(default)s, as clicked in RViz")
 
     agreed = commands.add_parser("check", help="how well cameras that overlap agree")
     agreed.add_argument("--seconds", type=float, default=30.0, help="how long to listen to live spots")

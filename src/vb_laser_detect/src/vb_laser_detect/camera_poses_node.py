@@ -59,12 +59,10 @@ class CameraPosesNode:
             self._known[camera] = version
             try:
                 pose = calibration_file.load(path)
-                same = [name for name, other in self._transforms.items()
-                        if other.child_frame_id == pose.frame and name != camera]
-                if same:
-                    for name in same:  # neither can be right for both
-                        del self._transforms[name]
-                    raise CodedError("shared_frame", cameras=", ".join(sorted(same + [camera])), frame=pose.frame)
+                frames = {name: other.child_frame_id for name, other in self._transforms.items()}
+                # a shared one can be right for neither
+                self._transforms = {name: other for name, other in self._transforms.items() if frames[name] != pose.frame or name == camera}
+                calibration_file.require_own_frame(camera, pose.frame, frames)
             except CodedError as error:
                 rospy.logwarn("%s: %s", rospy.get_name(), error)
                 continue

@@ -25,10 +25,10 @@ from vb_core.errors import CodedError, ParameterError
 from vb_laser_detect.detection import classifier, features
 from vb_laser_detect.detection.blocks import BLOCK
 from vb_laser_detect.detection.features import Blob, Camera
-from vb_laser_detect.detection.floor_scale import ToFloor, metres_per_pixel
+from vb_laser_detect.detection.projection import ToFloor, metres_per_pixel
 from vb_laser_detect.detection.image_format import BAYER
 from vb_laser_detect.detection.proposals import Proposal, Proposer, View
-from vb_laser_detect.detection.tracking import BackfilledSpot, Sighting, Spot, SpotTracker
+from vb_laser_detect.detection.tracking import BackfilledSpot, Spot, SpotTracker
 from vb_laser_detect.detector_params import DetectorParams
 
 __all__ = ["BackfilledSpot", "DetectorParams", "Spot", "SpotDetector"]
@@ -38,9 +38,6 @@ _LONGEST = 2.0  # times its diameter: a fast one is elongated
 _WIDEST = 0.09  # of the image's diagonal, where no pose is known
 _LEAST_PX = 2.5  # smaller blobs are noise
 _CERTAIN = 0.9  # probability from which a spot that stays is kept out of the background: less, and it may be a ghost
-# part of a spot's surroundings that lost light. A laser adds light and takes none: what darkens this much is
-# an object, for instance a person's shirt; a hand or a foot beside the spot darkens less
-_MAX_DARKER = 0.25
 
 
 class SpotDetector:
@@ -127,21 +124,16 @@ class SpotDetector:
         self._proposer.learn(view, kept, min(elapsed, 1.0))
         return spots
 
-    def _examine_all(self, view: View, camera: Camera) -> List[Sighting]:
+    def _examine_all(self, view: View, camera: Camera) -> List[Spot]:
         """Measures and judges a view's proposals; notes those that were not examined in `candidates`."""
-        seen: List[Sighting] = []
+        seen: List[Spot] = []
         proposals, left_out = [one for one in view.proposals if not one.refusal], [one for one in view.proposals if one.refusal]
-        metres: List[Optional[float]] = [None] * len(proposals)
-        if self._to_floor is not None:
-            metres = metres_per_pixel(self._to_floor, [one.middle for one in proposals])
-        for number, (proposal, metre) in enumerate(zip(proposals, metres)):
-            sighting, one = self._examine(proposal, metre, view, camera), proposal.expected
-            spot = sighting.spot
+        for number, proposal in enumerate(proposals):
+            spot, one = self._examine(proposal, view, camera), proposal.expected
             # two regions can lead to the same blob
-            if not any(math.hypot(spot.u - other.spot.u, spot.v - other.spot.v) < 2.0
-                       and bool(other.spot.refusal) == bool(spot.refusal) for other in seen):
-                seen.append(sighting)
-            if (self.params.max_spots == 1 and one is not None and one.published and sighting.certain
+            if not any(math.hypot(spot.u - other.u, spot.v - other.v) < 2.0 and bool(other.refusal) == bool(spot.refusal) for other in seen):
+                seen.append(spot)
+            if (self.params.max_spots == 1 and one is not None and one.published and spot.certain
                     and not spot.refusal and one.holds(spot.u, spot.v)):
                 # the one spot is found where it is expected: nothing else can take its place
                 left_out += [other._replace(refusal="not_looked_at") for other in proposals[number + 1 :]]
@@ -149,45 +141,41 @@ class SpotDetector:
         self.candidates = [Spot(*one.middle, float(one.region[2] - one.region[0]), refusal=one.refusal) for one in left_out]
         return seen
 
-    def _examine(self, proposal: Proposal, metre: Optional[float], view: View, camera: Camera) -> Sighting:
-        """Measures and judges one proposal; where a spot must be, also as what a brighter area left of it."""
-        one, largest = proposal.expected, _LONGEST * self._sizes(metre, camera)[1]
+    def _examine(self, proposal: Proposal, view: View, camera: Camera) -> Spot:
+        """Measures and judges one proposal; where a spot must be, also what a brighter area left of it: its core."""
+        one, largest = proposal.expected, _LONGEST * self._sizes(self._metre(*proposal.middle), camera)[1]
         blob = features.measure(view.image, view.reference, proposal.region, largest, camera)
-        sighting = self._judge(blob, metre, view, camera, False)
-        for edge in (features.EDGE, *features.CORES) if one is not None and one.trusted and sighting.spot.refusal else ():
-            if edge != features.EDGE:
-                blob = features.measure(view.image, view.reference, proposal.part, largest, camera, edge)
-            if one.holds(blob.u, blob.v):
-                again = self._judge(blob, metre, view, camera, True)
-                if not again.spot.refusal:
-                    return again
-        return sighting
+        spot = self._judge(blob, view, camera, False)
+        if spot.refusal and one is not None and one.trusted:
+            core = features.measure(view.image, view.reference, one.part_of(proposal.region), largest, camera, features.CORE)
+            again = self._judge(core, view, camera, True)
+            if not again.refusal and one.holds(core.u, core.v):
+                return again
+        return spot
 
-    def _judge(self, blob: Blob, metre: Optional[float], view: View, camera: Camera, expected: bool) -> Sighting:
-        refusal, probability = blob.problem or self._wrong_size(blob, metre, camera), 0.0
+    def _judge(self, blob: Blob, view: View, camera: Camera, expected: bool) -> Spot:
+        refusal, probability = blob.problem or self._wrong_size(blob, camera), 0.0
         if not refusal:
             numbers = {**blob.numbers, "busy": view.busy(blob.u, blob.v, blob.diameter)}
             probability, against = self._classifier.judge(blob, numbers, expected)
             if probability < max(self.params.min_probability, _CERTAIN if expected else 0.0):
                 refusal = against
-            elif not expected and numbers["darker"] > _MAX_DARKER:
-                refusal = "darker"
             elif self._place_check is not None:
                 refusal = self._place_check(blob.u, blob.v)
-        return Sighting(Spot(blob.u, blob.v, blob.diameter, probability, refusal=refusal), not expected, blob.tint)
+        return Spot(blob.u, blob.v, blob.diameter, probability, refusal=refusal, certain=not expected, tint=blob.tint)
 
-    def _confirm(self, seen: List[Sighting]) -> Tuple[List[Spot], List[Spot]]:
+    def _confirm(self, seen: List[Spot]) -> Tuple[List[Spot], List[Spot]]:
         """The spots to publish, the most certain first, and those that are kept out of the background.
 
         Notes the others, and why they are not published, in `candidates`.
         """
-        found = sorted((one for one in seen if not one.spot.refusal), key=lambda one: (not one.certain, -one.spot.confidence))
+        found = sorted((one for one in seen if not one.refusal), key=lambda one: (not one.certain, -one.confidence))
         if found and self._to_floor is not None:
-            floor = np.asarray(self._to_floor(np.array([(one.spot.u, one.spot.v) for one in found])), float)
-            found = [one._replace(floor=(x, y)) for one, (x, y) in zip(found, floor[:, :2])]
-        self.candidates += [one.spot for one in seen if one.spot.refusal]
+            floor = np.asarray(self._to_floor(np.array([(one.u, one.v) for one in found])), float)
+            found = [replace(one, floor=(x, y)) for one, (x, y) in zip(found, floor[:, :2])]
+        self.candidates += [one for one in seen if one.refusal]
         told, kept, self.backfilled = [], [], []
-        for (spot, certain, *_), track in zip(found, self._tracker.update(found, self.tag)):
+        for spot, track in zip(found, self._tracker.update(found, self.tag)):
             refusal = "" if track.published else "less_certain" if track.confirmed else "unconfirmed"
             spot = replace(spot, track=track.number, refusal=refusal)
             self.candidates.append(spot)
@@ -195,24 +183,26 @@ class SpotDetector:
                 told.append(spot)
                 self.backfilled += track.waiting
                 track.waiting = []
-            if (certain and spot.confidence >= max(_CERTAIN, self.params.min_probability)
+            if (spot.certain and spot.confidence >= max(_CERTAIN, self.params.min_probability)
                     and self._stamp - track.rests_since < self.params.hold_s):
                 kept.append(spot)
         return told, kept
 
-    def _sizes(self, metre: Optional[float], camera: Camera) -> Tuple[float, float]:
-        """The least and the largest diameter [px] of a spot where a pixel is this long on the floor [m], or where is unknown."""
-        if not metre:
+    def _metre(self, u: float, v: float) -> float:
+        """[m] a pixel's length on the floor; NaN where that is not known."""
+        return metres_per_pixel(self._to_floor, u, v) if self._to_floor is not None else math.nan
+
+    def _sizes(self, metre: float, camera: Camera) -> Tuple[float, float]:
+        """The least and the largest diameter [px] of a spot where a pixel is this long on the floor [m]."""
+        if math.isnan(metre):
             return _LEAST_PX, _WIDEST * camera.diagonal
         least, largest = (0.001 / metre * size for size in (self.params.min_diameter_mm, self.params.max_diameter_mm))
         return max(_LEAST_PX, least), largest + _SMEAR_PX
 
-    def _wrong_size(self, blob: Blob, metre: Optional[float], camera: Camera) -> str:
-        if self._to_floor is not None and not metre:
-            # a person's region may have its middle above the horizon, and the spot on the floor
-            metre = metres_per_pixel(self._to_floor, [(blob.u, blob.v)])[0]
-            if metre is None:
-                return "off_floor"
+    def _wrong_size(self, blob: Blob, camera: Camera) -> str:
+        metre = self._metre(blob.u, blob.v)
+        if self._to_floor is not None and math.isnan(metre):
+            return "off_floor"
         least, largest = self._sizes(metre, camera)
         return "too_small" if blob.diameter < least else "too_large" if blob.diameter > largest else ""
 

@@ -16,7 +16,7 @@ from sensor_msgs.msg import CompressedImage, Image
 from vb_core import names
 from vb_core.errors import CodedError, ParameterError
 from vb_core.parameters import Parameters, param
-from vb_core.ros.images import compressed_encoding, compressed_image_array, image_array, image_message
+from vb_core.ros.images import image_message
 from vb_core.ros import messages, node, parameters
 from vb_core.ros.node import Mailbox, Worker
 from vb_core.ros.reconfigure import ReconfigureServer
@@ -26,7 +26,7 @@ from vb_laser_detect.detector import DetectorParams, Spot, SpotDetector
 from vb_laser_detect.detection.image_geometry import Frame, placed, search
 from vb_laser_detect.detection.image_format import PixelReader
 from vb_laser_detect.detection.projection import FloorPoint, FloorProjector, ProjectionParams
-from vb_laser_detect.ros.camera_geometry import DepthTopic, InfoTopic, CameraGeometry
+from vb_laser_detect.ros.camera_geometry import CameraGeometry, DepthTopic, InfoTopic, beside, decoded, is_rectified
 from vb_laser_detect.ros.diagnostics import DetectorDiagnostics
 from vb_laser_detect.ros.time_server import TimeServer
 from vb_msgs.msg import DetectorStatus, LaserSpot
@@ -108,8 +108,8 @@ class SpotDetectorNode:
             ReconfigureServer(detector, "~detector", self._retune_detector, fixed=("moving_camera",)),
             ReconfigureServer(projection_params, "~projection", self._retune_projection),
         ]
-        self._compressed = params.image_transport == "compressed"
-        kind, topic = (CompressedImage, image + "/compressed") if self._compressed else (Image, image)
+        compressed = params.image_transport == "compressed"
+        kind, topic = (CompressedImage, image + "/compressed") if compressed else (Image, image)
         rospy.loginfo("%s: camera '%s' on %s", rospy.get_name(), params.camera, topic)
         # the buffer must hold a whole image, else rospy hands over images that are older than the newest one
         rospy.Subscriber(topic, kind, self._mailbox.put, queue_size=1, buff_size=2**24, tcp_nodelay=True)
@@ -122,9 +122,7 @@ class SpotDetectorNode:
         if p.depth:
             topic = rospy.resolve_name(p.depth)
             depth = DepthTopic(topic, rospy.resolve_name(p.depth_info or beside(topic, "camera_info")), self._report)
-        placing = CameraGeometry(self._mobile, info, depth, self._projector)
-        placing.tf_wait_s, placing.pose_refresh_s, placing.depth_age_s = p.tf_wait_s, p.pose_refresh_s, p.depth_age_s
-        return placing
+        return CameraGeometry(self._mobile, info, depth, self._projector, p)
 
     def close(self) -> None:
         """Stops the worker."""
@@ -139,10 +137,7 @@ class SpotDetectorNode:
     # ------------------------------------------------------------- dynamic_reconfigure
     def _retune(self, params: NodeParams) -> None:
         with self._tuned:
-            self._params = params
-            placing = self._placing
-            placing.tf_wait_s, placing.pose_refresh_s = params.tf_wait_s, params.pose_refresh_s
-            placing.depth_age_s = params.depth_age_s
+            self._params = self._placing.params = params
 
     def _retune_detector(self, params: DetectorParams) -> None:
         with self._tuned:
@@ -168,12 +163,9 @@ class SpotDetectorNode:
         stamp = message.header.stamp
         if stamp.is_zero():
             raise CodedError("no_stamp", "the images carry no time: they cannot be matched with poses")
-        if self._compressed:
-            raw = compressed_image_array(message)
-            encoding = compressed_encoding(message, raw)
-        else:
-            raw, encoding = image_array(message), message.encoding
-        image = self._detector_input(raw, encoding)
+        raw, encoding = decoded(message)
+        image = self._reader.read(raw, encoding)
+        self._report.colour = image.ndim == 3 or encoding.startswith("bayer")
         frame_id = self._params.frame or message.header.frame_id
         frame, unplaced = self._place(frame_id, stamp, image)
         began = time.perf_counter()
@@ -203,11 +195,6 @@ class SpotDetectorNode:
         self._report.frame(stamp, took, len(spots), image, frame_id, self._detector.confirmation_s)
         if self._debug.get_num_connections() > 0:
             self._publish_debug(image, encoding, message.header)
-
-    def _detector_input(self, raw: np.ndarray, encoding: str) -> np.ndarray:
-        image = self._reader.read(raw, encoding)
-        self._report.colour = image.ndim == 3 or encoding.startswith("bayer")
-        return image
 
     def _place(
         self, frame_id: str, stamp: rospy.Time, image: np.ndarray
@@ -242,16 +229,6 @@ class SpotDetectorNode:
         self._report.debug_images += 1
         picture = draw(image, encoding, self._detector.candidates)
         self._debug.publish(image_message(picture, "bgr8", header.stamp, header.frame_id))
-
-
-def beside(topic: str, name: str) -> str:
-    """The topic of another name in the same namespace, as image_transport pairs image and camera_info."""
-    return topic.rsplit("/", 1)[0] + "/" + name
-
-
-def is_rectified(topic: str) -> bool:
-    """Whether a topic's images have no distortion any more, as image_proc names them."""
-    return "rect" in topic.rsplit("/", 1)[-1].split("_")
 
 
 def build() -> SpotDetectorNode:

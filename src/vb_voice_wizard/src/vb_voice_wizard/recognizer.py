@@ -8,14 +8,14 @@ and says which odds are even.
 
 >>> import numpy as np
 >>> recognizer = CommandRecognizer()
->>> silence = np.zeros(16000, np.int16)                             # one second at 16 kHz
->>> recognizer.recognize(silence) is None
-True
+>>> silence = Utterance(np.zeros(16000, np.int16), start=0.0, end=1.0)
+>>> recognizer.classify(silence).reason
+'unlike_a_command'
 """
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import List, Optional
+from typing import Optional
 
 import numpy as np
 
@@ -23,7 +23,7 @@ from vb_core.errors import ParameterError
 from vb_core.parameters import Parameters, param
 
 from vb_voice_wizard.voice.audio_sources import SAMPLE_RATE
-from vb_voice_wizard.voice.endpointing import Utterance, utterances
+from vb_voice_wizard.voice.endpointing import Utterance
 from vb_voice_wizard.interaction import CANCEL, COMMANDS, RESUME
 from vb_voice_wizard.voice.speech_model import SpeechModel
 
@@ -98,24 +98,6 @@ class CommandRecognizer:
         said = [(command, text) for command, texts in self.params.phrases.items() for text in texts]
         self._meanings = np.array([command for command, _ in said])
         self._model = SpeechModel([text.lower() for _, text in said])
-
-    def recognize(self, pcm: np.ndarray) -> Optional[str]:
-        """The first command in a recording.
-
-        Args:
-            pcm: (N,) int16, 16 kHz, mono.
-
-        Returns:
-            The command's name, or None if there is none.
-        """
-        return next((result.command for result in self.examine(pcm) if result.command), None)
-
-    def examine(self, pcm: np.ndarray) -> List[RecognitionResult]:
-        """What became of each utterance in a recording, (N,) int16, 16 kHz, mono."""
-        pcm = np.asarray(pcm)
-        if pcm.ndim != 1 or pcm.dtype != np.int16:
-            raise ValueError(f"expected (N,) int16 samples, got {pcm.shape} {pcm.dtype}")
-        return [self.classify(utterance) for utterance in utterances(pcm)]
 
     def classify(self, utterance: Utterance) -> RecognitionResult:
         """What became of one utterance."""

@@ -21,17 +21,17 @@ from vb_core import names, sentences
 from vb_core.errors import CodedError
 from vb_core.notices import NoticeBook
 from vb_core.ros import commands, node
-from vb_core.ros.messages import BorderPreviewArray, mapping_from_values
+from vb_core.ros.messages import BorderPreviewArray
 from vb_core.ros.notices import notice_from_message
 from vb_core.ros.transforms import TransformLookup
 from vb_msgs.msg import (
-    BorderProgress, DetectorStatus, BorderIssue, SpeechCommand, InteractionState, NoticeArray, VirtualBorderArray,
+    BorderProgress, DetectorStatus, SpeechCommand, InteractionState, NoticeArray, VirtualBorderArray,
 )
 from vb_msgs.srv import CommandRequest, CommandResponse
 
 from vb_voice_wizard.console import view as console_view
 from vb_voice_wizard.console.keys import COMMAND_KEYS, QUIT_KEY, KeyReader
-from vb_voice_wizard.console.view import BAD, GOOD, NOTE, BorderRow, View
+from vb_voice_wizard.console.view import BAD, GOOD, NOTE, View
 
 _PERIOD_S = 0.2  # between two looks at the screen: an operator cannot follow more
 _WATCH_S = 1.0
@@ -69,9 +69,7 @@ class WizardConsole:
         self._book = NoticeBook()
         self._detectors: Dict[str, Tuple[float, float]] = {}
         self._level_at = float("-inf")
-        self._ends = 0.0
         self._answered = rospy.Time(0)
-        self._progress_of = ""
         self._transforms: Optional[TransformLookup] = None
         self._robot_at: Optional[Tuple[float, float]] = None
         # a master that was restarted knows nothing of this process: it must register again
@@ -100,16 +98,14 @@ class WizardConsole:
         now = time.monotonic()
         with self._lock:
             view = self._view
-            detectors = tuple(
+            view.detectors = tuple(
                 (camera, rate if now - heard <= _SILENT_S else 0.0) for camera, (heard, rate) in sorted(self._detectors.items())
             )
-            level = view.level_db if now - self._level_at <= _SILENT_S else 0.0
-            notices = tuple(self._book.current(now))
-            ends_in = max(0.0, self._ends - rospy.get_time()) if self._ends else 0.0
-            shown = (detectors, level, notices, ends_in)
-            if shown != (view.detectors, view.level_db, view.notices, view.ends_in_s):
-                view.detectors, view.level_db, view.notices, view.ends_in_s = shown
-                self._changed.set()
+            view.level_db = view.level_db if now - self._level_at <= _SILENT_S else 0.0
+            view.notices = tuple(self._book.current(now))
+            ends = view.state.ends.to_sec() if view.state is not None else 0.0
+            view.ends_in_s = max(0.0, ends - rospy.get_time()) if ends else 0.0
+        self._changed.set()
 
     @staticmethod
     def _answers(master: rosgraph.Master, service: str) -> bool:
@@ -131,15 +127,12 @@ class WizardConsole:
             elif pid is not None and not view.connected:
                 self._tell("console_master_back", GOOD)
             # before the first state it is unknown which nodes to expect
-            if pid is not None and view.state:
+            if pid is not None and view.state is not None:
                 for who, _ in _WATCHED:
                     if (who in away) != (who in view.away):
                         gone = who in away
                         self._tell("console_away" if gone else "console_there", BAD if gone else GOOD, who=f"${who}")
-            shown = pid is not None, away if view.state else ()
-            if shown != (view.connected, view.away):
-                view.connected, view.away = shown
-                self._changed.set()
+            view.connected, view.away = pid is not None, away if view.state is not None else ()
 
     def _look_at_robot(self) -> None:
         if self._transforms is None:
@@ -155,10 +148,7 @@ class WizardConsole:
             drives = before is not None and max(abs(at[0] - before[0]), abs(at[1] - before[1])) > _DRIVES_M
             code = "console_drives" if drives else "console_stands"
             text = self._view.words(code, x=f"{at[0]:.2f}", y=f"{at[1]:.2f}")
-        with self._lock:
-            if text != self._view.robot:
-                self._view.robot = text
-                self._changed.set()
+        self._view.robot = text
 
     # ------------------------------------------------------------------ ROS
     def connect(self) -> None:
@@ -176,9 +166,11 @@ class WizardConsole:
         with self._lock:
             self._master_pid = pid
         rospy.Subscriber(names.STATE, InteractionState, self._on_state, queue_size=5)
-        rospy.Subscriber(names.PROGRESS, BorderProgress, self._on_progress, queue_size=1)
-        rospy.Subscriber(names.PREVIEW, BorderPreviewArray, self._on_preview, queue_size=1)
-        rospy.Subscriber(names.BORDERS, VirtualBorderArray, self._on_borders, queue_size=1)
+        rospy.Subscriber(names.PROGRESS, BorderProgress, lambda message: self._show_newest("progress", message), queue_size=1)
+        rospy.Subscriber(names.PREVIEW, BorderPreviewArray, lambda message: self._show_newest("preview", message), queue_size=1)
+        rospy.Subscriber(
+            names.BORDERS, VirtualBorderArray, lambda message: self._show_newest("borders", message.borders), queue_size=1
+        )
         rospy.Subscriber(names.HEARD, SpeechCommand, self._on_heard, queue_size=5)
         rospy.Subscriber(names.NOTICES, NoticeArray, self._on_notices, queue_size=20)
         rospy.Subscriber(names.DETECTORS, DetectorStatus, self._on_detector, queue_size=10)
@@ -186,61 +178,19 @@ class WizardConsole:
         if self._robot_frame:
             self._transforms = TransformLookup(cache_s=2.0)
 
+    def _show_newest(self, where: str, what: Any) -> None:
+        with self._lock:
+            setattr(self._view, where, what)
+        self._changed.set()
+
     def _on_state(self, message: InteractionState) -> None:
-        with self._lock:
-            view = self._view
-            # the first progress of an interaction may arrive before its state
-            if message.interaction_id not in (view.interaction_id, self._progress_of):
-                view.border_spots = view.seed_spots = view.chain_points = 0
-                view.cameras = view.seeing = ()
-            view.state, view.interaction_id = message.name, message.interaction_id
-            view.times_s = (message.guide_s, message.border_s, message.seed_s)
-            view.commands = tuple(message.commands)
-            if message.last_command and message.last_answered != self._answered:
-                self._answered = message.last_answered
-                who = message.last_source or view.words("console_somebody")
-                answer = self._words_of(message.last_code, message.last_values, message.last_message)
-                text = f"{who}, {view.words('command_' + message.last_command)}: {answer}"
-                self._say(text, GOOD if message.last_success else BAD)
-            view.stopped, view.stopped_by = message.stopped, message.stopped_by
-            view.confirm_save, self._ends = message.confirm_save, message.ends.to_sec()
-            self._changed.set()
-
-    def _on_progress(self, message: BorderProgress) -> None:
-        with self._lock:
-            view = self._view
-            self._progress_of = message.interaction_id
-            view.border_spots, view.seed_spots = message.border_spots, message.seed_spots
-            view.ignored_spots = message.ignored_spots
-            view.chain_points, view.closed = len(message.chain), message.closed
-            said = "" if message.code == "ok" else self._words_of(message.code, message.values, message.message)
-            view.progress_message = said
-            view.seeing, view.cameras = tuple(message.seeing), tuple(message.cameras)
-            self._changed.set()
-
-    def _on_preview(self, message: BorderPreviewArray) -> None:
-        with self._lock:
-            view = self._view
-            view.preview_good = message.available and message.success
-            if view.preview_good:
-                view.preview = view.words("preview_restricts", area=f"{message.area_m2:.2f}")
-                if message.free_parts > 1:
-                    view.preview += " " + view.words("preview_parts", parts=message.free_parts)
-            else:
-                view.preview = self._words_of(message.code, message.values, message.message)
-            view.issues = tuple(
-                (self._words_of(found.code, found.values, found.message), found.severity == BorderIssue.ERROR)
-                for found in message.issues
-            )
-            self._changed.set()
-
-    def _on_borders(self, message: VirtualBorderArray) -> None:
-        with self._lock:
-            self._view.borders = tuple(
-                BorderRow(border.name or border.id, border.area_m2, border.enabled, border.occupancy)
-                for border in message.borders
-            )
-            self._changed.set()
+        self._show_newest("state", message)
+        if message.last_command and message.last_answered != self._answered:
+            self._answered = message.last_answered
+            who = message.last_source or self._view.words("console_somebody")
+            said = CommandResponse(code=message.last_code, values=message.last_values, message=message.last_message)
+            text = f"{who}, {self._view.words('command_' + message.last_command)}: {self._view.sentence(said)}"
+            self._say(text, GOOD if message.last_success else BAD)
 
     def _on_notices(self, message: NoticeArray) -> None:
         with self._lock:
@@ -288,11 +238,7 @@ class WizardConsole:
             what = sentences.say(error.code, error.values, self._view.language, error.message)
             self._tell("console_try_again", BAD, what=what)
         elif answer is not None and answer.code == "busy":
-            self._say(self._words_of(answer.code, answer.values, answer.message), BAD)
-
-    def _words_of(self, code: str, values: List[Any], message: str) -> str:
-        """A node's answer in the operator's language; its own English sentence where that has none."""
-        return sentences.say(code, mapping_from_values(values), self._view.language, message) if code else message
+            self._say(self._view.sentence(answer), BAD)
 
     def _tell(self, code: str, style: str, **values: Any) -> None:
         self._say(self._view.words(code, **values), style)

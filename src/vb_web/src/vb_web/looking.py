@@ -3,7 +3,6 @@ from __future__ import annotations
 
 import threading
 import time
-from dataclasses import dataclass
 from typing import Callable, Dict, List, Optional
 
 import cv2
@@ -20,7 +19,6 @@ from vb_core.ros.transforms import TransformLookup
 from vb_web import pictures
 
 _WAIT_S = 2.0  # for a camera's next image
-_KEPT_S = 5.0  # a subscription that no browser uses any more
 _FLOOR_KEPT_S = 5.0  # the same image for every browser that asks meanwhile
 # OpenCV names a Bayer pattern by its second row, ROS by its first
 _TO_BGR = {
@@ -44,16 +42,6 @@ def to_bgr(message: Image) -> np.ndarray:
     return cv2.cvtColor(pixels, _TO_BGR[message.encoding])
 
 
-@dataclass
-class _Look:
-    """A subscription to one detector's debug image."""
-
-    subscriber: rospy.Subscriber
-    arrived: threading.Event
-    wanted: float
-    image: Optional[Image] = None
-
-
 class Looker:
     """The detectors' debug images, and the floor as the ceiling cameras see it.
 
@@ -69,8 +57,6 @@ class Looker:
     ) -> None:
         self._detectors, self._cameras, self._compressed = detectors, cameras, transport == "compressed"
         self._grid, self._transforms = grid, transforms
-        self._looks: Dict[str, _Look] = {}
-        self._lock = threading.Lock()
         self._floor_lock = threading.Lock()
         self._floor: Optional[bytes] = None
         self._floor_at = -1e9
@@ -80,30 +66,10 @@ class Looker:
         detector = self._detectors().get(camera)
         if detector is None:
             return None
-        with self._lock:
-            look = self._looks.get(camera)
-            if look is None:
-                look = _Look(None, threading.Event(), time.monotonic())  # type: ignore[arg-type]
-                look.subscriber = rospy.Subscriber(
-                    f"{detector}/debug_image", Image, self._keep, look, queue_size=1, buff_size=2**24
-                )
-                self._looks[camera] = look
-            look.wanted = time.monotonic()
-        if not look.arrived.wait(_WAIT_S) or look.image is None:
+        try:
+            return pictures.jpeg(to_bgr(rospy.wait_for_message(f"{detector}/debug_image", Image, timeout=_WAIT_S)))
+        except rospy.ROSException:
             return None
-        return pictures.jpeg(to_bgr(look.image))
-
-    @staticmethod
-    def _keep(message: Image, look: _Look) -> None:
-        look.image = message
-        look.arrived.set()
-
-    def tidy(self) -> None:
-        """Ends the subscriptions unused for a while; to be called now and then."""
-        now = time.monotonic()
-        with self._lock:
-            for camera in [name for name, look in self._looks.items() if now - look.wanted > _KEPT_S]:
-                self._looks.pop(camera).subscriber.unregister()
 
     def floor_webp(self) -> Optional[bytes]:
         """The floor as all ceiling cameras see it now; None if none of them does."""

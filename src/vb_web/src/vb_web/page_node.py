@@ -329,7 +329,6 @@ class PageNode:
         if now - self._level_at > _SILENT_S:
             self._view.put("level", None)
         self._show_notices()
-        self._looker.tidy()
 
     def _connected(self, topic: str) -> bool:
         return self._subscribers[topic].get_num_connections() > 0

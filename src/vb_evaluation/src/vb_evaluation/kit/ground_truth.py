@@ -8,8 +8,8 @@ import cv2
 import numpy as np
 
 from vb_core.errors import CodedError
-from vb_core.grid_map import OCCUPIED_FROM, GridMap
-from vb_core.map_files import FREE_PIXEL, OCCUPIED_PIXEL, UNKNOWN_PIXEL, read_map
+from vb_core.grid_map import GridMap
+from vb_core.map_files import read_map
 from vb_evaluation import metrics
 
 # [grey levels] between the largest and the smallest channel; less is grey
@@ -60,14 +60,6 @@ def find_ground_truths(folder: Path, scenarios: Sequence[str], physical: GridMap
             )
         found[scenario] = read_ground_truth(paths[0], physical)
     return found
-
-
-def picture_of(physical: GridMap) -> np.ndarray:
-    """(H, W) uint8, the map's image to draw over, as map_server stores it: row 0 is the map's highest y."""
-    shades = np.full(physical.shape, UNKNOWN_PIXEL, np.uint8)
-    shades[(physical.data >= 0) & (physical.data < 20)] = FREE_PIXEL
-    shades[physical.data >= OCCUPIED_FROM] = OCCUPIED_PIXEL
-    return np.ascontiguousarray(shades[::-1])
 
 
 def _marked(path: Path, physical: GridMap) -> np.ndarray:

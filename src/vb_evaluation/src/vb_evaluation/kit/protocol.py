@@ -68,7 +68,7 @@ def read(path: Path) -> List[Entry]:
     entries = []
     seen: Dict[object, int] = {}
     table = read_sheet(path, ("participant", "method", "scenario", "recording"), "bad_protocol")
-    for line, row in zip(table.lines, table.rows):
+    for line, row in table.to_dict("index").items():
         empty = [column for column in ("participant", "method", "scenario") if not row[column]]
         if empty:
             raise CodedError("bad_protocol", f"{path}, line {line}: {empty[0]} is empty")

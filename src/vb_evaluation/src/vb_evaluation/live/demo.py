@@ -16,7 +16,6 @@ import os
 import shutil
 import sys
 import time
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Dict, List, Optional, Tuple
 
@@ -36,11 +35,10 @@ from vb_evaluation.goal_runs import Driven, GoalRunner
 from vb_evaluation.live import pictures
 from vb_evaluation.observer import Observer, wait_until
 from vb_evaluation.processes import Child, free_port, screenshot, start_screen
-from vb_feedback.display import fit_display
 from vb_msgs.msg import VirtualBorder
 from vb_msgs.srv import SaveMap, SaveMapRequest
 from vb_sim.room import floor_plan
-from vb_sim.room.world import Scenario, World, load_world
+from vb_sim.room.world import load_world
 
 METHODS = {"nrs": "network robot system", "robot_only": "robot only"}
 NAVIGATIONS = ("standin", "move_base")
@@ -53,23 +51,8 @@ SCREEN = (1280, 720)
 _LAUNCH = Path(__file__).resolve().parents[5] / "launch"
 
 
-@dataclass(frozen=True)
-class Options:
-    """The command line's options, checked."""
-
-    world_path: Path
-    world: World
-    scenario: Scenario
-    method: str
-    seed: int
-    out: Path
-    rviz: bool
-    models: Optional[Path]
-    navigation: str
-
-
-def parse(arguments: Optional[List[str]], top: Path) -> Options:
-    """Reads the command line.
+def parse(arguments: Optional[List[str]], top: Path) -> argparse.Namespace:
+    """Reads the command line: its options, with world and scenario read.
 
     Raises:
         CodedError: one line that names the argument or the key of the world file.
@@ -80,7 +63,7 @@ def parse(arguments: Optional[List[str]], top: Path) -> Options:
     parser.add_argument("--world", default="", help="a world file; empty: the paper's lab")
     parser.add_argument("--seed", default="1", help="of every random draw")
     parser.add_argument("--out", default=str(top / "out" / "demo"))
-    parser.add_argument("--no-rviz", action="store_true", help="leave the smart display out")
+    parser.add_argument("--no-rviz", dest="rviz", action="store_false", help="leave the smart display out")
     parser.add_argument("--navigation", default="standin", help="standin, or move_base: the real one (make navigation)")
     parser.add_argument("--models", default="", help="a file of models; empty: config/models.yaml of vb_sim")
     given = parser.parse_args(arguments)
@@ -94,9 +77,9 @@ def parse(arguments: Optional[List[str]], top: Path) -> Options:
         raise ParameterError("NAVIGATION", "move_base is not installed: run 'make navigation' once")
     if not given.seed.isdigit():
         raise ParameterError("SEED", f"expected a whole number, got '{given.seed}'")
-    return Options(
-        path, world, world.scenarios[given.scenario], given.method, int(given.seed), Path(given.out).resolve(), not given.no_rviz,
-        Path(given.models).expanduser().resolve() if given.models else None, given.navigation)
+    given.world_path, given.world, given.scenario, given.seed = path, world, world.scenarios[given.scenario], int(given.seed)
+    given.out, given.models = Path(given.out).resolve(), Path(given.models).expanduser().resolve() if given.models else None
+    return given
 
 
 def main(arguments: Optional[List[str]] = None, top: Optional[Path] = None) -> int:
@@ -117,7 +100,7 @@ def main(arguments: Optional[List[str]] = None, top: Optional[Path] = None) -> i
 class Demo:
     """One run, from starting the nodes to writing the summary; `stack` ends what it starts."""
 
-    def __init__(self, options: Options, console: Console, stack: contextlib.ExitStack) -> None:
+    def __init__(self, options: argparse.Namespace, console: Console, stack: contextlib.ExitStack) -> None:
         self.options, self.console, self._stack = options, console, stack
         self._started = time.monotonic()
         self._cameras = [camera.name for camera in options.world.cameras] if options.method == "nrs" else []
@@ -167,14 +150,10 @@ class Demo:
             self._stack.callback(screen.stop)
             os.environ.update(DISPLAY=self._screen, LIBGL_ALWAYS_SOFTWARE="1")
         os.environ.setdefault("QT_X11_NO_MITSHM", "1")
-        corners = floor_plan.physical_map(options.world).corners()
-        numbers = lambda values: [f"{value:.3f}" for value in values]  # noqa: E731
-        fit_display.run([str(_LAUNCH.parent / "rviz" / "smart_display.rviz"), str(state / "smart_display.rviz"), "--map",
-                         *numbers(corners[2] - corners[0]), "--origin", *numbers(corners[0]), "--screen", *map(str, SCREEN)])
         self._launched = self._roslaunch(
             "simulation.launch", [str(_LAUNCH / "parts" / "models.launch"), f"models:={options.models}"] if options.models else [],
             navigation=options.navigation, cameras=" ".join(self._cameras) or "none", state=state, maps=options.out,
-            page_port=page, rviz=str(options.rviz).lower(), rviz_config=state / "smart_display.rviz")
+            page_port=page, rviz=str(options.rviz).lower())
         # rospy would complain about a master that is not up yet
         if not wait_until(lambda: rosgraph.is_master_online() or not self._launched.running, READY_TIMEOUT_S):
             raise CodedError("not_ready", "the ROS master did not come up")

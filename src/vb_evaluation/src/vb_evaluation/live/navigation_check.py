@@ -6,10 +6,10 @@ costmaps, tries a soft border, and removes everything again. The robot does not 
 from __future__ import annotations
 
 import argparse
+import contextlib
 import sys
 import time
-from dataclasses import dataclass
-from typing import Callable, List, Optional, Tuple
+from typing import Callable, Iterator, List, NamedTuple, Optional, Tuple
 
 import numpy as np
 import rospy
@@ -39,8 +39,7 @@ WANTED = {
 }
 
 
-@dataclass(frozen=True)
-class Check:
+class Check(NamedTuple):
     """One line of the result; `good` is None where it could not be determined."""
 
     what: str
@@ -60,17 +59,10 @@ class NavigationCheck:
         patience: [s] to wait for anything before giving up.
     """
 
-    def __init__(
-        self, goal: Tuple[float, float], size: float = 0.5, move_base: str = "move_base", base_frame: str = "base_link",
-        at_once: float = 1.0, patience: float = 10.0,
-    ) -> None:
+    def __init__(self, goal: Tuple[float, float], size: float = 0.5, move_base: str = "move_base", base_frame: str = "base_link",
+                 at_once: float = 1.0, patience: float = 10.0) -> None:
         self._goal, self._size, self._move_base = (goal[0], goal[1], 0.0), size, "/" + move_base.strip("/")
-        self._at_once, self._patience = at_once, patience
-        self._base_frame = base_frame
-        self._observer = Observer()
-        self._transforms = TransformLookup()
-        self._added: List[str] = []
-        self._start = (0.0, 0.0, 0.0)
+        self._at_once, self._patience, self._base_frame = at_once, patience, base_frame
 
     def run(self) -> List[Check]:
         """All checks, in order.
@@ -85,109 +77,87 @@ class NavigationCheck:
             rospy.wait_for_service(service, timeout=2.0)
         except rospy.ROSException:
             raise CodedError("no_planner", f"nobody offers {service}: start move_base, or name it with --move-base") from None
-        if not wait_until(lambda: self._observer.posterior is not None, 10.0):
+        observer, transforms = Observer(), TransformLookup()
+        if not wait_until(lambda: observer.posterior is not None, 10.0):
             raise CodedError("no_map", f"nothing on {names.MAP_WITH_BORDERS}: does map_integrator run, and is there a /map?")
-        self._start = geometry.transform_pose2d(self._pose(self._base_frame))
-        way = self._plan()
+
+        def pose(frame: str) -> np.ndarray:
+            return transforms.lookup(names.MAP_FRAME, frame, rospy.Time(0), timeout_s=5.0)
+
+        start, odom = geometry.transform_pose2d(pose(self._base_frame)), pose("odom")
+        way = observer.plan(start, self._goal, service)
         if not len(way):
             raise CodedError("no_way", "move_base finds no way to the goal: choose another with --goal")
-        odom = self._pose("odom")
-        checks = [self._parameter(name, wanted) for name, wanted in WANTED.items()]
-        square = self._square_on(way)
-        try:
-            border = self._add(square, 1.0)
-            seconds = self._seconds_until(lambda: not self._crosses(self._plan(), square))
-            checks.append(self._timed("plans respect a new border at once", seconds, self._at_once))
-            checks.append(self._cleared(square))
-            self._remove(border)
-            seconds = self._seconds_until(lambda: self._crosses(self._plan(), square))
-            checks.append(self._timed("the way is free again once the border is removed", seconds))
-            self._add(square, SOFT)
-            seconds = self._seconds_until(lambda: not self._crosses(self._plan(), square))
-            checks.append(self._timed("a soft border is gone round where that is possible", seconds))
-        finally:
-            for identifier in list(self._added):
-                self._remove(identifier)
-        moved = float(np.linalg.norm((self._pose("odom") - odom)[:2, 3]))
-        checks.append(Check("localisation does not jump", moved <= STILL, f"map -> odom moved by {100 * moved:.1f} cm"))
-        return checks
+        dense = geometry.resample_chain(way, 0.02)
+        middle = dense[len(dense) // 2]
+        # clear of the robot and of the goal
+        if np.abs(np.array([start[:2], self._goal[:2]]) - middle).max(axis=1).min() < self._size:
+            raise CodedError("short_way", f"a border of {self._size:g} m does not fit on the way: choose a farther --goal")
+        # a cell inwards: a path may touch the border's edge
+        reach = 0.5 * self._size - observer.posterior.resolution
 
-    # ------------------------------------------------------------ single checks
-    def _parameter(self, name: str, wanted) -> Check:
+        def free() -> bool:
+            way = observer.plan(start, self._goal, service)
+            return not len(way) or not (np.abs(geometry.resample_chain(way, 0.01) - middle).max(axis=1) < reach).any()
+
+        checks = [self._parameter(name, wanted) for name, wanted in WANTED.items()]
+        with self._border(middle, 1.0):
+            checks.append(self._soon("plans respect a new border at once", free, self._at_once))
+            checks.append(self._cleared(free))
+        checks.append(self._soon("the way is free again once the border is removed", lambda: not free()))
+        with self._border(middle, SOFT):
+            checks.append(self._soon("a soft border is gone round where that is possible", free))
+        moved = float(np.linalg.norm((pose("odom") - odom)[:2, 3]))
+        return [*checks, Check("localisation does not jump", moved <= STILL, f"map -> odom moved by {100 * moved:.1f} cm")]
+
+    @contextlib.contextmanager
+    def _border(self, middle: np.ndarray, occupancy: float) -> Iterator[None]:
+        """A square border about a place, for a while."""
+        border = VirtualBorder(name="navigation check", kind=VirtualBorder.POLYGON, occupancy=occupancy, enabled=True)
+        border.points = messages.points_from_array(middle + 0.5 * self._size * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]))
+        border.seed = messages.points_from_array(middle[None])[0]
+        reply = call(names.ADD_BORDER, AddBorder, AddBorderRequest(border=border, source="check"), "the map integrator")
+        if not reply.success:
+            raise CodedError("refused", f"the map integrator does not take the border ({reply.code}): {reply.message}")
+        try:
+            yield
+        finally:
+            call(names.REMOVE_BORDER, RemoveBorder, RemoveBorderRequest(id=reply.id), "the map integrator")
+
+    def _parameter(self, name: str, wanted: object) -> Check:
         found = rospy.get_param(f"{self._move_base}/{name}", None)
         if found is None:
             return Check(f"{name} is {wanted}", None, "not set; another name of the layer, or no costmap_2d")
         same = found == wanted if isinstance(wanted, bool) else "/" + str(found).strip("/") == wanted
         return Check(f"{name} is {wanted}", same, f"it is {found}")
 
-    def _cleared(self, square: np.ndarray) -> Check:
+    def _cleared(self, free: Callable[[], bool]) -> Check:
         what = "a border survives clear_costmaps"
         try:
             call(f"{self._move_base}/clear_costmaps", Empty, EmptyRequest(), "move_base")
         except CodedError as error:
             return Check(what, None, str(error))
         # the costmap is empty until its next cycle; what counts is that the border returns on its own
-        seconds = self._seconds_until(lambda: not self._crosses(self._plan(), square))
-        if seconds is None or seconds > self._at_once:
-            return self._timed(what, seconds, self._at_once)
-        crossing, asked, end = 0, 0, time.monotonic() + WATCHED
+        back = self._soon(what, free, self._at_once)
+        if not back.good:
+            return back
+        plans, end = [], time.monotonic() + WATCHED
         while time.monotonic() < end:
-            asked, crossing = asked + 1, crossing + self._crosses(self._plan(), square)
-        return Check(what, crossing == 0, f"back after {seconds:.2f} s; {crossing} of {asked} plans after that cross it")
+            plans.append(free())
+        return Check(what, all(plans), f"back {back.found}; {plans.count(False)} of {len(plans)} plans after that cross it")
 
-    def _timed(self, what: str, seconds: Optional[float], limit: float = float("inf")) -> Check:
-        if seconds is None:
-            return Check(what, False, f"not within {self._patience:g} s")
-        allowed = f", {limit:g} s are allowed" if seconds > limit else ""
-        return Check(what, seconds <= limit, f"after {seconds:.2f} s{allowed}")
-
-    # ------------------------------------------------------------ what they need
-    def _pose(self, frame: str) -> np.ndarray:
-        return self._transforms.lookup(names.MAP_FRAME, frame, rospy.Time(0), timeout_s=5.0)
-
-    def _plan(self) -> np.ndarray:
-        return self._observer.plan(self._start, self._goal, f"{self._move_base}/make_plan")
-
-    def _square_on(self, way: np.ndarray) -> np.ndarray:
-        """(4, 2) [m] a square around the middle of the path, clear of the robot and of the goal."""
-        dense = geometry.resample_chain(way, 0.02)
-        middle = dense[len(dense) // 2]
-        ends = np.array([self._start[:2], self._goal[:2]])
-        if np.abs(ends - middle).max(axis=1).min() < self._size:
-            raise CodedError("short_way", f"a border of {self._size:g} m does not fit on the way: choose a farther --goal")
-        return middle + 0.5 * self._size * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
-
-    def _crosses(self, way: np.ndarray, square: np.ndarray) -> bool:
-        if not len(way):
-            return False
-        # a cell inwards: a path may touch the border's edge
-        reach = 0.5 * self._size - self._observer.posterior.resolution
-        return bool((np.abs(geometry.resample_chain(way, 0.01) - square.mean(axis=0)).max(axis=1) < reach).any())
-
-    def _seconds_until(self, condition: Callable[[], bool]) -> Optional[float]:
-        """[s] of wall time until a condition held; None if it did not while there was patience."""
+    def _soon(self, what: str, condition: Callable[[], bool], limit: float = float("inf")) -> Check:
+        """Whether a condition came to hold within a limit [s] of wall time."""
         begin = time.monotonic()
-        return time.monotonic() - begin if wait_until(condition, self._patience, 0.02) else None
-
-    def _add(self, square: np.ndarray, occupancy: float) -> str:
-        border = VirtualBorder(name="navigation check", kind=VirtualBorder.POLYGON, occupancy=occupancy, enabled=True)
-        border.points = messages.points_from_array(square)
-        border.seed = messages.points_from_array(square.mean(axis=0)[None])[0]
-        request = AddBorderRequest(border=border, source="check")
-        reply = call(names.ADD_BORDER, AddBorder, request, "the map integrator")
-        if not reply.success:
-            raise CodedError("refused", f"the map integrator does not take the border ({reply.code}): {reply.message}")
-        self._added.append(reply.id)
-        return reply.id
-
-    def _remove(self, identifier: str) -> None:
-        call(names.REMOVE_BORDER, RemoveBorder, RemoveBorderRequest(id=identifier), "the map integrator")
-        self._added.remove(identifier)
+        if not wait_until(condition, self._patience, 0.02):
+            return Check(what, False, f"not within {self._patience:g} s")
+        seconds = time.monotonic() - begin
+        return Check(what, seconds <= limit, f"after {seconds:.2f} s" + (f", {limit:g} s are allowed" if seconds > limit else ""))
 
 
 def main() -> None:
     """The command; exits with 1 if a check failed or none could be made."""
-    parser = argparse.ArgumentParser(prog="check_navigation", description=__doc__.splitlines()[0])
+    parser = argparse.ArgumentParser(prog="check_navigation", description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--goal", nargs=2, type=float, required=True, metavar=("X", "Y"),
                         help="[m] in the map, some metres from the robot, with another way round")
     parser.add_argument("--size", type=float, default=0.5, help="[m] edge of the border that is put on the way")
@@ -204,7 +174,6 @@ def main() -> None:
         sys.exit(1)
     table = Table("", "check", "found")
     for check in checks:
-        sign = {True: "[green]ok[/green]", False: "[red]NO[/red]", None: "[yellow]?[/yellow]"}[check.good]
-        table.add_row(sign, check.what, check.found)
+        table.add_row({True: "[green]ok[/green]", False: "[red]NO[/red]", None: "[yellow]?[/yellow]"}[check.good], check.what, check.found)
     console.print(table)
     sys.exit(1 if any(check.good is False for check in checks) else 0)

@@ -2,26 +2,19 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Optional, Tuple
+from typing import Optional
 
-import matplotlib
 import numpy as np
 
+from vb_core.geometry import chain_length
 from vb_core.grid_map import OCCUPIED_FROM, GridMap
 from vb_evaluation.report.charts import BLUE, GREEN, GREY, ORANGE, VERMILION, plt
 
+SHADES = {"unknown": (209, 209, 209), "free": (255, 255, 255), "occupied": (38, 38, 38), "restricted": (236, 174, 140)}
 
-def before_after(
-    path: Path,
-    prior: GridMap,
-    region: np.ndarray,
-    truth: Optional[np.ndarray],
-    path_before: np.ndarray,
-    path_after: np.ndarray,
-    chain: np.ndarray,
-    driven: np.ndarray,
-    title: str,
-) -> None:
+
+def before_after(path: Path, prior: GridMap, region: np.ndarray, truth: Optional[np.ndarray], path_before: np.ndarray,
+                 path_after: np.ndarray, chain: np.ndarray, driven: np.ndarray, title: str) -> None:
     """Draws the map with the planned path before and after the border.
 
     Args:
@@ -30,25 +23,29 @@ def before_after(
         region: (H, W) bool, what the border restricts.
         truth: (H, W) bool, the requested region; None if unknown.
         path_before, path_after: (N, 2) [m]; an empty one means that there is no path.
-        driven: (K, 2) [m] what the robot drove with the border in force; empty if it did not.
         chain: (M, 2) [m] the border's chain, with its first point repeated at the end if it is closed.
+        driven: (K, 2) [m] what the robot drove with the border in force; empty if it did not.
     """
     figure, axes = plt.subplots(1, 2, figsize=(15, 6.2), sharey=True)
-    for axis, way, heading, after in ((axes[0], path_before, "Before", False), (axes[1], path_after, "After", True)):
-        _draw_map(axis, prior)
-        if after:
-            _shade(axis, prior, region, VERMILION, 0.45)
-            axis.plot([], [], color=VERMILION, lw=8, alpha=0.45, label="restricted")
-            if len(chain):
-                axis.plot(chain[:, 0], chain[:, 1], color=VERMILION, lw=2, label="border as drawn")
+    (left, low), (right, high) = prior.corners()[[0, 2]]
+    extent = (left, right, low, high)
+    colors = np.full((*prior.shape, 3), SHADES["unknown"], np.uint8)
+    colors[(prior.data >= 0) & (prior.data < 50)] = SHADES["free"]
+    for axis, way, heading in ((axes[0], path_before, "Before"), (axes[1], path_after, "After")):
+        if axis is axes[1]:
+            colors[region] = SHADES["restricted"]
+            axis.plot([], [], color=np.array(SHADES["restricted"]) / 255, lw=8, label="restricted")
+            axis.plot(*chain.T, color=VERMILION, lw=2, label="border as drawn")
+            if len(driven):
+                axis.plot(*driven.T, color="black", lw=1.5, ls="--", zorder=7, label=f"driven, {chain_length(driven):.2f} m")
+        colors[prior.data >= OCCUPIED_FROM] = SHADES["occupied"]
+        axis.imshow(colors, origin="lower", extent=extent, interpolation="nearest")
         if truth is not None:
-            axis.contour(*_centres(prior), truth.astype(float), levels=[0.5], colors=[GREEN], linewidths=1.5, linestyles="dashed")
+            axis.contour(truth.astype(float), levels=[0.5], colors=[GREEN], linewidths=1.5, linestyles="dashed", origin="lower",
+                         extent=extent)
             axis.plot([], [], color=GREEN, ls="--", lw=1.5, label="area that was asked for")
-        if after and len(driven):
-            axis.plot(driven[:, 0], driven[:, 1], color="black", lw=1.5, ls="--", zorder=7,
-                      label=f"driven, {_length(driven):.2f} m")
         if len(way):
-            axis.plot(way[:, 0], way[:, 1], color=BLUE, lw=3, label=f"planned way, {_length(way):.2f} m", zorder=5)
+            axis.plot(*way.T, color=BLUE, lw=3, label=f"planned way, {chain_length(way):.2f} m", zorder=5)
             axis.plot(*way[0], marker="o", ms=11, color=BLUE, mec="white", ls="none", label="start", zorder=6)
             axis.plot(*way[-1], marker="*", ms=18, color=ORANGE, mec="black", ls="none", label="goal", zorder=6)
         else:
@@ -62,34 +59,3 @@ def before_after(
     figure.suptitle(title, fontsize=16)
     figure.savefig(str(path), dpi=100)
     plt.close(figure)
-
-
-def _length(way: np.ndarray) -> float:
-    return float(np.linalg.norm(np.diff(way, axis=0), axis=1).sum())
-
-
-def _extent(grid: GridMap) -> Tuple[float, float, float, float]:
-    rows, columns = grid.shape
-    x, y, _ = grid.origin
-    return x, x + columns * grid.resolution, y, y + rows * grid.resolution
-
-
-def _centres(grid: GridMap) -> Tuple[np.ndarray, np.ndarray]:
-    rows, columns = grid.shape
-    x, y, _ = grid.origin
-    return x + (np.arange(columns) + 0.5) * grid.resolution, y + (np.arange(rows) + 0.5) * grid.resolution
-
-
-def _draw_map(axis, grid: GridMap) -> None:
-    shades = np.full(grid.shape, 0.82)
-    shades[(grid.data >= 0) & (grid.data < 50)] = 1.0
-    shades[grid.data >= OCCUPIED_FROM] = 0.15
-    axis.imshow(shades, cmap="gray", vmin=0, vmax=1, origin="lower", extent=_extent(grid), interpolation="nearest")
-    axis.set_aspect("equal")
-
-
-def _shade(axis, grid: GridMap, mask: np.ndarray, color: str, alpha: float) -> None:
-    layer = np.zeros(grid.shape + (4,))
-    layer[..., :3] = matplotlib.colors.to_rgb(color)
-    layer[..., 3] = mask * alpha
-    axis.imshow(layer, origin="lower", extent=_extent(grid), interpolation="nearest")

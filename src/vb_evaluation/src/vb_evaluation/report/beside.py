@@ -6,8 +6,8 @@ from typing import Any, Dict, List
 
 from vb_evaluation import statistics
 from vb_evaluation.report import effects, paper
-from vb_evaluation.report.blocks import Grid, Section, Text, interval_text
-from vb_evaluation.report.data import Study
+from vb_evaluation.report.blocks import Grid, Section, Text
+from vb_evaluation.report.data import Study, known, select
 from vb_evaluation.report.paper import PAPER
 from vb_evaluation.statistics import Interval
 
@@ -33,8 +33,8 @@ def beside(study: Study) -> Section:
     methods = ("nrs", "robot_only")
     rows: List[Dict[str, Any]] = []
     for scenario in PAPER if set(methods) <= set(study.methods) else ():
-        here = study.runs.select(scenario=scenario)
-        if not here.rows:
+        here = select(study.runs, scenario=scenario)
+        if not len(here):
             continue
         published = PAPER[scenario]
         rows.append(_beside(study, scenario, "speed-up", published.speedup, effects.ratio(here, methods), 2))
@@ -42,15 +42,15 @@ def beside(study: Study) -> Section:
             gain = effects.mean_difference(here, "time_border_s", methods[::-1])
             rows.append(_beside(study, scenario, "Border state shorter by [s]", published.border_gain_s, gain, 1))
         for method in methods:
-            done = here.select(method=method, completed=1).numbers("jaccard")
+            done = known(select(here, method=method, completed=1), "jaccard")
             rows.append(_beside(study, scenario, f"Jaccard index, {paper.method_title(method).lower()}", published.jaccard[method],
                                 statistics.median(done), 3))
-            if "jaccard_enclosed" in study.runs.columns and scenario == "corner":
-                inside = here.select(method=method, completed=1).numbers("jaccard_enclosed")
+            if scenario == "corner" and here.jaccard_enclosed.notna().any():
+                inside = known(select(here, method=method, completed=1), "jaccard_enclosed")
                 rows.append(_beside(study, scenario, f"Jaccard index of the area drawn round, {paper.method_title(method).lower()}",
                                     published.jaccard[method], statistics.median(inside), 3))
-            flags = here.select(method=method).numbers("completed")
-            share = effects.scaled(statistics.proportion(int(flags.sum()), len(flags)), 100.0)
+            flags = known(select(here, method=method), "completed")
+            share = statistics.proportion(int(flags.sum()), len(flags)).scaled(100.0)
             name = f"completed [%], {paper.method_title(method).lower()}"
             rows.append(_beside(study, scenario, name, 100 * published.completeness, share, 1))
     if not rows:
@@ -83,7 +83,6 @@ def _beside(study: Study, scenario: str, quantity: str, published: float, ours: 
         reading = "unknown"
     side = "above" if above else "below"
     why = next((words for (start, which), words in _WHY.items() if quantity.startswith(start) and which == side), "")
-    text = f"{ours.estimate - published:+.{digits}f}".replace("-", "\N{MINUS SIGN}")
     return {"scenario": study.scenario_title(scenario), "quantity": quantity, "paper": f"{published:.{digits}f}",
-            "here": interval_text(ours, digits), "difference": text, "reading": reading,
+            "here": ours.text(digits), "difference": f"{ours.estimate - published:+.{digits}f}".replace("-", "\N{MINUS SIGN}"), "reading": reading,
             "why": why if reading in ("better", "worse") and not study.people else ""}

@@ -5,7 +5,7 @@ import math
 from dataclasses import dataclass, field
 from typing import Any, Dict, List, Sequence, Tuple
 
-from vb_evaluation.statistics import Interval
+from vb_evaluation.statistics import Interval, format_number
 
 
 @dataclass(frozen=True)
@@ -47,8 +47,8 @@ class Grid:
         """A cell as the page shows it."""
         value, digits = row.get(key, ""), self.digits.get(key, 2)
         if isinstance(value, Interval):
-            return interval_text(value, digits)
-        return _text(value, digits) if isinstance(value, float) else str(value)
+            return value.text(digits)
+        return format_number(value, digits) if isinstance(value, float) else str(value)
 
     @staticmethod
     def is_text(row: Dict[str, Any], key: str) -> bool:
@@ -62,11 +62,11 @@ class Grid:
         for key in self.columns:
             value = row.get(key, "")
             if isinstance(value, Interval):
-                parts = {"": value.estimate, "_low": value.low, "_high": value.high}
-                cells.update({key + end: _cell(part) for end, part in parts.items()})
+                cells.update({key: value.estimate, f"{key}_low": value.low, f"{key}_high": value.high})
             else:
-                cells[key] = _cell(value) if isinstance(value, float) else value
-        return cells
+                cells[key] = value
+        # what floating point adds behind the seventh digit is left out
+        return {key: (f"{cell:.7g}" if math.isfinite(cell) else "") if isinstance(cell, float) else cell for key, cell in cells.items()}
 
 
 @dataclass(frozen=True)
@@ -76,21 +76,3 @@ class Section:
     id: str
     title: str
     blocks: List[Any]
-
-
-def interval_text(value: Interval, digits: int) -> str:
-    """ "2.41 [2.10, 2.80]"; "2.41" without an interval, a dash where nothing is known."""
-    if math.isnan(value.estimate):
-        return "–"
-    if math.isnan(value.low):
-        return f"{_text(value.estimate, digits)} [?]"
-    return f"{_text(value.estimate, digits)} [{_text(value.low, digits)}, {_text(value.high, digits)}]"
-
-
-def _text(value: float, digits: int) -> str:
-    return "–" if math.isnan(value) else f"{value:.{digits}f}".replace("-", "\N{MINUS SIGN}")
-
-
-def _cell(value: float) -> str:
-    """A number in a file: what floating point adds behind the seventh digit is left out."""
-    return "" if math.isnan(value) else f"{value:.7g}"

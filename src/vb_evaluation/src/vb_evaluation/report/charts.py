@@ -4,7 +4,7 @@ from __future__ import annotations
 import base64
 import contextlib
 import io
-from typing import Any, Dict, Iterator, List, Optional, Sequence, Tuple
+from typing import Any, Dict, Iterator, List, NamedTuple, Sequence, Tuple
 
 import matplotlib
 import numpy as np
@@ -12,6 +12,9 @@ import numpy as np
 matplotlib.use("Agg")
 from matplotlib import pyplot as plt  # noqa: E402  (the backend must be chosen before)
 from matplotlib.lines import Line2D  # noqa: E402
+
+from vb_evaluation.report.data import Cell, known  # noqa: E402
+from vb_evaluation.statistics import Interval  # noqa: E402
 
 # colours that colour-blind people can distinguish (Okabe and Ito)
 BLUE, ORANGE, GREEN, VERMILION, GREY = "#0072B2", "#E69F00", "#009E73", "#D55E00", "#666666"
@@ -71,40 +74,32 @@ def _columns(axis: Any, titles: Sequence[str], label: str) -> None:
     axis.set_ylabel(label)
 
 
-def time_bars(bars: Sequence[Tuple[str, str, Dict[str, float], np.ndarray]], limit_s: float) -> str:
-    """The paper's bars of interaction time, one per method, stacked by state.
-
-    Args:
-        bars: (method, title, mean seconds by state, total seconds of each run).
-        limit_s: end of the axis, the same for all scenarios.
-    """
+def time_bars(cells: Sequence[Cell], limit_s: float) -> str:
+    """The paper's bars of interaction time, one per method, stacked by state; all scenarios' axes end at `limit_s`."""
     found: List[str] = []
-    with _drawing(WIDTH_IN, 0.75 + 0.62 * len(bars), found) as (_, axis):
-        for place, (method, _, states, totals) in enumerate(bars):
-            left, color = 0.0, color_of(method, place)
-            for state, seconds in states.items():
-                axis.barh(place, seconds, left=left, height=0.44, color=STATE_COLORS[state], edgecolor="white", linewidth=0.5)
+    with _drawing(WIDTH_IN, 0.75 + 0.62 * len(cells), found) as (_, axis):
+        for place, cell in enumerate(cells):
+            left, color = 0.0, color_of(cell.method, place)
+            for state, state_color in STATE_COLORS.items():
+                seconds = np.nan_to_num(cell.runs[f"time_{state}_s"].mean())
+                axis.barh(place, seconds, left=left, height=0.44, color=state_color, edgecolor="white", linewidth=0.5)
                 if seconds > 0.05 * limit_s:
                     axis.text(left + seconds / 2, place, f"{seconds:.1f}", ha="center", va="center", fontsize=9)
                 left += seconds
             axis.barh(place, left, height=0.44, fill=False, edgecolor=color, linewidth=2)
-            axis.plot(totals, np.full(len(totals), place + 0.34), "|", ms=6, color=color, alpha=0.8, mew=1.2)
-        _rows(axis, [title for _, title, _, _ in bars], "interaction time [s]; a stroke is one run")
+            axis.plot(cell.runs.time_total_s, np.full(len(cell.runs), place + 0.34), "|", ms=6, color=color, alpha=0.8, mew=1.2)
+        _rows(axis, [cell.title for cell in cells], "interaction time [s]; a stroke is one run")
         axis.set_xlim(0.0, limit_s)
         axis.grid(axis="y", visible=False)
     return found[0]
 
 
-def boxes(groups: Sequence[Tuple[str, str, np.ndarray, Optional[float]]], label: str) -> str:
-    """Boxplots with every value beside the box and the paper's median as a diamond.
-
-    Args:
-        groups: (method, title, values, the paper's median or None).
-    """
+def boxes(cells: Sequence[Cell], column: str, label: str, published: bool = False) -> str:
+    """Boxplots of a measure by method with every value beside the box; if wanted, the paper's median Jaccard index as a diamond."""
     found: List[str] = []
     with _drawing(PANEL_IN, 3.3, found) as (_, axis):
-        for place, (method, _, values, published) in enumerate(groups):
-            color = color_of(method, place)
+        for place, cell in enumerate(cells):
+            color, values = color_of(cell.method, place), known(cell.runs, column)
             if len(values):
                 line = {"color": color}
                 axis.boxplot(
@@ -113,31 +108,27 @@ def boxes(groups: Sequence[Tuple[str, str, np.ndarray, Optional[float]]], label:
                     medianprops={"color": color, "linewidth": 2.2})
                 spread = np.linspace(-0.06, 0.06, len(values)) if len(values) > 1 else np.zeros(1)
                 axis.plot(place + 0.31 + spread, values, "o", ms=3, color=color, alpha=0.7, mew=0)
-            if published is not None:
-                axis.plot(place - 0.3, published, **PUBLISHED)
-        _columns(axis, [title for _, title, _, _ in groups], label)
-        axis.set_xlim(-0.6, len(groups) - 0.4)
+            if published and cell.published:
+                axis.plot(place - 0.3, cell.published.jaccard[cell.method], **PUBLISHED)
+        _columns(axis, [cell.title for cell in cells], label)
+        axis.set_xlim(-0.6, len(cells) - 0.4)
         axis.margins(y=0.08)
     return found[0]
 
 
-def rates(groups: Sequence[Tuple[str, Sequence[Tuple[str, str, float, float, float, Optional[float]]]]]) -> str:
-    """Success rates as bars with intervals.
-
-    Args:
-        groups: (scenario's title, bars of (method, title, share, low, high, the paper's share or None)).
-    """
+def rates(groups: Sequence[Tuple[str, Sequence[Tuple[Cell, Interval]]]]) -> str:
+    """Success rates [%] as bars with intervals: of each scenario by its title, the cells with their rates."""
     found: List[str] = []
     with _drawing(WIDTH_IN, 3.0, found) as (figure, axis):
         handles: Dict[str, Any] = {}
         width = 0.8 / max(1, max((len(bars) for _, bars in groups), default=1))
         for place, (_, bars) in enumerate(groups):
-            for index, (method, title, share, low, high, published) in enumerate(bars):
+            for index, (cell, share) in enumerate(bars):
                 x = place + (index - (len(bars) - 1) / 2) * width
-                handles[title] = axis.bar(x, 100 * share, width * 0.86, color=color_of(method, index), alpha=0.75)
-                axis.plot([x, x], [100 * low, 100 * high], color="#222222", lw=1.2)
-                if published is not None:
-                    handles["the paper"], = axis.plot(x, 100 * published, **PUBLISHED)
+                handles[cell.title] = axis.bar(x, share.estimate, width * 0.86, color=color_of(cell.method, index), alpha=0.75)
+                axis.plot([x, x], [share.low, share.high], color="#222222", lw=1.2)
+                if cell.published:
+                    handles["the paper"], = axis.plot(x, 100 * cell.published.completeness, **PUBLISHED)
         _columns(axis, [title for title, _ in groups], "completed [%]")
         axis.set_ylim(0, 104)
         words = sorted(handles, key=lambda title: title == "the paper")
@@ -145,46 +136,48 @@ def rates(groups: Sequence[Tuple[str, Sequence[Tuple[str, str, float, float, flo
     return found[0]
 
 
-Band = Optional[Sequence[float]]
+class Line(NamedTuple):
+    """A curve: a colour for its group, dashed for the second kind of a group; points that are not finite are omitted."""
+
+    group: str
+    kind: str
+    color: int
+    x: Sequence[float]
+    y: Sequence[Interval]
 
 
-def lines(series: Sequence[Tuple[str, Sequence[float], Sequence[float], Band, Band, Dict[str, Any]]], x_label: str, y_label: str) -> str:
-    """Curves with bands.
-
-    Args:
-        series: (name, x, y, low, high, style with color, marker, linestyle); values that are not finite are omitted.
-            A name "group, kind" appears in the legend as a colour for its group and a line style for its kind.
-    """
+def lines(curves: Sequence[Line], x_label: str, y_label: str) -> str:
+    """Curves with their intervals as bands."""
     found: List[str] = []
     with _drawing(PANEL_IN, 3.3, found) as (figure, axis):
         handles: Dict[str, Any] = {}
-        for name, x, y, low, high, style in series:
-            axis.plot(x, y, ms=5, lw=1.8, **style)
-            if low is not None and high is not None:
-                axis.fill_between(x, np.asarray(low, float), np.asarray(high, float), color=style["color"], alpha=0.13, lw=0)
-            group, _, kind = name.partition(", ")
-            handles.setdefault(group, Line2D([], [], color=style["color"], marker=style["marker"], ms=5, lw=1.8))
-            if kind:
-                handles.setdefault(kind, Line2D([], [], color="#222222", ls=style["linestyle"], lw=1.5))
+        kinds = [kind for kind in dict.fromkeys(curve.kind for curve in curves) if kind]
+        for curve in curves:
+            style = {"color": SERIES[(curve.color + 2) % len(SERIES)], "marker": MARKERS[curve.color % len(MARKERS)], "ms": 5, "lw": 1.8}
+            dash = "--" if curve.kind in kinds[1:] else "-"
+            axis.plot(curve.x, [y.estimate for y in curve.y], ls=dash, **style)
+            axis.fill_between(curve.x, [y.low for y in curve.y], [y.high for y in curve.y], color=style["color"], alpha=0.13, lw=0)
+            handles.setdefault(curve.group, Line2D([], [], **style))
+            if curve.kind:
+                handles.setdefault(curve.kind, Line2D([], [], color="#222222", ls=dash, lw=1.5))
         axis.set_xlabel(x_label)
         axis.set_ylabel(y_label)
         figure.legend(list(handles.values()), list(handles), loc="outside upper center", ncol=min(3, len(handles) or 1), fontsize=8.5)
     return found[0]
 
 
-def rank_bars(rows: Sequence[Tuple[str, float, float, float]], label: str, noise: float) -> str:
+def rank_bars(rows: Sequence[Tuple[str, Interval]], label: str, noise: float) -> str:
     """Correlations with their intervals, drawn from top to bottom.
 
     Args:
-        rows: (name, correlation, low, high).
         noise: band about 0 that the largest of as many correlations of pure chance stays in.
     """
     found: List[str] = []
     with _drawing(WIDTH_IN, 1.0 + 0.3 * len(rows), found) as (_, axis):
         axis.axvspan(-noise, noise, color="#dddddd", alpha=0.6, lw=0)
-        for place, (_, value, low, high) in enumerate(rows):
-            axis.barh(place, value, height=0.55, color=ORANGE if value > 0 else SKY)
-            axis.plot([low, high], [place, place], color="#222222", lw=1.2)
+        for place, (_, rho) in enumerate(rows):
+            axis.barh(place, rho.estimate, height=0.55, color=ORANGE if rho.estimate > 0 else SKY)
+            axis.plot([rho.low, rho.high], [place, place], color="#222222", lw=1.2)
         axis.axvline(0.0, color="#222222", lw=1)
-        _rows(axis, [name for name, *_ in rows], label, fontsize=8.5)
+        _rows(axis, [name for name, _ in rows], label, fontsize=8.5)
     return found[0]

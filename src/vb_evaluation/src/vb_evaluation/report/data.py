@@ -1,14 +1,17 @@
-"""Reads the files in a study's folder. Only runs.csv must be there; nothing here knows a simulator."""
+"""Reads the files in a study's folder as pandas tables. Only runs.csv must be there; nothing here knows a simulator.
+
+A table's index is the line number in its file. What is measured is a number, nan where it is unknown; all else is text.
+"""
 from __future__ import annotations
 
-import csv
+import io
 import json
-import math
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Dict, Iterator, List, Mapping, Optional, Sequence, Tuple
+from typing import Any, Dict, Iterable, Iterator, List, Mapping, NamedTuple, Optional, Sequence, Tuple
 
 import numpy as np
+import pandas
 
 from vb_core.errors import CodedError
 from vb_evaluation.metrics import ERRORS
@@ -21,67 +24,19 @@ KEY = ("participant", "scenario", "method", "seed")
 # the paper's measures come first and in this order: other programs read them
 REQUIRED = (*KEY, "completed", *TIMES, "jaccard")
 MEASURES = ("completed", *TIMES, "jaccard", *ERRORS)
+# the columns that name a row beside KEY, by file
+CONDITIONS: Dict[str, Tuple[str, ...]] = {RUNS: (), UNGATED: (), CURVES: ("sweep", "value"), WORLDS: ("draw",)}
 BASELINE = "robot_only"
-_NUMBERS = {"value", "draw"}
-_YES, _NO = ("yes", "y", "1", "true", "ja"), ("no", "n", "0", "false", "nein")
-
-Row = Mapping[str, str]
+_FURTHER = ("order", "spots", "false_spots", "jaccard_enclosed")
+_FLAGS = {"yes": True, "y": True, "1": True, "true": True, "ja": True, "no": False, "n": False, "0": False, "false": False, "nein": False}
 
 
-@dataclass(frozen=True)
-class Table:
-    """Rows of a CSV file as text; numbers are read where they are needed.
-
-    Attributes:
-        lines: the rows' line numbers in the file; the header is line 1.
-    """
-
-    name: str
-    columns: Tuple[str, ...]
-    rows: Tuple[Row, ...]
-    lines: Tuple[int, ...]
-
-    def select(self, **where: object) -> "Table":
-        """The rows whose columns have these values."""
-        wanted = {column: str(value) for column, value in where.items()}
-        return self.keep([all(row.get(key, "") == wanted[key] for key in wanted) for row in self.rows])
-
-    def keep(self, flags: Sequence[bool]) -> "Table":
-        """The rows whose flag is set."""
-        kept = [i for i, flag in enumerate(flags) if flag]
-        return Table(self.name, self.columns, tuple(self.rows[i] for i in kept), tuple(self.lines[i] for i in kept))
-
-    def distinct(self, column: str) -> List[str]:
-        """The values of a column in the order in which they appear, without empty ones."""
-        return [value for value in dict.fromkeys(row.get(column, "") for row in self.rows) if value != ""]
-
-    def numbers(self, column: str) -> np.ndarray:
-        """(N,) the known numbers of a column."""
-        found = np.array([number(row, column) for row in self.rows], dtype=float)
-        return found[np.isfinite(found)]
-
-    def pairs(self, column: str, methods: Tuple[str, str], completed: bool = False) -> Tuple[np.ndarray, np.ndarray]:
-        """Two (N,) samples of a column, one for each method, paired by participant.
-
-        Args:
-            completed: uses only those who completed both.
-        """
-        found: Dict[str, Dict[str, float]] = {}
-        for row in self.rows:
-            value = number(row, column)
-            if math.isfinite(value) and (not completed or row.get("completed") == "1"):
-                found.setdefault(row["participant"], {})[row["method"]] = value
-        both = [values for values in found.values() if set(methods) <= set(values)]
-        return tuple(np.array([values[method] for values in both], dtype=float) for method in methods)  # type: ignore
-
-
-@dataclass(frozen=True)
-class Cell:
+class Cell(NamedTuple):
     """The runs of one scenario with one method; `published` are the paper's figures if it has them."""
 
     method: str
     title: str
-    runs: Table
+    runs: pandas.DataFrame
     published: Optional[paper.Published]
 
 
@@ -95,17 +50,22 @@ class Study:
     """
 
     folder: Path
-    tables: Mapping[str, Table]
+    tables: Mapping[str, pandas.DataFrame]
     meta: Mapping[str, Any] = field(default_factory=dict)
 
     @property
-    def runs(self) -> Table:
+    def runs(self) -> pandas.DataFrame:
         return self.tables[RUNS]
 
     @property
     def people(self) -> bool:
         """Whether people took part."""
         return bool(self.meta.get("people", False))
+
+    @property
+    def has_worlds(self) -> bool:
+        """Whether there are runs in plausible worlds, and what was drawn for them."""
+        return WORLDS in self.tables and len(self.methods) > 1 and (self.folder / DRAWS).is_file()
 
     def scenario_title(self, key: str) -> str:
         """A scenario's name for people, as study.json or else the paper has it."""
@@ -115,14 +75,13 @@ class Study:
     def scenarios(self) -> List[str]:
         """Those of runs.csv; the paper's in its order, then others in that of study.json."""
         # each participant has another order, so that of the rows means nothing
-        known = [*paper.PAPER, *(self.meta.get("scenarios") or {})]
-        place = {key: known.index(key) for key in reversed(known)}
-        return sorted(self.runs.distinct("scenario"), key=lambda key: place.get(key, len(known)))
+        known = list(dict.fromkeys([*paper.PAPER, *(self.meta.get("scenarios") or {}), *self.runs.scenario]))
+        return sorted(self.runs.scenario.unique(), key=known.index)
 
     @property
     def methods(self) -> List[str]:
         """Those of runs.csv; the baseline comes last."""
-        return sorted(self.runs.distinct("method"), key=lambda name: (name == BASELINE, name != "nrs", name))
+        return sorted(self.runs.method.unique(), key=lambda name: (name == BASELINE, name != "nrs", name))
 
     @property
     def comparison(self) -> Tuple[str, str]:
@@ -134,18 +93,38 @@ class Study:
         for scenario in self.scenarios:
             published = paper.PAPER.get(scenario)
             yield self.scenario_title(scenario), [
-                Cell(method, paper.method_title(method), self.runs.select(scenario=scenario, method=method, **where),
+                Cell(method, paper.method_title(method), select(self.runs, scenario=scenario, method=method, **where),
                      published if published is not None and method in published.jaccard else None) for method in self.methods]
 
     @property
     def missing(self) -> List[str]:
         """Runs that others have and this participant has not, in words."""
-        there = {(row["participant"], row["scenario"], row["method"]) for row in self.runs.rows}
-        return [
-            f"{person}, {self.scenario_title(scenario)}, {paper.method_title(method)}"
-            for person in self.runs.distinct("participant") for scenario in self.scenarios for method in self.methods
-            if (person, scenario, method) not in there
-        ]
+        there = set(zip(self.runs.participant, self.runs.scenario, self.runs.method))
+        return [f"{person}, {self.scenario_title(scenario)}, {paper.method_title(method)}"
+                for person in self.runs.participant.unique() for scenario in self.scenarios for method in self.methods
+                if (person, scenario, method) not in there]
+
+
+def select(table: pandas.DataFrame, **where: object) -> pandas.DataFrame:
+    """The rows whose columns have these values."""
+    return table[np.logical_and.reduce([table[column] == value for column, value in where.items()])] if where else table
+
+
+def known(table: pandas.DataFrame, column: str) -> np.ndarray:
+    """(N,) the known numbers of a column."""
+    return table[column].dropna().to_numpy()
+
+
+def pairs(table: pandas.DataFrame, column: str, methods: Tuple[str, str], completed: bool = False) -> Tuple[np.ndarray, np.ndarray]:
+    """Two (N,) samples of a column, one for each method, paired by participant.
+
+    Args:
+        completed: uses only those who completed both.
+    """
+    rows = table[table[column].notna() & ((table.completed == 1) | (not completed))]
+    wide = rows.pivot_table(index="participant", columns="method", values=column, aggfunc="last")
+    wide = wide.reindex(index=rows.participant.unique(), columns=list(methods)).dropna()
+    return wide[methods[0]].to_numpy(float), wide[methods[1]].to_numpy(float)
 
 
 def read_study(folder: Path) -> Study:
@@ -157,86 +136,69 @@ def read_study(folder: Path) -> Study:
     folder = Path(folder)
     if not (folder / RUNS).is_file():
         raise CodedError("bad_study", f"{folder / RUNS} is missing: run 'make study' first, or name the study's folder")
-    tables = {}
-    for name, conditions in ((RUNS, ()), (CURVES, ("sweep", "value")), (WORLDS, ("draw",)), (UNGATED, ())):
-        if (folder / name).is_file():
-            table = read_table(folder / name, (*REQUIRED, *conditions))
-            if table.rows or name == RUNS:
-                tables[name] = table
-    planned = [row.get("as_planned", "1") != "0" for row in tables[RUNS].rows]
-    deviating = planned.count(False)
-    tables[RUNS] = tables[RUNS].keep(planned)
-    if not tables[RUNS].rows:
+    tables = {name: read_table(folder / name, REQUIRED, conditions)
+              for name, conditions in CONDITIONS.items() if (folder / name).is_file()}
+    tables = {name: table for name, table in tables.items() if len(table) or name == RUNS}
+    runs = tables[RUNS]
+    planned = runs["as_planned"] != "0" if "as_planned" in runs else np.ones(len(runs), bool)
+    tables[RUNS] = runs[planned]
+    if not len(tables[RUNS]):
         raise CodedError("bad_study", f"{folder / RUNS} has no rows: no run has ended yet")
-    return Study(folder, tables, {**read_meta(folder / META), "deviating": deviating})
+    return Study(folder, tables, {**read_meta(folder / META), "deviating": len(runs) - len(tables[RUNS])})
 
 
-def read_sheet(path: Path, required: Sequence[str], code: str = "bad_study") -> Table:
-    """Reads a CSV file with a header, comma or semicolon between the columns, as spreadsheets write it; without empty rows.
+def read_sheet(path: Path, required: Iterable[str], code: str = "bad_study") -> pandas.DataFrame:
+    """Reads a CSV file with a header as text, comma or semicolon between the columns, as spreadsheets write it; no empty rows.
 
     Raises:
         CodedError: `code` if it cannot be read or a column is missing.
     """
     try:
-        lines = path.read_text(encoding="utf-8-sig").splitlines()
-    except (OSError, UnicodeDecodeError) as error:
+        text = Path(path).read_text(encoding="utf-8-sig")
+        head = text.split("\n", 1)[0]
+        sheet = pandas.read_csv(io.StringIO(text), sep=";" if head.count(";") > head.count(",") else ",", dtype=str,
+                                keep_default_na=False, skip_blank_lines=False, index_col=False)
+    except (OSError, ValueError) as error:
         raise CodedError(code, f"cannot read {path}: {error}") from None
-    separator = ";" if lines and lines[0].count(";") > lines[0].count(",") else ","
-    reader = csv.DictReader(lines, delimiter=separator, restval="")
-    columns = tuple(reader.fieldnames or ())
-    missing = [column for column in required if column not in columns]
+    missing = [column for column in required if column not in sheet]
     if missing:
-        raise CodedError(code, f"{path}: the column {missing[0]} is missing; there are {', '.join(columns)}")
-    rows = [(line, {key: (value or "").strip() for key, value in row.items() if key is not None}) for line, row in enumerate(reader, 2)]
-    rows = [(line, row) for line, row in rows if any(row.values())]
-    return Table(path.name, columns, tuple(row for _, row in rows), tuple(line for line, _ in rows))
+        raise CodedError(code, f"{path}: the column {missing[0]} is missing; there are {', '.join(sheet.columns)}")
+    sheet = sheet.fillna("").apply(lambda column: column.str.strip())
+    sheet.index += 2
+    return sheet[(sheet != "").any(axis=1)]
 
 
-def yes_or_no(text: str, where: str, code: str) -> Optional[bool]:
-    """What a person noted; None for nothing."""
-    if text.lower() not in ("", *_YES, *_NO):
-        raise CodedError(code, f"{where}: expected yes or no or nothing, got '{text}'")
-    return text.lower() in _YES if text else None
+def read_table(path: Path, required: Sequence[str], conditions: Sequence[str] = ()) -> pandas.DataFrame:
+    """Reads a study's CSV file; measures that it lacks are unknown.
 
-
-def read_table(path: Path, required: Sequence[str]) -> Table:
-    """Reads a study's CSV file.
+    Args:
+        conditions: columns that it must have too; of these "value" and "draw" are numbers in every row.
 
     Raises:
         CodedError: "bad_study" if a column is missing or a measure is neither a number nor empty.
     """
-    table = read_sheet(path, required)
-    for line, row in zip(table.lines, table.rows):
-        for column in (*MEASURES, *(_NUMBERS & set(required))):
-            text = row.get(column, "")
-            if (text != "" or column in _NUMBERS) and column in table.columns and not math.isfinite(_number(text)):
-                raise CodedError("bad_study", f"{path}, line {line}: {column}: expected a number, got {text!r}")
-        if row.get("completed"):
-            # one spelling of yes and no, so that they can be selected
-            row["completed"] = str(int(number(row, "completed") != 0.0))  # type: ignore[index]
+    table = read_sheet(path, (*required, *conditions))
+    for column in (*MEASURES, *_FURTHER, *({"value", "draw"} & set(conditions))):
+        text = table.get(column, pandas.Series("", table.index))
+        numbers = pandas.to_numeric(text.str.lower().replace({"true": "1", "false": "0"}), errors="coerce").astype(float)
+        wrong = ~np.isfinite(numbers) & ((text != "") | (column in conditions)) & (column not in _FURTHER)
+        if wrong.any():
+            raise CodedError("bad_study", f"{path}, line {wrong.idxmax()}: {column}: expected a number, got {text[wrong].iloc[0]!r}")
+        table[column] = numbers
+    table["completed"] = table.completed.where(table.completed.isna() | (table.completed == 0), 1.0)
     return table
 
 
+def yes_or_no(text: str, where: str, code: str) -> Optional[bool]:
+    """What a person noted; None for nothing."""
+    if text and text.lower() not in _FLAGS:
+        raise CodedError(code, f"{where}: expected yes or no or nothing, got '{text}'")
+    return _FLAGS.get(text.lower())
+
+
 def write_table(path: Path, columns: Sequence[str], rows: Sequence[Mapping[str, Any]]) -> None:
-    """Writes a CSV file with a header; inverse of `read_table`."""
-    with open(str(path), "w", newline="", encoding="utf-8") as stream:
-        writer = csv.DictWriter(stream, columns, lineterminator="\n", extrasaction="ignore", restval="")
-        writer.writeheader()
-        writer.writerows(rows)
-
-
-def number(row: Row, column: str) -> float:
-    """A row's number; nan where it is empty or none. True and False count as 1 and 0."""
-    return _number(row.get(column, ""))
-
-
-def _number(text: str) -> float:
-    if text.lower() in ("true", "false"):
-        return float(text.lower() == "true")
-    try:
-        return float(text)
-    except ValueError:
-        return math.nan
+    """Writes a CSV file with a header; inverse of `read_sheet`."""
+    pandas.DataFrame(list(rows), columns=list(columns), dtype=object).to_csv(path, index=False, lineterminator="\n")
 
 
 def read_meta(path: Path) -> Dict[str, Any]:

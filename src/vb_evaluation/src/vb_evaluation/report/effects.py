@@ -1,51 +1,40 @@
 """Computes what sections compare: differences and ratios of two methods, paired by participant."""
 from __future__ import annotations
 
-import math
 from typing import Any, List, Tuple
 
 import numpy as np
+import pandas
 
 from vb_evaluation import statistics
 from vb_evaluation.report.blocks import Grid
-from vb_evaluation.report.data import Study, Table
+from vb_evaluation.report.data import Study, pairs, select
 from vb_evaluation.statistics import Interval
 
 
 def mean(values: np.ndarray) -> float:
     """The mean; nan of nothing."""
-    return float(values.mean()) if len(values) else math.nan
+    return float(np.mean(values)) if len(values) else float("nan")
 
 
-def scaled(value: Interval, factor: float) -> Interval:
-    """An interval in another unit."""
-    return Interval(value.estimate * factor, value.low * factor, value.high * factor, value.confidence)
-
-
-def shift(table: Table, column: str, methods: Tuple[str, str], completed: bool = False) -> Interval:
+def shift(table: pandas.DataFrame, column: str, methods: Tuple[str, str], completed: bool = False) -> Interval:
     """Hodges-Lehmann difference; without an interval where there are too few pairs for one of 90 %."""
-    first, second = table.pairs(column, methods, completed)
+    first, second = pairs(table, column, methods, completed)
     # 0.3 - 0.1 and 0.4 - 0.2 are a tie that floating point does not see
     found = statistics.hodges_lehmann(np.round(first - second, 9))
-    return found if found.confidence >= 0.9 else Interval(found.estimate, math.nan, math.nan, math.nan)
+    return found if found.confidence >= 0.9 else Interval(found.estimate)
 
 
-def ratio(table: Table, methods: Tuple[str, str], completed: bool = False) -> Interval:
+def ratio(table: pandas.DataFrame, methods: Tuple[str, str], completed: bool = False) -> Interval:
     """Speed-up of the first method."""
-    first, second = table.pairs("time_total_s", methods, completed)
+    first, second = pairs(table, "time_total_s", methods, completed)
     return statistics.ratio_of_means(second, first)
 
 
-def mean_difference(table: Table, column: str, methods: Tuple[str, str]) -> Interval:
+def mean_difference(table: pandas.DataFrame, column: str, methods: Tuple[str, str]) -> Interval:
     """The mean of the paired differences."""
-    first, second = table.pairs(column, methods)
+    first, second = pairs(table, column, methods)
     return statistics.mean(first - second)
-
-
-def completed_difference(table: Table, methods: Tuple[str, str]) -> Interval:
-    """Percentage points between the success rates."""
-    first, second = table.pairs("completed", methods)
-    return scaled(statistics.mean(first - second), 100.0)
 
 
 def test_blocks(study: Study, column: str, unit: str, completed: bool) -> List[Any]:
@@ -54,14 +43,17 @@ def test_blocks(study: Study, column: str, unit: str, completed: bool) -> List[A
         return []
     rows = []
     for scenario in study.scenarios:
-        first, second = study.runs.select(scenario=scenario).pairs(column, study.comparison, completed)
-        if len(first):
-            found = statistics.compare(first, second)
-            rows.append({"scenario": study.scenario_title(scenario), "n": found.n, "z": found.test.z,
-                         "p": statistics.format_p(found.test.p_exact), "r": found.r, "rank_biserial": found.rank_biserial,
-                         "shift": found.shift})
+        samples = pairs(select(study.runs, scenario=scenario), column, study.comparison, completed)
+        if len(samples[0]):
+            rows.append({"scenario": study.scenario_title(scenario), **test_row(statistics.compare(*samples))})
     columns = {"scenario": "Scenario", "n": "Pairs", "z": "Z", "p": "exact p", "r": "r", "rank_biserial": "rank-biserial",
                "shift": f"Difference {f'[{unit}]' if unit else ''}"}
     return [Grid(f"test_{column}", columns, rows, {"z": 3, "shift": 3}, words=(
         "Wilcoxon signed-rank test: Z as SPSS gives it (zero differences left out, ties corrected, no continuity correction), exact "
         "p over all signs, r = |Z| / √(2 × pairs), Hodges-Lehmann difference."))] if rows else []
+
+
+def test_row(found: statistics.PairedComparison) -> dict:
+    """A Wilcoxon test's cells."""
+    return {"n": found.n, "z": found.test.z, "p": statistics.format_p(found.test.p_exact), "r": found.r,
+            "rank_biserial": found.rank_biserial, "shift": found.shift}

@@ -1,28 +1,29 @@
 """Draws representative maps, coloured as in the paper's figure of the accuracy (Sect. 5.8.4)."""
 from __future__ import annotations
 
-from typing import List, Optional, Tuple
+from typing import List, Optional, Sequence, Tuple
 
 import cv2
 import numpy as np
+import pandas
 
 from vb_core.errors import CodedError
 from vb_core.grid_map import OCCUPIED_FROM, GridMap
 from vb_core.map_files import read_map
 from vb_evaluation import metrics
-from vb_evaluation.report.data import RUNS, Row, Study, number
+from vb_evaluation.report.charts import data_uri
+from vb_evaluation.report.data import RUNS, Study, select
 from vb_evaluation.report.paper import method_title
 
 # RGB, the paper's colours
 TRUTH, AGREEMENT, EXCESS, UNION = (247, 214, 70), (64, 176, 88), (222, 60, 50), (25, 60, 220)
 FREE, OCCUPIED, UNKNOWN = (255, 255, 255), (0, 0, 0), (176, 176, 176)
 LEAST_WIDTH_PX = 640
-PINHOLE_CELLS = 40
+HOLE = np.ones((7, 7), np.uint8)  # [cells] the union's outline does not go round the feet of furniture
 
 
-def picture(prior: GridMap, truth: np.ndarray, drawn: Optional[np.ndarray] = None,
-            start: Optional[Tuple[float, float, float]] = None) -> bytes:
-    """A PNG of a ground truth, or of what a person restricted against it.
+def picture(prior: GridMap, truth: np.ndarray, drawn: Optional[np.ndarray] = None, start: Optional[Sequence[float]] = None) -> str:
+    """A picture, as a data URI, of a ground truth, or of what a person restricted against it.
 
     Args:
         prior: the physical map.
@@ -35,81 +36,58 @@ def picture(prior: GridMap, truth: np.ndarray, drawn: Optional[np.ndarray] = Non
     if drawn is None:
         colors[truth] = TRUTH
     else:
-        colors[truth & drawn] = AGREEMENT
-        colors[drawn & ~truth] = EXCESS
+        colors[truth & drawn], colors[drawn & ~truth] = AGREEMENT, EXCESS
     colors[prior.data >= OCCUPIED_FROM] = OCCUPIED
     scale = max(1, -(-LEAST_WIDTH_PX // prior.shape[1]))
-    image = cv2.resize(colors, None, fx=scale, fy=scale, interpolation=cv2.INTER_NEAREST)
+    size = (prior.shape[1] * scale, prior.shape[0] * scale)
+    image = cv2.resize(colors, size, interpolation=cv2.INTER_NEAREST)
     if drawn is not None:
-        union = cv2.resize(_without_pinholes(truth | drawn), None, fx=scale, fy=scale, interpolation=cv2.INTER_NEAREST)
+        closed = cv2.morphologyEx((truth | drawn).astype(np.uint8), cv2.MORPH_CLOSE, HOLE)
+        union = cv2.resize(closed, size, interpolation=cv2.INTER_NEAREST)
         # outside of the union: what was drawn wrongly is often one cell wide and must not be hidden
         image[(cv2.dilate(union, np.ones((5, 5), np.uint8)) > 0) & (union == 0)] = UNION
     if start is not None:
-        _arrow(image, prior, start, scale)
-    _, content = cv2.imencode(".png", image[::-1, :, ::-1], [cv2.IMWRITE_PNG_COMPRESSION, 9])
-    return content.tobytes()
+        tip = (start[0] + 0.55 * np.cos(start[2]), start[1] + 0.55 * np.sin(start[2]))
+        ends = np.round((prior.world_to_grid(np.array([start[:2], tip])) + 0.5) * scale).astype(int)
+        cv2.arrowedLine(image, *ends.tolist(), EXCESS, 2 * scale, cv2.LINE_AA, tipLength=0.4)
+    return data_uri(cv2.imencode(".png", image[::-1, :, ::-1], [cv2.IMWRITE_PNG_COMPRESSION, 9])[1].tobytes(), "image/png")
 
 
-def _without_pinholes(area: np.ndarray) -> np.ndarray:
-    """(H, W) uint8: an area with its small holes filled, the feet of furniture."""
-    filled = area.astype(np.uint8)
-    _, labels, stats, _ = cv2.connectedComponentsWithStats(1 - filled, connectivity=4)
-    small = np.flatnonzero(stats[:, cv2.CC_STAT_AREA] < PINHOLE_CELLS)
-    filled[np.isin(labels, small[small > 0])] = 1
-    return filled
-
-
-def _arrow(image: np.ndarray, prior: GridMap, start: Tuple[float, float, float], scale: int) -> None:
-    x, y, yaw = start
-    ends = prior.world_to_grid(np.array([[x, y], [x + 0.55 * np.cos(yaw), y + 0.55 * np.sin(yaw)]]))
-    (x0, y0), (x1, y1) = np.round((ends + 0.5) * scale).astype(int)
-    cv2.arrowedLine(image, (int(x0), int(y0)), (int(x1), int(y1)), EXCESS, 2 * scale, cv2.LINE_AA, tipLength=0.4)
-
-
-def representatives(study: Study) -> Tuple[List[Tuple[bytes, str]], List[str]]:
+def representatives(study: Study) -> Tuple[List[Tuple[str, str]], List[str]]:
     """(pictures, notes): per scenario the ground truth and, by method, the completed run nearest to the median.
 
-    A picture is a PNG and its caption. Notes say why a map is missing or does not agree with runs.csv.
+    A picture is a data URI and its caption. Notes say why a map is missing or does not agree with runs.csv.
     """
-    pictures: List[Tuple[bytes, str]] = []
+    pictures: List[Tuple[str, str]] = []
     notes: List[str] = []
     try:
         prior = read_map(study.folder / "maps" / "physical.yaml")
     except CodedError as error:
         return [], [f"There are no maps: {error.message}."]
-    start = study.meta.get("robot_start")
     for scenario in study.scenarios:
         title = study.scenario_title(scenario)
         try:
             truth = metrics.restricted_cells(prior, read_map(study.folder / "maps" / f"truth_{scenario}.yaml"))
-            pictures.append((picture(prior, truth, start=tuple(start) if start else None), f"{title}: ground truth"))
+            pictures.append((picture(prior, truth, start=study.meta.get("robot_start")), f"{title}: ground truth"))
             for method in study.methods:
-                chosen = nearest_to_median(study, scenario, method)
-                if chosen is None:
+                row = nearest_to_median(study, scenario, method)
+                if row is None:
                     notes.append(f"{scenario}, {method}: no completed run has a map.")
                     continue
-                line, row = chosen
                 drawn = metrics.restricted_cells(prior, read_map(study.folder / row["map"]))
-                score, said = metrics.jaccard(truth, drawn), number(row, "jaccard")
-                if abs(score - said) > 0.0006:
-                    notes.append(f"{RUNS}, line {line}: the map {row['map']} gives a Jaccard index of {score:.3f}, the line says {said:.3f}.")
-                pictures.append((picture(prior, truth, drawn), f"{title}: {method_title(method).lower()}, Jaccard {score:.3f}, line {line}"))
+                score = metrics.jaccard(truth, drawn)
+                if abs(score - row.jaccard) > 0.0006:
+                    notes.append(f"{RUNS}, line {row.name}: the map {row['map']} gives a Jaccard index of {score:.3f}, "
+                                 f"the line says {row.jaccard:.3f}.")
+                pictures.append((picture(prior, truth, drawn),
+                                 f"{title}: {method_title(method).lower()}, Jaccard {score:.3f}, line {row.name}"))
         except CodedError as error:
             notes.append(f"{scenario}: {error.message}.")
     return pictures, notes
 
 
-def nearest_to_median(study: Study, scenario: str, method: str) -> Optional[Tuple[int, Row]]:
-    """(line, row) of the completed run with a map whose Jaccard index is nearest to the median, or None."""
-    table = study.runs.select(scenario=scenario, method=method, completed=1)
-    values = [number(row, "jaccard") for row in table.rows]
-    known = [value for value in values if np.isfinite(value)]
-    candidates = [
-        (abs(value - float(np.median(known))), line, row)
-        for value, line, row in zip(values, table.lines, table.rows)
-        if np.isfinite(value) and row.get("map") and (study.folder / row["map"]).is_file()
-    ]
-    if not candidates:
-        return None
-    _, line, row = min(candidates, key=lambda entry: entry[:2])
-    return line, row
+def nearest_to_median(study: Study, scenario: str, method: str) -> Optional[pandas.Series]:
+    """The completed run with a map whose Jaccard index is nearest to the median, by its line; None if there is none."""
+    runs = select(study.runs, scenario=scenario, method=method, completed=1).dropna(subset=["jaccard"])
+    there = runs[[bool(name) and (study.folder / name).is_file() for name in runs.get("map", pandas.Series("", runs.index))]]
+    return there.loc[(there.jaccard - runs.jaccard.median()).abs().idxmin()] if len(there) else None

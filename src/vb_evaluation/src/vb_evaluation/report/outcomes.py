@@ -7,7 +7,7 @@ from typing import Any, Dict, List
 from vb_evaluation import statistics
 from vb_evaluation.report import charts, effects, maps, paper
 from vb_evaluation.report.blocks import Figure, Grid, Section, Text
-from vb_evaluation.report.data import ERRORS, STATES, Study
+from vb_evaluation.report.data import ERRORS, STATES, Study, known, pairs, select
 
 ERROR_TITLES = dict(zip(ERRORS, ("mean", "95 % of the boundary within", "largest")))
 _WHICH = {"scenario": "Scenario", "method": "Method"}
@@ -19,12 +19,12 @@ def summary(study: Study) -> Section:
         return Section("summary", "Findings", [])
     both, rows = study.comparison, []
     for scenario in study.scenarios:
-        here = study.runs.select(scenario=scenario)
+        here = select(study.runs, scenario=scenario)
         rows.append({
-            "scenario": study.scenario_title(scenario), "pairs": len(here.pairs("time_total_s", both)[0]),
+            "scenario": study.scenario_title(scenario), "pairs": len(pairs(here, "time_total_s", both)[0]),
             "error": effects.shift(here, "error_mean_cm", both, True), "time": effects.shift(here, "time_total_s", both),
             "speedup": effects.ratio(here, both), "jaccard": effects.shift(here, "jaccard", both, True),
-            "completed": effects.completed_difference(here, both)})
+            "completed": effects.mean_difference(here, "completed", both).scaled(100.0)})
     names = [paper.method_title(method).lower() for method in both]
     grid = Grid("summary", {
         "scenario": "Scenario", "pairs": "Pairs", "error": "Mean boundary error [cm]", "time": "Time [s]", "speedup": "Speed-up",
@@ -35,8 +35,8 @@ def summary(study: Study) -> Section:
     caveat = Text((
         "Part of the speed-up is an input, not a result: with the robot as the only camera the spot moves at most at the "
         "robot's 0.2 m/s (paper), with ceiling cameras at what is assumed for a hand, and the robot must first be led to the "
-        "border. The intervals say how people of these assumptions differ; they leave out that the assumptions may be "
-        "wrong, which the section on plausible worlds is about.",), "caveat")
+        "border. The intervals say how people of these assumptions differ; they leave out that the assumptions may be wrong"
+        f"{', which the section on plausible worlds is about' if study.has_worlds else ''}.",), "caveat")
     return Section("summary", "Findings", [grid] if study.people else [grid, caveat])
 
 
@@ -45,11 +45,10 @@ def error(study: Study) -> Section:
     rows, panels = [], []
     for title, cells in study.cells(completed=1):
         for cell in cells:
-            worst = cell.runs.numbers("error_max_cm")
+            worst = known(cell.runs, "error_max_cm")
             rows.append({"scenario": title, "method": cell.title, "worst": float(worst.max()) if len(worst) else math.nan,
-                         "runs": len(worst), **{column: statistics.median(cell.runs.numbers(column)) for column in ERRORS}})
-        groups = [(cell.method, cell.title, cell.runs.numbers("error_mean_cm"), None) for cell in cells]
-        panels.append((charts.boxes(groups, "mean boundary error [cm]"), title))
+                         "runs": len(worst), **{column: statistics.median(known(cell.runs, column)) for column in ERRORS}})
+        panels.append((charts.boxes(cells, "error_mean_cm", "mean boundary error [cm]"), title))
     if not any(row["runs"] for row in rows):
         return Section("error", "Boundary error", [])
     columns = {**_WHICH, **{key: f"{ERROR_TITLES[key]} [cm]" for key in ERRORS}, "worst": "worst run's largest [cm]", "runs": "Runs"}
@@ -65,16 +64,12 @@ def error(study: Study) -> Section:
 def time(study: Study) -> Section:
     """Interaction time by state."""
     rows, panels = [], []
-    totals = study.runs.numbers("time_total_s")
+    totals = known(study.runs, "time_total_s")
     limit = 1.04 * float(totals.max()) if len(totals) else 1.0
     for title, cells in study.cells():
-        bars = []
-        for cell in cells:
-            means = {state: effects.mean(cell.runs.numbers(f"time_{state}_s")) for state in STATES}
-            taken = cell.runs.numbers("time_total_s")
-            bars.append((cell.method, cell.title, means, taken))
-            rows.append({"scenario": title, "method": cell.title, **means, "total": statistics.mean(taken), "runs": len(cell.runs.rows)})
-        panels.append((charts.time_bars(bars, limit), title))
+        rows += [{"scenario": title, "method": cell.title, "total": statistics.mean(known(cell.runs, "time_total_s")), "runs": len(cell.runs),
+                  **{state: effects.mean(known(cell.runs, f"time_{state}_s")) for state in STATES}} for cell in cells]
+        panels.append((charts.time_bars(cells, limit), title))
     columns = {**_WHICH, **{state: f"{state.capitalize()} [s]" for state in STATES}, "total": "Total, mean [s]", "runs": "Runs"}
     return Section("time", "Interaction time", [
         Text(("From leaving the state Default to the border in the map, in the states Guide (orange), Border (blue) and Seed "
@@ -87,14 +82,12 @@ def accuracy(study: Study) -> Section:
     """The paper's Jaccard index, and representative maps."""
     rows, panels = [], []
     for title, cells in study.cells(completed=1):
-        groups = []
         for cell in cells:
-            done = cell.runs.numbers("jaccard")
+            done = known(cell.runs, "jaccard")
             published = cell.published.jaccard[cell.method] if cell.published else math.nan
             rows.append({"scenario": title, "method": cell.title, "runs": len(done), "median": statistics.median(done),
                          "least": float(done.min()) if len(done) else math.nan, "paper": published})
-            groups.append((cell.method, cell.title, done, published if cell.published else None))
-        panels.append((charts.boxes(groups, "Jaccard index"), f"{title} (diamond: the paper's median)"))
+        panels.append((charts.boxes(cells, "jaccard", "Jaccard index", True), f"{title} (diamond: the paper's median)"))
     pictures, notes = maps.representatives(study)
     columns = {**_WHICH, "median": "Median", "least": "Smallest", "paper": "Paper", "runs": "Runs"}
     blocks: List[Any] = [
@@ -106,7 +99,7 @@ def accuracy(study: Study) -> Section:
     if pictures:
         blocks += [Text(("Representative maps: the ground truth (yellow), and by method the run nearest to the median: agreement "
                          "(green), restricted beyond the ground truth (red), union (blue outline).",)),
-                   Figure([(charts.data_uri(png, "image/png"), words) for png, words in pictures])]
+                   Figure(pictures)]
     return Section("accuracy", "Jaccard index", [*blocks, Text(tuple(notes), "list")] if notes else blocks)
 
 
@@ -117,12 +110,12 @@ def completeness(study: Study) -> Section:
     for title, cells in study.cells():
         bars = []
         for cell in cells:
-            done = cell.runs.numbers("completed")
-            share = statistics.proportion(int(done.sum()), len(done))
+            done = known(cell.runs, "completed")
+            share = statistics.proportion(int(done.sum()), len(done)).scaled(100.0)
             published = cell.published.completeness if cell.published else math.nan
             rows.append({"scenario": title, "method": cell.title, "completed": f"{int(done.sum())} of {len(done)}",
-                         "share": effects.scaled(share, 100.0), "paper": 100 * published})
-            bars.append((cell.method, cell.title, share.estimate, share.low, share.high, published if cell.published else None))
+                         "share": share, "paper": 100 * published})
+            bars.append((cell, share))
         groups.append((title, bars))
     caveat = Text(("How often simulated people err (wrong side, slips, wrong words) is assumed, so that the level is an input; only the "
                    "difference between the methods is a result.",), "caveat")

@@ -22,9 +22,8 @@ SECTIONS = (
     outcomes.summary, outcomes.error, outcomes.time, outcomes.accuracy, outcomes.completeness, beside.beside, sensitivity.plausible,
     sensitivity.curves, sensitivity.ungated, background.order, background.experience, background.assumptions, background.runs)
 _SIZES = {
-    "quick": ["A quick run, to see that all works: one person, so that there are no intervals, no worlds and no curves."],
-    "usual": ["The usual size: few plausible worlds, which say how often a conclusion holds to within some ten percentage points but "
-              "not which assumption decides, and no curves. `make study SIZE=full` has both and takes some hours."],
+    "quick": "A quick run, to see that all works: one person, so that there are no intervals.",
+    "usual": "The usual size: `make study SIZE=full` also says which assumption decides, has curves, and takes some hours.",
 }
 
 
@@ -58,16 +57,17 @@ def write_report(folder: Path) -> Path:
 
 def notices(study: Study) -> List[str]:
     """What readers must know before any figure."""
-    count = len(study.runs.distinct("participant"))
-    found = [f"{count} people, {len(study.runs.rows)} runs." if study.people else (
-        f"This is a simulation: {count} simulated people, {len(study.runs.rows)} runs. No person took part. The figures follow "
+    count = study.runs.participant.nunique()
+    found = [f"{count} people, {len(study.runs)} runs." if study.people else (
+        f"This is a simulation: {count} simulated people, {len(study.runs)} runs. No person took part. The figures follow "
         "from the assumptions that are listed below; they predict nothing about people, and user experience is not examined.")]
     made = [f"{name} {study.meta[name]}" for name in ("revision", "command", "machine", "date") if study.meta.get(name)]
     if made:
         found.append("Made by: " + "; ".join(made))
     if study.meta.get("deviating"):
         found.append(f"{study.meta['deviating']} runs were not done in the planned condition and are left out; runs.csv has them.")
-    found += _SIZES.get(study.meta.get("size"), [])
+    if study.meta.get("size") in _SIZES:
+        found.append(_SIZES[study.meta["size"]])
     if study.missing:
         found.append(f"Missing runs ({len(study.missing)}): {'; '.join(study.missing[:12])}. Means take the runs that are there, "
                      "differences the participants who have both.")

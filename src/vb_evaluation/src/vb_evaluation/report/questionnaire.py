@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import List, Tuple
 
 import numpy as np
+import pandas
 
 from vb_core.errors import CodedError
 from vb_evaluation import statistics
@@ -77,26 +78,22 @@ def read(path: Path) -> Questionnaire:
     Raises:
         CodedError: "bad_questionnaire" naming the column, or the line.
     """
-    table, rows, seen = read_sheet(path, columns(), "bad_questionnaire"), [], set()
-    for line, row in zip(table.lines, table.rows):
-        where, name = f"{path}, line {line}", row["participant"]
-        if not name or name in seen:
-            raise CodedError("bad_questionnaire", f"{where}: participant: expected a name that no other line has, got '{name}'")
-        seen.add(name)
-        rows.append({column: _answer(row[column], f"{where}: {column}", 5) for column in columns()[1:-1]})
-        rows[-1].update({column: _answer(row.get(column, ""), f"{where}: {column}", 7) for column in ueq_columns()})
-        rows[-1]["helped"] = yes_or_no(row["helped"], f"{where}: helped", "bad_questionnaire")
-    if not rows:
+    sheet = read_sheet(path, columns(), "bad_questionnaire")
+    for line, name in sheet.participant[sheet.participant.duplicated() | (sheet.participant == "")].items():
+        raise CodedError("bad_questionnaire", f"{path}, line {line}: participant: expected a name that no other line has, got '{name}'")
+    if not len(sheet):
         raise CodedError("bad_questionnaire", f"{path}: nobody has answered yet")
+    number = {column: [_answer(text, f"{path}, line {line}: {column}", most) for line, text in sheet.get(column, pandas.Series(dtype=str)).items()]
+              for most, names in ((5, columns()[1:-1]), (7, ueq_columns())) for column in names}
     parts = [(words, [f"s{number}"], 0.0) for number, (words, _) in enumerate(STATEMENTS, 1)]
     parts += [(words, [f"u{number}" for number in items], 4.0) for words, items in UEQ_SCALES]
     answers = []
     for words, items, middle in parts:
-        pairs = np.array([[np.mean([row[f"{item}_{method}"] for item in items]) - middle for method in METHODS] for row in rows])
-        pairs = pairs[np.isfinite(pairs).all(axis=1)]
-        if len(pairs) or not middle:
-            answers.append(Answers(words, pairs[:, 0], pairs[:, 1]))
-    said = [row["helped"] for row in rows if row["helped"] is not None]
+        pairs = np.array([np.mean([number[f"{item}_{method}"] for item in items], axis=0) - middle for method in METHODS])
+        pairs = pairs[:, np.isfinite(pairs).all(axis=0)]
+        if pairs.shape[1] or not middle:
+            answers.append(Answers(words, *pairs))
+    said = [yes_or_no(text, f"{path}, line {line}: helped", "bad_questionnaire") for line, text in sheet.helped.items() if text]
     return Questionnaire(tuple(answers), sum(said), len(said))
 
 

@@ -5,108 +5,171 @@ import math
 from typing import Any, Dict, List, Tuple
 
 import numpy as np
+import pandas
+from scipy import stats
 
 from vb_evaluation import statistics
-from vb_evaluation.report import charts, effects, paper, worlds
+from vb_evaluation.report import charts, effects, paper
 from vb_evaluation.report.blocks import Figure, Grid, Section, Text
-from vb_evaluation.report.data import CURVES, UNGATED, Study, Table, number
+from vb_evaluation.report.data import CURVES, DRAWS, UNGATED, WORLDS, Study, known, read_sheet, select
 from vb_evaluation.statistics import Interval
 
-
-
+TOLERATED_CM = 2.5  # [cm] one cell of the map: no robot keeps a border more exactly
+LEAST_GROUP, LEAST_PAIRS = 5, 10  # of ranks within a scenario, and in all
 SWEEPS = {
     "coverage": ("Camera coverage", "part of the floor that ceiling cameras see"),
     "distance": ("Distance of the robot", "path of the robot to the border [m]"),
     "border_length": ("Border length", "length of the border [m]"),
     "robots": ("Number of robots", "robots"),
 }
+_RUN = ["participant", "scenario", "method"]
 
 
+# ---------------------------------------------------------------- plausible worlds
 def plausible(study: Study) -> Section:
-    """The conclusions over worlds in which all assumptions differ at once."""
-    found = worlds.read(study)
-    if found is None:
+    """The conclusions over worlds in which all assumptions differ at once; empty where draws.csv or worlds.csv is missing."""
+    if not study.has_worlds:
         return Section("worlds", "Plausible worlds", [])
-    holds = Grid("worlds", {"conclusion": "Conclusion", "scenario": "Scenario", "holds": "holds in [%] of worlds", "n": "Worlds"},
-                 [{**row, "holds": effects.scaled(row["holds"], 100.0)} for row in found.conclusions], {"holds": 0},
-                 words="Wilson's 95 % intervals. A world is a draw of all assumptions, with one person who tries both methods.")
-    panels, rows = [], []
-    for outcome, entries in found.deciding.items():
-        panels.append((charts.rank_bars([(entry["assumption"], *entry["_rho"]) for entry in entries[:12]],
-                                        f"rank correlation with {outcome}", found.noise), f"What decides: {outcome}"))
-        rows += [{"outcome": outcome, **entry, "rho": Interval(*entry["_rho"], 0.95)} for entry in entries[:12]]
-    deciding = Grid("deciding", {"outcome": "Outcome", "assumption": "Assumption", "rho": "Rank correlation", "n": "Pairs",
-                                 "clear": "beyond chance"}, rows, folded=True, words="The assumptions with the largest correlations")
+    inputs = read_sheet(study.folder / DRAWS, ("draw",)).apply(pandas.to_numeric, errors="coerce").set_index("draw")
+    table, (first, baseline) = study.tables[WORLDS], study.comparison
+    both = select(table, method=first).merge(select(table, method=baseline), on=["draw", "scenario"], suffixes=("", "_base"))
+    rows, noise = deciding(both, inputs)
+    panels = []
+    for outcome in dict.fromkeys(row["outcome"] for row in rows):
+        bars = [(row["assumption"], row["rho"]) for row in rows if row["outcome"] == outcome]
+        panels.append((charts.rank_bars(bars, f"rank correlation with {outcome}", noise), f"What decides: {outcome}"))
     return Section("worlds", "Plausible worlds", [
-        Text((f"All {found.dimensions} assumptions vary together over their plausible ranges (last section): a Latin hypercube of "
-              f"{found.draws} draws.",)),
-        holds, Figure(panels, wide=True),
-        Text((f"Grey: what the largest of {found.dimensions} correlations reaches by pure chance in 95 % of cases "
-              f"(±{found.noise:.2f}); a bar within it decides nothing that this number of draws could show. Ranges are themselves "
+        Text((f"All {len(inputs.columns)} assumptions vary together over their plausible ranges (last section): a Latin hypercube of "
+              f"{table.draw.nunique()} draws.",)),
+        Grid("worlds", {"conclusion": "Conclusion", "scenario": "Scenario", "holds": "holds in [%] of worlds", "n": "Worlds"},
+             conclusions(study, both), {"holds": 0},
+             words="Wilson's 95 % intervals. A world is a draw of all assumptions, with one person who tries both methods."),
+        Figure(panels, wide=True),
+        Text((f"Grey: what the largest of {len(inputs.columns)} correlations reaches by pure chance in 95 % of cases "
+              f"(±{noise:.2f}); a bar within it decides nothing that this number of draws could show. Ranges are themselves "
               "assumed; a share of worlds is no probability that a conclusion is true.",), "caveat"),
-        deciding])
+        Grid("deciding", {"outcome": "Outcome", "assumption": "Assumption", "rho": "Rank correlation", "n": "Pairs",
+                          "clear": "beyond chance"}, rows, folded=True, words="The assumptions with the largest correlations")])
 
 
+def _completed(both: pandas.DataFrame, column: str) -> Tuple[pandas.Series, pandas.Series]:
+    """A measure with either method, nan unless both were completed."""
+    done = (both.completed == 1) & (both.completed_base == 1) & both[column].notna() & both[f"{column}_base"].notna()
+    return both[column].where(done), both[f"{column}_base"].where(done)
+
+
+def conclusions(study: Study, both: pandas.DataFrame) -> List[Dict[str, Any]]:
+    """In which share of worlds a conclusion holds, in all and by scenario."""
+    (time, time_base), (error, error_base) = (_completed(both, column) for column in ("time_total_s", "error_mean_cm"))
+    claims = {
+        "faster (both completed)": (time < time_base, time.notna()),
+        "at least 1.5 times as fast (both completed)": (1.5 * time < time_base, time.notna()),
+        f"mean boundary error at most {TOLERATED_CM} cm larger": (error <= error_base + TOLERATED_CM, error.notna()),
+        "completed wherever robot only was": (both.completed == 1, both.completed_base == 1),
+    }
+    rows = []
+    for claim, (holds, told) in claims.items():
+        for scenario in ("", *study.tables[WORLDS].scenario.unique()):
+            there = holds[told & ((both.scenario == scenario) | (scenario == ""))]
+            rows.append({"conclusion": claim, "scenario": study.scenario_title(scenario) if scenario else "all",
+                         "holds": statistics.proportion(int(there.sum()), len(there)).scaled(100.0), "n": len(there)})
+    return rows
+
+
+def deciding(both: pandas.DataFrame, inputs: pandas.DataFrame) -> Tuple[List[Dict[str, Any]], float]:
+    """Spearman's correlation of each assumption with each outcome, ranked within scenarios so that these do not count.
+
+    Returns:
+        (the twelve strongest for each outcome, what the largest of all stays below by chance).
+    """
+    (time, time_base), (error, error_base) = (_completed(both, column) for column in ("time_total_s", "error_mean_cm"))
+    outcomes = {"speed-up (logarithm)": np.log(time_base / time),
+                "boundary error, network robot system": both.error_mean_cm.where(both.completed == 1),
+                "boundary error, difference of the methods": error - error_base}
+    rows: List[Dict[str, Any]] = []
+    for outcome, values in outcomes.items():
+        found = both[["draw", "scenario"]].assign(outcome=values).dropna().join(inputs, on="draw", how="inner")
+        found = found.groupby("scenario").filter(lambda group: len(group) >= LEAST_GROUP)
+        if len(found) < LEAST_PAIRS:
+            continue
+        numbers = found.drop(columns=["draw", "scenario"])
+        # ranks are centred and made shares, so that groups of different size can be put together
+        ranks = numbers.groupby(found.scenario).transform(lambda column: (column.rank() - column.rank().mean()) / len(column))
+        rhos = ranks[inputs.columns].corrwith(ranks.outcome).dropna()
+        limit = noise(len(found), len(inputs.columns))
+        rows += [{"outcome": outcome, "assumption": name, "n": len(found), "clear": "yes" if abs(rho) > limit else "no",
+                  "rho": _correlation(rho, len(found))}
+                 for name, rho in rhos.sort_values(key=np.abs, ascending=False, kind="stable")[:12].items()]
+    return rows, noise(min((row["n"] for row in rows), default=0), len(inputs.columns))
+
+
+def _correlation(rho: float, count: int) -> Interval:
+    reach = 1.96 * math.sqrt((1.0 + rho * rho / 2.0) / (count - 3.0))  # Bonett & Wright 2000
+    middle = math.atanh(min(max(rho, -0.999999), 0.999999))
+    return Interval(rho, math.tanh(middle - reach), math.tanh(middle + reach), 0.95)
+
+
+def noise(count: int, dimensions: int) -> float:
+    """What the largest of this many rank correlations of `count` pairs stays below by chance, 95 % (Sidak, Fisher's z)."""
+    if count < 5 or not dimensions:
+        return 1.0
+    level = 0.95 ** (1.0 / dimensions)
+    return math.tanh(stats.norm.ppf((1.0 + level) / 2.0) / math.sqrt(count - 3.0))
+
+
+# ---------------------------------------------------------------- curves
 def curves(study: Study) -> Section:
     """Speed-up, time and boundary error over coverage, distance, length and number of robots."""
     if CURVES not in study.tables or len(study.methods) < 2:
         return Section("curves", "Curves", [])
-    table, blocks = study.tables[CURVES], []
-    blocks.append(Text((f"All else is kept; {len(table.distinct('participant'))} participants at each point, completed runs. Bands are "
-                        "95 % bootstrap intervals over participants; with so few they are too narrow rather than too wide.",), "caveat"))
-    for sweep in table.distinct("sweep"):
-        name, axis = SWEEPS.get(sweep, (sweep.replace("_", " ").capitalize(), sweep.replace("_", " ")))
-        blocks += _curve(study, table.select(sweep=sweep), sweep, name, axis)
+    table = study.tables[CURVES]
+    blocks: List[Any] = [Text((
+        f"All else is kept; {table.participant.nunique()} participants at each point, completed runs. Bands are "
+        "95 % bootstrap intervals over participants; with so few they are too narrow rather than too wide.",), "caveat")]
+    for sweep in table.sweep.unique():
+        blocks += _curve(study, select(table, sweep=sweep), sweep)
     return Section("curves", "Curves", blocks)
 
 
-def _curve(study: Study, table: Table, sweep: str, name: str, axis: str) -> List[Any]:
+def _curve(study: Study, table: pandas.DataFrame, sweep: str) -> List[Any]:
+    name, axis = SWEEPS.get(sweep, (sweep.replace("_", " ").capitalize(), sweep.replace("_", " ")))
     rows: List[Dict[str, Any]] = []
-    lines: Dict[str, List[Tuple]] = {"speedup": [], "time": [], "error": []}
+    lines: Dict[str, List[charts.Line]] = {"speed-up": [], "mean time [s]": [], "mean boundary error [cm], median": []}
     for index, scenario in enumerate(study.scenarios):
-        here = table.select(scenario=scenario)
-        values = sorted(here.distinct("value"), key=float)
-        if not values:
+        label, points = study.scenario_title(scenario), dict(list(select(table, scenario=scenario).groupby("value")))
+        if not points:
             continue
-        style = {"color": charts.SERIES[(index + 2) % len(charts.SERIES)], "marker": charts.MARKERS[index % len(charts.MARKERS)]}
-        x, points = [float(value) for value in values], [here.select(value=value) for value in values]
-        ratios = [effects.ratio(point, study.comparison, True) for point in points]
-        label = study.scenario_title(scenario)
-        lines["speedup"].append((label, x, [one.estimate for one in ratios], [one.low for one in ratios],
-                                 [one.high for one in ratios], style))
-        for key, column, of in (("time", "time_total_s", np.mean), ("error", "error_mean_cm", np.median)):
-            for method, line in zip(study.comparison, ("-", "--")):
-                samples = [point.select(method=method, completed=1).numbers(column) for point in points]
-                y = [float(of(sample)) if len(sample) else math.nan for sample in samples]
-                lines[key].append((f"{label}, {paper.method_title(method).lower()}", x, y, None, None, {**style, "linestyle": line}))
-        rows += [{"scenario": label, "value": value, "speedup": ratio, "runs": len(point.rows),
-                  "completed": int(point.numbers("completed").sum())} for value, ratio, point in zip(values, ratios, points)]
-    figures = [(charts.lines(lines[key], axis, words), f"{name}: {words}") for key, words in (
-        ("speedup", "speed-up"), ("time", "mean time [s]"), ("error", "mean boundary error [cm], median"))]
+        ratios = [effects.ratio(point, study.comparison, True) for point in points.values()]
+        lines["speed-up"].append(charts.Line(label, "", index, list(points), ratios))
+        for words, column, of in (("mean time [s]", "time_total_s", np.mean), ("mean boundary error [cm], median", "error_mean_cm", np.median)):
+            for method in study.comparison:
+                samples = [known(select(point, method=method, completed=1), column) for point in points.values()]
+                y = [Interval(float(of(sample)) if len(sample) else math.nan) for sample in samples]
+                lines[words].append(charts.Line(label, paper.method_title(method).lower(), index, list(points), y))
+        rows += [{"scenario": label, "value": str(value), "speedup": ratio, "runs": len(point), "completed": int(point.completed.sum())}
+                 for (value, point), ratio in zip(points.items(), ratios)]
     columns = {"scenario": "Scenario", "value": axis, "speedup": "Speed-up", "completed": "Completed", "runs": "Runs"}
-    return [Figure(figures), Grid(f"curve_{sweep}", columns, rows, folded=True, words=f"{name}: table")]
+    return [Figure([(charts.lines(found, axis, words), f"{name}: {words}") for words, found in lines.items()]),
+            Grid(f"curve_{sweep}", columns, rows, folded=True, words=f"{name}: table")]
 
 
+# ---------------------------------------------------------------- every image searched
 def ungated(study: Study) -> Section:
     """A random part of the runs with every image searched, beside the same runs of the study."""
     if UNGATED not in study.tables:
         return Section("ungated", "Every picture searched", [])
-    table, rows = study.tables[UNGATED], []
-    gated = {tuple(row[key] for key in ("participant", "scenario", "method")): row for row in study.runs.rows}
-    pairs = [(row, gated[key]) for row in table.rows
-             for key in [tuple(row[name] for name in ("participant", "scenario", "method"))] if key in gated]
+    both, rows = study.tables[UNGATED].merge(study.runs, on=_RUN, suffixes=("", "_cut")), []
     for column, words in (("time_total_s", "time [s]"), ("error_mean_cm", "mean boundary error [cm]"), ("jaccard", "Jaccard index"),
                           ("spots", "spots"), ("false_spots", "spots farther than 0.3 m from the true one"),
                           ("completed", "completed")):
-        values = [(number(full, column), number(cut, column)) for full, cut in pairs]
-        known = np.array([value for value in values if np.isfinite(value).all()]).reshape(-1, 2)
-        if len(known):
-            rows.append({"measure": words, "full": float(known[:, 0].mean()), "cut": float(known[:, 1].mean()), "runs": len(known),
-                         "difference": statistics.hodges_lehmann(np.round(known[:, 0] - known[:, 1], 9)),
-                         "largest": float(np.abs(known[:, 0] - known[:, 1]).max())})
+        there = both[[column, f"{column}_cut"]].dropna().to_numpy()
+        if len(there):
+            difference = there[:, 0] - there[:, 1]
+            rows.append({"measure": words, "full": float(there[:, 0].mean()), "cut": float(there[:, 1].mean()), "runs": len(there),
+                         "difference": statistics.hodges_lehmann(np.round(difference, 9)), "largest": float(np.abs(difference).max())})
     return Section("ungated", "Every picture searched", [
         Text((f"To save time a run renders and searches only pictures, and parts of pictures, in which the true spot can be seen, so "
-              f"that false spots elsewhere cannot happen. {len(pairs)} runs, drawn at random over all scenarios and methods, were "
+              f"that false spots elsewhere cannot happen. {len(both)} runs, drawn at random over all scenarios and methods, were "
               "done again with every picture of every camera rendered and searched as a whole.",)),
         Grid("ungated", {"measure": "Measure", "full": "Everything searched", "cut": "As in the study", "difference": "Difference",
                          "largest": "Largest difference", "runs": "Runs"}, rows, {"difference": 3, "largest": 3}),

@@ -9,6 +9,7 @@ import argparse
 import csv
 import datetime
 import os
+import signal
 import sys
 from pathlib import Path
 from typing import List, Optional
@@ -20,6 +21,7 @@ from vb_evaluation.provenance import top
 from vb_evaluation.report.data import CURVES, RUNS, UNGATED, WORLDS
 from vb_evaluation.study import campaign, config, plan
 
+SIGNALS = (signal.SIGINT, signal.SIGTERM)
 RERUN = ("python3 -m vb_evaluation.study run --participant {participant} --scenario {scenario} --method {method} --seed {seed}; "
          "for curves.csv with --sweep {sweep} --value {value}, for worlds.csv with --draw {draw}")
 
@@ -68,7 +70,17 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
+def _interrupt(_number: int, _frame: object) -> None:
+    """Interrupts once: from then on workers are being ended."""
+    for number in SIGNALS:
+        signal.signal(number, signal.SIG_IGN)
+    raise KeyboardInterrupt
+
+
 def _all(given: argparse.Namespace, console: Console) -> int:
+    for number in SIGNALS:
+        # a shell starts what runs in the background with interruptions switched off, and Python leaves them so
+        signal.signal(number, _interrupt)
     study = config.load(given.config, given.seed)
     jobs = plan.jobs(study, given.size, f"{given.only}.csv" if given.only else None)
     counts = {file: sum(job.file == file for job in jobs) for file in (RUNS, UNGATED, WORLDS, CURVES)}
@@ -86,7 +98,7 @@ def _run(given: argparse.Namespace, console: Console) -> int:
     if given.draw is not None:
         among = plan.world_jobs(study)
     elif given.sweep:
-        among = plan.curve_jobs(study, [given.sweep])
+        among = plan.curve_jobs(study, given.sweep)
     job = plan.find(among, participant=given.participant, scenario=given.scenario, method=given.method, sweep=given.sweep,
                     value=given.value, draw=given.draw)
     row, _ = campaign.row_of(study, job)

@@ -10,9 +10,7 @@ import contextlib
 import hashlib
 import os
 import platform
-import signal
 import sys
-import threading
 import traceback
 from dataclasses import dataclass
 from functools import lru_cache
@@ -29,10 +27,11 @@ from vb_core.errors import CodedError
 from vb_core.grid_map import OCCUPIED, GridMap
 from vb_core.map_files import write_map
 from vb_evaluation.provenance import revision, top
-from vb_evaluation.report.data import DRAWS, KEY, REQUIRED, RUNS, WORLDS, write_table
-from vb_evaluation.study import assumptions, measures, plan
+from vb_evaluation.report.data import CONDITIONS, DRAWS, KEY, REQUIRED, RUNS, WORLDS, write_table
+from vb_evaluation.study import assumptions
 from vb_evaluation.study.config import Study, study_of
-from vb_evaluation.study.plan import CONDITIONS, Job
+from vb_evaluation.study.plan import Job
+from vb_evaluation.study.result import COLUMNS, measure
 from vb_evaluation.study.store import RowFile, claim
 from vb_sim.room import floor_plan
 
@@ -48,8 +47,7 @@ CAVEATS = (
     "Too kind in spot cleaning: the paper's people had a heap of paper snippets before them and no line, these see marks on the floor. "
     "The paper's .878 and .906 are 8 to 12 cm all along the line; here people err by 2 cm.",
     "Marks on the floor, the map, cameras' calibration and localisation are wrong by assumed amounts.",
-    "Ceiling cameras and robot send only images in which the true spot can be, and some others (the section on every image "
-    "searched says what that changes).",
+    "Ceiling cameras and robot send only images in which the true spot can be, and some others.",
     "The live system's own nodes run, with the launch file's parameters; what a processor and a network need is given as fixed "
     "delays of commands, spots, saving and extraction, and is otherwise zero.",
     "The lab is one room, rebuilt from the paper's description; what the description leaves open is assumed and not varied.",
@@ -66,14 +64,14 @@ class Outcome:
     fault: str = ""
 
 
-# a study's key, document and sources, and a job, to its outcome
-Work = Callable[[str, Mapping[str, Any], Mapping[str, Any], Job], Outcome]
+# a study's document and sources, and a job, to its outcome
+Work = Callable[[Mapping[str, Any], Mapping[str, Any], Job], Outcome]
 
 
 def columns(file: str) -> Tuple[str, ...]:
     """The columns of one of a study's CSV files; what was varied comes first, as readers look for it."""
     order = ("order", "map") if file == RUNS else ()
-    return (*CONDITIONS[file], *REQUIRED, *(name for name in measures.COLUMNS if name not in REQUIRED), *order)
+    return (*CONDITIONS[file], *REQUIRED, *(name for name in COLUMNS if name not in REQUIRED), *order)
 
 
 def row_of(study: Study, job: Job) -> Tuple[Dict[str, Any], GridMap]:
@@ -83,7 +81,7 @@ def row_of(study: Study, job: Job) -> Tuple[Dict[str, Any], GridMap]:
 
     varied = study.changed(job.changes) if job.changes else study
     result = run(varied, job.task, thorough=job.thorough)
-    row = {**job.columns(study.design.seed), **measures.measure(result)}
+    row = {**job.columns(study.design.seed), **measure(result)}
     if job.file == RUNS:
         name = f"maps/p{job.task.participant:02d}_{job.task.scenario}_{job.task.method}.yaml"
         row.update(order=job.order, map=name if result.saved else "")
@@ -103,125 +101,74 @@ def conduct(study: Study, jobs: Sequence[Job], folder: Path, processes: int = 1,
 
     Raises:
         CodedError: "other_study", "other_columns", "no_scheduler".
+        KeyboardInterrupt: after it was said what is done.
     """
     console = console or Console(highlight=False, soft_wrap=True)
     claim(folder, configuration(study), fresh, {**(facts or {}), **about(study)})
-    write_truth(study, folder)
+    write_truths(study, folder / "maps" / "physical", folder / "maps" / "truth_{}")
     if any(job.file == WORLDS for job in jobs):
         drawn = assumptions.draw_worlds(study, study.design.worlds, study.design.seed)
         write_table(folder / DRAWS, ["draw", *drawn[0]], [{"draw": draw, **factors} for draw, factors in enumerate(drawn, 1)])
     files = {file: RowFile(folder / file, columns(file), (*CONDITIONS[file], *KEY)) for file in dict.fromkeys(job.file for job in jobs)}
-    names = [(job, files[job.file].name_of(job.columns(study.design.seed))) for job in jobs]
-    waiting = [job for job, name in names if name not in files[job.file].rows]
+    names = [(job.file, files[job.file].name_of(job.columns(study.design.seed))) for job in jobs]
+    waiting = [job for job, (file, name) in zip(jobs, names) if name not in files[file].rows]
     if len(waiting) < len(jobs):
         console.print(f"{len(jobs) - len(waiting)} of {len(jobs)} runs are there already")
-    # where a curve changes nothing, the run is one of the study itself
-    main = {job.task: Job(job.task) for job in jobs if job.file == RUNS}
-    repeated = [job for job in waiting if job.file == plan.CURVES and not job.changes and job.task in main]
-
-    def kept() -> str:
+    failed = 0
+    # the few longest first, as others would wait for one that came last; then the study itself, person by person, so that
+    # what an interrupted study has is balanced
+    waiting.sort(key=lambda job: (not job.thorough, job.file != RUNS, job.file))
+    # where a curve changes nothing, its run is one of the study itself
+    alike: Dict[str, List[Job]] = {}
+    for job in waiting:
+        alike.setdefault(job.run, []).append(job)
+    try:
+        with _progress(console) as bar:
+            ticker = bar.add_task("study", total=len(alike))
+            for outcome in _carry_out(study, [one[0] for one in alike.values()], processes, scheduler, work or _work):
+                if outcome.row is None:
+                    failed += 1
+                    console.print(f"failed: {outcome.job.words}: {outcome.fault}", markup=False)
+                else:
+                    if outcome.grid is not None and outcome.row.get("map"):
+                        write_map(folder / outcome.row["map"][: -len(".yaml")], outcome.grid)
+                    for job in alike[outcome.job.run]:
+                        files[job.file].append({**outcome.row, **job.columns(study.design.seed)})
+                bar.update(ticker, advance=1, description=outcome.job.words)
+    except KeyboardInterrupt:
         # what is on the disk: an interruption may come while a row is written
         there = {file: RowFile(rows.path, rows.columns, rows.key).rows for file, rows in files.items()}
-        return f"{sum(name in there[job.file] for job, name in names)} of {len(jobs)} runs are done"
-
-    failed = 0
-    with _told(console, folder, kept), _progress(console) as bar:
-        ticker = bar.add_task("study", total=len(waiting) - len(repeated))
-        for outcome in _carry_out(study, [job for job in waiting if job not in repeated], processes, scheduler, work or _work):
-            if outcome.row is None:
-                failed += 1
-                console.print(f"failed: {outcome.job.words}: {outcome.fault}", markup=False)
-            else:
-                if outcome.grid is not None and outcome.row.get("map"):
-                    write_map(folder / outcome.row["map"][: -len(".yaml")], outcome.grid)
-                files[outcome.job.file].append(outcome.row)
-            bar.update(ticker, advance=1, description=outcome.job.words)
-    for job in repeated:
-        row = files[RUNS].rows.get(files[RUNS].name_of(main[job.task].columns(study.design.seed)))
-        if row is not None:
-            files[job.file].append({**row, **job.columns(study.design.seed)})
+        done = sum(name in there[file] for file, name in names)
+        console.print(f"interrupted: {done} of {len(jobs)} runs are done and kept in {folder}; the same command goes on from there")
+        raise
     for file, rows in files.items():
-        rows.sort([name for job, name in names if job.file == file])
+        rows.write([name for belongs, name in names if belongs == file])
     return failed
 
 
-@contextlib.contextmanager
-def _told(console: Console, folder: Path, state: Callable[[], str]) -> Iterator[None]:
-    """Says of an interruption what is done and how it goes on. Only the first one interrupts: then workers are being ended.
-
-    A shell starts what runs in the background with interruptions switched off, and Python leaves them so.
-    """
-    def interrupt(_number: int, _frame: Any) -> None:
-        for number in before:
-            signal.signal(number, signal.SIG_IGN)
-        raise KeyboardInterrupt
-
-    # a thread cannot be interrupted: what runs a study in one has to end it in another way
-    mine = threading.current_thread() is threading.main_thread()
-    before = {number: signal.signal(number, interrupt) for number in ((signal.SIGINT, signal.SIGTERM) if mine else ())}
-    try:
-        yield
-    except KeyboardInterrupt:
-        console.print(f"interrupted: {state()} and kept in {folder}; the same command goes on from there")
-        raise
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler or signal.SIG_DFL)
-
-
-# ---------------------------------------------------------------- workers
 def _carry_out(study: Study, jobs: Sequence[Job], processes: int, scheduler: str, work: Work) -> Iterator[Outcome]:
     """The outcomes, as they come."""
     if not jobs:
         return
-    key, document, sources = study.hash, dict(study.document), dict(study.sources)
-    with _cluster(scheduler):
+    with contextlib.ExitStack() as stack:
+        if scheduler:
+            try:
+                from distributed import Client
+                stack.enter_context(Client(scheduler, timeout="20s"))
+            except (ImportError, OSError, ValueError) as error:
+                raise CodedError("no_scheduler", f"there is no Dask scheduler at {scheduler}: {error}") from None
+            stack.enter_context(joblib.parallel_config(backend="dask"))
         parallel = joblib.Parallel(n_jobs=processes, return_as="generator_unordered", batch_size=1)
-        yield from parallel(joblib.delayed(work)(key, document, sources, job) for job in _ordered(jobs))
+        yield from parallel(joblib.delayed(work)(study.document, study.sources, job) for job in jobs)
 
 
-@contextlib.contextmanager
-def _cluster(scheduler: str) -> Iterator[None]:
-    """Makes joblib use a Dask cluster; does nothing without an address."""
-    if not scheduler:
-        yield
-        return
-    try:
-        from distributed import Client
-    except ImportError:
-        raise CodedError("no_scheduler", "dask.distributed is not installed: pip install -r requirements.txt") from None
-    try:
-        client = Client(scheduler, timeout="20s")
-    except (OSError, ValueError) as error:
-        raise CodedError("no_scheduler", f"there is no Dask scheduler at {scheduler}: {error}") from None
-    try:
-        with joblib.parallel_config(backend="dask"):
-            yield
-    finally:
-        client.close()
-
-
-def _ordered(jobs: Sequence[Job]) -> List[Job]:
-    """The few longest first, as others would wait for one that came last; then the study itself, person by person, so that what
-    an interrupted study has is balanced."""
-    return sorted(jobs, key=lambda job: (not job.thorough, job.file != RUNS, job.file))
-
-
-_studies: Dict[str, Study] = {}
-
-
-def _work(key: str, document: Mapping[str, Any], sources: Mapping[str, Any], job: Job) -> Outcome:
+def _work(document: Mapping[str, Any], sources: Mapping[str, Any], job: Job) -> Outcome:
     os.environ.setdefault("OMP_NUM_THREADS", "1")
     try:
-        if key not in _studies:
-            _studies.clear()
-            _studies[key] = study_of(document, sources)
-        row, grid = row_of(_studies[key], job)
+        row, grid = row_of(study_of(document, sources), job)
         return Outcome(job, row, grid if job.file == RUNS else None)
-    except CodedError as error:
-        return Outcome(job, fault=str(error))
-    except Exception:
-        return Outcome(job, fault=traceback.format_exc())
+    except Exception as error:
+        return Outcome(job, fault=str(error) if isinstance(error, CodedError) else traceback.format_exc())
 
 
 def _progress(console: Console) -> Progress:
@@ -270,12 +217,12 @@ def made_by() -> Dict[str, str]:
             "machine": f"{os.cpu_count()} processors, {platform.machine()}, Python {platform.python_version()}"}
 
 
-def write_truth(study: Study, folder: Path) -> None:
-    """Writes maps/physical and maps/truth_<scenario>, as map_server files."""
+def write_truths(study: Study, physical: Path, truth: Path) -> None:
+    """Writes the physical map, and each scenario's ground truth for "{}" in a name, as map_server files."""
     prior = floor_plan.physical_map(study.world)
-    maps = folder / "maps"
-    maps.mkdir(parents=True, exist_ok=True)
-    write_map(maps / "physical", prior)
+    physical.parent.mkdir(parents=True, exist_ok=True)
+    truth.parent.mkdir(parents=True, exist_ok=True)
+    write_map(physical, prior)
     for key in study.design.scenarios:
-        truth = floor_plan.ground_truth(study.world, study.world.scenario(key))
-        write_map(maps / f"truth_{key}", prior.with_data(np.where(truth, np.int8(OCCUPIED), prior.data)))
+        cells = floor_plan.ground_truth(study.world, study.world.scenario(key))
+        write_map(Path(str(truth).format(key)), prior.with_data(np.where(cells, np.int8(OCCUPIED), prior.data)))

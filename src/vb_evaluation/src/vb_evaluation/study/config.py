@@ -17,7 +17,7 @@ from vb_core.parameters import Parameters, param
 from vb_evaluation.provenance import top
 from vb_evaluation.study.people import KINDS, Population, Streams, Traits, draw
 from vb_sim.room.models import read_document, section
-from vb_sim.room.models_cameras import CameraModels, CameraNoise, Optics, RobotCamera
+from vb_sim.room.models_cameras import CameraModels, camera_models
 from vb_sim.room.models_motion import LocalisationModel, RobotModel, ScanModel
 from vb_sim.room.models_participant import ParticipantModel
 from vb_sim.room.world import World, world_from_mapping
@@ -28,8 +28,7 @@ METHODS: Dict[str, Callable[[World], Tuple[str, ...]]] = {
     "nrs": lambda world: tuple(camera.name for camera in world.cameras),
     "robot_only": lambda world: (),
 }
-
-
+MODELS = {"robot": RobotModel, "localisation": LocalisationModel, "scan": ScanModel}
 PACKAGE = Path(__file__).resolve().parents[3]
 DEFAULT = PACKAGE / "config" / "study.yaml"
 
@@ -62,35 +61,13 @@ class Timing(Parameters):
 
 
 @dataclass(frozen=True)
-class Models:
-    """Every model of a sensor, the robot and its localisation; people come from the population."""
-
-    robot: RobotModel
-    localisation: LocalisationModel
-    scan: ScanModel
-    cameras: CameraModels
-
-    @classmethod
-    def of(cls, document: Mapping[str, Any]) -> "Models":
-        """From the sections of a models.yaml."""
-        return cls(
-            section(document, "robot", RobotModel),
-            section(document, "localisation", LocalisationModel),
-            section(document, "scan", ScanModel),
-            CameraModels(
-                section(document, "optics", Optics), section(document, "camera_noise", CameraNoise),
-                section(document, "robot_camera", RobotCamera),
-            ),
-        )
-
-
-@dataclass(frozen=True)
 class Study:
     """A configuration, ready to run. Made by `load`.
 
     Attributes:
         document: the YAML document with all defaults filled in; what is hashed.
         sources: YAML documents of the files that it names, by their name in the document; do not change them.
+        models: of the robot, its localisation and its scanner, by section; people come from the population.
     """
 
     document: Mapping[str, Any]
@@ -98,7 +75,8 @@ class Study:
     design: Design
     timing: Timing
     world: World
-    models: Models
+    models: Mapping[str, Any]
+    cameras: CameraModels
 
     def traits(self, participant: int) -> Traits:
         """A participant, numbered from 1."""
@@ -185,7 +163,7 @@ def study_of(document: Mapping[str, Any], sources: Mapping[str, Any]) -> Study:
             raise ParameterError("design/methods", f"'{key}' is unknown; known are {', '.join(METHODS)}")
     study = Study(
         document, sources, design, Timing.from_mapping(document.get("timing"), "timing"), world,
-        Models.of(sources["models"]),
+        {name: section(sources["models"], name, cls) for name, cls in MODELS.items()}, camera_models(sources["models"]),
     )
     study.traits(1)  # a mistake in a distribution is found now, not in the tenth run
     study.marks("")

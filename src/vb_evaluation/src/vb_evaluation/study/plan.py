@@ -7,13 +7,11 @@ from typing import Any, Dict, List, Mapping, Optional
 from vb_core.errors import CodedError
 from vb_evaluation.design import order_of_runs
 from vb_evaluation.report.data import CURVES, KEY, RUNS, UNGATED, WORLDS
-from vb_evaluation.study import assumptions, sweeps
+from vb_evaluation.study import assumptions
 from vb_evaluation.study.config import Study
 from vb_evaluation.study.result import Task
 
 SIZES = ("quick", "usual", "full")
-# the columns that name a row beside KEY, by file
-CONDITIONS = {RUNS: (), UNGATED: (), CURVES: ("sweep", "value"), WORLDS: ("draw",)}
 
 
 @dataclass(frozen=True)
@@ -39,6 +37,11 @@ class Job:
         """The columns that say which run it is."""
         task = self.task
         return {**dict(zip(KEY, (task.participant, task.scenario, task.method, seed))), **self.conditions}
+
+    @property
+    def run(self) -> str:
+        """What is carried out: the same for jobs that only name it otherwise."""
+        return repr((self.task, sorted(self.changes.items()), self.thorough))
 
     @property
     def words(self) -> str:
@@ -99,21 +102,17 @@ def world_jobs(study: Study, first: Optional[int] = None) -> List[Job]:
     ]
 
 
-def curve_jobs(study: Study, only: Optional[List[str]] = None) -> List[Job]:
-    """The same runs in other surroundings, by the first participants of the study."""
-    document = study.document.get("curves") or {}
-    found = []
-    for name, settings in document.items():
-        if not isinstance(settings, Mapping) or (only and name not in only):
-            continue
-        for scenario in settings.get("scenarios", study.design.scenarios):
-            for point in sweeps.points(study, name, settings, scenario):
-                found += [
-                    Job(Task(participant, scenario, method), CURVES, {} if method in point.untouched else point.changes,
-                        {"sweep": name, "value": round(point.value, 3)})
-                    for participant in range(1, int(document.get("participants", 1)) + 1) for method in study.design.methods
-                ]
-    return found
+def curve_jobs(study: Study, only: Optional[str] = None) -> List[Job]:
+    """The same runs in other surroundings, by the first participants of the study; `only` one curve."""
+    curves, design = study.document.get("curves") or {}, study.design
+    return [
+        Job(Task(participant, scenario, method), CURVES,
+            point.get("changes", {}) if method in point.get("methods", design.methods) else {},
+            {"sweep": point["sweep"], "value": point["value"]})
+        for point in curves.get("points", []) if only in (None, point["sweep"])
+        for scenario in point.get("scenarios", design.scenarios)
+        for participant in range(1, int(curves.get("participants", 1)) + 1) for method in design.methods
+    ]
 
 
 def find(among: List[Job], **wanted: Any) -> Job:

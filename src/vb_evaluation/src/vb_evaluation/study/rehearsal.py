@@ -7,13 +7,11 @@ from __future__ import annotations
 import json
 import re
 from pathlib import Path
-from typing import Callable, List, Tuple
+from typing import Callable, List
 
-import numpy as np
 import yaml
 
 from vb_core.files import append_line
-from vb_core.map_files import write_map
 from vb_evaluation.kit.conduct import Planned
 from vb_evaluation.kit.recording import LOG, MAPS, SESSION
 from vb_evaluation.provenance import revision
@@ -22,7 +20,6 @@ from vb_evaluation.study.config import METHODS, Study
 from vb_evaluation.study.result import Result, Task
 from vb_map_integration.border import VirtualBorder
 from vb_map_integration.storage.recording import Recording as MapRecording
-from vb_sim.room import floor_plan
 
 
 def person(study: Study, outcomes: List[bool]) -> Callable[[Planned], Callable[[], None]]:
@@ -58,17 +55,6 @@ def write_recording(result: Result, folder: Path) -> None:
         append_line(folder / LOG, json.dumps(record))
     session = {"method": result.task.method, "cameras": cameras, "revision": revision(), "rehearsal": True}
     (folder / SESSION).write_text(yaml.safe_dump(session), encoding="utf-8")
-
-
-def write_ground_truths(study: Study, folder: Path) -> Tuple[Path, Path]:
-    """Ground truths and physical map of the simulated lab, for the analysis of a rehearsal; returns folder and map."""
-    prior = floor_plan.physical_map(study.world)
-    truths = folder / "ground_truth"
-    truths.mkdir(parents=True, exist_ok=True)
-    for key in study.design.scenarios:
-        truth = floor_plan.ground_truth(study.world, study.world.scenario(key))
-        write_map(truths / key, prior.with_data(np.where(truth, np.int8(100), prior.data)))
-    return truths, write_map(folder / "map", prior)[1]
 
 
 def default_study() -> Study:

@@ -121,9 +121,9 @@ class LiveRun:
         self._prior = floor_plan.physical_map(self._world)
         self.scenario = personal_scenario(
             self._world, self._world.scenario(task.scenario), self._traits, self._prior, study.marks(task.scenario))
-        self._models: CameraModels = replace(study.models.cameras, body=self._traits.body)
+        self._models: CameraModels = replace(study.cameras, body=self._traits.body)
         self._room, self._thorough = room or _kept_room(), thorough
-        self._lab = Lab(self._world, study.models.robot, study.models.localisation, study.models.scan, self._seed)
+        self._lab = Lab(self._world, *(study.models[name] for name in ("robot", "localisation", "scan")), self._seed)
         self._robots = [robot.namespace.strip("/") for robot in self._world.robots]
         self._camera_nodes: List[Any] = []
         self._participant: Optional[ParticipantNode] = None
@@ -185,7 +185,7 @@ class LiveRun:
     # ------------------------------------------------------------- the simulated lab's nodes
     def _lab_nodes(self, cameras: Tuple[str, ...]) -> Dict[str, Callable[[], Any]]:
         def lab_simulator() -> None:
-            LabSimulatorNode(self._lab, parameters.read(LabSimulatorParams), self._study.models.localisation, True, _NoState())
+            LabSimulatorNode(self._lab, parameters.read(LabSimulatorParams), self._study.models["localisation"], True, _NoState())
 
         def ceiling_cameras() -> None:
             self._camera_nodes.append(StudyCeilingCameras(

@@ -99,7 +99,7 @@ class Line:
             return self._scheduler.wait(timeout_ns)
         finally:
             # `wake` would wake one that no longer waits, and the next one would wait for ever
-            with contextlib.suppress(ValueError):
+            if task in self._tasks:
                 self._tasks.remove(task)
 
     def wait_for(self, predicate: Callable[[], Any], timeout_ns: Optional[int] = None) -> bool:
@@ -133,7 +133,8 @@ class Lock:
         if self._again and self._holder is current:
             self._depth += 1
             return True
-        if not self._line.wait_for(lambda: self._holder is None, _ns(timeout) if blocking else 0):
+        # free almost always: one task is at work at a time
+        if self._holder is not None and not self._line.wait_for(lambda: self._holder is None, _ns(timeout) if blocking else 0):
             return False
         self._holder, self._depth = current, 1
         return True

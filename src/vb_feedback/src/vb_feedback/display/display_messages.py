@@ -1,10 +1,9 @@
 """Converts messages to the display's contents, and these to markers."""
 from __future__ import annotations
 
-from typing import Optional, Sequence, Tuple
+from typing import Any, List, Optional, Sequence
 
 import rospy
-from diagnostic_msgs.msg import KeyValue
 from geometry_msgs.msg import Point
 from std_msgs.msg import ColorRGBA
 from vb_core import names, sentences
@@ -12,8 +11,7 @@ from vb_core.ros.messages import array_from_points, mapping_from_values
 from vb_msgs.msg import BorderPreview, BorderProgress, BorderIssue, InteractionState, VirtualBorder
 from visualization_msgs.msg import Marker
 
-from vb_feedback.display import notices, scene
-from vb_feedback.display.notices import Preview
+from vb_feedback.display import scene
 from vb_feedback.display.text_panel import Notice, PanelContent
 
 _KINDS = {
@@ -116,15 +114,20 @@ def border_from_message(border: VirtualBorder) -> scene.Border:
     )
 
 
-def preview_from_message(preview: BorderPreview) -> Preview:
-    """Preview message to plain values, without its region."""
-    why = notices.Issue(True, preview.code, _items(preview.values), preview.message)
-    issues = tuple(
-        notices.Issue(found.severity == BorderIssue.ERROR, found.code, _items(found.values), found.message)
-        for found in preview.issues
-    )
-    return Preview(preview.success, why, issues, preview.area_m2)
+def preview_notices(preview: Optional[BorderPreview], language: str) -> List[Notice]:
+    """Why save would fail, or what it would restrict and what to mind."""
+    if preview is None:
+        return []
 
+    def say(said: Any) -> str:
+        return sentences.say(said.code, mapping_from_values(said.values), language, said.message)
 
-def _items(values: Sequence[KeyValue]) -> Tuple[Tuple[str, str], ...]:
-    return tuple(mapping_from_values(values).items())
+    errors = [issue for issue in preview.issues if issue.severity == BorderIssue.ERROR]
+    warnings = [issue for issue in preview.issues if issue.severity != BorderIssue.ERROR]
+    if not preview.success:
+        why = say((errors or [preview])[0])
+        return [Notice(sentences.say("preview_refused", {"why": why}, language), warning=True)]
+    said = [Notice(sentences.say("preview_restricts", {"area": f"{preview.area_m2:.2f}"}, language))]
+    if warnings:
+        said.append(Notice(sentences.say("preview_mind", {"what": say(warnings[0])}, language), warning=True))
+    return said

@@ -1,11 +1,10 @@
-"""What the display says beside the last answer: other nodes' notices, what saving would do, an unseen spot.
+"""What the display says beside the last answer: other nodes' notices, an unseen spot.
 
 Everything comes as a code with values; the sentence is looked up in the display's language, and no wording is read.
 """
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import List, Mapping, Optional, Sequence, Tuple
+from typing import List, Optional, Sequence, Tuple
 
 from vb_core import notices, sentences
 from vb_core.grid_map import GridMap
@@ -13,51 +12,8 @@ from vb_feedback.display.text_panel import Notice
 
 # more sentences cannot be read from across the room, and letters would get too small
 _MOST = 3
-# codes of a dispatcher that itself says that no camera sees the spot, and what follows
-_ABOUT_THE_SPOT = ("spot_unseen_robot_comes", "spot_unseen_no_robot", "spot_ahead_unseen")
-
-
-@dataclass(frozen=True)
-class Issue:
-    """An issue that the check of a border reported; `message` is its own English sentence."""
-
-    is_error: bool
-    code: str
-    values: Tuple[Tuple[str, str], ...] = ()
-    message: str = ""
-
-    def sentence(self, language: str) -> str:
-        """The sentence that people read."""
-        return sentences.say(self.code, dict(self.values), language, self.message)
-
-
-@dataclass(frozen=True)
-class Preview:
-    """What saving now would do."""
-
-    success: bool
-    why: Issue = Issue(True, "")
-    issues: Tuple[Issue, ...] = ()
-    area_m2: float = 0.0
-
-
-def preview_notices(preview: Optional[Preview], language: str) -> List[Notice]:
-    """Why save would fail, or what it would restrict and what to mind."""
-    if preview is None:
-        return []
-
-    def say(code: str, values: Mapping[str, str]) -> str:
-        return sentences.say(code, values, language)
-
-    if not preview.success:
-        errors = [issue for issue in preview.issues if issue.is_error]
-        why = (errors or [preview.why])[0].sentence(language)
-        return [Notice(say("preview_refused", {"why": why}), warning=True)]
-    said = [Notice(say("preview_restricts", {"area": f"{preview.area_m2:.2f}"}))]
-    warnings = [issue for issue in preview.issues if not issue.is_error]
-    if warnings:
-        said.append(Notice(say("preview_mind", {"what": warnings[0].sentence(language)}), warning=True))
-    return said
+# codes of others that themselves say that no camera sees the spot, and what follows
+_ABOUT_THE_SPOT = ("spot_unseen_robot_comes", "spot_unseen_no_robot", "spot_ahead_unseen", "no_spot_seen")
 
 
 def of_others(held: Sequence[notices.Notice], language: str) -> List[Notice]:
@@ -86,7 +42,7 @@ def coverage_notices(
         lost: (x, y) [m] where the spot was seen last; None if that is only a moment ago, or never was.
         coverage: how many stationary cameras see each cell; None if that is not known.
         robots: whether there is a robot that can be sent.
-        held: what other nodes say; a dispatcher knows better.
+        held: what other nodes say; the dispatcher and the interaction manager know better.
     """
     if state not in ("border", "seed") or seeing or lost is None:
         return []

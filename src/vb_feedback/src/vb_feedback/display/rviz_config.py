@@ -3,9 +3,13 @@ from __future__ import annotations
 
 import copy
 import re
+from pathlib import Path
 from typing import Any, Dict, Optional, Tuple
 
+import yaml
+
 from vb_core.errors import CodedError
+from vb_core.files import write_atomically
 from vb_feedback.display.layout import Box, fit
 
 
@@ -42,6 +46,20 @@ def fit_config(
     view.update({"Angle": 0, "Scale": min(width / layout.view.width, height / layout.view.height), "X": x, "Y": y})
     window.update({"X": 0, "Y": 0, "Width": int(width), "Height": int(height)})
     return result
+
+
+def write_fitted(source: str, target: Path, extent: Box, width: int, height: int, aspect: Optional[float] = None) -> None:
+    """Reads an RViz config, fits it as `fit_config` does, and writes the result.
+
+    Raises:
+        CodedError: as `fit_config`; also "bad_config" if the source cannot be read.
+    """
+    try:
+        config = yaml.safe_load(Path(source).read_text(encoding="utf-8"))
+    except (OSError, yaml.YAMLError) as error:
+        raise CodedError("bad_config", f"cannot read the RViz config '{source}': {error}") from None
+    fitted = fit_config(config, extent, width, height, aspect)
+    write_atomically(target, yaml.safe_dump(fitted, default_flow_style=False, sort_keys=False).encode("utf-8"))
 
 
 def screen_size(description: str) -> Optional[Tuple[int, int]]:

@@ -208,36 +208,39 @@ class Spot:
     stamp: float
 
 
-def trails(layout: Layout, seen: Sequence[Spot], now: float, fade_s: float, lifetime: float) -> List[Shape]:
+FADE_S = 1.5  # how long a spot stays visible: long enough to follow with the eye
+_LIFETIME_S = 2.0 * FADE_S  # after which RViz removes it by itself, should this node have ended
+
+
+def trails(layout: Layout, seen: Sequence[Spot], now: float) -> List[Shape]:
     """Per camera a trail that fades into the floor's white.
 
     Args:
-        seen: the newest last; those older than `fade_s`, or from the future by more than that, are left out.
-        lifetime: [s] after which RViz removes them by itself.
+        seen: the newest last; those older than FADE_S, or from the future by more than that, are left out.
     """
     by_camera: Dict[str, List[Spot]] = {}
     for spot in seen:
-        if abs(now - spot.stamp) <= fade_s:
+        if abs(now - spot.stamp) <= FADE_S:
             by_camera.setdefault(spot.camera, []).append(spot)
     shapes = []
     for camera, trail in by_camera.items():
         tint = colours.camera_colour(camera)
         faded = tuple(
-            colours.blend(tint, colours.WHITE, 0.85 * max(0.0, now - spot.stamp) / fade_s) for spot in trail
+            colours.blend(tint, colours.WHITE, 0.85 * max(0.0, now - spot.stamp) / FADE_S) for spot in trail
         )
         points, width = tuple((spot.x, spot.y) for spot in trail), 0.014 * layout.unit
-        shapes.append(Shape(f"spots/{camera}/trail", 0, POINTS, points, Z_SPOT, (width,), faded, lifetime=lifetime))
+        shapes.append(Shape(f"spots/{camera}/trail", 0, POINTS, points, Z_SPOT, (width,), faded, lifetime=_LIFETIME_S))
     return shapes
 
 
-def live_spots(layout: Layout, seen: Sequence[Spot], now: float, fade_s: float, lifetime: float) -> List[Shape]:
+def live_spots(layout: Layout, seen: Sequence[Spot], now: float) -> List[Shape]:
     """Per camera a disc where it saw the spot last; arguments as for `trails`."""
-    newest = {spot.camera: spot for spot in seen if abs(now - spot.stamp) <= fade_s}
+    newest = {spot.camera: spot for spot in seen if abs(now - spot.stamp) <= FADE_S}
     shapes = []
     for camera, spot in newest.items():
         for number, (share, tint) in enumerate(((0.036, colours.BLACK), (0.028, colours.camera_colour(camera)))):
             z, size = Z_SPOT + 0.015 * (number + 1), (share * layout.unit,)
-            shapes.append(Shape(f"spots/{camera}", number, DISC, ((spot.x, spot.y),), z, size, (tint,), lifetime=lifetime))
+            shapes.append(Shape(f"spots/{camera}", number, DISC, ((spot.x, spot.y),), z, size, (tint,), lifetime=_LIFETIME_S))
     return shapes
 
 

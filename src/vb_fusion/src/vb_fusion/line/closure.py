@@ -101,8 +101,7 @@ def _without_overhang(points: np.ndarray, length: float) -> Tuple[int, int, floa
     head = np.flatnonzero(arc <= length / 3.0)
     tail = np.flatnonzero(arc >= 2.0 * length / 3.0)
     over = arc[head][:, None] + (length - arc[tail])[None, :]
-    # between two points the line may cross: a gap of less than their spacing is none
-    cost = np.maximum(cdist(points[head], points[tail]) - length / len(points), 0.0) + 0.5 * over
+    cost = cdist(points[head], points[tail]) + 0.5 * over
     i, j = np.unravel_index(int(np.argmin(cost)), cost.shape)
     return int(head[i]), int(tail[j]), float(cost[i, j])
 

@@ -27,7 +27,6 @@ FLOOR = 2.0 * TREMBLE  # [m] width of the floor that a place covers
 BRISK = 6.0  # [m/s] at this speed an unseen path costs as much floor as it crosses
 BLINK = 3.0 * MOMENT  # [s] a pointer that moves is seen again within it
 REST = 20.0 * MOMENT  # [s] a hand seldom rests for longer; a bright thing stays
-STRAY = 0.02  # of the spots of the strongest place of the same moment: the rest of a moment with hundreds of spots
 LOOK_BACK = 40  # places among which a predecessor is looked for: 4 s, less where more than one thing is seen
 
 
@@ -37,7 +36,7 @@ class Places:
 
     points: np.ndarray  # (P, 2) [m]
     stamps: np.ndarray  # (P,) [s]
-    sights: np.ndarray  # (N,) index of each sight's place; -1 if it is none
+    sights: np.ndarray  # (N,) index of each sight's place
 
     def until(self, sights: int) -> "Places":
         """The places of the first sights, if a moment ends there."""
@@ -46,11 +45,10 @@ class Places:
 
     def followed_by(self, others: "Places") -> "Places":
         """These and then the others."""
-        index = np.where(others.sights >= 0, others.sights + len(self.stamps), -1)
         return Places(
             np.vstack([self.points, others.points]),
             np.concatenate([self.stamps, others.stamps]),
-            np.concatenate([self.sights, index]),
+            np.concatenate([self.sights, others.sights + len(self.stamps)]),
         )
 
 
@@ -79,14 +77,8 @@ def find_places(seen: Sights) -> Places:
         group[order] = np.concatenate([[0], np.cumsum(new)])
     weights = np.bincount(group, seen.weights)
     x, y, time = (np.bincount(group, seen.weights * values) / weights for values in (*seen.points.T, seen.stamps))
-    moment = np.zeros(len(weights), dtype=np.int64)
-    moment[group] = moments(seen.stamps)
-    strongest = np.zeros(int(np.ptp(moment)) + 1)
-    np.maximum.at(strongest, moment - moment.min(), weights)
-    strong = weights >= STRAY * strongest[moment - moment.min()]
     order = np.lexsort((y, x, time))
-    order = order[strong[order]]
-    rank = np.full(len(weights), -1)
+    rank = np.empty(len(order), dtype=np.int64)
     rank[order] = np.arange(len(order))
     return Places(np.column_stack([x, y])[order], time[order], rank[group])
 

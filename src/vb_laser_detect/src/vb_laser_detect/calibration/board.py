@@ -6,7 +6,6 @@ known places of the map.
 from __future__ import annotations
 
 import math
-import os
 from dataclasses import dataclass
 from typing import List, Sequence, Tuple
 
@@ -27,16 +26,26 @@ _EDGE_MM = 8.0  # printers leave a margin
 _MODULE_PX = 2.3  # a marker's modules cannot be told apart when they are smaller in the image
 _MODULES = 6  # of a marker of DICT_4X4, with its black border
 _LEAST_CORNERS = 6
+_SQUARES = (5, 4)  # along P1 to P2, and across; large ones, as it is seen from the ceiling
+_MARKER_SHARE = 0.75  # of a square's side
+
+
+def paper_size(paper: str) -> Tuple[float, float]:
+    """(width, height) [mm] of a sheet.
+
+    Raises:
+        CodedError: "unknown_paper".
+    """
+    if paper not in PAPERS_MM:
+        raise CodedError("unknown_paper", paper=paper, papers=", ".join(PAPERS_MM))
+    return PAPERS_MM[paper]
 
 
 @dataclass(frozen=True)
 class BoardParams(Parameters):
-    """The board's design. The squares are large, as it is seen from the ceiling."""
+    """The board that is printed; its design is fixed."""
 
-    squares_x: int = param(5, "", low=3, high=20, doc="along P1 to P2")
-    squares_y: int = param(4, "", low=3, high=20)
     square: float = param(0.07, "m", above=0.0, high=1.0, doc="side of a square")
-    marker_share: float = param(0.75, "", low=0.4, high=0.9, doc="side of a marker, as a part of its square")
 
     @classmethod
     def for_paper(cls, paper: str) -> "BoardParams":
@@ -45,27 +54,19 @@ class BoardParams(Parameters):
         Raises:
             CodedError: "unknown_paper".
         """
-        if paper not in PAPERS_MM:
-            raise CodedError("unknown_paper", f"'{paper}' is not known; known are {', '.join(PAPERS_MM)}")
-        width, height = PAPERS_MM[paper]
-        square = min((width - 2 * _EDGE_MM) / cls.squares_x, (height - 2 * _EDGE_MM) / cls.squares_y)
+        width, height = paper_size(paper)
+        square = min((width - 2 * _EDGE_MM) / _SQUARES[0], (height - 2 * _EDGE_MM) / _SQUARES[1])
         return cls(square=math.floor(square) / 1e3)
 
     @property
     def size(self) -> Tuple[float, float]:
         """(width, height) [m]; the width is the distance of P1 and P2."""
-        return self.squares_x * self.square, self.squares_y * self.square
+        return _SQUARES[0] * self.square, _SQUARES[1] * self.square
 
     def opencv(self) -> "cv2.aruco.CharucoBoard":
         """The board as OpenCV's object."""
         dictionary = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_4X4_50)
-        count = self.squares_x * self.squares_y // 2
-        if count > 50:
-            squares = f"{self.squares_x} x {self.squares_y}"
-            raise CodedError("board_too_large", f"{squares} squares need {count} markers, there are 50")
-        return cv2.aruco.CharucoBoard(
-            (self.squares_x, self.squares_y), self.square, self.square * self.marker_share, dictionary
-        )
+        return cv2.aruco.CharucoBoard(_SQUARES, self.square, self.square * _MARKER_SHARE, dictionary)
 
 
 @dataclass(frozen=True)
@@ -110,23 +111,16 @@ def find_board(board: BoardParams, image: np.ndarray) -> BoardView:
     if markers:
         side = float(np.median([cv2.arcLength(marker, True) / 4 for marker in markers]))
         if side < _MODULES * _MODULE_PX:
-            raise CodedError(
-                "board_too_small",
-                f"the board's markers are {side:.0f} px wide in the image, {_MODULES * _MODULE_PX:.0f} px are needed: "
-                "print it on larger paper",
-            )
+            raise CodedError("board_too_small", px=f"{side:.0f}", least=f"{_MODULES * _MODULE_PX:.0f}")
     found = 0 if ids is None else len(ids)
     if not found and not markers:
-        raise CodedError(
-            "no_board",
-            "no board in the image: is it whole in the camera's view, lit evenly, without glare, and not too small?",
-        )
+        raise CodedError("no_board")
     if found < _LEAST_CORNERS:
-        raise CodedError("board_hidden", f"only {found} of the board's corners are seen, {_LEAST_CORNERS} are needed")
+        raise CodedError("board_hidden", corners=found, least=_LEAST_CORNERS)
     ids = ids.ravel()
     # refined once more: whether the detector counts pixels from their centres or their edges depends on its version
     # and within the white between corner and markers
-    window = max(2, min(5, int(side * (1.0 / board.marker_share - 1.0) / 2.0)))
+    window = max(2, min(5, int(side * (1.0 / _MARKER_SHARE - 1.0) / 2.0)))
     criteria = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 50, 0.001)
     pixels = cv2.cornerSubPix(grey, corners.astype(np.float32), (window, window), (-1, -1), criteria)
     return BoardView(pixels.reshape(-1, 2).astype(float), design.getChessboardCorners()[ids][:, :2].astype(float), ids)
@@ -139,23 +133,18 @@ def merge_views(views: Sequence[BoardView]) -> BoardView:
         CodedError: "no_board" without a view; "board_moved" if corners wander by more than a pixel.
     """
     if not views:
-        raise CodedError("no_board", "the board was seen in no image")
+        raise CodedError("no_board")
     seen: dict = {}
     for view in views:
         for number, pixel, corner in zip(view.ids, view.pixels, view.corners):
             seen.setdefault(int(number), (corner, []))[1].append(pixel)
     kept = {number: entry for number, entry in sorted(seen.items()) if len(entry[1]) >= 0.5 * len(views)}
     if len(kept) < _LEAST_CORNERS:
-        raise CodedError("board_hidden", f"only {len(kept)} of the board's corners are seen reliably")
+        raise CodedError("board_hidden", corners=len(kept), least=_LEAST_CORNERS)
     medians = np.array([np.median(pixels, axis=0) for _, pixels in kept.values()])
-    spread = np.array(
-        [
-            np.linalg.norm(np.asarray(pixels) - median, axis=1).mean()
-            for (_, pixels), median in zip(kept.values(), medians)
-        ]
-    )
+    spread = [np.linalg.norm(pixels - median, axis=1).mean() for (_, pixels), median in zip(kept.values(), medians)]
     if np.median(spread) > 1.0:
-        raise CodedError("board_moved", "the board moved in the image: wait until it and the camera are still")
+        raise CodedError("board_moved")
     return BoardView(medians, np.array([corner for corner, _ in kept.values()]), np.array(list(kept)))
 
 
@@ -168,11 +157,7 @@ def corners_on_map(board: BoardParams, corners: np.ndarray, p1: Sequence[float],
     p1, p2 = np.asarray(p1, dtype=float), np.asarray(p2, dtype=float)
     distance, width = float(np.linalg.norm(p2 - p1)), board.size[0]
     if not abs(distance - width) <= max(0.02, 0.02 * width):
-        raise CodedError(
-            "placement_mismatch",
-            f"the two places are {100 * distance:.1f} cm apart, but P1 and P2 of the board {100 * width:.1f} cm: "
-            "check the places, the paper, and that it was printed at 100 %",
-        )
+        raise CodedError("placement_mismatch", places=f"{100 * distance:.1f}", board=f"{100 * width:.1f}")
     # seen from above with P1 at the left and P2 at the right, the board's y points towards the viewer
     along = (p2 - p1) / distance
     down = np.array([along[1], -along[0]])
@@ -185,39 +170,24 @@ def write_board(board: BoardParams, paper: str, path: str) -> List[str]:
     """Writes the board at true size as PDF or PNG, by the path's extension; returns instructions for its use.
 
     Raises:
-        CodedError: "unknown_paper", "bad_file".
+        CodedError: "unknown_paper", "board_too_large", "bad_file".
     """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    if paper not in PAPERS_MM:
-        raise CodedError("unknown_paper", f"'{paper}' is not known; known are {', '.join(PAPERS_MM)}")
-    if not path.lower().endswith((".pdf", ".png")):
-        raise CodedError("bad_file", f"'{path}' must end with .pdf or .png")
-    if not os.path.isdir(os.path.dirname(os.path.abspath(path))):
-        raise CodedError("bad_file", f"there is no folder for '{path}'")
-    width, height = PAPERS_MM[paper]
+    width, height = paper_size(paper)
     board_width, board_height = (1e3 * side for side in board.size)
     left, top = (width - board_width) / 2, (height - board_height) / 2
     if left < 0 or top < 0:
-        raise CodedError("board_too_large", f"{board_width:.0f} x {board_height:.0f} mm do not fit on {paper}")
+        raise CodedError("board_too_large", size=f"{board_width:.0f} x {board_height:.0f} mm", paper=paper)
     figure = Figure(figsize=(width / 25.4, height / 25.4), dpi=300)
     FigureCanvasAgg(figure)
     page = figure.add_axes([0, 0, 1, 1])
-    page.set_xlim(0, width)
-    page.set_ylim(height, 0)
     page.axis("off")
     # a marker's module is a whole number of pixels, so that enlarging them keeps its edges where they belong
     picture = draw_board(board, 80.0 / board.square)
-    page.imshow(
-        picture,
-        cmap="gray",
-        vmin=0,
-        vmax=255,
-        interpolation="none",
-        aspect="equal",
-        extent=(left, left + board_width, top + board_height, top),
-    )
+    page.imshow(picture, cmap="gray", vmin=0, vmax=255, interpolation="none",
+                extent=(left, left + board_width, top + board_height, top))
     page.set_xlim(0, width)
     page.set_ylim(height, 0)
     small = dict(fontsize=9, color="black", va="center")
@@ -225,18 +195,13 @@ def write_board(board: BoardParams, paper: str, path: str) -> List[str]:
     page.text(left + board_width, top - 3.0, f"P2, {board_width:.0f} mm from P1 ◥", ha="right", **small)
     below = top + board_height + 3.5
     page.plot([left, left + 100.0], [below, below], color="black", linewidth=0.8)
-    page.text(
-        left + 103.0,
-        below,
-        f"100 mm: print at 100 %, not fitted to the page.   {paper}, squares of " f"{1e3 * board.square:.0f} mm",
-        ha="left",
-        **small,
-    )
+    page.text(left + 103.0, below, "100 mm: print at 100 %, not fitted to the page.   "
+              f"{paper}, squares of {1e3 * board.square:.0f} mm", ha="left", **small)
     try:
         figure.savefig(path)
-    except OSError as error:
-        raise CodedError("bad_file", f"cannot write '{path}': {error.strerror}") from None
+    except (OSError, ValueError) as error:  # no such folder; an extension that no writer knows
+        raise CodedError("bad_file", file=path, why=str(error)) from None
     return [
-        f"wrote {path}: {paper}, {board.squares_x} x {board.squares_y} squares of {1e3 * board.square:.0f} mm",
+        f"wrote {path}: {paper}, {_SQUARES[0]} x {_SQUARES[1]} squares of {1e3 * board.square:.0f} mm",
         f"Print it at 100 %. Check with a ruler: P1 to P2 is {board_width:.0f} mm. Glue it on something flat.",
     ]

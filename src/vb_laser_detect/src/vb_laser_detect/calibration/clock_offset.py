@@ -39,6 +39,6 @@ def clock_offset(exchanges: Sequence[Exchange]) -> ClockOffset:
         if returned >= sent and answered >= received and delay >= 0.0:
             found.append((delay, ((received - sent) + (answered - returned)) / 2.0))
     if not found:
-        raise CodedError("no_exchange", "no exchange of times succeeded")
+        raise CodedError("no_exchange")
     delay, offset = min(found)
     return ClockOffset(offset, delay / 2.0)

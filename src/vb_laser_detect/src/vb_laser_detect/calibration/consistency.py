@@ -60,8 +60,7 @@ def agreement(sightings: Iterable[Sighting], least: int = 20) -> List[CameraCons
     """
     tracks = _tracks(sightings)
     if len(tracks) < 2:
-        seen = ", ".join(tracks) or "none"
-        raise CodedError("one_camera", f"two cameras have to see the spot, so far: {seen}")
+        raise CodedError("one_camera", cameras=", ".join(tracks) or "-")
     found = []
     for first, second in itertools.combinations(sorted(tracks), 2):
         a, b = tracks[first], tracks[second]
@@ -77,15 +76,10 @@ def agreement(sightings: Iterable[Sighting], least: int = 20) -> List[CameraCons
         off = b[before, 1:] + share * (b[after, 1:] - b[before, 1:]) - a[:, 1:]
         distance = np.linalg.norm(off, axis=1)
         x, y = (float(value) for value in off.mean(axis=0))
-        found.append(
-            CameraConsistency(first, second, len(off), (x, y), float(np.median(distance)), float(np.percentile(distance, 95)))
-        )
+        median, p95 = (float(value) for value in np.percentile(distance, (50, 95)))
+        found.append(CameraConsistency(first, second, len(off), (x, y), median, p95))
     if not found:
-        raise CodedError(
-            "no_overlap",
-            f"no two of {', '.join(sorted(tracks))} saw the spot together {least} times: "
-            "draw slowly where they overlap",
-        )
+        raise CodedError("no_overlap", cameras=", ".join(sorted(tracks)), count=least)
     return found
 
 

@@ -1,9 +1,10 @@
 """A calibrated camera's file: its pose, which the launch file publishes, and what it was computed from."""
 from __future__ import annotations
 
+import contextlib
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, List, Mapping
+from typing import TYPE_CHECKING, Any, Dict, List, Mapping
 
 import numpy as np
 import yaml
@@ -120,24 +121,32 @@ def load(path: Path) -> CameraPose:
             raise ValueError("camera, parent and frame must be names")
         if not np.isfinite(translation).all():
             raise ValueError(f"translation {translation}")
+        if camera != path.stem:
+            raise ValueError(f"it is of camera '{camera}'")
         focal = float(content.get("focal_px", 0.0))
     except (KeyError, TypeError, ValueError) as error:
         raise CodedError("bad_calibration", f"'{path}' is no calibration: {error}") from None
-    if camera != path.stem:
-        raise CodedError("bad_calibration", f"'{path}' is of camera '{camera}'")
     return CameraPose(camera, parent, frame, geometry.transform(rotation, translation), focal)
 
 
-def require_own_frame(folder: str, camera: str, frame: str) -> None:
-    """Refuses an optical frame that another calibration in the folder uses: a frame has one pose.
+def frames_in(folder: str) -> Dict[str, str]:
+    """The frame of each camera that a calibration in the folder is for."""
+    frames = {}
+    for path in sorted(Path(folder).expanduser().glob("*.yaml")):
+        with contextlib.suppress(CodedError):
+            frames[path.stem] = load(path).frame
+    return frames
+
+
+def require_own_frame(camera: str, frame: str, frames: Mapping[str, str]) -> None:
+    """Refuses an optical frame that another camera has: a frame has one pose.
+
+    Args:
+        frames: of each camera, this one or others.
 
     Raises:
         CodedError: "shared_frame", naming the cameras.
     """
-    for path in sorted(Path(folder).expanduser().glob("*.yaml")):
-        try:
-            other = load(path)
-        except CodedError:
-            continue
-        if other.frame == frame and other.camera != camera:
-            raise CodedError("shared_frame", cameras=f"{other.camera}, {camera}", frame=frame)
+    same = [other for other, used in frames.items() if used == frame and other != camera]
+    if same:
+        raise CodedError("shared_frame", cameras=", ".join(sorted([*same, camera])), frame=frame)

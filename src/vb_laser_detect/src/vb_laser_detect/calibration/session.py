@@ -1,4 +1,4 @@
-"""What a person collects for a calibration, point by point, and its progress. No ROS, no terminal."""
+"""What a person collects for a calibration, place by place, and its progress. No ROS, no terminal."""
 from __future__ import annotations
 
 import math
@@ -11,11 +11,11 @@ from vb_core import geometry
 from vb_core.camera_model import CameraModel
 from vb_core.errors import CodedError
 from vb_laser_detect.calibration.pose import LEAST_POINTS, CalibrationParams, Observations, PoseEstimate, estimate_pose
-from vb_laser_detect.calibration.board import BoardParams, BoardView, corners_on_map, merge_views
 
 _HOLD_S = 2.0  # a spot is held this long before a point is taken
 _LEAST_SIGHTINGS = 5
 _STILL_PX = 3.0
+_SAME_PLACE_PX = 15.0  # what is shown nearer to an earlier place was not moved
 
 
 class HeldSpot:
@@ -40,64 +40,19 @@ class HeldSpot:
         """
         recent = np.array([(u, v) for stamp, u, v in self._sightings if stamp >= self._newest - _HOLD_S])
         if len(recent) < _LEAST_SIGHTINGS:
-            raise CodedError("no_spot", "the camera does not see the spot: is this place in its picture? Hold the spot still for two seconds and try again")
+            raise CodedError("no_spot")
         middle = np.median(recent, axis=0)
         away = np.linalg.norm(recent - middle, axis=1)
         if np.percentile(away, 80) > _STILL_PX:
-            raise CodedError("spot_moves", "the spot is not still: rest the pointer on something, then try again")
+            raise CodedError("spot_moves")
         return float(middle[0]), float(middle[1])
 
 
-class SpotSession:
-    """Pairs of the held spot's places in the image and in the map."""
-
-    method = "spots"
+class Session:
+    """Places on the floor that a camera was shown: a spot on each, or a board's corners."""
 
     def __init__(self, camera: CameraModel, params: CalibrationParams) -> None:
         self._camera, self._params = camera, params
-        self._pairs: List[Tuple[Tuple[float, float], Tuple[float, float]]] = []
-
-    def __len__(self) -> int:
-        return len(self._pairs)
-
-    @property
-    def observed(self) -> Observations:
-        """All pairs so far."""
-        pixels, points = zip(*self._pairs) if self._pairs else ((), ())
-        return Observations.single(np.array(pixels), np.array(points))
-
-    def add(self, pixel: Tuple[float, float], point: Tuple[float, float]) -> None:
-        """Adds a pair [px], [m].
-
-        Raises:
-            CodedError: "same_place" if it repeats one.
-        """
-        for other_pixel, other in self._pairs:
-            if math.hypot(pixel[0] - other_pixel[0], pixel[1] - other_pixel[1]) < 15.0:
-                place = f"({other[0]:.2f}, {other[1]:.2f})"
-                raise CodedError("same_place", f"the spot is where it was for {place}: move it first")
-        self._pairs.append((pixel, point))
-
-    def undo(self) -> bool:
-        """Removes the last pair."""
-        return bool(self._pairs) and self._pairs.pop() is not None
-
-    def solve(self) -> PoseEstimate:
-        """The camera's pose; raises what `estimate_pose` raises."""
-        return estimate_pose(self._camera, self.observed, self._params)
-
-    def progress(self) -> str:
-        """A line about how far one is."""
-        return progress(self, LEAST_POINTS, "point", "points")
-
-
-class BoardSession:
-    """Views of a board in several places."""
-
-    method = "board"
-
-    def __init__(self, camera: CameraModel, params: CalibrationParams, board: BoardParams) -> None:
-        self._camera, self._params, self._board = camera, params, board
         self._placed: List[Tuple[np.ndarray, np.ndarray]] = []
 
     def __len__(self) -> int:
@@ -105,18 +60,20 @@ class BoardSession:
 
     @property
     def observed(self) -> Observations:
-        """The corners in all places so far."""
-        return Observations.boards(self._placed)
+        """All points so far."""
+        return Observations.placed(self._placed)
 
-    def add(self, views: List[BoardView], p1: Tuple[float, float], p2: Tuple[float, float]) -> int:
-        """Adds views of the board with its two points at two places of the map [m]; returns the corners seen.
+    def add(self, pixels: np.ndarray, points: np.ndarray) -> None:
+        """Adds a place: a point's, or several points', (N, 2) in the image [px] and in the map [m].
 
         Raises:
-            CodedError: "no_board", "board_hidden", "board_moved", "placement_mismatch".
+            CodedError: "same_place" if the image shows it where it showed another one.
         """
-        view = merge_views(views)
-        self._placed.append((view.pixels, corners_on_map(self._board, view.corners, p1, p2)))
-        return len(view.ids)
+        pixels, points = (np.asarray(values, float).reshape(-1, 2) for values in (pixels, points))
+        for earlier, known in self._placed:
+            if np.linalg.norm(pixels.mean(axis=0) - earlier.mean(axis=0)) < _SAME_PLACE_PX:
+                raise CodedError("same_place", place="({:.2f}, {:.2f})".format(*known.mean(axis=0)))
+        self._placed.append((pixels, points))
 
     def undo(self) -> bool:
         """Removes the last place."""
@@ -127,26 +84,20 @@ class BoardSession:
         return estimate_pose(self._camera, self.observed, self._params)
 
     def progress(self) -> str:
-        """A line about how far one is."""
-        return progress(self, 1, "place", "places")
-
-
-def progress(session: "SpotSession | BoardSession", least: int, one: str, many: str) -> str:
-    """The result of the points so far, or what is missing."""
-    count = f"{len(session)} {one if len(session) == 1 else many}"
-    if len(session) < least:
-        return f"{count}; at least {least} are needed"
-    try:
-        estimate = session.solve()
-    except CodedError as error:
-        return f"{count}; not yet: {error}"
-    left_out = int((~estimate.used).sum())
-    return (
-        f"{count}: error {estimate.rms_px:.2f} px, {100 * estimate.rms_m:.2f} cm on the floor"
-        + (f", {left_out} of {len(estimate.used)} left out as wrong" if left_out else "")
-        + f"; a spot is certain to {100 * estimate.floor_sigma[0]:.1f} cm in the middle, "
-        f"{100 * estimate.floor_sigma[1]:.1f} cm at the worst place"
-    )
+        """A line with the result of the places so far, or with what is missing."""
+        points = len(self.observed)
+        count = f"{len(self)} place{'' if len(self) == 1 else 's'}"
+        if points < LEAST_POINTS:
+            return f"{count}; at least {LEAST_POINTS} are needed"
+        try:
+            estimate = self.solve()
+        except CodedError as error:
+            return f"{count}; not yet: {error}"
+        left_out = int((~estimate.used).sum())
+        middle, worst = 100 * np.array(estimate.floor_sigma)
+        return (f"{count}: error {estimate.rms_px:.2f} px, {100 * estimate.rms_m:.2f} cm on the floor"
+                + (f", {left_out} of {points} points left out as wrong" if left_out else "")
+                + f"; a spot is certain to {middle:.1f} cm in the middle, {worst:.1f} cm at the worst place")
 
 
 def describe(estimate: PoseEstimate, observed: Observations) -> List[str]:

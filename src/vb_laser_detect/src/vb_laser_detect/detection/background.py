@@ -186,6 +186,4 @@ class Background:
 
 def moved(image: np.ndarray, motion: np.ndarray, into: np.ndarray, how: int) -> np.ndarray:
     """An image after a motion (3, 3), in place of all pixels of another one that it covers."""
-    if np.array_equal(motion[2], (0.0, 0.0, 1.0)):  # in half the time
-        return cv2.warpAffine(image, motion[:2], into.shape[1::-1], into, how, cv2.BORDER_TRANSPARENT)
-    return cv2.warpPerspective(image, motion, into.shape[1::-1], into, how, cv2.BORDER_TRANSPARENT)
+    return cv2.warpAffine(image, motion[:2], into.shape[1::-1], into, how, cv2.BORDER_TRANSPARENT)

@@ -8,10 +8,9 @@ from __future__ import annotations
 
 import json
 import math
-from bisect import bisect_right
 from functools import lru_cache
 from pathlib import Path
-from typing import Dict, List, NamedTuple, Tuple
+from typing import Dict, NamedTuple, Tuple
 
 import numpy as np
 
@@ -42,8 +41,6 @@ class SpotClassifier:
 
     def __init__(self, curves: Dict[str, Tuple[np.ndarray, np.ndarray]], intercept: float) -> None:
         self.curves, self.intercept = curves, intercept
-        # for single values numpy's calls take longer than the work
-        self._lists = {name: (x.tolist(), y.tolist()) for name, (x, y) in curves.items()}
 
     def judge(self, blob: Blob, features: Dict[str, float], expected: bool = False) -> Verdict:
         """How likely a blob with these features is a spot; one that says nothing (NaN) adds nothing.
@@ -54,21 +51,12 @@ class SpotClassifier:
         """
         logit, least, against = self.intercept, math.inf, ""
         for name, value in features.items():
-            if name in self._lists and not math.isnan(value) and not (expected and name in _NOT_ASKED_AGAIN):
-                part = _interpolated(value, *self._lists[name])
+            if name in self.curves and not math.isnan(value) and not (expected and name in _NOT_ASKED_AGAIN):
+                part = float(np.interp(value, *self.curves[name]))
                 logit += part
                 if part < least:
                     least, against = part, name
         return Verdict(1.0 / (1.0 + math.exp(-max(-50.0, min(50.0, logit)))), against)
-
-
-def _interpolated(value: float, knots: List[float], values: List[float]) -> float:
-    """np.interp of one value."""
-    right = bisect_right(knots, value)
-    if right == 0 or right == len(knots):
-        return values[max(0, right - 1)]
-    part = (value - knots[right - 1]) / (knots[right] - knots[right - 1])
-    return values[right - 1] + part * (values[right] - values[right - 1])
 
 
 @lru_cache(maxsize=None)

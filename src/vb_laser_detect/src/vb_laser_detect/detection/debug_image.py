@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 
 from vb_laser_detect.detector import Spot
-from vb_laser_detect.detection.pixels import to_bgr
+from vb_laser_detect.detection.image_format import to_bgr
 
 _SPOT, _REFUSED = (0, 220, 0), (0, 140, 255)
 

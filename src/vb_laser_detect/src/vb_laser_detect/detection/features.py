@@ -15,7 +15,7 @@ import numpy as np
 from vb_laser_detect.detection.blocks import Region, max_channel
 
 EDGE = 0.35  # the blob is where the rise exceeds this part of its peak; ...
-CORES = (0.6, 0.75)  # ... its core, where it touches a bright line, or more that became brighter with it
+CORE = 0.6  # ... its core, where it touches a bright line, or more that became brighter with it
 _SHADOW = 0.5  # part of the light that a shadow leaves at least
 _ONE_MOSAIC = 0.75  # a small spot's colour in one mosaic depends on the places it falls on; in a mean it does not
 _WHITE = 240.0  # [grey levels] a pixel whose weakest channel is above says nothing about colour

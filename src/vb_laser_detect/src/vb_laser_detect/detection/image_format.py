@@ -42,3 +42,26 @@ class PixelReader:
         if image.dtype != np.uint8:
             raise CodedError("unknown_encoding", encoding=encoding)
         return image
+
+
+def to_bgr(image: np.ndarray, encoding: str) -> np.ndarray:
+    """A bgr copy (H, W, 3) of an image as it came.
+
+    Args:
+        encoding: as in sensor_msgs/Image.
+    """
+    image = PixelReader().read(image, encoding)
+    if encoding[:10] in BAYER:
+        return cv2.cvtColor(image, BAYER[encoding[:10]])
+    if image.ndim == 2:
+        return cv2.cvtColor(image, cv2.COLOR_GRAY2BGR)
+    if encoding.startswith("rgb"):
+        return cv2.cvtColor(image[:, :, :3], cv2.COLOR_RGB2BGR)
+    return image[:, :, :3].copy()
+
+
+def to_grey(image: np.ndarray, encoding: str) -> np.ndarray:
+    """(H, W) uint8 likewise."""
+    if image.ndim == 2 and encoding[:10] not in BAYER:
+        return PixelReader().read(image, encoding)
+    return cv2.cvtColor(to_bgr(image, encoding), cv2.COLOR_BGR2GRAY)

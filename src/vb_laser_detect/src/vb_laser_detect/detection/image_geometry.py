@@ -1,6 +1,7 @@
 """One image's geometry: where its pixels are on the floor, computed only where a candidate needs it."""
 from __future__ import annotations
 
+from functools import cached_property
 from typing import Any, Callable, Dict, List, Optional, Tuple
 
 import numpy as np
@@ -30,28 +31,19 @@ class Frame:
     """
 
     def __init__(
-        self,
-        camera: CameraModel,
-        pose: Callable[[], np.ndarray],
-        projector: FloorProjector,
-        depth: Optional[DepthAt] = None,
+        self, camera: CameraModel, pose: Callable[[], np.ndarray], projector: FloorProjector, depth: Optional[DepthAt] = None,
         stamp: Any = None,
     ) -> None:
         self.stamp = stamp
         self.unplaced: Optional[CodedError] = None
-        self._camera = camera
-        self._ask_pose = pose
-        self._pose: Optional[np.ndarray] = None
-        self._projector = projector
-        self._depth = depth
+        self._camera, self._projector = camera, projector
+        self._ask_pose, self._depth = pose, depth
         self._points: Dict[Tuple[float, float], FloorPoint] = {}
 
-    @property
+    @cached_property
     def pose(self) -> np.ndarray:
         """(4, 4) T_map_camera."""
-        if self._pose is None:
-            self._pose = self._ask_pose()
-        return self._pose
+        return self._ask_pose()
 
     def to_floor(self, pixels: np.ndarray) -> np.ndarray:
         """Pixels (N, 2) to the floor (N, 3) [m]; NaN without a pose, see `unplaced`."""
@@ -67,13 +59,9 @@ class Frame:
     def point(self, u: float, v: float) -> FloorPoint:
         """The floor point of a pixel, computed once; CodedError where there is none."""
         if (u, v) not in self._points:
-            self._points[u, v] = self._project(u, v)
+            where, at = (self._camera, self.pose, u, v), self._projector
+            self._points[u, v] = at.on_plane(*where) if self._depth is None else at.with_depth(*where, *self._depth())
         return self._points[u, v]
-
-    def _project(self, u: float, v: float) -> FloorPoint:
-        if self._depth is None:
-            return self._projector.on_plane(self._camera, self.pose, u, v)
-        return self._projector.with_depth(self._camera, self.pose, u, v, *self._depth())
 
     def refusal_at(self, u: float, v: float) -> str:
         """Why no spot can be at a pixel, or ""."""

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Optional, Sequence
+from typing import Callable, Optional, Sequence
 
 import cv2
 import numpy as np
@@ -17,6 +17,8 @@ from vb_core.camera_model import CameraModel
 from vb_core.errors import CodedError, ParameterError
 from vb_core.grid_map import GridMap
 from vb_core.parameters import Parameters, param
+
+ToFloor = Callable[[np.ndarray], np.ndarray]  # pixels (N, 2) to the floor (N, 2) [m], rows of NaN where there is none
 
 GROUND_PLANE = "ground_plane"
 DEPTH = "depth"
@@ -79,6 +81,14 @@ def pixels_of(camera: CameraModel, T_map_camera: np.ndarray, points: np.ndarray)
     return camera.project(geometry.apply(geometry.invert(T_map_camera), np.asarray(points, dtype=float).reshape(-1, 3)))
 
 
+def metres_per_pixel(to_floor: ToFloor, u: float, v: float) -> float:
+    """[m/px] floor length of a pixel, the mean over directions; NaN where the floor is not seen."""
+    here, right, below = np.asarray(to_floor(np.array([(u, v), (u + 1.0, v), (u, v + 1.0)])), dtype=float)[:, :2]
+    along, down = right - here, below - here
+    area = abs(float(along[0] * down[1] - along[1] * down[0]))
+    return math.sqrt(area) if math.isfinite(area) and area > 0.0 else math.nan
+
+
 class FloorProjector:
     """Projects the spots of one camera.
 
@@ -110,23 +120,20 @@ class FloorProjector:
         p = self.params
         if not (math.isfinite(u) and math.isfinite(v)) or not camera.contains(np.array([[u, v]]))[0]:
             raise CodedError("outside_image", f"the pixel ({u:.1f}, {v:.1f}) is not in the image")
-        pixels = np.array([[u, v], [u + 1.0, v], [u, v + 1.0]])
-        points = floor_points(camera, T_map_camera, pixels, p.floor_height)
+        point = floor_points(camera, T_map_camera, np.array([[u, v]]), p.floor_height)[0]
         origin = T_map_camera[:3, 3]
-        if origin[2] <= p.floor_height or not np.isfinite(points[0]).all():
+        if origin[2] <= p.floor_height or not np.isfinite(point).all():
             raise CodedError("misses_floor", "the ray does not meet the floor in front of the camera")
-        ray = points[0] - origin
+        ray = point - origin
         distance = float(np.linalg.norm(ray))
         incidence = math.degrees(math.acos(min(1.0, abs(ray[2]) / distance)))
         if incidence > p.max_incidence_deg:
             raise CodedError("too_flat_view", f"the floor is seen at {incidence:.0f} degrees from its normal")
         if distance > p.max_range:
             raise CodedError("too_far", f"the point is {distance:.1f} m away")
-        self._check_map(points[0])
-        a, b = points[1] - points[0], points[2] - points[0]
-        area = abs(float(a[0] * b[1] - a[1] * b[0]))
-        scale = math.sqrt(area) if math.isfinite(area) else math.nan
-        return FloorPoint(points[0], scale, GROUND_PLANE, distance)
+        self._check_map(point)
+        scale = metres_per_pixel(lambda pixels: floor_points(camera, T_map_camera, pixels, p.floor_height), u, v)
+        return FloorPoint(point, scale, GROUND_PLANE, distance)
 
     def with_depth(
         self,

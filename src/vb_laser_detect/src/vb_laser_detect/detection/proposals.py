@@ -27,11 +27,10 @@ _MAX_CHANGE_LOST = 0.12  # the same, for a moving camera whose motion is not kno
 
 
 class Proposal(NamedTuple):
-    """A region [px] to examine; which expected spot may be in it, and in which part; why it is not examined."""
+    """A region [px] to examine; which expected spot may be in it; why it is not examined."""
 
     region: Region
     expected: Optional[Expected] = None
-    part: Optional[Region] = None
     refusal: str = ""
 
     @property
@@ -140,8 +139,8 @@ class Proposer:
         proposals = []
         # most of what a person's clothes leave is found too large at once, and must not use up all places
         for region, level, _ in rated[: 2 * _MOST]:
-            part, spot = _part_of(region, expected)
-            proposals.append(Proposal(region, spot, part, "" if level >= _LEAST_LEVEL * self.white else "too_dark"))
+            spot = next((one for one in expected if one.part_of(region)), None)
+            proposals.append(Proposal(region, spot, "" if level >= _LEAST_LEVEL * self.white else "too_dark"))
         # published ones, other expected ones, the rest
         return sorted(proposals, key=lambda one: 2 if one.refusal or one.expected is None else int(not one.expected.published))
 
@@ -171,13 +170,3 @@ class Proposer:
             held[blocks_around(held.shape, spot.u, spot.v, 1.25 * spot.diameter + BLOCK)] = True
         if self._background.learn(view.image, view.rise, view.changed, held, elapsed, self._at_rest):
             self._begin()
-
-
-def _part_of(region: Region, expected: Sequence[Expected]) -> Tuple[Optional[Region], Optional[Expected]]:
-    """The part of a region where a spot is expected, and which; None if none is."""
-    for one in expected:
-        left, top = max(region[0], int(one.u - one.reach)), max(region[1], int(one.v - one.reach))
-        right, bottom = min(region[2], int(one.u + one.reach) + 1), min(region[3], int(one.v + one.reach) + 1)
-        if left < right and top < bottom:
-            return (left, top, right, bottom), one
-    return None, None

@@ -15,7 +15,9 @@ from typing import Any, Deque, List, NamedTuple, Optional, Sequence
 import cv2
 import numpy as np
 from scipy.optimize import linear_sum_assignment
+from scipy.spatial.distance import cdist
 
+from vb_laser_detect.detection.blocks import Region
 from vb_laser_detect.detector_params import DetectorParams
 from vb_laser_detect.detection.features import Camera, chroma
 
@@ -43,6 +45,9 @@ class Spot:
         confidence: 0 ... 1
         track: number of the spot in this camera's images; it stays while the spot is followed.
         refusal: why it is not published, or "".
+        certain: False if it was taken for a spot only since one was expected there.
+        tint: what `features.tint_of` said; None: without colour.
+        floor: (x, y) [m]; NaN where the pose is not known.
     """
 
     u: float
@@ -51,35 +56,17 @@ class Spot:
     confidence: float = 0.0
     track: int = 0
     refusal: str = ""
+    certain: bool = field(default=True, compare=False)
+    tint: Optional[np.ndarray] = field(default=None, compare=False)
+    floor: Sequence[float] = field(default=(math.nan, math.nan), compare=False)
 
 
-@dataclass(frozen=True)
-class BackfilledSpot:
-    """A spot of an earlier frame that a later one confirmed.
-
-    Attributes:
-        stamp: [s] of its frame.
-        tag: what `SpotDetector.tag` was then.
-    """
+class BackfilledSpot(NamedTuple):
+    """A spot of an earlier frame that a later one confirmed; its frame's time [s], and `SpotDetector.tag` then."""
 
     spot: Spot
     stamp: float
     tag: Any
-
-
-class Sighting(NamedTuple):
-    """What one image shows of a spot.
-
-    Attributes:
-        certain: False if it was taken for a spot only since one was expected there.
-        tint: what `features.tint_of` said; None: without colour.
-        floor: (x, y) [m]; NaN where the pose is not known.
-    """
-
-    spot: Spot
-    certain: bool = True
-    tint: Optional[np.ndarray] = None
-    floor: Sequence[float] = (math.nan, math.nan)
 
 
 class Expected(NamedTuple):
@@ -100,6 +87,12 @@ class Expected(NamedTuple):
     def holds(self, u: float, v: float) -> bool:
         """Whether a place [px] is within reach."""
         return math.hypot(u - self.u, v - self.v) <= self.reach
+
+    def part_of(self, region: Region) -> Optional[Region]:
+        """What is within reach of a region; None if nothing is."""
+        left, top = max(region[0], int(self.u - self.reach)), max(region[1], int(self.v - self.reach))
+        right, bottom = min(region[2], int(self.u + self.reach) + 1), min(region[3], int(self.v + self.reach) + 1)
+        return (left, top, right, bottom) if left < right and top < bottom else None
 
 
 @dataclass(eq=False)
@@ -123,7 +116,7 @@ class Track:
     hits: int = 0
     confirmed: bool = False
     published: bool = False
-    light: Any = None  # the sum of its sightings' tints
+    light: Optional[np.ndarray] = None  # the sum of its spots' tints
     waiting: List[BackfilledSpot] = field(default_factory=list)
 
 
@@ -172,42 +165,38 @@ class SpotTracker:
         trusted = self._stamp - track.certain_at <= max(_TRUST_S, _GAP_PERIODS * self.period_s)
         return Expected(u, v, reach, trusted, track.published)
 
-    def update(self, sightings: Sequence[Sighting], tag: Any = None) -> List[Track]:
-        """Adds the sightings of the image that was begun.
+    def update(self, spots: Sequence[Spot], tag: Any = None) -> List[Track]:
+        """Adds the spots of the image that was begun, the most certain first; returns the track of each.
 
         Args:
             tag: of the image, for spots that are backfilled.
-
-        Returns:
-            The track of each sighting.
         """
-        tracks = self._assign(sightings)
+        tracks = self._assign(spots)
         oldest = self._stamp - max(_RECALL_S, (self.params.confirm_frames + 1) * self.period_s)
-        for sighting, track in zip(sightings, tracks):
-            self._see(track, sighting)
+        for spot, track in zip(spots, tracks):
+            self._see(track, spot)
             track.waiting = [earlier for earlier in track.waiting if earlier.stamp >= oldest]
             if not track.confirmed:
-                track.waiting.append(BackfilledSpot(replace(sighting.spot, track=track.number), self._stamp, tag))
-        self._choose(tracks, sightings)
+                track.waiting.append(BackfilledSpot(replace(spot, track=track.number), self._stamp, tag))
+        self._choose(tracks)
         return tracks
 
-    def _assign(self, sightings: Sequence[Sighting]) -> List[Track]:
-        """The track of each sighting; the nearest pairs within reach, else a new one."""
-        if not sightings:
+    def _assign(self, spots: Sequence[Spot]) -> List[Track]:
+        """The track of each spot; the nearest pairs within reach, else a new one."""
+        if not spots:
             return []
-        places = np.array([(s.spot.u, s.spot.v, *s.floor) for s in sightings])
+        places = np.array([(spot.u, spot.v, *spot.floor) for spot in spots])
         axes = slice(0, 2) if math.isnan(places[0, 2]) else slice(2, 4)
         if axes != self._axes:
             self._tracks, self._axes = [], axes
         slack, speed = (_SLACK_M, _MAX_SPEED) if axes.start else (_SLACK_PX, _MAX_SPEED * self._camera.diagonal / _DIAGONAL_M)
-        found: List[Optional[Track]] = [None] * len(sightings)
+        found: List[Optional[Track]] = [None] * len(spots)
         if self._tracks:
             last = np.array([track.place[axes] for track in self._tracks])
             elapsed = np.array([self._stamp - track.stamp for track in self._tracks])
             ahead = last + elapsed[:, None] * [track.velocity[axes] for track in self._tracks]
-            off, off_ahead = (np.hypot(*(places[:, None, axes] - known).T).T for known in (last, ahead))
-            near = off <= slack + speed * elapsed
-            for row, column in zip(*linear_sum_assignment(np.where(near, off_ahead, 1e9))):
+            near = cdist(places[:, axes], last) <= slack + speed * elapsed
+            for row, column in zip(*linear_sum_assignment(np.where(near, cdist(places[:, axes], ahead), 1e9))):
                 if near[row, column]:
                     found[row] = self._tracks[column]
         for row, place in enumerate(places):
@@ -223,12 +212,12 @@ class SpotTracker:
                     track.rest, track.rests_since = place[:2].copy(), self._stamp
         return found
 
-    def _see(self, track: Track, sighting: Sighting) -> None:
-        if sighting.certain:
+    def _see(self, track: Track, spot: Spot) -> None:
+        if spot.certain:
             track.certain_at = self._stamp
             track.hits += 1
-            if sighting.tint is not None:
-                track.light = sighting.tint if track.light is None else track.light + sighting.tint
+            if spot.tint is not None:
+                track.light = spot.tint if track.light is None else track.light + spot.tint
         if track.hits < self.params.confirm_frames or track.confirmed:
             return
         # of a white glint hardly larger than a pixel one place of a Bayer pattern gets most, which looks like a colour; in
@@ -237,13 +226,13 @@ class SpotTracker:
         least = _VIVID if self._stamp - track.since < _STEP_S else _PALE if self._camera.mosaic else 0.0
         track.confirmed = self.params.confirm_frames <= 1 or shown >= least
 
-    def _choose(self, tracks: Sequence[Track], sightings: Sequence[Sighting]) -> None:
+    def _choose(self, tracks: Sequence[Track]) -> None:
         """Chooses the confirmed tracks to publish: those that were, then the most certain."""
         if self.params.confirm_frames <= 1:
             for track in self._tracks:
                 track.published = False
         left = self.params.max_spots - sum(track.published for track in self._tracks)
-        for track, _ in sorted(zip(tracks, sightings), key=lambda both: (not both[1].certain, -both[1].spot.confidence)):
+        for track in tracks:
             if track.confirmed and not track.published and left > 0:
                 track.published = True
                 left -= 1

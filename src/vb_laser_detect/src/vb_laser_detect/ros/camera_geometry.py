@@ -4,7 +4,7 @@ from __future__ import annotations
 import threading
 from collections import deque
 from functools import partial
-from typing import Deque, Optional, Tuple
+from typing import Any, Deque, Optional, Tuple
 
 import numpy as np
 import rospy
@@ -14,7 +14,7 @@ from vb_core import names
 from vb_core.camera_model import CameraModel
 from vb_core.errors import CodedError
 from vb_core.ros.cameras import camera_from_info
-from vb_core.ros.images import image_array
+from vb_core.ros.images import compressed_encoding, compressed_image_array, image_array
 from vb_core.ros.transforms import TransformLookup
 from vb_laser_detect.detection.image_geometry import Frame
 from vb_laser_detect.detection.projection import FloorProjector
@@ -22,6 +22,28 @@ from vb_laser_detect.ros.diagnostics import DetectorDiagnostics
 
 
 _TF_LATE = rospy.Duration(0.5)  # a pose this old has arrived by now, if any does
+
+
+def decoded(message: Any) -> Tuple[np.ndarray, str]:
+    """The pixels of a sensor_msgs/Image or CompressedImage, and their encoding.
+
+    Raises:
+        CodedError: "bad_image"
+    """
+    if hasattr(message, "encoding"):
+        return image_array(message), message.encoding
+    image = compressed_image_array(message)
+    return image, compressed_encoding(message, image)
+
+
+def beside(topic: str, name: str) -> str:
+    """The topic of another name in the same namespace, as image_transport pairs image and camera_info."""
+    return topic.rsplit("/", 1)[0] + "/" + name
+
+
+def is_rectified(topic: str) -> bool:
+    """Whether a topic's images have no distortion any more, as image_proc names them."""
+    return "rect" in topic.rsplit("/", 1)[-1].split("_")
 
 
 class InfoTopic:
@@ -146,16 +168,19 @@ class CameraGeometry:
         mobile: whether the camera moves.
         info, depth: topics; depth None: the floor is a plane.
         projector: the camera's.
+        params: the node's, with tf_wait_s, pose_refresh_s, depth_age_s; they may be changed between images.
     """
 
-    def __init__(self, mobile: bool, info: InfoTopic, depth: Optional[DepthTopic], projector: FloorProjector) -> None:
+    def __init__(
+        self, mobile: bool, info: InfoTopic, depth: Optional[DepthTopic], projector: FloorProjector, params: Any
+    ) -> None:
+        self.params = params
         self._mobile, self._info, self._depth, self._projector = mobile, info, depth, projector
         self._transforms = TransformLookup()
         self._pose: Optional[np.ndarray] = None
         self._pose_frame = ""
         self._pose_at: Optional[rospy.Time] = None
         self._unreachable = False
-        self.tf_wait_s, self.pose_refresh_s, self.depth_age_s = 0.1, 2.0, 0.08
 
     def frame(self, frame_id: str, stamp: rospy.Time, shape: Tuple[int, ...]) -> Frame:
         """An image's geometry. A moving camera's pose is looked up only when it is asked for.
@@ -166,26 +191,26 @@ class CameraGeometry:
         camera = self._info.fitting(shape)
         if self._mobile:
             self._check_reachable(frame_id, stamp)
-            pose = partial(self._transforms.lookup, names.MAP_FRAME, frame_id, stamp, self.tf_wait_s)
+            pose = partial(self._transforms.lookup, names.MAP_FRAME, frame_id, stamp, self.params.tf_wait_s)
         else:
             pose = partial(np.copy, self._stationary_pose(frame_id))
-        depth = partial(self._depth.near, stamp, self.depth_age_s, frame_id) if self._depth is not None else None
+        depth = partial(self._depth.near, stamp, self.params.depth_age_s, frame_id) if self._depth is not None else None
         return Frame(camera, pose, self._projector, depth, stamp)
 
     def _check_reachable(self, frame_id: str, stamp: rospy.Time) -> None:
         """Checks now and then that poses exist at all: an image without candidates does not need one."""
         now = rospy.Time.now()
-        if self._pose_at is None or abs((now - self._pose_at).to_sec()) >= self.pose_refresh_s or self._unreachable:
+        if self._pose_at is None or abs((now - self._pose_at).to_sec()) >= self.params.pose_refresh_s or self._unreachable:
             self._pose_at, self._unreachable = now, True
             try:
                 self._transforms.lookup(names.MAP_FRAME, frame_id, stamp - _TF_LATE, 0.0)
             except CodedError:  # just started, or gone
-                self._transforms.lookup(names.MAP_FRAME, frame_id, stamp, self.tf_wait_s)
+                self._transforms.lookup(names.MAP_FRAME, frame_id, stamp, self.params.tf_wait_s)
             self._unreachable = False
 
     def _stationary_pose(self, frame_id: str) -> np.ndarray:
         now = rospy.Time.now()
-        fresh = self._pose_at is not None and abs((now - self._pose_at).to_sec()) < self.pose_refresh_s
+        fresh = self._pose_at is not None and abs((now - self._pose_at).to_sec()) < self.params.pose_refresh_s
         if self._pose is not None and fresh and frame_id == self._pose_frame:
             return self._pose
         try:

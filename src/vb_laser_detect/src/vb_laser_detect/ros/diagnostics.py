@@ -3,16 +3,18 @@ from __future__ import annotations
 
 import threading
 import time
-from typing import Any, Dict, List, Optional, Tuple
+from typing import Any, Dict, Optional, Tuple
 
 import diagnostic_updater
 import numpy as np
 import rospy
 from diagnostic_msgs.msg import DiagnosticStatus
+from std_msgs.msg import Header
 
 from vb_core import names
 from vb_core.errors import CodedError
 from vb_core.ros.node import Mailbox
+from vb_laser_detect.calibration.file import require_own_frame
 from vb_laser_detect.detection.blocks import sample_blocks
 from vb_laser_detect.detection.detector_counts import DetectorCounts
 from vb_msgs.msg import DetectorStatus
@@ -57,6 +59,7 @@ class DetectorDiagnostics:
         self._image: Optional[np.ndarray] = None
         self.debug_images = 0
         self._started = rospy.Time.now()
+        self._status = DetectorStatus()  # the last one that was published
         self._publisher = rospy.Publisher(names.DETECTORS, DetectorStatus, queue_size=5)
         self._updater = diagnostic_updater.Updater()
         self._updater.setHardwareID(camera)
@@ -97,11 +100,12 @@ class DetectorDiagnostics:
         if self._mobile:
             return None
         with self._lock:
-            same = [name for name, (frame, at) in self._others.items()
-                    if frame == frame_id and time.monotonic() - at < _HEARD_S]
-        if not same:
-            return None
-        return CodedError("shared_frame", cameras=", ".join(sorted(same + [self._camera])), frame=frame_id)
+            frames = {name: frame for name, (frame, at) in self._others.items() if time.monotonic() - at < _HEARD_S}
+        try:
+            require_own_frame(self._camera, frame_id, frames)
+        except CodedError as error:
+            return error
+        return None
 
     def frame(
         self, stamp: rospy.Time, search_s: float, spots: int, image: np.ndarray, frame_id: str, confirmation_s: float
@@ -118,29 +122,22 @@ class DetectorDiagnostics:
     # ------------------------------------------------------------- what goes out
     def _publish(self, _event: Any) -> None:
         now = rospy.Time.now()
-        summary = self._statistics.summary(now.to_sec())
-        status = DetectorStatus()
-        status.header.stamp = now
-        status.camera, status.mobile, status.frame_id = self._camera, self._mobile, self._frame_id
-        status.received, status.dropped = self._mailbox.received, self._mailbox.dropped
-        status.processed, status.detected, status.spots = summary.processed, summary.detected, summary.spots
-        status.refusals, status.refusal_counts = list(summary.refusals), list(summary.refusals.values())
-        status.rate_hz, status.search_ms = summary.rate_hz, summary.search_ms
-        status.latency_ms, status.latency_p95_ms = summary.latency_ms, summary.latency_p95_ms
-        self._publisher.publish(status)
+        self._status = DetectorStatus(
+            Header(stamp=now), camera=self._camera, mobile=self._mobile, frame_id=self._frame_id, received=self._mailbox.received,
+            dropped=self._mailbox.dropped, **self._statistics.summary(now.to_sec()))
+        self._publisher.publish(self._status)
         self._updater.force_update()
 
     def _diagnose(self, status: Any) -> Any:
-        now = rospy.Time.now()
-        summary = self._statistics.summary(now.to_sec())
+        now, told = rospy.Time.now(), self._status
         with self._lock:
             missing = [self._standing] if self._standing else []
             faults = [(code, text) for code, (at, text) in self._faults.items() if abs((now - at).to_sec()) < _RECENT_S]
         recent = [f"{text} [{code}]" for code, text in faults]
         image = self._image
         saturated = float((sample_blocks(image) >= _SATURATED).mean()) if image is not None else 0.0
-        level, lines = DiagnosticStatus.OK, [f"{summary.rate_hz:.1f} images per second"]
-        if summary.rate_hz == 0.0 and (now - self._started).to_sec() > _SILENCE_S:
+        level, lines = DiagnosticStatus.OK, [f"{told.rate_hz:.1f} images per second"]
+        if told.rate_hz == 0.0 and (now - self._started).to_sec() > _SILENCE_S:
             level, lines = DiagnosticStatus.ERROR, ["no images"] + missing + recent
         elif missing:
             level, lines = DiagnosticStatus.ERROR, missing + recent
@@ -148,28 +145,23 @@ class DetectorDiagnostics:
             level, lines = DiagnosticStatus.WARN, recent
         elif self._confirmation_s > _SLOW_S:
             level, lines = DiagnosticStatus.WARN, [str(CodedError(
-                "slow_camera", rate=f"{summary.rate_hz:.1f}", seconds=f"{self._confirmation_s:.1f}"))]
+                "slow_camera", rate=f"{told.rate_hz:.1f}", seconds=f"{self._confirmation_s:.1f}"))]
         elif self._mobile and not self.colour:
             level, lines = DiagnosticStatus.WARN, [str(CodedError("no_colour", camera=self._camera))]
         elif saturated > _TOO_BRIGHT:
             level = DiagnosticStatus.WARN
             lines = [f"{100 * saturated:.0f} % of the image is saturated: reduce the exposure"]
-        status.summary(level, "; ".join(_unique(lines)))
-        status.add("rate [1/s]", f"{summary.rate_hz:.1f}")
-        status.add("latency, median [ms]", f"{summary.latency_ms:.1f}")
-        status.add("latency, 95th percentile [ms]", f"{summary.latency_p95_ms:.1f}")
-        status.add("search, median [ms]", f"{summary.search_ms:.2f}")
-        status.add("images received", str(self._mailbox.received))
-        status.add("images dropped", str(self._mailbox.dropped))
-        status.add("spots published", str(summary.spots))
+        status.summary(level, "; ".join(dict.fromkeys(lines)))
+        for name, value in (("rate [1/s]", told.rate_hz), ("latency, median [ms]", told.latency_ms),
+                            ("latency, 95th percentile [ms]", told.latency_p95_ms), ("search, median [ms]", told.search_ms)):
+            status.add(name, f"{value:.1f}")
+        status.add("images received", str(told.received))
+        status.add("images dropped", str(told.dropped))
+        status.add("spots published", str(told.spots))
         status.add("saturated part of the image", f"{saturated:.3f}")
         status.add("colour", "yes" if self.colour else "no")
         status.add("optical frame", self._frame_id)
         status.add("debug images drawn", str(self.debug_images))
-        for code, count in summary.refusals.items():
+        for code, count in zip(told.refusals, told.refusal_counts):
             status.add(f"refused: {code}", str(count))
         return status
-
-
-def _unique(lines: List[str]) -> List[str]:
-    return list(dict.fromkeys(lines))

@@ -1,7 +1,6 @@
 """Renders what a robot's colour and depth camera see."""
 from __future__ import annotations
 
-import copy
 import math
 from typing import Dict, List, Optional, Tuple
 
@@ -9,7 +8,6 @@ import cv2
 import numpy as np
 
 from vb_core import geometry
-from vb_core.camera_model import CameraModel
 from vb_sim.room import bodies, disturbances
 from vb_sim.room.floor_texture import FloorTexture
 from vb_sim.lab_history import Pose2, Snapshot
@@ -23,13 +21,6 @@ _CEILING = (206, 204, 198)
 _TILES = 7
 # a flat piece represents a round one: its front is this much nearer than its middle [m]
 _FRONT = 0.05
-
-
-def _cropped(camera: CameraModel, column: int, row: int, width: int, height: int) -> CameraModel:
-    matrix = camera.matrix.copy()
-    matrix[0, 2] -= column
-    matrix[1, 2] -= row
-    return CameraModel(width, height, matrix, camera.distortion)
 
 
 class RobotView:
@@ -68,11 +59,6 @@ class RobotView:
         while len(self._floors) < 5 and min(self._floors[-1].rgb.shape[:2]) > 64:
             self._floors.append(self._floors[-1].halved())
         self._pose: Pose2 = robot.start_pose()
-        self._prepare()
-        self._make_noise()
-
-    def _prepare(self) -> None:
-        """Makes what depends on the cameras' sizes."""
         self._buffer = DepthBuffer(RayGrid(self.color_model))
         self._depth_grid = RayGrid(self.depth_model)
         x, y = self._depth_grid.x, self._depth_grid.y
@@ -86,28 +72,13 @@ class RobotView:
         self._color_key: Optional[Tuple] = None
         self._light: Optional[FloorLight] = None
         self._depth_key: Optional[Tuple] = None
+        self._make_noise()
 
     def restart(self, models: CameraModels) -> None:
         """Forgets what moved, for another person in the same room: only the body may differ from before."""
         self._body, self._hand_height = models.body, models.hand_height
         self._pose = self.robot.start_pose()
         self._drawn_key = self._color_key = self._depth_key = None
-
-    def part(self, column: int, row: int, width: int, height: int) -> "RobotView":
-        """A view of a part of the image only, which costs less in proportion.
-
-        Args:
-            column, row, width, height: [px] of the colour image, multiples of a depth pixel's size.
-        """
-        part = copy.copy(self)
-        part.color_model = _cropped(self.color_model, column, row, width, height)
-        across = self.color_model.width // self.depth_model.width
-        down = self.color_model.height // self.depth_model.height
-        part.depth_model = _cropped(self.depth_model, column // across, row // down, width // across, height // down)
-        size = (slice(None), slice(part.depth_model.height), slice(part.depth_model.width))
-        part._depth_noise, part._depth_holes = self._depth_noise[size], self._depth_holes[size]
-        part._prepare()
-        return part
 
     def draw_from(self, draw: np.random.Generator) -> None:
         """Takes another source of noise, for frames that do not depend on those before."""

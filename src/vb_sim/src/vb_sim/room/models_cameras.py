@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import zlib
 from dataclasses import dataclass, field
-from typing import Any, Tuple
+from typing import Any, Mapping, Tuple
 
 import numpy as np
 
@@ -98,7 +98,11 @@ def load_camera_models(path: str) -> CameraModels:
         CodedError: "no_models" if there is no such file, "bad_models" if it is not YAML.
         ParameterError: names the key that is wrong.
     """
-    document = load_models(path)
+    return camera_models(load_models(path))
+
+
+def camera_models(document: Mapping[str, Any]) -> CameraModels:
+    """The same of a document that has been read."""
     return CameraModels(
         section(document, "optics", Optics),
         section(document, "camera_noise", CameraNoise),

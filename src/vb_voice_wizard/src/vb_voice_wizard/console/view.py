@@ -1,10 +1,10 @@
-"""What the wizard console shows, drawn with rich; no ROS."""
+"""What the wizard console shows, drawn with rich. Needs the messages, no node."""
 from __future__ import annotations
 
 import collections
 import textwrap
 from dataclasses import dataclass, field
-from typing import Any, Deque, Dict, List, Tuple
+from typing import Any, Deque, Dict, List, Optional, Sequence, Tuple
 
 from rich.console import Group, RenderableType
 from rich.layout import Layout
@@ -14,6 +14,9 @@ from rich.text import Text
 
 from vb_core import sentences
 from vb_core.notices import Notice, Severity
+from vb_core.ros.messages import mapping_from_values
+from vb_msgs.msg import BorderIssue, BorderPreview, BorderProgress, InteractionState, VirtualBorder
+
 from vb_voice_wizard.console.keys import DRAWING_KEYS, OTHER_KEYS, QUIT_KEY
 
 _STYLES = {"default": "white", "border": "orange1", "seed": "sky_blue2", "guide": "hot_pink"}
@@ -25,53 +28,38 @@ _LEAST_MESSAGES = 3
 _WIDEST = 400
 
 
-@dataclass(frozen=True)
-class BorderRow:
-    """A stored border as the console lists it."""
-
-    name: str
-    area_m2: float
-    enabled: bool
-    occupancy: float = 1.0
-
-
 @dataclass
 class View:
-    """Everything the console knows; plain values."""
+    """Everything the screen shows: the newest messages as they came, and what the console has found out itself."""
 
     master: str = ""  # the ROS master's address
     connected: bool = False  # whether it answers
-    state: str = ""  # "": the interaction manager has not been heard yet
     away: Tuple[str, ...] = ()  # codes of the nodes that do not answer
-    interaction_id: str = ""
-    times_s: Tuple[float, float, float] = (0.0, 0.0, 0.0)  # guide, border, seed
-    commands: Tuple[str, ...] = ()
-    border_spots: int = 0
-    seed_spots: int = 0
-    ignored_spots: int = 0
-    chain_points: int = 0
-    closed: bool = False
-    progress_message: str = ""
-    seeing: Tuple[str, ...] = ()
-    cameras: Tuple[str, ...] = ()
+    state: Optional[InteractionState] = None  # None: the interaction manager has not been heard yet
+    progress: BorderProgress = field(default_factory=BorderProgress)
+    preview: BorderPreview = field(default_factory=BorderPreview)
+    borders: Sequence[VirtualBorder] = ()
     robot: str = ""
-    preview: str = ""  # what saving now would do, "": there is nothing to save yet
-    preview_good: bool = False
-    issues: Tuple[Tuple[str, bool], ...] = ()  # of the preview: what, and whether it forbids saving
-    borders: Tuple[BorderRow, ...] = ()
-    stopped: bool = False
-    stopped_by: str = ""
     ends_in_s: float = 0.0  # 0: not soon
-    confirm_save: bool = False
     notices: Tuple[Notice, ...] = ()  # what holds now, the most severe first
     detectors: Tuple[Tuple[str, float], ...] = ()  # camera and images searched per second, 0 for a silent one
     level_db: float = 0.0  # of the microphone, full scale is 0; 0: there is none
     language: str = sentences.ENGLISH
     messages: Deque[Tuple[str, str, str]] = field(default_factory=lambda: collections.deque(maxlen=50))
 
+    @property
+    def drawn(self) -> BorderProgress:
+        """What was drawn in the current interaction."""
+        ours = self.state is not None and self.progress.interaction_id == self.state.interaction_id
+        return self.progress if ours else BorderProgress()
+
     def words(self, code: str, **values: Any) -> str:
         """The words for a code in the operator's language."""
         return sentences.say(code, values, self.language)
+
+    def sentence(self, said: Any) -> str:
+        """What a message with code, values and English sentence says, in the operator's language."""
+        return sentences.say(said.code, mapping_from_values(said.values), self.language, said.message) if said.code else said.message
 
     def say(self, clock: str, text: str, style: str) -> None:
         """Adds a message with the time of day, unless it repeats the last one."""
@@ -107,23 +95,24 @@ def render(view: View, width: int = 80, height: int = 24) -> Layout:
 def _head(view: View) -> Text:
     if not view.connected:
         return Text(view.words("console_waiting_master", address=view.master), style="bold red")
-    if not view.state:
+    state = view.state
+    if state is None:
         return Text(view.words("console_waiting_manager"), style="bold yellow")
     text = Text(no_wrap=True)
-    if view.stopped:
+    if state.stopped:
         # before everything else: on a narrow terminal the end of the line is cut
         text.append(f" {view.words('console_stopped')} ", style="bold white on red not reverse")
-        if view.stopped_by:
-            text.append(f" {view.words('console_stopped_by', who=view.stopped_by)} ", style="bold red not reverse")
-    text.append(f" {view.words('state_' + view.state).upper()} ", style=f"bold reverse {_STYLES.get(view.state, 'white')}")
-    if view.interaction_id:
-        text.append(f"  {_clock(sum(view.times_s))}", style="bold not reverse")
+        if state.stopped_by:
+            text.append(f" {view.words('console_stopped_by', who=state.stopped_by)} ", style="bold red not reverse")
+    text.append(f" {view.words('state_' + state.name).upper()} ", style=f"bold reverse {_STYLES.get(state.name, 'white')}")
+    if state.interaction_id:
+        text.append(f"  {_clock(state.guide_s + state.border_s + state.seed_s)}", style="bold not reverse")
     if view.away:
         who = ", ".join(map(view.words, view.away))
         text.append("  " + view.words("console_is_away", who=who), style="bold red not reverse")
-    elif view.interaction_id:
-        text.append(f"  {view.words('console_interaction')} {view.interaction_id}", style="dim not reverse")
-    if view.confirm_save:
+    elif state.interaction_id:
+        text.append(f"  {view.words('console_interaction')} {state.interaction_id}", style="dim not reverse")
+    if state.confirm_save:
         text.append("  " + view.words("console_confirm"), style="bold yellow not reverse")
     if view.ends_in_s > 0.0:
         text.append("  " + view.words("console_ends_in", time=_clock(view.ends_in_s)), style="bold yellow not reverse")
@@ -131,13 +120,13 @@ def _head(view: View) -> Text:
 
 
 def _interaction(view: View) -> Panel:
-    say = view.words
-    guide, border, seed = (f"{seconds:.1f}" for seconds in view.times_s)
-    chain = view.progress_message or say("console_none")
-    if view.chain_points:
-        chain = say("console_polygon" if view.closed else "console_curve", points=view.chain_points)
-    seeing = ", ".join(view.seeing) or say("console_nobody")
-    before = [camera for camera in view.cameras if camera not in view.seeing]
+    say, drawn, state = view.words, view.drawn, view.state or InteractionState()
+    guide, border, seed = (f"{seconds:.1f}" for seconds in (state.guide_s, state.border_s, state.seed_s))
+    chain = view.sentence(drawn) if drawn.code not in ("", "ok") else say("console_none")
+    if drawn.chain:
+        chain = say("console_polygon" if drawn.closed else "console_curve", points=len(drawn.chain))
+    seeing = ", ".join(drawn.seeing) or say("console_nobody")
+    before = [camera for camera in drawn.cameras if camera not in drawn.seeing]
     if before:
         seeing = say("console_seen_of", now=seeing, before=", ".join(before))
     detectors = ", ".join(
@@ -148,10 +137,10 @@ def _interaction(view: View) -> Panel:
     rows: Dict[str, Text] = {
         "console_time": Text(say("console_times", guide=guide, border=border, seed=seed)),
         "console_spots": Text(say(
-            "console_spot_counts", border=view.border_spots, seed=view.seed_spots, ignored=view.ignored_spots
+            "console_spot_counts", border=drawn.border_spots, seed=drawn.seed_spots, ignored=drawn.ignored_spots
         )),
         "console_chain": Text(chain),
-        "console_seen_by": Text(seeing, style="bold green" if view.seeing else ""),
+        "console_seen_by": Text(seeing, style="bold green" if drawn.seeing else ""),
         "console_cameras": Text(detectors or say("console_none"), style=BAD if silent else ""),
         "console_robot": Text(view.robot or say("console_unknown")),
         "console_voice": Text(say("console_level", level=f"{view.level_db:.0f}") if view.level_db else say("console_none")),
@@ -177,7 +166,7 @@ def _borders(view: View, room: int) -> Panel:
         line.add_column(no_wrap=True, overflow="ellipsis", ratio=1)
         line.add_column(no_wrap=True, justify="right")
         style = "" if row.enabled else "dim"
-        line.add_row(Text(row.name, style=style), Text(details, style=style))
+        line.add_row(Text(row.name or row.id, style=style), Text(details, style=style))
         lines.append(line)
     return Panel(
         Group(*(lines or [Text(view.words("console_none"), style="dim")])),
@@ -186,11 +175,17 @@ def _borders(view: View, room: int) -> Panel:
 
 
 def _preview(view: View, width: int) -> Panel:
-    good = GOOD if view.preview_good else BAD
-    lines = [Text(line, style=good) for line in _wrapped(view.preview, width)] if view.preview else []
-    for what, forbids in view.issues:
-        if what not in view.preview:
-            lines += [Text(line, style="bold red" if forbids else BAD) for line in _wrapped(f"! {what}", width)]
+    preview = view.preview
+    good, text = preview.available and preview.success, view.sentence(preview)
+    if good:
+        text = view.words("preview_restricts", area=f"{preview.area_m2:.2f}")
+        if preview.free_parts > 1:
+            text += " " + view.words("preview_parts", parts=preview.free_parts)
+    lines = [Text(line, style=GOOD if good else BAD) for line in _wrapped(text, width)] if text else []
+    for issue in preview.issues:
+        what, style = view.sentence(issue), "bold red" if issue.severity == BorderIssue.ERROR else BAD
+        if what not in text:
+            lines += [Text(line, style=style) for line in _wrapped(f"! {what}", width)]
     if not lines:
         lines = [Text(view.words("console_nothing_to_save"), style="dim")]
     return Panel(Group(*lines[: _PREVIEW - 2]), title=view.words("console_save_now"), padding=(0, 1))
@@ -227,7 +222,7 @@ def _keys(view: View) -> Group:
     lines = [Text(no_wrap=True) for _ in range(_KEYS)]
     for line, keys in zip(lines, (DRAWING_KEYS, OTHER_KEYS)):
         for key, command in keys.items():
-            sensible = command in view.commands
+            sensible = view.state is not None and command in view.state.commands
             shown = view.words("console_space") if key == " " else key
             line.append(f" {shown} ", style="bold reverse" if sensible else "reverse dim")
             line.append(f" {view.words('command_' + command)}  ", style="bold" if sensible else "dim")

