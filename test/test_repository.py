@@ -62,7 +62,7 @@ def test_manifests_name_what_is_imported(package):
 # keys outside of Noetic's own packages, looked up in rosdistro's rosdep/python.yaml and base.yaml
 ROSDEP_KEYS = {"alsa-utils"} | {
     "python3-" + name
-    for name in ("hypothesis", "jinja2", "matplotlib", "numpy", "opencv", "pandas", "pytest", "rospkg", "scipy", "setuptools", "shapely", "tornado", "yaml")
+    for name in ("hypothesis", "jinja2", "matplotlib", "numpy", "opencv", "pandas", "pytest", "rospkg", "scipy", "setuptools", "shapely", "sklearn", "tornado", "yaml")
 }
 
 
