@@ -57,7 +57,7 @@ from vb_map_integration.integration import integrate
 from vb_msgs.msg import DriverState, LabState, VirtualBorder
 from vb_msgs.srv import AddBorder, AddBorderRequest, RemoveBorder, RemoveBorderRequest
 from vb_robot.clearance_map import STAND_MARGIN, ClearanceMap, sample
-from vb_robot.driving.workspace import Doubt
+from vb_robot.driving.workspace import PoseUncertainty
 from vb_robot.navigation_parameters import PATH_MARGIN
 from vb_sim.room.floor_plan import physical_map
 from vb_sim.room.world import load_world
@@ -361,10 +361,10 @@ def localisation(runs):
         return []
     enough = []
     for run in runs:
-        doubt = Doubt()
+        uncertainty = PoseUncertainty()
         for error, spread in run["errors"]:
-            doubt.add(np.eye(2) * (0.5 * spread) ** 2)
-            enough.append(error <= doubt.metres)
+            uncertainty.add(np.eye(2) * (0.5 * spread) ** 2)
+            enough.append(error <= uncertainty.metres)
     errors, spreads = np.vstack([run["errors"] for run in runs]).T
     share = proportion(sum(enough), len(enough))
     return ["", "## The localisation", "",

@@ -13,7 +13,7 @@ from vb_robot.driving.safety import Scan, SpeedLimits
 from vb_robot.driving.following import BACK_TO_DISTANCE, FAR_DISTANCE, MAX_SPEED, MAX_TURN, NEAR_DISTANCE
 from vb_robot.spots import BORDER, DEFAULT, GUIDE, SEED, Sighting, Sightings
 from vb_robot.dispatching.view import FloorView, to_base
-from vb_robot.driving.workspace import LEAST_DOUBT, Doubt, Workspace
+from vb_robot.driving.workspace import LEAST_UNCERTAINTY, PoseUncertainty, Workspace
 
 DT, PROFILE, VIEW = 0.05, RobotProfile(), FloorView.usual()
 
@@ -46,7 +46,7 @@ class Rig:
         self._said, self._stood, self.correction = -math.inf, 0.0, 0.0
 
     def set_grid(self, grid):
-        self.driver.set_maps(Workspace(grid, empty(), PROFILE.radius, doubt=Doubt().metres))
+        self.driver.set_maps(Workspace(grid, empty(), PROFILE.radius, uncertainty=PoseUncertainty().metres))
 
     def set_state(self, state, interaction="a"):
         self.state, self._said = (state, interaction if state else "", self.now), -math.inf
@@ -286,7 +286,7 @@ def test_speed_limits_hold_for_navigation():
 
 
 @pytest.mark.parametrize("who", ["follow", "navigation", "teleop"])
-@pytest.mark.parametrize("off", [0.0, LEAST_DOUBT])
+@pytest.mark.parametrize("off", [0.0, LEAST_UNCERTAINTY])
 def test_a_border_put_before_its_nose_is_not_crossed_also_if_the_localisation_is_off(who, off):
     for gap in (0.05, 0.15, 0.3):
         rig = Rig()

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from vb_core.grid_map import GridMap
-from vb_robot.driving.workspace import LEAST_DOUBT, MOST_DOUBT, UPDATES, BorderContact, Doubt, KnownBorder, Workspace
+from vb_robot.driving.workspace import LEAST_UNCERTAINTY, MOST_UNCERTAINTY, UPDATES, BorderContact, PoseUncertainty, KnownBorder, Workspace
 
 
 def workspace(borders, *squares, value=100):
@@ -77,14 +77,14 @@ def test_a_map_lets_a_robot_out_but_not_further_in():
 
 def test_what_the_localisation_may_be_off_is_kept_off_borders_and_not_off_walls():
     plain = workspace([CARPET], (0.5, 1.5, 0.5, 1.5))
-    doubtful = Workspace(plain.borders, plain.physical, 0.18, [CARPET], doubt=0.1)
+    uncertain = Workspace(plain.borders, plain.physical, 0.18, [CARPET], uncertainty=0.1)
     beside_border, beside_wall = (2.0, 1.0, math.pi), (2.4, 4.0, 0.0)
     for pose, less in ((beside_border, 0.1), (beside_wall, 0.0)):
-        before, after = (here.free_distance(pose, 0.2, 0.0, 0.0, False) for here in (plain, doubtful))
+        before, after = (here.free_distance(pose, 0.2, 0.0, 0.0, False) for here in (plain, uncertain))
         assert before - after == pytest.approx(less, abs=0.03)
     # what people are told does not depend on it
-    assert doubtful.standing((1.73, 1.0)) is plain.standing((1.73, 1.0)) is BorderContact.FREE
-    soft = Workspace(workspace([], (0.5, 1.5, 0.5, 1.5), value=75).borders, plain.physical, 0.18, doubt=0.1)
+    assert uncertain.standing((1.73, 1.0)) is plain.standing((1.73, 1.0)) is BorderContact.FREE
+    soft = Workspace(workspace([], (0.5, 1.5, 0.5, 1.5), value=75).borders, plain.physical, 0.18, uncertainty=0.1)
     assert np.array_equal(soft.keep_out.data, soft.borders.data), "what may be entered is not made larger"
 
 
@@ -92,20 +92,20 @@ def test_the_map_for_navigation_has_what_the_driver_keeps_out_of():
     plain = workspace([], (0.5, 1.5, 0.5, 1.5))
     data = plain.borders.data.copy()
     data[31:, :] = -1
-    here = Workspace(plain.borders.with_data(data), plain.physical.with_data(np.minimum(data, plain.physical.data)), 0.18, doubt=0.1)
+    here = Workspace(plain.borders.with_data(data), plain.physical.with_data(np.minimum(data, plain.physical.data)), 0.18, uncertainty=0.1)
     grown = here.keep_out.data != here.borders.data
     assert grown.any() and (here.keep_out.data[grown] == 100).all() and (here.borders.data[grown] == 0).all()
     assert (here.keep_out.data[data < 0] == -1).all(), "unknown floor stays unknown: navigation does not plan there"
 
 
-def test_the_doubt_follows_the_localisations_own_spread_at_once_up_and_slowly_down():
-    doubt = Doubt()
-    assert doubt.metres == LEAST_DOUBT, "without a covariance"
-    assert not doubt.add(np.diag([0.01, 0.005]) ** 2) and doubt.metres == LEAST_DOUBT
+def test_the_uncertainty_follows_the_localisations_own_spread_at_once_up_and_slowly_down():
+    uncertainty = PoseUncertainty()
+    assert uncertainty.metres == LEAST_UNCERTAINTY, "without a covariance"
+    assert not uncertainty.add(np.diag([0.01, 0.005]) ** 2) and uncertainty.metres == LEAST_UNCERTAINTY
     turned = np.array([[0.5, 0.5], [-0.5, 0.5]]) * math.sqrt(2.0)
-    assert doubt.add(turned @ np.diag([0.12, 0.005]) ** 2 @ turned.T), "the worst direction, in steps"
-    assert doubt.metres == pytest.approx(0.075)
-    changed = [doubt.add(np.diag([0.01, 0.01]) ** 2) for _ in range(UPDATES)]
-    assert changed == [False] * (UPDATES - 1) + [True] and doubt.metres == LEAST_DOUBT
-    doubt.add(np.full((2, 2), math.nan))
-    assert doubt.metres == MOST_DOUBT, "what makes no sense is no reason to come nearer"
+    assert uncertainty.add(turned @ np.diag([0.12, 0.005]) ** 2 @ turned.T), "the worst direction, in steps"
+    assert uncertainty.metres == pytest.approx(0.075)
+    changed = [uncertainty.add(np.diag([0.01, 0.01]) ** 2) for _ in range(UPDATES)]
+    assert changed == [False] * (UPDATES - 1) + [True] and uncertainty.metres == LEAST_UNCERTAINTY
+    uncertainty.add(np.full((2, 2), math.nan))
+    assert uncertainty.metres == MOST_UNCERTAINTY, "what makes no sense is no reason to come nearer"

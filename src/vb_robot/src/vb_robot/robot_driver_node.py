@@ -35,7 +35,7 @@ from vb_msgs.msg import BorderProgress, DriverState, InteractionState, VirtualBo
 from vb_robot.driving import driver as drivers
 from vb_robot.driving.driver import Command, Driver
 from vb_robot.driving.safety import Scan, SpeedLimits
-from vb_robot.driving.workspace import BorderContact, Doubt, KnownBorder, Workspace
+from vb_robot.driving.workspace import BorderContact, PoseUncertainty, KnownBorder, Workspace
 from vb_robot.inputs import CameraView, SpotListener
 
 STATE_EACH = 0.5  # [s] between reports of who drives, even if nothing changes
@@ -98,7 +98,7 @@ class RobotDriverNode:
         self._lock = threading.Lock()
         self._maps: Dict[str, GridMap] = {}
         self._borders: List[KnownBorder] = []
-        self._doubt = Doubt()
+        self._uncertainty = PoseUncertainty()
         self._mounts: Dict[str, np.ndarray] = {}
         self._bad_goal: Optional[Notice] = None
         self._bad_goal_until = -1.0
@@ -229,14 +229,14 @@ class RobotDriverNode:
 
     def _on_covariance(self, message: PoseWithCovarianceStamped) -> None:
         with self._lock:
-            if self._doubt.add(np.reshape(message.pose.covariance, (6, 6))[:2, :2]):
-                rospy.loginfo("%s: keeps off borders by %.3f m more", rospy.get_name(), self._doubt.metres)
+            if self._uncertainty.add(np.reshape(message.pose.covariance, (6, 6))[:2, :2]):
+                rospy.loginfo("%s: keeps off borders by %.3f m more", rospy.get_name(), self._uncertainty.metres)
                 self._use_maps()
 
     def _use_maps(self) -> None:
         if "borders" in self._maps:
             workspace = Workspace(self._maps["borders"], self._maps.get("physical"), self._profile.radius, self._borders,
-                                  self._doubt.metres)
+                                  self._uncertainty.metres)
             self._driver.set_maps(workspace)
             self._keep_out.publish(message_from_grid(workspace.keep_out, rospy.Time.now()))
 

@@ -22,13 +22,13 @@ from vb_robot.driving.safety import HORIZON, arc
 
 HARD = 99  # [%] from this occupancy on a cell is never entered
 # How far off the localisation may be. AMCL tells how far its particles are spread, and its pose, which is their mean, is off
-# by much less: with these values by less than what robots keep at 94 of 100 updates (docs/results/robots_navigation.md). For
+# by much less: at 96 of 100 updates by less than what robots keep with these values (docs/results/robots_navigation.md). For
 # the rest there is what navigation itself keeps.
 SHARE = 0.75  # of the particles' standard deviation
-LEAST_DOUBT = 0.05  # [m] also where no covariance is published
-MOST_DOUBT = 0.10  # [m] places to look from are that far from borders; goals farther in would all be refused
-DOUBT_STEP = 0.025  # [m] a cell of most maps: with each step navigation gets another map
-UPDATES = 5  # of the localisation, half a metre of driving: for that long its largest doubt counts
+LEAST_UNCERTAINTY = 0.05  # [m] also where no covariance is published
+MOST_UNCERTAINTY = 0.10  # [m] places to look from are that far from borders; goals farther in would all be refused
+UNCERTAINTY_STEP = 0.025  # [m] a cell of most maps: with each step navigation gets another map
+UPDATES = 5  # of the localisation, half a metre of driving: for that long its largest uncertainty counts
 
 
 @dataclass(frozen=True)
@@ -55,7 +55,7 @@ class BorderContact(enum.Enum):
     INSIDE = 2
 
 
-class Doubt:
+class PoseUncertainty:
     """How far off the localisation may be, by its own covariance, in the worst direction.
 
     Attributes:
@@ -63,15 +63,16 @@ class Doubt:
     """
 
     def __init__(self) -> None:
-        self.metres = LEAST_DOUBT
+        self.metres = LEAST_UNCERTAINTY
         self._last: Deque[float] = deque(maxlen=UPDATES)
 
     def add(self, covariance: np.ndarray) -> bool:
-        """Takes the covariance (2, 2) [m^2] of x and y of one update; returns whether the doubt has changed."""
+        """Takes the covariance (2, 2) [m^2] of x and y of one update; returns whether the uncertainty has changed."""
         worst = float(np.linalg.eigvalsh(covariance)[-1]) if np.isfinite(covariance).all() else math.inf
         self._last.append(SHARE * math.sqrt(max(worst, 0.0)))
         before = self.metres
-        self.metres = DOUBT_STEP * math.floor(min(max(*self._last, LEAST_DOUBT), MOST_DOUBT) / DOUBT_STEP + 1e-6)
+        wanted = min(max(*self._last, LEAST_UNCERTAINTY), MOST_UNCERTAINTY)
+        self.metres = UNCERTAINTY_STEP * math.floor(wanted / UNCERTAINTY_STEP + 1e-6)
         return self.metres != before
 
 
@@ -85,15 +86,15 @@ class Workspace:
         physical: the one without; if it is missing, or of another geometry, nothing is known to be a border.
         radius: [m] of the robot.
         known: the borders that are enabled and meant for this robot.
-        doubt: [m] by which its localisation may be off.
+        uncertainty: [m] by which its localisation may be off.
 
     Attributes:
-        keep_out: the map with borders, with those that must not be entered grown by the doubt.
+        keep_out: the map with borders, with those that must not be entered grown by the uncertainty.
     """
 
     def __init__(
         self, borders: GridMap, physical: Optional[GridMap], radius: float, known: Sequence[KnownBorder] = (),
-        doubt: float = 0.0,
+        uncertainty: float = 0.0,
     ) -> None:
         if physical is None or not physical.same_geometry(borders):
             physical = borders
@@ -106,7 +107,7 @@ class Workspace:
             clearance_grid(cells, borders.resolution, edge=False)
             for cells in (self._restricted, self._hard, physical.data >= HARD))
         self.keep_out = borders.with_data(
-            np.where((self._to_hard < doubt) & (borders.data >= 0), np.int8(100), borders.data))
+            np.where((self._to_hard < uncertainty) & (borders.data >= 0), np.int8(100), borders.data))
         self._to_anything = clearance_grid(self.keep_out.data >= HARD, borders.resolution, edge=False)
 
     def standing(self, place) -> BorderContact:
