@@ -13,11 +13,13 @@ import rosnode
 import rospy
 import rostest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from geometry_msgs.msg import TransformStamped
 from sensor_msgs.msg import CameraInfo, Image
+from tf2_msgs.msg import TFMessage
 
 from vb_core import names
 from vb_core.ros.messages import mapping_from_values
-from vb_msgs.msg import NoticeArray
+from vb_msgs.msg import DetectorStatus, LaserSpot, NoticeArray
 
 
 def listening_beyond_loopback(pid):
@@ -116,6 +118,38 @@ class CheckLab(unittest.TestCase):
 
     def test_a_camera_that_should_be_there_is_told_to_people(self):
         self.wait(lambda: ("detector_missing", "south") in self.told)
+
+    def test_cameras_that_disagree_are_told_until_one_of_them_has_another_pose(self):
+        spots = rospy.Publisher(names.SPOTS, LaserSpot, queue_size=10)
+        states = rospy.Publisher(names.DETECTORS, DetectorStatus, queue_size=10)
+        poses = rospy.Publisher("/tf_static", TFMessage, queue_size=1)
+        told = lambda: "cameras_disagree" in {code for code, _ in self.told}  # noqa: E731
+
+        def until(arrived, each):
+            """Does `each` ten times a second until something has arrived."""
+            step = 0
+            with self.changed:
+                while not arrived() and step < 2400:
+                    each(step)
+                    step += 1
+                    self.changed.wait(0.1)
+            self.assertTrue(arrived(), self.told)
+
+        def draw(step):
+            for camera, off in (("east", 0.0), ("west", 0.1)):
+                states.publish(camera=camera, frame_id=f"{camera}_frame", received=step)
+                spot = LaserSpot(camera=camera)
+                spot.header.stamp = rospy.Time.now()
+                spot.position.x, spot.position.y = 0.01 * step + off, 1.0
+                spots.publish(spot)
+
+        def move(step):
+            pose = TransformStamped(child_frame_id="west_frame")
+            pose.transform.translation.x = 0.1 * (step % 2)
+            poses.publish(TFMessage([pose]))
+
+        until(told, draw)
+        until(lambda: not told(), move)
 
     def test_the_running_lab_says_by_itself_what_is_wrong(self):
         self.wait(lambda: ("lab_camera_not_calibrated", "north") in self.told)

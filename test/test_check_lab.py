@@ -216,5 +216,7 @@ def test_cameras_that_see_the_laser_at_different_places_are_named_until_they_agr
     found = comparison.notices(231.0)
     assert {(one.values["first"], one.values["second"]) for one in found} == {("east", "south"), ("north", "south")}
     assert {one.code for one in found} == {"cameras_disagree"} and all(8 < int(one.values["cm"]) < 14 for one in found)
-    draw(300.0, 0.0)  # calibrated again
+    comparison.forget("south")  # calibrated again, and nobody has drawn since
+    assert comparison.notices(232.0) == []
+    draw(300.0, 0.0)
     assert comparison.notices(331.0) == []

@@ -97,6 +97,10 @@ class CameraComparison:
         """A spot [m] of a stationary camera, in the map, at the time of its image [s]."""
         self._sightings.setdefault(camera, deque(maxlen=_SIGHTINGS)).append((camera, stamp, x, y))
 
+    def forget(self, camera: str) -> None:
+        """Forgets what a camera saw: it has another pose now."""
+        self._sightings.pop(camera, None)
+
     def notices(self, now: float) -> List[Notice]:
         """One notice for each two cameras that disagree."""
         fresh = [one for seen in self._sightings.values() for one in seen if 0.0 <= now - one[1] <= _REMEMBERED_S]

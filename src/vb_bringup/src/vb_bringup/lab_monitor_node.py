@@ -13,11 +13,12 @@ import time
 import xmlrpc.client
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, FrozenSet, List, Optional, Tuple
+from typing import Any, Dict, FrozenSet, List, Optional, Tuple
 
 import rosgraph
 import rospy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from tf2_msgs.msg import TFMessage
 
 from vb_bringup.lab import Line, State, notices
 from vb_bringup.lab_monitor import CameraComparison, LabMonitor
@@ -56,6 +57,7 @@ class LabMonitorNode:
     Subscribed topics:
         /virtual_borders/detectors (vb_msgs/DetectorStatus)
         /virtual_borders/spots (vb_msgs/LaserSpot): to compare where overlapping cameras see the laser
+        /tf_static (tf2_msgs/TFMessage): what a camera saw before it got another pose counts no more
     Published topics:
         /virtual_borders/notices (vb_msgs/NoticeArray): camera_silent, camera_no_pose, camera_no_lens, detector_missing,
             cameras_disagree, and the errors of `check_lab` that no other node tells
@@ -68,6 +70,8 @@ class LabMonitorNode:
         self._lock = threading.Lock()
         self._monitor = LabMonitor(params.cameras.split())
         self._comparison, self._disagreeing, self._compared = CameraComparison(), [], 0.0
+        self._frames: Dict[str, str] = {}  # of each camera
+        self._poses: Dict[str, Any] = {}  # by frame
         self._told: List[Notice] = []
         self._lines: List[Line] = []
         self._closed = threading.Event()
@@ -77,6 +81,7 @@ class LabMonitorNode:
         self._diagnostics = rospy.Publisher("/diagnostics", DiagnosticArray, queue_size=5)
         self._subscriber = rospy.Subscriber(names.DETECTORS, DetectorStatus, self._on_status, queue_size=50)
         rospy.Subscriber(names.SPOTS, LaserSpot, self._on_spot, queue_size=100)
+        rospy.Subscriber("/tf_static", TFMessage, self._on_poses, queue_size=100)
         self._timer = rospy.Timer(rospy.Duration(1.0), self._on_timer, reset=True)
         self._checks = node.start_thread(self._check_again_and_again)
 
@@ -89,6 +94,7 @@ class LabMonitorNode:
     def _on_status(self, message: DetectorStatus) -> None:
         dropped = dict(zip(message.refusals, message.refusal_counts))
         with self._lock:
+            self._frames[message.camera] = message.frame_id
             self._monitor.hear(message.camera, message.received, dropped, rospy.get_time())
 
     def _on_spot(self, message: LaserSpot) -> None:
@@ -96,6 +102,15 @@ class LabMonitorNode:
             with self._lock:
                 place = message.position
                 self._comparison.hear(message.camera, message.header.stamp.to_sec(), place.x, place.y)
+
+    def _on_poses(self, message: TFMessage) -> None:
+        with self._lock:
+            for entry in message.transforms:
+                before = self._poses.get(entry.child_frame_id)
+                self._poses[entry.child_frame_id] = entry.transform
+                if before is not None and before != entry.transform:
+                    for camera in [name for name, frame in self._frames.items() if frame == entry.child_frame_id]:
+                        self._comparison.forget(camera)
 
     def _on_timer(self, _event: Any) -> None:
         with self._lock:
