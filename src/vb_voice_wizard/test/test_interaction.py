@@ -45,7 +45,7 @@ def after(*commands: str) -> Interaction:
     interaction = machine()
     for second, command in enumerate(commands):
         assert interaction.command(command, "test", float(second)).success
-    # commands are about what was said; that spots were seen has tests of its own
+    # these tests are about what was said; others are about whether spots were seen
     interaction.count_spots(3, 2, 1, float(len(commands)))
     return interaction
 
