@@ -14,8 +14,10 @@ SPEED = 1.5  # [m/s] faster than in life: tests wait for robots that arrive
 
 class _Server(actionlib.ActionServer):
     deaf = False
+    asked = None  # a list: when [s] a goal came, read or not
 
     def internal_goal_callback(self, goal):
+        self.asked.append(rospy.Time.now().to_sec())
         if not self.deaf:
             super().internal_goal_callback(goal)
 
@@ -25,6 +27,7 @@ class FaultyMoveBase:
 
     Attributes:
         behaviour: "drive"; "hold": accepts the goal and stands; "abort".
+        asked: when [s] each goal came, also those that were not read.
         goals: (time [s], pose) of every goal that was read.
         stopped: when [s] the robot was stopped by a cancel or a new goal.
     """
@@ -32,7 +35,7 @@ class FaultyMoveBase:
     def __init__(self, body):
         self.body = body
         self.behaviour = "drive"
-        self.goals, self.stopped = [], []
+        self.asked, self.goals, self.stopped = [], [], []
         self._lock = threading.RLock()
         self._handle = self._target = self._server = None
         self.revive()
@@ -43,7 +46,7 @@ class FaultyMoveBase:
         self._server = _Server(
             self.body.prefix + "move_base", MoveBaseAction, self._on_goal, self._on_cancel, auto_start=False)
         # one lock: the server holds its own while it calls back, and wants it when a goal is answered
-        self._server.lock = self._lock
+        self._server.lock, self._server.asked = self._lock, self.asked
         self._server.start()
 
     def die(self):
@@ -57,19 +60,23 @@ class FaultyMoveBase:
         """Reads no goals, or does again; it says all the same that it is there."""
         self._server.deaf = deaf
 
-    def forget(self):
-        """Ends what runs and is sound again; for the next test."""
-        if self._server is None:
-            self.revive()
-        self.be_deaf(False)
+    def rest(self):
+        """Ends what runs and forgets every goal."""
         with self._lock:
             if self._handle is not None:
                 self._handle.set_canceled()
             self._handle = None
             self.body.velocity = (0.0, 0.0)
-            self.goals.clear()
-            self.stopped.clear()
-            self.behaviour = "drive"
+            for remembered in (self.asked, self.goals, self.stopped):
+                remembered.clear()
+
+    def recover(self):
+        """Rests and is sound again; for the next test."""
+        if self._server is None:
+            self.revive()
+        self.be_deaf(False)
+        self.rest()
+        self.behaviour = "drive"
 
     @property
     def active(self):
