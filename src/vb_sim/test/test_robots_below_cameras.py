@@ -2,7 +2,6 @@
 import math
 from functools import lru_cache
 
-import numpy as np
 import pytest
 
 from vb_laser_detect.detection.bodies import Body
