@@ -8,6 +8,7 @@ Robots at random places of the simulated lab, seen by its three ceiling cameras,
 
 - *laser beside*: a spot at a random place beyond the robot's rim. Of those that the camera sees (the rendered robot hides less
   than half of the light), how many are refused? Places that the robot hides say how often there was nothing to lose.
+  *By all cameras*: refused by each of those that see it, so that only the robot's own camera is left.
 - *light on it*: a point anywhere on the robot's side or top that faces the camera, as for a button or an LED. How many are
   refused?
 
@@ -20,6 +21,7 @@ import argparse
 import math
 import sys
 import time
+from collections import Counter, defaultdict
 from pathlib import Path
 from typing import Any, Dict, List, Tuple
 
@@ -81,10 +83,11 @@ def geometry_rows(places: int) -> List[Dict[str, Any]]:
     """Shares of what is refused."""
     random, world = np.random.default_rng(13), load_world(TOP / "src/vb_sim/worlds/lab.yaml")
     floor, mesh = render_floor(world, 1), world_mesh(world)
-    views = [CeilingView(camera, {"robot": PROFILE.radius}, floor, mesh, CameraModels(), 1, noise=False) for camera in world.cameras]
-    beside: Dict[Tuple, List[bool]] = {(ring, error, margin): [] for ring in RINGS for error in ERRORS for margin in MARGINS}
+    views = [CeilingView(camera, {"robot": PROFILE.radius}, floor, mesh, CameraModels(), 1, noise=False)
+             for camera in world.cameras]
+    beside: Dict[Tuple, List[bool]] = defaultdict(list)
     on_it: Dict[Tuple, List[bool]] = {(error, margin): [] for error in ERRORS for margin in MARGINS}
-    hidden = dict.fromkeys(RINGS, 0)
+    hidden: Counter = Counter()
     for index in range(places):
         view = views[index % len(views)]
         origin = view.pose[:3, 3]
@@ -92,29 +95,34 @@ def geometry_rows(places: int) -> List[Dict[str, Any]]:
         robots = {"robot": (*place, random.uniform(-math.pi, math.pi))}
         offs = {error: around(random, error) for error in ERRORS}
 
-        def refused(error: float, margin: float, spot: np.ndarray) -> bool:
-            return Body(*(place + offs[error]), PROFILE.radius + margin, PROFILE.shape.height).hides(origin, spot)
+        def refused(error: float, margin: float, camera: np.ndarray, spot: np.ndarray) -> bool:
+            return Body(*(place + offs[error]), PROFILE.radius + margin, PROFILE.shape.height).hides(camera, spot)
 
         for ring in RINGS:
             spot = place + around(random, PROFILE.radius + random.uniform(*ring))
-            if view.spot_share(Snapshot(0.0, {}, tuple(spot))) < 0.5:
-                continue  # outside the image, or behind furniture
-            if view.spot_share(Snapshot(0.0, robots, tuple(spot))) < 0.5:
-                hidden[ring] += 1
-                continue
+            # the others do not see it, outside of their image or behind furniture
+            near = [one for one in views if one.spot_share(Snapshot(0.0, {}, tuple(spot))) >= 0.5]
+            see = [one for one in near if one.spot_share(Snapshot(0.0, robots, tuple(spot))) >= 0.5]
+            hidden[ring, "one camera"] += int(view in near and view not in see)
+            hidden[ring, "all cameras"] += int(bool(near) and not see)
             for error, margin in on_it:
-                beside[ring, error, margin].append(refused(error, margin, np.array([*spot, 0.0])))
+                by = {one: refused(error, margin, one.pose[:3, 3], np.array([*spot, 0.0])) for one in see}
+                if view in by:
+                    beside[ring, "one camera", error, margin].append(by[view])
+                if by:
+                    beside[ring, "all cameras", error, margin].append(all(by.values()))
         point = on_surface(random, origin, place)
         seen = origin + (point - origin) * origin[2] / (origin[2] - point[2])  # where its ray would meet the floor
         for error, margin in on_it:
-            on_it[error, margin].append(refused(error, margin, seen))
+            on_it[error, margin].append(refused(error, margin, origin, seen))
     words = {ring: f"laser beside, {100 * ring[0]:.0f} to {100 * ring[1]:.0f} cm from the rim" for ring in RINGS}
-    rows = [share(words[ring], error, margin, some, hidden[ring]) for (ring, error, margin), some in beside.items()]
+    rows = [share(f"{words[ring]}, by {who}", error, margin, some, hidden[ring, who])
+            for (ring, who, error, margin), some in sorted(beside.items(), key=lambda one: one[0][:2])]
     return rows + [share("light on it", error, margin, some, 0) for (error, margin), some in on_it.items()]
 
 
 def time_ratio(rounds: int) -> Tuple[float, float]:
-    """Median time [ms] of searching a 1080p Bayer image with a spot and a robot, and the paired ratio to one without its place."""
+    """Median time [ms] of searching a 1080p Bayer image with a spot and a robot; its ratio, paired, to not knowing the place."""
     world = load_world(TOP / "src/vb_sim/worlds/lab.yaml")
     view = CeilingView(world.cameras[1], {"robot": PROFILE.radius}, render_floor(world, 1), world_mesh(world), CameraModels(), 1)
     x, y = view.pose[:2, 3]
