@@ -3,23 +3,23 @@ from __future__ import annotations
 
 import csv
 import importlib
-import subprocess
 import sys
 from functools import lru_cache
 from pathlib import Path
 from typing import Any, Callable, Dict, List, Sequence, Tuple
 
+from result_table import revision
+
 
 def append_rows(path: Path, rows: Sequence[Dict[str, Any]]) -> None:
     """Adds rows to a table of results, each with the revision that it was measured at."""
-    here = Path(__file__).resolve().parent
-    told = subprocess.run(["git", "describe", "--always", "--dirty"], cwd=here, capture_output=True, text=True, check=False)
+    made_by = revision()
     new = not path.exists()
     with path.open("a", newline="", encoding="utf-8") as file:
         writer = csv.DictWriter(file, [*rows[0], "revision"])
         if new:
             writer.writeheader()
-        writer.writerows({**row, "revision": told.stdout.strip()} for row in rows)
+        writer.writerows({**row, "revision": made_by} for row in rows)
 
 
 @lru_cache(maxsize=None)

@@ -12,7 +12,7 @@ import tf2_ros
 from diagnostic_msgs.msg import DiagnosticArray
 from sensor_msgs.msg import Image
 
-from vb_core import names
+from vb_core import geometry, names
 from vb_core.grid_map import GridMap
 from vb_core.ros.images import image_array
 from vb_core.ros import messages
@@ -23,6 +23,7 @@ from players import FixedCamera, RobotCamera  # noqa: E402
 from scenes import GREEN, RED  # noqa: E402
 
 PATIENCE = 120.0
+GUARD = (2.5, 1.5)  # [m] where a robot stands, on the circle that red's laser draws
 
 
 class SpotDetectorTest(unittest.TestCase):
@@ -37,7 +38,9 @@ class SpotDetectorTest(unittest.TestCase):
         cls.robot = RobotCamera()
         cls.fixed_tf = tf2_ros.StaticTransformBroadcaster()
         cls.fixed_tf.sendTransform([
-            messages.transform_message(c.T, "map", c.frame, rospy.Time.now()) for c in (cls.red, cls.blue)])
+            *(messages.transform_message(c.T, "map", c.frame, rospy.Time.now()) for c in (cls.red, cls.blue)),
+            messages.transform_message(
+                geometry.transform(np.eye(3), (*GUARD, 0.0)), "map", "guard/base_link", rospy.Time.now())])
         cls.map = rospy.Publisher("/map", messages.OccupancyGridArray, queue_size=1, latch=True)
         cls.map.publish(messages.message_from_grid(GridMap(np.zeros((60, 100), np.int8), 0.05), rospy.Time.now()))
         cls.stray = rospy.Publisher("/red/image_raw", Image, queue_size=1)
@@ -133,6 +136,19 @@ class SpotDetectorTest(unittest.TestCase):
         self.check("robot", [LaserSpot.DEPTH, LaserSpot.GROUND_PLANE_FALLBACK], 0.02)
         self.assertTrue(any(spot.projection == LaserSpot.DEPTH for spot in self.spots if spot.camera == "robot"))
         self.assertTrue(all(spot.mobile for spot in self.spots if spot.camera == "robot"))
+
+    def test_nothing_on_a_robot_is_a_spot(self):
+        def refused(code):
+            red = self.status.get("red")
+            return dict(zip(red.refusals, red.refusal_counts)).get(code, 0) if red is not None else 0
+        self.wait(lambda: refused("on_robot") and refused("robot_without_pose"), "light on a robot")
+        # from now on the robot's place is known; the spot comes round to it again
+        known, before = self.status["red"].header.stamp, refused("on_robot")
+        self.wait(lambda: refused("on_robot") >= before + 5, "more light on the robot")
+        self.wait(lambda: any(spot.camera == "red" and spot.header.stamp > known for spot in self.spots), "spots")
+        with self.changed:
+            later = [spot.position for spot in self.spots if spot.camera == "red" and spot.header.stamp > known]
+        self.assertGreater(min(np.hypot(at.x - GUARD[0], at.y - GUARD[1]) for at in later), 0.18)
 
     def test_status_counts_and_bad_images_do_no_harm(self):
         def counted():

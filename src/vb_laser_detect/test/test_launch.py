@@ -89,3 +89,16 @@ def test_parameters_can_be_set_for_all_detectors_and_for_one(tmp_path):
     rise = {name: config.params[f"{name}/detector/min_rise"].value for name in (
         "/spot_detector_red", "/spot_detector_green", "/front/spot_detector_front", "/rear/spot_detector_rear")}
     assert list(rise.values()) == [11.0, 12.0, 13.0, 14.0]
+
+
+@pytest.mark.parametrize("file, arguments, robots", [
+    ("parts/perception.launch", [], []),
+    ("lab.launch", ["rviz:=false"], ["/"]),
+    ("lab.launch", ["rviz:=false", "robots:=one two"], ["one", "two"]),
+    ("lab.launch", ["rviz:=false", "robot:=false"], []),
+    ("lab.launch", ["rviz:=false", "robot:=false", "robots:=one"], ["one"]),
+    ("simulation.launch", ["rviz:=false"], ["/"]),
+])
+def test_detectors_know_the_robots_of_the_lab(file, arguments, robots):
+    params = load("cameras:=red green", *arguments, file=file).params
+    assert [params[f"/spot_detector_{camera}/robots"].value for camera in ("red", "green")] == [robots, robots]

@@ -17,9 +17,10 @@ from vb_core.parameters import Parameters, param
 
 @dataclass(frozen=True)
 class Shape(Parameters):
-    """The footprint: a disc about base_link."""
+    """An upright cylinder about base_link."""
 
     radius: float = param(0.18, "m", above=0.0, high=2.0)
+    height: float = param(0.45, "m", above=0.0, high=3.0, doc="with all that is mounted on it")
 
 
 @dataclass(frozen=True)

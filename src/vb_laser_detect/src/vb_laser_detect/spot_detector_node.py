@@ -56,6 +56,7 @@ class NodeParams(Parameters):
     pose_refresh_s: float = param(2.0, "s", above=0.0, high=3600.0, doc="a fixed camera's pose is looked up so often")
     depth_age_s: float = param(0.08, "s", low=0.0, high=5.0, doc="largest time between image and depth image")
     ignore_regions: list = param([], "m", doc="polygons in the map frame where no spot counts")
+    robots: list = param([], doc="namespaces of those it sees, / for one without; nothing on them is a spot")
 
 
 class SpotDetectorNode:
@@ -66,7 +67,7 @@ class SpotDetectorNode:
         <camera_info> (sensor_msgs/CameraInfo): may come late and change
         <depth> (sensor_msgs/Image, 16UC1 [mm] or 32FC1 [m]), <depth_info>: only if a depth topic is set
         /map (nav_msgs/OccupancyGrid): optional; spots outside it are rejected
-        tf: <optical frame> to map, at the image's time for a moving camera
+        tf: <robot>/base_link to map, and <optical frame> to map for a moving camera, at the image's time
     Published topics:
         /virtual_borders/spots (vb_msgs/LaserSpot), stamped with the image's time. The spots that a stroke began with
             follow when it is confirmed, in their order and with their own times
@@ -77,7 +78,7 @@ class SpotDetectorNode:
         ~get_time (vb_msgs/GetTime): this computer's clock, for clock_check
     Parameters:
         ~* NodeParams, ~detector/* DetectorParams, ~projection/* ProjectionParams. Their numbers and switches can be
-        changed while it runs (dynamic_reconfigure, in the same namespaces).
+        changed while it runs (dynamic_reconfigure, in the same namespaces). <robot>/robot_profile: how large a robot is.
     """
 
     def __init__(self, params: NodeParams, detector: DetectorParams, projection_params: ProjectionParams) -> None:
@@ -122,7 +123,7 @@ class SpotDetectorNode:
         if p.depth:
             topic = rospy.resolve_name(p.depth)
             depth = DepthTopic(topic, rospy.resolve_name(p.depth_info or beside(topic, "camera_info")), self._report)
-        return CameraGeometry(self._mobile, info, depth, self._projector, p)
+        return CameraGeometry(self._mobile, info, depth, self._projector, p, self._report)
 
     def close(self) -> None:
         """Stops the worker."""

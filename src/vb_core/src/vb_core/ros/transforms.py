@@ -4,7 +4,6 @@ from __future__ import annotations
 import numpy as np
 import rospy
 import tf2_ros
-import yaml
 
 from vb_core.errors import CodedError
 from vb_core.ros.messages import matrix_from_transform
@@ -33,7 +32,7 @@ class TransformLookup:
             found = self._buffer.lookup_transform(target, source, stamp, rospy.Duration(timeout_s))
         except (tf2_ros.TransformException, rospy.ROSException) as error:
             # of a frame that it has never heard of, tf says only that its argument is wrong
-            known = source in (yaml.safe_load(self._buffer.all_frames_as_yaml()) or {})
+            known = f"Frame {source} exists" in self._buffer.all_frames_as_string()
             reason = error if known else "nothing publishes one, as before a camera is calibrated or a robot localised"
             raise CodedError("no_transform", f"no transform from '{source}' to '{target}': {reason}") from None
         return matrix_from_transform(found.transform)

@@ -232,7 +232,8 @@ def replay(recording: Recording, images: bool = False) -> Replayed:
     result = Replayed(cameras={camera: CameraCounts() for camera in topics.values()} if images else {})
     launches = [("borders.launch", {"state": "", "robot_frame": "", "record": "false"})]
     if ceiling:
-        launches.append(("perception.launch", {"cameras": " ".join(ceiling)}))
+        launches.append(("perception.launch", {
+            "cameras": " ".join(ceiling), "robots": " ".join(robot or "/" for robot in robots)}))
     if robots:
         launches.append(("robots.launch", {"robots": " ".join(filter(None, robots))}))
     for name, arguments in launches:

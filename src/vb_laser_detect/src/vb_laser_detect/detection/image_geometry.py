@@ -2,13 +2,14 @@
 from __future__ import annotations
 
 from functools import cached_property
-from typing import Any, Callable, Dict, List, Optional, Tuple
+from typing import Any, Callable, Dict, List, Optional, Sequence, Tuple
 
 import numpy as np
 
 from vb_core.camera_model import CameraModel
 from vb_core.errors import CodedError
 from vb_laser_detect.detection import projection
+from vb_laser_detect.detection.bodies import Body
 from vb_laser_detect.detector import Spot, SpotDetector
 from vb_laser_detect.detection.projection import FloorPoint, FloorProjector
 
@@ -28,22 +29,28 @@ class Frame:
         projector: the camera's.
         depth: returns the depth image of that time; None: the floor is a plane.
         stamp: the image's, in whatever form the caller keeps it: seconds as a float lose its nanoseconds.
+        bodies: returns what stood on the floor at that time; asked at most once, and only for a candidate.
     """
 
     def __init__(
-        self, camera: CameraModel, pose: Callable[[], np.ndarray], projector: FloorProjector, depth: Optional[DepthAt] = None,
-        stamp: Any = None,
+        self, camera: CameraModel, pose: Callable[[], np.ndarray], projector: FloorProjector,
+        depth: Optional[DepthAt] = None, stamp: Any = None, bodies: Callable[[], Sequence[Body]] = tuple,
     ) -> None:
         self.stamp = stamp
         self.unplaced: Optional[CodedError] = None
         self._camera, self._projector = camera, projector
-        self._ask_pose, self._depth = pose, depth
+        self._ask_pose, self._depth, self._ask_bodies = pose, depth, bodies
         self._points: Dict[Tuple[float, float], FloorPoint] = {}
 
     @cached_property
     def pose(self) -> np.ndarray:
         """(4, 4) T_map_camera."""
         return self._ask_pose()
+
+    @cached_property
+    def bodies(self) -> Sequence[Body]:
+        """What may hide the floor."""
+        return self._ask_bodies()
 
     def to_floor(self, pixels: np.ndarray) -> np.ndarray:
         """Pixels (N, 2) to the floor (N, 3) [m]; NaN without a pose, see `unplaced`."""
@@ -57,10 +64,13 @@ class Frame:
         return np.full((len(pixels), 3), np.nan)
 
     def point(self, u: float, v: float) -> FloorPoint:
-        """The floor point of a pixel, computed once; CodedError where there is none."""
+        """The floor point of a pixel, computed once; CodedError where there is none, or "on_robot" if a body hides it."""
         if (u, v) not in self._points:
             where, at = (self._camera, self.pose, u, v), self._projector
-            self._points[u, v] = at.on_plane(*where) if self._depth is None else at.with_depth(*where, *self._depth())
+            point = at.on_plane(*where) if self._depth is None else at.with_depth(*where, *self._depth())
+            if any(body.hides(self.pose[:3, 3], point.position) for body in self.bodies):
+                raise CodedError("on_robot")
+            self._points[u, v] = point
         return self._points[u, v]
 
     def refusal_at(self, u: float, v: float) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 import threading
 from collections import deque
 from functools import partial
-from typing import Any, Deque, Optional, Tuple
+from typing import Any, Deque, List, Optional, Sequence, Tuple
 
 import numpy as np
 import rospy
@@ -13,15 +13,19 @@ from sensor_msgs.msg import CameraInfo, Image
 from vb_core import names
 from vb_core.camera_model import CameraModel
 from vb_core.errors import CodedError
+from vb_core.ros import robot_profile
 from vb_core.ros.cameras import camera_from_info
 from vb_core.ros.images import compressed_encoding, compressed_image_array, image_array
 from vb_core.ros.transforms import TransformLookup
+from vb_laser_detect.detection.bodies import Body
 from vb_laser_detect.detection.image_geometry import Frame
 from vb_laser_detect.detection.projection import FloorProjector
 from vb_laser_detect.ros.diagnostics import DetectorDiagnostics
 
 
 _TF_LATE = rospy.Duration(0.5)  # a pose this old has arrived by now, if any does
+_DOUBT_M = 0.05  # by which a robot's localisation may be off, as its driver takes it to be where nothing else is known
+_STALE_S = 0.5  # a robot whose newest pose is older was somewhere else by now, or is switched off
 
 
 def decoded(message: Any) -> Tuple[np.ndarray, str]:
@@ -158,25 +162,69 @@ def depth_array(message: Image) -> np.ndarray:
     return depth
 
 
+class Robots:
+    """The robots as bodies that hide the floor.
+
+    Subscribed topics:
+        tf: <robot>/base_link to map
+
+    Args:
+        namespaces: of each; "/": the one without.
+        transforms: where tf is heard.
+        report: counts "robot_without_pose": a robot that is nowhere hides nothing.
+    """
+
+    def __init__(self, namespaces: Sequence[str], transforms: TransformLookup, report: DetectorDiagnostics) -> None:
+        self._transforms, self._report = transforms, report
+        self._profiles = [(f"{name}/".lstrip("/"), robot_profile.read(name)) for name in namespaces]
+
+    def __len__(self) -> int:
+        return len(self._profiles)
+
+    def bodies(self, stamp: rospy.Time) -> List[Body]:
+        """Where they were at a time.
+
+        One whose pose has not arrived yet is taken to be larger by how far it may have driven since its last one.
+        """
+        found = []
+        for prefix, profile in self._profiles:
+            frame = prefix + profile.frames.base
+            newest = self._transforms.newest(names.MAP_FRAME, frame)
+            at = stamp if newest.is_zero() else min(newest, stamp)
+            late = (stamp - at).to_sec()
+            try:
+                if late > _STALE_S:
+                    raise CodedError("robot_without_pose")
+                x, y = self._transforms.lookup(names.MAP_FRAME, frame, at, 0.0)[:2, 3].tolist()
+            except CodedError:
+                self._report.count("robot_without_pose")
+                continue
+            found.append(Body(x, y, profile.radius + _DOUBT_M + profile.limits.max_speed * late, profile.shape.height))
+        return found
+
+
 class CameraGeometry:
     """Finds each image's geometry.
 
     Subscribed topics:
-        tf: <optical frame> to map; at the image's time for a moving camera
+        tf: <optical frame> to map; at the image's time for a moving camera; <robot>/base_link to map
 
     Args:
         mobile: whether the camera moves.
         info, depth: topics; depth None: the floor is a plane.
         projector: the camera's.
         params: the node's, with tf_wait_s, pose_refresh_s, depth_age_s; they may be changed between images.
+        report: of faults.
     """
 
     def __init__(
-        self, mobile: bool, info: InfoTopic, depth: Optional[DepthTopic], projector: FloorProjector, params: Any
+        self, mobile: bool, info: InfoTopic, depth: Optional[DepthTopic], projector: FloorProjector, params: Any,
+        report: DetectorDiagnostics,
     ) -> None:
         self.params = params
         self._mobile, self._info, self._depth, self._projector = mobile, info, depth, projector
         self._transforms = TransformLookup()
+        self._robots = Robots(params.robots, self._transforms, report)
         self._pose: Optional[np.ndarray] = None
         self._pose_frame = ""
         self._pose_at: Optional[rospy.Time] = None
@@ -195,7 +243,7 @@ class CameraGeometry:
         else:
             pose = partial(np.copy, self._stationary_pose(frame_id))
         depth = partial(self._depth.near, stamp, self.params.depth_age_s, frame_id) if self._depth is not None else None
-        return Frame(camera, pose, self._projector, depth, stamp)
+        return Frame(camera, pose, self._projector, depth, stamp, partial(self._robots.bodies, stamp))
 
     def _check_reachable(self, frame_id: str, stamp: rospy.Time) -> None:
         """Checks now and then that poses exist at all: an image without candidates does not need one."""
@@ -215,7 +263,8 @@ class CameraGeometry:
             return self._pose
         try:
             pose = self._transforms.lookup(names.MAP_FRAME, frame_id, rospy.Time(0), 0.0)
-            self._transforms.rest_on_static(names.MAP_FRAME, frame_id)
+            if not self._robots:
+                self._transforms.rest_on_static(names.MAP_FRAME, frame_id)
         except CodedError:
             # a camera that does not move stays where it was last seen, whatever became of its publisher
             if self._pose is None or frame_id != self._pose_frame:

@@ -1,0 +1,66 @@
+"""Robots that hide the floor from a camera."""
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from vb_core import geometry
+from vb_core.camera_model import CameraModel
+from vb_core.errors import CodedError
+from vb_laser_detect.detection.bodies import Body
+from vb_laser_detect.detection.image_geometry import Frame
+from vb_laser_detect.detection.projection import FloorProjector, pixels_of
+
+ROBOT = Body(2.0, 1.0, 0.2, 0.4)
+ASLANT = np.array([0.0, 1.0, 2.8])  # of a camera that sees it from the left
+ABOVE = np.array([2.0, 1.0, 2.8])
+
+
+@pytest.mark.parametrize("origin, floor, hidden", [
+    (ASLANT, (2.0, 1.0), True),  # through its middle
+    (ASLANT, (1.81, 1.0), True),  # below its near side
+    (ASLANT, (1.79, 1.0), False),  # before it
+    (ASLANT, (2.1, 1.22), False),  # beside it
+    (ASLANT, (2.5, 1.0), True),  # behind it: the ray comes down through its top
+    (ASLANT, (2.6, 1.0), False),  # farther behind it: over its top
+    (ASLANT, (3.5, 1.0), False),
+    (ABOVE, (2.0, 1.0), True),
+    (ABOVE, (2.0, 1.22), True),  # the rim of its top hides the floor outside
+    (ABOVE, (2.0, 1.24), False),
+    ((0.0, 1.0, 0.3), (3.5, 1.0), True),  # a camera below its top
+    ((0.0, 1.0, 0.3), (1.7, 1.0), False),
+])
+def test_a_ray_that_passes_through_a_robot(origin, floor, hidden):
+    assert ROBOT.hides(np.array(origin), np.array([*floor, 0.0])) is hidden
+
+
+@settings(max_examples=200, deadline=None)
+@given(x=st.floats(-3, 3), y=st.floats(-3, 3), u=st.floats(-4, 4), v=st.floats(-4, 4), height=st.floats(0.5, 4.0))
+def test_agrees_with_points_along_the_ray(x, y, u, v, height):
+    origin, floor = np.array([x, y, height]), np.array([u, v, 0.0])
+    points = origin + np.linspace(0.0, 1.0, 4001)[:, None] * (floor - origin)
+    low = points[points[:, 2] <= ROBOT.height]
+    off = np.hypot(low[:, 0] - ROBOT.x, low[:, 1] - ROBOT.y).min() - ROBOT.radius
+    if abs(off) > 0.01:  # nearer than the points are to each other nothing is decided
+        assert ROBOT.hides(origin, floor) is bool(off < 0.0)
+
+
+def test_a_frame_refuses_what_a_robot_hides_and_asks_once():
+    camera = CameraModel.ideal(1920, 1080, 1100.0)
+    pose = geometry.transform(geometry.rotation_from_rpy(math.pi, 0.0, 0.3), (1.5, 1.0, 2.9))
+    asked = []
+
+    def bodies():
+        asked.append(1)
+        return [ROBOT]
+
+    frame = Frame(camera, lambda: pose, FloorProjector(), bodies=bodies)
+    assert not asked
+    on, beside = pixels_of(camera, pose, np.array([[2.05, 1.0, 0.2], [1.6, 1.3, 0.0]]))
+    assert (frame.refusal_at(*on), frame.refusal_at(*beside)) == ("on_robot", "")
+    with pytest.raises(CodedError) as raised:
+        frame.point(*on)
+    assert raised.value.code == "on_robot" and len(asked) == 1
+    assert Frame(camera, lambda: pose, FloorProjector()).refusal_at(*on) == ""
