@@ -6,7 +6,7 @@ import pytest
 
 from vb_bringup.lab import (
     CameraInfoSeen, CameraSeen, Line, MapSeen, NavigationSeen, RobotSeen, State, check_cameras, check_disk,
-    check_launch_arguments, check_map, check_navigation, check_robot, notices, worst,
+    check_map, check_navigation, check_robot, notices, worst,
 )
 from vb_bringup.lab_monitor import CameraComparison, LabMonitor
 from vb_core import sentences
@@ -100,37 +100,9 @@ def test_navigation_that_ignores_borders_is_named(seen, code):
     assert not codes(check_navigation(NavigationSeen("r1/move_base", True, ["/r1/virtual_borders/map", "/r1/robot_driver/keep_out"])))
 
 
-def test_a_mistyped_launch_argument_is_named_with_the_nearest():
-    lines = check_launch_arguments(["camera", "robot"], ["cameras", "robot", "voice"])
-    assert codes(lines) == ["lab_unknown_argument"] and lines[0].values["nearest"] == "cameras"
-
-
-def test_an_argument_for_a_launch_file_without_any_is_named():
-    lines = check_launch_arguments(["cameras"], [])
-    assert codes(lines) == ["lab_no_arguments"] and "cameras:=" in lines[0].sentence()
-
-
-@pytest.mark.parametrize("words, declared", [
-    (["-p", "11311", "lab.launch"], ["cameras"]), (["lab.launch", "--wait"], ["cameras"]), (["-p", "11311"], []),
-])
-def test_the_arguments_of_a_running_roslaunch_are_found(tmp_path, monkeypatch, words, declared):
-    from vb_bringup.lab_probe import launch_arguments
-
-    monkeypatch.setenv("ROS_MASTER_URI", "http://127.0.0.1:11311")
-    (tmp_path / "lab.launch").write_text('<launch><arg name="cameras" default=""/></launch>')
-    process = tmp_path / "proc" / "77"
-    process.mkdir(parents=True)
-    command = ["/usr/bin/python3", "/usr/bin/roslaunch", *words, "camera:=north south", "__name:=x"]
-    (process / "cmdline").write_bytes("".join(word + "\0" for word in command).encode())
-    (process / "environ").write_bytes(b"HOME=/\0ROS_MASTER_URI=http://127.0.0.1:11311\0")
-    (process / "cwd").symlink_to(tmp_path)
-    assert launch_arguments(tmp_path / "proc") == ((["camera"], declared) if declared else ([], []))
-
-
 def test_people_are_told_of_errors_that_nobody_else_tells():
-    lines = check_launch_arguments(["camera"], ["cameras"]) + check_cameras([dataclasses.replace(GOOD, rate=0.0)]) + [
-        Line("x", State.WARNING, "lab_camera_slow")]
-    assert [(notice.code, notice.severity) for notice in notices(lines)] == [("lab_unknown_argument", Severity.ERROR)]
+    lines = [check_disk("/x", 10.0), *check_cameras([dataclasses.replace(GOOD, rate=0.0)]), Line("x", State.WARNING, "lab_camera_slow")]
+    assert [(notice.code, notice.severity) for notice in notices(lines)] == [("lab_disk_full", Severity.ERROR)]
     assert notices(lines)[0].sentence() == lines[0].sentence()
 
 

@@ -5,7 +5,6 @@ wrong and how to fix it. `lab_probe` observes the running lab; this module only 
 """
 from __future__ import annotations
 
-import difflib
 import enum
 import math
 from collections import defaultdict
@@ -301,20 +300,6 @@ def check_disk(folder: str, free_mb: float, writable: bool = True) -> Line:
     state = State.OK if code == "lab_disk_ok" else State.ERROR
     free = "unknown" if math.isnan(free_mb) else f"{free_mb:.0f}"
     return Line("disk", state, code, {"folder": folder, "free": free})
-
-
-def check_launch_arguments(given: Sequence[str], declared: Sequence[str]) -> List[Line]:
-    """Arguments passed to roslaunch that the launch file lacks: roslaunch ignores them silently."""
-    code = "lab_unknown_argument" if declared else "lab_no_arguments"
-    return [
-        Line("launch", State.ERROR, code,
-             {"argument": name, "nearest": _nearest(name, declared), "known": ", ".join(sorted(declared))})
-        for name in given if name not in declared
-    ]
-
-
-def _nearest(name: str, known: Sequence[str]) -> str:
-    return (difflib.get_close_matches(name, known, 1, 0.0) or [""])[0]
 
 
 # people are told of these at once, by the node that the fault is in: a check that comes later adds nothing
