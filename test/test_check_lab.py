@@ -42,7 +42,10 @@ def test_a_good_camera_is_one_line():
     (dict(info=CameraInfoSeen(640, 480, 0.0)), "lab_camera_not_calibrated"),
     (dict(info=CameraInfoSeen(1280, 720, 500.0)), "lab_camera_info_size"),
     (dict(frame=""), "lab_camera_no_frame"),
-    (dict(file_error="there is no '/lab/north.yaml'."), "lab_camera_no_calibration"),
+    (dict(file_error="there is no '/lab/north.yaml'.", file_missing=True, has_pose=False), "lab_camera_no_calibration"),
+    (dict(file_error="there is no '/lab/north.yaml'.", file_missing=True), "lab_camera_file_broken"),
+    (dict(file_error="it is no YAML", has_pose=False), "lab_camera_file_broken"),
+    (dict(file_error="of another", file_camera="south"), "lab_camera_file_of_other"),
     (dict(file_frame="head_camera"), "lab_camera_frame_differs"),
     (dict(file_focal=1.04 * GOOD.info.focal), "lab_camera_other_lens"),
     (dict(file="", file_frame="", has_pose=False), "lab_camera_no_pose"),
@@ -170,6 +173,14 @@ def test_spots_without_a_pose_are_told():
         watch.hear("north", now * 15, {"no_transform": now * 3}, float(now))
         watch.hear("south", now * 15, {"no_camera_info": now * 3}, float(now))
     assert {(n.code, n.camera) for n in watch.notices(4.0)} == {("camera_no_pose", "north"), ("camera_no_lens", "south")}
+
+
+def test_a_shared_frame_hides_the_pose_that_it_prevents():
+    watch = monitor()
+    for now in range(1, 5):
+        watch.hear("north", now * 15, {"no_transform": now, "shared_frame": now * 3}, float(now))
+        watch.hear("south", now * 15, {"no_transform": now, "no_camera_info": now}, float(now))
+    assert [(notice.code, notice.camera) for notice in watch.notices(4.0)] == [("camera_no_lens", "south")]
 
 
 def test_cameras_that_see_the_laser_at_different_places_are_named_until_they_agree():

@@ -71,7 +71,8 @@ class CameraSeen:
         frame: that the images name; bright: share of the image at its white level.
         detector: the detector's node; "" if none runs.
         has_pose: whether tf knows the frame in the map.
-        file: the calibration file, "" if others publish the pose; file_error: why it cannot be read;
+        file: the calibration file, "" if others publish the pose; file_missing: there is none; file_error: why it cannot
+            be used; file_camera: the other camera that it is of;
         file_frame: the frame that it names; file_focal: [px] of the lens with which it was made, 0 if that is not known.
     """
 
@@ -90,7 +91,9 @@ class CameraSeen:
     detector: str = ""
     has_pose: bool = False
     file: str = ""
+    file_missing: bool = False
     file_error: str = ""
+    file_camera: str = ""
     file_frame: str = ""
     file_focal: float = 0.0
 
@@ -167,6 +170,11 @@ def _pose_faults(camera: CameraSeen, by_frame: Mapping[str, Sequence[str]], faul
     if sharing:
         # it will get another frame: then comes the pose
         yield fault(State.ERROR, "lab_camera_frame_shared", frame=camera.frame, others=", ".join(sharing))
+    elif camera.file_error and (camera.has_pose or not camera.file_missing):
+        # the running lab still has the last good pose; calibrating again is not the first thing to do
+        yield fault(
+            State.ERROR, "lab_camera_file_of_other" if camera.file_camera else "lab_camera_file_broken", file=camera.file,
+            error=camera.file_error, other=camera.file_camera, pose="$lab_pose_kept" if camera.has_pose else "$lab_pose_missing")
     elif camera.file_error:
         yield fault(State.ERROR, "lab_camera_no_calibration", file=camera.file, error=camera.file_error)
     elif camera.file_frame and camera.file_frame != camera.frame:

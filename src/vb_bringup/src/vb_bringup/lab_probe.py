@@ -209,7 +209,8 @@ class _CalibrationFiles:
         try:
             found = self._files.load(path)
         except CodedError as error:
-            return {"file": str(path), "file_error": error.message}
+            return {"file": str(path), "file_missing": error.code == "no_calibration", "file_error": error.message,
+                    "file_camera": error.values.get("camera", "")}
         return {"file": str(path), "file_frame": found.frame, "file_focal": found.focal}
 
 
