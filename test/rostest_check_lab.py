@@ -52,6 +52,7 @@ class CheckLab(unittest.TestCase):
         rospy.Subscriber("/diagnostics", DiagnosticArray, cls.on_diagnostics, queue_size=10)
         cls.timer = rospy.Timer(rospy.Duration(0.1), cls.play)
 
+    @classmethod
     def on_notices(cls, message):
         if message.source != "/lab_monitor":
             return

@@ -78,7 +78,7 @@ def test_a_lab_runs_alone_on_its_master(lab):
 
 @pytest.mark.parametrize("words, code", [
     ([LAUNCH / "lab.launch", "navigation:=move_base", "robot:=false"], "launch_navigation_without_robot"),
-    (["vb_bringup", "borders_only.launch", "mapp:=room.yaml"], "launch_mistyped_argument"),
+    (["vb_bringup", "borders_only.launch", "maps:=room.yaml"], "launch_mistyped_argument"),
     ([LAUNCH / "simulation.launch"], "lab_already_running"),
 ])
 def test_roslaunch_ends_before_it_starts_a_node(lab, words, code):
