@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import dataclasses
 from dataclasses import dataclass
-from typing import Dict, Tuple
+from typing import Dict, Optional, Tuple
 
 import numpy as np
 from scipy.signal import lfilter
@@ -56,13 +56,14 @@ class Setting:
 
 @dataclass(frozen=True)
 class Stroke:
-    """A drawn stroke: truth (M, 2) [m], and the spots that were seen of it."""
+    """A drawn stroke: truth (M, 2) [m], and the spots that were seen of it; `mobile`: by a camera on a robot."""
 
     truth: np.ndarray
     closed: bool
     points: np.ndarray
     stamps: np.ndarray
     cameras: np.ndarray
+    mobile: Optional[np.ndarray] = None
 
 
 def draw(shape: str, setting: Setting, rng: np.random.Generator) -> Stroke:

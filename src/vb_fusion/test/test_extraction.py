@@ -363,6 +363,17 @@ def test_a_robot_that_is_lost_for_a_second_does_not_move_the_border():
     assert np.abs(geometry.resample_chain(chain.points, 0.02)[:, 1]).max() < 0.025
 
 
+@pytest.mark.parametrize("place", [(0.0, 0.10), (0.0, -0.10)])
+def test_what_a_robot_alone_sees_is_placed_as_beside_the_other_cameras(place):
+    points, stamps, cameras = line_spots([[0, 0], [3, 0]], cameras=2)
+    robot = cameras == 1
+    points = points + robot[:, None] * place
+    seen = robot | (np.abs(points[:, 0] - 1.5) > 0.5)  # the middle metre by the robot alone
+    points, stamps, cameras, robot = points[seen], stamps[seen], cameras[seen], robot[seen]
+    chain = extract_border(points, stamps=stamps, cameras=cameras, mobile=robot)
+    assert np.abs(geometry.resample_chain(chain.points, 0.02)[:, 1]).max() < 0.05
+
+
 def test_a_line_that_is_drawn_back_over_itself_ends_where_it_turned():
     distances = []
     for seed in range(12):

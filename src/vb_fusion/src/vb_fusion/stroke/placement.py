@@ -1,17 +1,23 @@
 """Stage 2: where the pointer really was.
 
 Cameras that see the pointer at the same time disagree: their poses are known to centimetres only. The disagreements
-are explained by one offset per stationary camera, and for a camera on a robot, whose localisation comes and goes, by
-one offset per second. All offsets are found at once by weighted least squares; stationary cameras are held near zero
-far more firmly than mobile ones, so that a robot that is lost does not move the border.
+are explained by one offset per stationary camera, and for a camera on a robot by one per second, since localisation
+errs differently as the robot drives and turns. But it errs much the same from one second to the next: a first-order
+autoregressive process. So where the robot alone sees the pointer, the offset is what it was beside the other cameras
+just before and after. All offsets are found at once by weighted least squares; stationary cameras are held near zero far
+more firmly than mobile ones, so that a robot that is lost does not move the border.
 """
 from __future__ import annotations
+
+import math
 
 import numpy as np
 from scipy.sparse import csr_matrix, diags
 from scipy.sparse.linalg import spsolve
 
 from vb_fusion.stroke.observations import LOCALISATION, TREMBLE, Sights, moments
+
+KEPT = math.exp(-1.0 / 10.0)  # of a robot's error is the same a second later: localisation corrects itself within metres
 
 
 def without_offsets(seen: Sights) -> Sights:
@@ -24,17 +30,37 @@ def without_offsets(seen: Sights) -> Sights:
     moment = moments(seen.stamps)
     second = np.where(seen.mobile, (moment - moment.min()) // 10 + 1, 0)
     offset = second * cameras + seen.cameras
-    unknown = int(offset.max()) + 1
+    unknown = (int(second.max()) + 1) * cameras
     # the sights of a moment follow one another
     row = np.cumsum(np.append(0, np.diff(moment) != 0))
     in_moment = csr_matrix((np.ones(len(row)), (row, offset)), shape=(int(row[-1]) + 1, unknown))
     share = diags(1.0 / np.bincount(row)) @ in_moment
     # each equation in units of its deviation: a difference as a hand trembles, an offset as the camera is placed
-    firmness = np.where(np.arange(unknown) < cameras, 1.0, (0.5 * TREMBLE / LOCALISATION) ** 2)
-    equations = diags(np.bincount(offset, minlength=unknown) + firmness) - in_moment.T @ share
+    robots = np.unique(seen.cameras[seen.mobile])
+    firmness = _firmness(unknown, robots + cameras * np.arange(1, unknown // cameras)[:, None])
+    equations = diags(np.bincount(offset, minlength=unknown)) + firmness - in_moment.T @ share
     apart = np.column_stack(
         [np.bincount(offset, axis, unknown) - share.T @ np.bincount(row, axis) for axis in seen.points.T]
     )
     # in tenths of a millimetre: what was placed before stays where it is while more is seen
     found = np.round(spsolve(equations.tocsc(), apart).reshape(-1, 2), 4)
     return seen.moved(seen.points - found[offset])
+
+
+def _firmness(unknown: int, seconds: np.ndarray) -> csr_matrix:
+    """How firmly offsets are held: near zero, and those of robots near what they are a second before and after.
+
+    Args:
+        unknown: number of offsets.
+        seconds: (S, R) which of them are robots', one row per second.
+    """
+    held = np.ones(unknown)
+    after = np.zeros((0, 2), dtype=int)
+    tie = (0.5 * TREMBLE / LOCALISATION) ** 2 / (1.0 - KEPT**2)
+    if seconds.size:
+        held[seconds] = tie * (1.0 + KEPT**2)
+        held[seconds[0]] -= tie * KEPT**2
+        held[seconds[-1]] -= tie * KEPT**2
+        after = np.column_stack([seconds[:-1].ravel(), seconds[1:].ravel()])
+    pairs = csr_matrix((np.full(len(after), -tie * KEPT), after.T), shape=(unknown, unknown))
+    return diags(held) + pairs + pairs.T
