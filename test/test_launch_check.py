@@ -1,6 +1,7 @@
 """What cannot work is refused before roslaunch starts anything, in one sentence."""
 import os
 import subprocess
+import sys
 import threading
 from pathlib import Path
 from xmlrpc.server import SimpleXMLRPCServer
@@ -36,9 +37,9 @@ def lab():
     server.server_close()
 
 
-def roslaunch(*words, uri):
+def run(*words, uri):
     environment = {**os.environ, "ROS_MASTER_URI": uri}
-    return subprocess.run(["roslaunch", *map(str, words)], env=environment, stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
+    return subprocess.run([*map(str, words)], env=environment, stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
                           universal_newlines=True)
 
 
@@ -82,6 +83,13 @@ def test_a_lab_runs_alone_on_its_master(lab):
     ([LAUNCH / "simulation.launch"], "lab_already_running"),
 ])
 def test_roslaunch_ends_before_it_starts_a_node(lab, words, code):
-    done = roslaunch(*words, uri=lab)
+    done = run("roslaunch", *words, uri=lab)
     assert done.returncode != 0 and f"[{code}]" in done.stdout
     assert "process[" not in done.stdout  # which roslaunch prints for each node
+
+
+def test_what_starts_nothing_on_that_master_is_not_refused(lab):
+    """A test has a master of its own, whatever the environment says; and one may ask what a launch file holds."""
+    assert run(sys.executable, "-m", "vb_bringup.launch_check", "lab", uri=lab).returncode == 0
+    asked = run("roslaunch", "--nodes", LAUNCH / "lab.launch", "cameras:=none", uri=lab)
+    assert asked.returncode == 0 and "/map_integrator" in asked.stdout

@@ -117,20 +117,22 @@ def check_alone(master_uri: str) -> None:
 def launch_of(process: int) -> Tuple[List[str], List[Path], str]:
     """How roslaunch was called: names of the arguments, launch files, URI of the master that it will use.
 
-    No argument and no file if the process is another program, as a test that reads the launch file.
+    All are empty if the process starts nothing, or is another program: a test has a master of its own.
     """
     words = [os.fsdecode(word) for word in Path(f"/proc/{process}/cmdline").read_bytes().split(b"\0")[:-1]]
     start = next((index for index, word in enumerate(words[:3]) if os.path.basename(word) == "roslaunch"), None)
-    uri = rosgraph.get_master_uri()
     if start is None:
-        return [], [], uri
+        return [], [], ""
     import roslaunch
     import roslaunch.rlutil
 
     options, rest = roslaunch._get_optparse().parse_args(words[start + 1:])
+    if any([options.node_args, options.node_list, options.find_node, options.dump_params, options.file_list]):
+        return [], [], ""
     files = [Path(name) for name in roslaunch.rlutil.resolve_launch_arguments(rest) if os.path.isfile(name)]
     given = [word.split(":=")[0] for word in rest if ":=" in word and not word.startswith("_")]
-    return given if files else [], files, rosgraph.network.create_local_xmlrpc_uri(options.port) if options.port else uri
+    uri = rosgraph.network.create_local_xmlrpc_uri(options.port) if options.port else rosgraph.get_master_uri()
+    return given if files else [], files, uri
 
 
 def run(arguments: Optional[List[str]] = None, process: Optional[int] = None) -> int:
@@ -151,7 +153,8 @@ def run(arguments: Optional[List[str]] = None, process: Optional[int] = None) ->
         else:
             check_choice("navigation", chosen.navigation, chosen.among.split(","))
             check_robot(chosen.navigation, chosen.robot)
-            check_alone(master_uri)
+            if master_uri:
+                check_alone(master_uri)
     except CodedError as error:
         print(f"\n[FATAL] Nothing was started. {error.message} [{error.code}]\n", file=sys.stderr, flush=True)
         return REFUSED
