@@ -295,7 +295,7 @@ def check_navigation(seen: NavigationSeen) -> List[Line]:
         lines.append(Line(seen.name, State.ERROR, "lab_navigation_without_borders", values))
     elif names.PHYSICAL_MAP in seen.maps:
         lines.append(Line(seen.name, State.ERROR, "lab_navigation_physical_map", values))
-    elif not any(topic.endswith("/robot_driver/keep_out") for topic in seen.maps):
+    elif not any(topic.endswith(f"/{names.KEEP_OUT}") for topic in seen.maps):
         lines.append(Line(seen.name, State.WARNING, "lab_navigation_without_keep_out", values))
     if seen.clears_plans:
         lines.append(Line(seen.name, State.ERROR, "lab_navigation_clears_plans", values))
