@@ -49,10 +49,12 @@ class Child:
 
     @property
     def running(self) -> bool:
+        """Whether it has not ended yet."""
         return self._process.poll() is None
 
     @property
     def pid(self) -> int:
+        """Its process id, which is its group's too."""
         return self._process.pid
 
     def tail(self, lines: int = 8) -> str:

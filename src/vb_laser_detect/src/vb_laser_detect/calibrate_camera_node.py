@@ -246,12 +246,14 @@ Four places are needed, six to eight are good: near the corners of what the came
         super().__init__(arguments, CalibrationParams(point_sigma=arguments.point_sigma))
 
     def on_image(self, image: np.ndarray, encoding: str, stamp: float) -> None:
+        """Looks for the spot, and whether it is held still."""
         self._detector.encoding = encoding
         spots = self._detector.detect(self._reader.read(image, encoding), stamp)
         with self._lock:
             self._held.see(stamp, [(spot.u, spot.v) for spot in spots])
 
     def measured(self, values: List[float]) -> None:
+        """Adds the place (x, y) [m] where the spot is held now."""
         u, v = self._rest()
         self.session.add([u, v], values)
         say(f"  ({values[0]:.3f}, {values[1]:.3f}) m is at ({u:.1f}, {v:.1f}) px")
@@ -286,10 +288,12 @@ Lay it on three or four places that are far from each other in the image.
         super().__init__(arguments, CalibrationParams(placement_sigma=arguments.placement_sigma))
 
     def on_image(self, image: np.ndarray, encoding: str, stamp: float) -> None:
+        """Keeps the image until a place is measured."""
         with contextlib.suppress(queue.Full):
             self._images.put_nowait((image, encoding))
 
     def measured(self, values: List[float]) -> None:
+        """Adds the board, whose P1 and P2 are at (x1, y1, x2, y2) [m] now."""
         # those that wait were taken before the board lay there
         while not self._images.empty():
             self._images.get()
