@@ -13,13 +13,13 @@ from __future__ import annotations
 import argparse
 import csv
 import os
-import signal
-import subprocess
 import sys
 import tempfile
 import time
 from pathlib import Path
 from typing import Dict, List
+
+from vb_evaluation.processes import Child
 
 TOP = Path(__file__).resolve().parent.parent
 SIMULATOR = ("map_server", "lab_simulator", "ceiling_cameras", "robot_camera", "move_base", "participant", "rviz")
@@ -67,10 +67,10 @@ def main() -> int:
     options = parser.parse_args()
     folder = tempfile.mkdtemp(prefix="lab_memory_")
     environment = {**os.environ, "ROS_MASTER_URI": f"http://127.0.0.1:{options.port}", "ROS_LOG_DIR": folder}
-    lab = subprocess.Popen(
+    lab = Child(
         ["roslaunch", "-p", str(options.port), str(TOP / "launch" / "simulation.launch"), "rviz:=false", "page_port:=0",
          f"state:={folder}/state"],
-        env=environment, start_new_session=True, stdout=open(f"{folder}/roslaunch.txt", "w"), stderr=subprocess.STDOUT)
+        Path(folder, "roslaunch.txt"), environment)
     try:
         before: List[str] = []
         quiet_since = time.monotonic()
@@ -83,11 +83,7 @@ def main() -> int:
         for name, process in sorted(session(lab.pid).items()):
             rows.append({"process": name, "part": "simulator" if name in SIMULATOR else "lab", **memory(process)})
     finally:
-        os.killpg(lab.pid, signal.SIGINT)
-        try:
-            lab.wait(timeout=40)
-        except subprocess.TimeoutExpired:
-            os.killpg(lab.pid, signal.SIGKILL)
+        lab.stop(40.0)
     rows.sort(key=lambda row: (row["part"], -row["pss"]))
     for part in ("lab", "simulator"):
         own = [row for row in rows if row["part"] == part]

@@ -21,6 +21,8 @@ import time
 from pathlib import Path
 from typing import Any, Dict, List
 
+from vb_evaluation.processes import Child
+
 TOP = Path(__file__).resolve().parent.parent
 TABLE = TOP / "docs" / "results" / "lab_scale.csv"
 PICTURE = TOP / "docs" / "images" / "lab_scale.png"
@@ -147,19 +149,18 @@ def measure(count: int, hosts: int, seconds: float, images: Path, folder: Path) 
 
     cameras = [f"c{number}" for number in range(count)]
     space = os.readlink("/proc/self/ns/mnt")
-    children: List[subprocess.Popen] = []
-    log = open(str(folder / f"log_{count}_{hosts}.txt"), "w")
+    children: List[Child] = []
 
-    def start(host: int, *words: str) -> None:
+    def start(host: int, *words: str) -> Child:
         environment = {**os.environ, "ROS_IP": address(host)}
         prefix = ["nsenter", "-t", str(spaces[host]), "-n"] if host else []
-        children.append(subprocess.Popen([*prefix, *words], env=environment, stdout=log, stderr=log, start_new_session=True))
+        children.append(Child([*prefix, *words], folder / f"log_{count}_{hosts}_{len(children)}.txt", environment))
+        return children[-1]
 
     spaces = [0]
     try:
         for host in range(1, hosts):
-            keeper = subprocess.Popen(["unshare", "--net", "sleep", "1000"])
-            children.append(keeper)
+            keeper = start(0, "unshare", "--net", "sleep", "1000")
             while os.readlink(f"/proc/{keeper.pid}/ns/net") == os.readlink("/proc/self/ns/net"):
                 time.sleep(0.02)
             spaces.append(keeper.pid)
@@ -196,7 +197,7 @@ def measure(count: int, hosts: int, seconds: float, images: Path, folder: Path) 
         deadline = time.monotonic() + 120.0
         while len(statuses) < count:
             if time.monotonic() > deadline:
-                raise RuntimeError(f"only {len(statuses)} of {count} detectors came up; see {log.name}")
+                raise RuntimeError(f"only {len(statuses)} of {count} detectors came up; see {folder}")
             time.sleep(0.1)
         rospy.set_param("/go", True)
         time.sleep(LEARN_S + WARM_S)
@@ -226,16 +227,8 @@ def measure(count: int, hosts: int, seconds: float, images: Path, folder: Path) 
             "cable_kB_per_s": round((cable() - sent) / lasted / 1e3, 1) if hosts > 1 else 0.0,
         }
     finally:
-        for child in reversed(children):
-            if child.poll() is None and child.args[0] != "unshare":
-                os.killpg(child.pid, signal.SIGINT if "roslaunch" in child.args or "roscore" in child.args else signal.SIGTERM)
-        for child in reversed(children):
-            if child.args[0] == "unshare":
-                child.terminate()
-            try:
-                child.wait(timeout=30)
-            except subprocess.TimeoutExpired:
-                child.kill()
+        for child in reversed(children):  # the networks last
+            child.stop(30.0)
 
 
 def cable() -> int:

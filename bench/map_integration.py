@@ -16,7 +16,6 @@ import json
 import os
 import platform
 import queue
-import socket
 import subprocess
 import sys
 import tempfile
@@ -34,6 +33,7 @@ from map_integration_scene import curve, house, polygon  # noqa: E402
 from vb_core import names  # noqa: E402
 from vb_core.grid_map import GridMap  # noqa: E402
 from vb_core.ros import messages  # noqa: E402
+from vb_evaluation.processes import free_port, spawn  # noqa: E402
 from vb_map_integration.borders.border_messages import message_from_border  # noqa: E402
 from vb_map_integration.storage.database import FILE, Database, fingerprint  # noqa: E402
 from vb_map_integration.integration import integrate  # noqa: E402
@@ -160,7 +160,7 @@ def node_times(grid: GridMap, random: np.random.Generator) -> Dict[str, float]:
     )
     with tempfile.TemporaryDirectory() as folder:
         script = TOP / "src" / "vb_map_integration" / "scripts" / "map_integrator"
-        node = subprocess.Popen(
+        node = spawn(
             [sys.executable, str(script), f"_store_dir:={folder}", f"__name:=integrator_{grid.shape[1]}"],
             stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
         )
@@ -192,11 +192,9 @@ def node_times(grid: GridMap, random: np.random.Generator) -> Dict[str, float]:
 
 def start_master() -> subprocess.Popen:
     """A ROS master of this bench's own."""
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        port = probe.getsockname()[1]
+    port = free_port()
     os.environ["ROS_MASTER_URI"] = f"http://127.0.0.1:{port}"
-    master = subprocess.Popen(["roscore", "-p", str(port)], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    master = spawn(["roscore", "-p", str(port)], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
     while subprocess.run(["rosparam", "list"], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL).returncode:
         time.sleep(0.2)
     rospy.init_node("bench_map_integration", disable_signals=True)

@@ -46,7 +46,7 @@ LAB_MAP = f'<node pkg="vb_sim" type="map_server" name="map_server"><param name="
 
 def start(stack, lab=True):
     """Roscore and nodes; returns (page's port, state folder)."""
-    from vb_evaluation.processes import free_port
+    from vb_evaluation.processes import Child, free_port
 
     folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="bench_page_")))
     master, port = free_port(), free_port()
@@ -54,9 +54,7 @@ def start(stack, lab=True):
     os.environ["ROS_LOG_DIR"] = str(folder / "log")
     launch = folder / "bench.launch"
     launch.write_text(LAUNCH.format(map=LAB_MAP if lab else "", state=folder, port=port))
-    with open(str(folder / "out.txt"), "w") as output:
-        nodes = subprocess.Popen(["roslaunch", "-p", str(master), str(launch)], stdout=output, stderr=output)
-    stack.callback(lambda: (nodes.terminate(), nodes.wait(30)))
+    stack.callback(Child(["roslaunch", "-p", str(master), str(launch)], folder / "out.txt").stop)
     import rosgraph
     import rospy
 
@@ -174,11 +172,13 @@ def drawing_state():
 
 def links(port, counts):
     """What so many browsers' links cost while somebody draws, one line for each number of them."""
+    from vb_evaluation.processes import spawn
+
     drawing_state()
     pointer, pid, lines = Pointer(), page_pid(), []
     for count in counts:
         script = LISTENER.format(path=[str(TOP / "bench")], port=port, count=count, seconds=SECONDS + 2)
-        ears = subprocess.Popen([sys.executable, "-c", script], stdout=subprocess.PIPE, universal_newlines=True)
+        ears = spawn([sys.executable, "-c", script], stdout=subprocess.PIPE, universal_newlines=True)
         time.sleep(2.0)
         before, began = cpu_seconds(pid), time.monotonic()
         pointer.run(SECONDS)

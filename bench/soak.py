@@ -48,6 +48,7 @@ from tf2_msgs.msg import TFMessage
 from vb_core import geometry, names
 from vb_core.grid_map import GridMap
 from vb_core.ros.messages import OccupancyGridArray, message_from_grid, transform_message
+from vb_evaluation.processes import spawn
 from vb_msgs.msg import (
     BorderProgress, DetectorStatus, InteractionState, LaserSpot, NoticeArray, VirtualBorder, VirtualBorderArray,
 )
@@ -133,8 +134,8 @@ class Soak:
             self._build_network()
         os.environ["ROS_MASTER_URI"] = f"http://{HERE if self.apart else '127.0.0.1'}:{self.port}"
         os.environ["ROS_LOG_DIR"] = str(self.folder / "log")
-        self.core = subprocess.Popen(["roscore", "-p", str(self.port)], stdout=subprocess.DEVNULL,
-                                     stderr=subprocess.DEVNULL, start_new_session=True)
+        self.core = spawn(["roscore", "-p", str(self.port)], stdout=subprocess.DEVNULL,
+                          stderr=subprocess.DEVNULL, start_new_session=True)
 
         self.wait(rosgraph.is_master_online, "the ROS master")
 
@@ -155,7 +156,7 @@ class Soak:
         os.environ["ROS_IP"] = HERE
         environment = {**os.environ, "ROS_IP": THERE, "ROS_MASTER_URI": f"http://{HERE}:{self.port}",
                        "ROS_LOG_DIR": str(self.folder / "log_there")}
-        self.remote = subprocess.Popen(
+        self.remote = spawn(
             ["unshare", "--net", sys.executable, __file__, "--camera-host"], env=environment, stdin=subprocess.PIPE,
             stdout=open(str(self.folder / "camera_host.txt"), "w"), stderr=subprocess.STDOUT, universal_newlines=True)
         pid = self.remote.pid
@@ -177,8 +178,8 @@ class Soak:
         path = self.folder / "soak.launch"
         path.write_text(LAUNCH.format(top=TOP, state=self.folder / "state", cameras=" ".join(CAMERAS)))
         with open(str(self.folder / "roslaunch.txt"), "a") as output:
-            self.launch = subprocess.Popen(["roslaunch", "-p", str(self.port), str(path)], stdout=output,
-                                           stderr=subprocess.STDOUT, start_new_session=True)
+            self.launch = spawn(["roslaunch", "-p", str(self.port), str(path)], stdout=output,
+                                stderr=subprocess.STDOUT, start_new_session=True)
 
     def down(self) -> None:
         """Ends the stack, as an evening does."""

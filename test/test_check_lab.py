@@ -6,7 +6,7 @@ import pytest
 
 from vb_bringup.lab import (
     CameraInfoSeen, CameraSeen, Line, MapSeen, NavigationSeen, RobotSeen, State, check_cameras, check_disk,
-    check_launch_arguments, check_map, check_navigation, check_robot, notices, worst,
+    check_map, check_navigation, check_robot, notices, worst,
 )
 from vb_bringup.lab_monitor import CameraComparison, LabMonitor
 from vb_core import sentences
@@ -42,7 +42,10 @@ def test_a_good_camera_is_one_line():
     (dict(info=CameraInfoSeen(640, 480, 0.0)), "lab_camera_not_calibrated"),
     (dict(info=CameraInfoSeen(1280, 720, 500.0)), "lab_camera_info_size"),
     (dict(frame=""), "lab_camera_no_frame"),
-    (dict(file_error="there is no '/lab/north.yaml'."), "lab_camera_no_calibration"),
+    (dict(file_error="there is no '/lab/north.yaml'.", file_missing=True, has_pose=False), "lab_camera_no_calibration"),
+    (dict(file_error="there is no '/lab/north.yaml'.", file_missing=True), "lab_camera_file_broken"),
+    (dict(file_error="it is no YAML", has_pose=False), "lab_camera_file_broken"),
+    (dict(file_error="of another", file_camera="south"), "lab_camera_file_of_other"),
     (dict(file_frame="head_camera"), "lab_camera_frame_differs"),
     (dict(file_focal=1.04 * GOOD.info.focal), "lab_camera_other_lens"),
     (dict(file="", file_frame="", has_pose=False), "lab_camera_no_pose"),
@@ -100,37 +103,9 @@ def test_navigation_that_ignores_borders_is_named(seen, code):
     assert not codes(check_navigation(NavigationSeen("r1/move_base", True, ["/r1/virtual_borders/map", "/r1/robot_driver/keep_out"])))
 
 
-def test_a_mistyped_launch_argument_is_named_with_the_nearest():
-    lines = check_launch_arguments(["camera", "robot"], ["cameras", "robot", "voice"])
-    assert codes(lines) == ["lab_unknown_argument"] and lines[0].values["nearest"] == "cameras"
-
-
-def test_an_argument_for_a_launch_file_without_any_is_named():
-    lines = check_launch_arguments(["cameras"], [])
-    assert codes(lines) == ["lab_no_arguments"] and "cameras:=" in lines[0].sentence()
-
-
-@pytest.mark.parametrize("words, declared", [
-    (["-p", "11311", "lab.launch"], ["cameras"]), (["lab.launch", "--wait"], ["cameras"]), (["-p", "11311"], []),
-])
-def test_the_arguments_of_a_running_roslaunch_are_found(tmp_path, monkeypatch, words, declared):
-    from vb_bringup.lab_probe import launch_arguments
-
-    monkeypatch.setenv("ROS_MASTER_URI", "http://127.0.0.1:11311")
-    (tmp_path / "lab.launch").write_text('<launch><arg name="cameras" default=""/></launch>')
-    process = tmp_path / "proc" / "77"
-    process.mkdir(parents=True)
-    command = ["/usr/bin/python3", "/usr/bin/roslaunch", *words, "camera:=north south", "__name:=x"]
-    (process / "cmdline").write_bytes("".join(word + "\0" for word in command).encode())
-    (process / "environ").write_bytes(b"HOME=/\0ROS_MASTER_URI=http://127.0.0.1:11311\0")
-    (process / "cwd").symlink_to(tmp_path)
-    assert launch_arguments(tmp_path / "proc") == ((["camera"], declared) if declared else ([], []))
-
-
 def test_people_are_told_of_errors_that_nobody_else_tells():
-    lines = check_launch_arguments(["camera"], ["cameras"]) + check_cameras([dataclasses.replace(GOOD, rate=0.0)]) + [
-        Line("x", State.WARNING, "lab_camera_slow")]
-    assert [(notice.code, notice.severity) for notice in notices(lines)] == [("lab_unknown_argument", Severity.ERROR)]
+    lines = [check_disk("/x", 10.0), *check_cameras([dataclasses.replace(GOOD, rate=0.0)]), Line("x", State.WARNING, "lab_camera_slow")]
+    assert [(notice.code, notice.severity) for notice in notices(lines)] == [("lab_disk_full", Severity.ERROR)]
     assert notices(lines)[0].sentence() == lines[0].sentence()
 
 
@@ -198,6 +173,14 @@ def test_spots_without_a_pose_are_told():
         watch.hear("north", now * 15, {"no_transform": now * 3}, float(now))
         watch.hear("south", now * 15, {"no_camera_info": now * 3}, float(now))
     assert {(n.code, n.camera) for n in watch.notices(4.0)} == {("camera_no_pose", "north"), ("camera_no_lens", "south")}
+
+
+def test_a_shared_frame_hides_the_pose_that_it_prevents():
+    watch = monitor()
+    for now in range(1, 5):
+        watch.hear("north", now * 15, {"no_transform": now, "shared_frame": now * 3}, float(now))
+        watch.hear("south", now * 15, {"no_transform": now, "no_camera_info": now}, float(now))
+    assert [(notice.code, notice.camera) for notice in watch.notices(4.0)] == [("camera_no_lens", "south")]
 
 
 def test_cameras_that_see_the_laser_at_different_places_are_named_until_they_agree():

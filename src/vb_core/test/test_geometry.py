@@ -65,6 +65,18 @@ def test_rays_meet_the_floor_or_nothing():
     assert np.isnan(points[2:4]).all()
 
 
+@given(st.floats(-3.0, 3.0), st.floats(0.0, 0.9), st.floats(-0.2, 0.2))
+def test_along_an_arc_is_as_far_as_one_drives_along_it(curvature, share, left):
+    length = share * math.pi / max(abs(curvature), 0.5)
+    yaw = curvature * length
+    end = np.array([math.sin(yaw), 1.0 - math.cos(yaw)]) / curvature if abs(curvature) >= 1e-3 else np.array([length, 0.0])
+    if abs(curvature) < 1e-3:
+        yaw = 0.0
+    place = end + left * np.array([-math.sin(yaw), math.cos(yaw)])
+    along, across = geometry.along_arc(place[None], curvature)
+    assert along[0] == pytest.approx(length, abs=1e-9) and across[0] == pytest.approx(left, abs=1e-9)
+
+
 def test_chain_length_and_resampling():
     square = np.array([[0, 0], [2, 0], [2, 1], [0, 1]], dtype=float)
     assert geometry.chain_length(square) == 5.0

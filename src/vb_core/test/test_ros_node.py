@@ -196,7 +196,7 @@ def build() -> Lamp:
 sys.argv = ["lamp", "--help"]
 node.run("lamp", build)
 """
-    done = subprocess.run([sys.executable, "-c", program], stdout=subprocess.PIPE, universal_newlines=True, timeout=60,
+    done = subprocess.run([sys.executable, "-c", program], stdout=subprocess.PIPE, universal_newlines=True, timeout=240,
                           env={**os.environ, "ROS_MASTER_URI": "http://127.0.0.1:1"})
     assert done.returncode == 0
     assert "Switches a lamp." in done.stdout and "/lamp/wanted" in done.stdout

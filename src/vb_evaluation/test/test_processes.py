@@ -1,5 +1,11 @@
+import os
 import re
+import signal
+import subprocess
 import sys
+import time
+import uuid
+from pathlib import Path
 
 from vb_evaluation.processes import Child, free_port, start_screen
 
@@ -31,3 +37,54 @@ def test_two_screens_are_two_displays(tmp_path):
     finally:
         for screen, _ in screens:
             screen.stop()
+
+
+LAB = """
+import sys
+import time
+from pathlib import Path
+from vb_evaluation.processes import Child, free_port, start_screen
+
+folder = Path(sys.argv[1])
+start_screen(folder / "xvfb.txt", 64, 48)
+Child(["roslaunch", "-p", str(free_port()), str(folder / "node.launch")], folder / "launch.txt")
+print("up", flush=True)
+time.sleep(3600)
+"""
+
+
+def commands_with(mark):
+    """The command lines of the processes in whose environment a word is."""
+    found = []
+    for folder in Path("/proc").glob("[0-9]*"):
+        try:
+            if mark in (folder / "environ").read_bytes():
+                found.append((folder / "cmdline").read_bytes().replace(b"\0", b" "))
+        except OSError:
+            continue  # it has just ended
+    return [command for command in found if command]  # an ended one that nobody has asked for has none
+
+
+def wait_until(condition, what, seconds=240.0):
+    deadline = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < deadline, what
+        time.sleep(0.1)
+
+
+def test_a_script_that_is_ended_leaves_nothing_behind(tmp_path):
+    mark = uuid.uuid4().hex
+    (tmp_path / "node.launch").write_text("<launch/>")  # a master and rosout are enough
+    script = subprocess.Popen([sys.executable, "-c", LAB, str(tmp_path)], stdout=subprocess.PIPE,
+                              env={**os.environ, "MARK": mark, "ROS_LOG_DIR": str(tmp_path)})
+    try:
+        assert script.stdout.readline() == b"up\n"
+        wait_until(lambda: any(b"rosout" in command for command in commands_with(mark.encode())), "roslaunch starts its nodes")
+        assert any(b"Xvfb" in command for command in commands_with(mark.encode()))
+        script.send_signal(signal.SIGTERM)
+        assert script.wait(120) == -signal.SIGTERM
+        wait_until(lambda: not commands_with(mark.encode()), "all that it started ends")
+    finally:
+        script.kill()
+        script.wait()
+        script.stdout.close()

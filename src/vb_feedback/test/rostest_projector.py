@@ -136,7 +136,7 @@ class ProjectorTest(unittest.TestCase):
         tried = [("calibration", start("floor_projector", "__name:=lost")),
                  ("cannot read", start("floor_projector", "__name:=misled", "_calibration:=/nowhere.yaml"))]
         for words, node in tried:
-            said, _ = node.communicate(timeout=60)
+            said, _ = node.communicate(timeout=240)
             self.assertEqual(node.returncode, 1, said)
             self.assertIn(words, said)
             self.assertNotIn("Traceback", said)

@@ -87,7 +87,7 @@ class SoundPlayerTest(unittest.TestCase):
             self.skipTest("kobuki_msgs is installed here")
         run = subprocess.run(
             ["rosrun", "vb_feedback", "kobuki_feedback"], stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
-            universal_newlines=True, timeout=60,
+            universal_newlines=True, timeout=240,
         )
         self.assertEqual(run.returncode, 1, run.stdout)
         self.assertIn("kobuki_msgs is not installed", run.stdout)

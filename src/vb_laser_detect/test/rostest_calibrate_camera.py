@@ -6,12 +6,14 @@ import subprocess
 import sys
 import tempfile
 import threading
+import time
 import unittest
 
 import numpy as np
 import rospy
 import rostest
 import tf2_ros
+import yaml
 from geometry_msgs.msg import PointStamped
 from sensor_msgs.msg import CameraInfo, Image
 
@@ -281,12 +283,28 @@ class CalibrateCameraTest(unittest.TestCase):
         later = path.with_name("green.yaml")
         later.write_text(path.read_text().replace("blue", "green"))
         self.check_transform("green_optical_frame", POSE)
+        # two files that name each other's frames are judged together, whichever is read first
+        other = POSE @ geometry.transform(np.eye(3), (0.5, 0.0, 0.0))
+        text = path.read_text()
+        document = yaml.safe_load(text)
+        document["translation"] = [float(value) for value in other[:3, 3]]
+        path.write_text(yaml.safe_dump({**document, "frame": "green_optical_frame"}))
+        later.write_text(later.read_text().replace("green_optical", "blue_optical"))
+        self.check_transform("green_optical_frame", other)
+        self.check_transform("blue_optical_frame", POSE)
+        # a file that has another camera's name is none: the last good pose stays
+        later.write_text(text)
         path.write_text("{")
         self.assertIsNone(poses.poll())
 
     def check_transform(self, frame, truth):
-        found = self.buffer.lookup_transform(names.MAP_FRAME, frame, rospy.Time(0), rospy.Duration(PATIENCE))
-        self.assertLess(np.abs(messages.matrix_from_transform(found.transform) - truth).max(), 0.02)
+        """Waits until tf has a frame at its true pose."""
+        error, deadline = float("inf"), time.monotonic() + PATIENCE
+        while error > 0.02 and time.monotonic() < deadline:
+            found = self.buffer.lookup_transform(names.MAP_FRAME, frame, rospy.Time(0), rospy.Duration(PATIENCE))
+            error = np.abs(messages.matrix_from_transform(found.transform) - truth).max()
+            rospy.rostime.wallsleep(0.05)
+        self.assertLess(error, 0.02, frame)
 
     def test_nothing_comes_from_the_camera(self):
         command = self.unattended["nobody"]

@@ -1,6 +1,8 @@
 """What the nodes make of messages, without a master: descriptions of cameras, depth, other cameras, other clocks."""
+import gc
 import threading
 import time
+import weakref
 
 import cv2
 import numpy as np
@@ -15,13 +17,13 @@ from vb_core.camera_model import CameraModel
 from vb_core.errors import CodedError
 from vb_core.ros import cameras
 from vb_core.ros.images import compressed_encoding, compressed_image_array
-from vb_laser_detect import calibrate_camera_node, clock_check_node
+from vb_laser_detect import calibrate_camera_node, clock_check_node, spot_detector_node
 from vb_laser_detect.calibration.clock_offset import ClockOffset
 from vb_laser_detect.detection.detector_counts import DetectorCounts
 from vb_laser_detect.detector_params import DetectorParams
 from vb_laser_detect.ros import camera_geometry
 from vb_laser_detect.ros.camera_geometry import is_rectified
-from vb_laser_detect.ros.diagnostics import DetectorDiagnostics
+from vb_laser_detect.ros.diagnostics import DetectorDiagnostics, _Fault
 from vb_msgs.msg import DetectorStatus
 
 
@@ -31,7 +33,7 @@ class Faults:
     def __init__(self):
         self.codes = []
 
-    def fault(self, error):
+    def fault(self, error, missing=False):
         self.codes.append(error.code)
 
 
@@ -99,6 +101,44 @@ def test_ceiling_cameras_that_share_a_frame_are_named():
     assert error.code == "shared_frame" and "green, red" in str(error) and "robot" not in str(error)
     assert report_of(False).shared_frame("red_optical_frame") is None
     assert report_of(True).shared_frame("head_camera") is None
+
+
+def test_a_missing_pose_is_logged_once_it_has_lasted_then_on_change_and_once_a_minute():
+    fault, logged = _Fault(), []
+    for now in np.arange(0.0, 100.0, 0.1):
+        text = "no transform from 'a'" if now < 20.0 else "no transform from 'b'"
+        if fault.meet(text, rospy.Time(5), now, 3.0):
+            logged.append((round(now), text[-3:]))
+    assert logged == [(3, "'a'"), (20, "'b'"), (80, "'b'")]
+    # what is met once, as camera_info that is no camera's, is logged at once; a pose that was only late is not
+    assert _Fault().meet("bad", rospy.Time(5), 7.0, 0.0)
+    late = _Fault()
+    assert not any(late.meet("no transform", rospy.Time(5), now, 3.0) for now in (0.0, 1.0, 30.0, 31.0))
+
+
+def test_an_image_without_a_place_is_freed_at_once():
+    """Thirty megabytes a second would wait for the garbage collector otherwise."""
+    class Unplaced:
+        def frame(self, *_arguments):
+            try:
+                raise KeyError("tf")
+            except KeyError:
+                raise CodedError("no_transform", "no pose") from None
+
+    node = spot_detector_node.SpotDetectorNode.__new__(spot_detector_node.SpotDetectorNode)
+    node._placing, node._report = Unplaced(), Faults()
+
+    def search():
+        image = np.zeros((4, 4), np.uint8)
+        frame, unplaced = node._place("red_frame", rospy.Time(5), image)
+        assert frame is None and unplaced.code == "no_transform" and unplaced.message == "no pose"
+        return weakref.ref(image)
+
+    gc.disable()
+    try:
+        assert search()() is None
+    finally:
+        gc.enable()
 
 
 def test_counts_are_the_status_s_fields():

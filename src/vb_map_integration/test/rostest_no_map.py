@@ -11,7 +11,7 @@ class NoMapTest(unittest.TestCase):
         done = subprocess.run(
             ["rosrun", "vb_map_integration", "map_integrator"],
             stdout=subprocess.PIPE, stderr=subprocess.PIPE, stdin=subprocess.DEVNULL,
-            universal_newlines=True, timeout=80,
+            universal_newlines=True, timeout=240,
         )
         self.assertEqual(done.returncode, 1, done.stderr)
         fatal = [line for line in done.stderr.splitlines() if "FATAL" in line]

@@ -227,7 +227,7 @@ class WaysInTest(unittest.TestCase):
     # ------------------------------------------------------------- files
     def run_command(self, name, *arguments):
         done = subprocess.run(
-            [sys.executable, str(SCRIPTS / name), *map(str, arguments)], universal_newlines=True, timeout=60,
+            [sys.executable, str(SCRIPTS / name), *map(str, arguments)], universal_newlines=True, timeout=240,
             stdout=subprocess.PIPE, stderr=subprocess.STDOUT, stdin=subprocess.DEVNULL,
         )
         return done.returncode, done.stdout

@@ -200,7 +200,7 @@ class DriverTest(unittest.TestCase):
 
     def test_navigation_gets_borders_grown_by_what_the_localisation_may_be_off(self):
         cells, localisation = [], PoseWithCovarianceStamped()
-        listener = rospy.Subscriber("robot_driver/keep_out", OccupancyGridArray,
+        listener = rospy.Subscriber(names.KEEP_OUT, OccupancyGridArray,
                                     lambda message: cells.append(int((message.data == 100).sum())))
         poses = rospy.Publisher("amcl_pose", PoseWithCovarianceStamped, queue_size=1)
         plain = self.publish_border()

@@ -155,7 +155,7 @@ class LabSimulatorTest(unittest.TestCase):
             for index, argument in enumerate(cases)
         ]
         for run, word in zip(runs, cases.values()):
-            output, _ = run.communicate(timeout=60)
+            output, _ = run.communicate(timeout=240)
             self.assertEqual(run.returncode, 1, output)
             self.assertNotIn("Traceback", output)
             self.assertIn(word, [line for line in output.splitlines() if "FATAL" in line][0])

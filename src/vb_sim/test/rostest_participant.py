@@ -130,7 +130,7 @@ class ParticipantTest(unittest.TestCase):
                                   stdout=subprocess.PIPE, stderr=subprocess.STDOUT, universal_newlines=True), word)
                 for index, (arguments, word) in enumerate(cases)]
         for run, word in runs:
-            output, _ = run.communicate(timeout=60)
+            output, _ = run.communicate(timeout=240)
             self.assertEqual(run.returncode, 1, output)
             self.assertNotIn("Traceback", output)
             self.assertIn(word, [line for line in output.splitlines() if "FATAL" in line][0])

@@ -73,7 +73,7 @@ class ButtonsTest(unittest.TestCase):
     def test_a_bad_mapping_is_one_line(self):
         found = subprocess.run(
             ["rosrun", "vb_voice_wizard", "buttons", "__name:=bad", "_mapping:={dance: 1}"],
-            stdout=subprocess.PIPE, stderr=subprocess.STDOUT, universal_newlines=True, timeout=90,
+            stdout=subprocess.PIPE, stderr=subprocess.STDOUT, universal_newlines=True, timeout=240,
         )
         self.assertEqual(found.returncode, 1)
         self.assertIn("dance", found.stdout)

@@ -13,8 +13,10 @@ import unittest
 
 import rospy
 import rostest
-from vb_core import sentences
 from std_msgs.msg import Bool, String
+from vb_core import names, sentences
+from vb_core.notices import Notice, Severity
+from vb_core.ros.notices import message_from_notice
 
 sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
 from ros_helpers import Newest, Process, StubNeighbours, rospy_point, wait_until  # noqa: E402
@@ -299,6 +301,27 @@ class InteractionManagerTest(unittest.TestCase):
         self.assertEqual(self.command("save").code, "confirm_save")
         self.assertEqual(self.command("save").code, "saved")
         self.stub.preview.issues = []
+
+    def test_a_border_is_not_saved_unasked_while_cameras_disagree(self):
+        notice = Notice("cameras_disagree", Severity.ERROR, camera="south", values={"first": "north", "second": "south", "cm": "11"})
+        told = [message_from_notice(notice)]
+        notices = rospy.Publisher(names.NOTICES, NoticeArray, queue_size=1)
+        # notices hold for as long as they are repeated
+        timer = rospy.Timer(rospy.Duration(0.2), lambda _event: notices.publish(NoticeArray(source="/lab_monitor", notices=told)))
+        try:
+            self.command("define_border")
+            self.command("define_seed")
+            identity = self.in_state("seed").interaction_id
+            self.draw(identity, dx=0.3)
+            issue = self.preview.wait(lambda message: message.interaction_id == identity and message.issues, "the issue").issues[0]
+            self.assertEqual((issue.code, issue.message), (notice.code, notice.sentence()))
+            self.assertEqual(self.command("save").code, "confirm_save")
+            del told[:]  # the cameras agree again, as the preview says soon
+            self.preview.wait(lambda message: message.available and not message.issues, "the preview without it")
+            self.assertEqual(self.command("save").code, "saved")
+        finally:
+            timer.shutdown()
+            notices.unregister()
 
     def test_a_command_as_text(self):
         wait_until(lambda: self.text.get_num_connections(), "the subscriber")

@@ -148,7 +148,7 @@ class WizardConsoleTest(unittest.TestCase):
 
     def test_without_a_terminal(self):
         found = subprocess.run(["rosrun", "vb_voice_wizard", "wizard_console"], stdin=subprocess.DEVNULL,
-                               stdout=subprocess.PIPE, stderr=subprocess.PIPE, universal_newlines=True, timeout=90)
+                               stdout=subprocess.PIPE, stderr=subprocess.PIPE, universal_newlines=True, timeout=240)
         self.assertEqual(found.returncode, 1)
         self.assertIn("needs a terminal", found.stderr)
         self.assertNotIn("Traceback", found.stderr)

@@ -64,7 +64,7 @@ class Terminal:
     def leave(self):
         """Quits; gives the exit status, and whether the terminal is as it was before: with echo, line by line."""
         self.press("q")
-        status = self.process.wait(timeout=60)
+        status = self.process.wait(timeout=240)
         same = termios.tcgetattr(self.slave)[3] == self.settings[3]
         os.close(self.slave)
         # the reader first: the number of a file that is closed belongs to the next one that is opened

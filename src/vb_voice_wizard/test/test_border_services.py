@@ -13,7 +13,6 @@ from vb_voice_wizard.dialogue import border_services
 @pytest.fixture
 def neighbours(monkeypatch):
     """The services, with a border_fusion that has seen no spot."""
-    monkeypatch.setattr(border_services.rospy, "Subscriber", lambda *_arguments, **_more: None)
     monkeypatch.setattr(border_services.rospy, "get_time", lambda: 10.0)
     monkeypatch.setattr(services, "call", lambda *_arguments, **_more: GetDrawnBorderResponse(code="no_spots"))
     return border_services.BorderServices("border", 1.0, 1.0, 1.0)
@@ -21,7 +20,7 @@ def neighbours(monkeypatch):
 
 def refusal(neighbours, *notices):
     messages = [message_from_notice(notice) for notice in notices]
-    neighbours._on_notices(NoticeArray(source="/lab_monitor", notices=messages))
+    neighbours.on_notices(NoticeArray(source="/lab_monitor", notices=messages))
     with pytest.raises(CodedError) as caught:
         neighbours.candidate("i1")
     return caught.value

@@ -8,6 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from vb_core.notices import Notice
 from vb_voice_wizard.dialogue.preview_scheduler import PERIOD_S, SHARE, PreviewInputs, PreviewScheduler
 
 DRAWN = PreviewInputs("i1", np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0]]), np.array([[0.5, 0.5]]), (7.0, 3))
@@ -44,6 +45,7 @@ def test_nothing_is_done_while_nothing_changes():
         changed(seed=np.zeros((0, 2))),
         changed(borders=(7.0, 4)),
         changed(borders=(7.1, 3)),
+        changed(doubts=(Notice("cameras_disagree"),)),
     ],
 )
 def test_what_matters_is_looked_at_after_the_period(now):

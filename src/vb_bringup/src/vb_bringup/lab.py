@@ -5,7 +5,6 @@ wrong and how to fix it. `lab_probe` observes the running lab; this module only 
 """
 from __future__ import annotations
 
-import difflib
 import enum
 import math
 from collections import defaultdict
@@ -72,7 +71,8 @@ class CameraSeen:
         frame: that the images name; bright: share of the image at its white level.
         detector: the detector's node; "" if none runs.
         has_pose: whether tf knows the frame in the map.
-        file: the calibration file, "" if others publish the pose; file_error: why it cannot be read;
+        file: the calibration file, "" if others publish the pose; file_missing: there is none; file_error: why it cannot
+            be used; file_camera: the other camera that it is of;
         file_frame: the frame that it names; file_focal: [px] of the lens with which it was made, 0 if that is not known.
     """
 
@@ -91,7 +91,9 @@ class CameraSeen:
     detector: str = ""
     has_pose: bool = False
     file: str = ""
+    file_missing: bool = False
     file_error: str = ""
+    file_camera: str = ""
     file_frame: str = ""
     file_focal: float = 0.0
 
@@ -168,6 +170,11 @@ def _pose_faults(camera: CameraSeen, by_frame: Mapping[str, Sequence[str]], faul
     if sharing:
         # it will get another frame: then comes the pose
         yield fault(State.ERROR, "lab_camera_frame_shared", frame=camera.frame, others=", ".join(sharing))
+    elif camera.file_error and (camera.has_pose or not camera.file_missing):
+        # the running lab still has the last good pose; calibrating again is not the first thing to do
+        yield fault(
+            State.ERROR, "lab_camera_file_of_other" if camera.file_camera else "lab_camera_file_broken", file=camera.file,
+            error=camera.file_error, other=camera.file_camera, pose="$lab_pose_kept" if camera.has_pose else "$lab_pose_missing")
     elif camera.file_error:
         yield fault(State.ERROR, "lab_camera_no_calibration", file=camera.file, error=camera.file_error)
     elif camera.file_frame and camera.file_frame != camera.frame:
@@ -288,7 +295,7 @@ def check_navigation(seen: NavigationSeen) -> List[Line]:
         lines.append(Line(seen.name, State.ERROR, "lab_navigation_without_borders", values))
     elif names.PHYSICAL_MAP in seen.maps:
         lines.append(Line(seen.name, State.ERROR, "lab_navigation_physical_map", values))
-    elif not any(topic.endswith("/robot_driver/keep_out") for topic in seen.maps):
+    elif not any(topic.endswith(f"/{names.KEEP_OUT}") for topic in seen.maps):
         lines.append(Line(seen.name, State.WARNING, "lab_navigation_without_keep_out", values))
     if seen.clears_plans:
         lines.append(Line(seen.name, State.ERROR, "lab_navigation_clears_plans", values))
@@ -301,20 +308,6 @@ def check_disk(folder: str, free_mb: float, writable: bool = True) -> Line:
     state = State.OK if code == "lab_disk_ok" else State.ERROR
     free = "unknown" if math.isnan(free_mb) else f"{free_mb:.0f}"
     return Line("disk", state, code, {"folder": folder, "free": free})
-
-
-def check_launch_arguments(given: Sequence[str], declared: Sequence[str]) -> List[Line]:
-    """Arguments passed to roslaunch that the launch file lacks: roslaunch ignores them silently."""
-    code = "lab_unknown_argument" if declared else "lab_no_arguments"
-    return [
-        Line("launch", State.ERROR, code,
-             {"argument": name, "nearest": _nearest(name, declared), "known": ", ".join(sorted(declared))})
-        for name in given if name not in declared
-    ]
-
-
-def _nearest(name: str, known: Sequence[str]) -> str:
-    return (difflib.get_close_matches(name, known, 1, 0.0) or [""])[0]
 
 
 # people are told of these at once, by the node that the fault is in: a check that comes later adds nothing

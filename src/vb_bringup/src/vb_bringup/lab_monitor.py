@@ -4,6 +4,7 @@ Without it, an unplugged camera looks to a person as if the laser were off.
 """
 from __future__ import annotations
 
+import math
 from collections import deque
 from dataclasses import dataclass, field
 from typing import Deque, Dict, List, Mapping, Sequence
@@ -20,8 +21,9 @@ STARTING_S = 15.0
 DISAGREE_M = 0.05
 # sightings of one camera that are compared, and [s] for how long: enough for a mean, soon replaced after a calibration
 _SIGHTINGS, _REMEMBERED_S = 200, 300.0
-# a detector's count of dropped spots, to the code of the notice
-_REASONS = {"no_transform": "camera_no_pose", "no_camera_info": "camera_no_lens"}
+# a detector's count of dropped spots, to the code of the notice; the first that holds hides those behind it. Of a shared
+# frame `check_lab` tells, which knows the cameras that have it.
+_REASONS = {"shared_frame": "", "no_camera_info": "camera_no_lens", "no_transform": "camera_no_pose"}
 
 
 @dataclass
@@ -80,8 +82,7 @@ class LabMonitor:
             return "detector_missing"
         if now - camera.image_at > SILENT_S:
             return "camera_silent"
-        recent = [reason for reason, at in camera.dropped_at.items() if now - at <= SILENT_S]
-        return _REASONS[recent[0]] if recent else ""
+        return next((code for reason, code in _REASONS.items() if now - camera.dropped_at.get(reason, -math.inf) <= SILENT_S), "")
 
 
 class CameraComparison:

@@ -2,17 +2,12 @@
 from __future__ import annotations
 
 import json
-import os
 import re
-import signal
-import socket
 import subprocess
 import sys
 import threading
 import time
-import xmlrpc.client
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any, Dict, FrozenSet, List, Optional, Tuple
 
 import rosgraph
@@ -22,7 +17,7 @@ from tf2_msgs.msg import TFMessage
 
 from vb_bringup.lab import Line, State, notices
 from vb_bringup.lab_monitor import CameraComparison, LabMonitor
-from vb_core import names, sentences
+from vb_core import names
 from vb_core.notices import Notice
 from vb_core.parameters import Parameters, param
 from vb_core.ros import node, parameters
@@ -33,7 +28,6 @@ from vb_msgs.msg import DetectorStatus, LaserSpot
 # all in seconds of wall time
 COMPARE_S = 5.0  # between two comparisons of the cameras' spots
 LOOK_S = 1.0  # between two looks at which nodes run
-ANSWER_S = 3.0  # a node that runs tells its process within it
 SETTLED_S = 6.0  # without a node that comes or goes: before, a lab is starting or ending
 AGAIN_S = {State.ERROR: 60.0, State.OK: 600.0}  # a check takes two seconds of processor time
 # what rospy appends to the names of tools, whose coming and going does not change the lab
@@ -199,31 +193,6 @@ def build() -> LabMonitorNode:
     return LabMonitorNode(parameters.read(LabMonitorParams))
 
 
-def end_second_lab(name: str) -> bool:
-    """Whether a node of this name answers already: then the roslaunch that started this one is ended.
-
-    Two labs on one ROS master would end each other's nodes, and roslaunch start them again, for ever.
-    """
-    try:
-        master = rosgraph.Master("/lab_monitor_start")
-        socket.setdefaulttimeout(ANSWER_S)
-        there = master.lookupNode(name)
-        process = xmlrpc.client.ServerProxy(there).getPid("/lab_monitor_start")[2]
-    except (rosgraph.MasterException, OSError, xmlrpc.client.Error):
-        return False  # none, or one that died without a word
-    finally:
-        socket.setdefaulttimeout(None)
-    print(f"[FATAL] {name}: {sentences.say('lab_already_running', {'process': str(process), 'where': there})}",
-          file=sys.stderr, flush=True)
-    parent = Path(f"/proc/{os.getppid()}/cmdline")
-    if b"roslaunch" in parent.read_bytes():
-        os.kill(os.getppid(), signal.SIGINT)
-    return True
-
-
 def main() -> None:
     """Entry point of the executable lab_monitor."""
-    own = rosgraph.names.resolve_name(rosgraph.names.load_mappings(sys.argv).get("__name", "lab_monitor"), "/")
-    if not {"-h", "--help"} & set(sys.argv) and end_second_lab(own):
-        sys.exit(1)
     node.run("lab_monitor", build)

@@ -17,7 +17,7 @@ from nav_msgs.msg import OccupancyGrid
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image, LaserScan
 
 from vb_bringup.lab import (
-    CameraInfoSeen, CameraSeen, Line, MapSeen, NavigationSeen, RobotSeen, State, check_cameras, check_disk, check_launch_arguments,
+    CameraInfoSeen, CameraSeen, Line, MapSeen, NavigationSeen, RobotSeen, State, check_cameras, check_disk,
     check_map, check_navigation, check_nodes, check_robot,
 )
 from vb_core import names
@@ -126,8 +126,7 @@ def probe(seconds: float) -> List[Line]:
 
     poses = _CalibrationFiles(graph)
     cameras = [_camera(graph, node, detectors[node], images[node][0], streams, transforms, poses) for node in detectors]
-    lines = check_launch_arguments(*launch_arguments())
-    lines += check_nodes([node for node in NEEDED_NODES if node not in graph.nodes])
+    lines = check_nodes([node for node in NEEDED_NODES if node not in graph.nodes])
     lines += check_cameras(cameras)
     lines += check_map(_map(graph, streams))
     driven = rospy.get_param("/interaction_manager/robot", True)
@@ -151,56 +150,6 @@ def probe(seconds: float) -> List[Line]:
     for stream in streams.values():
         stream.close()
     return lines
-
-
-def launch_arguments(processes: Path = Path("/proc")) -> Tuple[List[str], List[str]]:
-    """The arguments passed to roslaunch processes on this computer, and those that their files declare."""
-    import roslaunch.arg_dump
-
-    given: List[str] = []
-    declared: Set[str] = set()
-    for place in processes.glob("[0-9]*/cmdline"):
-        try:
-            words = [word.decode() for word in place.read_bytes().split(b"\0") if word]
-            folder = os.readlink(str(place.parent / "cwd"))
-        except (OSError, UnicodeDecodeError):
-            continue  # it has ended, or belongs to another user
-        start = next((k for k, word in enumerate(words[:3]) if os.path.basename(word) == "roslaunch"), None)
-        if start is None or rosgraph.rosenv.get_master_uri() != _master_of(place.parent):
-            continue
-        words = [word for word in words[start + 1:] if not word.startswith("-")]
-        plain = [word for word in words if ":=" not in word]
-        files = next((files for k in range(len(plain)) for files in [_launch_files(plain[k:], folder)] if files), [])
-        if not files:
-            continue
-        try:
-            found = roslaunch.arg_dump.get_args(files)
-        except Exception:  # a launch file that cannot be read was reported by roslaunch itself
-            continue
-        declared |= set(found)
-        given += [word.split(":=")[0] for word in words if ":=" in word and not word.startswith("__")]
-    return given, sorted(declared)
-
-
-def _launch_files(words: Sequence[str], folder: str) -> List[str]:
-    """The files that roslaunch was given in a folder; none if one of the words is an option's value."""
-    import roslaunch.rlutil
-
-    paths = [os.path.join(folder, word) if os.path.isfile(os.path.join(folder, word)) else word for word in words]
-    try:
-        found = roslaunch.rlutil.resolve_launch_arguments(paths)
-    except Exception:  # no package of this name
-        return []
-    return found if all(os.path.isfile(word) for word in found) else []
-
-
-def _master_of(process: Path) -> str:
-    try:
-        variables = (process / "environ").read_bytes().split(b"\0")
-    except OSError:
-        return ""
-    found = dict(variable.split(b"=", 1) for variable in variables if b"=" in variable)
-    return found.get(b"ROS_MASTER_URI", b"").decode(errors="replace")
 
 
 def _robots() -> List[str]:
@@ -260,7 +209,8 @@ class _CalibrationFiles:
         try:
             found = self._files.load(path)
         except CodedError as error:
-            return {"file": str(path), "file_error": error.message}
+            return {"file": str(path), "file_missing": error.code == "no_calibration", "file_error": error.message,
+                    "file_camera": error.values.get("camera", "")}
         return {"file": str(path), "file_frame": found.frame, "file_focal": found.focal}
 
 

@@ -25,6 +25,14 @@ class CodedError(Exception):
     def __str__(self) -> str:
         return f"{self.message} [{self.code}]"
 
+    def without_stack(self) -> CodedError:
+        """The same error for a variable that outlives the handler.
+
+        One that was raised holds all frames of its stack, and one of these holds the variable: that circle, with every
+        image in it, stays until the garbage collector comes by.
+        """
+        return CodedError(self.code, self.message, **self.values)
+
 
 class ParameterError(CodedError):
     """A parameter, or a key of a YAML file, that is missing, unknown or out of range."""

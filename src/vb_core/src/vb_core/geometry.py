@@ -139,6 +139,19 @@ def intersect_floor(origin: np.ndarray, directions: np.ndarray, height: float = 
     return points
 
 
+def along_arc(points: np.ndarray, curvature: float) -> Tuple[np.ndarray, np.ndarray]:
+    """(N,) [m] how far points (N, 2) [m] are along an arc, and how far to its left.
+
+    The arc begins at the origin along x and bends to the left by `curvature` [1/m].
+    """
+    x, y = points[:, 0], points[:, 1]
+    if abs(curvature) < 1e-3:
+        return x, y
+    centre, side = 1.0 / curvature, math.copysign(1.0, curvature)
+    across = (abs(centre) - np.hypot(x, y - centre)) * side
+    return np.arctan2(x, (centre - y) * side) * abs(centre), across
+
+
 def chain_length(points: np.ndarray, closed: bool = False) -> float:
     """Length [m] of a polygonal chain (N, 2), with its closing segment if it is closed."""
     points = np.asarray(points, dtype=float)

@@ -4,6 +4,7 @@ MAP_FRAME = "map"
 
 PHYSICAL_MAP = "/map"
 MAP_WITH_BORDERS = "/virtual_borders/map"
+KEEP_OUT = "robot_driver/keep_out"  # in a robot's namespace
 SPOTS = "/virtual_borders/spots"
 STATE = "/virtual_borders/state"
 PROGRESS = "/virtual_borders/progress"

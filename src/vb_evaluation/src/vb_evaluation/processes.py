@@ -1,4 +1,8 @@
-"""Child processes of an experiment: a roslaunch with its own master, and a screen for RViz."""
+"""Child processes of a script: a roslaunch with its own master, a screen for RViz.
+
+The idea: the kernel ends a child when its parent ends, however that ends. No handler has to run, so that neither SIGTERM nor
+SIGKILL leaves a roslaunch or a screen behind; roslaunch then ends its nodes.
+"""
 from __future__ import annotations
 
 import os
@@ -7,7 +11,7 @@ import socket
 import subprocess
 import time
 from pathlib import Path
-from typing import Dict, List, Optional
+from typing import Any, Dict, List, Optional, Sequence
 
 from vb_core.errors import CodedError
 
@@ -23,14 +27,22 @@ def free_port(wanted: int = 0) -> int:
         return int(probe.getsockname()[1])
 
 
+def spawn(command: Sequence[str], **options: Any) -> subprocess.Popen:
+    """Starts a command that gets SIGTERM once the thread that called this has ended; `options` as of Popen.
+
+    Its own children get no signal: it has to end them itself, as roslaunch does.
+    """
+    return subprocess.Popen(["setpriv", "--pdeathsig", "TERM", *command], **options)
+
+
 class Child:
-    """A child process in its own group, so that all it started ends with it."""
+    """A child process in its own group, so that all it started ends with it; see `spawn`."""
 
     def __init__(self, command: List[str], log: Path, env: Optional[Dict[str, str]] = None) -> None:
         self.log = log
         log.parent.mkdir(parents=True, exist_ok=True)
         with open(str(log), "w") as output:
-            self._process = subprocess.Popen(
+            self._process = spawn(
                 command, stdin=subprocess.DEVNULL, stdout=output, stderr=subprocess.STDOUT, env=env,
                 start_new_session=True,
             )

@@ -2,16 +2,17 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, Dict, Tuple
 
 import rospy
 import tf2_ros
-from geometry_msgs.msg import TransformStamped
 
 from vb_core.errors import CodedError, ParameterError
 from vb_core.parameters import Parameters, param
 from vb_core.ros import messages, parameters
 from vb_laser_detect.calibration import file as calibration_file
+from vb_laser_detect.calibration.file import CameraPose
 
 
 @dataclass(frozen=True)
@@ -39,41 +40,49 @@ class CameraPosesNode:
         if not params.folder or not self._cameras:
             raise ParameterError(rospy.resolve_name("~folder"), "a folder and the names of cameras must be set")
         self._folder = params.folder
-        self._known: Dict[str, Tuple[int, int]] = {}
-        self._transforms: Dict[str, TransformStamped] = {}
+        self._versions: Dict[str, Tuple[int, int]] = {}
+        self._poses: Dict[str, CameraPose] = {}
         self._broadcaster = tf2_ros.StaticTransformBroadcaster()
         self._look()
         self._timer = rospy.Timer(rospy.Duration(params.look_s), self._look, reset=True)
 
     def _look(self, _event: Any = None) -> None:
-        changed = False
-        for camera in self._cameras:
-            path = calibration_file.calibration_path(self._folder, camera)
+        """Reads the files that changed, then judges all of them together: no file's verdict depends on the order."""
+        paths = {camera: calibration_file.calibration_path(self._folder, camera) for camera in self._cameras}
+        before, self._versions = self._versions, {camera: _version(path) for camera, path in paths.items()}
+        changed = [camera for camera, version in self._versions.items() if before.get(camera) != version]
+        for camera in changed:
             try:
-                state = path.stat()
-                version = (state.st_mtime_ns, state.st_ino)
-            except OSError:
-                version = (0, 0)
-            if self._known.get(camera) == version:
-                continue
-            self._known[camera] = version
-            try:
-                pose = calibration_file.load(path)
-                frames = {name: other.child_frame_id for name, other in self._transforms.items()}
-                # a shared one can be right for neither
-                self._transforms = {name: other for name, other in self._transforms.items()
-                                    if frames[name] != pose.frame or name == camera}
-                calibration_file.require_own_frame(camera, pose.frame, frames)
+                self._poses[camera] = calibration_file.load(paths[camera])
             except CodedError as error:
-                rospy.logwarn("%s: %s", rospy.get_name(), error)
+                # of a camera that was never calibrated lab_monitor says what comes first: its frame, its lens, or its pose
+                new = error.code == "no_calibration" and camera not in self._poses
+                (rospy.loginfo if new else rospy.logwarn)("%s: no pose of %s: %s", rospy.get_name(), camera, error)
+        frames = {camera: pose.frame for camera, pose in self._poses.items()}
+        sound = []
+        for camera, pose in self._poses.items():
+            try:
+                calibration_file.require_own_frame(camera, pose.frame, frames)  # a shared one can be right for neither
+            except CodedError as error:
+                if changed:
+                    rospy.logwarn("%s: %s", rospy.get_name(), error)
                 continue
-            place = " ".join(f"{value:.3f}" for value in pose.T[:3, 3])
-            rospy.loginfo("%s: %s is at %s in %s (%s)", rospy.get_name(), pose.frame, place, pose.parent, path)
-            self._transforms[camera] = messages.transform_message(pose.T, pose.parent, pose.frame, rospy.Time.now())
-            changed = True
-        if changed:
+            sound.append(messages.transform_message(pose.T, pose.parent, pose.frame, rospy.Time.now()))
+            if camera in changed:
+                place = " ".join(f"{value:.3f}" for value in pose.T[:3, 3])
+                rospy.loginfo("%s: %s is at %s in %s (%s)", rospy.get_name(), pose.frame, place, pose.parent, paths[camera])
+        if changed and sound:
             # all of them: a latched topic keeps its last message only
-            self._broadcaster.sendTransform(list(self._transforms.values()))
+            self._broadcaster.sendTransform(sound)
+
+
+def _version(path: Path) -> Tuple[int, int]:
+    """Differs between two versions of a file; (0, 0): there is none."""
+    try:
+        state = path.stat()
+    except OSError:
+        return 0, 0
+    return state.st_mtime_ns, state.st_ino
 
 
 def build() -> CameraPosesNode:

@@ -168,18 +168,18 @@ class SpotDetectorNode:
         image = self._reader.read(raw, encoding)
         self._report.colour = image.ndim == 3 or encoding.startswith("bayer")
         frame_id = self._params.frame or message.header.frame_id
-        frame, unplaced = self._place(frame_id, stamp, image)
+        shared = self._report.shared_frame(frame_id)
+        frame, unplaced = (None, shared) if shared is not None else self._place(frame_id, stamp, image)
         began = time.perf_counter()
         spots = search(self._detector, image, stamp.to_sec(), frame, encoding)
         took = time.perf_counter() - began
-        shared = self._report.shared_frame(frame_id)
         if frame is not None and frame.unplaced is not None:
             # the pose was asked for and is missing: what was found is only counted
             unplaced = frame.unplaced
-            self._report.fault(unplaced)
+            self._report.fault(unplaced, missing=True)
         elif shared is not None:
             self._report.fault(shared)
-            unplaced, spots, frame, self._detector.backfilled = shared, [], None, []
+            spots, self._detector.backfilled = [], []
         self._report.standing("" if unplaced is None else str(unplaced))
         for candidate in self._detector.candidates:
             # these are everyday events: counted, but not worth a warning
@@ -191,7 +191,7 @@ class SpotDetectorNode:
             self._spots.publish(self._message(spot, where.point(spot.u, spot.v), where.stamp))
         self._report.recall(sum(where is not frame for where, _ in confirmed))
         if frame is None and spots and unplaced is not None:
-            self._report.fault(unplaced)
+            self._report.fault(unplaced, missing=True)
             spots = []
         self._report.frame(stamp, took, len(spots), image, frame_id, self._detector.confirmation_s)
         if self._debug.get_num_connections() > 0:
@@ -205,8 +205,8 @@ class SpotDetectorNode:
             return self._placing.frame(frame_id, stamp, image.shape), None
         except CodedError as error:
             if error.code != "no_camera_info":  # which may come late
-                self._report.fault(error)
-            return None, error
+                self._report.fault(error, missing=True)
+            return None, error.without_stack()
 
     def _message(self, spot: Spot, point: FloorPoint, stamp: rospy.Time) -> LaserSpot:
         result = LaserSpot()

@@ -30,7 +30,7 @@ from vb_sim.robot.planner import PlannerParams
 
 OccupancyGridUpdateArray = numpy_msg(OccupancyGridUpdate)
 Pose = Tuple[float, float, float]
-MAPS = (names.MAP_WITH_BORDERS, "robot_driver/keep_out")
+MAPS = (names.MAP_WITH_BORDERS, names.KEEP_OUT)
 
 
 @dataclass(frozen=True)

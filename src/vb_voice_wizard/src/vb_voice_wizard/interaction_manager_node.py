@@ -17,7 +17,7 @@ from vb_core.parameters import param
 from vb_core.ros import node, parameters
 from vb_core.ros.messages import values_from_mapping
 from vb_core.ros.notices import NoticePublisher
-from vb_msgs.msg import BorderProgress, InteractionState, VirtualBorderArray
+from vb_msgs.msg import BorderProgress, InteractionState, NoticeArray, VirtualBorderArray
 from vb_msgs.srv import Command, CommandRequest, CommandResponse
 
 from vb_voice_wizard.dialogue import persistence
@@ -59,6 +59,8 @@ class InteractionManager:
         /virtual_borders/progress (vb_msgs/BorderProgress): which cameras contributed, for the record; border and
             seed so far, for the preview; whether drawing goes on.
         /virtual_borders/borders (vb_msgs/VirtualBorderArray): to check whether the preview is still right.
+        /virtual_borders/notices (vb_msgs/NoticeArray): faulty cameras. While cameras see the laser at different places, or
+            one has another lens, each preview has that as an issue.
 
     Published topics:
         /virtual_borders/state (vb_msgs/InteractionState, latched): on each change, and every 0.1 s of wall time.
@@ -119,6 +121,7 @@ class InteractionManager:
         rospy.Subscriber(names.STOP, Bool, self._on_stop, queue_size=10)
         rospy.Subscriber(names.PROGRESS, BorderProgress, self._on_progress, queue_size=1)
         rospy.Subscriber(names.BORDERS, VirtualBorderArray, self._preview.on_borders, queue_size=1)
+        rospy.Subscriber(names.NOTICES, NoticeArray, self._on_notices, queue_size=20)
         rospy.Subscriber("/virtual_borders/command_text", String, self._on_text, queue_size=10)
         self._service = rospy.Service(names.COMMAND, Command, self._on_command)
 
@@ -137,6 +140,9 @@ class InteractionManager:
                 self._interaction.count_spots(
                     message.border_spots, message.seed_spots, message.ignored_spots, rospy.get_time())
         self._preview.on_progress(message)
+
+    def _on_notices(self, message: NoticeArray) -> None:
+        self._preview.on_doubts(self._neighbours.on_notices(message))
 
     def _on_stop(self, message: Bool) -> None:
         sender = message._connection_header.get("callerid", "")

@@ -55,6 +55,7 @@ class Study:
 
     @property
     def runs(self) -> pandas.DataFrame:
+        """One row per run."""
         return self.tables[RUNS]
 
     @property

@@ -348,6 +348,7 @@ class ServiceProxy:
         self.resolved_name, self._kind = graph.node.resolve(name), service_class
 
     def __call__(self, *given: Any, **named: Any) -> Any:
+        """As `call`."""
         return self.call(*given, **named)
 
     def call(self, *given: Any, **named: Any) -> Any:

@@ -104,13 +104,13 @@ def load(path: Path) -> CameraPose:
     """Reads a calibration file; inverse of `save` for what the launch file needs.
 
     Raises:
-        CodedError: "no_calibration" if there is no such file; "bad_calibration" if it holds no pose, or that of another
-            camera than its name says.
+        CodedError: "no_calibration" if there is no such file; "bad_calibration" if it holds no pose;
+            "calibration_of_another", with that `camera`, if its name says another one.
     """
     try:
         content = yaml.safe_load(path.read_text())
     except FileNotFoundError:
-        raise CodedError("no_calibration", f"there is no '{path}': run calibrate_camera") from None
+        raise CodedError("no_calibration", f"there is no '{path}'") from None
     except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
         raise CodedError("bad_calibration", f"cannot read '{path}': {error}") from None
     try:
@@ -121,11 +121,11 @@ def load(path: Path) -> CameraPose:
             raise ValueError("camera, parent and frame must be names")
         if not np.isfinite(translation).all():
             raise ValueError(f"translation {translation}")
-        if camera != path.stem:
-            raise ValueError(f"it is of camera '{camera}'")
         focal = float(content.get("focal_px", 0.0))
     except (KeyError, TypeError, ValueError) as error:
         raise CodedError("bad_calibration", f"'{path}' is no calibration: {error}") from None
+    if camera != path.stem:
+        raise CodedError("calibration_of_another", file=path, camera=camera)
     return CameraPose(camera, parent, frame, geometry.transform(rotation, translation), focal)
 
 

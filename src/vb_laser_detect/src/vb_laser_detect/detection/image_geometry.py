@@ -60,7 +60,7 @@ class Frame:
             except CodedError as error:
                 if error.code not in ("no_transform", "bad_transform"):
                     raise
-                self.unplaced = error
+                self.unplaced = error.without_stack()
         return np.full((len(pixels), 3), np.nan)
 
     def point(self, u: float, v: float) -> FloorPoint:

@@ -3,6 +3,7 @@ from __future__ import annotations
 
 import threading
 import time
+from dataclasses import dataclass, field
 from typing import Any, Dict, Optional, Tuple
 
 import diagnostic_updater
@@ -20,11 +21,36 @@ from vb_msgs.msg import DetectorStatus
 
 _SILENCE_S = 2.0  # without an image for this long, diagnostics call the camera silent
 _RECENT_S = 5.0  # a fault of its input stays in the diagnostics for this long
-_WARN_EVERY_S = 10.0  # and is logged at most this often, per kind
+# [s] of wall time. A fault is logged once, when its sentence changes, and as a reminder; a missing input not before it has
+# lasted: while nodes start inputs come late, and a camera whose frame is another's should not be told of its pose first
+_CHANGES_S, _REMIND_S, _LASTS_S = 10.0, 60.0, 3.0
 _SATURATED = 250  # [grey levels]
 _SLOW_S = 1.0  # a spot that is confirmed later than this is worth a warning
 _HEARD_S = 5.0  # a detector that is silent for this long is gone
 _TOO_BRIGHT = 0.05  # part of the image that is saturated: no spot can be seen there
+
+
+@dataclass
+class _Fault:
+    """One kind of fault: when it was last met, and what was logged of it. `at` is ROS time, the others [s] wall time."""
+
+    at: rospy.Time = field(default_factory=rospy.Time)
+    text: str = ""
+    since: float = 0.0
+    met: float = float("-inf")
+    told: float = float("-inf")
+    told_text: str = ""
+
+    def meet(self, text: str, at: rospy.Time, now: float, lasts_s: float) -> bool:
+        """Notes that it is there, and returns whether that is to be logged."""
+        if now - self.met > _RECENT_S:
+            self.since = now
+        self.at, self.text, self.met = at, text, now
+        again_s = _REMIND_S if text == self.told_text else _CHANGES_S
+        due = now - self.since >= lasts_s and now - self.told >= again_s
+        if due:
+            self.told, self.told_text = now, text
+        return due
 
 
 class DetectorDiagnostics:
@@ -52,8 +78,7 @@ class DetectorDiagnostics:
         self._mailbox = mailbox
         self._statistics = DetectorCounts()
         self._lock = threading.Lock()
-        self._faults: Dict[str, Tuple[rospy.Time, str]] = {}
-        self._warned: Dict[str, rospy.Time] = {}
+        self._faults: Dict[str, _Fault] = {}
         self._standing = ""
         self._image: Optional[np.ndarray] = None
         self.debug_images = 0
@@ -70,17 +95,18 @@ class DetectorDiagnostics:
         """An ordinary rejection: a candidate that is not a spot."""
         self._statistics.refuse(code)
 
-    def fault(self, error: CodedError, severe: bool = False) -> None:
-        """Counts a fault of the input, shows it in the diagnostics, and logs it now and then."""
+    def fault(self, error: CodedError, severe: bool = False, missing: bool = False) -> None:
+        """Counts a fault of the input, shows it in the diagnostics, and logs it now and then.
+
+        Args:
+            severe: a fault of the program.
+            missing: of an input that may only be late.
+        """
         self._statistics.refuse(error.code)
-        now = rospy.Time.now()
         with self._lock:
-            self._faults[error.code] = (now, error.message)
-            last = self._warned.get(error.code)
-            silent = last is not None and 0 <= (now - last).to_sec() < _WARN_EVERY_S
-            if not silent:
-                self._warned[error.code] = now
-        if not silent:
+            known = self._faults.setdefault(error.code, _Fault())
+            due = known.meet(error.message, rospy.Time.now(), time.monotonic(), _LASTS_S if missing else 0.0)
+        if due:
             (rospy.logerr if severe else rospy.logwarn)("%s: %s", rospy.get_name(), error)
 
     def standing(self, reason: str) -> None:
@@ -103,7 +129,7 @@ class DetectorDiagnostics:
         try:
             require_own_frame(self._camera, frame_id, frames)
         except CodedError as error:
-            return error
+            return error.without_stack()
         return None
 
     def frame(
@@ -131,7 +157,7 @@ class DetectorDiagnostics:
         now, told = rospy.Time.now(), self._status
         with self._lock:
             missing = [self._standing] if self._standing else []
-            faults = [(code, text) for code, (at, text) in self._faults.items() if abs((now - at).to_sec()) < _RECENT_S]
+            faults = [(code, one.text) for code, one in self._faults.items() if abs((now - one.at).to_sec()) < _RECENT_S]
         recent = [f"{text} [{code}]" for code, text in faults]
         image = self._image
         saturated = float((sample_blocks(image) >= _SATURATED).mean()) if image is not None else 0.0

@@ -52,6 +52,7 @@ class Viewpoint:
 
     @property
     def pose(self) -> Pose:
+        """(x, y, yaw) [m, m, rad], map frame."""
         return self.x, self.y, self.yaw
 
 

@@ -90,16 +90,10 @@ class Scan:
 
     def free_distance(self, v: float, w: float, radius: float, keep: Keep) -> float:
         """[m] along the arc of (v, w) [m/s, rad/s] before the robot comes too near to a point; inf if it never does."""
-        x, y = math.copysign(1.0, v) * self.points[:, 0], self.points[:, 1]
-        bend = math.copysign(1.0, v) * w / abs(v)
+        direction = math.copysign(1.0, v)
+        bend = direction * w / abs(v)
         width = radius + keep.sides
-        if abs(bend) < 1e-3 or abs(bend) > 1.0 / TIGHT:
-            along, across = x, y
-        else:
-            centre = 1.0 / bend
-            sign = math.copysign(1.0, centre)
-            across = (np.hypot(x, y - centre) - abs(centre)) * sign
-            along = np.arctan2(x, (centre - y) * sign) * abs(centre)
+        along, across = geometry.along_arc(self.points * [direction, 1.0], bend if abs(bend) <= 1.0 / TIGHT else 0.0)
         hit = (np.abs(across) < width) & (along > 0.0)
         if not hit.any():
             return math.inf

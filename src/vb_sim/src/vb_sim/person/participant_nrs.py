@@ -21,6 +21,7 @@ class NetworkRobotSystemScript(ParticipantScript):
     _without_cameras: Optional[RobotOnlyScript] = None
 
     def prepare(self) -> Step:
+        """Walks to where the border can be drawn from, and asks to draw it."""
         person = self.person
         self._without_cameras = None
         person.doing = "walks"
@@ -30,6 +31,7 @@ class NetworkRobotSystemScript(ParticipantScript):
         yield from person.react()
 
     def draw(self) -> Step:
+        """Draws the border, and what was not seen of it again."""
         person = self.person
         person.doing = "draws"
         stroke = yield from self._seen_start()
@@ -103,6 +105,7 @@ class NetworkRobotSystemScript(ParticipantScript):
             yield
 
     def show_seed(self) -> Step:
+        """Walks near, and points at the area that is restricted."""
         person = self.person
         if self._without_cameras is not None:
             yield from self._without_cameras.show_seed()

@@ -28,6 +28,7 @@ class RobotOnlyScript(ParticipantScript):
 
     # ------------------------------------------------------------ the course
     def prepare(self) -> Step:
+        """Leads the robot to where the border begins, and asks to draw it."""
         person = self.person
         person.doing = "walks"
         while person.percept.robot is None:
@@ -45,6 +46,7 @@ class RobotOnlyScript(ParticipantScript):
         yield from person.react()
 
     def draw(self) -> Step:
+        """Draws the border before the robot, which follows; leads it back to what it missed."""
         person = self.person
         stroke = self._stroke
         arc = seen_at = stroke.start
@@ -81,6 +83,7 @@ class RobotOnlyScript(ParticipantScript):
         person.doing = "draws"
 
     def show_seed(self) -> Step:
+        """Leads the robot on, and points at the area that is restricted."""
         person = self.person
         end = person.spot
         person.spot = None

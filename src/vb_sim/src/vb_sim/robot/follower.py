@@ -146,14 +146,7 @@ class Follower:
         if not len(obstacles):
             return math.inf
         width = p.robot_radius + p.obstacle_margin
-        x, y = obstacles[:, 0], obstacles[:, 1]
-        if abs(curvature) < 1e-3:
-            along, across = x, y
-        else:
-            # polar coordinates about the arc's centre
-            radius = 1.0 / curvature
-            across = (np.hypot(x, y - radius) - abs(radius)) * np.sign(radius)
-            along = np.arctan2(x, (radius - y) * np.sign(radius)) * abs(radius)
+        along, across = geometry.along_arc(obstacles, curvature)
         reach = 1.5
         ahead = (along > 0.0) & (along < reach) & (np.abs(across) < width)
         if not ahead.any():

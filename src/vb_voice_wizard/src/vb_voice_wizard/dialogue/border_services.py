@@ -2,13 +2,13 @@
 from __future__ import annotations
 
 import threading
-from typing import Any, Dict, Type
+from typing import Any, Dict, List, Type
 
 import rospy
 from std_srvs.srv import Trigger, TriggerRequest
 from vb_core import names
 from vb_core.errors import CodedError
-from vb_core.notices import NoticeBook, Severity
+from vb_core.notices import Notice, NoticeBook, Severity
 from vb_core.ros import messages, services
 from vb_core.ros.notices import notice_from_message
 from vb_core.ros.preview_service import PreviewBorderArray, PreviewBorderArrayResponse
@@ -21,6 +21,8 @@ from vb_voice_wizard.interaction import UNDO
 
 _INTEGRATOR = "$map_integrator"
 
+# spots of such cameras are published, at wrong places; those of other faulty cameras are lost
+MISPLACING = frozenset({"cameras_disagree", "lab_camera_other_lens"})
 UNANSWERED = ("no_service", "no_answer")  # codes of an absent service; any other is its own error
 
 
@@ -42,11 +44,13 @@ class BorderServices:
         self._answer_s = answer_s
         self._lock = threading.Lock()
         self._book = NoticeBook()
-        rospy.Subscriber(names.NOTICES, NoticeArray, self._on_notices, queue_size=20)
 
-    def _on_notices(self, message: NoticeArray) -> None:
+    def on_notices(self, message: NoticeArray) -> List[Notice]:
+        """What the nodes tell people; returns what makes every spot's place doubtful now."""
         with self._lock:
-            self._book.hear(message.source, map(notice_from_message, message.notices), rospy.get_time())
+            now = rospy.get_time()
+            self._book.hear(message.source, map(notice_from_message, message.notices), now)
+            return [notice for notice in self._book.current(now) if notice.code in MISPLACING]
 
     def candidate(self, interaction_id: str) -> VirtualBorder:
         """The border as drawn, ready to be added.

@@ -6,6 +6,7 @@ from typing import Optional, Tuple
 
 import numpy as np
 
+from vb_core.notices import Notice
 
 PERIOD_S = 0.5  # between two previews: faster than people read
 RETRY_S = 2.0  # after which a service that did not answer is called again
@@ -27,6 +28,7 @@ class PreviewInputs:
         seed: (1, 2) float64 [m] the seed so far; (0, 2): none.
         borders: changes with every change of the map or the borders in it.
         code, message, values: why there is no border or no seed, if known.
+        doubts: what people are told of the cameras that makes every spot's place doubtful.
     """
 
     interaction_id: str = ""
@@ -36,6 +38,7 @@ class PreviewInputs:
     code: str = ""
     message: str = ""
     values: Tuple[Tuple[str, str], ...] = ()
+    doubts: Tuple[Notice, ...] = ()
 
     @property
     def complete(self) -> bool:
@@ -48,7 +51,7 @@ class PreviewInputs:
             return False
         if not self.complete:
             return (self.code, self.message, self.values) == (other.code, other.message, other.values)
-        return self.borders == other.borders and all(
+        return (self.borders, self.doubts) == (other.borders, other.doubts) and all(
             mine.shape == others.shape and bool(np.abs(mine - others).max() <= TOLERANCE_M)
             for mine, others in ((self.chain, other.chain), (self.seed, other.seed))
         )

@@ -4,15 +4,16 @@ from __future__ import annotations
 import dataclasses
 import threading
 import time
-from typing import Any, Mapping, Optional
+from typing import Any, Mapping, Optional, Sequence
 
 import numpy as np
 import rospy
 from vb_core import names, sentences
 from vb_core.errors import CodedError
+from vb_core.notices import Notice
 from vb_core.ros import node
 from vb_core.ros.messages import BorderPreviewArray, array_from_points, mapping_from_values, values_from_mapping
-from vb_msgs.msg import BorderProgress, VirtualBorderArray
+from vb_msgs.msg import BorderIssue, BorderProgress, VirtualBorderArray
 
 from vb_voice_wizard.dialogue.border_services import UNANSWERED, BorderServices
 from vb_voice_wizard.dialogue.preview_scheduler import PreviewInputs, PreviewScheduler
@@ -45,14 +46,15 @@ class Previewer:
         with self._condition:
             self._held = saving
             if interaction_id != self._situation.interaction_id:
-                self._situation = PreviewInputs(interaction_id, borders=self._situation.borders)
+                self._situation = PreviewInputs(
+                    interaction_id, borders=self._situation.borders, doubts=self._situation.doubts)
                 self._take_progress()
             self._condition.notify()
 
     def is_doubtful(self, interaction_id: str) -> bool:
-        """Whether saving would be taken, but the check of the border has found something to mind."""
+        """Whether saving would be taken, but its preview has an issue to mind."""
         with self._condition:
-            return bool(interaction_id) and self._doubtful_of == interaction_id
+            return bool(interaction_id) and (self._doubtful_of == interaction_id or bool(self._situation.doubts))
 
     def on_progress(self, message: BorderProgress) -> None:
         """What was drawn so far."""
@@ -66,6 +68,12 @@ class Previewer:
         with self._condition:
             borders = (message.header.stamp.to_sec(), message.revision)
             self._situation = dataclasses.replace(self._situation, borders=borders)
+            self._condition.notify()
+
+    def on_doubts(self, doubts: Sequence[Notice]) -> None:
+        """What makes every spot's place doubtful now: an issue of every preview, like those of the border's check."""
+        with self._condition:
+            self._situation = dataclasses.replace(self._situation, doubts=tuple(doubts))
             self._condition.notify()
 
     def _take_progress(self) -> None:
@@ -123,7 +131,7 @@ class Previewer:
         preview = self._empty(situation, answer.code, answer.message)
         preview.values = answer.values
         preview.available, preview.success = True, answer.success
-        preview.issues = answer.issues
+        preview.issues = [*answer.issues, *map(_issue, situation.doubts)]
         preview.border, preview.region = border, answer.region
         preview.area_m2, preview.free_parts = answer.area_m2, answer.free_parts
         return preview
@@ -136,3 +144,8 @@ class Previewer:
         preview.header.frame_id = names.MAP_FRAME
         preview.region.data = np.zeros(0, np.int8)
         return preview
+
+
+def _issue(doubt: Notice) -> BorderIssue:
+    return BorderIssue(severity=BorderIssue.WARNING, code=doubt.code, message=doubt.sentence(),
+                       values=values_from_mapping(doubt.values))
