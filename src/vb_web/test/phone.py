@@ -2,9 +2,11 @@
 python3-selenium."""
 from __future__ import annotations
 
+import contextlib
 import time
 
 from selenium import webdriver
+from selenium.common.exceptions import StaleElementReferenceException
 from selenium.webdriver.chrome.service import Service
 from selenium.webdriver.common.actions.action_builder import ActionBuilder
 from selenium.webdriver.common.actions.pointer_input import PointerInput
@@ -68,9 +70,13 @@ class Browser:
         """Clicks the first enabled element of a selector, with this text if one is given."""
         script = """[...document.querySelectorAll(arguments[0])].find(
             (e) => !e.disabled && e.getClientRects().length && (!arguments[1] || e.textContent.trim() === arguments[1]))"""
-        element = self.wait(script, selector, text, what=f"{selector} {text or ''}")
-        self.run("arguments[0].scrollIntoView({block: 'center'})", element)
-        element.click()
+        while True:
+            element = self.wait(script, selector, text, what=f"{selector} {text or ''}")
+            # what came from the nodes meanwhile may have replaced it
+            with contextlib.suppress(StaleElementReferenceException):
+                self.run("arguments[0].scrollIntoView({block: 'center'})", element)
+                element.click()
+                return
 
     def text(self, selector):
         return self.run("const e = document.querySelector(arguments[0]); return e ? e.innerText : ''", selector)

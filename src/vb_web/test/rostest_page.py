@@ -128,6 +128,7 @@ class PageTest(unittest.TestCase):
     def remove_all(self):
         while self.borders():
             left = len(self.borders()) - 1  # counted before: the removal may be heard at once
+            self.browser.wait("document.querySelectorAll('#borders .name').length == arguments[0]", left + 1, what="the borders")
             self.browser.click("#borders .name")
             self.browser.click("#dialog button", "Remove")
             self.wait_borders(left)
