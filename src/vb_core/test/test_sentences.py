@@ -42,3 +42,12 @@ def test_a_value_may_be_a_word_of_the_readers_language():
     assert sentences.say("no_service", {"who": "$map_integrator"}) == "The map integrator is not running."
     assert sentences.say("no_service", {"who": "$map_integrator"}, "de") == "Die Kartenverwaltung läuft nicht."
     assert sentences.say("no_service", {"who": "$"}) == "$ is not running."
+
+
+def test_words_of_the_language_stand_within_a_sentence_and_at_its_beginning():
+    values = {"who": "$the_robot", "border": "Rug", "reason": "$robot_no_way_out"}
+    assert sentences.say("robot_inside_border", values) == "The robot is inside Rug."
+    assert sentences.say("robot_touches_border", values) == "The edge of the robot touches Rug."
+    assert sentences.say("robot_inside_border", values, "de").startswith("Der Roboter ")
+    assert "Kein Weg führt" in sentences.say("robot_cannot_leave", values, "de")
+    assert sentences.say("robot_inside_border", {"who": "ada", "border": "Rug"}) == "ada is inside Rug."

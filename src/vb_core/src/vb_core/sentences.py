@@ -5,7 +5,8 @@ languages/<language>/<topic>.yaml maps each code to one sentence with the values
 
     seed_missing: "{border} has no seed: point at the side that the robot should keep out of."
 
-A value that begins with $ is itself a code, for words that differ by language: who = "$map_integrator".
+A value that begins with $ is itself a code, for words that differ by language: who = "$the_robot", reason = "$robot_boxed_in".
+Its own values are those of the sentence in which it stands. At the beginning of a sentence it gets a capital letter.
 
 No program reads a sentence.
 """
@@ -66,9 +67,12 @@ def say(code: str, values: Mapping[str, Any] = {}, language: str = ENGLISH, othe
     sentence = catalogue(language).get(code) or catalogue(ENGLISH).get(code)
     if sentence is None:
         return otherwise or code.replace("_", " ")
-    words = {name: _word(str(value), language) for name, value in values.items()}
+    words = {}
+    for name, value in values.items():
+        words[name] = str(value)
+        if words[name].startswith("$") and len(words[name]) > 1:
+            others = {other: word for other, word in values.items() if other != name}
+            words[name] = say(words[name][1:], others, language)
+            if sentence.startswith(f"{{{name}}}"):
+                words[name] = words[name][:1].upper() + words[name][1:]
     return string.Formatter().vformat(sentence, (), _Shown(words))
-
-
-def _word(value: str, language: str) -> str:
-    return say(value[1:], {}, language) if value.startswith("$") and len(value) > 1 else value

@@ -89,7 +89,6 @@ class RobotDriverNode:
         self._params, self._profile = params, profile
         prefix = f"{params.robot}/" if params.robot else ""
         self._base, self._odom = prefix + profile.frames.base, prefix + profile.frames.odom
-        self._who = f"robot {params.robot}" if params.robot else "the robot"
         self._stop_file = FilePath(params.stop_file).expanduser() if params.stop_file else None
         self._remembered = self._stop_file is not None and _is_there(self._stop_file)
         self._remembering = threading.Lock()
@@ -313,7 +312,7 @@ class RobotDriverNode:
         self._told = (command, now)
         code = f"robot_{command.code}"
         message = DriverState(robot=self._params.robot, driver=command.driver, code=command.code, speed=command.v,
-                              turn_rate=command.w, message=sentences.say(code, {"who": self._who}))
+                              turn_rate=command.w, message=sentences.say(code, {"who": self._params.robot or "$the_robot"}))
         message.header.stamp = rospy.Time.from_sec(now)
         self._states.publish(message)
         if changed:
@@ -331,7 +330,7 @@ class RobotDriverNode:
             if command.driver == drivers.LEAVE:
                 found.append(self._notice("robot_leaves_border", Severity.INFO, border=_quoted(name)))
             elif self._driver.exit.failed:
-                reason = sentences.say(f"robot_{self._driver.exit.failed}", {"who": self._who})
+                reason = f"$robot_{self._driver.exit.failed}"
                 found.append(self._notice(
                     "robot_cannot_leave", Severity.WARNING, border=_quoted(name), reason=reason))
         if command.cancel:
@@ -349,7 +348,7 @@ class RobotDriverNode:
         return found
 
     def _notice(self, code: str, severity: Severity, **values: str) -> Notice:
-        return Notice(code, severity, robot=self._params.robot, values={"who": self._who, **values})
+        return Notice(code, severity, robot=self._params.robot, values={"who": self._params.robot or "$the_robot", **values})
 
 
 def _is_there(path: FilePath) -> bool:

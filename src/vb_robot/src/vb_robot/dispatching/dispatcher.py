@@ -153,4 +153,4 @@ class Dispatcher:
         if not (comes and (lost or ahead)):
             return None
         return Notice("spot_unseen_robot_comes" if lost else "spot_ahead_unseen", Severity.INFO, robot=serving or "",
-                      values={"who": f"robot {serving}" if serving else "the robot"})
+                      values={"who": serving or "$the_robot"})
