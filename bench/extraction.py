@@ -82,7 +82,9 @@ def methods(before) -> Dict[str, Extract]:
 
     def run(module, params, known: bool) -> Extract:
         def extract(stroke: Stroke):
-            extra = {"stamps": stroke.stamps, "cameras": stroke.cameras, "mobile": stroke.mobile} if known else {}
+            extra = {"stamps": stroke.stamps, "cameras": stroke.cameras} if known else {}
+            if known and stroke.mobile is not None:
+                extra["mobile"] = stroke.mobile
             return module.extract_border(stroke.points, params, **extra)
 
         return extract
