@@ -71,11 +71,10 @@ class FaultyMoveBase:
                 remembered.clear()
 
     def recover(self):
-        """Rests and is sound again; for the next test."""
+        """Has no fault any more, for the next test."""
         if self._server is None:
             self.revive()
         self.be_deaf(False)
-        self.rest()
         self.behaviour = "drive"
 
     @property

@@ -207,7 +207,7 @@ def check_robot(robot: RobotSeen) -> List[Line]:
     subject = f"robot {robot.name}".strip()
     lines = []
     if robot.pose_age is None:
-        lines.append(Line(subject, State.ERROR, "lab_robot_no_pose", {"robot": robot.name or "$the_robot"}))
+        lines.append(Line(subject, State.ERROR, "lab_robot_no_pose", {"robot": sentences.robot(robot.name)}))
     elif robot.pose_age > 1.0:
         lines.append(Line(subject, State.ERROR, "lab_robot_old_pose", {"age": f"{robot.pose_age:.1f}"}))
     if robot.scan_deg == 0.0:

@@ -5,7 +5,7 @@ languages/<language>/<topic>.yaml maps each code to one sentence with the values
 
     seed_missing: "{border} has no seed: point at the side that the robot should keep out of."
 
-A value that begins with $ is itself a code, for words that differ by language: who = "$the_robot", reason = "$robot_boxed_in".
+A value that begins with $ is itself a code, for words that differ by language: who = "$the_robot", reason = "$robot_no_way_out".
 Its own values are those of the sentence in which it stands. At the beginning of a sentence it gets a capital letter.
 
 No program reads a sentence.
@@ -54,6 +54,11 @@ class _Shown(dict):
 
     def __missing__(self, key: str) -> str:
         return f"({key})"
+
+
+def robot(name: str) -> str:
+    """The value that names a robot in a sentence; an empty name is the only robot's."""
+    return name or "$the_robot"
 
 
 def say(code: str, values: Mapping[str, Any] = {}, language: str = ENGLISH, otherwise: str = "") -> str:

@@ -47,7 +47,7 @@ class CameraPosesNode:
         self._timer = rospy.Timer(rospy.Duration(params.look_s), self._look, reset=True)
 
     def _look(self, _event: Any = None) -> None:
-        """Reads the files that changed, then judges all of them together: no file's verdict depends on the order."""
+        """Reads the files that changed, then checks all of them together, so that their order does not matter."""
         paths = {camera: calibration_file.calibration_path(self._folder, camera) for camera in self._cameras}
         before, self._versions = self._versions, {camera: _version(path) for camera, path in paths.items()}
         changed = [camera for camera, version in self._versions.items() if before.get(camera) != version]
@@ -59,7 +59,7 @@ class CameraPosesNode:
                 new = error.code == "no_calibration" and camera not in self._poses
                 (rospy.loginfo if new else rospy.logwarn)("%s: no pose of %s: %s", rospy.get_name(), camera, error)
         frames = {camera: pose.frame for camera, pose in self._poses.items()}
-        sound = []
+        valid = []
         for camera, pose in self._poses.items():
             try:
                 calibration_file.require_own_frame(camera, pose.frame, frames)  # a shared one can be right for neither
@@ -67,13 +67,13 @@ class CameraPosesNode:
                 if changed:
                     rospy.logwarn("%s: %s", rospy.get_name(), error)
                 continue
-            sound.append(messages.transform_message(pose.T, pose.parent, pose.frame, rospy.Time.now()))
+            valid.append(messages.transform_message(pose.T, pose.parent, pose.frame, rospy.Time.now()))
             if camera in changed:
                 place = " ".join(f"{value:.3f}" for value in pose.T[:3, 3])
                 rospy.loginfo("%s: %s is at %s in %s (%s)", rospy.get_name(), pose.frame, place, pose.parent, paths[camera])
-        if changed and sound:
+        if changed and valid:
             # all of them: a latched topic keeps its last message only
-            self._broadcaster.sendTransform(sound)
+            self._broadcaster.sendTransform(valid)
 
 
 def _version(path: Path) -> Tuple[int, int]:

@@ -312,7 +312,7 @@ class RobotDriverNode:
         self._told = (command, now)
         code = f"robot_{command.code}"
         message = DriverState(robot=self._params.robot, driver=command.driver, code=command.code, speed=command.v,
-                              turn_rate=command.w, message=sentences.say(code, {"who": self._params.robot or "$the_robot"}))
+                              turn_rate=command.w, message=sentences.say(code, {"who": sentences.robot(self._params.robot)}))
         message.header.stamp = rospy.Time.from_sec(now)
         self._states.publish(message)
         if changed:
@@ -348,7 +348,7 @@ class RobotDriverNode:
         return found
 
     def _notice(self, code: str, severity: Severity, **values: str) -> Notice:
-        return Notice(code, severity, robot=self._params.robot, values={"who": self._params.robot or "$the_robot", **values})
+        return Notice(code, severity, robot=self._params.robot, values={"who": sentences.robot(self._params.robot), **values})
 
 
 def _is_there(path: FilePath) -> bool:

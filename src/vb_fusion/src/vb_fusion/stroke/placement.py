@@ -54,13 +54,12 @@ def _firmness(unknown: int, seconds: np.ndarray) -> csr_matrix:
         unknown: number of offsets.
         seconds: (S, R) which of them are robots', one row per second.
     """
+    before, after = seconds[:-1], seconds[1:]
+    prior = (0.5 * TREMBLE / LOCALISATION) ** 2
+    tie = prior / (1.0 - KEPT**2)  # of an offset to KEPT of the one a second before
     held = np.ones(unknown)
-    after = np.zeros((0, 2), dtype=int)
-    tie = (0.5 * TREMBLE / LOCALISATION) ** 2 / (1.0 - KEPT**2)
-    if seconds.size:
-        held[seconds] = tie * (1.0 + KEPT**2)
-        held[seconds[0]] -= tie * KEPT**2
-        held[seconds[-1]] -= tie * KEPT**2
-        after = np.column_stack([seconds[:-1].ravel(), seconds[1:].ravel()])
-    pairs = csr_matrix((np.full(len(after), -tie * KEPT), after.T), shape=(unknown, unknown))
+    held[seconds[:1]] = prior
+    held[after] = tie
+    held[before] += tie * KEPT**2
+    pairs = csr_matrix((np.full(after.size, -tie * KEPT), (before.ravel(), after.ravel())), shape=(unknown, unknown))
     return diags(held) + pairs + pairs.T

@@ -1,4 +1,4 @@
-"""What stands between a camera and the floor.
+"""What hides the floor from a camera.
 
 One idea: a ray that meets a robot before it meets the floor shows the robot, and nothing on it is a spot on the floor,
 whatever it looks like. Where robots are is known, so no rule about their lights, buttons and reflections is needed.

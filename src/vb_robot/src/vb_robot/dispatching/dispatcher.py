@@ -6,6 +6,7 @@ from typing import Dict, Mapping, Optional, Sequence, Tuple
 
 import numpy as np
 
+from vb_core import sentences
 from vb_core.grid_map import GridMap
 from vb_core.notices import Notice, Severity
 from vb_robot import spots
@@ -153,4 +154,4 @@ class Dispatcher:
         if not (comes and (lost or ahead)):
             return None
         return Notice("spot_unseen_robot_comes" if lost else "spot_ahead_unseen", Severity.INFO, robot=serving or "",
-                      values={"who": serving or "$the_robot"})
+                      values={"who": sentences.robot(serving or "")})
