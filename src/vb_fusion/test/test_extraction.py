@@ -293,6 +293,15 @@ def test_many_points_all_over_the_room_come_to_an_end(params):
         assert error.code
 
 
+@pytest.mark.parametrize("strays", [0.03, 0.3])
+def test_a_line_is_found_among_hundreds_of_strays_at_once(strays):
+    rate = 300_000 / (6.5 / BASE.speed * BASE.cameras)
+    stroke = draw("rectangle", BASE.replace(rate=rate, outliers=strays), np.random.default_rng(0))
+    chain = extract_border(stroke.points, stamps=stroke.stamps, cameras=stroke.cameras)
+    assert chain.closed
+    assert hausdorff(chain.points, stroke.truth, True) < 0.15
+
+
 def test_parameters_are_checked():
     with pytest.raises(ParameterError, match="mode"):
         ExtractionParams.from_mapping({"mode": "magic"})

@@ -44,7 +44,7 @@ from vb_fusion.stroke.observations import TREMBLE, Sights, check, condense, mome
 from vb_fusion.stroke.ordering import in_order
 from vb_fusion.stroke.placement import without_offsets
 from vb_fusion.stroke.seed import extract_seed
-from vb_fusion.stroke.track import Places, Track, find_places, find_tracks
+from vb_fusion.stroke.track import Track, find_places, find_tracks
 
 __all__ = ["BorderChain", "ExtractionError", "ExtractionParams", "extract_border", "extract_seed"]
 
@@ -121,7 +121,7 @@ class GrowingBorder:
     def __init__(self, params: ExtractionParams) -> None:
         self._params = params
         self._sights = check(np.zeros((0, 2)))
-        self._places = Places(np.zeros((0, 2)), np.zeros(0), np.zeros(0, dtype=int))
+        self._places = find_places(self._sights)
         self._steps, self._stations, self._sides = Memory(), Memory(), Memory()
 
     def add(self, spots: Sights) -> None:
@@ -133,7 +133,7 @@ class GrowingBorder:
         kept = int(np.searchsorted(moments(self._sights.stamps), begin))
         recent = condense(self._sights.select(slice(kept, None)).followed_by(spots))
         self._sights = self._sights.select(slice(kept)).followed_by(recent)
-        self._places = self._places.until(kept).followed_by(find_places(recent))
+        self._places = self._places.until(begin).followed_by(find_places(recent))
 
     def chain(self) -> BorderChain:
         """The border of all spots so far.

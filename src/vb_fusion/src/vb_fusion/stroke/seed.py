@@ -62,8 +62,7 @@ def extract_seed(
         known = floor.query(at, k=[MIN_SPOTS], distance_upper_bound=HAND)[0][:, 0]
         gains[np.isfinite(known)] = KNOWN
     if places is not None:
-        pairs = np.unique(np.column_stack([places.sights, seen.cameras]), axis=0)
-        gains *= np.bincount(pairs[:, 0]) / (1.0 + MOMENT * earlier)
+        gains *= places.cameras / (1.0 + MOMENT * earlier)
         gain, previous = best_steps(at, places.stamps, gains, np.inf, PLACE, Memory())
         path = path_to(int(gain.argmax()), previous, np.ones(len(at), dtype=bool))
     dwelt = np.bincount(spot[path], gains[path])[spot[path]]

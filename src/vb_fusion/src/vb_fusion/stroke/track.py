@@ -28,6 +28,7 @@ BRISK = 6.0  # [m/s] at this speed an unseen path costs as much floor as it cros
 BLINK = 3.0 * MOMENT  # [s] a pointer that moves is seen again within it
 REST = 20.0 * MOMENT  # [s] a hand seldom rests for longer; a bright thing stays
 LOOK_BACK = 40  # places among which a predecessor is looked for: 4 s, less where more than one thing is seen
+CROWD = 10  # places of one moment, the strongest ones: looking back reaches further than a BLINK, whatever glitters
 
 
 @dataclass(frozen=True)
@@ -36,19 +37,21 @@ class Places:
 
     points: np.ndarray  # (P, 2) [m]
     stamps: np.ndarray  # (P,) [s]
-    sights: np.ndarray  # (N,) index of each sight's place
+    moments: np.ndarray  # (P,) int
+    cameras: np.ndarray  # (P,) how many cameras saw each
 
-    def until(self, sights: int) -> "Places":
-        """The places of the first sights, if a moment ends there."""
-        count = int(self.sights[:sights].max(initial=-1)) + 1
-        return Places(self.points[:count], self.stamps[:count], self.sights[:sights])
+    def until(self, moment: int) -> "Places":
+        """The places of earlier moments."""
+        count = int(np.searchsorted(self.moments, moment))
+        return Places(self.points[:count], self.stamps[:count], self.moments[:count], self.cameras[:count])
 
     def followed_by(self, others: "Places") -> "Places":
         """These and then the others."""
         return Places(
             np.vstack([self.points, others.points]),
             np.concatenate([self.stamps, others.stamps]),
-            np.concatenate([self.sights, others.sights + len(self.stamps)]),
+            np.concatenate([self.moments, others.moments]),
+            np.concatenate([self.cameras, others.cameras]),
         )
 
 
@@ -68,7 +71,7 @@ class Track:
 
 
 def find_places(seen: Sights) -> Places:
-    """The places of each moment."""
+    """The places of each moment: where cameras saw most, at most a CROWD of them."""
     group = moments(seen.stamps)
     # apart where there is a gap along x, then along y, then along x again
     for axis in (0, 1, 0):
@@ -77,10 +80,14 @@ def find_places(seen: Sights) -> Places:
         group[order] = np.concatenate([[0], np.cumsum(new)])
     weights = np.bincount(group, seen.weights)
     x, y, time = (np.bincount(group, seen.weights * values) / weights for values in (*seen.points.T, seen.stamps))
-    order = np.lexsort((y, x, time))
-    rank = np.empty(len(order), dtype=np.int64)
-    rank[order] = np.arange(len(order))
-    return Places(np.column_stack([x, y])[order], time[order], rank[group])
+    moment = np.empty(len(weights), dtype=np.int64)
+    moment[group] = moments(seen.stamps)
+    witnesses = np.unique(np.column_stack([group, seen.cameras]), axis=0)[:, 0]
+    # equal weights are sums in another order elsewhere
+    order = np.lexsort((y, x, -np.round(weights, 6), moment))
+    order = order[np.arange(len(order)) - np.searchsorted(moment[order], moment[order]) < CROWD]
+    order = order[np.lexsort((y[order], x[order], time[order], moment[order]))]
+    return Places(np.column_stack([x, y])[order], time[order], moment[order], np.bincount(witnesses)[order])
 
 
 def find_tracks(seen: Sights, places: Places, widest_gap: float, shortest: float, known: Memory) -> List[Track]:
