@@ -168,9 +168,14 @@ def rows_of(group: str, cell: str, found: Dict[str, List[Found]]) -> List[Dict[s
                 "time_median_ms": round(float(np.nanmedian([r["ms"] for r in results] + [0.0])), 1),
             }
         )
-        print("{group:12s} {cell:42s} {method:20s} {strokes:5d} bad {bad_percent:6.2f} % "
-              "({low_percent:.2f} .. {high_percent:.2f}) kind {kind_right_percent:6.2f} % J {jaccard_median} d {distance_median_m} {distance_95_percent_m}"
-              .format(**rows[-1]), flush=True)
+        print(
+            "{group:12s} {cell:42s} {method:20s} {strokes:5d} bad {bad_percent:6.2f} % "
+            "({low_percent:.2f} .. {high_percent:.2f}) kind {kind_right_percent:6.2f} % J {jaccard_median} "
+            "d {distance_median_m} {distance_95_percent_m}".format(
+                **rows[-1]
+            ),
+            flush=True,
+        )
     return rows
 
 

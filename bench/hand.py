@@ -67,8 +67,11 @@ def main() -> None:
     parser.add_argument("--out", type=Path)
     given = parser.parse_args()
     study = config.load()
-    lines = ["| scenario | hand | extraction | refused | Jaccard index, median [95 %] | of the area drawn round | the paper's people, NRS | mean boundary error, median [cm] | 95 % of people within [cm] | of the area, truth ends before walls |",
-             "|---|---|---|---|---|---|---|---|---|---|"]
+    lines = [
+        "| scenario | hand | extraction | refused | Jaccard index, median [95 %] | of the area drawn round | "
+        "the paper's people, NRS | mean boundary error, median [cm] | 95 % of people within [cm] | of the area, truth ends before walls |",
+        "|---|---|---|---|---|---|---|---|---|---|",
+    ]
     for key in study.design.scenarios:
         for hand, times in HANDS.items():
             erring = study.changed(assumptions.changes(study, dict.fromkeys(ERRORS, times))) if times > 1.0 else study
@@ -76,10 +79,20 @@ def main() -> None:
             for mode in MODES:
                 lines.append(_line(study, key, hand, mode, [found for found in (measure(study, key, *one, mode) for one in drawn)]))
                 print(lines[-1], file=sys.stderr, flush=True)
-    text = "\n".join([
-        "# What a person's movement alone costs", "", (__doc__ or "").split("\n\n")[2].replace("\n", " "), "",
-        f"Command: `python3 bench/hand.py --people {given.people} --first {given.first}`, {datetime.date.today().isoformat()}, revision {revision()}, "
-        f"{given.people} people. Medians over those that were not refused, bootstrap intervals.", "", *lines, ""])
+    text = "\n".join(
+        [
+            "# What a person's movement alone costs",
+            "",
+            (__doc__ or "").split("\n\n")[2].replace("\n", " "),
+            "",
+            f"Command: `python3 bench/hand.py --people {given.people} --first {given.first}`, {datetime.date.today().isoformat()}, "
+            f"revision {revision()}, "
+            f"{given.people} people. Medians over those that were not refused, bootstrap intervals.",
+            "",
+            *lines,
+            "",
+        ]
+    )
     if given.out:
         given.out.parent.mkdir(parents=True, exist_ok=True)
         given.out.write_text(text, encoding="utf-8")

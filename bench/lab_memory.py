@@ -87,7 +87,9 @@ def main() -> int:
     rows.sort(key=lambda row: (row["part"], -row["pss"]))
     for part in ("lab", "simulator"):
         own = [row for row in rows if row["part"] == part]
-        rows.append({"process": f"all {len(own)}", "part": part, **{key: sum(row[key] for row in own) for key in ("rss", "pss", "private")}})
+        rows.append(
+            {"process": f"all {len(own)}", "part": part, **{key: sum(row[key] for row in own) for key in ("rss", "pss", "private")}}
+        )
     options.out.parent.mkdir(parents=True, exist_ok=True)
     with open(str(options.out), "w", newline="") as file:
         writer = csv.writer(file)

@@ -3,7 +3,8 @@
 
     python3 bench/page.py cost          20 browsers' links: share of a core, time from a spot's stamp to the message
     python3 bench/page.py browser       the same time up to the picture in a real browser
-    python3 bench/page.py large         a map of 4000 x 4000 cells: pictures, bytes, frames a second in a real browser, and 20 browsers' links
+    python3 bench/page.py large         a map of 4000 x 4000 cells: pictures, bytes, frames a second in a real
+                                        browser, and 20 browsers' links
     python3 bench/page.py hostile       10,000 malformed or hostile messages and requests against the real nodes
     python3 bench/page.py axe FILE      axe-core (its axe.min.js) on the page in both sizes, light and dark
     python3 bench/page.py pictures DIR  screenshots to be looked at: both sizes and languages, dark, no spot seen, stopped
@@ -213,7 +214,10 @@ def browser():
         Pointer().run(15.0)
         delays = np.array(page.run("return window.delays")) * 1000.0
         median, late = np.percentile(delays, [50, 95])
-        return [f"spot's stamp to the frame that shows it, headless Chromium on the same two cores: {median:.0f} ms, 95 % {late:.0f} ms (n = {len(delays)})"]
+        return [
+            f"spot's stamp to the frame that shows it, headless Chromium on the same two cores: "
+            f"{median:.0f} ms, 95 % {late:.0f} ms (n = {len(delays)})"
+        ]
 
 
 def large():
@@ -238,8 +242,12 @@ def large():
         stack.callback(page.close)
         page.wait_ready()
         shown = time.monotonic() - began
-        size = page.run("""return performance.getEntriesByType("resource").filter((e) => e.name.includes("picture/map")).map((e) => e.encodedBodySize)[0]""")
-        frames = page.driver.execute_async_script("""const done = arguments[0], map = window.virtualBorders.map; let n = 0; const began = performance.now();
+        size = page.run(
+            """return performance.getEntriesByType("resource").
+               .filter((e) => e.name.includes("picture/map")).map((e) => e.encodedBodySize)[0]"""
+        )
+        frames = page.driver.execute_async_script("""const done = arguments[0], map = window.virtualBorders.map;
+            let n = 0; const began = performance.now();
             map.zoom(4); const step = () => { n++; map.view.x += .2; map.touched = true; map.lay();
               performance.now() - began < 5000 ? requestAnimationFrame(step) : done(n / 5) }; step()""")
         rss = int(next(line for line in Path(f"/proc/{page_pid()}/status").read_text().splitlines() if "VmHWM" in line).split()[1]) / 1024
@@ -289,14 +297,30 @@ def hostile():
 
     def plain(port, count):
         draw, answers = random.Random(3), {}
-        paths = ["/", "/../../etc/passwd", "/picture/map/" + "a" * 16 + ".png", "/camera/x.jpg", "/words/%s.json", "/link", "/login", "/" + "A" * 3000, "/%00", "/floor.webp?" + "x" * 500]
+        paths = [
+            "/",
+            "/../../etc/passwd",
+            "/picture/map/" + "a" * 16 + ".png",
+            "/camera/x.jpg",
+            "/words/%s.json",
+            "/link",
+            "/login",
+            "/" + "A" * 3000,
+            "/%00",
+            "/floor.webp?" + "x" * 500,
+        ]
         for _ in range(count):
             connection = http.client.HTTPConnection("127.0.0.1", port, timeout=10)
             headers = {"Host": draw.choice(["evil.example", "127.0.0.1.evil", "", "localhost:1"]), "Origin": draw.choice(["null", "http://evil.example"]),
                        "Cookie": "virtual_borders_page=" + "".join(chr(draw.randrange(33, 126)) for _ in range(draw.randrange(300))),
                        "X-Forwarded-For": "127.0.0.1"}
             try:
-                connection.request(draw.choice(["GET", "POST", "PUT", "DELETE", "OPTIONS", "TRACE"]), draw.choice(paths), body=draw.choice([None, "{}", "x" * 3000]), headers=headers)
+                connection.request(
+                    draw.choice(["GET", "POST", "PUT", "DELETE", "OPTIONS", "TRACE"]),
+                    draw.choice(paths),
+                    body=draw.choice([None, "{}", "x" * 3000]),
+                    headers=headers,
+                )
                 status = connection.getresponse().status
             except (OSError, http.client.HTTPException):
                 status = 0
@@ -326,8 +350,11 @@ def hostile():
         answers = plain(port, 3000)
         after = (listing().borders.revision, state["now"].last_command, history())
         alive = page_pid() == pid
-        return [f"{sent} of {total} hostile messages over WebSockets as an operator, {sum(answers.values())} requests from elsewhere "
-                f"(answers {dict(sorted(answers.items()))}): page alive with the same process: {alive}, borders, commands and history unchanged: {before == after}"]
+        return [
+            f"{sent} of {total} hostile messages over WebSockets as an operator, {sum(answers.values())} requests from elsewhere "
+            f"(answers {dict(sorted(answers.items()))}): page alive with the same process: {alive}, "
+            f"borders, commands and history unchanged: {before == after}"
+        ]
 
 
 def axe(path):
@@ -354,7 +381,9 @@ def axe(path):
                         if faults:
                             found[f"{'dark' if dark else 'light'}, {view}"] = faults
                 page.close()
-                lines.append(f"axe-core, {size[0]} x {size[1]}, {language}, light and dark, main view, drawing, dialog: {found or 'no violation'}")
+                lines.append(
+                    f"axe-core, {size[0]} x {size[1]}, {language}, light and dark, main view, drawing, dialog: {found or 'no violation'}"
+                )
     return lines
 
 
@@ -373,7 +402,10 @@ def pictures(folder):
         port, _ = start(stack)
         add = rospy.ServiceProxy(names.ADD_BORDER, AddBorder)
         add.wait_for_service(60.0)
-        for name, x, y, schedule in (("Rug under the dining table", 3.1, 0.8, ""), ("K\u00fcche \u53a8\u623f", 1.0, 3.2, "mon-fri 08:00-12:30")):
+        for name, x, y, schedule in (
+            ("Rug under the dining table", 3.1, 0.8, ""),
+            ("K\u00fcche \u53a8\u623f", 1.0, 3.2, "mon-fri 08:00-12:30"),
+        ):
             corners = [Point(x, y, 0), Point(x + 1.6, y, 0), Point(x + 1.6, y + 1.1, 0), Point(x, y + 1.1, 0)]
             border = VirtualBorder(name=name, kind=VirtualBorder.POLYGON, enabled=True, occupancy=1.0, points=corners,
                                    seed=Point(x + 0.8, y + 0.5, 0), schedule=schedule)
@@ -421,12 +453,17 @@ def main():
     if given.what == "pictures":
         print(*lines)
         return
-    revision = subprocess.run(["git", "describe", "--always", "--dirty"], cwd=str(TOP), stdout=subprocess.PIPE, universal_newlines=True).stdout.strip()
+    revision = subprocess.run(
+        ["git", "describe", "--always", "--dirty"], cwd=str(TOP), stdout=subprocess.PIPE, universal_newlines=True
+    ).stdout.strip()
     load = os.getloadavg()[0]
     RESULTS.parent.mkdir(parents=True, exist_ok=True)
     if not RESULTS.exists():
-        RESULTS.write_text("# The page: measurements\n\nAppended by `bench/page.py`, newest last, bad rows included. Two cores; `load` is that of the whole machine.\n\n"
-                           "| command | date, revision, load | result |\n|---|---|---|\n")
+        RESULTS.write_text(
+            "# The page: measurements\n\nAppended by `bench/page.py`, newest last, bad rows included. "
+            "Two cores; `load` is that of the whole machine.\n\n"
+            "| command | date, revision, load | result |\n|---|---|---|\n"
+        )
     with open(str(RESULTS), "a") as file:
         for line in lines:
             print(line)

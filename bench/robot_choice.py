@@ -57,10 +57,16 @@ def choice(grid: GridMap, rng: np.random.Generator, far: bool, view: FloorView) 
 
 def main() -> None:
     view = FloorView.usual()
-    lines = ["# What choosing a place to look from costs", "", f"`python3 bench/robot_choice.py`, {time.strftime('%Y-%m-%d', time.gmtime())}, "
-             f"revision {revision()}. Processor time of one choice with a window that is cut and prepared again; {TIMES} lines and "
-             "robots at random. On a computer that is busy with other things processor time grows, too.", "",
-             "| map | cells | robot | median | 95 % | longest |", "|---|---|---|---|---|---|"]
+    lines = [
+        "# What choosing a place to look from costs",
+        "",
+        f"`python3 bench/robot_choice.py`, {time.strftime('%Y-%m-%d', time.gmtime())}, "
+        f"revision {revision()}. Processor time of one choice with a window that is cut and prepared again; {TIMES} lines and "
+        "robots at random. On a computer that is busy with other things processor time grows, too.",
+        "",
+        "| map | cells | robot | median | 95 % | longest |",
+        "|---|---|---|---|---|---|",
+    ]
     for cells, resolution in ((480, 0.025), (1000, 0.05), (4000, 0.05)):
         grid = building(cells, resolution)
         for far in (False, True):
@@ -68,8 +74,10 @@ def main() -> None:
                 continue
             rng = np.random.default_rng(1)
             times = [choice(grid, rng, far, view) for _ in range(TIMES + 1)][1:]  # the first one loads libraries
-            lines.append(f"| {cells} x {cells} at {resolution} m | {cells * cells / 1e6:.1f} million | {'40 m' if far else '1.5 to 5 m'} away | "
-                         f"{np.median(times):.0f} ms | {np.quantile(times, 0.95):.0f} ms | {max(times):.0f} ms |")
+            lines.append(
+                f"| {cells} x {cells} at {resolution} m | {cells * cells / 1e6:.1f} million | {'40 m' if far else '1.5 to 5 m'} away | "
+                f"{np.median(times):.0f} ms | {np.quantile(times, 0.95):.0f} ms | {max(times):.0f} ms |"
+            )
             print(lines[-1], flush=True)
     TABLE.parent.mkdir(parents=True, exist_ok=True)
     TABLE.write_text("\n".join(lines) + "\n")

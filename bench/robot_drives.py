@@ -315,18 +315,22 @@ def table(every) -> str:
     """The results as Markdown."""
     runs = [run for run in every if run.get("lockstep", True) and not run.get("repeat")]
     lines = [
-        "# Driving with the real move_base", "",
+        "# Driving with the real move_base",
+        "",
         f"`python3 bench/robot_drives.py --robot ...`, {time.strftime('%Y-%m-%d', time.gmtime())}; goals by seeds, of which "
         "each belongs to other code, see the revisions. ros-planning/navigation at 9ad6441 with AMCL, "
         "parameters of `vb_bringup/config/navigation` and the robot's profile, through `robot_driver`; simulated lab, "
         "truth judged. As wanted: reached; into a border: refused; before the nose: not entered. *Entered*: the footprint "
         "more than one and a half cells inside of what a border restricts; *deepest*: by how much, negative: by how much it "
-        "was missed. Seeds up to 5: before robots kept off borders by what the localisation may be off. *Pace*: simulated seconds per real second, in "
+        "was missed. Seeds up to 5: before robots kept off borders by what the localisation may be off. *Pace*: simulated seconds "
+        "per real second, in "
         "the mean. *Missed*: control or costmap cycles that move_base reported as late, per simulated minute. "
-        "*Late*: reports of the driver that an input was too old.", "",
+        "*Late*: reports of the driver that an input was too old.",
+        "",
         "| seed | revisions | robot | drives | scenario | done | as wanted | 95 % interval of that | entered | deepest | "
         "localisation off, at most | median time | longest | pace | missed | late |",
-        "|---|---|---|---|---|---|---|---|---|---|---|---|---|---|---|---|"]
+        "|---|---|---|---|---|---|---|---|---|---|---|---|---|---|---|---|",
+    ]
     for key in sorted({(run["seed"], run["robot"], run["kind"], run["scenario"]) for run in runs}):
         seed, robot, kind, scenario = key
         group = [run for run in runs if (run["seed"], run["robot"], run["kind"], run["scenario"]) == key]
@@ -336,12 +340,14 @@ def table(every) -> str:
         seconds = [run["seconds"] for run in counted] or [0.0]
         off = max([run["localised_m"] for run in counted if run["localised_m"] > 0] or [0.0])
         revisions = ", ".join(sorted({run["revision"] for run in group}))
-        lines.append(f"| {seed} | {revisions} | {robot} | {TITLES[kind]} | {scenario or '-'} | {len(counted)} | {good} | "
-                     f"{_interval(good, len(counted))} | {entered} | "
-                     f"{1000 * max(run['entered_m'] for run in counted):.0f} mm | {off:.2f} m | {np.median(seconds):.0f} s | {max(seconds):.0f} s | "
-                     f"{sum(seconds) / max(sum(run['wall_s'] for run in counted), 1e-9):.2f} | "
-                     f"{sum(run['missed'] for run in counted) / max(sum(seconds) / 60.0, 1e-9):.2f} | "
-                     f"{sum(run['late'] for run in counted)} |")
+        lines.append(
+            f"| {seed} | {revisions} | {robot} | {TITLES[kind]} | {scenario or '-'} | {len(counted)} | {good} | "
+            f"{_interval(good, len(counted))} | {entered} | "
+            f"{1000 * max(run['entered_m'] for run in counted):.0f} mm | {off:.2f} m | {np.median(seconds):.0f} s | {max(seconds):.0f} s | "
+            f"{sum(seconds) / max(sum(run['wall_s'] for run in counted), 1e-9):.2f} | "
+            f"{sum(run['missed'] for run in counted) / max(sum(seconds) / 60.0, 1e-9):.2f} | "
+            f"{sum(run['late'] for run in counted)} |"
+        )
     bad = [run for run in runs if not _as_wanted(run)]
     lines += ["", "Not as wanted:" if bad else "Every drive went as wanted.", ""]
     lines += [f"- seed {run['seed']}, {run['robot']}, {run['kind']} {run['scenario']} {run['number']}, goal "
@@ -367,12 +373,16 @@ def localisation(runs):
             enough.append(error <= uncertainty.metres)
     errors, spreads = np.vstack([run["errors"] for run in runs]).T
     share = proportion(sum(enough), len(enough))
-    return ["", "## The localisation", "",
-            f"{len(enough)} updates of AMCL in {len(runs)} drives of the seeds {sorted({run['seed'] for run in runs})}. Its pose was off by "
-            f"{np.median(errors):.3f} m in the median, {np.quantile(errors, 0.95):.3f} m at 95 %, {errors.max():.3f} m at most; the "
-            f"standard deviation of its particles was {np.median(spreads) / 2:.3f} m in the median. What robots keep off borders "
-            f"was enough in {100 * sum(enough) / len(enough):.1f} % (95 % interval {100 * share.low:.1f} to {100 * share.high:.1f} %, as if "
-            "updates were independent)."]
+    return [
+        "",
+        "## The localisation",
+        "",
+        f"{len(enough)} updates of AMCL in {len(runs)} drives of the seeds {sorted({run['seed'] for run in runs})}. Its pose was off by "
+        f"{np.median(errors):.3f} m in the median, {np.quantile(errors, 0.95):.3f} m at 95 %, {errors.max():.3f} m at most; the "
+        f"standard deviation of its particles was {np.median(spreads) / 2:.3f} m in the median. What robots keep off borders "
+        f"was enough in {100 * sum(enough) / len(enough):.1f} % (95 % interval {100 * share.low:.1f} to {100 * share.high:.1f} %, as if "
+        "updates were independent).",
+    ]
 
 
 def comparison(runs):

@@ -156,11 +156,17 @@ def main() -> int:
 
 def write(done, times, cell) -> None:
     """The table of what has been run so far."""
-    lines = ["# What is lost while a robot drives", "", f"`python3 bench/robot_faults.py --times {times}`, "
-             f"{time.strftime('%Y-%m-%d', time.gmtime())}, revision {revision()}. In one process with the simulated base; "
-             "*stopped*: from the loss until both wheels rest. *Keeps driving* is right where what was lost is not needed.", "",
-             "| lost | driven by | runs | stopped | median | longest | keeps driving | ran into anything | entered a border | goes on after | what it says |",
-             "|---|---|---|---|---|---|---|---|---|---|---|"]
+    lines = [
+        "# What is lost while a robot drives",
+        "",
+        f"`python3 bench/robot_faults.py --times {times}`, "
+        f"{time.strftime('%Y-%m-%d', time.gmtime())}, revision {revision()}. In one process with the simulated base; "
+        "*stopped*: from the loss until both wheels rest. *Keeps driving* is right where what was lost is not needed.",
+        "",
+        "| lost | driven by | runs | stopped | median | longest | keeps driving | ran into anything | "
+        "entered a border | goes on after | what it says |",
+        "|---|---|---|---|---|---|---|---|---|---|---|",
+    ]
     for fault in FAULTS:
         for guided in (True, False):
             found = [done.get(f"{fault} {guided} {seed}") for seed in range(times)]

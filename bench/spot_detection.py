@@ -5,7 +5,8 @@
     bench/spot_detection.py --scenes [WORD ...]    also rendered scenes of every hard case (or those whose name has a WORD)
     bench/spot_detection.py --quiet MINUTES        also false spots without a laser, people walking under three cameras
 
-Labelled clips: spot_clips.py; another version's times: spot_time.py. Writes out/bench/spot_detection.json. Both detectors see the same frames in turn, in one run on one thread, and the
+Labelled clips: spot_clips.py; another version's times: spot_time.py. Writes out/bench/spot_detection.json. Both detectors see the same
+frames in turn, in one run on one thread, and the
 time is that of the thread, so that other programs disturb both alike.
 """
 from __future__ import annotations
@@ -172,7 +173,10 @@ def main() -> int:
     for name in ("authors_bgr8", "bgr8", "bayer_rggb8") if timing else ():
         print(f"{name:14s} {timing[name]['median_ms']:6.2f} ms per 1080p frame (95th percentile {timing[name]['p95_ms']:.2f})")
     if timing:
-        print(f"faster than the authors' design: {timing['times_faster_bgr8']:.1f} times (bgr8), {timing['times_faster_bayer_rggb8']:.1f} times (Bayer)")
+        print(
+            f"faster than the authors' design: {timing['times_faster_bgr8']:.1f} times (bgr8), "
+            f"{timing['times_faster_bayer_rggb8']:.1f} times (Bayer)"
+        )
     if arguments.scenes is not None:
         result["scenes"] = measure_scenes(arguments.scenes, arguments.seed, arguments.other, arguments.left_out, arguments.share,
                                           arguments.without, arguments.csv)

@@ -117,9 +117,18 @@ def cameras() -> List[str]:
         return table(["camera", "role", "recall", "false", "median error"], [
             [row["camera"], row["role"], row["recall"], row["false"], f"{row['median_error']} {row['unit']}"] for row in some])
 
-    return ["## Kinds of cameras", "", "Encodings, lasers, white levels, rates, sizes, compression, lenses; measured at "
-            f"{revisions(rows)}. {len(ours) - len(odd)} of {len(ours)} rows have every spot and no false one" + ("; the others:" if odd else "."), "",
-            *shown(odd), "Rows in which revision 3655b17 missed more than 2 % or had false spots:", "", *shown(before)]
+    return [
+        "## Kinds of cameras",
+        "",
+        "Encodings, lasers, white levels, rates, sizes, compression, lenses; measured at "
+        f"{revisions(rows)}. {len(ours) - len(odd)} of {len(ours)} rows have every spot and no false one"
+        + ("; the others:" if odd else "."),
+        "",
+        *shown(odd),
+        "Rows in which revision 3655b17 missed more than 2 % or had false spots:",
+        "",
+        *shown(before),
+    ]
 
 
 def times() -> List[str]:
@@ -136,12 +145,20 @@ def robots() -> List[str]:
     for row in rows:
         line = shares.setdefault((row["what"], row["localisation_error_cm"], row["n"], row["hidden_anyway"]), {})
         line[row["margin_cm"]] = "{:.1f} % ({:.1f} to {:.1f})".format(*(100 * float(row[key]) for key in ("share", "low", "high")))
-    return ["## Robots", "", "Robots at 3000 random places of the simulated lab, below its three ceiling cameras. *Laser beside*: spots on "
-            "the floor that the drawn robot does not hide; those that it hides are counted apart. *Light on it*: points of its side or top that face the "
-            "camera. Refused, with 95 %, by the margin round the robot; the detectors have 5 cm. Measured at "
-            f"{revisions(rows)}.", "",
-            *table(["what", "localisation off by [cm]", "n", "hidden anyway", "no margin", "5 cm", "10 cm"], [
-                [*key, line["0"], line["5"], line["10"]] for key, line in shares.items()])]
+    return [
+        "## Robots",
+        "",
+        "Robots at 3000 random places of the simulated lab, below its three ceiling cameras. *Laser beside*: spots on "
+        "the floor that the drawn robot does not hide; those that it hides are counted apart. "
+        "*Light on it*: points of its side or top that face the "
+        "camera. Refused, with 95 %, by the margin round the robot; the detectors have 5 cm. Measured at "
+        f"{revisions(rows)}.",
+        "",
+        *table(
+            ["what", "localisation off by [cm]", "n", "hidden anyway", "no margin", "5 cm", "10 cm"],
+            [[*key, line["0"], line["5"], line["10"]] for key, line in shares.items()],
+        ),
+    ]
 
 
 def main() -> None:

@@ -401,7 +401,12 @@ def ceiling_scenes(room: World) -> List[Scene]:
     lamp = Glint((3.7, 2.3, 0.0), 0.03, 350.0)
     floors = {
         name: lab(floor=replace(room.floor, kind="tiles", color=color, contrast=contrast), patches=(), lights=())
-        for name, color, contrast in (("bright", (195, 192, 186), 0.06), ("overexposed", (228, 226, 220), 0.06), ("dark", (38, 34, 32), 0.2), ("black", (16, 15, 15), 0.2))
+        for name, color, contrast in (
+            ("bright", (195, 192, 186), 0.06),
+            ("overexposed", (228, 226, 220), 0.06),
+            ("dark", (38, 34, 32), 0.2),
+            ("black", (16, 15, 15), 0.2),
+        )
     }
 
     def sun(t: float) -> SceneConditions:

@@ -4,7 +4,8 @@
     python3 bench/spot_table.py [--other SRC] [--rows WORD ...] [--csv docs/results/detection_table.csv]
 
 Rendered floors with a spot that is drawn across at the same speed per second, 1.5 s without and 4 s (at least 24 images)
-with it (large images: .5 s and 1 s), as each detector comes, spots that are given back included. A robot's camera looks round meanwhile, by up to 3 px
+with it (large images: .5 s and 1 s), as each detector comes, spots that are given back included. A robot's camera looks round
+meanwhile, by up to 3 px
 per image. With --other another version's packages see the same pictures. The last rows tell errors on the floor [mm], 2.95 m
 under the camera, for lenses; the others errors in the image [px].
 """

@@ -9,7 +9,8 @@ once there are both.
 
 Commands, other sentences and near misses are said by synthetic voices and streamed as from a microphone, at 10 dB: in steady
 noise, half of it with reverberation; over music; while eight people talk. Neither voices nor sentences, noises and styles of
-music of the evaluation were used to choose anything. From the development group it says what EVEN would be, and what ~recognizer/sure has to exceed.
+music of the evaluation were used to choose anything. From the development group it says what
+EVEN would be, and what ~recognizer/sure has to exceed.
 Needs espeak-ng, flite, festival and the recordings of bench/voice_recordings.py; voices that are missing are left out.
 """
 from __future__ import annotations
@@ -70,7 +71,10 @@ def _judge(plan: speech.Plan) -> Optional[dict]:
         "text": plan.text,
         "voice": plan.voice[1],
         "noise": plan.noise,
-        "found": [{"best": issue.best, "evidence": evidence(issue.confidence), "certainty": evidence(issue.certainty), "reason": issue.reason} for issue in issues],
+        "found": [
+            {"best": issue.best, "evidence": evidence(issue.confidence), "certainty": evidence(issue.certainty), "reason": issue.reason}
+            for issue in issues
+        ],
         "answer_s": deciding + END_SILENCE_S,
         "cpu_s": time.process_time() - started,
         "audio_s": len(pcm) / RATE,
@@ -212,14 +216,18 @@ Taken for a command, before anything is asked, and with how much evidence:
     shown = table({key: columns[key] for name in names for key in columns if key.startswith(name)})
     if len(parts) < 2:
         return shown  # a page of one group would lose the other's figures
-    (TOP / "docs" / "results" / "voice.md").write_text(f"""# Spoken commands: results
+    (TOP / "docs" / "results" / "voice.md").write_text(
+        f"""# Spoken commands: results
 
 Streamed. With *development* everything was chosen; *evaluation* has other voices, sentences, noises and styles of music, which
 were not used to choose anything. Voices that are not installed are left out. In brackets 95 % intervals.
-A command is taken from {accepted:.2f} of evidence, and done at once from {sure:.2f} after\nwhat the speech model would rather write has been taken off.
+A command is taken from {accepted:.2f} of evidence, and done at once from {sure:.2f} after
+what the speech model would rather write has been taken off.
 
 {shown}
-""" + "".join(parts))
+"""
+        + "".join(parts)
+    )
     return shown
 
 

@@ -298,7 +298,9 @@ def everything(group: str, takes: int = 1, share: float = 1.0, snr_db: float = 1
     # the neural voices have not recorded such long sentences
     people = [voice for voice in voices if voice[0] != "recorded"] or [("flite", "awb"), ("flite", "slt"), ("festival", "ked_diphone")]
     texts, rng = sentences(f"{group}_others"), np.random.default_rng(0)
-    talkers = [synthesise(people[index % len(people)], f"{texts[index]}, {texts[-index - 1]}") for index in range(0, min(40, len(texts)), 2)]
+    talkers = [
+        synthesise(people[index % len(people)], f"{texts[index]}, {texts[-index - 1]}") for index in range(0, min(40, len(texts)), 2)
+    ]
     planned = [plan for noises in (NOISES[group], MUSIC[group], ("babble",)) for plan in plans(group, voices, takes, noises, snr_db)]
     drawn = [planned[index] for index in rng.permutation(len(planned)) if rng.random() < share]
     kinds = [[plan for plan in drawn if plan.kind == kind] for kind in ("command", "near_miss", "other")]

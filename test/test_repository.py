@@ -62,7 +62,22 @@ def test_manifests_name_what_is_imported(package):
 # keys outside of Noetic's own packages, looked up in rosdistro's rosdep/python.yaml and base.yaml
 ROSDEP_KEYS = {"alsa-utils"} | {
     "python3-" + name
-    for name in ("hypothesis", "jinja2", "matplotlib", "numpy", "opencv", "pandas", "pytest", "rospkg", "scipy", "setuptools", "shapely", "sklearn", "tornado", "yaml")
+    for name in (
+        "hypothesis",
+        "jinja2",
+        "matplotlib",
+        "numpy",
+        "opencv",
+        "pandas",
+        "pytest",
+        "rospkg",
+        "scipy",
+        "setuptools",
+        "shapely",
+        "sklearn",
+        "tornado",
+        "yaml",
+    )
 }
 
 
@@ -211,6 +226,9 @@ def test_links_lead_somewhere():
 
 @pytest.mark.parametrize("module", PROMISED)
 def test_examples_run(module):
-    script = f"import doctest, importlib, sys; done = doctest.testmod(importlib.import_module('{module}')); sys.exit(done.failed or not done.attempted)"
+    script = (
+        f"import doctest, importlib, sys; done = doctest.testmod(importlib.import_module('{module}')); "
+        "sys.exit(done.failed or not done.attempted)"
+    )
     done = subprocess.run([sys.executable, "-c", script], stdout=subprocess.PIPE, universal_newlines=True)
     assert done.returncode == 0, done.stdout

@@ -1,4 +1,9 @@
 from setuptools import setup
 from catkin_pkg.python_setup import generate_distutils_setup
 
-setup(**generate_distutils_setup(packages=["vb_laser_detect", "vb_laser_detect.calibration", "vb_laser_detect.detection", "vb_laser_detect.ros"], package_dir={"": "src"}))
+setup(
+    **generate_distutils_setup(
+        packages=["vb_laser_detect", "vb_laser_detect.calibration", "vb_laser_detect.detection", "vb_laser_detect.ros"],
+        package_dir={"": "src"},
+    )
+)

@@ -56,13 +56,24 @@ def test_a_transparent_pixel_is_unknown_where_shades_count(tmp_path):
     assert read_map(tmp_path / "map.yaml").data.tolist() == [[47, -1]]
 
 
-@pytest.mark.parametrize("old, new, key", [
-    ("image: map.pgm\n", "", "image"), ("image: map.pgm", "image: none.pgm", "none.pgm"), ("image: map.pgm", "image: map.yaml", "damaged"),
-    ("resolution: 0.1\n", "", "resolution"), ("resolution: 0.1", "resolution: x", "resolution"),
-    ("resolution: 0.1", "resolution: -1", "resolution"), ("[1.0, 2.0, 0.0]", "[0]", "origin"), ("[1.0, 2.0, 0.0]", "[0, 0, .nan]", "origin"),
-    ("free_thresh: 0.196", "free_thresh: low", "free_thresh"), ("negate: 0", "negate: 'no'", "negate"),
-    ("resolution: 0.1", "mode: odd", "mode"), (DESCRIPTION, "", "keys"), (DESCRIPTION, "[", "YAML"),
-])
+@pytest.mark.parametrize(
+    "old, new, key",
+    [
+        ("image: map.pgm\n", "", "image"),
+        ("image: map.pgm", "image: none.pgm", "none.pgm"),
+        ("image: map.pgm", "image: map.yaml", "damaged"),
+        ("resolution: 0.1\n", "", "resolution"),
+        ("resolution: 0.1", "resolution: x", "resolution"),
+        ("resolution: 0.1", "resolution: -1", "resolution"),
+        ("[1.0, 2.0, 0.0]", "[0]", "origin"),
+        ("[1.0, 2.0, 0.0]", "[0, 0, .nan]", "origin"),
+        ("free_thresh: 0.196", "free_thresh: low", "free_thresh"),
+        ("negate: 0", "negate: 'no'", "negate"),
+        ("resolution: 0.1", "mode: odd", "mode"),
+        (DESCRIPTION, "", "keys"),
+        (DESCRIPTION, "[", "YAML"),
+    ],
+)
 def test_bad_files_are_refused_and_the_key_is_named(tmp_path, old, new, key):
     (tmp_path / "map.pgm").write_bytes(b"P5\n1 1\n255\n\xfe")
     (tmp_path / "map.yaml").write_text(DESCRIPTION.replace(old, new))

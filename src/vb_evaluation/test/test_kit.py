@@ -440,7 +440,10 @@ def test_a_dry_run_with_simulated_people(tmp_path, monkeypatch):
         assert main(["run", "p01", "--protocol", str(path), "--rehearse"]) == 0
     truths = tmp_path / "ground_truth"
     campaign.write_truths(study, tmp_path / "map", truths / "{}")
-    assert main(["measure", str(path), "--ground-truth", str(truths), "--map", str(tmp_path / "map.yaml"), "--out", str(tmp_path / "out")]) == 0
+    assert (
+        main(["measure", str(path), "--ground-truth", str(truths), "--map", str(tmp_path / "map.yaml"), "--out", str(tmp_path / "out")])
+        == 0
+    )
     rows = read_sheet(tmp_path / "out" / "runs.csv", ()).to_dict("records")
     assert {row["method"] for row in rows} == {"nrs", "robot_only"} and [row["order"] for row in rows] == ["1", "2"]
     assert all(row["as_planned"] == "1" and row["revision"] for row in rows)

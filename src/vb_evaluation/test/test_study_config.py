@@ -201,7 +201,9 @@ def test_curves_say_what_they_are_over():
             assert np.linalg.norm(line - world.robots[0].start_pose()[:2], axis=1).min() < value + 0.7
     assert {job.conditions["sweep"] for job in jobs} == {"coverage", "distance", "border_length", "robots"}
     # the baseline does not notice the ceiling, nor other robots
-    assert not any(job.changes for sweep in ("coverage", "robots") for job in plan.curve_jobs(STUDY, sweep) if job.task.method == "robot_only")
+    assert not any(
+        job.changes for sweep in ("coverage", "robots") for job in plan.curve_jobs(STUDY, sweep) if job.task.method == "robot_only"
+    )
 
 
 def test_the_examples_of_the_documentation_work(tmp_path):

@@ -54,12 +54,24 @@ def test_a_spot_that_nobody_sees():
     corner = covered.data.copy()
     corner[:10, :10] = 0
     partly = covered.with_data(corner)
-    assert coverage_notices("default", (), (1.0, 1.0), partly, True, (), "en") == coverage_notices("border", ("red",), (1.0, 1.0), partly, True, (), "en") == []
+    assert (
+        coverage_notices("default", (), (1.0, 1.0), partly, True, (), "en")
+        == coverage_notices("border", ("red",), (1.0, 1.0), partly, True, (), "en")
+        == []
+    )
     assert coverage_notices("border", (), None, partly, True, (), "en") == []
-    assert texts(coverage_notices("border", (), (1.2, 0.5), partly, True, (), "en")) == [("No camera sees this place: a robot will be sent.", True)]
+    assert texts(coverage_notices("border", (), (1.2, 0.5), partly, True, (), "en")) == [
+        ("No camera sees this place: a robot will be sent.", True)
+    ]
     # where cameras see all the floor it was switched off
-    assert coverage_notices("seed", (), (1.2, 0.5), covered, True, (), "en") == coverage_notices("seed", (), (6.0, 4.0), partly, True, (), "en") == []
-    assert texts(coverage_notices("seed", (), (1.2, 0.5), None, True, (), "en")) == [("No camera sees a spot. Keep pointing: a robot comes.", False)]
+    assert (
+        coverage_notices("seed", (), (1.2, 0.5), covered, True, (), "en")
+        == coverage_notices("seed", (), (6.0, 4.0), partly, True, (), "en")
+        == []
+    )
+    assert texts(coverage_notices("seed", (), (1.2, 0.5), None, True, (), "en")) == [
+        ("No camera sees a spot. Keep pointing: a robot comes.", False)
+    ]
     for coverage in (None, partly):
         assert "robot" not in texts(coverage_notices("seed", (), (1.2, 0.5), coverage, False, (), "en"))[0][0]
     # others that say so themselves know better

@@ -107,7 +107,9 @@ def test_gap_between_border_and_wall_is_no_place_to_end():
 
 def test_no_allowed_floor_and_no_way():
     physical = room()
-    assert ExitPlanner(Workspace(restricted(physical, np.ones(physical.shape, bool)), physical, RADIUS), RADIUS, (1, 1)).route((1, 1)) is None
+    assert (
+        ExitPlanner(Workspace(restricted(physical, np.ones(physical.shape, bool)), physical, RADIUS), RADIUS, (1, 1)).route((1, 1)) is None
+    )
     shut = physical.with_data(np.where(np.arange(120) == 60, 100, physical.data).astype(np.int8))
     posterior = restricted(shut, square(shut, 3.05, 0.0, 6.0, 5.0))
     assert ExitPlanner(Workspace(posterior, shut, RADIUS), RADIUS, (4.0, 2.0)).route((4.0, 2.0)) is None

@@ -112,7 +112,10 @@ class CamerasTest(unittest.TestCase):
             return None
 
         # the calibrated pose is a little off, by some millimetres
-        for key, parent, inverse, limit in (("north", "map", np.eye(4), 8.0), ("color", "tb/base_link", geometry.pose2d_transform(0.4, 1.0, 0.0), 1.5)):
+        for key, parent, inverse, limit in (
+            ("north", "map", np.eye(4), 8.0),
+            ("color", "tb/base_link", geometry.pose2d_transform(0.4, 1.0, 0.0), 1.5),
+        ):
             image = self.wait(f"spot in '{key}'", lambda: lit(key))
             _, info = self.pair(key)
             mount = self.transforms.lookup(parent, image.header.frame_id, rospy.Time(0), 10.0)

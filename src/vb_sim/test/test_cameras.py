@@ -358,7 +358,11 @@ def test_bad_models(tmp_path):
     with pytest.raises(CodedError) as caught:
         load_camera_models(str(tmp_path / "none.yaml"))
     assert caught.value.code == "no_models"
-    for text, key in [("optics: {exposure: 3}", "optics/exposure"), ("camera_noise: {frames: 0}", "camera_noise/frames"), ("[1]", "models")]:
+    for text, key in [
+        ("optics: {exposure: 3}", "optics/exposure"),
+        ("camera_noise: {frames: 0}", "camera_noise/frames"),
+        ("[1]", "models"),
+    ]:
         (tmp_path / "bad.yaml").write_text(text)
         with pytest.raises(ParameterError) as caught:
             load_camera_models(str(tmp_path / "bad.yaml"))

@@ -174,8 +174,16 @@ def test_checkpoint_round_trip():
     assert other.robots[0].estimate() == pytest.approx(lab.robots[0].estimate())
 
 
-@pytest.mark.parametrize("saved", [None, {}, {"world": "other", "robots": []}, {"world": "world", "robots": [{}]},
-                                   {"world": "world", "robots": [{"pose": [1, 2], "odometry": [0, 0, 0], "error": [0, 0, 0], "collisions": [0]}]}])
+@pytest.mark.parametrize(
+    "saved",
+    [
+        None,
+        {},
+        {"world": "other", "robots": []},
+        {"world": "world", "robots": [{}]},
+        {"world": "world", "robots": [{"pose": [1, 2], "odometry": [0, 0, 0], "error": [0, 0, 0], "collisions": [0]}]},
+    ],
+)
 def test_a_checkpoint_that_is_none_changes_nothing(saved):
     lab = Lab(small_world())
     assert not lab.restore(saved)

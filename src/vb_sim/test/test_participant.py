@@ -232,7 +232,9 @@ def test_real_strokes_move_as_people_do():
 
 
 def test_closed_strokes_have_gaps_and_overlaps():
-    ends = np.array([drawn_by(style, model=ParticipantModel(stroke_scale=1.0, overlap=0.0, aim_sigma=0.0)).points[-1] for style in styles()])
+    ends = np.array(
+        [drawn_by(style, model=ParticipantModel(stroke_scale=1.0, overlap=0.0, aim_sigma=0.0)).points[-1] for style in styles()]
+    )
     gap = np.linalg.norm(ends - SQUARE[0], axis=1) / np.linalg.norm(np.ptp(SQUARE, axis=0))
     assert 0.02 < np.median(gap) < 0.15 and gap.max() > 0.15
 
@@ -257,7 +259,9 @@ def test_marks_on_the_floor_lie_beside_the_map():
     assert np.allclose(meant, SQUARE + (0.03, -0.01) + 0.05 * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]))
     assert np.allclose(meant_border(SQUARE[::-1], True, (0.0, 0.0), 0.0, 0.05)[::-1], meant - (0.03, -0.01))
     turned = meant_border(SQUARE, False, (0.0, 0.0), np.pi / 2, 0.05)
-    assert np.allclose(turned - turned.mean(axis=0), np.column_stack([-(SQUARE - SQUARE.mean(axis=0))[:, 1], (SQUARE - SQUARE.mean(axis=0))[:, 0]]))
+    assert np.allclose(
+        turned - turned.mean(axis=0), np.column_stack([-(SQUARE - SQUARE.mean(axis=0))[:, 1], (SQUARE - SQUARE.mean(axis=0))[:, 0]])
+    )
 
 
 @pytest.mark.parametrize("method", ["nrs", "robot_only"])

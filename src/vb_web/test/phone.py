@@ -59,7 +59,9 @@ class Browser:
 
     def said(self):
         """The page's words on one line, what is urgent last: a report of failed tests keeps the end."""
-        return " | ".join(line for part in ("main", "#dialog", "#toast", "#banners") for line in self.text(part).splitlines() if line.strip())
+        return " | ".join(
+            line for part in ("main", "#dialog", "#toast", "#banners") for line in self.text(part).splitlines() if line.strip()
+        )
 
     def wait_ready(self):
         """The map is there and fitted, and the system's state is known."""
@@ -87,8 +89,11 @@ class Browser:
 
     def on_screen(self, point):
         """A point of the floor [m] on the screen [px]."""
-        return self.run("""const b = document.getElementById('map').getBoundingClientRect();
-            const p = window.virtualBorders.map.toScreen(arguments[0]); return [Math.round(b.left + p[0]), Math.round(b.top + p[1])]""", point)
+        return self.run(
+            """const b = document.getElementById('map').getBoundingClientRect();
+            const p = window.virtualBorders.map.toScreen(arguments[0]); return [Math.round(b.left + p[0]), Math.round(b.top + p[1])]""",
+            point,
+        )
 
     def stroke(self, points, kind="touch"):
         """Moves a finger over points of the floor [m]."""

@@ -55,8 +55,14 @@ class PageTest(unittest.TestCase):
     def setUpClass(cls):
         rospy.init_node("rostest_page")
         cls.heard = {}
-        for topic, kind in ((names.BORDERS, VirtualBorderArray), (names.STATE, InteractionState), (names.MAP_WITH_BORDERS, OccupancyGridArray),
-                            (names.PHYSICAL_MAP, OccupancyGridArray), (names.STOP, Bool), (names.STUDY_EVENTS, StudyEvent)):
+        for topic, kind in (
+            (names.BORDERS, VirtualBorderArray),
+            (names.STATE, InteractionState),
+            (names.MAP_WITH_BORDERS, OccupancyGridArray),
+            (names.PHYSICAL_MAP, OccupancyGridArray),
+            (names.STOP, Bool),
+            (names.STUDY_EVENTS, StudyEvent),
+        ):
             rospy.Subscriber(topic, kind, lambda message, topic=topic: cls.heard.__setitem__(topic, message))
         cls.said = {}
         rospy.Subscriber(names.NOTICES, NoticeArray, lambda message: cls.said.__setitem__(message.source, message.notices))
@@ -189,7 +195,8 @@ class PageTest(unittest.TestCase):
         self.browser.click("#dialog button", "Times")
         for day in ("Sat", "Sun"):
             self.browser.click("#dialog .days button", day)
-        self.browser.run("""for (const [input, value] of [[0, "08:00"], [1, "12:30"]]) { const e = document.querySelectorAll('#dialog input[type=time]')[input];
+        self.browser.run("""for (const [input, value] of [[0, "08:00"], [1, "12:30"]]) {
+            const e = document.querySelectorAll('#dialog input[type=time]')[input];
             e.value = value; e.dispatchEvent(new Event('change')) }""")
         self.browser.click("#dialog button", "Save")
         until(lambda: self.borders()[0].schedule == "mon-fri 08:00-12:30", "the schedule")
@@ -292,7 +299,9 @@ class PageTest(unittest.TestCase):
         field = self.browser.driver.find_element("css selector", "#login input")
         field.send_keys("wrong-code\n")
         self.browser.wait_text("#login-answer", "not a valid code")
-        shown = until(lambda: [notice for notice in self.said.get("/page", ()) if notice.code == "page_invitation"], "the code on the display")
+        shown = until(
+            lambda: [notice for notice in self.said.get("/page", ()) if notice.code == "page_invitation"], "the code on the display"
+        )
         field.clear()
         field.send_keys(mapping_from_values(shown[0].values)["code"] + "\n")
         self.browser.wait_ready()

@@ -78,7 +78,10 @@ def test_numbers_that_are_none_are_refused(text):
         requests.parse(message, BOUNDS)
 
 
-@pytest.mark.parametrize("schedule", ["", "08:00-12:00", "mon-fri 08:00-12:00", "mon,wed,sat-sun 22:00-06:00", "tue 00:00-24:00", "daily 9:00-10:00; sat-mon 22:00-06:00"])
+@pytest.mark.parametrize(
+    "schedule",
+    ["", "08:00-12:00", "mon-fri 08:00-12:00", "mon,wed,sat-sun 22:00-06:00", "tue 00:00-24:00", "daily 9:00-10:00; sat-mon 22:00-06:00"],
+)
 def test_schedules_as_people_set_them(schedule):
     assert parse(do="add", id="a", draft={**GOOD_DRAFT, "schedule": schedule}).values["draft"].schedule == schedule
 

@@ -65,8 +65,15 @@ class Running:
 
     def ask(self, path, method="GET", body=None, scheme="http", options=None, **headers):
         async def fetch():
-            request = HTTPRequest(f"{scheme}://{self.host}{path}", method=method, body=body, allow_nonstandard_methods=True, **(options or {}),
-                                  follow_redirects=False, headers={key.replace("_", "-"): value for key, value in headers.items()})
+            request = HTTPRequest(
+                f"{scheme}://{self.host}{path}",
+                method=method,
+                body=body,
+                allow_nonstandard_methods=True,
+                **(options or {}),
+                follow_redirects=False,
+                headers={key.replace("_", "-"): value for key, value in headers.items()},
+            )
             return await AsyncHTTPClient(force_instance=True).fetch(request, raise_error=False)
 
         return asyncio.run(fetch())
@@ -106,8 +113,29 @@ def test_with_a_certificate_beside_the_codes_a_network_gets_https_only(tmp_path)
     (tmp_path / "page.crt").write_text("")
     with pytest.raises(ParameterError, match="go together"):
         ServerParams.scheme.fget(params)
-    subprocess.run(["openssl", "req", "-x509", "-newkey", "rsa:2048", "-nodes", "-days", "2", "-subj", "/CN=lab", "-addext",
-                    "subjectAltName=IP:127.0.0.1", "-keyout", "page.key", "-out", "page.crt"], cwd=str(tmp_path), check=True, stderr=subprocess.DEVNULL)
+    subprocess.run(
+        [
+            "openssl",
+            "req",
+            "-x509",
+            "-newkey",
+            "rsa:2048",
+            "-nodes",
+            "-days",
+            "2",
+            "-subj",
+            "/CN=lab",
+            "-addext",
+            "subjectAltName=IP:127.0.0.1",
+            "-keyout",
+            "page.key",
+            "-out",
+            "page.crt",
+        ],
+        cwd=str(tmp_path),
+        check=True,
+        stderr=subprocess.DEVNULL,
+    )
     assert params.scheme == "https"
     assert ServerParams(codes_file=params.codes_file).scheme == "http"  # this computer's own browser
     running = Running(KEYS, params)
@@ -316,9 +344,14 @@ def test_hostile_messages_leave_no_trace(local):
 
 
 def test_garbage_on_the_socket_ends_only_itself(local):
-    garbage = [b"\x00" * 2000, b"GET / HTTP/9.9\r\n\r\n", b"GET " + b"a" * 40000 + b" HTTP/1.1\r\n\r\n", b"POST /login HTTP/1.1\r\nContent-Length: -5\r\n\r\n",
-               b"GET /link HTTP/1.1\r\nHost: localhost\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n\r\n",
-               b"POST /login HTTP/1.1\r\nHost: localhost\r\nTransfer-Encoding: chunked\r\n\r\nZZZ\r\n"]
+    garbage = [
+        b"\x00" * 2000,
+        b"GET / HTTP/9.9\r\n\r\n",
+        b"GET " + b"a" * 40000 + b" HTTP/1.1\r\n\r\n",
+        b"POST /login HTTP/1.1\r\nContent-Length: -5\r\n\r\n",
+        b"GET /link HTTP/1.1\r\nHost: localhost\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n\r\n",
+        b"POST /login HTTP/1.1\r\nHost: localhost\r\nTransfer-Encoding: chunked\r\n\r\nZZZ\r\n",
+    ]
     for data in garbage:
         with socket.create_connection(("127.0.0.1", local.server.port), timeout=10.0) as connection:
             connection.sendall(data)

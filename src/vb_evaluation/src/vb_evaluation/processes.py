@@ -85,7 +85,9 @@ def start_screen(log: Path, width: int, height: int) -> "tuple[Child, str]":
         CodedError: "no_screen" if Xvfb does not come up.
     """
     chosen = log.with_suffix(".display")
-    screen = Child(["sh", "-c", 'exec Xvfb -displayfd 3 -screen 0 "$1" -nolisten tcp 3>"$2"', "Xvfb", f"{width}x{height}x24", str(chosen)], log)
+    screen = Child(
+        ["sh", "-c", 'exec Xvfb -displayfd 3 -screen 0 "$1" -nolisten tcp 3>"$2"', "Xvfb", f"{width}x{height}x24", str(chosen)], log
+    )
     deadline = time.monotonic() + 60.0
     # Xvfb says which display it took once it is ready
     while not chosen.exists() or not chosen.read_text().endswith("\n"):

@@ -94,7 +94,9 @@ class LabSimulatorNode:
         small file in ~state_folder that is tagged with /run_id.
     """
 
-    def __init__(self, lab: Lab, params: LabSimulatorParams, localisation: LocalisationModel, simulated_time: bool, state: StateFile) -> None:
+    def __init__(
+        self, lab: Lab, params: LabSimulatorParams, localisation: LocalisationModel, simulated_time: bool, state: StateFile
+    ) -> None:
         self._lab = lab
         self._params = params
         self._state = state

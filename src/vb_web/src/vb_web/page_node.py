@@ -212,9 +212,21 @@ class PageNode:
             restricted = picture.name
         rows, columns = prior.shape
         origin = [number(value, 5) for value in prior.origin]
-        self._view.put("map", {"picture": base.name, "restricted": restricted, "rows": rows, "columns": columns,
-                               "resolution": number(prior.resolution, 6), "origin": origin, "cells": base.cells,
-                               "width": base.width, "height": base.height, "floor": pictures.floor_cells(prior) if self._params.cameras else 0})
+        self._view.put(
+            "map",
+            {
+                "picture": base.name,
+                "restricted": restricted,
+                "rows": rows,
+                "columns": columns,
+                "resolution": number(prior.resolution, 6),
+                "origin": origin,
+                "cells": base.cells,
+                "width": base.width,
+                "height": base.height,
+                "floor": pictures.floor_cells(prior) if self._params.cameras else 0,
+            },
+        )
 
     def _on_borders(self, message: VirtualBorderArray) -> None:
         section = ros_view.borders_section(message)

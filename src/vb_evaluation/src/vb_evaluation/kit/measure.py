@@ -17,7 +17,19 @@ from vb_evaluation.kit.recording import Recording
 from vb_evaluation.report.data import META, REQUIRED, RUNS, read_meta, write_table
 
 _TIMES = ("guide", "border", "seed", "total")
-COLUMNS = (*REQUIRED, *metrics.ERRORS, "order", "as_planned", "revision", "map", "saved", "seed_correct", "recording", "interaction", "note")
+COLUMNS = (
+    *REQUIRED,
+    *metrics.ERRORS,
+    "order",
+    "as_planned",
+    "revision",
+    "map",
+    "saved",
+    "seed_correct",
+    "recording",
+    "interaction",
+    "note",
+)
 
 
 def measure(protocol_file: Path, ground_truths: Path, out: Path, physical: Optional[GridMap] = None) -> List[str]:

@@ -52,9 +52,21 @@ def experience(study: Study) -> Section:
     blocks: List[Any] = []
     if study.people and about.is_file():
         asked = read_sheet(about, ("participant",)).drop(columns="participant")
-        blocks.append(Grid("demographics", {"question": "Question", "answers": f"Answers of {len(asked)} people"}, [
-            {"question": column, "answers": "; ".join(f"{value}: {count}" for value, count in answers[answers != ""].value_counts().sort_index().items())}
-            for column, answers in asked.items()]))
+        blocks.append(
+            Grid(
+                "demographics",
+                {"question": "Question", "answers": f"Answers of {len(asked)} people"},
+                [
+                    {
+                        "question": column,
+                        "answers": "; ".join(
+                            f"{value}: {count}" for value, count in answers[answers != ""].value_counts().sort_index().items()
+                        ),
+                    }
+                    for column, answers in asked.items()
+                ],
+            )
+        )
     if study.people and path.is_file():
         found = questionnaire.read(path)
         rows = [{"statement": answers.statement, "nrs": effects.mean(answers.first), "robot_only": effects.mean(answers.second),

@@ -58,20 +58,40 @@ def beside(study: Study) -> Section:
     counts = {word: sum(row["reading"].startswith(word) for row in rows) for word in ("same", "better", "worse")}
     grid = Grid("beside_the_paper", {"scenario": "Scenario", "quantity": "Quantity", "paper": "Paper", "here": "Here [95 %]",
                                      "difference": "Here minus paper", "reading": "Reading", "why": "Why, as far as known"}, rows)
-    return Section("paper", "Beside the paper", [
-        Text((f"{paper.CITATION}. It measured 15 people in a real lab.",
-              "Same: the paper's figure lies in our 95 % interval. Otherwise better or worse, and neither is agreement: a simulation "
-              "whose people are better than people is wrong in that figure, too. "
-              f"Of {len(rows)} figures {counts['same']} are the same, {counts['better']} better, {counts['worse']} worse.")),
-        grid,
-        Text(("Spot cleaning's index can be read in two ways. Of the restricted floor, all but 3.2 of 40 m\u00b2, the paper's .878 would "
-              "need a border that is more than a metre off everywhere; of the 3.2 m\u00b2 that its people drew round it needs about "
-              "11 cm. The paper's maps colour \"the area to be specified\", so that the second reading is the likelier one, and both "
-              "are given. It asked for a heap of paper snippets, without a line to follow; marks on the floor are kinder. In room exclusion "
-              ".971 is some 30 cm along the doorway's line, or a truth drawn by hand that ends 1 cm before the walls on average: "
-              "then the index says nothing of people. Both methods had it (.971, .974), which speaks for the second.",)),
-        Text(("The paper prints no intervals; its figures are of 15 people and uncertain themselves, so that fewer figures differ "
-              "than the table says. With few participants our intervals are wide, too, and \"same\" says little.",), "caveat")])
+    return Section(
+        "paper",
+        "Beside the paper",
+        [
+            Text(
+                (
+                    f"{paper.CITATION}. It measured 15 people in a real lab.",
+                    "Same: the paper's figure lies in our 95 % interval. Otherwise better or worse, and neither is agreement: a simulation "
+                    "whose people are better than people is wrong in that figure, too. "
+                    f"Of {len(rows)} figures {counts['same']} are the same, {counts['better']} better, {counts['worse']} worse.",
+                )
+            ),
+            grid,
+            Text(
+                (
+                    "Spot cleaning's index can be read in two ways. Of the restricted floor, all but 3.2 of 40 m\u00b2, the paper's "
+                    ".878 would "
+                    "need a border that is more than a metre off everywhere; of the 3.2 m\u00b2 that its people drew round it needs about "
+                    '11 cm. The paper\'s maps colour "the area to be specified", so that the second reading is the likelier one, and both '
+                    "are given. It asked for a heap of paper snippets, without a line to follow; "
+                    "marks on the floor are kinder. In room exclusion "
+                    ".971 is some 30 cm along the doorway's line, or a truth drawn by hand that ends 1 cm before the walls on average: "
+                    "then the index says nothing of people. Both methods had it (.971, .974), which speaks for the second.",
+                )
+            ),
+            Text(
+                (
+                    "The paper prints no intervals; its figures are of 15 people and uncertain themselves, so that fewer figures differ "
+                    'than the table says. With few participants our intervals are wide, too, and "same" says little.',
+                ),
+                "caveat",
+            ),
+        ],
+    )
 
 
 def _beside(study: Study, scenario: str, quantity: str, published: float, ours: Interval, digits: int) -> Dict[str, Any]:
@@ -83,6 +103,12 @@ def _beside(study: Study, scenario: str, quantity: str, published: float, ours: 
         reading = "unknown"
     side = "above" if above else "below"
     why = next((words for (start, which), words in _WHY.items() if quantity.startswith(start) and which == side), "")
-    return {"scenario": study.scenario_title(scenario), "quantity": quantity, "paper": f"{published:.{digits}f}",
-            "here": ours.text(digits), "difference": f"{ours.estimate - published:+.{digits}f}".replace("-", "\N{MINUS SIGN}"), "reading": reading,
-            "why": why if reading in ("better", "worse") and not study.people else ""}
+    return {
+        "scenario": study.scenario_title(scenario),
+        "quantity": quantity,
+        "paper": f"{published:.{digits}f}",
+        "here": ours.text(digits),
+        "difference": f"{ours.estimate - published:+.{digits}f}".replace("-", "\N{MINUS SIGN}"),
+        "reading": reading,
+        "why": why if reading in ("better", "worse") and not study.people else "",
+    }

@@ -67,8 +67,16 @@ def time(study: Study) -> Section:
     totals = known(study.runs, "time_total_s")
     limit = 1.04 * float(totals.max()) if len(totals) else 1.0
     for title, cells in study.cells():
-        rows += [{"scenario": title, "method": cell.title, "total": statistics.mean(known(cell.runs, "time_total_s")), "runs": len(cell.runs),
-                  **{state: effects.mean(known(cell.runs, f"time_{state}_s")) for state in STATES}} for cell in cells]
+        rows += [
+            {
+                "scenario": title,
+                "method": cell.title,
+                "total": statistics.mean(known(cell.runs, "time_total_s")),
+                "runs": len(cell.runs),
+                **{state: effects.mean(known(cell.runs, f"time_{state}_s")) for state in STATES},
+            }
+            for cell in cells
+        ]
         panels.append((charts.time_bars(cells, limit), title))
     columns = {**_WHICH, **{state: f"{state.capitalize()} [s]" for state in STATES}, "total": "Total, mean [s]", "runs": "Runs"}
     return Section("time", "Interaction time", [

@@ -83,8 +83,13 @@ def read(path: Path) -> Questionnaire:
         raise CodedError("bad_questionnaire", f"{path}, line {line}: participant: expected a name that no other line has, got '{name}'")
     if not len(sheet):
         raise CodedError("bad_questionnaire", f"{path}: nobody has answered yet")
-    number = {column: [_answer(text, f"{path}, line {line}: {column}", most) for line, text in sheet.get(column, pandas.Series(dtype=str)).items()]
-              for most, names in ((5, columns()[1:-1]), (7, ueq_columns())) for column in names}
+    number = {
+        column: [
+            _answer(text, f"{path}, line {line}: {column}", most) for line, text in sheet.get(column, pandas.Series(dtype=str)).items()
+        ]
+        for most, names in ((5, columns()[1:-1]), (7, ueq_columns()))
+        for column in names
+    }
     parts = [(words, [f"s{number}"], 0.0) for number, (words, _) in enumerate(STATEMENTS, 1)]
     parts += [(words, [f"u{number}" for number in items], 4.0) for words, items in UEQ_SCALES]
     answers = []

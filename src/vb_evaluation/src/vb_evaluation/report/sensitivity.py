@@ -141,7 +141,10 @@ def _curve(study: Study, table: pandas.DataFrame, sweep: str) -> List[Any]:
             continue
         ratios = [effects.ratio(point, study.comparison, True) for point in points.values()]
         lines["speed-up"].append(charts.Line(label, "", index, list(points), ratios))
-        for words, column, of in (("mean time [s]", "time_total_s", np.mean), ("mean boundary error [cm], median", "error_mean_cm", np.median)):
+        for words, column, of in (
+            ("mean time [s]", "time_total_s", np.mean),
+            ("mean boundary error [cm], median", "error_mean_cm", np.median),
+        ):
             for method in study.comparison:
                 samples = [known(select(point, method=method, completed=1), column) for point in points.values()]
                 y = [Interval(float(of(sample)) if len(sample) else math.nan) for sample in samples]

@@ -34,8 +34,8 @@ _REST = Note(0.0, 0.05)
 
 # Going up: the interaction goes on; each active state ends on its own tone, a third or more from the next.
 # Going down: back to Default. A refusal is low and repeated, a success the longest run up: both are told without
-# knowing the others. A question is one tone twice; a stop falls from high to low. A spoken command that was understood is answered at once, short, before its own tone. A tick
-# is far above all of them and soft: it comes often.
+# knowing the others. A question is one tone twice; a stop falls from high to low. A spoken command that was
+# understood is answered at once, short, before its own tone. A tick is far above all of them and soft: it comes often.
 SOUNDS: Dict[str, Tuple[Note, ...]] = {
     "border": (Note(C5, 0.09), Note(E5, 0.16)),
     "seed": (Note(C5, 0.09), Note(G5, 0.16)),

@@ -140,7 +140,9 @@ def means_over(mask: np.ndarray, mosaic: bool, *images: np.ndarray) -> List[np.n
     return [(channels_of(image, mosaic) * weights).sum(axis=1) / weights.sum(axis=1) for image in images]
 
 
-def tint_of(blob: np.ndarray, smooth: np.ndarray, image: np.ndarray, background: np.ndarray, level: np.ndarray, floor: np.ndarray) -> np.ndarray:
+def tint_of(
+    blob: np.ndarray, smooth: np.ndarray, image: np.ndarray, background: np.ndarray, level: np.ndarray, floor: np.ndarray
+) -> np.ndarray:
     """Each channel's share (C,) of a blob's light; 1 for the strongest, and for all of them if the light is white.
 
     White paper on a brown floor rises most in blue, and still looks white: a laser's light rises most in its own colour
