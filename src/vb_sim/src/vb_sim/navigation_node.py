@@ -62,8 +62,9 @@ class NavigationNode:
         ~NavfnROS/plan (nav_msgs/Path)
         ~global_costmap/costmap (nav_msgs/OccupancyGrid, latched), ~global_costmap/costmap_updates (map_msgs/OccupancyGridUpdate)
         ~local_costmap/costmap (nav_msgs/OccupancyGrid): only while it has subscribers
-    Parameters: robot_profile (in the robot's namespace), see `NavigationParams`, and `CostmapParams`, `PlannerParams` and
-        `FollowerParams` below ~costmap, ~planner and ~follower.
+    Parameters:
+        robot_profile (in the robot's namespace)
+        see `NavigationParams`, and `CostmapParams`, `PlannerParams` and `FollowerParams` below ~costmap, ~planner, ~follower
     """
 
     def __init__(
