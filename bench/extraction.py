@@ -26,7 +26,7 @@ import tarfile
 import tempfile
 import time
 from pathlib import Path
-from typing import Callable, Dict, Iterator, List, Optional, Tuple
+from typing import Callable, Dict, Iterator, List, Optional
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -39,6 +39,7 @@ from strokes import SHAPES, Setting, Stroke, draw, hausdorff, jaccard  # noqa: E
 
 from vb_core import geometry  # noqa: E402
 from vb_core.errors import CodedError  # noqa: E402
+from vb_evaluation.statistics import proportion  # noqa: E402
 from vb_fusion import extraction  # noqa: E402
 from vb_fusion.stroke.observations import check  # noqa: E402
 
@@ -141,26 +142,18 @@ def measure(stroke: Stroke, extract: Extract, of_people: bool) -> Found:
     return {"bad": float(bad), "kind": kind, "distance": distance, "jaccard": index, "ms": took}
 
 
-def interval(bad: int, count: int) -> Tuple[float, float]:
-    """Wilson's 95 % interval of a rate, in per cent."""
-    z, share = 1.96, bad / count
-    middle = (share + z * z / (2 * count)) / (1 + z * z / count)
-    half = z * np.sqrt(share * (1 - share) / count + z * z / (4 * count**2)) / (1 + z * z / count)
-    return 100.0 * max(0.0, middle - half), 100.0 * min(1.0, middle + half)
-
-
 def rows_of(group: str, cell: str, found: Dict[str, List[Found]]) -> List[Dict[str, object]]:
     """One line of the table for each method."""
     rows = []
     for method, results in found.items():
         bad, count = int(sum(r["bad"] for r in results)), len(results)
-        low, high = interval(bad, count)
+        share = proportion(bad, count).scaled(100.0)
         index = np.array([r["jaccard"] for r in results])
         rows.append(
             {
                 "group": group, "cell": cell, "method": method, "strokes": count, "bad": bad,
-                "bad_percent": round(100.0 * bad / count, 2), "low_percent": round(low, 2),
-                "high_percent": round(high, 2),
+                "bad_percent": round(share.estimate, 2), "low_percent": round(share.low, 2),
+                "high_percent": round(share.high, 2),
                 "kind_right_percent": round(100.0 * float(np.mean([r["kind"] for r in results])), 2),
                 "distance_median_m": round(float(np.median([r["distance"] for r in results])), 4),
                 "distance_95_percent_m": round(float(np.quantile([min(r["distance"], 9.0) for r in results], 0.95)), 4),

@@ -23,6 +23,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parent))
 from homes import corridor_home, draw_map, furnished, split_home  # noqa: E402
 from result_table import revision, write_table  # noqa: E402
 
+from vb_evaluation.statistics import proportion  # noqa: E402
 from vb_map_integration.places.registration import IDENTITY, Transform, register  # noqa: E402
 
 HOMES = {"split": split_home, "corridor": corridor_home}
@@ -75,11 +76,10 @@ def judge(make: Any, kind: str, seed: int, noise: float = 1.0) -> Dict[str, Any]
     return row
 
 
-def wilson(hits: int, n: int) -> str:
+def interval(hits: int, n: int) -> str:
     """The 95 % interval of a share, in percent."""
-    z, p = 1.96, hits / max(1, n)
-    middle, half = p + z * z / (2 * n), z * math.sqrt(p * (1 - p) / n + z * z / (4 * n * n))
-    return f"{abs(100 * (middle - half) / (1 + z * z / n)):.1f} .. {100 * (middle + half) / (1 + z * z / n):.1f}"
+    share = proportion(hits, n)
+    return f"{100 * share.low:.1f} .. {100 * share.high:.1f}"
 
 
 def summary(kind: str, rows: List[Dict[str, Any]]) -> Dict[str, Any]:
@@ -91,9 +91,9 @@ def summary(kind: str, rows: List[Dict[str, Any]]) -> Dict[str, Any]:
     return {
         "kind": kind, "pairs": n,
         "right_percent": round(100 * right / n, 1) if same else "",
-        "right_95": wilson(right, n) if same else "",
+        "right_95": interval(right, n) if same else "",
         "acts_alone_percent": round(100 * sum(row["sure"] for row in rows) / n, 1),
-        "wrongly_sure": wrong, "wrongly_sure_95": wilson(wrong, n),
+        "wrongly_sure": wrong, "wrongly_sure_95": interval(wrong, n),
         "sure_but_over_5_cm_or_1_deg": sum(row["sure"] and not row["right"] for row in rows) if same else "",
         "median_error_mm": round(1e3 * float(np.median(errors)), 1) if same else "",
         "p95_error_mm": round(1e3 * late) if same and late < 1e3 else "",

@@ -38,6 +38,7 @@ for package in ("vb_core", "vb_laser_detect"):
 sys.path.insert(0, str(TOP / "bench"))
 
 from spot_versions import append_rows, other_detector  # noqa: E402
+from vb_evaluation.statistics import proportion  # noqa: E402
 from vb_laser_detect.detector import DetectorParams, SpotDetector  # noqa: E402
 from vb_laser_detect.detection.training import fit_without, kept_examples  # noqa: E402
 
@@ -214,24 +215,15 @@ def write_crops(clip: Path, places: List[Tuple[int, float, float, bool]], folder
     cv2.imwrite(str(folder / f"{clip.stem}.png"), np.vstack(rows))
 
 
-def interval(count: int, of: int) -> Tuple[float, float]:
-    """Of a share, with 95 % (Wilson)."""
-    if not of:
-        return math.nan, math.nan
-    z, share = 1.96, count / of
-    middle, half = share + z * z / (2 * of), z * math.sqrt(share * (1 - share) / of + z * z / (4 * of * of))
-    return max(0.0, (middle - half) / (1 + z * z / of)), min(1.0, (middle + half) / (1 + z * z / of))
-
-
 def figures(clips: Sequence[Dict[str, Any]]) -> Dict[str, Any]:
     """The figures of one clip, or of several."""
     sums = {key: sum(clip[key] for clip in clips) for key in COUNTED}
     errors = [error for clip in clips for error in clip["errors"]]
-    recall, false = interval(sums["found"], sums["labels"]), interval(sums["false"], sums["frames"])
+    recall, false = proportion(sums["found"], sums["labels"]), proportion(sums["false"], sums["frames"])
     return {
-        **sums, "recall": round(sums["found"] / max(1, sums["labels"]), 4), "recall_low": round(recall[0], 3),
-        "recall_high": round(recall[1], 3), "false_per_1000": round(1e3 * sums["false"] / max(1, sums["frames"]), 2),
-        "false_low": round(1e3 * false[0], 2), "false_high": round(1e3 * false[1], 2),
+        **sums, "recall": round(sums["found"] / max(1, sums["labels"]), 4), "recall_low": round(recall.low, 3),
+        "recall_high": round(recall.high, 3), "false_per_1000": round(1e3 * sums["false"] / max(1, sums["frames"]), 2),
+        "false_low": round(1e3 * false.low, 2), "false_high": round(1e3 * false.high, 2),
         "median_error_px": round(float(np.median(errors)), 3) if errors else None,
         "ms_per_frame": round(sum(clip["ms"] * clip["frames"] for clip in clips) / max(1, sums["frames"]), 2),
     }

@@ -27,7 +27,6 @@ from typing import Any, Dict, List, Tuple
 
 import cv2
 import numpy as np
-from scipy.stats import binomtest
 
 TOP = Path(__file__).resolve().parent.parent
 for package in ("vb_core", "vb_laser_detect", "vb_sim"):
@@ -35,6 +34,7 @@ for package in ("vb_core", "vb_laser_detect", "vb_sim"):
 
 from spot_versions import append_rows  # noqa: E402
 from vb_core.robot_profile import RobotProfile  # noqa: E402
+from vb_evaluation.statistics import proportion  # noqa: E402
 from vb_laser_detect.detection.bodies import Body  # noqa: E402
 from vb_laser_detect.detection.image_geometry import Frame, search  # noqa: E402
 from vb_laser_detect.detection.projection import FloorProjector  # noqa: E402
@@ -61,10 +61,10 @@ def around(random: np.random.Generator, distance: float) -> np.ndarray:
 
 def share(what: str, error: float, margin: float, refused: List[bool], hidden: int) -> Dict[str, Any]:
     """A row of the table."""
-    low, high = binomtest(sum(refused), len(refused)).proportion_ci(method="wilson")
+    found = proportion(sum(refused), len(refused))
     return {"what": what, "localisation_error_cm": round(100 * error), "margin_cm": round(100 * margin), "n": len(refused),
-            "hidden_anyway": hidden, "refused": sum(refused), "share": round(np.mean(refused), 4),
-            "low": round(low, 4), "high": round(high, 4)}
+            "hidden_anyway": hidden, "refused": sum(refused), "share": round(found.estimate, 4),
+            "low": round(found.low, 4), "high": round(found.high, 4)}
 
 
 def on_surface(random: np.random.Generator, origin: np.ndarray, place: np.ndarray) -> np.ndarray:

