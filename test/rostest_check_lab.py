@@ -13,12 +13,15 @@ import rosnode
 import rospy
 import rostest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from rosgraph_msgs.msg import Log
 from geometry_msgs.msg import TransformStamped
 from sensor_msgs.msg import CameraInfo, Image
 from tf2_msgs.msg import TFMessage
 
 from vb_core import names
+from vb_core.notices import Notice, Severity
 from vb_core.ros.messages import mapping_from_values
+from vb_core.ros.notices import NoticePublisher
 from vb_msgs.msg import DetectorStatus, LaserSpot, NoticeArray
 
 
@@ -46,10 +49,11 @@ class CheckLab(unittest.TestCase):
         rospy.init_node("check_lab")
         cls.images = rospy.Publisher("/north/image_raw", Image, queue_size=1)
         cls.infos = rospy.Publisher("/north/camera_info", CameraInfo, queue_size=1)
-        cls.told, cls.diagnosed = set(), set()
+        cls.told, cls.diagnosed, cls.logged = set(), set(), []
         cls.changed = threading.Condition()
         rospy.Subscriber(names.NOTICES, NoticeArray, cls.on_notices, queue_size=10)
         rospy.Subscriber("/diagnostics", DiagnosticArray, cls.on_diagnostics, queue_size=10)
+        rospy.Subscriber("/rosout_agg", Log, cls.on_log, queue_size=100)
         cls.timer = rospy.Timer(rospy.Duration(0.1), cls.play)
 
     @classmethod
@@ -66,6 +70,13 @@ class CheckLab(unittest.TestCase):
             cls.diagnosed.update((status.name, mapping_from_values(status.values).get("code"), status.level)
                                  for status in message.status)
             cls.changed.notify_all()
+
+    @classmethod
+    def on_log(cls, message):
+        if message.name == "/lab_monitor":
+            with cls.changed:
+                cls.logged.append(message.msg)
+                cls.changed.notify_all()
 
     @classmethod
     def play(cls, _event):
@@ -111,6 +122,20 @@ class CheckLab(unittest.TestCase):
 
     def test_a_camera_that_should_be_there_is_told_to_people(self):
         self.wait(lambda: ("detector_missing", "south") in self.told)
+
+    def test_what_another_node_tells_people_is_in_the_result_and_in_the_terminal(self):
+        notices = NoticePublisher()
+        try:
+            notices.set([Notice("page_full_of_rain", Severity.ERROR), Notice("strokes_left_out", Severity.WARNING, values={"spots": "4711"})])
+            status, text = self.check("--json")
+            self.assertEqual(status, 1)
+            found = {line["code"]: (line["state"], line["standing"]) for line in json.loads(text)}
+            self.assertEqual(found["strokes_left_out"], ("warning", True))
+            self.assertEqual(found["page_full_of_rain"], ("error", True))
+            self.assertEqual(found["lab_camera_no_detector"], ("error", False))
+            self.wait(lambda: any("4711" in text for text in self.logged))
+        finally:
+            notices.close()
 
     def test_cameras_that_disagree_are_told_until_one_of_them_has_another_pose(self):
         spots = rospy.Publisher(names.SPOTS, LaserSpot, queue_size=10)

@@ -6,11 +6,11 @@ import pytest
 
 from vb_bringup.lab import (
     CameraInfoSeen, CameraSeen, Line, MapSeen, NavigationSeen, RobotSeen, State, check_cameras, check_disk,
-    check_map, check_navigation, check_robot, notices, worst,
+    check_map, check_navigation, check_robot, notices, standing, worst,
 )
 from vb_bringup.lab_monitor import CameraComparison, LabMonitor
 from vb_core import sentences
-from vb_core.notices import Severity
+from vb_core.notices import Notice, Severity
 
 GOOD = CameraSeen(
     name="north", topic="/north/image_raw", publishers=["/north/usb_cam"], rate=15.0, age=0.03, width=640, height=480,
@@ -55,11 +55,25 @@ def test_each_mistake_with_a_camera_is_named(changes, code):
 
 
 def test_two_cameras_with_the_drivers_default_frame_are_both_named():
-    both = [dataclasses.replace(GOOD, name=name, frame="head_camera", file_error="there is no such file") for name in "ab"]
+    both = [dataclasses.replace(GOOD, name=name, frame="head_camera", file_frame="", file_error="there is no such file") for name in "ab"]
     lines = check_cameras(both)
     # not also that the pose is not known: it will get another frame first
     assert codes(lines) == ["lab_camera_frame_shared"] * 2 and len(notices(lines)) == 2
-    assert "b" in lines[0].values["others"] and "camera_frame_id" in lines[0].sentence()
+    assert "b" in lines[0].values["others"] and "a_optical_frame" in lines[0].sentence()
+    # one that was calibrated under its own frame gets that one back
+    known = check_cameras([both[0], dataclasses.replace(both[1], file_error="", file_frame="b_frame")])[1]
+    assert known.code == "lab_camera_frame_shared" and known.values["own"] == "b_frame"
+
+
+def test_every_notice_about_a_camera_or_robot_names_it():
+    from vb_core.sentences import catalogue, languages, placeholders
+
+    for language in languages():
+        for code, sentence in catalogue(language).items():
+            if code.startswith("lab_camera_"):
+                assert "camera" in placeholders(sentence.split(":")[0]), code
+            if code.startswith("lab_robot_"):
+                assert "robot" in placeholders(sentence), code
 
 
 def test_no_camera_at_all_is_a_warning():
@@ -107,6 +121,26 @@ def test_people_are_told_of_errors_that_nobody_else_tells():
     lines = [check_disk("/x", 10.0), *check_cameras([dataclasses.replace(GOOD, rate=0.0)]), Line("x", State.WARNING, "lab_camera_slow")]
     assert [(notice.code, notice.severity) for notice in notices(lines)] == [("lab_disk_full", Severity.ERROR)]
     assert notices(lines)[0].sentence() == lines[0].sentence()
+
+
+def test_what_the_nodes_tell_people_is_part_of_the_result():
+    apart = Notice("cameras_disagree", Severity.ERROR, camera="south", values={"first": "north", "second": "south", "cm": "9"})
+    everyday = Notice("robot_leaves_border", Severity.INFO)
+    doubt = Notice("strokes_left_out", Severity.WARNING, values={"spots": "7"})
+    fine = check_cameras([GOOD])
+    found = standing([apart, everyday, doubt], fine)
+    assert [(line.subject, line.state, line.code) for line in found] == [
+        ("camera south", State.ERROR, "cameras_disagree"), ("lab", State.WARNING, "strokes_left_out")]
+    assert "9 cm" in found[0].sentence() and worst(fine + found) is State.ERROR
+    assert not notices(found)  # the node that told it goes on telling it
+
+
+def test_what_a_check_says_more_exactly_is_not_said_twice():
+    lines = check_cameras([dataclasses.replace(GOOD, rate=0.0), dataclasses.replace(GOOD, name="south", frame="south", file_frame="head_camera")])
+    told = [Notice("camera_silent", Severity.ERROR, camera="north"), Notice("camera_no_pose", Severity.ERROR, camera="south"),
+            *notices(lines)]
+    assert standing(told, lines) == []
+    assert [line.code for line in standing(told, check_cameras([GOOD]))] == ["camera_silent", "camera_no_pose", "lab_camera_frame_differs"]
 
 
 def test_a_full_disk_is_an_error():
@@ -186,10 +220,10 @@ def test_a_shared_frame_hides_the_pose_that_it_prevents():
 def test_cameras_that_see_the_laser_at_different_places_are_named_until_they_agree():
     comparison, random = CameraComparison(), np.random.default_rng(5)
 
-    def draw(began, off):
-        """Half a minute of drawing where all three see it; the images of none come with those of another."""
+    def draw(began, off, lasts=30.0):
+        """Drawing where all three see it; the images of none come with those of another."""
         for camera, late, moved in (("north", 0.0, 0.0), ("south", 0.05, off), ("east", 0.02, 0.0)):
-            for t in np.arange(began, began + 30.0, 0.12) + late:
+            for t in np.arange(began, began + lasts, 0.12) + late:
                 x, y = 2.0 + 0.5 * np.cos(0.4 * t) + moved, 1.0 + 0.5 * np.sin(0.4 * t)
                 comparison.hear(camera, t, *(np.array([x, y]) + random.normal(0.0, 0.02, 2)))
 
@@ -199,7 +233,8 @@ def test_cameras_that_see_the_laser_at_different_places_are_named_until_they_agr
     found = comparison.notices(231.0)
     assert {(one.values["first"], one.values["second"]) for one in found} == {("east", "south"), ("north", "south")}
     assert {one.code for one in found} == {"cameras_disagree"} and all(8 < int(one.values["cm"]) < 14 for one in found)
-    comparison.forget("south")  # calibrated again, and nobody has drawn since
-    assert comparison.notices(232.0) == []
+    comparison.forget("south", 232.0)  # calibrated again; the laser is still on, and the detector has the former pose a moment longer
+    draw(230.5, 0.11, lasts=5.5)
+    assert comparison.notices(237.0) == []
     draw(300.0, 0.0)
     assert comparison.notices(331.0) == []

@@ -12,6 +12,7 @@ from std_msgs.msg import String
 from vb_core import geometry, names
 from vb_core.camera_model import CameraModel
 from vb_laser_detect import calibrate_camera_node
+from vb_laser_detect.calibration.consistency import CameraConsistency, suspect
 from vb_laser_detect.detection.projection import floor_points, pixels_of
 from vb_msgs.msg import LaserSpot
 
@@ -88,7 +89,7 @@ def test_a_pose_that_is_shifted_is_off_by_that_amount(tmp_path, check):
     wrong[:2, 3] += (0.06, -0.025)
     path = record(tmp_path / "shifted.bag", {"green": wrong})
     status, offsets, medians, text = check(path)
-    assert status == 1 and "do NOT agree" in text
+    assert status == 1 and "calibrate green again" in text
     assert offsets["blue", "green"] == pytest.approx((6.0, -2.5), abs=0.15)
     assert offsets["green", "red"] == pytest.approx((-6.0, 2.5), abs=0.15)
     assert offsets["blue", "red"] == pytest.approx((0.0, 0.0), abs=0.15)
@@ -136,3 +137,15 @@ def test_a_bag_whose_recording_was_cut_off(tmp_path, check):
     path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
     status, _, _, text = check(path)
     assert status == 1 and "bad_file" in text
+
+
+@pytest.mark.parametrize("medians, wrong", [
+    ({"ab": 0.09}, ""),  # two cameras do not show which of them is wrong
+    ({"ab": 0.09, "ac": 0.01}, "b"),
+    ({"ab": 0.09, "ac": 0.08, "bc": 0.01}, "a"),
+    ({"ab": 0.09, "ac": 0.08, "bc": 0.07}, ""),
+    ({"ab": 0.01}, ""),
+])
+def test_a_camera_is_named_only_if_the_others_show_that_it_is_the_one(medians, wrong):
+    pairs = [CameraConsistency(first, second, 100, (median, 0.0), median, median) for (first, second), median in medians.items()]
+    assert suspect(pairs, 0.02) == wrong

@@ -22,18 +22,19 @@ _MARKS = {State.OK: "[green]ok[/]", State.UNKNOWN: "?", State.WARNING: "[yellow]
 def show(lines: List[Line], language: str, console: Console) -> None:
     """Prints a table, the faults last, where they are seen."""
     table = Table(box=None, padding=(0, 2, 0, 0))
-    for heading in ("", "", ""):
+    for heading in ("", ""):
         table.add_column(heading, overflow="fold")
     for line in sorted(lines, key=lambda line: line.state):
-        table.add_row(_MARKS[line.state], line.subject, line.sentence(language))
+        table.add_row(_MARKS[line.state], line.sentence(language))
     console.print(table)
 
 
 def as_json(lines: List[Line], language: str) -> str:
-    """The lines for programs: subject, state, code, values, and the sentence for people."""
+    """The lines for programs: subject, state, code, values, the sentence for people, and whether a node tells it by itself."""
     return json.dumps([
         {"subject": line.subject, "state": line.state.name.lower(), "code": line.code,
-         "values": {key: str(value) for key, value in line.values.items()}, "message": line.sentence(language)}
+         "values": {key: str(value) for key, value in line.values.items()}, "message": line.sentence(language),
+         "standing": line.standing}
         for line in lines
     ], indent=1, ensure_ascii=False)
 

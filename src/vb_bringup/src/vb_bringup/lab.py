@@ -1,7 +1,8 @@
 """Judges whether a lab is ready, from what was observed. No ROS.
 
-Every check is one line: a subject, a state, and a code whose sentence (vb_core/languages, lab.yaml) says what is
-wrong and how to fix it. `lab_probe` observes the running lab; this module only judges.
+Every check is one line: a subject, a state, and a code whose sentence (vb_core/languages) says what is wrong and how to
+fix it. What the lab's nodes tell people anyway is not measured again: their notices are lines too (`standing`).
+`lab_probe` observes the running lab; this module only judges.
 """
 from __future__ import annotations
 
@@ -39,12 +40,13 @@ class State(enum.IntEnum):
 
 @dataclass(frozen=True)
 class Line:
-    """The result of one check."""
+    """The result of one check, or, if `standing`, what a node of the lab tells people."""
 
     subject: str
     state: State
     code: str
     values: Mapping[str, Any] = field(default_factory=dict)
+    standing: bool = False
 
     def sentence(self, language: str = sentences.ENGLISH) -> str:
         """The sentence that people read."""
@@ -169,7 +171,8 @@ def _pose_faults(camera: CameraSeen, by_frame: Mapping[str, Sequence[str]], faul
     sharing = [name for name in by_frame[camera.frame] if name != camera.name]
     if sharing:
         # it will get another frame: then comes the pose
-        yield fault(State.ERROR, "lab_camera_frame_shared", frame=camera.frame, others=", ".join(sharing))
+        own = camera.file_frame if camera.file_frame not in ("", camera.frame) else f"{camera.name}_optical_frame"
+        yield fault(State.ERROR, "lab_camera_frame_shared", frame=camera.frame, others=", ".join(sharing), own=own)
     elif camera.file_error and (camera.has_pose or not camera.file_missing):
         # the running lab still has the last good pose; calibrating again is not the first thing to do
         yield fault(
@@ -205,19 +208,24 @@ class RobotSeen:
 def check_robot(robot: RobotSeen) -> List[Line]:
     """Whether a robot can be sent to the spot and be driven by it."""
     subject = f"robot {robot.name}".strip()
-    lines = []
+    lines: List[Line] = []
+
+    def found(state: State, code: str, **values: Any) -> None:
+        lines.append(Line(subject, state, code, {"robot": sentences.robot(robot.name), **values}))
+
     if robot.pose_age is None:
-        lines.append(Line(subject, State.ERROR, "lab_robot_no_pose", {"robot": sentences.robot(robot.name)}))
+        found(State.ERROR, "lab_robot_no_pose")
     elif robot.pose_age > 1.0:
-        lines.append(Line(subject, State.ERROR, "lab_robot_old_pose", {"age": f"{robot.pose_age:.1f}"}))
+        found(State.ERROR, "lab_robot_old_pose", age=f"{robot.pose_age:.1f}")
     if robot.scan_deg == 0.0:
-        lines.append(Line(subject, State.WARNING, "lab_robot_no_scan", {"topic": robot.scan_topic}))
+        found(State.WARNING, "lab_robot_no_scan", topic=robot.scan_topic)
     elif robot.scan_deg < AHEAD_DEG:
-        lines.append(Line(subject, State.WARNING, "lab_robot_narrow_scan", {"degrees": f"{robot.scan_deg:.0f}"}))
+        found(State.WARNING, "lab_robot_narrow_scan", degrees=f"{robot.scan_deg:.0f}")
     if robot.depth_frame and robot.color_frame and robot.depth_frame != robot.color_frame:
-        values = {"depth": robot.depth_frame, "color": robot.color_frame}
-        lines.append(Line(subject, State.ERROR, "lab_robot_depth_not_registered", values))
-    return lines or [Line(subject, State.OK, "lab_robot_ok", {"degrees": f"{robot.scan_deg:.0f}"})]
+        found(State.ERROR, "lab_robot_depth_not_registered", depth=robot.depth_frame, color=robot.color_frame)
+    if not lines:
+        found(State.OK, "lab_robot_ok", degrees=f"{robot.scan_deg:.0f}")
+    return lines
 
 
 @dataclass(frozen=True)
@@ -322,8 +330,37 @@ def notices(lines: Iterable[Line]) -> List[Notice]:
     return [
         Notice(line.code, Severity.ERROR, camera=str(line.values.get("camera", "")),
                values={key: str(value) for key, value in line.values.items()})
-        for line in lines if line.state is State.ERROR and line.code not in _TOLD_BY_OTHERS
+        for line in lines if line.state is State.ERROR and not line.standing and line.code not in _TOLD_BY_OTHERS
     ]
+
+
+# the same, seen by a node that knows less: an error that a check found with that camera, or with the map, says what lies behind
+_EXPLAINED = frozenset({"camera_silent", "detector_missing", "camera_no_pose", "camera_no_lens", "borders_unconfirmed"})
+
+
+def standing(told: Iterable[Notice], checked: Iterable[Line]) -> List[Line]:
+    """What the lab's nodes tell people to be wrong, as lines; what a check says more exactly is left out.
+
+    Args:
+        told: the present notices of all nodes.
+        checked: what the checks found.
+    """
+    checked = list(checked)
+    faulty = {line.subject for line in checked if line.state is State.ERROR}
+    own = {(line.code, str(line.values.get("camera", ""))) for line in checked}
+    lines = []
+    for notice in told:
+        if notice.camera:
+            subject = f"camera {notice.camera}"
+        elif notice.robot:
+            subject = f"robot {notice.robot}"
+        else:
+            subject = "map" if notice.border_id or notice.code in _EXPLAINED else "lab"
+        known = (notice.code, notice.camera) in own or notice.code in _EXPLAINED and subject in faulty
+        if notice.severity >= Severity.WARNING and not known:
+            state = State.ERROR if notice.severity is Severity.ERROR else State.WARNING
+            lines.append(Line(subject, state, notice.code, notice.values, standing=True))
+    return lines
 
 
 def worst(lines: Iterable[Line]) -> State:

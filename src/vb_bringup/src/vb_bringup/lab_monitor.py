@@ -21,6 +21,8 @@ STARTING_S = 15.0
 DISAGREE_M = 0.05
 # sightings of one camera that are compared, and [s] for how long: enough for a mean, soon replaced after a calibration
 _SIGHTINGS, _REMEMBERED_S = 200, 300.0
+# [s] a detector looks a fixed camera's pose up every two seconds: what it sees until then may still have the former one
+_TAKEN_S = 5.0
 # a detector's count of dropped spots, to the code of the notice; the first that holds hides those behind it. Of a shared
 # frame `check_lab` tells, which knows the cameras that have it.
 _REASONS = {"shared_frame": "", "no_camera_info": "camera_no_lens", "no_transform": "camera_no_pose"}
@@ -93,14 +95,17 @@ class CameraComparison:
 
     def __init__(self) -> None:
         self._sightings: Dict[str, Deque[Sighting]] = {}
+        self._moved: Dict[str, float] = {}  # [s] when a camera got its present pose
 
     def hear(self, camera: str, stamp: float, x: float, y: float) -> None:
         """A spot [m] of a stationary camera, in the map, at the time of its image [s]."""
-        self._sightings.setdefault(camera, deque(maxlen=_SIGHTINGS)).append((camera, stamp, x, y))
+        if abs(stamp - self._moved.get(camera, -math.inf)) > _TAKEN_S:
+            self._sightings.setdefault(camera, deque(maxlen=_SIGHTINGS)).append((camera, stamp, x, y))
 
-    def forget(self, camera: str) -> None:
-        """Forgets what a camera saw: it has another pose now."""
+    def forget(self, camera: str, now: float) -> None:
+        """A camera has another pose since a time [s]: what it saw with the former one does not count."""
         self._sightings.pop(camera, None)
+        self._moved[camera] = now
 
     def notices(self, now: float) -> List[Notice]:
         """One notice for each two cameras that disagree."""

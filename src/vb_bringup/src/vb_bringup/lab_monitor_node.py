@@ -1,4 +1,4 @@
-"""Node: tells people when a camera fails while they work, and checks the whole lab whenever nodes came or went."""
+"""Node: tells people when a camera fails while they work, checks the whole lab whenever nodes came or went, and logs what is wrong."""
 from __future__ import annotations
 
 import json
@@ -15,21 +15,22 @@ import rospy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from tf2_msgs.msg import TFMessage
 
-from vb_bringup.lab import Line, State, notices
+from vb_bringup.lab import Line, State, notices, standing
 from vb_bringup.lab_monitor import CameraComparison, LabMonitor
 from vb_core import names
-from vb_core.notices import Notice
+from vb_core.notices import Notice, NoticeBook
 from vb_core.parameters import Parameters, param
 from vb_core.ros import node, parameters
 from vb_core.ros.messages import values_from_mapping
-from vb_core.ros.notices import NoticePublisher
-from vb_msgs.msg import DetectorStatus, LaserSpot
+from vb_core.ros.notices import NoticePublisher, notice_from_message
+from vb_msgs.msg import DetectorStatus, LaserSpot, NoticeArray
 
 # all in seconds of wall time
 COMPARE_S = 5.0  # between two comparisons of the cameras' spots
 LOOK_S = 1.0  # between two looks at which nodes run
 SETTLED_S = 6.0  # without a node that comes or goes: before, a lab is starting or ending
 AGAIN_S = {State.ERROR: 60.0, State.OK: 600.0}  # a check takes two seconds of processor time
+LOGGED_AGAIN_S = 60.0  # before what comes and goes is logged again
 # what rospy appends to the names of tools, whose coming and going does not change the lab
 _ANONYMOUS = re.compile(r"_\d+_\d{10,}$")
 _LEVELS = {State.OK: DiagnosticStatus.OK, State.UNKNOWN: DiagnosticStatus.WARN, State.WARNING: DiagnosticStatus.WARN,
@@ -46,16 +47,17 @@ class LabMonitorParams(Parameters):
 
 
 class LabMonitorNode:
-    """Watches the detectors' status; runs `check_lab`, and logs what is new in its result, cures too.
+    """Watches the detectors' status; runs `check_lab`; logs what is new in its result, cures too, and in the nodes' notices.
 
     Subscribed topics:
         /virtual_borders/detectors (vb_msgs/DetectorStatus)
         /virtual_borders/spots (vb_msgs/LaserSpot): to compare where overlapping cameras see the laser
         /tf_static (tf2_msgs/TFMessage): what a camera saw before it got another pose counts no more
+        /virtual_borders/notices (vb_msgs/NoticeArray): what any node tells people to be wrong is logged here
     Published topics:
         /virtual_borders/notices (vb_msgs/NoticeArray): camera_silent, camera_no_pose, camera_no_lens, detector_missing,
             cameras_disagree, and the errors of `check_lab` that no other node tells
-        /diagnostics (diagnostic_msgs/DiagnosticArray): each line of `check_lab`
+        /diagnostics (diagnostic_msgs/DiagnosticArray): each line of `check_lab`, and each warning and error among the notices
     Parameters:
         ~* LabMonitorParams
     """
@@ -68,6 +70,8 @@ class LabMonitorNode:
         self._poses: Dict[str, Any] = {}  # by frame
         self._told: List[Notice] = []
         self._lines: List[Line] = []
+        self._book = NoticeBook()
+        self._logged: Dict[Tuple[str, str], float] = {}  # subject and code of a notice, and when it held last
         self._closed = threading.Event()
         node.wait_for_clock()
         self._monitor.begin(rospy.get_time())
@@ -76,6 +80,7 @@ class LabMonitorNode:
         self._subscriber = rospy.Subscriber(names.DETECTORS, DetectorStatus, self._on_status, queue_size=50)
         rospy.Subscriber(names.SPOTS, LaserSpot, self._on_spot, queue_size=100)
         rospy.Subscriber("/tf_static", TFMessage, self._on_poses, queue_size=100)
+        rospy.Subscriber(names.NOTICES, NoticeArray, self._on_notices, queue_size=50)
         self._timer = rospy.Timer(rospy.Duration(1.0), self._on_timer, reset=True)
         self._checks = node.start_thread(self._check_again_and_again)
 
@@ -104,7 +109,12 @@ class LabMonitorNode:
                 self._poses[entry.child_frame_id] = entry.transform
                 if before is not None and before != entry.transform:
                     for camera in [name for name, frame in self._frames.items() if frame == entry.child_frame_id]:
-                        self._comparison.forget(camera)
+                        self._comparison.forget(camera, rospy.get_time())
+                        self._compared = float("-inf")
+
+    def _on_notices(self, message: NoticeArray) -> None:
+        with self._lock:
+            self._book.hear(message.source, map(notice_from_message, message.notices), time.monotonic())
 
     def _on_timer(self, _event: Any) -> None:
         with self._lock:
@@ -112,9 +122,25 @@ class LabMonitorNode:
                 self._disagreeing, self._compared = self._comparison.notices(rospy.get_time()), time.monotonic()
             self._told, lines = self._monitor.notices(rospy.get_time()), self._lines
             told = [*self._told, *self._disagreeing, *notices(lines)]
+            said = standing(self._book.current(time.monotonic()), lines)
+            new = self._new(said)
         self._notices.set(told)
-        if lines:
-            self._diagnostics.publish(_diagnostics(lines))
+        for line in new:
+            self._log(line)
+        if lines or said:
+            self._diagnostics.publish(_diagnostics([*lines, *said]))
+
+    def _new(self, said: List[Line]) -> List[Line]:
+        """Those that did not hold a moment ago: what flickers is logged once."""
+        now = time.monotonic()
+        new = [line for line in said if now - self._logged.get((line.subject, line.code), float("-inf")) > LOGGED_AGAIN_S]
+        self._logged.update({(line.subject, line.code): now for line in said})
+        return new
+
+    @staticmethod
+    def _log(line: Line) -> None:
+        logs = {State.ERROR: rospy.logerr, State.WARNING: rospy.logwarn}
+        logs.get(line.state, rospy.loginfo)("%s: %s", rospy.get_name(), line.sentence())
 
     # ------------------------------------------------------------ the whole lab
     def _check_again_and_again(self) -> None:
@@ -142,7 +168,7 @@ class LabMonitorNode:
         return _running_nodes(), told
 
     def _check(self) -> Optional[List[Line]]:
-        """The lines of `check_lab`; None if it was ended."""
+        """What `check_lab` finds by itself; None if it was ended."""
         process = subprocess.Popen(_CHECK, stdout=subprocess.PIPE, universal_newlines=True)
         while True:
             try:
@@ -155,17 +181,17 @@ class LabMonitorNode:
             found = json.loads(text)
         except ValueError:
             return None  # the ROS master has ended
-        return [Line(line["subject"], State[line["state"].upper()], line["code"], line["values"]) for line in found]
+        return [Line(line["subject"], State[line["state"].upper()], line["code"], line["values"])
+                for line in found if not line["standing"]]
 
     def _adopt(self, lines: List[Line]) -> None:
         with self._lock:
             before, self._lines = self._lines, lines
         known = {(line.subject, line.code) for line in before}
         cured = {line.subject for line in before if line.state >= State.WARNING}
-        logs = {State.ERROR: rospy.logerr, State.WARNING: rospy.logwarn, State.OK: rospy.loginfo}
         for line in lines:
             if (line.subject, line.code) not in known and (line.state >= State.WARNING or line.subject in cured):
-                logs.get(line.state, rospy.loginfo)("%s: %s: %s", rospy.get_name(), line.subject, line.sentence())
+                self._log(line)
 
 
 def _running_nodes() -> FrozenSet[str]:

@@ -1,4 +1,4 @@
-"""Observes the running lab: what its cameras, robots, maps and nodes send within some seconds."""
+"""Observes the running lab: what its cameras, robots, maps and nodes send within some seconds, and what they tell people."""
 from __future__ import annotations
 
 import os
@@ -18,13 +18,15 @@ from sensor_msgs.msg import CameraInfo, CompressedImage, Image, LaserScan
 
 from vb_bringup.lab import (
     CameraInfoSeen, CameraSeen, Line, MapSeen, NavigationSeen, RobotSeen, State, check_cameras, check_disk,
-    check_map, check_navigation, check_nodes, check_robot,
+    check_map, check_navigation, check_nodes, check_robot, standing,
 )
 from vb_core import names
 from vb_core.errors import CodedError
+from vb_core.notices import NoticeBook
 from vb_core.ros.images import compressed_image_array, image_array
+from vb_core.ros.notices import notice_from_message
 from vb_core.ros.transforms import TransformLookup
-from vb_msgs.msg import VirtualBorderArray
+from vb_msgs.msg import NoticeArray, VirtualBorderArray
 
 NEEDED_NODES = ("/interaction_manager", "/border_fusion", "/map_integrator")
 _DETECTOR = "spot_detector"
@@ -103,8 +105,15 @@ class Stream:
 
 
 def probe(seconds: float) -> List[Line]:
-    """Listens to cameras and scans for some seconds, looks at everything else, and judges it."""
+    """Listens to cameras, scans and notices for some seconds, looks at everything else, and judges it."""
     graph = Graph()
+    book, told = NoticeBook(), threading.Lock()
+
+    def hear(message: NoticeArray) -> None:
+        with told:
+            book.hear(message.source, map(notice_from_message, message.notices), time.monotonic())
+
+    notices = rospy.Subscriber(names.NOTICES, NoticeArray, hear, queue_size=50)
     transforms = TransformLookup()
     robots = _robots()
     running = sorted(node for node in graph.nodes if node.split("/")[-1].startswith(_DETECTOR))
@@ -126,7 +135,9 @@ def probe(seconds: float) -> List[Line]:
 
     poses = _CalibrationFiles(graph)
     cameras = [_camera(graph, node, detectors[node], images[node][0], streams, transforms, poses) for node in detectors]
-    lines = check_nodes([node for node in NEEDED_NODES if node not in graph.nodes])
+    # one that was just being started again has no name for a moment
+    running_now = graph.nodes | Graph().nodes
+    lines = check_nodes([node for node in NEEDED_NODES if node not in running_now])
     lines += check_cameras(cameras)
     lines += check_map(_map(graph, streams))
     driven = rospy.get_param("/interaction_manager/robot", True)
@@ -149,7 +160,9 @@ def probe(seconds: float) -> List[Line]:
     lines.append(check_disk(str(place), shutil.disk_usage(str(place)).free / 2**20, os.access(str(place), os.W_OK)))
     for stream in streams.values():
         stream.close()
-    return lines
+    notices.unregister()
+    with told:
+        return lines + standing(book.current(time.monotonic()), lines)
 
 
 def _robots() -> List[str]:

@@ -17,7 +17,7 @@ import rospy
 from geometry_msgs.msg import PointStamped
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 
-from vb_core import names
+from vb_core import names, sentences
 from vb_core.camera_model import CameraModel
 from vb_core.errors import CodedError
 from vb_core.ros.cameras import camera_from_info
@@ -26,7 +26,7 @@ from vb_laser_detect.calibration.pose import CalibrationParams
 from vb_laser_detect.calibration.board import (
     BoardParams, BoardView, corners_on_map, find_board, merge_views, write_board)
 from vb_laser_detect.calibration.session import HeldSpot, Session, describe, parse_numbers
-from vb_laser_detect.calibration.consistency import Sighting, agreement
+from vb_laser_detect.calibration.consistency import Sighting, agreement, suspect
 from vb_laser_detect.detector import DetectorParams, SpotDetector
 from vb_laser_detect.detection.image_format import PixelReader, to_grey
 from vb_laser_detect.ros.camera_geometry import beside, decoded, is_rectified
@@ -324,14 +324,15 @@ def check(arguments: argparse.Namespace) -> int:
         end = rospy.Time.now() + rospy.Duration(arguments.seconds)
         while not rospy.is_shutdown() and rospy.Time.now() < end:
             rospy.rostime.wallsleep(0.1)
-    worst = 0.0
-    for pair in agreement([one for one in list(sightings) if one is not None]):
+    pairs = agreement([one for one in list(sightings) if one is not None])
+    for pair in pairs:
         say(pair.describe())
-        worst = max(worst, pair.median)
-    limit = arguments.limit / 100.0
-    say(f"cameras agree to {arguments.limit:g} cm" if worst <= limit
-        else f"cameras do NOT agree to {arguments.limit:g} cm: calibrate the one again that is off in most lines")
-    return 0 if worst <= limit else 1
+    apart = any(pair.median > arguments.limit / 100.0 for pair in pairs)
+    camera = suspect(pairs, arguments.limit / 100.0)
+    cure = "$calibrate_suspect" if camera else "$calibrate_moved"
+    say(sentences.say("cameras_apart" if apart else "cameras_agree",
+                      {"limit": f"{arguments.limit:g}", "camera": camera, "cure": cure}))
+    return 1 if apart else 0
 
 
 def _sighting(message: LaserSpot) -> Optional[Sighting]:

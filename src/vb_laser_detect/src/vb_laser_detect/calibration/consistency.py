@@ -83,6 +83,20 @@ def agreement(sightings: Iterable[Sighting], least: int = 20) -> List[CameraCons
     return found
 
 
+def suspect(pairs: Iterable[CameraConsistency], limit: float) -> str:
+    """The camera to calibrate again: the only one in every pair that is apart, and in none that agrees; "" if that is not one.
+
+    Args:
+        pairs: as `agreement` finds them.
+        limit: [m] a median above it is apart.
+    """
+    pairs = list(pairs)
+    apart = [{pair.first, pair.second} for pair in pairs if pair.median > limit]
+    agreeing = {name for pair in pairs if pair.median <= limit for name in (pair.first, pair.second)}
+    found = set.intersection(*apart) - agreeing if apart else set()
+    return found.pop() if len(found) == 1 else ""
+
+
 def _tracks(sightings: Iterable[Sighting]) -> Dict[str, np.ndarray]:
     """Camera to (N, 3) [s, m, m], sorted by time; times with more than one spot are left out."""
     collected: Dict[str, Dict[float, List[Tuple[float, float]]]] = {}
