@@ -53,7 +53,7 @@ class CheckLab(unittest.TestCase):
         cls.changed = threading.Condition()
         rospy.Subscriber(names.NOTICES, NoticeArray, cls.on_notices, queue_size=10)
         rospy.Subscriber("/diagnostics", DiagnosticArray, cls.on_diagnostics, queue_size=10)
-        rospy.Subscriber("/rosout_agg", Log, cls.on_log, queue_size=100)
+        rospy.Subscriber("/rosout", Log, cls.on_log, queue_size=100)
         cls.timer = rospy.Timer(rospy.Duration(0.1), cls.play)
 
     @classmethod

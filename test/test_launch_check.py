@@ -1,5 +1,7 @@
 """What cannot work is refused before roslaunch starts anything, in one sentence."""
+import contextlib
 import os
+import re
 import subprocess
 import sys
 import threading
@@ -8,7 +10,7 @@ from xmlrpc.server import SimpleXMLRPCServer
 
 import pytest
 
-from vb_bringup.launch_check import check_alone, check_arguments, check_installed, check_robot, declared_arguments
+from vb_bringup.launch_check import KINDS, check_alone, check_arguments, check_installed, check_values, declared_arguments
 from vb_core.errors import CodedError
 
 LAUNCH = Path(__file__).resolve().parents[1] / "launch"
@@ -24,17 +26,36 @@ def code_of(check, *arguments):
 
 @pytest.fixture
 def lab():
-    """The URI of a ROS master that knows a lab's node, which answers at the same address."""
+    """The URI of a ROS master that knows a lab, whose roslaunch and node answer at the same address."""
+    with served() as (server, uri):
+        server.register_function(lambda caller, key: (1, "", {"host_1": "http://127.0.0.1:1", "host_2": uri}), "getParam")
+        server.register_function(lambda: (1, "", ["north/usb_cam-2", "map_integrator-9"]), "get_node_names")
+        server.register_function(lambda: (1, "", 4712), "get_pid")
+        yield uri
+
+
+@pytest.fixture
+def node_of_a_lab():
+    """The same without a roslaunch: somebody started the node by hand."""
+    with served() as (server, uri):
+        server.register_function(lambda caller, key: (-1, "not set", 0), "getParam")
+        yield uri
+
+
+@contextlib.contextmanager
+def served():
     server = SimpleXMLRPCServer(("127.0.0.1", 0), logRequests=False)
     uri = "http://127.0.0.1:{}/".format(server.server_address[1])
     server.register_function(lambda caller, node: (1, "", uri), "lookupNode")
     server.register_function(lambda caller: (1, "", 4711), "getPid")
     thread = threading.Thread(target=server.serve_forever)
     thread.start()
-    yield uri
-    server.shutdown()
-    thread.join()
-    server.server_close()
+    try:
+        yield server, uri
+    finally:
+        server.shutdown()
+        thread.join()
+        server.server_close()
 
 
 def run(*words, uri):
@@ -65,15 +86,71 @@ def test_only_a_files_own_arguments_count(tmp_path):
     ("move_base", "false", "launch_navigation_without_robot"), ("move_base", "0", "launch_navigation_without_robot"),
     ("none", "perhaps", "launch_bad_choice"), ("move_base", "true", ""), ("none", "false", "")])
 def test_navigation_needs_a_robot(navigation, robot, code):
-    assert code_of(check_robot, navigation, robot) == code
+    assert code_of(check_values, {"navigation": navigation, "robot": robot}) == code
+
+
+@pytest.fixture
+def files(tmp_path):
+    """Good and bad files, by the words that stand for their paths below."""
+    for name, text in (
+            ("good.yaml", "image: x\ndetector: {hold_s: 12}"), ("empty.yaml", "{}"), ("mistyped.yaml", "detector: {noise: 3}"),
+            ("list.yaml", "[1, 2]"), ("broken.yaml", "a: [1"), ("robot.yaml", "shape: {radius: 0.2}"), ("wheels.yaml", "wheels: 3"),
+            ("map.yaml", "image: map.pgm\nresolution: 0.05\norigin: [0, 0, 0]"), ("map.pgm", "P5 2 1 255 ~ "),
+            ("lost.yaml", "image: lost.pgm\nresolution: 0.05\norigin: [0, 0, 0]")):
+        (tmp_path / name).write_text(text)
+    return tmp_path
+
+
+@pytest.mark.parametrize("argument, value, code", [
+    ("map", "", ""), ("map", "@map.yaml", ""), ("map", "@none.yaml", "bad_map_file"), ("map", "@lost.yaml", "bad_map_file"),
+    ("map", "@broken.yaml", "bad_map_file"),
+    ("language", "de", ""), ("language", "gr", "launch_bad_choice"),
+    ("cameras", "north south_2", ""), ("cameras", "", ""), ("cameras", "north, south", "launch_bad_names"),
+    ("cameras", "/north", "launch_bad_names"), ("robots", "r1;r2", "launch_bad_names"),
+    ("config", "@good.yaml", ""), ("config", "@mistyped.yaml", "bad_parameter"), ("config", "@list.yaml", "launch_bad_file"),
+    ("config", "@broken.yaml", "launch_bad_file"), ("config", "@none.yaml", "launch_no_file"),
+    ("configs", "north=@good.yaml south=@empty.yaml", ""), ("configs", "north=@none.yaml", "launch_no_file"),
+    ("configs", "north=@good.yaml south=@mistyped.yaml", "bad_parameter"), ("configs", "@good.yaml", "launch_bad_pairs"),
+    ("configs", "north= @good.yaml", "launch_bad_pairs"),
+    ("machines", "north=loft", ""), ("machines", "north", "launch_bad_pairs"), ("machines_file", "@none", "launch_no_file"),
+    ("robot_types", "turtlebot2 @robot.yaml", ""), ("robot_types", "turtle", "unknown_robot_type"),
+    ("robot_types", "@wheels.yaml", "bad_parameter"), ("robot_types", "@none.yaml", "launch_no_file"),
+    ("page_port", "8420", ""), ("page_port", "80a", "launch_bad_number"), ("occupancy", "1.5", "launch_bad_number"),
+    ("rviz", "yes", "launch_bad_choice"), ("projector", "@none", "launch_no_file"),
+])
+def test_each_argument_is_judged_by_its_kind(files, argument, value, code):
+    assert code_of(check_values, {argument: value.replace("@", f"{files}/")}) == code
+
+
+def test_a_misspelt_parameter_is_named_with_its_file_and_all_known_ones(files):
+    (files / "n.yaml").write_text("imaeg: x")
+    with pytest.raises(CodedError) as caught:
+        check_values({"configs": f"north={files}/n.yaml"})
+    assert f"{files}/n.yaml/imaeg" in caught.value.message
+    assert {"image", "detector", "projection"} <= set(re.findall(r"\w+", caught.value.message))
+
+
+@pytest.mark.parametrize("name, free", [
+    ("lab", {"state", "calibration", "record", "map_name", "page_address"}),
+    ("simulation", {"world", "seed", "state", "record", "maps", "page_address"}),
+    ("borders_only", {"state", "robot_frame", "page_address"})])
+def test_every_argument_of_a_launch_file_is_judged(name, free):
+    """Those of no kind are folders that are made, and names: anything goes."""
+    path = LAUNCH / f"{name}.launch"
+    judged = set(re.findall(r'(\w+):="\$\(arg \1\)"', path.read_text()))
+    assert judged <= set(KINDS) and judged | free == set(declared_arguments([path]))
 
 
 def test_what_is_not_installed_is_refused():
     assert code_of(check_installed, ["no_such_navigation"]) == "launch_not_installed"
 
 
-def test_a_lab_runs_alone_on_its_master(lab):
-    assert code_of(check_alone, lab) == "lab_already_running"
+def test_a_lab_runs_alone_on_its_master(lab, node_of_a_lab):
+    with pytest.raises(CodedError) as caught:
+        check_alone(lab)
+    # what people can end is roslaunch; a node would be started again, as another process
+    assert caught.value.code == "lab_already_running" and "4712" in caught.value.message
+    assert code_of(check_alone, node_of_a_lab) == "lab_node_already_running"
     assert code_of(check_alone, "http://127.0.0.1:1") == ""
 
 
@@ -84,7 +161,8 @@ def test_a_lab_runs_alone_on_its_master(lab):
 ])
 def test_roslaunch_ends_before_it_starts_a_node(lab, words, code):
     done = run("roslaunch", *words, uri=lab)
-    assert done.returncode != 0 and f"[{code}]" in done.stdout
+    # our sentence is the last that people read
+    assert done.returncode != 0 and f"[{code}]" in done.stdout.strip().splitlines()[-1]
     assert "process[" not in done.stdout  # which roslaunch prints for each node
 
 

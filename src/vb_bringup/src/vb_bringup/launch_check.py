@@ -1,33 +1,40 @@
 """Refuses a launch that cannot work, before roslaunch starts its first node.
 
-The idea: the stack's launch files begin with `<param command="python3 -m vb_bringup.launch_check ...">`. roslaunch runs that
-command while it still reads the file, and ends if it fails: a mistake costs one sentence and leaves a lab that runs alone.
+The idea: every argument of the stack's launch files is of a kind, and is judged by it where a mistake costs one sentence
+instead of a node that dies again and again. The launch files begin with `<param command="python3 -m vb_bringup.launch_check
+...">`; roslaunch runs that command while it still reads the file.
 
-    launch_check lab --navigation move_base --robot false      what lab.launch, simulation.launch and borders_only.launch ask
-    launch_check navigation amcl move_base                     what navigation.launch asks
+    launch_check lab cameras:="north south" robot:=false      what lab.launch and borders_only.launch ask
+    launch_check simulation navigation:=standin               what simulation.launch asks
+    launch_check navigation amcl move_base                    what navigation.launch asks
 """
 from __future__ import annotations
 
 import argparse
 import difflib
 import os
+import re
+import signal
 import socket
 import sys
 import xml.etree.ElementTree as ElementTree
 import xmlrpc.client
+from functools import partial
 from pathlib import Path
-from typing import Iterable, List, Optional, Sequence, Tuple
+from typing import Any, Callable, Dict, Iterable, List, Mapping, Optional, Sequence, Tuple
 
 import rosgraph
 import rosgraph.network
 
+from vb_core import sentences
 from vb_core.errors import CodedError
 
 STARTED, REFUSED = 0, 1
 ANSWER_S = 3.0  # a node that runs tells its process within it
 UNIQUE_NODE = "/map_integrator"  # every lab has one, and two of them would publish each other's map
 _CALLER = "/launch_check"
-_TRUTHS = ("true", "false", "1", "0")  # what roslaunch takes as a condition
+_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
+_SPAWNED = re.compile(r"-\d+$")  # what roslaunch appends to a node's name
 
 
 def check_arguments(given: Iterable[str], declared: Sequence[str]) -> None:
@@ -44,27 +51,163 @@ def check_arguments(given: Iterable[str], declared: Sequence[str]) -> None:
             raise CodedError("launch_unknown_argument", argument=name, known=", ".join(sorted(declared)) or "-")
 
 
+# ------------------------------------------------------------ kinds of arguments
 def check_choice(argument: str, value: str, choices: Sequence[str]) -> None:
-    """Refuses a value that the launch file would take for its default.
-
-    Raises:
-        CodedError: "launch_bad_choice"
-    """
+    """Raises CodedError "launch_bad_choice": the launch file would take the value for its default, or a node would not start."""
     if value not in choices:
         raise CodedError("launch_bad_choice", argument=argument, value=value, choices=", ".join(choices))
 
 
-def check_robot(navigation: str, robot: str) -> None:
-    """Refuses navigation for a robot that the lab does not have.
+def check_names(argument: str, value: str) -> None:
+    """Raises CodedError "launch_bad_names" unless it is names separated by spaces; none is fine too."""
+    wrong = [name for name in value.split() if not _NAME.fullmatch(name)]
+    if wrong:
+        raise CodedError("launch_bad_names", argument=argument, value=value, wrong=" ".join(wrong))
+
+
+def check_number(argument: str, value: str, low: float, high: float) -> None:
+    """Raises CodedError "launch_bad_number"."""
+    try:
+        good = low <= float(value) <= high
+    except ValueError:
+        good = False
+    if not good:
+        raise CodedError("launch_bad_number", argument=argument, value=value, low=f"{low:g}", high=f"{high:g}")
+
+
+def pairs(argument: str, value: str) -> Dict[str, str]:
+    """The values by their names, of NAME=VALUE separated by spaces.
 
     Raises:
-        CodedError: "launch_bad_choice", "launch_navigation_without_robot"
+        CodedError: "launch_bad_pairs"
     """
-    check_choice("robot", robot, _TRUTHS)
-    if navigation == "move_base" and robot in ("false", "0"):
+    found = [word.partition("=") for word in value.split()]
+    wrong = ["".join(parts) for parts in found if not (_NAME.fullmatch(parts[0]) and parts[2])]
+    if wrong:
+        raise CodedError("launch_bad_pairs", argument=argument, wrong=" ".join(wrong))
+    return {name: what for name, _, what in found}
+
+
+def check_file(argument: str, value: str) -> None:
+    """Raises CodedError "launch_no_file" unless it is empty or names a file that can be read."""
+    try:
+        if value:
+            Path(value).open("rb").close()
+    except (OSError, ValueError) as error:
+        raise CodedError("launch_no_file", argument=argument, file=value, why=getattr(error, "strerror", "") or error) from None
+
+
+def check_node_file(argument: str, value: str) -> None:
+    """As `check_file`, of a file that a node opens: roslaunch starts nodes in ROS's own folder."""
+    import rospkg
+
+    check_file(argument, str(Path(rospkg.get_ros_home()) / value) if value else "")
+
+
+def check_map(_argument: str, value: str) -> None:
+    """Raises CodedError "bad_map_file" unless it is empty or a map with its image, as map_server reads it."""
+    if value:
+        from vb_core.map_files import map_path, read_map
+
+        read_map(map_path(value))
+
+
+def read_parameters(argument: str, path: str) -> Mapping[str, Any]:
+    """The parameters in a YAML file, as roslaunch reads them.
+
+    Raises:
+        CodedError: "launch_no_file", "launch_bad_file"
+    """
+    import rosparam
+    import yaml
+
+    check_file(argument, path)
+    try:
+        loaded = [values for values, _ in rosparam.load_file(path)]
+    except (rosparam.RosParamException, yaml.YAMLError, ValueError) as error:
+        raise CodedError("launch_bad_file", file=path, why=" ".join(str(error).split())) from None
+    if not all(isinstance(values, dict) for values in loaded):
+        raise CodedError("launch_bad_file", file=path, why="expected keys and values")
+    return {key: value for values in loaded for key, value in values.items()}
+
+
+def check_detector(argument: str, value: str) -> None:
+    """Raises CodedError "bad_parameter", naming file and key, and as `read_parameters`."""
+    from vb_laser_detect import detector_params
+
+    detector_params.check(read_parameters(argument, value), value)
+
+
+def check_detectors(argument: str, value: str) -> None:
+    """The files of single cameras: as `check_detector`, and "launch_bad_pairs"."""
+    for path in pairs(argument, value).values():
+        check_detector(argument, path)
+
+
+def check_robot_types(argument: str, value: str) -> None:
+    """Robot types or paths of profiles, separated by spaces.
+
+    Raises:
+        CodedError: "unknown_robot_type", "launch_no_file", "bad_parameter"
+    """
+    import rospkg
+    from vb_core.robot_profile import RobotProfile
+
+    folder = Path(rospkg.RosPack().get_path("vb_bringup")) / "robots"
+    known = sorted(path.stem for path in folder.glob("*.yaml"))
+    for name in value.split():
+        if "/" not in name and name not in known:
+            raise CodedError("unknown_robot_type", robot=name, known=", ".join(known))
+        path = name if "/" in name else str(folder / f"{name}.yaml")
+        check_file(argument, path)
+        RobotProfile.load(Path(path))
+
+
+Kind = Callable[[str, str], Any]
+_TRUTH: Kind = partial(check_choice, choices=("true", "false", "1", "0"))  # what roslaunch takes as a condition
+_IMAGES = ("raw", "compressed")
+KINDS: Dict[str, Kind] = {
+    **{name: _TRUTH for name in (
+        "robot", "leave_borders", "record_maps", "rviz", "sound", "projector_window", "kobuki", "buttons", "voice", "page")},
+    "cameras": check_names,
+    "robots": check_names,
+    "robot_types": check_robot_types,
+    "config": check_detector,
+    "robot_config": check_detector,
+    "configs": check_detectors,
+    "machines": pairs,
+    "machines_file": check_file,
+    "projector": check_node_file,
+    "rviz_config": check_node_file,
+    "map": check_map,
+    "image_transport": partial(check_choice, choices=_IMAGES),
+    "record_images": partial(check_choice, choices=("none", *_IMAGES)),
+    "method": partial(check_choice, choices=("nrs", "robot_only")),
+    "language": partial(check_choice, choices=sentences.languages()),
+    "navigation": partial(check_choice, choices=("none", "move_base")),
+    "page_port": partial(check_number, low=1, high=65535),
+    "projector_x": partial(check_number, low=0, high=100000),
+    "occupancy": partial(check_number, low=0, high=1),
+}
+# the simulated lab's, which differ
+SIMULATION: Dict[str, Kind] = {"navigation": partial(check_choice, choices=("standin", "move_base", "none"))}
+
+
+def check_values(values: Mapping[str, str], kinds: Mapping[str, Kind] = KINDS) -> None:
+    """Judges each argument by its kind, then what they ask for together.
+
+    Raises:
+        CodedError: that of the kind; "launch_navigation_without_robot"
+    """
+    without_robot = values.get("robot") in ("false", "0")
+    for name, value in values.items():
+        if not (without_robot and name in ("robot_types", "robot_config")):
+            kinds[name](name, value)
+    if without_robot and values.get("navigation") == "move_base":
         raise CodedError("launch_navigation_without_robot")
 
 
+# ------------------------------------------------------------ what is there
 def declared_arguments(files: Iterable[Path]) -> List[str]:
     """The arguments that launch files themselves declare and do not fix; not those of files that they include."""
     names = []
@@ -100,18 +243,41 @@ def check_alone(master_uri: str) -> None:
     """Refuses a second lab on one ROS master: each would end the other's nodes, and start its own again, for ever.
 
     Raises:
-        CodedError: "lab_already_running"
+        CodedError: "lab_already_running" naming the roslaunch to end; "lab_node_already_running" if none started the node.
     """
     before = socket.getdefaulttimeout()
     socket.setdefaulttimeout(ANSWER_S)
     try:
-        there = rosgraph.Master(_CALLER, master_uri).lookupNode(UNIQUE_NODE)
+        master = rosgraph.Master(_CALLER, master_uri)
+        found = next(filter(None, map(_lab_of, _roslaunches(master))), None)
+        if found is not None:
+            raise CodedError("lab_already_running", process=found)
+        there = master.lookupNode(UNIQUE_NODE)
         process = xmlrpc.client.ServerProxy(there).getPid(_CALLER)[2]
     except (rosgraph.MasterException, OSError, xmlrpc.client.Error):
         return  # no master, no lab, or one that died without a word
     finally:
         socket.setdefaulttimeout(before)
-    raise CodedError("lab_already_running", process=process, where=there)
+    raise CodedError("lab_node_already_running", node=UNIQUE_NODE, process=process)
+
+
+def _roslaunches(master: rosgraph.Master) -> List[str]:
+    """The addresses of those that started something on this master, and of some that have ended."""
+    try:
+        found = master.getParam("/roslaunch/uris")
+    except rosgraph.MasterError:  # none has
+        return []
+    return [str(uri) for uri in found.values()] if isinstance(found, dict) else []
+
+
+def _lab_of(uri: str) -> Optional[int]:
+    """The process of a roslaunch that keeps a lab running, even if the lab's nodes are just being started again."""
+    server = xmlrpc.client.ServerProxy(uri)
+    try:
+        names = server.get_node_names()[2]
+        return int(server.get_pid()[2]) if UNIQUE_NODE.strip("/") in {_SPAWNED.sub("", name) for name in names} else None
+    except (OSError, xmlrpc.client.Error):
+        return None  # it has ended
 
 
 def launch_of(process: int) -> Tuple[List[str], List[Path], str]:
@@ -138,25 +304,27 @@ def launch_of(process: int) -> Tuple[List[str], List[Path], str]:
 def run(arguments: Optional[List[str]] = None, process: Optional[int] = None) -> int:
     """Checks; returns the exit status, 0 or 1. `process`: roslaunch, by default the parent process."""
     parser = argparse.ArgumentParser(prog="launch_check", description=__doc__.split("\n")[0])
-    what = parser.add_subparsers(dest="what", required=True)
-    lab = what.add_parser("lab")
-    lab.add_argument("--navigation", default="none")
-    lab.add_argument("--among", default="none,move_base")
-    lab.add_argument("--robot", default="true")
-    what.add_parser("navigation").add_argument("programs", nargs="+")
+    parser.add_argument("what", choices=("lab", "simulation", "navigation"))
+    parser.add_argument("words", nargs="*", help="NAME:=VALUE of the launch file's arguments; or programs of the navigation stack")
     chosen = parser.parse_args(arguments)
+    process = os.getppid() if process is None else process
+    files: List[Path] = []
     try:
-        given, files, master_uri = launch_of(os.getppid() if process is None else process)
+        given, files, master_uri = launch_of(process)
         check_arguments(given, declared_arguments(files))
         if chosen.what == "navigation":
-            check_installed(chosen.programs)
+            check_installed(chosen.words)
         else:
-            check_choice("navigation", chosen.navigation, chosen.among.split(","))
-            check_robot(chosen.navigation, chosen.robot)
+            values = {name: value for name, _, value in (word.partition(":=") for word in chosen.words)}
+            check_values(values, {**KINDS, **(SIMULATION if chosen.what == "simulation" else {})})
             if master_uri:
                 check_alone(master_uri)
     except CodedError as error:
         print(f"\n[FATAL] Nothing was started. {error.message} [{error.code}]\n", file=sys.stderr, flush=True)
+        if files:
+            # Our exit status would end it too, but with a page of its own in red behind the sentence that counts: how
+            # it called us. It has started nothing yet that it would have to end.
+            os.kill(process, signal.SIGTERM)
         return REFUSED
     print("ok")  # the parameter's value
     return STARTED

@@ -6,6 +6,7 @@ unknown. (A soft value written by map_saver comes back as 100, unknown or 0.)
 from __future__ import annotations
 
 import math
+import os
 import re
 from pathlib import Path
 from typing import List, Optional
@@ -70,6 +71,14 @@ def write_map(stem: Path, grid: GridMap, raw: bool = False) -> List[Path]:
     write_atomically(image_path, image.tobytes())
     write_atomically(yaml_path, yaml.safe_dump(description, sort_keys=False, default_flow_style=None).encode())
     return [image_path, yaml_path]
+
+
+def map_path(name: str) -> Path:
+    """Where a map is that was named in a terminal: relative to the folder that roslaunch was called in.
+
+    roslaunch starts nodes in another folder, and hands on the one that it was called in.
+    """
+    return Path(os.environ.get("PWD", ".")) / Path(name).expanduser()
 
 
 def read_map(path: Path) -> GridMap:

@@ -53,12 +53,13 @@ class Parameters:
             object.__setattr__(self, field.name, value)
 
     @classmethod
-    def from_mapping(cls: Type[P], mapping: Optional[Mapping[str, Any]], where: str = "") -> P:
+    def from_mapping(cls: Type[P], mapping: Optional[Mapping[str, Any]], where: str = "", others: Sequence[str] = ()) -> P:
         """Makes parameters from a mapping; missing keys keep their defaults.
 
         Args:
             mapping: for instance a YAML document; None is an empty one.
             where: put before the key in errors, for instance the node's name.
+            others: keys that are valid but not of this class; they are skipped.
 
         Raises:
             ParameterError: for an unknown key, a wrong type, a value out of range.
@@ -69,11 +70,12 @@ class Parameters:
         if not isinstance(mapping, Mapping):
             raise ParameterError(prefix.rstrip("/") or "parameters", f"expected keys and values, got {mapping!r}")
         known = [field.name for field in dataclasses.fields(cls)]
-        for key in mapping:
+        own = {key: value for key, value in mapping.items() if key not in others}
+        for key in own:
             if key not in known:
-                raise ParameterError(f"{prefix}{key}", f"unknown parameter; known are {', '.join(known)}")
+                raise ParameterError(f"{prefix}{key}", f"unknown parameter; known are {', '.join([*known, *others])}")
         try:
-            return cls(**dict(mapping))
+            return cls(**own)
         except ParameterError as error:
             raise ParameterError(f"{prefix}{error.key}", error.message.split(": ", 1)[1]) from None
 

@@ -2,8 +2,28 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any, Mapping
 
 from vb_core.parameters import Parameters, param
+from vb_laser_detect.detection.projection import ProjectionParams
+
+
+@dataclass(frozen=True)
+class NodeParams(Parameters):
+    """The node's own parameters; see config/*.yaml."""
+
+    camera: str = param("", doc="name of the camera")
+    image: str = param("", doc="image topic; empty: <camera>/image_raw")
+    camera_info: str = param("", doc="empty: camera_info beside the image topic")
+    depth: str = param("", doc="depth image topic; empty: the floor is a plane")
+    depth_info: str = param("", doc="empty: camera_info beside the depth topic")
+    frame: str = param("", doc="optical frame; empty: what the images say")
+    image_transport: str = param("raw", choices=("raw", "compressed"))
+    tf_wait_s: float = param(0.1, "s", low=0.0, high=2.0, doc="how long to wait for a pose at the image's time")
+    pose_refresh_s: float = param(2.0, "s", above=0.0, high=3600.0, doc="a fixed camera's pose is looked up so often")
+    depth_age_s: float = param(0.08, "s", low=0.0, high=5.0, doc="largest time between image and depth image")
+    ignore_regions: list = param([], "m", doc="polygons in the map frame where no spot counts")
+    robots: list = param([], doc="namespaces of those it sees, / for one without; nothing on them is a spot")
 
 
 @dataclass(frozen=True)
@@ -33,3 +53,22 @@ class DetectorParams(Parameters):
     def mobile(cls, **changes) -> "DetectorParams":
         """For a camera on a robot."""
         return cls(**{**dict(moving_camera=True, confirm_frames=3), **changes})
+
+
+# the parameters of a node that are below a key of their own
+GROUPS = {"detector": DetectorParams, "projection": ProjectionParams}
+
+
+def check(values: Mapping[str, Any], where: str) -> None:
+    """Checks all parameters of a spot detector, before it is started with them.
+
+    Args:
+        values: as a YAML file holds them.
+        where: put before the key in errors.
+
+    Raises:
+        ParameterError: for an unknown key, a wrong type, a value out of range.
+    """
+    NodeParams.from_mapping(values, where, tuple(GROUPS))
+    for name, group in GROUPS.items():
+        group.from_mapping(values.get(name), f"{where.rstrip('/')}/{name}")

@@ -4,7 +4,6 @@ from __future__ import annotations
 import threading
 import time
 import traceback
-from dataclasses import dataclass
 from typing import Any, Optional, Tuple
 
 import cv2
@@ -15,7 +14,6 @@ from sensor_msgs.msg import CompressedImage, Image
 
 from vb_core import names
 from vb_core.errors import CodedError, ParameterError
-from vb_core.parameters import Parameters, param
 from vb_core.ros.images import image_message
 from vb_core.ros import messages, node, parameters
 from vb_core.ros.node import Mailbox, Worker
@@ -23,6 +21,7 @@ from vb_core.ros.reconfigure import ReconfigureServer
 from vb_laser_detect.detection import projection
 from vb_laser_detect.detection.debug_image import draw
 from vb_laser_detect.detector import DetectorParams, Spot, SpotDetector
+from vb_laser_detect.detector_params import GROUPS, NodeParams
 from vb_laser_detect.detection.image_geometry import Frame, placed, search
 from vb_laser_detect.detection.image_format import PixelReader
 from vb_laser_detect.detection.projection import FloorPoint, FloorProjector, ProjectionParams
@@ -39,24 +38,6 @@ _SOURCES = {
 
 
 _DEBUG_S = 0.2  # between two debug images: drawing them takes longer than the search
-
-
-@dataclass(frozen=True)
-class NodeParams(Parameters):
-    """The node's own parameters; see config/*.yaml."""
-
-    camera: str = param("", doc="name of the camera")
-    image: str = param("", doc="image topic; empty: <camera>/image_raw")
-    camera_info: str = param("", doc="empty: camera_info beside the image topic")
-    depth: str = param("", doc="depth image topic; empty: the floor is a plane")
-    depth_info: str = param("", doc="empty: camera_info beside the depth topic")
-    frame: str = param("", doc="optical frame; empty: what the images say")
-    image_transport: str = param("raw", choices=("raw", "compressed"))
-    tf_wait_s: float = param(0.1, "s", low=0.0, high=2.0, doc="how long to wait for a pose at the image's time")
-    pose_refresh_s: float = param(2.0, "s", above=0.0, high=3600.0, doc="a fixed camera's pose is looked up so often")
-    depth_age_s: float = param(0.08, "s", low=0.0, high=5.0, doc="largest time between image and depth image")
-    ignore_regions: list = param([], "m", doc="polygons in the map frame where no spot counts")
-    robots: list = param([], doc="namespaces of those it sees, / for one without; nothing on them is a spot")
 
 
 class SpotDetectorNode:
@@ -235,7 +216,7 @@ class SpotDetectorNode:
 def build() -> SpotDetectorNode:
     """Reads the parameters and makes the node."""
     return SpotDetectorNode(
-        parameters.read(NodeParams, "~", ignore=("detector", "projection")),
+        parameters.read(NodeParams, "~", ignore=tuple(GROUPS)),
         parameters.read(DetectorParams, "~detector"),
         parameters.read(ProjectionParams, "~projection"),
     )

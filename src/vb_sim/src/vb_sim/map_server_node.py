@@ -1,9 +1,7 @@
 """Serves the physical map, from a file in map_server's format or from a world of the simulator."""
 from __future__ import annotations
 
-import os
 from dataclasses import dataclass
-from pathlib import Path
 
 import rospy
 from nav_msgs.srv import GetMap, GetMapResponse
@@ -11,7 +9,7 @@ from nav_msgs.srv import GetMap, GetMapResponse
 from vb_core import names
 from vb_core.errors import ParameterError
 from vb_core.grid_map import GridMap
-from vb_core.map_files import read_map
+from vb_core.map_files import map_path, read_map
 from vb_core.parameters import Parameters, param
 from vb_core.ros import messages, node, parameters
 
@@ -57,9 +55,7 @@ def build() -> MapServerNode:
     params = parameters.read(MapServerParams)
     if bool(params.world) == bool(params.map_yaml):
         raise ParameterError(rospy.resolve_name("~world"), "either this or map_yaml must be set")
-    # roslaunch starts nodes in another folder, and hands on the one that it was called in
-    called_in = Path(os.environ.get("PWD", "."))
-    return MapServerNode(read_map(called_in / params.map_yaml) if params.map_yaml else _map_of_world(params.world))
+    return MapServerNode(read_map(map_path(params.map_yaml)) if params.map_yaml else _map_of_world(params.world))
 
 
 def _map_of_world(path: str) -> GridMap:

@@ -1,7 +1,7 @@
 """Reading a node's private parameters, once, into a checked dataclass."""
 from __future__ import annotations
 
-from typing import Dict, Sequence, Type, TypeVar
+from typing import Sequence, Type, TypeVar
 
 import rospy
 
@@ -27,9 +27,8 @@ def read(cls: Type[P], namespace: str = "~", ignore: Sequence[str] = ()) -> P:
     found = rospy.get_param(where, {})
     if not isinstance(found, dict):
         raise ParameterError(where, f"expected keys and values, got {found!r}")
-    values: Dict[str, object] = {key: value for key, value in found.items() if key not in ignore}
     try:
-        params = cls.from_mapping(values, where)
+        params = cls.from_mapping(found, where, ignore)
     except ParameterError as error:
         # one that was removed from the launch file stays on the server until it is deleted
         set_on_server = error.key.startswith("/") and rospy.has_param(error.key)
