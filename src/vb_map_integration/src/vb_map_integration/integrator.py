@@ -5,6 +5,7 @@ of the current map. Which borders act, and why others do not, is decided in one 
 """
 from __future__ import annotations
 
+import time
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Dict, Iterable, List, Mapping, Optional, Sequence, Tuple
@@ -30,6 +31,8 @@ from vb_map_integration.grid.preview import Reachability, ways
 from vb_map_integration.places.recognition import Recognizer, Verdict
 from vb_map_integration.places.registration import Registration, Transform, register
 from vb_map_integration.borders.schedule import is_scheduled
+
+_NAMED = 3  # borders by which a place is described
 
 
 @dataclass(frozen=True)
@@ -235,7 +238,7 @@ class MapIntegrator:
         """What people should know: about the files, the map, and borders that do not fit it."""
         found = [*self._database.notices, *self._taken_over]
         if self.needs_confirmation:
-            values = {"count": str(len(self.borders)), "map": self.map_name or f"{self._verdict.place}"}
+            values = {"count": str(len(self.borders)), **self._place_in_words()}
             found.append(Notice("borders_unconfirmed", Severity.WARNING, values=values))
         for border in self.borders:
             reason = self.status(border)[1]
@@ -243,6 +246,16 @@ class MapIntegrator:
                 why = self._reasons[border.id]
                 found.append(Notice(reason, Severity.WARNING, "", border.id, "", {"border": border.name, "why": why}))
         return found
+
+    def _place_in_words(self) -> Dict[str, str]:
+        """What people know of the place in doubt: the name that they gave it, else the borders that they drew there, and when."""
+        if self.map_name:
+            return {"place": "$place_named", "map": self.map_name}
+        drawn = sorted(self.borders, key=lambda border: border.created)
+        if not drawn:
+            return {"place": "$place_before"}
+        names = ", ".join(border.name for border in drawn[:_NAMED]) + (", ..." if len(drawn) > _NAMED else "")
+        return {"place": "$place_of_borders", "borders": names, "date": time.strftime("%Y-%m-%d", time.localtime(drawn[0].created))}
 
     def area_m2(self, border_id: str) -> float:
         """[m^2] that a border restricts now; 0 if it does not act."""
