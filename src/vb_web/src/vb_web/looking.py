@@ -93,6 +93,6 @@ class Looker:
             model = camera_from_info(info)
             pose = self._transforms.lookup(f"{camera}_optical_frame", names.MAP_FRAME, rospy.Time(0))
         except (rospy.ROSException, CodedError) as error:
-            rospy.logwarn_throttle(10.0, f"{rospy.get_name()}: the floor's picture is without camera {camera}: {error}")
+            rospy.logwarn_throttle(60.0, f"{rospy.get_name()}: the floor's picture is without camera {camera}: {error}")
             return None
         return pictures.FloorView(image[..., :3], model.scaled_to(image.shape[1], image.shape[0]), pose)

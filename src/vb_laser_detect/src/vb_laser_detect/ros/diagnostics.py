@@ -21,8 +21,8 @@ from vb_msgs.msg import DetectorStatus
 
 _SILENCE_S = 2.0  # without an image for this long, diagnostics call the camera silent
 _RECENT_S = 5.0  # a fault of its input stays in the diagnostics for this long
-# [s] of wall time. A fault is logged once, when its sentence changes, and as a reminder; a missing input not before it has
-# lasted: while nodes start inputs come late, and a camera whose frame is another's should not be told of its pose first
+# [s] of wall time. A fault is logged once, when its sentence changes, and as a reminder, each after twice the time of the one
+# before: whoever calibrates cameras for half an hour knows that they have no pose. A missing input not before it has lasted: while nodes start inputs come late, and a camera whose frame is another's should not be told of its pose first
 _CHANGES_S, _REMIND_S, _LASTS_S = 10.0, 60.0, 3.0
 _SATURATED = 250  # [grey levels]
 _SLOW_S = 1.0  # a spot that is confirmed later than this is worth a warning
@@ -40,15 +40,17 @@ class _Fault:
     met: float = float("-inf")
     told: float = float("-inf")
     told_text: str = ""
+    again_s: float = _REMIND_S
 
     def meet(self, text: str, at: rospy.Time, now: float, lasts_s: float) -> bool:
         """Notes that it is there, and returns whether that is to be logged."""
         if now - self.met > _RECENT_S:
-            self.since = now
+            self.since, self.again_s = now, _REMIND_S
         self.at, self.text, self.met = at, text, now
-        again_s = _REMIND_S if text == self.told_text else _CHANGES_S
-        due = now - self.since >= lasts_s and now - self.told >= again_s
+        same = text == self.told_text
+        due = now - self.since >= lasts_s and now - self.told >= (self.again_s if same else _CHANGES_S)
         if due:
+            self.again_s = 2.0 * self.again_s if same else _REMIND_S
             self.told, self.told_text = now, text
         return due
 
