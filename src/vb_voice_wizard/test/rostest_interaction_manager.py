@@ -315,7 +315,13 @@ class InteractionManagerTest(unittest.TestCase):
             self.draw(identity, dx=0.3)
             issue = self.preview.wait(lambda message: message.interaction_id == identity and message.issues, "the issue").issues[0]
             self.assertEqual((issue.code, issue.message), (notice.code, notice.sentence()))
-            self.assertEqual(self.command("save").code, "confirm_save")
+            # from a shell, which shows neither preview nor notices
+            shell = subprocess.run(
+                ["rosrun", "vb_voice_wizard", "command", "save"], stdout=subprocess.PIPE, universal_newlines=True
+            )
+            self.assertEqual(shell.returncode, 1)
+            self.assertIn("[confirm_save]", shell.stdout)
+            self.assertIn(notice.sentence(), shell.stdout)
             del told[:]  # they agree again, but what was drawn before may still be at a wrong place
             told_so = lambda message: [issue.code for issue in message.issues] == ["camera_failed_meanwhile"]  # noqa: E731
             self.preview.wait(lambda message: message.interaction_id == identity and told_so(message), "the doubt that stays")
