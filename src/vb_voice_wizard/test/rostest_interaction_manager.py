@@ -315,10 +315,25 @@ class InteractionManagerTest(unittest.TestCase):
             self.draw(identity, dx=0.3)
             issue = self.preview.wait(lambda message: message.interaction_id == identity and message.issues, "the issue").issues[0]
             self.assertEqual((issue.code, issue.message), (notice.code, notice.sentence()))
+            # from a shell, which shows neither preview nor notices
+            shell = subprocess.run(
+                ["rosrun", "vb_voice_wizard", "command", "save"], stdout=subprocess.PIPE, universal_newlines=True
+            )
+            self.assertEqual(shell.returncode, 1)
+            self.assertIn("[confirm_save]", shell.stdout)
+            self.assertIn(notice.sentence(), shell.stdout)
+            del told[:]  # they agree again, but what was drawn before may still be at a wrong place
+            told_so = lambda message: [issue.code for issue in message.issues] == ["camera_failed_meanwhile"]  # noqa: E731
+            self.preview.wait(lambda message: message.interaction_id == identity and told_so(message), "the doubt that stays")
+            self.command("define_seed")
             self.assertEqual(self.command("save").code, "confirm_save")
-            del told[:]  # the cameras agree again, as the preview says soon
-            self.preview.wait(lambda message: message.available and not message.issues, "the preview without it")
             self.assertEqual(self.command("save").code, "saved")
+            self.command("define_border")
+            self.command("define_seed")
+            other = self.state.wait(lambda state: state.name == "seed" and state.interaction_id != identity, "Seed").interaction_id
+            self.draw(other, dx=0.4)
+            preview = self.preview.wait(lambda message: message.interaction_id == other and message.available, "the preview")
+            self.assertEqual(list(preview.issues), [])
         finally:
             timer.shutdown()
             notices.unregister()

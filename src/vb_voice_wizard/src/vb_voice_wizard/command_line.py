@@ -8,10 +8,11 @@ from typing import List, Optional
 
 import rosgraph
 import rospy
-from vb_core import sentences
+from vb_core import names, sentences
 from vb_core.errors import CodedError
 from vb_core.ros import commands
-from vb_core.ros.messages import mapping_from_values
+from vb_core.ros.messages import BorderPreviewArray, mapping_from_values
+from vb_msgs.msg import BorderIssue
 
 from vb_voice_wizard.interaction import COMMANDS, normalise
 
@@ -52,7 +53,17 @@ def run(arguments: Optional[List[str]] = None) -> int:
         return UNREACHABLE
     said = sentences.say(answer.code, mapping_from_values(answer.values), chosen.language, answer.message)
     print(f"{said} [{answer.code}]")
+    for issue in _issues() if answer.code == "confirm_save" else []:
+        print(f"- {sentences.say(issue.code, mapping_from_values(issue.values), chosen.language, issue.message)} [{issue.code}]")
     return DONE if answer.success else REFUSED
+
+
+def _issues() -> List[BorderIssue]:
+    """What is to be minded before saving, as the preview says."""
+    try:
+        return rospy.wait_for_message(names.PREVIEW, BorderPreviewArray, timeout=2.0).issues
+    except rospy.ROSException:
+        return []
 
 
 def main() -> None:

@@ -142,7 +142,7 @@ class InteractionManager:
         self._preview.on_progress(message)
 
     def _on_notices(self, message: NoticeArray) -> None:
-        self._preview.on_doubts(self._neighbours.on_notices(message))
+        self._preview.on_notices(self._neighbours.on_notices(message))
 
     def _on_stop(self, message: Bool) -> None:
         sender = message._connection_header.get("callerid", "")

@@ -21,8 +21,6 @@ from vb_voice_wizard.interaction import UNDO
 
 _INTEGRATOR = "$map_integrator"
 
-# spots of such cameras are published, at wrong places; those of other faulty cameras are lost
-MISPLACING = frozenset({"cameras_disagree", "lab_camera_other_lens"})
 UNANSWERED = ("no_service", "no_answer")  # codes of an absent service; any other is its own error
 
 
@@ -46,11 +44,11 @@ class BorderServices:
         self._book = NoticeBook()
 
     def on_notices(self, message: NoticeArray) -> List[Notice]:
-        """What the nodes tell people; returns what makes every spot's place doubtful now."""
+        """What a node tells people; returns what all nodes tell them now."""
         with self._lock:
             now = rospy.get_time()
             self._book.hear(message.source, map(notice_from_message, message.notices), now)
-            return [notice for notice in self._book.current(now) if notice.code in MISPLACING]
+            return self._book.current(now)
 
     def candidate(self, interaction_id: str) -> VirtualBorder:
         """The border as drawn, ready to be added.

@@ -28,7 +28,7 @@ class PreviewInputs:
         seed: (1, 2) float64 [m] the seed so far; (0, 2): none.
         borders: changes with every change of the map or the borders in it.
         code, message, values: why there is no border or no seed, if known.
-        doubts: what people are told of the cameras that makes every spot's place doubtful.
+        doubts: what else makes the drawing doubtful (doubts.py).
     """
 
     interaction_id: str = ""

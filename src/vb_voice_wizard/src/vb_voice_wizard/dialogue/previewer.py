@@ -16,6 +16,7 @@ from vb_core.ros.messages import BorderPreviewArray, array_from_points, mapping_
 from vb_msgs.msg import BorderIssue, BorderProgress, VirtualBorderArray
 
 from vb_voice_wizard.dialogue.border_services import UNANSWERED, BorderServices
+from vb_voice_wizard.dialogue.doubts import Doubts
 from vb_voice_wizard.dialogue.preview_scheduler import PreviewInputs, PreviewScheduler
 
 
@@ -33,6 +34,7 @@ class Previewer:
         self._pace = PreviewScheduler()
         self._condition = threading.Condition()
         self._situation = PreviewInputs()
+        self._doubts = Doubts()
         self._progress: Optional[BorderProgress] = None
         self._held = False
         self._closed = False
@@ -46,8 +48,8 @@ class Previewer:
         with self._condition:
             self._held = saving
             if interaction_id != self._situation.interaction_id:
-                self._situation = PreviewInputs(
-                    interaction_id, borders=self._situation.borders, doubts=self._situation.doubts)
+                self._doubts.begin()
+                self._situation = PreviewInputs(interaction_id, borders=self._situation.borders, doubts=self._doubts.all)
                 self._take_progress()
             self._condition.notify()
 
@@ -70,10 +72,11 @@ class Previewer:
             self._situation = dataclasses.replace(self._situation, borders=borders)
             self._condition.notify()
 
-    def on_doubts(self, doubts: Sequence[Notice]) -> None:
-        """What makes every spot's place doubtful now: an issue of every preview, like those of the border's check."""
+    def on_notices(self, notices: Sequence[Notice]) -> None:
+        """All that people are told now; a doubt in it is an issue of the preview, like those of the border's check."""
         with self._condition:
-            self._situation = dataclasses.replace(self._situation, doubts=tuple(doubts))
+            self._doubts.hear(notices)
+            self._situation = dataclasses.replace(self._situation, doubts=self._doubts.all)
             self._condition.notify()
 
     def _take_progress(self) -> None:

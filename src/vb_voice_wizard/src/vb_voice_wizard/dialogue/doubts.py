@@ -1,0 +1,43 @@
+"""What makes a drawing doubtful, beside the border's own check; no ROS.
+
+The idea: while a camera has an error, what it sees is missing from the line or at a wrong place, and the line keeps that
+when the camera is well again. So an error of a camera makes the drawing doubtful until the interaction ends.
+"""
+from __future__ import annotations
+
+from typing import Sequence, Set, Tuple
+
+from vb_core.notices import Notice, Severity
+
+LEFT_OUT = "strokes_left_out"  # a part of what was drawn is not in the border, as long as this is said
+
+
+class Doubts:
+    """Collects them from the notices; not thread safe."""
+
+    def __init__(self) -> None:
+        self._standing: Tuple[Notice, ...] = ()
+        self._failed: Set[str] = set()
+
+    def begin(self) -> None:
+        """Another interaction: what is over concerns it no more."""
+        self._failed = self._cameras()
+
+    def hear(self, notices: Sequence[Notice]) -> None:
+        """All notices that hold now."""
+        self._standing = tuple(
+            notice for notice in notices
+            if notice.code == LEFT_OUT or (notice.camera and notice.severity is Severity.ERROR)
+        )
+        self._failed |= self._cameras()
+
+    @property
+    def all(self) -> Tuple[Notice, ...]:
+        """What holds now, then the cameras that failed meanwhile."""
+        over = sorted(self._failed - self._cameras())
+        return self._standing + tuple(
+            Notice("camera_failed_meanwhile", Severity.WARNING, camera=name, values={"camera": name}) for name in over
+        )
+
+    def _cameras(self) -> Set[str]:
+        return {notice.camera for notice in self._standing if notice.camera}
