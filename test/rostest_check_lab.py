@@ -126,7 +126,8 @@ class CheckLab(unittest.TestCase):
     def test_what_another_node_tells_people_is_in_the_result_and_in_the_terminal(self):
         notices = NoticePublisher()
         try:
-            notices.set([Notice("page_full_of_rain", Severity.ERROR), Notice("strokes_left_out", Severity.WARNING, values={"spots": "4711"})])
+            notices.set([Notice("page_full_of_rain", Severity.ERROR),
+                         Notice("strokes_left_out", Severity.WARNING, values={"spots": "4711"})])
             status, text = self.check("--json")
             self.assertEqual(status, 1)
             found = {line["code"]: (line["state"], line["standing"]) for line in json.loads(text)}

@@ -55,7 +55,8 @@ def test_each_mistake_with_a_camera_is_named(changes, code):
 
 
 def test_two_cameras_with_the_drivers_default_frame_are_both_named():
-    both = [dataclasses.replace(GOOD, name=name, frame="head_camera", file_frame="", file_error="there is no such file") for name in "ab"]
+    shared = dataclasses.replace(GOOD, frame="head_camera", file_frame="", file_error="there is no such file")
+    both = [dataclasses.replace(shared, name=name) for name in "ab"]
     lines = check_cameras(both)
     # not also that the pose is not known: it will get another frame first
     assert codes(lines) == ["lab_camera_frame_shared"] * 2 and len(notices(lines)) == 2
@@ -136,11 +137,13 @@ def test_what_the_nodes_tell_people_is_part_of_the_result():
 
 
 def test_what_a_check_says_more_exactly_is_not_said_twice():
-    lines = check_cameras([dataclasses.replace(GOOD, rate=0.0), dataclasses.replace(GOOD, name="south", frame="south", file_frame="head_camera")])
+    south = dataclasses.replace(GOOD, name="south", frame="south", file_frame="head_camera")
+    lines = check_cameras([dataclasses.replace(GOOD, rate=0.0), south])
     told = [Notice("camera_silent", Severity.ERROR, camera="north"), Notice("camera_no_pose", Severity.ERROR, camera="south"),
             *notices(lines)]
     assert standing(told, lines) == []
-    assert [line.code for line in standing(told, check_cameras([GOOD]))] == ["camera_silent", "camera_no_pose", "lab_camera_frame_differs"]
+    assert [line.code for line in standing(told, check_cameras([GOOD]))] == [
+        "camera_silent", "camera_no_pose", "lab_camera_frame_differs"]
 
 
 def test_a_full_disk_is_an_error():

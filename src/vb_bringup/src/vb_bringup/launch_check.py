@@ -185,7 +185,7 @@ KINDS: Dict[str, Kind] = {
     "method": partial(check_choice, choices=("nrs", "robot_only")),
     "language": partial(check_choice, choices=sentences.languages()),
     "navigation": partial(check_choice, choices=("none", "move_base")),
-    "page_port": partial(check_number, low=1, high=65535),
+    "page_port": partial(check_number, low=0, high=65535),
     "projector_x": partial(check_number, low=0, high=100000),
     "occupancy": partial(check_number, low=0, high=1),
 }

@@ -22,7 +22,8 @@ from vb_msgs.msg import DetectorStatus
 _SILENCE_S = 2.0  # without an image for this long, diagnostics call the camera silent
 _RECENT_S = 5.0  # a fault of its input stays in the diagnostics for this long
 # [s] of wall time. A fault is logged once, when its sentence changes, and as a reminder, each after twice the time of the one
-# before: whoever calibrates cameras for half an hour knows that they have no pose. A missing input not before it has lasted: while nodes start inputs come late, and a camera whose frame is another's should not be told of its pose first
+# before: a person who calibrates cameras for half an hour knows that they have no pose. A missing input not before it has
+# lasted: while nodes start inputs come late, and a camera whose frame is another's should not be told of its pose first
 _CHANGES_S, _REMIND_S, _LASTS_S = 10.0, 60.0, 3.0
 _SATURATED = 250  # [grey levels]
 _SLOW_S = 1.0  # a spot that is confirmed later than this is worth a warning
