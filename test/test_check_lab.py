@@ -6,7 +6,7 @@ import pytest
 
 from vb_bringup.lab import (
     CameraInfoSeen, CameraSeen, Line, MapSeen, NavigationSeen, RobotSeen, State, check_cameras, check_disk,
-    check_map, check_navigation, check_robot, notices, standing, worst,
+    check_map, check_navigation, check_nodes, check_robot, notices, standing, without_returned, worst,
 )
 from vb_bringup.lab_monitor import CameraComparison, LabMonitor
 from vb_core import sentences
@@ -144,6 +144,11 @@ def test_what_a_check_says_more_exactly_is_not_said_twice():
     assert standing(told, lines) == []
     assert [line.code for line in standing(told, check_cameras([GOOD]))] == [
         "camera_silent", "camera_no_pose", "lab_camera_frame_differs"]
+
+
+def test_a_node_that_is_back_is_no_longer_missing():
+    lines = [*check_nodes(["/map_integrator", "/border_fusion"]), check_disk("/x", 10.0)]
+    assert without_returned(lines, {"/map_integrator", "/page"}) == lines[1:]
 
 
 def test_a_full_disk_is_an_error():

@@ -10,7 +10,7 @@ import enum
 import math
 from collections import defaultdict
 from dataclasses import dataclass, field
-from typing import Any, Dict, Iterable, List, Mapping, Optional, Sequence, Tuple
+from typing import Any, Collection, Dict, Iterable, List, Mapping, Optional, Sequence, Tuple
 
 from vb_core import names, sentences
 from vb_core.notices import Notice, Severity
@@ -276,6 +276,11 @@ def check_nodes(missing: Sequence[str]) -> List[Line]:
     if not missing:
         return [Line("nodes", State.OK, "lab_node_ok")]
     return [Line("nodes", State.ERROR, "lab_node_missing", {"node": node}) for node in missing]
+
+
+def without_returned(lines: Sequence[Line], running: Collection[str]) -> List[Line]:
+    """The lines of an earlier check without the nodes that it missed and that run now: the next check is seconds away."""
+    return [line for line in lines if line.code != "lab_node_missing" or line.values["node"] not in running]
 
 
 @dataclass(frozen=True)

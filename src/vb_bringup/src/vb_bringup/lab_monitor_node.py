@@ -15,7 +15,7 @@ import rospy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from tf2_msgs.msg import TFMessage
 
-from vb_bringup.lab import Line, State, notices, standing
+from vb_bringup.lab import Line, State, notices, standing, without_returned
 from vb_bringup.lab_monitor import CameraComparison, LabMonitor
 from vb_core import names
 from vb_core.notices import Notice, NoticeBook
@@ -70,6 +70,7 @@ class LabMonitorNode:
         self._poses: Dict[str, Any] = {}  # by frame
         self._told: List[Notice] = []
         self._lines: List[Line] = []
+        self._running: FrozenSet[str] = frozenset()  # nodes
         self._book = NoticeBook()
         self._logged: Dict[Tuple[str, str], float] = {}  # subject and code of a notice, and when it held last
         self._closed = threading.Event()
@@ -120,7 +121,7 @@ class LabMonitorNode:
         with self._lock:
             if time.monotonic() - self._compared > COMPARE_S:
                 self._disagreeing, self._compared = self._comparison.notices(rospy.get_time()), time.monotonic()
-            self._told, lines = self._monitor.notices(rospy.get_time()), self._lines
+            self._told, lines = self._monitor.notices(rospy.get_time()), without_returned(self._lines, self._running)
             told = [*self._told, *self._disagreeing, *notices(lines)]
             said = standing(self._book.current(time.monotonic()), lines)
             new = self._new(said)
@@ -149,6 +150,8 @@ class LabMonitorNode:
         checked, due = time.monotonic(), float("inf")
         while not self._closed.wait(LOOK_S):
             before, situation = situation, self._situation()
+            with self._lock:
+                self._running = situation[0]
             if situation != before:
                 # a node that dies again and again must not keep it from the others
                 due = min(time.monotonic() + SETTLED_S, checked + AGAIN_S[State.ERROR])
