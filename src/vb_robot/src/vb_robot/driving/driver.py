@@ -23,6 +23,7 @@ from vb_robot.driving.safety import LEAP, Keep, Scan, SpeedLimits, pose_jump, sa
 from vb_robot.driving.following import MAX_SPEED, Following, Wish
 from vb_robot.spots import DEFAULT, Sighting, Sightings
 from vb_robot.dispatching.viewpoint import Pose
+from vb_robot.driving.turning import Turning
 from vb_robot.driving.workspace import BorderContact, Workspace
 
 RATE = 20.0  # [1/s] how soon late messages are noticed
@@ -85,7 +86,7 @@ class Driver:
         stopped: bool = False,
     ) -> None:
         self.profile, self._camera = profile, camera
-        self.following, self.exit = Following(), BorderExit(profile.radius, leaves)
+        self.following, self.exit, self._turning = Following(), BorderExit(profile.radius, leaves), Turning()
         self.workspace: Optional[Workspace] = None
         self.speed_limits: Optional[SpeedLimits] = None
         self.contacts: Dict[str, bool] = {}
@@ -240,7 +241,7 @@ class Driver:
             return LEAVE, self._ramped(dt, wish)
         navigation = self._command(NAVIGATION, now)
         if navigation is not None:
-            return NAVIGATION, navigation
+            return NAVIGATION, self._turning.wish(now, navigation, self.pose(now))
         return NOBODY, Wish(0.0, 0.0, "idle")
 
     def _command(self, driver: str, now: float) -> Optional[Wish]:
