@@ -18,12 +18,12 @@ from tf2_msgs.msg import TFMessage
 from vb_bringup.lab import Line, State, notices, standing, without_returned
 from vb_bringup.lab_monitor import CameraComparison, LabMonitor
 from vb_core import names
-from vb_core.notices import Notice, NoticeBook
+from vb_core.notices import Notice
 from vb_core.parameters import Parameters, param
 from vb_core.ros import node, parameters
 from vb_core.ros.messages import values_from_mapping
-from vb_core.ros.notices import NoticePublisher, notice_from_message
-from vb_msgs.msg import DetectorStatus, LaserSpot, NoticeArray
+from vb_core.ros.notices import NoticeListener, NoticePublisher
+from vb_msgs.msg import DetectorStatus, LaserSpot
 
 # all in seconds of wall time
 COMPARE_S = 5.0  # between two comparisons of the cameras' spots
@@ -71,7 +71,6 @@ class LabMonitorNode:
         self._told: List[Notice] = []
         self._lines: List[Line] = []
         self._running: FrozenSet[str] = frozenset()  # nodes
-        self._book = NoticeBook()
         self._logged: Dict[Tuple[str, str], float] = {}  # subject and code of a notice, and when it held last
         self._closed = threading.Event()
         node.wait_for_clock()
@@ -81,7 +80,7 @@ class LabMonitorNode:
         self._subscriber = rospy.Subscriber(names.DETECTORS, DetectorStatus, self._on_status, queue_size=50)
         rospy.Subscriber(names.SPOTS, LaserSpot, self._on_spot, queue_size=100)
         rospy.Subscriber("/tf_static", TFMessage, self._on_poses, queue_size=100)
-        rospy.Subscriber(names.NOTICES, NoticeArray, self._on_notices, queue_size=50)
+        self._heard = NoticeListener()
         self._timer = rospy.Timer(rospy.Duration(1.0), self._on_timer, reset=True)
         self._checks = node.start_thread(self._check_again_and_again)
 
@@ -113,17 +112,13 @@ class LabMonitorNode:
                         self._comparison.forget(camera, rospy.get_time())
                         self._compared = float("-inf")
 
-    def _on_notices(self, message: NoticeArray) -> None:
-        with self._lock:
-            self._book.hear(message.source, map(notice_from_message, message.notices), time.monotonic())
-
     def _on_timer(self, _event: Any) -> None:
         with self._lock:
             if time.monotonic() - self._compared > COMPARE_S:
                 self._disagreeing, self._compared = self._comparison.notices(rospy.get_time()), time.monotonic()
             self._told, lines = self._monitor.notices(rospy.get_time()), without_returned(self._lines, self._running)
             told = [*self._told, *self._disagreeing, *notices(lines)]
-            said = standing(self._book.current(time.monotonic()), lines)
+            said = standing(self._heard.current(), lines)
             new = self._new(said)
         self._notices.set(told)
         for line in new:

@@ -22,11 +22,10 @@ from vb_bringup.lab import (
 )
 from vb_core import names
 from vb_core.errors import CodedError
-from vb_core.notices import NoticeBook
 from vb_core.ros.images import compressed_image_array, image_array
-from vb_core.ros.notices import notice_from_message
+from vb_core.ros.notices import NoticeListener
 from vb_core.ros.transforms import TransformLookup
-from vb_msgs.msg import NoticeArray, VirtualBorderArray
+from vb_msgs.msg import VirtualBorderArray
 
 NEEDED_NODES = ("/interaction_manager", "/border_fusion", "/map_integrator")
 _DETECTOR = "spot_detector"
@@ -107,13 +106,7 @@ class Stream:
 def probe(seconds: float) -> List[Line]:
     """Listens to cameras, scans and notices for some seconds, looks at everything else, and judges it."""
     graph = Graph()
-    book, told = NoticeBook(), threading.Lock()
-
-    def hear(message: NoticeArray) -> None:
-        with told:
-            book.hear(message.source, map(notice_from_message, message.notices), time.monotonic())
-
-    notices = rospy.Subscriber(names.NOTICES, NoticeArray, hear, queue_size=50)
+    told = NoticeListener()
     transforms = TransformLookup()
     robots = _robots()
     running = sorted(node for node in graph.nodes if node.split("/")[-1].startswith(_DETECTOR))
@@ -160,9 +153,8 @@ def probe(seconds: float) -> List[Line]:
     lines.append(check_disk(str(place), shutil.disk_usage(str(place)).free / 2**20, os.access(str(place), os.W_OK)))
     for stream in streams.values():
         stream.close()
-    notices.unregister()
-    with told:
-        return lines + standing(book.current(time.monotonic()), lines)
+    told.close()
+    return lines + standing(told.current(), lines)
 
 
 def _robots() -> List[str]:

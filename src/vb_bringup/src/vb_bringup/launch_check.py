@@ -322,7 +322,7 @@ def run(arguments: Optional[List[str]] = None, process: Optional[int] = None) ->
     except CodedError as error:
         print(f"\n[FATAL] Nothing was started. {error.message} [{error.code}]\n", file=sys.stderr, flush=True)
         if files:
-            # Our exit status would end it too, but with a page of its own in red behind the sentence that counts: how
+            # Our exit status would end it too, but with a page in red behind the sentence that counts: how
             # it called us. It has started nothing yet that it would have to end.
             os.kill(process, signal.SIGTERM)
         return REFUSED

@@ -55,7 +55,7 @@ class DetectorParams(Parameters):
         return cls(**{**dict(moving_camera=True, confirm_frames=3), **changes})
 
 
-# the parameters of a node that are below a key of their own
+# the parameters of a node that are below a separate key
 GROUPS = {"detector": DetectorParams, "projection": ProjectionParams}
 
 

@@ -92,7 +92,7 @@ def _tune_malloc(option: int, value: int) -> None:
 def _share_heap() -> None:
     """Makes all threads of this process use one heap.
 
-    rospy receives each connection in a thread of its own, and by default glibc gives up to eight threads per core a heap
+    rospy receives each connection in a separate thread, and by default glibc gives up to eight threads per core a heap
     each, which keeps the largest messages that it ever held: a detector grew by 18 MiB each time that its camera's driver
     was restarted. The threads hardly ever allocate at the same time: Python runs one of them at once.
     """

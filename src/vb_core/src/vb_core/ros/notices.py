@@ -1,14 +1,15 @@
-"""Notices to and from messages, and a publisher that repeats them."""
+"""Notices to and from messages, a publisher that repeats them, and a listener that keeps those that hold."""
 from __future__ import annotations
 
 import threading
+import time
 from typing import Iterable, List
 
 import rospy
 from diagnostic_msgs.msg import KeyValue
 
 from vb_core import names
-from vb_core.notices import REPEATED_AFTER, Notice, Severity
+from vb_core.notices import REPEATED_AFTER, Notice, NoticeBook, Severity
 from vb_core.ros.messages import mapping_from_values, values_from_mapping
 from vb_msgs.msg import Notice as NoticeMessage
 from vb_msgs.msg import NoticeArray
@@ -30,6 +31,28 @@ def notice_from_message(message: NoticeMessage) -> Notice:
         message.code, Severity(message.severity) if known else Severity.ERROR, message.robot, message.border_id,
         message.camera, mapping_from_values(message.values), message.message,
     )
+
+
+class NoticeListener:
+    """Keeps the notices of all nodes; its methods may be called from any thread."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._book = NoticeBook()
+        self._subscriber = rospy.Subscriber(names.NOTICES, NoticeArray, self._on_notices, queue_size=50)
+
+    def current(self) -> List[Notice]:
+        """Those that hold now, most severe first."""
+        with self._lock:
+            return self._book.current(time.monotonic())
+
+    def close(self) -> None:
+        """Listens no more."""
+        self._subscriber.unregister()
+
+    def _on_notices(self, message: NoticeArray) -> None:
+        with self._lock:
+            self._book.hear(message.source, map(notice_from_message, message.notices), time.monotonic())
 
 
 class NoticePublisher:

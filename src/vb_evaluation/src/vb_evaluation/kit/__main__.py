@@ -98,10 +98,8 @@ def _run(given: argparse.Namespace) -> None:
         from vb_evaluation.study import rehearsal
 
         outcomes: List[bool] = []
-        start, keys = (
-            rehearsal.person(rehearsal.default_study(), outcomes),
-            ("b" if key else ("c" if outcomes[-1] else "f") for key in (1, 0)),
-        )
+        start = rehearsal.person(rehearsal.default_study(), outcomes)
+        keys = ("b" if key else ("c" if outcomes[-1] else "f") for key in (1, 0))
     else:
         start, keys = conduct.roslaunch, conduct.read_keys()
     run = conduct.conduct(planned, start, keys, say)

@@ -72,7 +72,8 @@ class Track:
 
 def find_places(seen: Sights) -> Places:
     """The places of each moment: where cameras saw most, at most a CROWD of them."""
-    group = moments(seen.stamps)
+    moment_of = moments(seen.stamps)
+    group = moment_of.copy()
     # apart where there is a gap along x, then along y, then along x again
     for axis in (0, 1, 0):
         order = np.lexsort((seen.points[:, axis], group))
@@ -81,7 +82,7 @@ def find_places(seen: Sights) -> Places:
     weights = np.bincount(group, seen.weights)
     x, y, time = (np.bincount(group, seen.weights * values) / weights for values in (*seen.points.T, seen.stamps))
     moment = np.empty(len(weights), dtype=np.int64)
-    moment[group] = moments(seen.stamps)
+    moment[group] = moment_of
     witnesses = np.unique(np.column_stack([group, seen.cameras]), axis=0)[:, 0]
     # equal weights are sums in another order elsewhere
     order = np.lexsort((y, x, -np.round(weights, 6), moment))
