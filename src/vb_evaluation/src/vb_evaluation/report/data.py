@@ -27,7 +27,7 @@ MEASURES = ("completed", *TIMES, "jaccard", *ERRORS)
 # the columns that name a row beside KEY, by file
 CONDITIONS: Dict[str, Tuple[str, ...]] = {RUNS: (), UNGATED: (), CURVES: ("sweep", "value"), WORLDS: ("draw",)}
 BASELINE = "robot_only"
-_FURTHER = ("order", "spots", "false_spots", "jaccard_enclosed")
+_FURTHER = ("order", "spots", "false_spots", "jaccard_enclosed", "too_bright")
 _FLAGS = {"yes": True, "y": True, "1": True, "true": True, "ja": True, "no": False, "n": False, "0": False, "false": False, "nein": False}
 
 

@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 
 from vb_core import geometry
+from vb_laser_detect.ros.diagnostics import TOO_BRIGHT, saturated_share
 from vb_sim.ceiling_cameras_node import CeilingCamerasNode
 from vb_sim.cameras.ceiling_view import CeilingView
 from vb_sim.room.floor_texture import FloorTexture, render_floor
@@ -79,6 +80,9 @@ class StudyCeilingCameras(CeilingCamerasNode):
 
     Args:
         idle_every: 1 sends every image.
+
+    Attributes:
+        too_bright: whether a camera's image of the empty room is one that the lab's own check would have darkened.
     """
 
     def __init__(self, world: World, models: CameraModels, cameras: List[CeilingCamera], seed: int, room: Room, idle_every: int) -> None:
@@ -86,7 +90,11 @@ class StudyCeilingCameras(CeilingCamerasNode):
         self._idle = [0] * len(cameras)
         self._from_map = [geometry.invert(camera.pose()) for camera in cameras]
         self.left_out = 0
-        super().__init__(world, models, cameras, seed, [room.ceiling_view(camera) for camera in cameras])
+        views = [room.ceiling_view(camera) for camera in cameras]
+        self.too_bright = any(
+            saturated_share(view.frame(Snapshot(0.0), frame_generator(seed, camera.name, 0.0))) > TOO_BRIGHT
+            for camera, view in zip(cameras, views))
+        super().__init__(world, models, cameras, seed, views)
 
     def _image(self, index: int, snapshot: Snapshot) -> Optional[np.ndarray]:
         if not self._worth_a_look(index, snapshot):

@@ -16,7 +16,7 @@ from vb_sim.room.world import Scenario, World
 
 FALSE_M = 0.3  # [m] from the true spot beyond which a reported one is something else
 FURTHER = ("outcome", "reason", "seed_is_right", "tries", "elapsed_s", "border_m", "chain_m", "vertices", "spots",
-           "spots_robot", "false_spots", "robot_goals", "robot_way_m", "robot_collisions", "jaccard_enclosed")
+           "spots_robot", "false_spots", "robot_goals", "robot_way_m", "robot_collisions", "jaccard_enclosed", "too_bright")
 COLUMNS = (*MEASURES, *FURTHER)
 
 
@@ -62,6 +62,7 @@ class Result:
         left_out: images that were not sent.
         path: (N, 2) [m] where the first robot was.
         collisions, goals: of all robots.
+        too_bright: whether a ceiling camera was, by the lab's own check, before anybody came.
     """
 
     task: Task
@@ -82,6 +83,7 @@ class Result:
     path: np.ndarray
     collisions: int
     goals: int
+    too_bright: bool
 
     @property
     def saved(self) -> bool:
@@ -123,4 +125,5 @@ def measure(result: Result) -> Dict[str, object]:
         "robot_way_m": round(float(steps.sum()), 2),
         "robot_collisions": result.collisions,
         "jaccard_enclosed": round(metrics.jaccard(*enclosed), 4),
+        "too_bright": int(result.too_bright),
     }

@@ -126,6 +126,7 @@ class LiveRun:
         self._lab = Lab(self._world, *(study.models[name] for name in ("robot", "localisation", "scan")), self._seed)
         self._robots = [robot.namespace.strip("/") for robot in self._world.robots]
         self._camera_nodes: List[Any] = []
+        self._too_bright = False
         self._participant: Optional[ParticipantNode] = None
 
     def run(self, watch: Callable[[], Any] = lambda: None, afterwards: Callable[[], None] = lambda: None) -> Result:
@@ -188,9 +189,11 @@ class LiveRun:
             LabSimulatorNode(self._lab, parameters.read(LabSimulatorParams), self._study.models["localisation"], True, _NoState())
 
         def ceiling_cameras() -> None:
-            self._camera_nodes.append(StudyCeilingCameras(
+            found = StudyCeilingCameras(
                 self._world, self._models, [self._world.camera(name) for name in cameras], self._seed, self._room,
-                1 if self._thorough else self._study.timing.idle_every))
+                1 if self._thorough else self._study.timing.idle_every)
+            self._camera_nodes.append(found)
+            self._too_bright = found.too_bright
 
         def robot_camera() -> None:
             name, prefix = rospy.get_param("~robot", ""), rospy.get_param("~tf_prefix", "")
@@ -216,7 +219,7 @@ class LiveRun:
             floor_plan.ground_truth(self._world, self.scenario), records, seen.border,
             script.outcome if script else "", script.reason if script else "", script.person.tries if script else 0,
             tuple(seen.spots), seen.false_spots, sum(node.left_out for node in self._camera_nodes), np.array(seen.path),
-            sum(robot.collisions for robot in self._lab.robots), seen.goals)
+            sum(robot.collisions for robot in self._lab.robots), seen.goals, self._too_bright)
 
 
 def _records(state: Path) -> Tuple[Dict[str, Any], ...]:

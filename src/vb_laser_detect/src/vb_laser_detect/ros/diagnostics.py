@@ -28,7 +28,12 @@ _CHANGES_S, _REMIND_S, _LASTS_S = 10.0, 60.0, 3.0
 _SATURATED = 250  # [grey levels]
 _SLOW_S = 1.0  # a spot that is confirmed later than this is worth a warning
 _HEARD_S = 5.0  # a detector that is silent for this long is gone
-_TOO_BRIGHT = 0.05  # part of the image that is saturated: no spot can be seen there
+TOO_BRIGHT = 0.05  # part of the image that is saturated: no spot can be seen there
+
+
+def saturated_share(image: np.ndarray) -> float:
+    """Returns the share of an image's pixels, of any channel, that are saturated."""
+    return float((sample_blocks(image) >= _SATURATED).mean())
 
 
 @dataclass
@@ -163,7 +168,7 @@ class DetectorDiagnostics:
             faults = [(code, one.text) for code, one in self._faults.items() if abs((now - one.at).to_sec()) < _RECENT_S]
         recent = [f"{text} [{code}]" for code, text in faults]
         image = self._image
-        saturated = float((sample_blocks(image) >= _SATURATED).mean()) if image is not None else 0.0
+        saturated = saturated_share(image) if image is not None else 0.0
         level, lines = DiagnosticStatus.OK, [f"{told.rate_hz:.1f} images per second"]
         if told.rate_hz == 0.0 and (now - self._started).to_sec() > _SILENCE_S:
             level, lines = DiagnosticStatus.ERROR, ["no images"] + missing + recent
@@ -176,7 +181,7 @@ class DetectorDiagnostics:
                 "slow_camera", rate=f"{told.rate_hz:.1f}", seconds=f"{self._confirmation_s:.1f}"))]
         elif self._mobile and not self.colour:
             level, lines = DiagnosticStatus.WARN, [str(CodedError("no_colour", camera=self._camera))]
-        elif saturated > _TOO_BRIGHT:
+        elif saturated > TOO_BRIGHT:
             level = DiagnosticStatus.WARN
             lines = [f"{100 * saturated:.0f} % of the image is saturated: reduce the exposure"]
         status.summary(level, "; ".join(dict.fromkeys(lines)))
