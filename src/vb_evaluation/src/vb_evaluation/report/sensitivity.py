@@ -67,8 +67,8 @@ def conclusions(study: Study, both: pandas.DataFrame) -> List[Dict[str, Any]]:
         "at least 1.5 times as fast (both completed)": (1.5 * time < time_base, time.notna()),
         f"mean boundary error at most {TOLERATED_CM} cm larger": (error <= error_base + TOLERATED_CM, error.notna()),
         "completed wherever robot only was": (both.completed == 1, both.completed_base == 1),
-        "completed": (both.completed == 1, both.completed.notna()),
-        "robot only completed": (both.completed_base == 1, both.completed_base.notna()),
+        **{f"completed, {paper.method_title(method).lower()}": (column == 1, column.notna())
+           for method, column in zip(study.comparison, (both.completed, both.completed_base))},
     }
     scopes = {"all": True, **{study.scenario_title(key): both.scenario == key for key in study.tables[WORLDS].scenario.unique()},
               "all, no ceiling camera too bright": both.too_bright == 0}
