@@ -18,7 +18,8 @@ from stimulus import Stimulus, assert_bad_parameter_is_named, wait_until  # noqa
 
 from vb_core.ros.messages import pose_to_2d  # noqa: E402
 from vb_robot import robot_dispatcher_node  # noqa: E402
-from vb_robot.dispatching.view import FloorView, to_base  # noqa: E402
+from vb_robot.floor_view import FloorView  # noqa: E402
+from vb_robot.poses import to_base  # noqa: E402
 
 DEFAULT, BORDER, SEED, GUIDE = range(4)
 

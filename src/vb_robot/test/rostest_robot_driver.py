@@ -167,7 +167,7 @@ class DriverTest(unittest.TestCase):
 
         def disturbed():
             other.publish(Twist())
-            return self.drivers[""][1] == "somebody_else_drives"
+            return self.drivers[""][1] == "other_cmd_vel_publisher"
 
         self.assertTrue(wait_until(disturbed))
         other.unregister()

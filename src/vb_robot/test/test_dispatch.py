@@ -5,8 +5,8 @@ from collections import namedtuple
 import numpy as np
 import pytest
 
-from vb_robot.dispatching.dispatch import FAILED_MEMORY, WAITS, Fleet, GoalStatus, Moment, RobotStatus
-from vb_robot.dispatching.drawing import Drawing
+from vb_robot.dispatching.dispatch import FAILED_MEMORY, WAITS, Fleet, GoalStatus, DispatchInputs, RobotStatus
+from vb_robot.dispatching.drawing import DrawingState
 from vb_robot.spots import BORDER, DEFAULT, SEED, Sighting, Sightings
 from vb_robot.dispatching.viewpoint import Viewpoint
 
@@ -26,22 +26,22 @@ class Robot:
         self.candidates = self.candidates if candidates is None else candidates
         self.goal, self.pose, self.sees, self.sent = GoalStatus.NONE, (x0 + 50.0, 50.0, 0.0), seen, []
         self.busy, self.server, self.localised, self.safe, self.knows = False, True, True, True, True
-        self.asked, self.drawing, self.given = 0, Drawing(np.zeros(2)), None
+        self.asked, self.drawing, self.given = 0, DrawingState(np.zeros(2)), None
 
-    # as an Outlook
-    def fits(self, pose):
+    # as an ViewpointPlanner
+    def shows_target(self, pose):
         return self.sees(pose)
 
-    def stands_free(self, pose):
+    def has_room_at(self, pose):
         return True
 
     def searched(self, pose):
         return 0.6
 
-    def keeps_off(self, robot, goal):
+    def avoids_drawing(self, robot, goal):
         return self.safe
 
-    def best(self, robot, avoid):
+    def best_viewpoint(self, robot, avoid):
         self.asked += 1
         free = [found for found in self.candidates
                 if all(math.dist((found.x, found.y), entry[:2]) >= entry[2] for entry in avoid)]
@@ -59,10 +59,10 @@ class Fleets:
         self.now += 0.25
         seeing = {}
         for name, robot in self.robots.items():
-            robot.drawing = Drawing(np.array(self.spot))
+            robot.drawing = DrawingState(np.array(self.spot))
             status = RobotStatus(robot.pose if robot.localised else None, robot.server, robot.goal, robot.busy)
             seeing[name] = (status, robot if robot.knows else None)
-        goals = self.fleet.step(Moment(self.now, self.wanted, self.key, self.silent), seeing)
+        goals = self.fleet.step(DispatchInputs(self.now, self.wanted, self.key, self.silent), seeing)
         assert set(goals) == set(self.robots)
         decisions = {}
         running = [name for name, robot in self.robots.items() if robot.goal in (GoalStatus.SENT, GoalStatus.ACTIVE)]
@@ -190,7 +190,7 @@ def test_progress_keeps_the_goal():
 def test_leaves_the_robot_to_whoever_took_it():
     bench = Bench([place(1)])
     bench.step()
-    bench.robot.goal = GoalStatus.TAKEN
+    bench.robot.goal = GoalStatus.PREEMPTED
     assert not sent(bench.run(int(4 * 14)))
     assert sent(bench.run(20))
 
@@ -206,7 +206,7 @@ def test_server_that_dies_and_comes_back():
 def test_time_that_jumps_back_does_not_silence_it():
     bench = Bench([place(1)])
     bench.step()
-    bench.robot.goal = GoalStatus.TAKEN
+    bench.robot.goal = GoalStatus.PREEMPTED
     bench.step()
     bench.now, bench.robot.goal = 5.0, GoalStatus.NONE
     assert sent(bench.run(10))
@@ -265,11 +265,11 @@ def test_what_is_remembered_for_how_long():
     known.set_state(BORDER, "1", 10.0)
     known.add(seen(9.0, 0.0))
     assert known.newest() is None, "from before the state"
-    known.contributed(["robot"])
+    known.add_contributors(["robot"])
     assert not known.stationary_seen
     known.add(seen(11.0, 0.0, camera="robot", mobile=True))
     assert known.first_mobile == 11.0 and not known.stationary_seen
-    known.contributed(["robot", "green"])
+    known.add_contributors(["robot", "green"])
     assert known.stationary_seen
     known.set_state(SEED, "1", 12.0)
     assert known.stationary_seen and known.newest() is None
@@ -283,25 +283,25 @@ def test_who_watches_the_spot():
     known.set_state(BORDER, "1", 0.0)
     known.add(seen(1.0, 0.0))
     known.add(seen(2.5, 0.0, camera="robot", mobile=True))
-    assert not known.watched(2.5), "only the robot sees it"
+    assert not known.seen_by_stationary(2.5), "only the robot sees it"
     known.add(seen(2.6, 0.0))
-    assert known.watched(2.6) and known.watched(3.2), "cameras miss some images"
-    assert not known.watched(3.5)
+    assert known.seen_by_stationary(2.6) and known.seen_by_stationary(3.2), "cameras miss some images"
+    assert not known.seen_by_stationary(3.5)
     known.set_state(SEED, "1", 3.0)
-    assert not known.watched(3.0)
+    assert not known.seen_by_stationary(3.0)
     known.add(seen(3.1, 0.0))
-    assert known.watched(9.0), "the seed stays where it was seen"
+    assert known.seen_by_stationary(9.0), "the seed stays where it was seen"
 
 
 def test_how_long_nobody_has_seen_the_spot():
     known = Sightings()
     known.set_state(BORDER, "1", 0.0)
-    assert known.silent(5.0) == 0.0, "nobody has begun to draw"
+    assert known.time_since_seen(5.0) == 0.0, "nobody has begun to draw"
     known.add(seen(1.0, 0.0))
-    assert known.silent(1.2) == pytest.approx(0.2)
+    assert known.time_since_seen(1.2) == pytest.approx(0.2)
     known.set_state(SEED, "1", 9.0)
     known.add(seen(9.5, 0.0))
-    assert known.silent(12.0) == 0.0, "the seed does not move"
+    assert known.time_since_seen(12.0) == 0.0, "the seed does not move"
 
 
 def test_a_line_goes_on_as_its_last_piece_does_however_quick_the_hand():
@@ -425,7 +425,7 @@ def test_a_free_robot_comes_before_one_that_somebody_else_sent():
     assert alone.run(20) == {"ada": 1}, "if there is no other, the person comes first"
 
 
-@pytest.mark.parametrize("fault", ["aborts", "navigation dies", "lost", "never accepts", "stuck", "taken"])
+@pytest.mark.parametrize("fault", ["aborts", "navigation dies", "lost", "never accepts", "stuck", "preempted"])
 def test_another_takes_over_when_one_fails(fault):
     bench = Fleets(ada=Robot(1.0, 1.5), bob=Robot(3.0, x0=20.0))
     bench.serve("ada")
@@ -441,8 +441,8 @@ def test_another_takes_over_when_one_fails(fault):
         ada.localised = False
     elif fault == "never accepts":
         ada.goal = GoalStatus.SENT
-    elif fault == "taken":
-        ada.goal = GoalStatus.TAKEN
+    elif fault == "preempted":
+        ada.goal = GoalStatus.PREEMPTED
     limit = {"never accepts": WAITS["sent"], "stuck": WAITS["active"]}.get(fault, 0.0)
     steps = 0
     while not bob.sent and steps < 400:
