@@ -24,7 +24,7 @@ from vb_map_integration.borders.clicks import ClickParams, Clicks
 
 
 @dataclass(frozen=True)
-class NodeParams(Parameters):
+class ClickedBorderParams(Parameters):
     """The node's own parameters, beside `ClickParams`."""
 
     frame_id: str = param(names.MAP_FRAME)
@@ -43,10 +43,10 @@ class ClickedBorderNode:
         ~close, ~end: end the chain as a polygon, as a separating curve; ~remove_last: undoes a click;
         ~cancel: forgets the chain.
     Parameters:
-        those of `NodeParams` and `ClickParams`; see config/clicked_border.yaml.
+        those of `ClickedBorderParams` and `ClickParams`; see config/clicked_border.yaml.
     """
 
-    def __init__(self, params: NodeParams, click_params: ClickParams) -> None:
+    def __init__(self, params: ClickedBorderParams, click_params: ClickParams) -> None:
         self._params = params
         self._clicks = Clicks(click_params)
         self._client = BorderClient("clicked_point", params.frame_id)
@@ -135,7 +135,7 @@ def main() -> None:
     """Starts the node with the parameters that it finds."""
 
     def build() -> Any:
-        own, shared = (tuple(cls.__dataclass_fields__) for cls in (NodeParams, ClickParams))
-        return ClickedBorderNode(parameters.read(NodeParams, ignore=shared), parameters.read(ClickParams, ignore=own))
+        own, shared = (tuple(cls.__dataclass_fields__) for cls in (ClickedBorderParams, ClickParams))
+        return ClickedBorderNode(parameters.read(ClickedBorderParams, ignore=shared), parameters.read(ClickParams, ignore=own))
 
     node.run("clicked_border", build)

@@ -67,7 +67,7 @@ def test_nothing_left_for_the_robot_is_said():
     keeper = integrator()
     everything = VirtualBorder(at((-5, -5), (170, -5), (170, 130), (-5, 130)), at((80, 60))[0], closed=True)
     found = [one.code for one in keeper.add(everything, 1.0).issues]
-    assert {"outside_map", "nearly_everything", "no_free_space_left"} == set(found)
+    assert {"outside_map", "covers_nearly_all", "no_free_space_left"} == set(found)
 
 
 @pytest.mark.parametrize("occupancy, code", [(0.0, "no_effect"), (0.01, None), (1.0, None)])

@@ -1,4 +1,4 @@
-"""What a border would do to a robot's paths."""
+"""What a robot can reach in a map, and what a border would cut off."""
 from __future__ import annotations
 
 from dataclasses import dataclass
@@ -27,7 +27,7 @@ class Reachability:
     unreachable: Tuple[int, ...]
 
 
-def ways(
+def check_reachability(
     grid: GridMap,
     goals: Sequence[Sequence[float]] = (),
     robot: Optional[Sequence[float]] = None,
@@ -35,7 +35,7 @@ def ways(
     min_component_m2: float = 0.1,
     occupied_threshold: int = OCCUPIED_FROM,
 ) -> Reachability:
-    """The parts of the free space, and the goals in a different part than the robot.
+    """Counts the parts of the free space, and finds the goals in a different part than the robot.
 
     Args:
         goals: (N, 2) [m].
