@@ -15,7 +15,7 @@ from vb_sim.room.floor_texture import render_floor
 from vb_sim.cameras.frame_clock import FrameSchedule, SmoothClock
 from vb_sim.lab_history import History, Snapshot
 from vb_sim.room.mesh import DepthBuffer, RayGrid, world_mesh
-from vb_sim.room.models_cameras import CameraModels, Optics, load_camera_models
+from vb_sim.room.camera_models import CameraModels, Optics, load_camera_models
 from vb_sim.cameras.robot_view import RobotView
 from vb_sim.room.spot import render_spot
 from vb_sim.room.world import world_from_mapping

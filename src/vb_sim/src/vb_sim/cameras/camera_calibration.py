@@ -9,7 +9,7 @@ from scipy.optimize import least_squares
 from vb_core import geometry
 from vb_core.camera_model import CameraModel
 from vb_core.errors import CodedError
-from vb_sim.room.models_cameras import Optics, generator
+from vb_sim.room.camera_models import Optics, make_generator
 from vb_sim.room.world import CeilingCamera
 
 _RIM = 0.85  # share of the distance from the centre of the view to its rim: where a person marks places
@@ -17,13 +17,13 @@ _FAR_M = 8.0  # a floor point farther from the camera is none that a person woul
 
 
 def calibrated_pose(camera: CeilingCamera, optics: Optics, seed: int) -> np.ndarray:
-    """T_map_optical, 4x4: the pose that fits best to places which a person measured in the map.
+    """Estimates T_map_optical, 4x4: the pose that fits best to places which a person measured in the map.
 
     Position and angles come out wrong by centimetres and tenths of a degree that belong together: the camera puts the
     floor where the person said it is, so that its points are right to less than what one place is measured to.
     bench/calibration.py compares with what calibrate_camera finds.
     """
-    rng = generator(seed, f"calibration of {camera.name}")
+    rng = make_generator(seed, f"calibration of {camera.name}")
     true = camera.pose()
     rays = camera.model().rays(_marked_places(camera.model(), true, optics.calibration_points, rng))
 
