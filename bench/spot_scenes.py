@@ -35,7 +35,7 @@ from vb_sim.room.camera_models import CameraModels, make_generator  # noqa: E402
 from vb_sim.room.motion_models import LocalisationModel  # noqa: E402
 from vb_sim.room.raycast import DistanceField  # noqa: E402
 from vb_sim.cameras.robot_view import RobotView  # noqa: E402
-from vb_sim.room.world import Light, FloorPatch, World, load_world  # noqa: E402
+from vb_sim.room.world import FloorPatch, Light, World, load_world  # noqa: E402
 
 DETECTOR = (DetectorParams, SpotDetector), search
 RATE = 25.0

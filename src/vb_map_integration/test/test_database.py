@@ -258,7 +258,7 @@ def test_a_kill_at_any_moment_loses_nothing_that_was_answered(tmp_path):
 
 @pytest.mark.parametrize("name", [FILE, "borders.twin.db"])
 @pytest.mark.parametrize("damage", ["truncated", "empty", "binary", "gone", "edited"])
-def test_a_damaged_file_is_repaired_and_said(tmp_path, name, damage):
+def test_a_damaged_file_is_repaired_and_reported(tmp_path, name, damage):
     borders = closed(tmp_path)
     path = tmp_path / name
     content = path.read_bytes()
@@ -292,7 +292,7 @@ def test_any_single_damaged_byte_costs_nothing(tmp_path):
         assert again(folder)[0] == borders, (path, place)
 
 
-def test_with_both_files_damaged_the_newest_copy_is_taken_and_the_loss_is_said(tmp_path):
+def test_with_both_files_damaged_the_newest_copy_is_taken_and_the_loss_is_reported(tmp_path):
     borders = closed(tmp_path)
     keeper = integrator(tmp_path)
     keeper.add(square(10, 60), 9.0)  # later than the copy of the day

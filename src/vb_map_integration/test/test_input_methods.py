@@ -73,7 +73,7 @@ def test_clicks_can_be_taken_back():
 
 
 @pytest.mark.parametrize("point", [(np.nan, 0), (0, np.inf), (1e9, 0), (0, 0, 0), "ab"])
-def test_what_is_no_click_is_refused(point):
+def test_what_is_not_a_click_is_refused(point):
     clicks = Clicks()
     clicks.click((0, 0))
     try:

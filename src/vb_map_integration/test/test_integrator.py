@@ -123,7 +123,7 @@ def test_preview_changes_nothing_and_names_what_is_out_of_reach():
     assert check.reachability.free_parts == 1 and check.reachability.unreachable == ()
 
 
-def test_a_gap_narrower_than_the_robot_is_no_way():
+def test_a_gap_narrower_than_the_robot_is_no_path():
     data = GRID.data.copy()
     data[:, 80] = 100
     data[50:56, 80] = 0  # 0.30 m

@@ -76,7 +76,7 @@ def drive(posterior, physical, pose, ranges=OPEN, seconds=90.0):
 
 @settings(max_examples=8, deadline=None)
 @given(st.floats(3.9, 5.1), st.floats(0.9, 2.1), st.floats(-3.14, 3.14))
-def test_leaves_a_carpet_by_about_the_shortest_way(x, y, yaw):
+def test_leaves_a_carpet_by_about_the_shortest_path(x, y, yaw):
     physical = room()
     free, poses, why = drive(restricted(physical, square(physical, 4.0, 1.0, 5.0, 2.0)), physical, (x, y, yaw))
     assert free, why
@@ -105,7 +105,7 @@ def test_gap_between_border_and_wall_is_no_place_to_end():
     assert route is not None and route[-1, 0] < 3.0
 
 
-def test_no_allowed_floor_and_no_way():
+def test_no_allowed_floor_and_no_path():
     physical = room()
     full = Workspace(restricted(physical, np.ones(physical.shape, bool)), physical, RADIUS)
     assert ExitPlanner(full, RADIUS, (1, 1)).plan_path((1, 1)) is None

@@ -5,7 +5,7 @@ from collections import namedtuple
 import numpy as np
 import pytest
 
-from vb_robot.dispatching.dispatch import FAILED_MEMORY, WAITS, Fleet, GoalStatus, DispatchInputs, RobotStatus
+from vb_robot.dispatching.dispatch import FAILED_MEMORY, WAITS, DispatchInputs, Fleet, GoalStatus, RobotStatus
 from vb_robot.dispatching.drawing import DrawingState
 from vb_robot.spots import BORDER, DEFAULT, SEED, Sighting, Sightings
 from vb_robot.dispatching.viewpoint import Viewpoint
@@ -187,7 +187,7 @@ def test_progress_keeps_the_goal():
         assert bench.step(pose=(9.0 - 0.02 * i, 9.0, 0.0)).kind == "keep"
 
 
-def test_leaves_the_robot_to_whoever_took_it():
+def test_leaves_the_robot_to_the_node_that_preempted_the_goal():
     bench = Bench([place(1)])
     bench.step()
     bench.robot.goal = GoalStatus.PREEMPTED
@@ -212,7 +212,7 @@ def test_time_that_jumps_back_does_not_silence_it():
     assert sent(bench.run(10))
 
 
-def test_goal_whose_way_has_become_a_crossing_is_replaced_or_called_off():
+def test_goal_whose_path_has_become_a_crossing_is_replaced_or_cancelled():
     bench = Bench([place(1), place(3)], seen=lambda pose: pose[0] in (1, 3))
     bench.step()
     assert not sent(bench.run(10))
@@ -225,7 +225,7 @@ def test_goal_whose_way_has_become_a_crossing_is_replaced_or_called_off():
 
 
 @pytest.mark.parametrize("silent", [0.0, 2.0])
-def test_a_way_that_only_now_and_then_seems_to_cross_costs_navigation_no_plans(silent):
+def test_a_path_that_only_now_and_then_seems_to_cross_costs_navigation_no_plans(silent):
     bench = Bench([place(1)], seen=lambda pose: pose[0] == 1)
     bench.step(silent=silent)
     for i in range(40):
@@ -400,14 +400,14 @@ def test_robot_that_was_carried_away_comes_back():
 
 
 # ------------------------------------------------------------------ several robots
-def test_the_one_with_the_shorter_way_goes_and_keeps_going():
+def test_the_one_with_the_shorter_path_goes_and_keeps_going():
     bench = Fleets(ada=Robot(5.0), bob=Robot(2.0), eve=Robot())
     bench.serve("bob")
     assert bench.run(40) == {"ada": 0, "bob": 1, "eve": 0}
     assert bench.robots["ada"].asked == 1, "nothing is worked out while the goal is fit"
 
 
-def test_whoever_sees_the_spot_from_where_it_stands_need_not_be_sent():
+def test_a_robot_that_sees_the_spot_from_where_it_is_need_not_be_sent():
     bench = Fleets(ada=Robot(1.0), bob=Robot(2.0))
     bench.robots["bob"].sees = lambda pose: True
     assert bench.run(20) == {"ada": 0, "bob": 0}
@@ -479,7 +479,7 @@ def test_two_that_are_about_equally_near_do_not_take_turns():
     assert len(ada.sent) > 10 and not bob.sent
 
 
-def test_one_that_is_notably_nearer_takes_over_and_the_other_is_called_off():
+def test_one_that_is_notably_nearer_takes_over_and_the_other_is_cancelled():
     bench = Fleets(ada=Robot(2.0), bob=Robot(5.0, x0=20.0))
     bench.step()
     bench.spot = (10.0, 0.0)
@@ -490,7 +490,7 @@ def test_one_that_is_notably_nearer_takes_over_and_the_other_is_called_off():
     assert len(bench.robots["bob"].sent) == 1 and bench.robots["ada"].goal is GoalStatus.NONE
 
 
-def test_all_are_called_off_when_none_is_wanted():
+def test_all_are_cancelled_when_none_is_wanted():
     bench = Fleets(ada=Robot(2.0), bob=Robot(5.0))
     bench.step()
     bench.wanted, bench.key = False, ("", 0)

@@ -6,7 +6,7 @@ import pytest
 
 from vb_core.grid_map import GridMap
 from vb_robot.dispatching.dispatch import GoalStatus
-from vb_robot.dispatching.dispatcher import Dispatcher, RobotMap, DrawingProgress, RobotStatus
+from vb_robot.dispatching.dispatcher import Dispatcher, DrawingProgress, RobotMap, RobotStatus
 from vb_robot.dispatching.drawing import BlindSpots, DrawingState
 from vb_robot.spots import BORDER, Sighting
 from vb_robot.floor_view import FloorView

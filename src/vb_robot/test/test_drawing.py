@@ -3,7 +3,7 @@ import numpy as np
 import pytest
 
 from vb_core.grid_map import GridMap
-from vb_robot.dispatching.drawing import MIN_LOOKAHEAD, HALF_VIEW, REACTION, DrawingState, BlindSpots
+from vb_robot.dispatching.drawing import HALF_VIEW, MIN_LOOKAHEAD, REACTION, BlindSpots, DrawingState
 from vb_robot.clearance_map import ClearanceMap
 
 NO_CHAIN = np.zeros((0, 2))
@@ -33,7 +33,7 @@ def focus(*args, **kwargs):
     return look(*args, **kwargs).look_at
 
 
-def test_unseen_floor_is_known_to_a_cell_and_narrow_shadows_do_not_count():
+def test_blind_spots_are_known_to_a_cell_and_narrow_shadows_do_not_count():
     assert UNSEEN.at(np.array([[6.03, 2.5], [7.9, 4.9], [5.97, 2.5], [3.05, 2.5], [20.0, 0.0]])).tolist() == [
         True, True, False, False, False]
     assert not BlindSpots(GridMap(np.ones((5, 5), np.int8), 0.1)).mask.any()

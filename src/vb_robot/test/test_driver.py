@@ -310,7 +310,7 @@ def test_a_border_put_before_its_nose_is_not_crossed_also_if_the_localisation_is
         assert max(nose) <= edge + 0.04 and rig.commands[-1].code == "border"
 
 
-def test_a_leap_of_the_localisation_stops_it_for_a_moment():
+def test_a_jump_of_the_localisation_stops_it_for_a_moment():
     rig = Rig()
     rig.navigation = (0.3, 0.0)
     rig.step(0.5)
@@ -431,7 +431,7 @@ def test_backs_off_from_a_spot_that_comes_near():
     assert run[:, 2].min() < -0.02
 
 
-def test_small_strokes_leave_it_at_rest():
+def test_small_strokes_leave_it_stopped():
     zigzag = [[2.0 + 0.05 * (i % 2), 2.5 + 0.1 * (i % 2)] for i in range(20)]
     assert np.abs(drag(zigzag, 0.2, (1.0, 2.5, 0.0))[:, 2:4]).max() == 0.0
 

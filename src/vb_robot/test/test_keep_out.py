@@ -62,7 +62,7 @@ def test_route_is_tight_and_keeps_off_obstacles():
 
 @settings(max_examples=10, deadline=None)
 @given(st.floats(0.4, 7.6), st.floats(0.4, 4.6), st.floats(0, 6.28), st.integers(0, 3), st.booleans())
-def test_ways_never_enter_the_polygon(x, y, yaw, corner, seeding):
+def test_paths_never_enter_the_polygon(x, y, yaw, corner, seeding):
     polygon = Polygon(CARPET)
     assume(polygon.distance(Point(x, y)) > 0.25)
     spot = CARPET.mean(axis=0) if seeding else CARPET[corner]
@@ -97,7 +97,7 @@ def test_half_drawn_polygon_counts_with_what_it_will_enclose():
         assert Polygon(CARPET).distance(LineString(route(robot, viewpoint))) >= 0.15
 
 
-def test_robot_within_a_half_drawn_polygon_is_offered_nothing_within_it():
+def test_robot_within_a_half_drawn_polygon_gets_no_viewpoint_within_it():
     drawing = DrawingState(CARPET[3], CARPET, np.array([0.0, -1.0]), seen_by_stationary=True)
     robot = (4.6, 2.2, math.pi / 2)
     found = rank(robot, drawing)
@@ -109,7 +109,7 @@ def test_short_line_changes_nothing():
     assert rank((6.0, 2.0, 0.0), DrawingState(line[1], line, seen_by_stationary=True)) == rank((6.0, 2.0, 0.0), DrawingState(line[1], line))
 
 
-def test_without_a_safe_way_it_depends_on_who_sees_the_spot():
+def test_without_a_safe_path_it_depends_on_who_sees_the_spot():
     # the line parts the room from wall to wall, and everything that shows the spot lies beyond it
     line = np.array([[4.0, 0.05], [4.0, 4.95]])
     spot = np.array([2.4, 0.7])

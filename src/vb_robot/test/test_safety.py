@@ -58,7 +58,7 @@ def test_a_scanner_that_says_0_for_no_echo():
     assert scan(ranges, zero_is_nothing=True).sees_path(0.2, 0.0, RADIUS, 0.05)
 
 
-def test_free_way_to_a_wall_and_round_a_post():
+def test_free_distance_to_a_wall_and_round_a_post():
     angles = np.radians(np.arange(360) - 179.5)
     with np.errstate(divide="ignore"):
         wall = np.where(np.cos(angles) > 0.2, 1.0 / np.cos(angles), math.inf)

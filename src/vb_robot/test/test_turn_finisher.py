@@ -46,7 +46,7 @@ TO_AND_FRO = [(0.0, 0.3), (0.0, 0.3), (0.0, -0.3), (0.0, 0.3), (0.0, -0.3), (0.0
     [(0.0, 0.3), (0.0, -0.3), (0.2, 0.3), (0.0, -0.3), (0.0, 0.3), (0.0, -0.3)],
     [(0.3, 0.3), (0.3, -0.3), (0.3, 0.3), (0.3, -0.3), (0.3, 0.3)],
 ], ids=["corrections", "drives between", "a winding path"])
-def test_other_wishes_pass(requests):
+def test_other_requests_pass(requests):
     assert passed(requests) == requests
 
 

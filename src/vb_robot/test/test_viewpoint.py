@@ -68,7 +68,7 @@ def test_clearance_never_says_more_than_there_is():
         assert true - 0.1 <= clearance[row, column] <= true + 1e-5
 
 
-def test_ways_lead_through_the_doorway_and_nowhere_without_one():
+def test_paths_lead_through_the_doorway_and_nowhere_without_one():
     start, goal = (1.0, 1.0), np.array([[7.0, 1.0]])
     way = TERRAIN.shortest_paths(start).lengths_to(goal)[0]
     least = math.dist(start, (4.0, 3.7)) + math.dist((4.0, 3.7), goal[0])
@@ -78,7 +78,7 @@ def test_ways_lead_through_the_doorway_and_nowhere_without_one():
     assert shut.shortest_paths(start).lengths_to(goal)[0] == np.inf
 
 
-def test_narrow_doorway_is_no_way():
+def test_narrow_doorway_is_no_path():
     grid = two_rooms()
     data = grid.data.copy()
     data[146:160, 158:162] = 100  # 0.35 m are left, the robot needs 0.42 m
@@ -182,7 +182,7 @@ def test_places_of_other_robots_are_taken():
         assert math.dist((viewpoint.x, viewpoint.y), taken[0]) >= 2 * 0.18 + 0.10
 
 
-def test_ways_lead_round_other_robots_and_not_through_a_doorway_that_one_stands_in():
+def test_paths_lead_round_other_robots_and_not_through_a_doorway_that_one_is_in():
     start, goal = (6.0, 1.0), np.array([[6.0, 3.0]])
     straight = TERRAIN.shortest_paths(start).lengths_to(goal)[0]
     assert straight == pytest.approx(2.0, abs=0.1)

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from vb_core.grid_map import GridMap
-from vb_robot.driving.workspace import MIN_UNCERTAINTY, MAX_UNCERTAINTY, UPDATES, BorderContact, PoseUncertainty, KnownBorder, Workspace
+from vb_robot.driving.workspace import MAX_UNCERTAINTY, MIN_UNCERTAINTY, UPDATES, BorderContact, KnownBorder, PoseUncertainty, Workspace
 
 
 def workspace(borders, *squares, value=100):

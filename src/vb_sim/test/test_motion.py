@@ -112,7 +112,7 @@ def test_a_wall_stops_the_robot_once_and_it_can_back_off():
     assert robot.pose[0] < 0.7 and robot.collisions == 1
 
 
-def test_exact_wheels_measure_the_true_way():
+def test_exact_wheels_measure_the_true_path():
     robot = body(EXACT, start=(2.0, 1.0, 0.7))
     _, now = drive(robot, 0.4, 0.5, 2.0)
     drive(robot, -0.2, -0.9, 2.0, now)

@@ -321,7 +321,7 @@ def test_who_is_told_that_the_robot_comes_does_not_step_aside():
     assert percept.told_to_hold == 5.0
 
 
-def test_whoever_is_asked_looks_at_the_preview_and_says_save_once_more():
+def test_who_is_asked_to_confirm_looks_at_the_preview_and_says_save_once_more():
     sim = system("room", refuse_saves=["confirm_save"])
     assert sim.run(120.0) == "saved"
     assert [command for command, _, _ in sim.commands] == ["define_border", "define_seed", "save", "save"]

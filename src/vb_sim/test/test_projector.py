@@ -101,7 +101,7 @@ def test_things_hide_the_floor_and_its_light(lab):
     assert np.abs(view.frame(Snapshot(1.0)).astype(int) - dark).max() <= 1
 
 
-def test_pictures_follow_each_other_without_a_trace(lab):
+def test_images_follow_each_other_without_a_trace(lab):
     view, other = ceiling(lab, "bayer"), ceiling(lab, "bayer")
     laser = Snapshot(1.0, {"robot": (1.5, 1.2, 0.3)}, (2.2, 1.5))
     for place in ((1.5, 1.2), (2.3, 1.8)):

@@ -23,7 +23,7 @@ from vb_core.parameters import Parameters, param
 from vb_core.ros import node, parameters
 from vb_map_integration.borders import draft_markers, editing
 from vb_map_integration.border import VirtualBorder
-from vb_map_integration.border_client import ServiceResult, BorderClient
+from vb_map_integration.border_client import BorderClient, ServiceResult
 from vb_map_integration.borders.border_messages import border_from_message
 
 SERVER = "/virtual_borders/edit"

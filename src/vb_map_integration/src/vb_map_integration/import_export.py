@@ -14,7 +14,7 @@ from vb_core.errors import CodedError
 from vb_core.files import write_atomically
 from vb_core.ros import services
 from vb_map_integration.border import VirtualBorder
-from vb_map_integration.border_client import ServiceResult, BorderClient
+from vb_map_integration.border_client import BorderClient, ServiceResult
 from vb_map_integration.borders.border_files import borders_from_yaml, borders_to_yaml
 from vb_map_integration.borders.border_messages import border_from_message
 from vb_map_integration.borders.issues import ERROR

@@ -22,13 +22,13 @@ from vb_core.parameters import param
 from vb_map_integration.border import SLOW, VirtualBorder
 from vb_map_integration.borders.border_files import borders_to_yaml
 from vb_map_integration.grid.layered_map import LayeredMap, Region
-from vb_map_integration.storage.database import Change, Database, BorderChange, KnownMap, fingerprint
+from vb_map_integration.storage.database import BorderChange, Change, Database, KnownMap, fingerprint
 from vb_map_integration.borders.issues import WARNING, Issue, IntegrationError
 from vb_map_integration.integration import Area, IntegrationParams, restricted_area
 from vb_map_integration.storage.legacy_folders import read_folders
 from vb_map_integration.places.map_overlay import draw_map_overlay
 from vb_map_integration.grid.reachability import Reachability, check_reachability
-from vb_map_integration.places.recognition import Recognizer, Recognition
+from vb_map_integration.places.recognition import Recognition, Recognizer
 from vb_map_integration.places.registration import Registration, Transform, register
 from vb_map_integration.borders.schedule import is_scheduled
 

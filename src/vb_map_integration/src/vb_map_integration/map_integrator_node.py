@@ -44,7 +44,7 @@ from vb_map_integration.border import VirtualBorder
 from vb_map_integration.borders.border_messages import border_from_message, issue_messages, message_from_border
 from vb_map_integration.grid.costmap_settings import check_soft_value
 from vb_map_integration.borders.issues import ERROR, Issue, IntegrationError
-from vb_map_integration.integrator import IntegratorParams, MapIntegrator, ChangeResult
+from vb_map_integration.integrator import ChangeResult, IntegratorParams, MapIntegrator
 from vb_map_integration.places.registration import Transform
 
 _MAP_PATIENCE_S = 5.0  # warns after this long without a map

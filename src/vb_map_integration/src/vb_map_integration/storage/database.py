@@ -235,7 +235,10 @@ class Database:
         connection = _connect(self._path)
         try:
             if replica is None or replica != main:
-                _set_aside(self._replica_path) if replica is None else _delete(self._replica_path)
+                if replica is None:
+                    _set_aside(self._replica_path)
+                else:
+                    _delete(self._replica_path)
                 _copy(connection, self._replica_path)
             self._replica = _connect(self._replica_path, _OF_REPLICA)
             if main.revision:

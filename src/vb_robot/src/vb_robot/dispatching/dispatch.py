@@ -13,7 +13,7 @@ import math
 from dataclasses import dataclass, replace
 from typing import Dict, Hashable, List, Mapping, Optional, Tuple
 
-from vb_robot.dispatching.viewpoint import ViewpointPlanner, Viewpoint
+from vb_robot.dispatching.viewpoint import Viewpoint, ViewpointPlanner
 from vb_robot.spots import LOST_AFTER
 from vb_robot.poses import Pose, pose_distance
 

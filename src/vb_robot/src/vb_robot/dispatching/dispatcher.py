@@ -10,12 +10,12 @@ from vb_core import sentences
 from vb_core.grid_map import GridMap
 from vb_core.notices import Notice, Severity
 from vb_robot import spots
-from vb_robot.dispatching.dispatch import Fleet, DispatchInputs, RobotStatus
-from vb_robot.dispatching.drawing import NOTHING, DrawingState, BlindSpots
+from vb_robot.dispatching.dispatch import DispatchInputs, Fleet, RobotStatus
+from vb_robot.dispatching.drawing import NOTHING, BlindSpots, DrawingState
 from vb_robot.spots import LOST_AFTER, Sightings
-from vb_robot.clearance_map import ClearanceMap, Window, crop, bounding_window
+from vb_robot.clearance_map import ClearanceMap, Window, bounding_window, crop
 from vb_robot.floor_view import FloorView
-from vb_robot.dispatching.viewpoint import ViewpointPlanner, Viewpoint
+from vb_robot.dispatching.viewpoint import Viewpoint, ViewpointPlanner
 
 
 @dataclass(frozen=True)

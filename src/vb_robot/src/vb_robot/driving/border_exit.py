@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 
 from vb_core import geometry
-from vb_robot.clearance_map import ClearanceMap, crop, clearance_grid
+from vb_robot.clearance_map import ClearanceMap, clearance_grid, crop
 from vb_robot.driving.spot_follower import DRIVE_CONE, MAX_SPEED, MAX_TURN, TURN_GAIN, VelocityRequest
 from vb_robot.driving.workspace import LETHAL_FROM, Workspace
 from vb_robot.navigation_parameters import PATH_MARGIN
