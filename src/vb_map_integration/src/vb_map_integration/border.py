@@ -162,7 +162,7 @@ class VirtualBorder:
 
 
 def _coordinates(values: object, code: str, what: str) -> np.ndarray:
-    """(N, 2) float64 copy of coordinates, all finite."""
+    """Copies coordinates to (N, 2) float64, all finite."""
     try:
         points = np.array(values, dtype=np.float64)
     except (TypeError, ValueError) as error:

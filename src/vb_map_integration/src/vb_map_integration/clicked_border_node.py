@@ -85,7 +85,7 @@ class ClickedBorderNode:
                 self._show(error.message)
 
     def _place(self, message: PointStamped) -> np.ndarray:
-        """(2,) [m] in the map's frame."""
+        """Transforms a click to (2,) [m] in the map's frame."""
         point = np.array([message.point.x, message.point.y, message.point.z])
         frame = message.header.frame_id.lstrip("/")
         if frame and frame != self._params.frame_id:

@@ -199,13 +199,13 @@ def restricted_area(
 
 
 def _count_free(cells: np.ndarray, occupied_threshold: int) -> int:
-    """How many cells are neither obstacles nor unknown."""
+    """Counts the cells that are neither obstacles nor unknown."""
     parts = (cells[block] for block in raster.row_blocks(cells.shape))
     return sum(cv2.countNonZero(masks.threshold_mask(part, occupied_threshold, cv2.CMP_LT)) for part in parts)
 
 
 def _framed(cells: np.ndarray, occupied_threshold: int) -> np.ndarray:
-    """(H + 2, W + 2) uint8 mask of what no fill may enter: obstacles, unknown, and a frame round the map."""
+    """Masks (H + 2, W + 2) uint8 what no fill may enter: obstacles, unknown, and a frame round the map."""
     framed = raster.filled((cells.shape[0] + 2, cells.shape[1] + 2), 255)
     masks.threshold_mask(cells, occupied_threshold - 1, cv2.CMP_GT, dst=framed[1:-1, 1:-1])
     return framed

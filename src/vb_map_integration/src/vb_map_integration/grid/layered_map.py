@@ -36,7 +36,7 @@ class Region:
 
     @property
     def mask(self) -> np.ndarray:
-        """(h, w) uint8 mask of the window."""
+        """The mask (h, w) uint8 of the window."""
         rows, columns = self.window
         shape = rows.stop - rows.start, columns.stop - columns.start
         bits = np.unpackbits(self.bits, count=shape[0] * shape[1]).reshape(shape)

@@ -69,7 +69,7 @@ def check_reachability(
 
 
 def _coarser(free: np.ndarray, factor: int) -> np.ndarray:
-    """(H, W) uint8 mask with cells `factor` times as large; one is set only where all are."""
+    """Makes a mask (H, W) uint8 with cells `factor` times as large; one is set only where all are."""
     rows, columns = (-(-size // factor) for size in free.shape)
     padded = cv2.copyMakeBorder(
         free, 0, rows * factor - free.shape[0], 0, columns * factor - free.shape[1], cv2.BORDER_CONSTANT, value=0

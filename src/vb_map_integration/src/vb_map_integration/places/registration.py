@@ -68,7 +68,7 @@ class Transform(NamedTuple):
 
     @property
     def rotation(self) -> np.ndarray:
-        """(2, 2) rotation matrix."""
+        """The rotation matrix (2, 2)."""
         c, s = math.cos(self.yaw), math.sin(self.yaw)
         return np.array([[c, -s], [s, c]])
 
@@ -158,7 +158,7 @@ class WallMap:
 
     @cached_property
     def fields(self) -> np.ndarray:
-        """(H, W, 3) float32: distance to the nearest wall [m] and its gradient along columns and rows."""
+        """Distance fields (H, W, 3) float32: distance to the nearest wall [m] and its gradient along columns and rows."""
         if not self._surface.any():
             distance = np.full(self.grid.shape, 1e3, np.float32)
         else:
@@ -187,7 +187,7 @@ class WallMap:
 
     @cached_property
     def floor(self) -> np.ndarray:
-        """(N, 2) [m] up to 2000 free places, spread evenly."""
+        """Up to 2000 free places (N, 2) [m], spread evenly."""
         where = cv2.findNonZero(self.free)
         if where is None:
             return np.zeros((0, 2))
@@ -216,7 +216,7 @@ class WallMap:
 
     @cached_property
     def centre(self) -> np.ndarray:
-        """(2,) [m] the middle of what is known."""
+        """The middle (2,) [m] of what is known."""
         points = np.concatenate([self.walls, self.floor])
         return (points.min(axis=0) + points.max(axis=0)) / 2.0 if len(points) else np.zeros(2)
 
@@ -270,7 +270,7 @@ def _is_same(one: Transform, other: Transform, place: np.ndarray) -> bool:
 
 
 def _search(old: WallMap, new: WallMap) -> List[Transform]:
-    """The most promising transforms, the best first."""
+    """Searches the most promising transforms, the best first."""
     extent = max(old.radius(old.centre), new.radius(new.centre))
     cell = max(_COARSE_M, 2.0 * extent / _COARSE_CELLS)
     a, b = old.evidence(old.centre, cell), new.evidence(new.centre, cell)
@@ -309,7 +309,7 @@ def _search(old: WallMap, new: WallMap) -> List[Transform]:
 
 
 def _sample(shape: WallMap) -> np.ndarray:
-    """(N, 2) [m] wall cells for the refinement: of long walls if there are enough."""
+    """Chooses wall cells (N, 2) [m] for the refinement: of long walls if there are enough."""
     points = shape.walls[shape.is_structure]
     if len(points) < 100:
         points = shape.walls
@@ -317,7 +317,7 @@ def _sample(shape: WallMap) -> np.ndarray:
 
 
 def _refine(old: WallMap, new: WallMap, start: Transform) -> Transform:
-    """The transform nearby at which the walls of both maps coincide."""
+    """Refines a transform to the one nearby at which the walls of both maps coincide."""
     forward, backward = _sample(old), _sample(new)
     centre = old.centre  # turning about the middle keeps turn and shift apart
     place = start.apply(centre)[0]

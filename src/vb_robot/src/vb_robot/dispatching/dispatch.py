@@ -242,7 +242,7 @@ class Fleet:
 
     @property
     def searched(self) -> float:
-        """[m] of the line ahead that robots have looked at in vain, beyond where the spot was seen last."""
+        """How much [m] of the line ahead robots have searched in vain, beyond where the spot was seen last."""
         return max(record.searched for record in self.records.values())
 
     def step(

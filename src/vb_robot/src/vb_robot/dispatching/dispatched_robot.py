@@ -119,7 +119,7 @@ class DispatchedRobot:
                     5.0, f"{rospy.get_name()}: cancels a goal that {self._who} has from before a restart")
 
     def _goal_place(self, running: List[str]) -> Optional[Tuple[float, float]]:
-        """(x, y) [m], map frame, where it drives to, no matter who gave the goal; None if nowhere that is known."""
+        """Returns where it drives to, (x, y) [m], map frame, no matter who gave the goal; None if nowhere that is known."""
         goal = self._newest_goal
         if goal is None or goal.goal_id.id not in running:
             return None

@@ -56,17 +56,17 @@ class DrawingState:
 
     @property
     def direction(self) -> Optional[np.ndarray]:
-        """(2,) unit vector along which the spot moves, or None."""
+        """Unit vector (2,) along which the spot moves, or None."""
         return None if self.velocity is None else self.velocity / np.linalg.norm(self.velocity)
 
     @property
     def look_at(self) -> np.ndarray:
-        """(2,) [m] what the robot should look at."""
+        """The place (2,) [m] that the robot should look at."""
         return np.asarray(self.spot if self.focus is None else self.focus, dtype=float)
 
     @property
     def must_see(self) -> np.ndarray:
-        """(K, 2) [m] without which a pose is none; a spot that no stationary camera sees is among them."""
+        """The places (K, 2) [m] that a viewpoint must show; a spot that no stationary camera sees is among them."""
         wanted = [self.look_at, *self.stretch[:1]]
         if self.searched > 0.0:
             return np.array(wanted[:1])

@@ -51,7 +51,7 @@ class Viewpoint:
 
     @property
     def pose(self) -> Pose:
-        """(x, y, yaw) [m, m, rad], map frame."""
+        """The pose (x, y, yaw) [m, m, rad], map frame."""
         return self.x, self.y, self.yaw
 
 

@@ -40,7 +40,7 @@ def calibrated_pose(camera: CeilingCamera, optics: Optics, seed: int) -> np.ndar
 
 
 def _marked_places(model: CameraModel, pose: np.ndarray, count: int, rng: np.random.Generator) -> np.ndarray:
-    """(count, 2) [px] all around near the rim of the floor that the camera sees; the first ones in its corners."""
+    """Chooses (count, 2) [px] all around near the rim of the floor that the camera sees; the first ones in its corners."""
     grid = np.stack(np.meshgrid(np.linspace(0.0, 1.0, 33), np.linspace(0.0, 1.0, 33)), axis=-1).reshape(-1, 2)
     size = np.array([model.width - 1.0, model.height - 1.0])
     seen = grid[_on_near_floor(model, pose, grid * size)]
@@ -59,6 +59,6 @@ def _marked_places(model: CameraModel, pose: np.ndarray, count: int, rng: np.ran
 
 
 def _on_near_floor(model: CameraModel, pose: np.ndarray, pixels: np.ndarray) -> np.ndarray:
-    """(N,) bool"""
+    """Tells (N,) bool which pixels (N, 2) [px] look at the floor near the camera."""
     points = geometry.intersect_floor(pose[:3, 3], model.rays(pixels) @ pose[:3, :3].T)
     return np.linalg.norm(np.nan_to_num(points, nan=1e6) - pose[:3, 3], axis=1) < _FAR_M

@@ -304,7 +304,7 @@ class CeilingView:
         )
 
     def _shadow_outline(self, pose, radius: float) -> np.ndarray:
-        """(N, 2) [px] outline of a shadow on the floor; the lamps hang all over the ceiling, so it is small."""
+        """Draws the outline (N, 2) [px] of a shadow on the floor; the lamps hang all over the ceiling, so it is small."""
         circle = bodies._CIRCLE * radius * 1.1 + (pose[0] + 0.05, pose[1] - 0.04)
         points = np.column_stack([circle, np.zeros(len(circle))]) - self.pose[:3, 3]
         in_camera = points @ self.pose[:3, :3]

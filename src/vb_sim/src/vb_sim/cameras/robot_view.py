@@ -146,7 +146,7 @@ class RobotView:
         self._color_key = None
 
     def _to_floor(self, pose: np.ndarray) -> np.ndarray:
-        """(3, 3): homogeneous (column, row) [px] to map coordinates [m] on the floor."""
+        """Computes the matrix (3, 3) from homogeneous (column, row) [px] to map coordinates [m] on the floor."""
         rotation, origin = pose[:3, :3], pose[:3, 3]
         return np.array([
             origin[0] * rotation[2] - origin[2] * rotation[0],
@@ -155,7 +155,7 @@ class RobotView:
         ]) @ np.linalg.inv(self.color_model.matrix)
 
     def _down(self, pose: np.ndarray) -> np.ndarray:
-        """(H,) how steeply each row looks down, per unit of depth; 0 and less at and above the horizon."""
+        """Computes (H,) how steeply each row looks down, per unit of depth; 0 and less at and above the horizon."""
         camera, rotation = self.color_model, pose[:3, :3]
         return -(rotation[2, 1] * (np.arange(camera.height) - camera.matrix[1, 2]) / camera.matrix[1, 1] + rotation[2, 2])
 
@@ -286,7 +286,7 @@ class RobotView:
         return millimetres
 
     def _exact_depth(self, pose: np.ndarray) -> Tuple[np.ndarray, np.ndarray]:
-        """(120, 160) float32 [m] and (120, 160) bool: where the sensor sees nothing."""
+        """Computes the exact depth (120, 160) float32 [m], and (120, 160) bool where the sensor sees nothing."""
         grid, figures = self._depth_grid, self._figures
         at = np.ix_(*self._sampled)
         ids = self._buffer.ids[at]

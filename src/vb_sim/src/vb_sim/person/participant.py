@@ -159,7 +159,7 @@ class Person:
         self.seed = self._mirrored_seed() if wrong_side else self.scenario.seed.copy()
 
     def _mirrored_seed(self) -> np.ndarray:
-        """(2,) [m] the seed on the other side of the border, by the shortest path across it that ends on free floor."""
+        """Finds the seed (2,) [m] on the other side of the border, by the shortest path across it that ends on free floor."""
         chain = geometry.resample_chain(self.scenario.border, 0.05, self.scenario.closed)
         across = chain - self.scenario.seed
         for index in np.argsort(np.linalg.norm(across, axis=1), kind="stable"):

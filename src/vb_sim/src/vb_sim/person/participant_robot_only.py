@@ -157,7 +157,7 @@ class RobotOnlyScript(ParticipantScript):
         person.doing = before
 
     def _before_robot(self, turn: float = 0.0, share: float = 1.0) -> np.ndarray:
-        """(2,) [m] a place ahead of the robot, on the floor."""
+        """Finds a place (2,) [m] ahead of the robot, on the floor."""
         person = self.person
         x, y, yaw = person.percept.robot
         direction = np.array([math.cos(yaw + turn), math.sin(yaw + turn)])

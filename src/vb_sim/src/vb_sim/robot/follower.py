@@ -141,7 +141,7 @@ class Follower:
         return int(np.argmin(np.linalg.norm(self._path - np.array(pose[:2]), axis=1)))
 
     def _gap(self, obstacles: np.ndarray, curvature: float) -> float:
-        """[m] free distance along the arc before the robot's body reaches the margin; inf if free."""
+        """Returns the free distance [m] along the arc before the robot's body reaches the margin; inf if free."""
         p = self._params
         if not len(obstacles):
             return math.inf

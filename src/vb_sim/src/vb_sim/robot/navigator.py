@@ -118,7 +118,7 @@ class Navigator:
         return Planner(Costmap(grid, self._costmap_params, mask), self._planner_params)
 
     def _unmapped(self, static: Planner, pose: Pose, seen: np.ndarray) -> np.ndarray:
-        """(N, 2) [m] what the scanner sees and the map lacks, map frame."""
+        """Returns (N, 2) [m] what the scanner sees and the map lacks, map frame."""
         if not len(seen):
             return seen
         seen = seen[np.hypot(seen[:, 0], seen[:, 1]) < self._params.obstacle_range]

@@ -87,7 +87,7 @@ class CameraModels:
 
     @property
     def hand_height(self) -> float:
-        """[m] at which this person holds the pointer."""
+        """Height [m] at which this person holds the pointer."""
         return self.optics.pointer_height * self.body.height / AVERAGE.height
 
 

@@ -71,7 +71,7 @@ def render_floor(world: World, seed: int, resolution: float = 0.0025) -> FloorTe
 
 
 def _noise(shape: Tuple[int, int], step: Tuple[float, float], rng: np.random.Generator) -> np.ndarray:
-    """(H, W) float32 smooth noise of unit deviation with features of (rows, columns) px."""
+    """Makes (H, W) float32 smooth noise of unit deviation with features of (rows, columns) px."""
     coarse = tuple(max(2, int(math.ceil(size / max(1.0, length))) + 2) for size, length in zip(shape, step))
     values = rng.standard_normal(coarse, dtype=np.float32)
     grown = cv2.resize(values, (shape[1], shape[0]), interpolation=cv2.INTER_CUBIC)

@@ -108,7 +108,7 @@ def _determinant(matrix: np.ndarray) -> float:
 
 
 def _footprint(point: Tuple[float, float], source: Optional[np.ndarray], optics: Optics) -> np.ndarray:
-    """(2, 2) [m^2] covariance of the light on the floor; a slanting beam leaves an ellipse."""
+    """Computes the covariance (2, 2) [m^2] of the light on the floor; a slanting beam leaves an ellipse."""
     distance, covariance = 1.5, np.eye(2)
     if source is not None:
         along = np.array(point) - source[:2]
@@ -123,7 +123,7 @@ def _footprint(point: Tuple[float, float], source: Optional[np.ndarray], optics:
 
 
 def _radius(total: float, covariance: np.ndarray, optics: Optics) -> float:
-    """[px] beyond which the spot adds less than half a grey level."""
+    """Computes the radius [px] beyond which the spot adds less than half a grey level."""
     half_trace = 0.5 * float(covariance[0, 0] + covariance[1, 1])
     sigma = math.sqrt(half_trace + math.sqrt(max(0.0, half_trace**2 - _determinant(covariance))))
     peak = max(1.0, total / (2.0 * math.pi * math.sqrt(_determinant(covariance))))
