@@ -159,8 +159,8 @@ class RobotRecord:
     def _avoided(self) -> List[Tuple[float, float, float]]:
         return [(failure.x, failure.y, FAILED_RADIUS) for failure in self._failed]
 
-    def is_settled(self, inputs: DispatchInputs, status: RobotStatus, planner: ViewpointPlanner) -> bool:
-        """Tells whether the robot that serves needs no new place now."""
+    def review_goal(self, inputs: DispatchInputs, status: RobotStatus, planner: ViewpointPlanner) -> bool:
+        """Reviews the goal of the robot that serves; returns whether it needs no new place now."""
         now, robot, goal = inputs.now, status.pose, self.goal
         assert robot is not None
         under_way = goal if status.running else None
@@ -195,10 +195,10 @@ class RobotRecord:
             interval = 0.0
         if now < self._sent + interval or (not inputs.lost and now < self._unfit_since + PATIENCE):
             return True
-        leaves = under_way is not None and not goal.sees_spot and self._rests(goal, planner)
+        leaves = under_way is not None and not goal.sees_spot and self._target_rests(goal, planner)
         return leaves and not self._endangered
 
-    def _rests(self, goal: Viewpoint, planner: ViewpointPlanner) -> bool:
+    def _target_rests(self, goal: Viewpoint, planner: ViewpointPlanner) -> bool:
         """Whether the target is still about where it was when the goal was chosen."""
         return math.dist(planner.drawing.look_at, goal.spot) < MIN_SPOT_MOVE
 
@@ -224,7 +224,7 @@ class RobotRecord:
         if place is None:
             return
         if goal is not None and pose is not None and math.dist(place.pose[:2], goal.pose[:2]) < MIN_GAIN:
-            there = math.dist(pose[:2], goal.pose[:2]) <= MIN_GAIN and self._rests(goal, planner)
+            there = math.dist(pose[:2], goal.pose[:2]) <= MIN_GAIN and self._target_rests(goal, planner)
             if abs(math.remainder(place.yaw - goal.yaw, 2.0 * math.pi)) < MIN_TURN and (status.running or there):
                 self._unfit_since = now
                 return
@@ -271,7 +271,7 @@ class Fleet:
 
     def _choose(self, inputs: DispatchInputs, able: Mapping[str, Tuple[RobotStatus, ViewpointPlanner]]) -> None:
         serving = self.serving if self.serving in able else None
-        if serving is not None and self.records[serving].is_settled(inputs, *able[serving]):
+        if serving is not None and self.records[serving].review_goal(inputs, *able[serving]):
             return
         bids = {name: self.records[name].bid(inputs.now, *able[name], name == serving) for name in able}
         made = {name: offer for name, offer in bids.items() if offer is not None}

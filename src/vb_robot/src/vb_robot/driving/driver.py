@@ -97,7 +97,7 @@ class Driver:
         self._stamps: Dict[str, float] = {}  # [s] of the newest scan, state, pose and command
         self.clock_age = 0.0
         self._stopped = {"state": False, "topic": stopped}
-        self._stopped_at = -math.inf  # [s] by the topic
+        self._stopped_at = -math.inf  # [s] when the topic stopped it last
         self._scan: Optional[Scan] = None
         self._pose: Optional[Tuple[float, Pose]] = None
         self._correction = 0.0, -math.inf  # its date, and when that was new [s]
