@@ -87,7 +87,7 @@ def test_before_a_map_everything_is_refused():
             action()
 
 
-def test_an_expiry_turns_over_what_is_enabled():
+def test_an_expiry_toggles_what_is_enabled():
     keeper = integrator()
     keeper.add(square(10, 10, expires=10.0), 1.0)
     keeper.add(square(60, 10), 1.0)

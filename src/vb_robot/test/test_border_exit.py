@@ -152,7 +152,7 @@ def test_without_a_new_map_nobody_is_driven_out_of_free_floor():
     assert all(rig.step().driver == "nobody" for _ in range(40))
 
 
-def test_a_robot_that_was_brought_near_a_border_is_left_to_whoever_brought_it():
+def test_a_robot_that_was_brought_near_a_border_is_left_to_the_one_that_brought_it():
     rig = swallowed(pose=(2.0, 4.0, 0.0))
     rig.step()
     rig.pose = (4.0 - RADIUS + 0.01, 1.5, 0.0)

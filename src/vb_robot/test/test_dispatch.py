@@ -359,7 +359,7 @@ def test_place_where_the_camera_reports_nothing_has_failed_and_the_next_is_taken
     assert goals[1][0] - goals[0][0] == pytest.approx(WAITS["seen"], abs=0.5)
 
 
-def test_robot_that_sees_the_spot_stays_and_may_try_anew_when_it_is_lost_again():
+def test_robot_that_sees_the_spot_stays_and_may_try_again_when_it_is_lost_again():
     bench = blind_bench()
     assert not sent(bench.run(60, silent=0.0))
     assert len(stand(bench, 60)) == 2
@@ -384,7 +384,7 @@ def test_lost_spot_is_not_a_matter_of_patience():
     assert bench.step(spot=(1.0, 0.0), silent=1.0).kind == "send"
 
 
-def test_next_interaction_begins_afresh_even_if_no_decision_fell_between():
+def test_next_interaction_begins_from_scratch_even_if_no_decision_fell_between():
     bench = Bench([place(1)], seen=lambda pose: pose[0] == 1)
     bench.step()
     bench.robot.goal = GoalStatus.NONE  # cancelled with the state

@@ -120,7 +120,7 @@ def test_the_person_gives_up_after_some_tries():
 
 
 @pytest.mark.parametrize("method", ["nrs", "robot_only"])
-def test_a_slip_is_noticed_and_begun_anew(method):
+def test_a_slip_is_noticed_and_begun_again(method):
     sim = system("room", method, model=ParticipantModel(slip=1.0))
     assert sim.run(200.0) == "saved"
     commands = [command for command, _, _ in sim.commands]
