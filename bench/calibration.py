@@ -42,7 +42,7 @@ from vb_sim.cameras.ceiling_view import CeilingView  # noqa: E402
 from vb_sim.room.floor_texture import render_floor  # noqa: E402
 from vb_sim.lab_history import Snapshot  # noqa: E402
 from vb_sim.room.mesh import world_mesh  # noqa: E402
-from vb_sim.room.models_cameras import load_camera_models  # noqa: E402
+from vb_sim.room.camera_models import load_camera_models  # noqa: E402
 from vb_sim.room.world import load_world  # noqa: E402
 
 # where a person puts spots and boards, as parts of the image's width and height, the first ones first; and how loosely

@@ -34,7 +34,7 @@ from vb_fusion.extraction import ExtractionParams, extract_border
 from vb_map_integration.border import VirtualBorder
 from vb_map_integration.integration import integrate
 from vb_sim.room import floor_plan
-from vb_sim.person.hand import Stroke, Tremor, styles
+from vb_sim.person.hand import Stroke, Tremor, load_styles
 from vb_sim.room.world import Scenario
 
 RATE, NOISE = 25.0, 0.003  # [1/s] of a camera, [m] of its spots
@@ -106,7 +106,7 @@ def draw(study: Study, key: str, number: int, real: bool) -> Tuple[np.ndarray, n
     meant = personal_scenario(study.world, asked, traits, grid, study.marks(key)) if real else asked
     model = traits.model if real else replace(traits.model, stroke_scale=0.0)
     rng = np.random.default_rng([study.run_seed(number), *key.encode()])
-    style = styles()[int(np.random.default_rng([study.run_seed(number), 2]).integers(len(styles())))]
+    style = load_styles()[int(np.random.default_rng([study.run_seed(number), 2]).integers(len(load_styles())))]
     stroke = Stroke(meant.border, asked.closed, model, rng, lambda points: grid.values_at(points) == 0, style)
     tremor, speed = Tremor(model.tremor, model.tremor_band, rng), float(np.mean(model.drawing_speed))
     arc, now, points, stamps = stroke.start, 0.0, [], []

@@ -49,7 +49,7 @@ def render(path: Path) -> None:
     from spot_scenes import CARPET, DARK, RATE as SCENE_RATE, WHITE, Rooms, Walk, along, lab, place_and_velocity, walking
 
     from vb_sim.lab_history import Snapshot
-    from vb_sim.room.models_cameras import CameraModels
+    from vb_sim.room.camera_models import CameraModels
 
     room, rooms = lab(), Rooms(CameraModels(), 1)
     border, people = along(CARPET, 0.4), walking(Walk(room, 3, WHITE, DARK), Walk(room, 4, (150, 40, 40), WHITE))
@@ -76,7 +76,7 @@ def play(cameras: List[str], path: Path) -> None:
     from vb_core import names
     from vb_core.ros import cameras as conversions
     from vb_core.ros import images, messages
-    from vb_sim.room.models_cameras import CameraModels
+    from vb_sim.room.camera_models import CameraModels
 
     room, rooms = lab(), Rooms(CameraModels(), 1)
     views = [rooms.view(room, camera.name) for camera in room.cameras]

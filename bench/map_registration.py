@@ -64,7 +64,7 @@ def judge(make: Any, kind: str, seed: int, noise: float = 1.0) -> Dict[str, Any]
     started = time.process_time()
     found = register(old, new)
     row: Dict[str, Any] = {"kind": kind, "seed": seed, "s": time.process_time() - started, "m": math.inf, "deg": 180.0}
-    row["sure"] = bool(found and found.sure)
+    row["sure"] = bool(found and found.is_unambiguous)
     if found is not None:
         row.update(agreement=found.agreement, overlap=found.overlap, walls_m=found.walls_m, margin=found.margin)
         if truth is not None:

@@ -16,8 +16,8 @@ from result_table import revision
 from vb_core.grid_map import GridMap
 from vb_robot.dispatching.dispatch import RobotStatus
 from vb_robot.dispatching.dispatcher import RobotMap
-from vb_robot.dispatching.drawing import Drawing
-from vb_robot.dispatching.view import FloorView
+from vb_robot.dispatching.drawing import DrawingState
+from vb_robot.floor_view import FloorView
 
 TOP = Path(__file__).resolve().parent.parent
 TABLE = TOP / "docs" / "results" / "robots_choice.md"
@@ -50,8 +50,8 @@ def choice(grid: GridMap, rng: np.random.Generator, far: bool, view: FloorView) 
     grounds.view = view
     grounds.set_map(grid)
     began = time.process_time()
-    outlook = grounds.outlook(Drawing(chain[-1], chain, 0.4 * direction), RobotStatus(robot), None, [])
-    outlook.best(robot)
+    outlook = grounds.make_planner(DrawingState(chain[-1], chain, 0.4 * direction), RobotStatus(robot), None, [])
+    outlook.best_viewpoint(robot)
     return 1e3 * (time.process_time() - began)
 
 

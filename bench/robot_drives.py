@@ -123,7 +123,7 @@ def places(scenario: str, seed: int):
     while len(chain) <= ROUNDS // 2:
         here = np.array(chain[-1][:2])
         drawn = cells[rng.integers(len(cells), size=300)]
-        drawn = drawn[(np.linalg.norm(drawn - here, axis=1) >= MIN_LEG) & np.isfinite(terrain.ways(here).lengths_to(drawn))]
+        drawn = drawn[(np.linalg.norm(drawn - here, axis=1) >= MIN_LEG) & np.isfinite(terrain.shortest_paths(here).lengths_to(drawn))]
         if not len(drawn):
             chain[-1] = (*cells[rng.integers(len(cells))], 0)  # a place that nothing leads to
             continue
@@ -183,7 +183,7 @@ class Lab:
             self._errors.append((math.dist((place.x, place.y), truth[1:]), 2.0 * math.sqrt(max(spread, 0.0))))
 
     def _on_driver(self, message) -> None:
-        self._late += message.code.endswith("_lost") or message.code == "clock_stands"
+        self._late += message.code.endswith("_lost") or message.code == "clock_stopped"
 
     def drive(self, goal, path_from=None):
         """Sends the robot to a goal; returns what was driven, and the row of results that all drives have."""

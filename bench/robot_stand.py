@@ -17,11 +17,11 @@ from vb_robot.driving.driver import NAVIGATION, Command, Driver
 from vb_robot.driving.safety import Scan
 from vb_robot.driving.workspace import Workspace
 from vb_robot.spots import Sighting
-from vb_robot.dispatching.view import FloorView
+from vb_robot.floor_view import FloorView
 from vb_sim.robot.costmap import CostmapParams
 from vb_sim.robot.follower import FollowerParams
 from vb_sim.lab import Lab
-from vb_sim.robot.navigator import Navigator, NavigatorParams, for_robot
+from vb_sim.robot.navigator import Navigator, NavigatorParams, params_for_robot
 from vb_sim.robot.planner import PlannerParams
 from vb_sim.robot.robot_body import Pose
 
@@ -50,7 +50,7 @@ def standin_navigator(grid: GridMap, profile: RobotProfile) -> Navigator:
     """What vb_sim's navigation node drives with."""
     path = Path(__file__).resolve().parent.parent / "src" / "vb_sim" / "config" / "navigation.yaml"
     settings = yaml.safe_load(path.read_text(encoding="utf-8"))
-    costmap, follower = for_robot(profile, CostmapParams.from_mapping(settings.get("costmap"), "costmap"),
+    costmap, follower = params_for_robot(profile, CostmapParams.from_mapping(settings.get("costmap"), "costmap"),
                                   FollowerParams.from_mapping(settings.get("follower"), "follower"))
     planner = PlannerParams.from_mapping(settings.get("planner"), "planner")
     navigator = Navigator(NavigatorParams(), costmap, planner, follower)
@@ -86,7 +86,7 @@ class DrivenRobot:
         self._said_at = -math.inf
         self.driver = Driver(profile, camera, (camera,), leaves)
         robot = lab.world.robots[index]
-        self.driver.following.view = FloorView(robot.color_model(), robot.camera_mount(), profile.camera.max_range)
+        self.driver.follower.view = FloorView(robot.color_model(), robot.camera_mount(), profile.camera.max_range)
         self.driver.set_maps(Workspace(grid, None, profile.radius))
         self.lost: Set[str] = set()
         self.command = Command()
@@ -155,12 +155,12 @@ class DrivenRobot:
         if drive.arrived:
             self._end(GoalStatus.REACHED)
             return
-        self.driver.wish(NAVIGATION, drive.speed, drive.turn_rate, now)
+        self.driver.request(NAVIGATION, drive.speed, drive.turn_rate, now)
 
     def _end(self, status: GoalStatus) -> None:
         self._goal_status = status
         self._navigator.halt()
-        self.driver.wish(NAVIGATION, 0.0, 0.0, self._lab.now)
+        self.driver.request(NAVIGATION, 0.0, 0.0, self._lab.now)
 
     # ------------------------------------------------------------- who drives
     def drive(self, now: float) -> None:
@@ -177,5 +177,5 @@ class DrivenRobot:
         self.command = command = self.driver.step(now)
         if command.cancel:
             self.cancel()
-        if command.speaks:
+        if command.publish:
             self._body.command(command.v, command.w, now)

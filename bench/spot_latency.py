@@ -41,7 +41,7 @@ from vb_evaluation.observer import wait_until  # noqa: E402
 from vb_evaluation.processes import Child, free_port  # noqa: E402
 from vb_msgs.msg import DetectorStatus, LaserSpot  # noqa: E402
 from vb_sim.lab_history import Snapshot  # noqa: E402
-from vb_sim.room.models_cameras import CameraModels  # noqa: E402
+from vb_sim.room.camera_models import CameraModels  # noqa: E402
 
 FRAMES = 50  # of each camera, played to and fro
 LEARN_S = 4.0  # without a laser before, for the background

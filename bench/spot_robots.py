@@ -43,7 +43,7 @@ from vb_sim.cameras.ceiling_view import CeilingView  # noqa: E402
 from vb_sim.lab_history import Snapshot  # noqa: E402
 from vb_sim.room.floor_texture import render_floor  # noqa: E402
 from vb_sim.room.mesh import world_mesh  # noqa: E402
-from vb_sim.room.models_cameras import CameraModels  # noqa: E402
+from vb_sim.room.camera_models import CameraModels  # noqa: E402
 from vb_sim.room.world import load_world  # noqa: E402
 
 PROFILE = RobotProfile.load(TOP / "robots" / "turtlebot2.yaml")

@@ -31,11 +31,11 @@ from vb_sim.room.floor_plan import physical_map  # noqa: E402
 from vb_sim.room.floor_texture import FloorTexture, render_floor  # noqa: E402
 from vb_sim.lab_history import Snapshot  # noqa: E402
 from vb_sim.room.mesh import world_mesh  # noqa: E402
-from vb_sim.room.models_cameras import CameraModels, generator  # noqa: E402
-from vb_sim.room.models_motion import LocalisationModel  # noqa: E402
+from vb_sim.room.camera_models import CameraModels, make_generator  # noqa: E402
+from vb_sim.room.motion_models import LocalisationModel  # noqa: E402
 from vb_sim.room.raycast import DistanceField  # noqa: E402
 from vb_sim.cameras.robot_view import RobotView  # noqa: E402
-from vb_sim.room.world import Light, Patch, World, load_world  # noqa: E402
+from vb_sim.room.world import FloorPatch, Light, World, load_world  # noqa: E402
 
 DETECTOR = (DetectorParams, SpotDetector), search
 RATE = 25.0
@@ -170,7 +170,7 @@ class Camera:
         first = next(course(scene))[2]
         for view in self._views:
             # a scene's noise is its own, whichever scenes were played before in the same room
-            noise = generator(rooms.seed, f"scene {scene.name}")
+            noise = make_generator(rooms.seed, f"scene {scene.name}")
             if scene.mobile:
                 view.draw_from(noise)
             else:
@@ -379,10 +379,10 @@ def with_camera(world: World, name: str = "green", **changes: Any) -> World:
     return replace(world, cameras=tuple(replace(c, **changes) if c.name == name else c for c in world.cameras))
 
 
-def dots(places: Sequence[Place], colors: Sequence[Tuple[int, int, int]], size: float = 0.018) -> Tuple[Patch, ...]:
+def dots(places: Sequence[Place], colors: Sequence[Tuple[int, int, int]], size: float = 0.018) -> Tuple[FloorPatch, ...]:
     """Printed dots [m] on the floor."""
     return tuple(
-        Patch.from_mapping({"name": "dot", "x": x, "y": y, "size": [size, size], "color": list(color), "contrast": 0.0})
+        FloorPatch.from_mapping({"name": "dot", "x": x, "y": y, "size": [size, size], "color": list(color), "contrast": 0.0})
         for (x, y), color in zip(places, colors)
     )
 

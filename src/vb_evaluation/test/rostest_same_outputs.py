@@ -18,7 +18,7 @@ from vb_evaluation.virtual_ros.graph import Graph, Node
 from vb_evaluation.virtual_ros.launching import start_launch
 from vb_evaluation.virtual_ros.scheduler import Scheduler
 from vb_msgs.msg import BorderProgress, InteractionState, LaserSpot, VirtualBorderArray
-from vb_sim.person.hand import styles
+from vb_sim.person.hand import load_styles
 
 RATE = 50.0
 
@@ -26,7 +26,7 @@ RATE = 50.0
 def recorded_spots():
     """(N, 2) [m] a rectangle as one person of the recorded strokes drew it, with noise of fixed draws."""
     corners = np.array([[1.0, 1.0], [3.0, 1.0], [3.0, 2.5], [1.0, 2.5], [1.0, 1.0]])
-    rng, sides = np.random.default_rng(3), styles()[0].sides
+    rng, sides = np.random.default_rng(3), load_styles()[0].sides
     points = []
     for index, (begin, end) in enumerate(zip(corners, corners[1:])):
         along = np.linspace(0.0, 1.0, 40)

@@ -23,7 +23,7 @@ from vb_evaluation.study import campaign, config, runner
 from vb_evaluation.study.result import COLUMNS, measure as measure_run
 from vb_map_integration.border import VirtualBorder
 from vb_map_integration.integration import integrate
-from vb_map_integration.storage.recording import Recording as MapRecording
+from vb_map_integration.storage.recording import MapRecording
 from vb_voice_wizard.interaction import Interaction
 from vb_voice_wizard.dialogue.persistence import record_line
 

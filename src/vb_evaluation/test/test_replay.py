@@ -25,7 +25,7 @@ from vb_evaluation.virtual_ros.graph import Graph, Node
 from vb_evaluation.virtual_ros.scheduler import Scheduler
 from vb_map_integration.border import VirtualBorder
 from vb_map_integration.integration import integrate
-from vb_map_integration.storage.recording import Recording as MapRecording
+from vb_map_integration.storage.recording import MapRecording
 from vb_msgs.msg import InteractionState, LaserSpot
 from vb_voice_wizard.interaction import Interaction
 from vb_voice_wizard.dialogue.persistence import record_line

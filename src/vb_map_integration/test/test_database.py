@@ -172,10 +172,10 @@ def test_with_a_folder_that_cannot_be_used_the_map_comes_and_no_border_is_taken(
     with pytest.raises(CodedError) as caught:
         keeper.add(square(10, 10), 1.0)
     assert caught.value.code == "cannot_write" and keeper.borders == ()
-    assert keeper.started_again() is None
+    assert keeper.reopen() is None
     (tmp_path / "file").unlink()
-    again = keeper.started_again()
-    assert again is not None and codes(again) == [] and again.started_again() is None
+    again = keeper.reopen()
+    assert again is not None and codes(again) == [] and again.reopen() is None
     assert again.add(square(10, 10), 1.0).ids == ("b1",)
     again.close()
 
@@ -185,9 +185,9 @@ def test_a_disk_that_can_be_written_again_keeps_the_borders_that_acted(tmp_path,
     with monkeypatch.context() as full:
         full.setattr(module, "_try_to_write", lambda _: (_ for _ in ()).throw(OSError("No space left on device")))
         keeper = integrator(tmp_path)
-        assert keeper.borders == borders and keeper.started_again() is None
+        assert keeper.borders == borders and keeper.reopen() is None
     cells = keeper.posterior.data.copy()
-    again = keeper.started_again()
+    again = keeper.reopen()
     assert again is not None and again.borders == borders and np.array_equal(again.posterior.data, cells)
     assert again.undo().ids
     again.close()
@@ -233,9 +233,9 @@ from pathlib import Path
 from test_database import command, integrator
 keeper = integrator(Path({root!r}), check_reachability=False)
 while True:
-    number = int(keeper._database.fact("number") or 0)
+    number = int(keeper._database.get_value("number") or 0)
     command(keeper, number)
-    keeper._database.note("number", str(number + 1))
+    keeper._database.set_value("number", str(number + 1))
     print(keeper.revision, flush=True)
 """
 
@@ -258,7 +258,7 @@ def test_a_kill_at_any_moment_loses_nothing_that_was_answered(tmp_path):
 
 @pytest.mark.parametrize("name", [FILE, "borders.twin.db"])
 @pytest.mark.parametrize("damage", ["truncated", "empty", "binary", "gone", "edited"])
-def test_a_damaged_file_is_repaired_and_said(tmp_path, name, damage):
+def test_a_damaged_file_is_repaired_and_reported(tmp_path, name, damage):
     borders = closed(tmp_path)
     path = tmp_path / name
     content = path.read_bytes()
@@ -271,8 +271,8 @@ def test_a_damaged_file_is_repaired_and_said(tmp_path, name, damage):
         }[damage])
     found, said = again(tmp_path)
     assert found == borders
-    expected = "database_repaired" if name == FILE else "twin_repaired"
-    # a twin that is gone, or has not one table, is only written again
+    expected = "database_repaired" if name == FILE else "replica_repaired"
+    # a replica that is gone, or has not one table, is only written again
     assert said == [expected] or (name != FILE and damage in ("gone", "empty"))
     assert again(tmp_path) == (borders, [])
 
@@ -292,7 +292,7 @@ def test_any_single_damaged_byte_costs_nothing(tmp_path):
         assert again(folder)[0] == borders, (path, place)
 
 
-def test_with_both_files_damaged_the_newest_copy_is_taken_and_the_loss_is_said(tmp_path):
+def test_with_both_files_damaged_the_newest_copy_is_taken_and_the_loss_is_reported(tmp_path):
     borders = closed(tmp_path)
     keeper = integrator(tmp_path)
     keeper.add(square(10, 60), 9.0)  # later than the copy of the day
@@ -325,7 +325,7 @@ def test_daily_copies_are_bounded(tmp_path, monkeypatch):
     database = Database(tmp_path, today=lambda: day[0])
     for number in range(6):
         day[0] = datetime.date(2026, 1, 1 + number)
-        database.note("x", str(number))
+        database.set_value("x", str(number))
     assert [path.stem[-2:] for path in database.copies()] == ["06", "05", "04"]
     database.close()
 

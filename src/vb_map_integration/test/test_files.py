@@ -9,7 +9,7 @@ from vb_core.errors import CodedError
 from vb_core.map_files import read_map
 from vb_map_integration.border import VirtualBorder
 from vb_map_integration.borders.border_files import borders_from_yaml, borders_to_yaml
-from vb_map_integration.storage.recording import Recording
+from vb_map_integration.storage.recording import MapRecording
 
 sys.path.insert(0, str(Path(__file__).resolve().parent))
 from keepers import GRID, at, integrator, square  # noqa: E402
@@ -30,11 +30,11 @@ def test_yaml_round_trip():
 
 def test_a_recording_is_numbered_and_continued(tmp_path):
     keeper = integrator()
-    recording = Recording(tmp_path)
+    recording = MapRecording(tmp_path)
     recording.record(keeper.posterior, keeper.borders, 1.0, {"revision": 0})
     keeper.add(square(10, 10, occupancy=0.75), 2.0)
     recording.record(keeper.posterior, keeper.borders, 2.0, {})
-    path = Recording(tmp_path).record(keeper.posterior, keeper.borders, 3.0, {})
+    path = MapRecording(tmp_path).record(keeper.posterior, keeper.borders, 3.0, {})
     assert path.name == "0003.yaml"
     assert np.array_equal(read_map(tmp_path / "0002.yaml").data, keeper.posterior.data)
     lines = (tmp_path / "index.jsonl").read_text().splitlines()
@@ -43,7 +43,7 @@ def test_a_recording_is_numbered_and_continued(tmp_path):
 
 
 def test_a_recording_is_bounded(tmp_path):
-    recording = Recording(tmp_path, max_bytes=100_000)
+    recording = MapRecording(tmp_path, max_bytes=100_000)
     for number in range(12):
         recording.record(GRID, [], float(number), {})
     kept = sorted(path.stem for path in tmp_path.glob("*.pgm"))

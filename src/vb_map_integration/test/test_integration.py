@@ -304,7 +304,7 @@ def test_warnings_are_coded():
     _, run = room_border([(4, 1), (4, 4)], (4.0, 2.5), closed=False)
     assert codes(run()) == ["seed_moved"]
     _, run = room_border([(0.2, 0.2), (7.8, 0.2), (7.8, 4.8), (0.2, 4.8)], (1, 1), closed=True)
-    assert "nearly_everything" in codes(run())
+    assert "covers_nearly_all" in codes(run())
     _, run = room_border([(4, 1), (4, 4)], (6.0, 2.5), closed=False)
     assert codes(run(places={"robot": (5.0, 2.0), "dock": (1.0, 1.0)})) == ["robot_inside"]
 

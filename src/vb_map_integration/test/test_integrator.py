@@ -11,7 +11,7 @@ from vb_core.errors import CodedError
 from vb_core.grid_map import GridMap
 from vb_map_integration.border import VirtualBorder
 from vb_map_integration.integrator import IntegratorParams, MapIntegrator
-from vb_map_integration.grid.preview import ways
+from vb_map_integration.grid.reachability import check_reachability
 
 sys.path.insert(0, str(Path(__file__).resolve().parent))
 from keepers import GRID, at, expected, integrator, square  # noqa: E402
@@ -87,7 +87,7 @@ def test_before_a_map_everything_is_refused():
             action()
 
 
-def test_an_expiry_turns_over_what_is_enabled():
+def test_an_expiry_toggles_what_is_enabled():
     keeper = integrator()
     keeper.add(square(10, 10, expires=10.0), 1.0)
     keeper.add(square(60, 10), 1.0)
@@ -113,47 +113,47 @@ def test_preview_changes_nothing_and_names_what_is_out_of_reach():
     before = keeper.posterior.data.copy()
     band = VirtualBorder(at((70, -5), (90, -5), (90, 125), (70, 125)), at((80, 60))[0], closed=True)
     check = keeper.check(band, {"robot": at((20, 60))[0]}, at((30, 30), (130, 30), (80, 60), (900, 0)))
-    assert check.ways.free_parts == 2 and check.ways.unreachable == (1, 2, 3)
+    assert check.reachability.free_parts == 2 and check.reachability.unreachable == (1, 2, 3)
     assert "splits_free_space" in [found.code for found in check.issues]
     assert np.array_equal(keeper.posterior.data, before) and keeper.borders == ()
     outcome = keeper.add(band, 1.0)
     assert "splits_free_space" in [found.code for found in outcome.issues]
     # replacing the band by a small square joins the parts again
     check = keeper.check(square(70, 50, id=outcome.ids[0]), None, [at((130, 30))[0]])
-    assert check.ways.free_parts == 1 and check.ways.unreachable == ()
+    assert check.reachability.free_parts == 1 and check.reachability.unreachable == ()
 
 
-def test_a_gap_narrower_than_the_robot_is_no_way():
+def test_a_gap_narrower_than_the_robot_is_no_path():
     data = GRID.data.copy()
     data[:, 80] = 100
     data[50:56, 80] = 0  # 0.30 m
     grid = GRID.with_data(data)
     goal = [at((130, 50))[0]]
-    assert ways(grid, goal, at((20, 50))[0], radius_m=0.18).unreachable == (0,)
-    assert ways(grid, goal, at((20, 50))[0], radius_m=0.05).unreachable == ()
+    assert check_reachability(grid, goal, at((20, 50))[0], radius_m=0.18).unreachable == (0,)
+    assert check_reachability(grid, goal, at((20, 50))[0], radius_m=0.05).unreachable == ()
 
 
 def test_a_large_map_is_looked_at_in_coarser_cells(monkeypatch):
-    from vb_map_integration.grid import preview
+    from vb_map_integration.grid import reachability
 
     data = np.zeros((100, 160), np.int8)
     data[:, 78:82] = 100
     data[40:61, 78:82] = 0  # a door of 1.05 m
     grid = GridMap(data, 0.05)
     goals = [(7.0, 2.5), (3.95, 1.0)]
-    fine = ways(grid, goals, (1.0, 1.0))
-    monkeypatch.setattr(preview, "MAX_CELLS", 2000)
-    assert ways(grid, goals, (1.0, 1.0)) == fine == preview.Reachability(1, (1,))
+    fine = check_reachability(grid, goals, (1.0, 1.0))
+    monkeypatch.setattr(reachability, "MAX_CELLS", 2000)
+    assert check_reachability(grid, goals, (1.0, 1.0)) == fine == reachability.Reachability(1, (1,))
 
 
 def test_the_hundredth_border_touches_no_other(monkeypatch):
     """Not a measurement: adding one paints one region, whatever else is there."""
-    from vb_map_integration.grid import composition
+    from vb_map_integration.grid import layered_map
 
     keeper = integrator(check_reachability=False)
     painted = []
-    original = composition.Region.paint
-    monkeypatch.setattr(composition.Region, "paint", lambda self, *args: (painted.append(1), original(self, *args)))
+    original = layered_map.Region.apply
+    monkeypatch.setattr(layered_map.Region, "apply", lambda self, *args: (painted.append(1), original(self, *args)))
     for k in range(100):
         painted.clear()
         keeper.add(square(5 + k, 5 + k % 80), float(k + 1))

@@ -71,15 +71,15 @@ def closed_off(keeper, transform=IDENTITY):
 def test_a_moved_map_is_found(truth, resolution):
     found = register(flat(), flat(truth, resolution, seed=1))
     apart, turned = found.transform.distance(truth, (4.5, 3.0))
-    assert found.sure and apart < 0.05 and np.degrees(turned) < 1.0
+    assert found.is_unambiguous and apart < 0.05 and np.degrees(turned) < 1.0
 
 
 def test_another_floor_with_the_same_outer_walls_is_not_taken_for_the_first():
-    assert not register(flat(), flat(plan=1, seed=1)).sure
+    assert not register(flat(), flat(plan=1, seed=1)).is_unambiguous
 
 
 def test_a_room_that_looks_the_same_when_turned_is_not_sure():
-    assert not register(GRID, GRID.with_data(np.ascontiguousarray(GRID.data[::-1, ::-1]))).sure
+    assert not register(GRID, GRID.with_data(np.ascontiguousarray(GRID.data[::-1, ::-1]))).is_unambiguous
 
 
 def test_a_large_map_or_a_tiny_one_does_no_harm():
@@ -94,10 +94,10 @@ def test_a_large_map_or_a_tiny_one_does_no_harm():
     moved = GridMap(cells, 0.05, (0.0, 0.0, 0.0))
     found = register(large, moved)
     truth = moved.grid_to_world([[699.5, 299.5]])[0] - large.origin[:2]
-    assert not found.sure or np.linalg.norm(found.transform.apply([(4.5, 3.0)])[0] - (4.5, 3.0) - truth) < 0.05
+    assert not found.is_unambiguous or np.linalg.norm(found.transform.apply([(4.5, 3.0)])[0] - (4.5, 3.0) - truth) < 0.05
     for tiny in (np.array([[100]]), np.array([[100, 0, 100]]), np.array([[0], [100]])):
         found = register(large, GridMap(tiny.astype(np.int8), 0.05))
-        assert found is None or not found.sure
+        assert found is None or not found.is_unambiguous
 
 
 def test_maps_without_walls_are_not_registered():
@@ -229,8 +229,8 @@ def test_undo_and_expiry_keep_what_does_not_act():
     outcome = keeper.undo()
     assert [found.code for found in outcome.issues] == ["inactive_on_this_map"]
     border = keeper.borders[0]
-    assert border.enabled and keeper.status(border) == (False, "does_not_fit")
-    assert "does_not_fit" in [notice.code for notice in keeper.notices]
+    assert border.enabled and keeper.status(border) == (False, "inactive_on_this_map")
+    assert "inactive_on_this_map" in [notice.code for notice in keeper.notices]
     assert keeper.enable("b1", False, 3.0, expires=5.0).issues == ()
     assert [found.code for found in keeper.expire(6.0).issues] == ["inactive_on_this_map"]
     # it is switched and renamed all the same, by whatever service
@@ -269,7 +269,7 @@ def test_a_virtual_wall_stops_and_both_sides_stay_free():
     keeper = integrator(grid=flat())
     keeper.add(VirtualBorder([(3.1, 1.0), (3.1, 2.3)], None, wall=True), 1.0)  # across a doorway
     check = keeper.check(keep_out(), {"robot": (2.0, 2.0)}, [(4.5, 2.0)])
-    assert check.ways.unreachable == (0,)
+    assert check.reachability.unreachable == (0,)
     added = keeper.posterior.data != keeper.physical.data
     assert 0 < added.sum() < 120 and keeper.status(keeper.borders[0]) == (True, "")
     # nothing slips through, not even over a corner

@@ -18,7 +18,8 @@ from stimulus import Stimulus, assert_bad_parameter_is_named, wait_until  # noqa
 
 from vb_core.ros.messages import pose_to_2d  # noqa: E402
 from vb_robot import robot_dispatcher_node  # noqa: E402
-from vb_robot.dispatching.view import FloorView, to_base  # noqa: E402
+from vb_robot.floor_view import FloorView  # noqa: E402
+from vb_robot.poses import to_base  # noqa: E402
 
 DEFAULT, BORDER, SEED, GUIDE = range(4)
 
@@ -75,7 +76,7 @@ class DispatcherTest(unittest.TestCase):
     def assert_sees(self, pose, spot):
         self.assertTrue(FloorView.usual().sees(to_base(np.array([spot]), pose), 0.1)[0], f"{pose} and {spot}")
 
-    def test_waits_for_a_stationary_camera_then_sends_once_and_calls_off(self):
+    def test_waits_for_a_stationary_camera_then_sends_once_and_cancels(self):
         self.navigation.behaviour = "hold"
         self.stimulus.set_state(BORDER)
         self.stimulus.spot = (2.0, 2.5, "robot", True)
@@ -130,7 +131,7 @@ class DispatcherTest(unittest.TestCase):
         self.assertTrue(wait_until(lambda: self.navigation.preempted == 1))
         gather.unregister()
 
-    def test_goal_of_a_killed_dispatcher_is_called_off(self):
+    def test_goal_of_a_killed_dispatcher_is_cancelled(self):
         self.navigation.behaviour = "hold"
         self.stimulus.set_state(BORDER)
         self.stimulus.spot = (2.0, 2.5, "red", False)

@@ -167,7 +167,7 @@ class DriverTest(unittest.TestCase):
 
         def disturbed():
             other.publish(Twist())
-            return self.drivers[""][1] == "somebody_else_drives"
+            return self.drivers[""][1] == "other_cmd_vel_publisher"
 
         self.assertTrue(wait_until(disturbed))
         other.unregister()
@@ -198,7 +198,7 @@ class DriverTest(unittest.TestCase):
         self.assertTrue(wait_until(lambda: self.ada.pose[0] < 4.0 - 0.18 and self.ada.velocity == (0.0, 0.0)))
         self.assertTrue(wait_until(lambda: not self.said("robot_inside_border", "ada")))
 
-    def test_navigation_gets_borders_grown_by_what_the_localisation_may_be_off(self):
+    def test_navigation_gets_borders_inflated_by_the_localisation_uncertainty(self):
         cells, localisation = [], PoseWithCovarianceStamped()
         listener = rospy.Subscriber(names.KEEP_OUT, OccupancyGridArray,
                                     lambda message: cells.append(int((message.data == 100).sum())))

@@ -92,7 +92,7 @@ class FaultsTest(unittest.TestCase):
         return self.goals(name)[-1][1]
 
     # ------------------------------------------------------------- who goes
-    def test_the_shorter_way_counts_not_the_bee_line(self):
+    def test_the_shorter_path_counts_not_the_straight_line(self):
         grid = room()
         data = grid.data.copy()
         data[:75, 70:74] = 100  # a wall at x = 3.6 m, open at the top: ada has 2.6 m more to go
@@ -165,7 +165,7 @@ class FaultsTest(unittest.TestCase):
         self.bases["bob"].revive()
         self.is_sent("bob")
 
-    def test_localisation_that_leaps_half_a_metre(self):
+    def test_localisation_that_jumps_half_a_metre(self):
         self.draw()
         self.is_sent("ada")
         self.assertTrue(wait_until(lambda: self.ada.velocity[0] > 0.0))

@@ -14,7 +14,7 @@ from vb_core.grid_map import GridMap
 from vb_core.ros.cameras import info_from_camera
 from vb_core.ros.messages import OccupancyGridArray, message_from_grid, transform_message
 from vb_msgs.msg import InteractionState, LaserSpot
-from vb_robot.dispatching.view import FloorView
+from vb_robot.floor_view import FloorView
 
 NAMES = {0: "default", 1: "border", 2: "seed", 3: "guide"}
 

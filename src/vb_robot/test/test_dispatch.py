@@ -5,8 +5,8 @@ from collections import namedtuple
 import numpy as np
 import pytest
 
-from vb_robot.dispatching.dispatch import FAILED_MEMORY, WAITS, Fleet, GoalStatus, Moment, RobotStatus
-from vb_robot.dispatching.drawing import Drawing
+from vb_robot.dispatching.dispatch import FAILED_MEMORY, WAITS, DispatchInputs, Fleet, GoalStatus, RobotStatus
+from vb_robot.dispatching.drawing import DrawingState
 from vb_robot.spots import BORDER, DEFAULT, SEED, Sighting, Sightings
 from vb_robot.dispatching.viewpoint import Viewpoint
 
@@ -26,22 +26,22 @@ class Robot:
         self.candidates = self.candidates if candidates is None else candidates
         self.goal, self.pose, self.sees, self.sent = GoalStatus.NONE, (x0 + 50.0, 50.0, 0.0), seen, []
         self.busy, self.server, self.localised, self.safe, self.knows = False, True, True, True, True
-        self.asked, self.drawing, self.given = 0, Drawing(np.zeros(2)), None
+        self.asked, self.drawing, self.given = 0, DrawingState(np.zeros(2)), None
 
-    # as an Outlook
-    def fits(self, pose):
+    # as an ViewpointPlanner
+    def shows_target(self, pose):
         return self.sees(pose)
 
-    def stands_free(self, pose):
+    def has_room_at(self, pose):
         return True
 
     def searched(self, pose):
         return 0.6
 
-    def keeps_off(self, robot, goal):
+    def avoids_drawing(self, robot, goal):
         return self.safe
 
-    def best(self, robot, avoid):
+    def best_viewpoint(self, robot, avoid):
         self.asked += 1
         free = [found for found in self.candidates
                 if all(math.dist((found.x, found.y), entry[:2]) >= entry[2] for entry in avoid)]
@@ -59,10 +59,10 @@ class Fleets:
         self.now += 0.25
         seeing = {}
         for name, robot in self.robots.items():
-            robot.drawing = Drawing(np.array(self.spot))
+            robot.drawing = DrawingState(np.array(self.spot))
             status = RobotStatus(robot.pose if robot.localised else None, robot.server, robot.goal, robot.busy)
             seeing[name] = (status, robot if robot.knows else None)
-        goals = self.fleet.step(Moment(self.now, self.wanted, self.key, self.silent), seeing)
+        goals = self.fleet.step(DispatchInputs(self.now, self.wanted, self.key, self.silent), seeing)
         assert set(goals) == set(self.robots)
         decisions = {}
         running = [name for name, robot in self.robots.items() if robot.goal in (GoalStatus.SENT, GoalStatus.ACTIVE)]
@@ -187,10 +187,10 @@ def test_progress_keeps_the_goal():
         assert bench.step(pose=(9.0 - 0.02 * i, 9.0, 0.0)).kind == "keep"
 
 
-def test_leaves_the_robot_to_whoever_took_it():
+def test_leaves_the_robot_to_the_node_that_preempted_the_goal():
     bench = Bench([place(1)])
     bench.step()
-    bench.robot.goal = GoalStatus.TAKEN
+    bench.robot.goal = GoalStatus.PREEMPTED
     assert not sent(bench.run(int(4 * 14)))
     assert sent(bench.run(20))
 
@@ -206,13 +206,13 @@ def test_server_that_dies_and_comes_back():
 def test_time_that_jumps_back_does_not_silence_it():
     bench = Bench([place(1)])
     bench.step()
-    bench.robot.goal = GoalStatus.TAKEN
+    bench.robot.goal = GoalStatus.PREEMPTED
     bench.step()
     bench.now, bench.robot.goal = 5.0, GoalStatus.NONE
     assert sent(bench.run(10))
 
 
-def test_goal_whose_way_has_become_a_crossing_is_replaced_or_called_off():
+def test_goal_whose_path_has_become_a_crossing_is_replaced_or_cancelled():
     bench = Bench([place(1), place(3)], seen=lambda pose: pose[0] in (1, 3))
     bench.step()
     assert not sent(bench.run(10))
@@ -225,7 +225,7 @@ def test_goal_whose_way_has_become_a_crossing_is_replaced_or_called_off():
 
 
 @pytest.mark.parametrize("silent", [0.0, 2.0])
-def test_a_way_that_only_now_and_then_seems_to_cross_costs_navigation_no_plans(silent):
+def test_a_path_that_only_now_and_then_seems_to_cross_costs_navigation_no_plans(silent):
     bench = Bench([place(1)], seen=lambda pose: pose[0] == 1)
     bench.step(silent=silent)
     for i in range(40):
@@ -265,11 +265,11 @@ def test_what_is_remembered_for_how_long():
     known.set_state(BORDER, "1", 10.0)
     known.add(seen(9.0, 0.0))
     assert known.newest() is None, "from before the state"
-    known.contributed(["robot"])
+    known.add_contributors(["robot"])
     assert not known.stationary_seen
     known.add(seen(11.0, 0.0, camera="robot", mobile=True))
     assert known.first_mobile == 11.0 and not known.stationary_seen
-    known.contributed(["robot", "green"])
+    known.add_contributors(["robot", "green"])
     assert known.stationary_seen
     known.set_state(SEED, "1", 12.0)
     assert known.stationary_seen and known.newest() is None
@@ -283,25 +283,25 @@ def test_who_watches_the_spot():
     known.set_state(BORDER, "1", 0.0)
     known.add(seen(1.0, 0.0))
     known.add(seen(2.5, 0.0, camera="robot", mobile=True))
-    assert not known.watched(2.5), "only the robot sees it"
+    assert not known.seen_by_stationary(2.5), "only the robot sees it"
     known.add(seen(2.6, 0.0))
-    assert known.watched(2.6) and known.watched(3.2), "cameras miss some images"
-    assert not known.watched(3.5)
+    assert known.seen_by_stationary(2.6) and known.seen_by_stationary(3.2), "cameras miss some images"
+    assert not known.seen_by_stationary(3.5)
     known.set_state(SEED, "1", 3.0)
-    assert not known.watched(3.0)
+    assert not known.seen_by_stationary(3.0)
     known.add(seen(3.1, 0.0))
-    assert known.watched(9.0), "the seed stays where it was seen"
+    assert known.seen_by_stationary(9.0), "the seed stays where it was seen"
 
 
 def test_how_long_nobody_has_seen_the_spot():
     known = Sightings()
     known.set_state(BORDER, "1", 0.0)
-    assert known.silent(5.0) == 0.0, "nobody has begun to draw"
+    assert known.time_since_seen(5.0) == 0.0, "nobody has begun to draw"
     known.add(seen(1.0, 0.0))
-    assert known.silent(1.2) == pytest.approx(0.2)
+    assert known.time_since_seen(1.2) == pytest.approx(0.2)
     known.set_state(SEED, "1", 9.0)
     known.add(seen(9.5, 0.0))
-    assert known.silent(12.0) == 0.0, "the seed does not move"
+    assert known.time_since_seen(12.0) == 0.0, "the seed does not move"
 
 
 def test_a_line_goes_on_as_its_last_piece_does_however_quick_the_hand():
@@ -359,7 +359,7 @@ def test_place_where_the_camera_reports_nothing_has_failed_and_the_next_is_taken
     assert goals[1][0] - goals[0][0] == pytest.approx(WAITS["seen"], abs=0.5)
 
 
-def test_robot_that_sees_the_spot_stays_and_may_try_anew_when_it_is_lost_again():
+def test_robot_that_sees_the_spot_stays_and_may_try_again_when_it_is_lost_again():
     bench = blind_bench()
     assert not sent(bench.run(60, silent=0.0))
     assert len(stand(bench, 60)) == 2
@@ -384,7 +384,7 @@ def test_lost_spot_is_not_a_matter_of_patience():
     assert bench.step(spot=(1.0, 0.0), silent=1.0).kind == "send"
 
 
-def test_next_interaction_begins_afresh_even_if_no_decision_fell_between():
+def test_next_interaction_begins_from_scratch_even_if_no_decision_fell_between():
     bench = Bench([place(1)], seen=lambda pose: pose[0] == 1)
     bench.step()
     bench.robot.goal = GoalStatus.NONE  # cancelled with the state
@@ -400,14 +400,14 @@ def test_robot_that_was_carried_away_comes_back():
 
 
 # ------------------------------------------------------------------ several robots
-def test_the_one_with_the_shorter_way_goes_and_keeps_going():
+def test_the_one_with_the_shorter_path_goes_and_keeps_going():
     bench = Fleets(ada=Robot(5.0), bob=Robot(2.0), eve=Robot())
     bench.serve("bob")
     assert bench.run(40) == {"ada": 0, "bob": 1, "eve": 0}
     assert bench.robots["ada"].asked == 1, "nothing is worked out while the goal is fit"
 
 
-def test_whoever_sees_the_spot_from_where_it_stands_need_not_be_sent():
+def test_a_robot_that_sees_the_spot_from_where_it_is_need_not_be_sent():
     bench = Fleets(ada=Robot(1.0), bob=Robot(2.0))
     bench.robots["bob"].sees = lambda pose: True
     assert bench.run(20) == {"ada": 0, "bob": 0}
@@ -425,7 +425,7 @@ def test_a_free_robot_comes_before_one_that_somebody_else_sent():
     assert alone.run(20) == {"ada": 1}, "if there is no other, the person comes first"
 
 
-@pytest.mark.parametrize("fault", ["aborts", "navigation dies", "lost", "never accepts", "stuck", "taken"])
+@pytest.mark.parametrize("fault", ["aborts", "navigation dies", "lost", "never accepts", "stuck", "preempted"])
 def test_another_takes_over_when_one_fails(fault):
     bench = Fleets(ada=Robot(1.0, 1.5), bob=Robot(3.0, x0=20.0))
     bench.serve("ada")
@@ -441,8 +441,8 @@ def test_another_takes_over_when_one_fails(fault):
         ada.localised = False
     elif fault == "never accepts":
         ada.goal = GoalStatus.SENT
-    elif fault == "taken":
-        ada.goal = GoalStatus.TAKEN
+    elif fault == "preempted":
+        ada.goal = GoalStatus.PREEMPTED
     limit = {"never accepts": WAITS["sent"], "stuck": WAITS["active"]}.get(fault, 0.0)
     steps = 0
     while not bob.sent and steps < 400:
@@ -479,7 +479,7 @@ def test_two_that_are_about_equally_near_do_not_take_turns():
     assert len(ada.sent) > 10 and not bob.sent
 
 
-def test_one_that_is_notably_nearer_takes_over_and_the_other_is_called_off():
+def test_one_that_is_notably_nearer_takes_over_and_the_other_is_cancelled():
     bench = Fleets(ada=Robot(2.0), bob=Robot(5.0, x0=20.0))
     bench.step()
     bench.spot = (10.0, 0.0)
@@ -490,7 +490,7 @@ def test_one_that_is_notably_nearer_takes_over_and_the_other_is_called_off():
     assert len(bench.robots["bob"].sent) == 1 and bench.robots["ada"].goal is GoalStatus.NONE
 
 
-def test_all_are_called_off_when_none_is_wanted():
+def test_all_are_cancelled_when_none_is_wanted():
     bench = Fleets(ada=Robot(2.0), bob=Robot(5.0))
     bench.step()
     bench.wanted, bench.key = False, ("", 0)

@@ -6,10 +6,11 @@ import pytest
 
 from vb_core.grid_map import GridMap
 from vb_robot.dispatching.dispatch import GoalStatus
-from vb_robot.dispatching.dispatcher import Dispatcher, RobotMap, Progress, RobotStatus
-from vb_robot.dispatching.drawing import BlindSpots, Drawing
+from vb_robot.dispatching.dispatcher import Dispatcher, DrawingProgress, RobotMap, RobotStatus
+from vb_robot.dispatching.drawing import BlindSpots, DrawingState
 from vb_robot.spots import BORDER, Sighting
-from vb_robot.dispatching.view import FloorView, to_base
+from vb_robot.floor_view import FloorView
+from vb_robot.poses import to_base
 
 PERIOD = 0.25
 VIEW = FloorView.usual()
@@ -132,7 +133,7 @@ def test_a_dispatcher_that_restarts_while_somebody_draws_in_a_blind_corner_comes
     lab.spot = np.array([EDGE + 0.5, 2.5])
     assert not lab.dispatcher.sightings.dispatches()
     points = np.array([[EDGE - 0.1, 2.5], [EDGE + 0.2, 2.5]])
-    lab.dispatcher.set_progress(Progress("a", cameras=("red",), points=points))
+    lab.dispatcher.set_progress(DrawingProgress("a", cameras=("red",), points=points))
     assert lab.dispatcher.sightings.dispatches()
     for _ in range(8):
         lab.step(robot_sees=False)
@@ -161,7 +162,7 @@ def look(grid, drawing, robot):
     grounds = RobotMap(0.18)
     grounds.set_map(grid)
     grounds.view = VIEW
-    return grounds.outlook(drawing, RobotStatus(robot), None, [])
+    return grounds.make_planner(drawing, RobotStatus(robot), None, [])
 
 
 def test_choosing_a_place_costs_the_same_in_a_hotel():
@@ -170,9 +171,9 @@ def test_choosing_a_place_costs_the_same_in_a_hotel():
     for cells in (200, 2000):
         data = np.zeros((cells, cells), dtype=np.int8)
         grid = GridMap(data, 0.05, (-0.025 * cells, -0.025 * cells, 0.0))
-        outlook = look(grid, Drawing(np.array([0.5, 0.3]), np.array([[0.0, 0.3], [0.5, 0.3]])), (-2.0, 0.0, 0.0))
+        outlook = look(grid, DrawingState(np.array([0.5, 0.3]), np.array([[0.0, 0.3], [0.5, 0.3]])), (-2.0, 0.0, 0.0))
         assert max(outlook.terrain.grid.shape) * 0.05 <= 12.0
-        best = outlook.best((-2.0, 0.0, 0.0))
+        best = outlook.best_viewpoint((-2.0, 0.0, 0.0))
         answers.append(best.pose)
     assert answers[0] == pytest.approx(answers[1])
 
@@ -180,10 +181,10 @@ def test_choosing_a_place_costs_the_same_in_a_hotel():
 def test_a_robot_from_far_away_comes_in_over_the_windows_edge():
     data = np.zeros((1200, 1200), dtype=np.int8)
     robot = (-25.0, 0.0, 0.0)
-    outlook = look(GridMap(data, 0.05, (-30.0, -30.0, 0.0)), Drawing(np.array([0.5, 0.3])), robot)
+    outlook = look(GridMap(data, 0.05, (-30.0, -30.0, 0.0)), DrawingState(np.array([0.5, 0.3])), robot)
     assert not outlook.terrain.grid.contains_cells(outlook.terrain.grid.world_to_cell(np.array([robot[:2]])))[0]
-    best = outlook.best(robot)
-    assert best.x < 0.5 and best.way == pytest.approx(math.dist(robot[:2], (best.x, best.y)), rel=0.1)
+    best = outlook.best_viewpoint(robot)
+    assert best.x < 0.5 and best.path_length == pytest.approx(math.dist(robot[:2], (best.x, best.y)), rel=0.1)
 
 
 def test_in_a_mixed_fleet_the_small_robot_goes_where_the_large_one_does_not_fit():

@@ -3,7 +3,7 @@ import numpy as np
 import pytest
 
 from vb_core.grid_map import GridMap
-from vb_robot.dispatching.drawing import AHEAD, HALF_VIEW, REACTION, Drawing, BlindSpots
+from vb_robot.dispatching.drawing import HALF_VIEW, MIN_LOOKAHEAD, REACTION, BlindSpots, DrawingState
 from vb_robot.clearance_map import ClearanceMap
 
 NO_CHAIN = np.zeros((0, 2))
@@ -24,8 +24,8 @@ def room():
 TERRAIN, UNSEEN = room()
 
 
-def look(spot, direction=None, watched=True, unseen=UNSEEN, seeding=False):
-    drawing = Drawing(np.array(spot), NO_CHAIN, direction, watched=watched, seeding=seeding)
+def look(spot, direction=None, seen_by_stationary=True, unseen=UNSEEN, seeding=False):
+    drawing = DrawingState(np.array(spot), NO_CHAIN, direction, seen_by_stationary=seen_by_stationary, seeding=seeding)
     return drawing.aimed(TERRAIN, unseen)
 
 
@@ -33,7 +33,7 @@ def focus(*args, **kwargs):
     return look(*args, **kwargs).look_at
 
 
-def test_unseen_floor_is_known_to_a_cell_and_narrow_shadows_do_not_count():
+def test_blind_spots_are_known_to_a_cell_and_narrow_shadows_do_not_count():
     assert UNSEEN.at(np.array([[6.03, 2.5], [7.9, 4.9], [5.97, 2.5], [3.05, 2.5], [20.0, 0.0]])).tolist() == [
         True, True, False, False, False]
     assert not BlindSpots(GridMap(np.ones((5, 5), np.int8), 0.1)).mask.any()
@@ -41,7 +41,7 @@ def test_unseen_floor_is_known_to_a_cell_and_narrow_shadows_do_not_count():
 
 
 def test_looks_where_the_line_ahead_leaves_what_cameras_see():
-    assert focus((4.5, 2.5), RIGHT) == pytest.approx((6.0 + AHEAD, 2.5), abs=0.06)
+    assert focus((4.5, 2.5), RIGHT) == pytest.approx((6.0 + MIN_LOOKAHEAD, 2.5), abs=0.06)
     assert focus((4.9, 2.5), 3.0 * RIGHT) == pytest.approx((6.0 + 0.45 * REACTION, 2.5), abs=0.06), "a quick hand"
     assert focus((4.9, 2.5), 9.0 * RIGHT) == pytest.approx((6.0 + HALF_VIEW, 2.5), abs=0.06), "where it left stays in view"
     assert focus((7.6, 2.5), RIGHT)[0] < 7.95, "not into the wall"
@@ -63,8 +63,8 @@ def test_all_of_the_stretch_that_nobody_sees_is_known_up_to_the_wall():
 
 
 def test_spot_that_only_the_robot_sees_or_nobody_stays_in_view_with_what_is_ahead():
-    alone = look((7.0, 2.5), RIGHT, watched=False)
-    assert alone.look_at == pytest.approx((7.0 + AHEAD, 2.5))
+    alone = look((7.0, 2.5), RIGHT, seen_by_stationary=False)
+    assert alone.look_at == pytest.approx((7.0 + MIN_LOOKAHEAD, 2.5))
     assert (np.abs(alone.must_see - (7.0, 2.5)).max(axis=1) < 1e-6).any(), "people hold still where it was lost"
-    assert look((7.0, 2.5), None, watched=False).look_at == pytest.approx((7.0, 2.5))
-    assert look((7.9, 2.5), RIGHT, watched=False).look_at[0] <= 7.95, "not into the wall"
+    assert look((7.0, 2.5), None, seen_by_stationary=False).look_at == pytest.approx((7.0, 2.5))
+    assert look((7.9, 2.5), RIGHT, seen_by_stationary=False).look_at[0] <= 7.95, "not into the wall"

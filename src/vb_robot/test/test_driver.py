@@ -10,10 +10,11 @@ from vb_core.grid_map import GridMap
 from vb_core.robot_profile import RobotProfile
 from vb_robot.driving.driver import NAVIGATION, STOP_WITHIN, TELEOP, Driver
 from vb_robot.driving.safety import Scan, SpeedLimits
-from vb_robot.driving.following import BACK_TO_DISTANCE, FAR_DISTANCE, MAX_SPEED, MAX_TURN, NEAR_DISTANCE
+from vb_robot.driving.spot_follower import BACK_TO_DISTANCE, FAR_DISTANCE, MAX_SPEED, MAX_TURN, NEAR_DISTANCE
 from vb_robot.spots import BORDER, DEFAULT, GUIDE, SEED, Sighting, Sightings
-from vb_robot.dispatching.view import FloorView, to_base
-from vb_robot.driving.workspace import LEAST_UNCERTAINTY, PoseUncertainty, Workspace
+from vb_robot.floor_view import FloorView
+from vb_robot.driving.workspace import MIN_UNCERTAINTY, PoseUncertainty, Workspace
+from vb_robot.poses import to_base
 
 DT, PROFILE, VIEW = 0.05, RobotProfile(), FloorView.usual()
 
@@ -36,7 +37,7 @@ class Rig:
                  stopped=False):
         self.now, self.pose, self.silent = 100.0, pose, set()
         self.driver = Driver(PROFILE, camera, cameras, leaves, stopped)
-        self.driver.following.view = VIEW
+        self.driver.follower.view = VIEW
         self.set_grid(grid or empty())
         self.camera, self.fov, self.state, self.stopped = camera, fov, (DEFAULT, "", 0.0), False
         self.spot, self.confidence, self.navigation, self.teleop = None, 0.9, None, None
@@ -78,7 +79,7 @@ class Rig:
             self.see(self.spot, self.camera, True, self.confidence)
         for who, wish in ((NAVIGATION, self.navigation), (TELEOP, self.teleop)):
             if wish is not None:
-                self.driver.wish(who, *wish, self.now)
+                self.driver.request(who, *wish, self.now)
         if "clock" in self.silent:
             self._stood += DT  # its clock stands, and the world goes on
         else:
@@ -103,7 +104,7 @@ class Rig:
 # ------------------------------------------------------------ who drives
 def test_the_first_that_wants_to_drives():
     rig = Rig()
-    assert rig.step().driver == "nobody" and not rig.commands[-1].speaks
+    assert rig.step().driver == "nobody" and not rig.commands[-1].publish
     rig.navigation = (0.3, 0.1)
     command = rig.step()
     assert (command.driver, command.v, command.w) == ("navigation", 0.3, 0.1)
@@ -112,7 +113,7 @@ def test_the_first_that_wants_to_drives():
     assert rig.step().driver == "teleop" and rig.commands[-1].v == -0.1
     rig.stopped = True
     command = rig.step(0.6)
-    assert (command.driver, command.v, command.speaks) == ("stop", 0.0, True)
+    assert (command.driver, command.v, command.publish) == ("stop", 0.0, True)
 
 
 def test_navigation_that_falls_silent_is_told_to_stop_once():
@@ -121,7 +122,7 @@ def test_navigation_that_falls_silent_is_told_to_stop_once():
     rig.step(0.5)
     rig.navigation = None
     rig.step(0.6)
-    last = [command for command in rig.commands if command.driver == "nobody" and command.speaks]
+    last = [command for command in rig.commands if command.driver == "nobody" and command.publish]
     assert len(last) == 1 and last[0].v == 0.0
 
 
@@ -141,9 +142,9 @@ def test_somebody_who_commands_past_the_driver_stops_it_and_is_named():
     rig = Rig()
     rig.navigation = (0.3, 0.0)
     rig.step(0.5)
-    rig.driver.heard_other("/move_base", rig.now)
-    assert rig.step().code == "somebody_else_drives" and rig.commands[-1].v == 0.0
-    assert rig.driver.others == "/move_base"
+    rig.driver.note_other_publisher("/move_base", rig.now)
+    assert rig.step().code == "other_cmd_vel_publisher" and rig.commands[-1].v == 0.0
+    assert rig.driver.other_publishers == "/move_base"
     assert rig.step(1.2).v == 0.3
 
 
@@ -204,7 +205,7 @@ def test_a_resume_that_is_older_than_the_stop_does_not_release_it():
 # ------------------------------------------------------------ the gate
 @pytest.mark.parametrize("lost, code", [("scan", "scan_lost"), ("pose", "pose_lost"),
                                         ("localisation", "pose_lost"), ("state", "state_lost"),
-                                        ("clock", "clock_stands")])
+                                        ("clock", "clock_stopped")])
 @pytest.mark.parametrize("who", ["follow", "navigation"])
 def test_without_scan_pose_state_or_clock_it_rests_in_time_and_without_a_jerk(who, lost, code):
     rig = Rig()
@@ -257,7 +258,7 @@ def test_it_backs_off_only_where_the_scanner_looks(fov, backs):
     rig.spot = (2.6, 2.5)
     rig.step(1.0)
     assert (min(command.v for command in rig.commands) < -0.05) is backs
-    assert backs or rig.commands[-1].code == "unseen_floor"
+    assert backs or rig.commands[-1].code == "floor_not_scanned"
 
 
 def test_an_obstacle_nearer_than_the_scanner_can_measure_is_not_driven_into():
@@ -286,7 +287,7 @@ def test_speed_limits_hold_for_navigation():
 
 
 @pytest.mark.parametrize("who", ["follow", "navigation", "teleop"])
-@pytest.mark.parametrize("off", [0.0, LEAST_UNCERTAINTY])
+@pytest.mark.parametrize("off", [0.0, MIN_UNCERTAINTY])
 def test_a_border_put_before_its_nose_is_not_crossed_also_if_the_localisation_is_off(who, off):
     for gap in (0.05, 0.15, 0.3):
         rig = Rig()
@@ -309,12 +310,12 @@ def test_a_border_put_before_its_nose_is_not_crossed_also_if_the_localisation_is
         assert max(nose) <= edge + 0.04 and rig.commands[-1].code == "border"
 
 
-def test_a_leap_of_the_localisation_stops_it_for_a_moment():
+def test_a_jump_of_the_localisation_stops_it_for_a_moment():
     rig = Rig()
     rig.navigation = (0.3, 0.0)
     rig.step(0.5)
     rig.pose = (rig.pose[0], rig.pose[1] + 0.6, 0.0)
-    assert rig.step(0.2).code == "pose_leapt" and rig.commands[-1].v == 0.0
+    assert rig.step(0.2).code == "pose_jumped" and rig.commands[-1].v == 0.0
     assert rig.step(1.2).v == 0.3
 
 
@@ -430,7 +431,7 @@ def test_backs_off_from_a_spot_that_comes_near():
     assert run[:, 2].min() < -0.02
 
 
-def test_small_strokes_leave_it_at_rest():
+def test_small_strokes_leave_it_stopped():
     zigzag = [[2.0 + 0.05 * (i % 2), 2.5 + 0.1 * (i % 2)] for i in range(20)]
     assert np.abs(drag(zigzag, 0.2, (1.0, 2.5, 0.0))[:, 2:4]).max() == 0.0
 

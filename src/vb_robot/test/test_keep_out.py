@@ -8,10 +8,10 @@ from hypothesis import strategies as st
 from shapely.geometry import LineString, Point, Polygon
 
 from vb_core.grid_map import GridMap
-from vb_robot.dispatching.drawing import Drawing
+from vb_robot.dispatching.drawing import DrawingState
 from vb_robot.clearance_map import ClearanceMap
-from vb_robot.dispatching.view import FloorView
-from vb_robot.dispatching.viewpoint import Outlook
+from vb_robot.floor_view import FloorView
+from vb_robot.dispatching.viewpoint import ViewpointPlanner
 
 VIEW = FloorView.usual()
 
@@ -31,9 +31,9 @@ CARPET = np.array([[3.1, 1.6], [5.1, 1.6], [5.1, 2.9], [3.1, 2.9]])
 
 def rank(robot, drawing, terrain=TERRAIN):
     """The best place, the best one elsewhere, and so on."""
-    outlook, found = Outlook(terrain, VIEW, drawing), []
+    outlook, found = ViewpointPlanner(terrain, VIEW, drawing), []
     while len(found) < 6:
-        best = outlook.best(robot, [(place.x, place.y, 0.3) for place in found])
+        best = outlook.best_viewpoint(robot, [(place.x, place.y, 0.3) for place in found])
         if best is None or best in found:
             break
         found.append(best)
@@ -41,13 +41,13 @@ def rank(robot, drawing, terrain=TERRAIN):
 
 
 def route(robot, viewpoint, terrain=TERRAIN):
-    return terrain.ways(robot[:2]).route((viewpoint.x, viewpoint.y))
+    return terrain.shortest_paths(robot[:2]).path_to((viewpoint.x, viewpoint.y))
 
 
 def test_route_is_tight_and_keeps_off_obstacles():
     start, goal = (1.0, 2.5), (3.0, 2.4)
-    ways = TERRAIN.ways(start)
-    way = ways.route(goal)
+    ways = TERRAIN.shortest_paths(start)
+    way = ways.path_to(goal)
     assert np.allclose(way[0], start) and np.allclose(way[-1], goal)
     assert np.linalg.norm(np.diff(way, axis=0), axis=1).max() <= 0.05 + 1e-9
     length = LineString(way).length
@@ -55,30 +55,30 @@ def test_route_is_tight_and_keeps_off_obstacles():
     least = math.dist(start, (1.5, 3.0)) + 0.3 + math.dist((1.8, 3.0), goal)
     assert least <= length <= ways.lengths_to(np.array([goal]))[0] + 0.1
     assert TERRAIN.clearance_at(way).min() >= 0.18 - 0.025
-    free = TERRAIN.ways((4.0, 0.5)).route((7.0, 1.9))
+    free = TERRAIN.shortest_paths((4.0, 0.5)).path_to((7.0, 1.9))
     assert LineString(free).length == pytest.approx(math.dist((4.0, 0.5), (7.0, 1.9)), abs=1e-6), "straight on"
-    assert ways.route((1.6, 2.5)) is None
+    assert ways.path_to((1.6, 2.5)) is None
 
 
 @settings(max_examples=10, deadline=None)
 @given(st.floats(0.4, 7.6), st.floats(0.4, 4.6), st.floats(0, 6.28), st.integers(0, 3), st.booleans())
-def test_ways_never_enter_the_polygon(x, y, yaw, corner, seeding):
+def test_paths_never_enter_the_polygon(x, y, yaw, corner, seeding):
     polygon = Polygon(CARPET)
     assume(polygon.distance(Point(x, y)) > 0.25)
     spot = CARPET.mean(axis=0) if seeding else CARPET[corner]
-    drawing = Drawing(spot, CARPET, None, closed=True, seeding=seeding, watched=True)
+    drawing = DrawingState(spot, CARPET, None, closed=True, seeding=seeding, seen_by_stationary=True)
     for viewpoint in rank((x, y, yaw), drawing):
         assert not viewpoint.risky
         way = route((x, y), viewpoint)
         driven = LineString(way) if len(way) > 1 else Point(way[0])
         assert polygon.distance(driven) >= TERRAIN.radius - 0.05 / 2
-        assert Outlook(TERRAIN, VIEW, drawing).keeps_off((x, y, yaw), viewpoint.pose)
+        assert ViewpointPlanner(TERRAIN, VIEW, drawing).avoids_drawing((x, y, yaw), viewpoint.pose)
 
 
 @settings(max_examples=8, deadline=None)
 @given(st.floats(3.15, 5.05), st.floats(1.65, 2.85), st.floats(0, 6.28))
 def test_robot_inside_leaves_when_the_seed_is_shown(x, y, yaw):
-    drawing = Drawing(CARPET.mean(axis=0), CARPET, None, closed=True, seeding=True, watched=True)
+    drawing = DrawingState(CARPET.mean(axis=0), CARPET, None, closed=True, seeding=True, seen_by_stationary=True)
     found = rank((x, y, yaw), drawing)
     assert found
     polygon = Polygon(CARPET)
@@ -91,14 +91,14 @@ def test_robot_inside_leaves_when_the_seed_is_shown(x, y, yaw):
 
 def test_half_drawn_polygon_counts_with_what_it_will_enclose():
     # three sides are drawn; the way from the left to the right of the last one leads through
-    drawing = Drawing(CARPET[3], CARPET, np.array([0.0, -1.0]), watched=True)
+    drawing = DrawingState(CARPET[3], CARPET, np.array([0.0, -1.0]), seen_by_stationary=True)
     robot = (6.5, 2.3, math.pi)
     for viewpoint in rank(robot, drawing):
         assert Polygon(CARPET).distance(LineString(route(robot, viewpoint))) >= 0.15
 
 
-def test_robot_within_a_half_drawn_polygon_is_offered_nothing_within_it():
-    drawing = Drawing(CARPET[3], CARPET, np.array([0.0, -1.0]), watched=True)
+def test_robot_within_a_half_drawn_polygon_gets_no_viewpoint_within_it():
+    drawing = DrawingState(CARPET[3], CARPET, np.array([0.0, -1.0]), seen_by_stationary=True)
     robot = (4.6, 2.2, math.pi / 2)
     found = rank(robot, drawing)
     assert found and all(Polygon(CARPET).distance(Point(place.x, place.y)) >= TERRAIN.radius for place in found)
@@ -106,21 +106,21 @@ def test_robot_within_a_half_drawn_polygon_is_offered_nothing_within_it():
 
 def test_short_line_changes_nothing():
     line = np.array([[4.0, 2.0], [4.2, 2.0]])
-    assert rank((6.0, 2.0, 0.0), Drawing(line[1], line, watched=True)) == rank((6.0, 2.0, 0.0), Drawing(line[1], line))
+    assert rank((6.0, 2.0, 0.0), DrawingState(line[1], line, seen_by_stationary=True)) == rank((6.0, 2.0, 0.0), DrawingState(line[1], line))
 
 
-def test_without_a_safe_way_it_depends_on_who_sees_the_spot():
+def test_without_a_safe_path_it_depends_on_who_sees_the_spot():
     # the line parts the room from wall to wall, and everything that shows the spot lies beyond it
     line = np.array([[4.0, 0.05], [4.0, 4.95]])
     spot = np.array([2.4, 0.7])
     robot = (6.5, 2.5, 0.0)
-    assert rank(robot, Drawing(spot, line, watched=True)) == []
-    alone = rank(robot, Drawing(spot, line, watched=False))
+    assert rank(robot, DrawingState(spot, line, seen_by_stationary=True)) == []
+    alone = rank(robot, DrawingState(spot, line, seen_by_stationary=False))
     assert alone and all(viewpoint.risky for viewpoint in alone)
 
 
 def test_seed_outside_sends_the_robot_into_the_allowed_corner():
     line = np.array([[6.0, 4.95], [6.0, 3.4], [7.95, 3.4]])
-    drawing = Drawing(np.array([5.3, 3.0]), line, None, closed=False, seeding=True, watched=True)
+    drawing = DrawingState(np.array([5.3, 3.0]), line, None, closed=False, seeding=True, seen_by_stationary=True)
     best = rank((7.0, 1.0, 1.5), drawing)[0]
     assert best.x > 6.1 and best.y > 3.5

@@ -8,9 +8,9 @@ from hypothesis import strategies as st
 
 from vb_core.grid_map import GridMap
 from vb_core.robot_profile import Limits
-from vb_robot.driving.safety import Keep, Scan, SpeedLimits, arc, safe_speed, stop_distance
+from vb_robot.driving.safety import Clearance, Scan, SpeedLimits, arc, safe_speed, stop_distance
 
-LIMITS, RADIUS, KEEP = Limits(), 0.18, Keep(0.12, 0.04, 0.05)
+LIMITS, RADIUS, KEEP = Limits(), 0.18, Clearance(0.12, 0.04, 0.05)
 
 
 def scan(ranges, fov=360.0, range_min=0.12, **how):
@@ -32,16 +32,16 @@ def test_safe_speed_stops_in_time(free):
 @pytest.mark.parametrize("fov, forward, back", [(58.0, True, False), (270.0, True, False), (360.0, True, True)])
 def test_what_no_beam_looks_at_is_not_free(fov, forward, back):
     seen = scan(np.full(int(fov), math.inf), fov)
-    assert seen.sees_way(0.2, 0.0, RADIUS, 0.05) is forward
-    assert seen.sees_way(-0.2, 0.0, RADIUS, 0.05) is back
+    assert seen.sees_path(0.2, 0.0, RADIUS, 0.05) is forward
+    assert seen.sees_path(-0.2, 0.0, RADIUS, 0.05) is back
 
 
 def test_a_hole_in_the_scan_is_not_free():
     ranges = np.full(360, math.inf)
-    assert scan(ranges).sees_way(0.2, 0.0, RADIUS, 0.05)
+    assert scan(ranges).sees_path(0.2, 0.0, RADIUS, 0.05)
     ranges[175:187] = math.nan  # 12 degrees ahead tell nothing
-    assert not scan(ranges).sees_way(0.2, 0.0, RADIUS, 0.05)
-    assert scan(ranges).sees_way(-0.2, 0.0, RADIUS, 0.05)
+    assert not scan(ranges).sees_path(0.2, 0.0, RADIUS, 0.05)
+    assert scan(ranges).sees_path(-0.2, 0.0, RADIUS, 0.05)
 
 
 @pytest.mark.parametrize("value", [0.05, -math.inf, 0.0])
@@ -55,10 +55,10 @@ def test_nearer_than_the_scanner_can_measure_is_an_obstacle(value):
 def test_a_scanner_that_says_0_for_no_echo():
     ranges = np.zeros(360)
     assert scan(ranges, zero_is_nothing=True).free_distance(0.2, 0.0, RADIUS, KEEP) == math.inf
-    assert scan(ranges, zero_is_nothing=True).sees_way(0.2, 0.0, RADIUS, 0.05)
+    assert scan(ranges, zero_is_nothing=True).sees_path(0.2, 0.0, RADIUS, 0.05)
 
 
-def test_free_way_to_a_wall_and_round_a_post():
+def test_free_distance_to_a_wall_and_round_a_post():
     angles = np.radians(np.arange(360) - 179.5)
     with np.errstate(divide="ignore"):
         wall = np.where(np.cos(angles) > 0.2, 1.0 / np.cos(angles), math.inf)

@@ -8,10 +8,11 @@ from hypothesis import strategies as st
 
 from vb_core import geometry
 from vb_core.grid_map import GridMap
-from vb_robot.dispatching.drawing import Drawing
+from vb_robot.dispatching.drawing import DrawingState
 from vb_robot.clearance_map import STAND_MARGIN, ClearanceMap, clearance_grid
-from vb_robot.dispatching.view import FloorView, to_base, to_map
-from vb_robot.dispatching.viewpoint import IMAGE_MARGIN, LINE_MARGIN, MAX_DISTANCE, MIN_DISTANCE, Outlook
+from vb_robot.floor_view import FloorView
+from vb_robot.dispatching.viewpoint import IMAGE_MARGIN, LINE_MARGIN, MAX_DISTANCE, MIN_DISTANCE, ViewpointPlanner
+from vb_robot.poses import to_base, to_map
 
 VIEW = FloorView.usual()
 NO_CHAIN = np.zeros((0, 2))
@@ -67,22 +68,22 @@ def test_clearance_never_says_more_than_there_is():
         assert true - 0.1 <= clearance[row, column] <= true + 1e-5
 
 
-def test_ways_lead_through_the_doorway_and_nowhere_without_one():
+def test_paths_lead_through_the_doorway_and_nowhere_without_one():
     start, goal = (1.0, 1.0), np.array([[7.0, 1.0]])
-    way = TERRAIN.ways(start).lengths_to(goal)[0]
+    way = TERRAIN.shortest_paths(start).lengths_to(goal)[0]
     least = math.dist(start, (4.0, 3.7)) + math.dist((4.0, 3.7), goal[0])
     # eight-connected ways are up to 8 % too long, and they keep off the doorposts
     assert least <= way <= 1.15 * least
     shut = ClearanceMap(two_rooms(door=False), 0.18)
-    assert shut.ways(start).lengths_to(goal)[0] == np.inf
+    assert shut.shortest_paths(start).lengths_to(goal)[0] == np.inf
 
 
-def test_narrow_doorway_is_no_way():
+def test_narrow_doorway_is_no_path():
     grid = two_rooms()
     data = grid.data.copy()
     data[146:160, 158:162] = 100  # 0.35 m are left, the robot needs 0.42 m
     narrow = ClearanceMap(grid.with_data(data), 0.18)
-    assert narrow.ways((1.0, 1.0)).lengths_to(np.array([[7.0, 1.0]]))[0] == np.inf
+    assert narrow.shortest_paths((1.0, 1.0)).lengths_to(np.array([[7.0, 1.0]]))[0] == np.inf
 
 
 def test_borders_hide_nothing_but_walls_do():
@@ -109,9 +110,9 @@ def test_sides_of_polygon_and_curve():
 # ------------------------------------------------------------------ viewpoints
 def offers(terrain, robot, drawing, others=(), least=0.3):
     """The best pose, the best one elsewhere, and so on."""
-    outlook, avoid = Outlook(terrain, VIEW, drawing, others), []
+    outlook, avoid = ViewpointPlanner(terrain, VIEW, drawing, others), []
     while len(avoid) < 12:
-        best = outlook.best(robot, avoid)
+        best = outlook.best_viewpoint(robot, avoid)
         if best is None:
             break
         avoid.append((best.x, best.y, least))
@@ -134,8 +135,8 @@ def check_invariants(terrain, found, drawing, robot):
         assert abs(to_base(drawing.spot[None], viewpoint.pose)[0, 1]) < 1e-6, "faces the spot"
         for point in drawing.chain:
             assert math.dist(place[0], point) >= terrain.radius + LINE_MARGIN
-        assert viewpoint.way >= math.dist(place[0], robot[:2]) - 0.6
-        assert Outlook(terrain, VIEW, drawing).fits(viewpoint.pose)
+        assert viewpoint.path_length >= math.dist(place[0], robot[:2]) - 0.6
+        assert ViewpointPlanner(terrain, VIEW, drawing).shows_target(viewpoint.pose)
 
 
 @settings(max_examples=8, deadline=None)
@@ -144,13 +145,13 @@ def test_every_viewpoint_is_sound(x, y, angle, length):
     spot = np.array([x, y])
     direction = np.array([math.cos(angle), math.sin(angle)])
     chain = spot - np.linspace(0.0, 0.5 * length, 6)[:, None] * direction if length else NO_CHAIN
-    drawing = Drawing(spot, chain, direction if length else None)
+    drawing = DrawingState(spot, chain, direction if length else None)
     robot = (7.0, 0.7, 0.0)
     check_invariants(TERRAIN, list(offers(TERRAIN, robot, drawing)), drawing, robot)
 
 
 def test_open_floor_has_viewpoints_on_the_robots_side():
-    drawing = Drawing(np.array([6.0, 2.5]), NO_CHAIN)
+    drawing = DrawingState(np.array([6.0, 2.5]), NO_CHAIN)
     found = list(offers(TERRAIN, (6.0, 0.5, 0.0), drawing))
     assert len(found) == 12, "as many as are asked for"
     assert found[0].y < 2.0, "it need not go round the spot"
@@ -158,13 +159,13 @@ def test_open_floor_has_viewpoints_on_the_robots_side():
 
 def test_robot_that_only_has_to_turn_does_not_drive():
     # the spot lies 1.3 m to its left: places nearer to the best distance are a few decimetres away
-    found = list(offers(TERRAIN, (6.0, 1.0, 0.0), Drawing(np.array([6.0, 2.3]), NO_CHAIN)))
+    found = list(offers(TERRAIN, (6.0, 1.0, 0.0), DrawingState(np.array([6.0, 2.3]), NO_CHAIN)))
     assert found[0].pose == pytest.approx((6.0, 1.0, math.pi / 2))
 
 
 def test_focus_and_a_spot_that_only_the_robot_sees_lie_in_the_image():
     spot, focus = np.array([6.0, 2.5]), np.array([6.4, 2.5])
-    drawing = Drawing(spot, NO_CHAIN, np.array([1.0, 0.0]), focus=focus)
+    drawing = DrawingState(spot, NO_CHAIN, np.array([1.0, 0.0]), focus=focus)
     found = list(offers(TERRAIN, (6.0, 0.5, 0.0), drawing))
     assert found
     for viewpoint in found:
@@ -173,7 +174,7 @@ def test_focus_and_a_spot_that_only_the_robot_sees_lie_in_the_image():
 
 
 def test_places_of_other_robots_are_taken():
-    drawing = Drawing(np.array([6.0, 2.5]), NO_CHAIN)
+    drawing = DrawingState(np.array([6.0, 2.5]), NO_CHAIN)
     robot = (6.0, 0.5, math.pi / 2)
     free = list(offers(TERRAIN, robot, drawing))
     taken = [(free[0].x, free[0].y)]
@@ -181,24 +182,24 @@ def test_places_of_other_robots_are_taken():
         assert math.dist((viewpoint.x, viewpoint.y), taken[0]) >= 2 * 0.18 + 0.10
 
 
-def test_ways_lead_round_other_robots_and_not_through_a_doorway_that_one_stands_in():
+def test_paths_lead_round_other_robots_and_not_through_a_doorway_that_one_is_in():
     start, goal = (6.0, 1.0), np.array([[6.0, 3.0]])
-    straight = TERRAIN.ways(start).lengths_to(goal)[0]
+    straight = TERRAIN.shortest_paths(start).lengths_to(goal)[0]
     assert straight == pytest.approx(2.0, abs=0.1)
-    around = TERRAIN.ways(start, [(6.0, 2.0)])
+    around = TERRAIN.shortest_paths(start, [(6.0, 2.0)])
     assert straight < around.lengths_to(goal)[0] < straight + 0.5
-    assert np.linalg.norm(around.route(goal[0]) - (6.0, 2.0), axis=1).min() > 2 * 0.18 - 0.03
-    assert TERRAIN.ways((1.0, 1.0), [(4.0, 4.0)]).lengths_to(np.array([[7.0, 1.0]]))[0] == np.inf
+    assert np.linalg.norm(around.path_to(goal[0]) - (6.0, 2.0), axis=1).min() > 2 * 0.18 - 0.03
+    assert TERRAIN.shortest_paths((1.0, 1.0), [(4.0, 4.0)]).lengths_to(np.array([[7.0, 1.0]]))[0] == np.inf
 
 
 def test_unreachable_spot_has_no_viewpoint():
     shut = ClearanceMap(two_rooms(door=False), 0.18)
-    assert list(offers(shut, (1.0, 1.0, 0.0), Drawing(np.array([7.0, 2.0]), NO_CHAIN))) == []
+    assert list(offers(shut, (1.0, 1.0, 0.0), DrawingState(np.array([7.0, 2.0]), NO_CHAIN))) == []
 
 
 def test_stays_out_of_what_is_being_enclosed():
     chain = np.array([[5.0, 1.0], [7.0, 1.0], [7.0, 3.0], [5.2, 3.0]])
-    drawing = Drawing(np.array([5.0, 2.9]), chain, np.array([-0.2, -1.0]) / math.hypot(0.2, 1.0))
+    drawing = DrawingState(np.array([5.0, 2.9]), chain, np.array([-0.2, -1.0]) / math.hypot(0.2, 1.0))
     best = list(offers(TERRAIN, (6.0, 4.5, 0.0), drawing))[0]
     assert not (5.0 < best.x < 7.0 and 1.0 < best.y < 3.0)
 
@@ -206,9 +207,9 @@ def test_stays_out_of_what_is_being_enclosed():
 def test_seed_side_is_left():
     door = np.array([[4.0, 3.65], [4.0, 4.35]])
     # the seed lies in the right room, the robot stands there too: it must come out
-    drawing = Drawing(np.array([7.0, 1.0]), door, None, closed=False, seeding=True)
+    drawing = DrawingState(np.array([7.0, 1.0]), door, None, closed=False, seeding=True)
     found = list(offers(TERRAIN, (6.0, 1.0, 0.0), drawing))
     assert found and found[0].x < 4.0 and not found[0].sees_spot
-    assert not Outlook(TERRAIN, VIEW, drawing).fits((6.0, 1.0, 0.0))
+    assert not ViewpointPlanner(TERRAIN, VIEW, drawing).shows_target((6.0, 1.0, 0.0))
     # from the left room nothing of the seed can be seen, and there is no need to go anywhere
     assert list(offers(TERRAIN, (1.0, 3.0, 0.0), drawing)) == []

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from vb_core.grid_map import GridMap
-from vb_robot.driving.workspace import LEAST_UNCERTAINTY, MOST_UNCERTAINTY, UPDATES, BorderContact, PoseUncertainty, KnownBorder, Workspace
+from vb_robot.driving.workspace import MAX_UNCERTAINTY, MIN_UNCERTAINTY, UPDATES, BorderContact, KnownBorder, PoseUncertainty, Workspace
 
 
 def workspace(borders, *squares, value=100):
@@ -26,14 +26,14 @@ def square(name, x0, y0, x1, y1, seed=None):
 CARPET, CORNER = square("carpet", 0.5, 0.5, 1.5, 1.5), square("corner", 4.0, 4.0, 5.0, 5.0)
 
 
-def test_standing():
+def test_contact():
     here = workspace([CARPET], (0.5, 1.5, 0.5, 1.5))
-    assert here.standing((1.0, 1.0)) is BorderContact.INSIDE
-    assert here.standing((1.62, 1.0)) is BorderContact.TOUCHES
-    assert here.standing((1.8, 1.0)) is BorderContact.FREE
-    assert here.standing((3.0, 3.0)) is BorderContact.FREE, "a wall is no border"
-    assert here.standing((50.0, 3.0)) is BorderContact.FREE
-    assert workspace([]).standing((1.0, 1.0)) is BorderContact.FREE
+    assert here.contact_at((1.0, 1.0)) is BorderContact.INSIDE
+    assert here.contact_at((1.62, 1.0)) is BorderContact.TOUCHES
+    assert here.contact_at((1.8, 1.0)) is BorderContact.FREE
+    assert here.contact_at((3.0, 3.0)) is BorderContact.FREE, "a wall is no border"
+    assert here.contact_at((50.0, 3.0)) is BorderContact.FREE
+    assert workspace([]).contact_at((1.0, 1.0)) is BorderContact.FREE
 
 
 def test_names():
@@ -60,8 +60,8 @@ def test_separating_curve_has_the_name_of_its_seed():
 
 def test_soft_borders_are_not_hard():
     here = workspace([CARPET], (0.5, 1.5, 0.5, 1.5), value=75)
-    assert here.standing((1.0, 1.0)) is BorderContact.INSIDE and not here.is_hard((1.0, 1.0))
-    assert workspace([CARPET], (0.5, 1.5, 0.5, 1.5)).is_hard((1.0, 1.0))
+    assert here.contact_at((1.0, 1.0)) is BorderContact.INSIDE and not here.is_lethal((1.0, 1.0))
+    assert workspace([CARPET], (0.5, 1.5, 0.5, 1.5)).is_lethal((1.0, 1.0))
 
 
 def test_a_map_lets_a_robot_out_but_not_further_in():
@@ -83,7 +83,7 @@ def test_what_the_localisation_may_be_off_is_kept_off_borders_and_not_off_walls(
         before, after = (here.free_distance(pose, 0.2, 0.0, 0.0, False) for here in (plain, uncertain))
         assert before - after == pytest.approx(less, abs=0.03)
     # what people are told does not depend on it
-    assert uncertain.standing((1.73, 1.0)) is plain.standing((1.73, 1.0)) is BorderContact.FREE
+    assert uncertain.contact_at((1.73, 1.0)) is plain.contact_at((1.73, 1.0)) is BorderContact.FREE
     soft = Workspace(workspace([], (0.5, 1.5, 0.5, 1.5), value=75).borders, plain.physical, 0.18, uncertainty=0.1)
     assert np.array_equal(soft.keep_out.data, soft.borders.data), "what may be entered is not made larger"
 
@@ -100,12 +100,12 @@ def test_the_map_for_navigation_has_what_the_driver_keeps_out_of():
 
 def test_the_uncertainty_follows_the_localisations_own_spread_at_once_up_and_slowly_down():
     uncertainty = PoseUncertainty()
-    assert uncertainty.metres == LEAST_UNCERTAINTY, "without a covariance"
-    assert not uncertainty.add(np.diag([0.01, 0.005]) ** 2) and uncertainty.metres == LEAST_UNCERTAINTY
+    assert uncertainty.metres == MIN_UNCERTAINTY, "without a covariance"
+    assert not uncertainty.add(np.diag([0.01, 0.005]) ** 2) and uncertainty.metres == MIN_UNCERTAINTY
     turned = np.array([[0.5, 0.5], [-0.5, 0.5]]) * math.sqrt(2.0)
     assert uncertainty.add(turned @ np.diag([0.12, 0.005]) ** 2 @ turned.T), "the worst direction, in steps"
     assert uncertainty.metres == pytest.approx(0.075)
     changed = [uncertainty.add(np.diag([0.01, 0.01]) ** 2) for _ in range(UPDATES)]
-    assert changed == [False] * (UPDATES - 1) + [True] and uncertainty.metres == LEAST_UNCERTAINTY
+    assert changed == [False] * (UPDATES - 1) + [True] and uncertainty.metres == MIN_UNCERTAINTY
     uncertainty.add(np.full((2, 2), math.nan))
-    assert uncertainty.metres == MOST_UNCERTAINTY, "what makes no sense is no reason to come nearer"
+    assert uncertainty.metres == MAX_UNCERTAINTY, "what makes no sense is no reason to come nearer"

@@ -4,7 +4,7 @@ import math
 import numpy as np
 
 from vb_core import geometry
-from vb_sim.person.participant import Answer, Percept
+from vb_sim.person.participant import CommandReply, Percept
 from vb_sim.robot.robot_body import advance
 
 DT = 0.04  # [s] half the real rate: the same behaviour in half the time
@@ -66,10 +66,10 @@ class System:
             self._answer_at = (self.percept.now + 0.1, action)
         if self._answer_at and self.percept.now >= self._answer_at[0]:
             action, self._answer_at = self._answer_at[1], None
-            answer = Answer(True, "ok", "")
+            answer = CommandReply(True, "ok", "")
             if action.command == "save":
                 code = self.refusals.pop(0) if self.refusals else ""
-                answer = Answer(not code, code or "ok", code)
+                answer = CommandReply(not code, code or "ok", code)
                 if not code:
                     self.percept.state = "default"
             elif action.command == "cancel":

@@ -154,7 +154,7 @@ class CamerasTest(unittest.TestCase):
             self.lab.running.set()
         self.wait("picture with the spot again", lambda: newest_is(True))
 
-    def test_the_projectors_picture_falls_on_the_floor(self):
+    def test_the_projectors_image_falls_on_the_floor(self):
         publisher = rospy.Publisher("/virtual_borders/projector", Image, queue_size=1, latch=True)
 
         def brightness(key):

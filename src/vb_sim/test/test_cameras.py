@@ -15,7 +15,7 @@ from vb_sim.room.floor_texture import render_floor
 from vb_sim.cameras.frame_clock import FrameSchedule, SmoothClock
 from vb_sim.lab_history import History, Snapshot
 from vb_sim.room.mesh import DepthBuffer, RayGrid, world_mesh
-from vb_sim.room.models_cameras import CameraModels, Optics, load_camera_models
+from vb_sim.room.camera_models import CameraModels, Optics, load_camera_models
 from vb_sim.cameras.robot_view import RobotView
 from vb_sim.room.spot import render_spot
 from vb_sim.room.world import world_from_mapping
@@ -174,7 +174,7 @@ def test_noise_is_as_large_as_the_model_says(lab):
     assert (first - second)[middle].std() == pytest.approx(np.sqrt(2 * (sigma**2 + 1 / 12)), rel=0.05)
 
 
-def test_the_same_seed_gives_the_same_picture(lab):
+def test_the_same_seed_gives_the_same_image(lab):
     scene = Snapshot(1.0, laser=(2.0, 1.5), person=(1.5, 1.5, 0.0))
     np.testing.assert_array_equal(ceiling(lab, "bayer", True).frame(scene), ceiling(lab, "bayer", True).frame(scene))
     world = lab[0]
@@ -272,7 +272,7 @@ def test_the_nearer_box_hides_the_other_whatever_the_order():
     assert pictures[0][v, u, 0] > 80 and pictures[0][v, u, 2] == 0
 
 
-def test_a_thing_of_which_one_pixel_is_in_the_picture_is_drawn():
+def test_a_thing_of_which_one_pixel_is_in_the_image_is_drawn():
     camera = CameraModel(40, 30, np.array([[50.0, 0.0, 20.0], [0.0, 50.0, 15.0], [0.0, 0.0, 1.0]]), np.zeros(5))
     buffer = DepthBuffer(RayGrid(camera))
     beyond_the_corner = np.array([(-9.0, -9.0), (0.0, -9.0), (0.0, 0.0), (-9.0, 0.0)])

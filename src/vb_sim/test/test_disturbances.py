@@ -12,7 +12,7 @@ from vb_sim.room.disturbances import Bystander, Glint, SceneConditions
 from vb_sim.room.floor_texture import render_floor
 from vb_sim.lab_history import Snapshot
 from vb_sim.room.mesh import world_mesh
-from vb_sim.room.models_cameras import CameraModels
+from vb_sim.room.camera_models import CameraModels
 from vb_sim.cameras.robot_view import RobotView
 from vb_sim.room.world import load_world
 

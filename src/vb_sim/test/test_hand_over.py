@@ -13,12 +13,13 @@ from shapely.geometry import LineString, Point
 from vb_core import geometry
 from vb_fusion.extraction import ExtractionParams, extract_border
 from vb_robot.coverage import floor_seen
-from vb_robot.dispatching.view import FloorView, to_base
+from vb_robot.floor_view import FloorView
+from vb_robot.poses import to_base
 from vb_sim.cameras.camera_calibration import calibrated_pose
 from vb_sim.room.floor_plan import physical_map
-from vb_sim.room.models import load_models, section
-from vb_sim.room.models_cameras import load_camera_models
-from vb_sim.room.models_motion import LocalisationModel
+from vb_sim.room.models import load_models, read_section
+from vb_sim.room.camera_models import load_camera_models
+from vb_sim.room.motion_models import LocalisationModel
 from vb_sim.room.world import load_world
 
 PACKAGE = Path(__file__).resolve().parents[1]
@@ -51,7 +52,7 @@ def drawn(seed, overlap=True):
     if not overlap:
         by_robot &= ~by_blue
     models = load_camera_models(MODELS)
-    localisation = section(load_models(MODELS), "localisation", LocalisationModel)
+    localisation = read_section(load_models(MODELS), "localisation", LocalisationModel)
     believed = calibrated_pose(BLUE, models.optics, seed)
     blue = on_floor(BLUE.model(), BLUE.pose(), believed, line[by_blue]) + rng.normal(0.0, 0.002, (by_blue.sum(), 2))
     sigmas = (localisation.position_sigma, localisation.position_sigma, localisation.yaw_sigma)

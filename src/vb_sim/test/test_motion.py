@@ -13,12 +13,12 @@ from vb_core import geometry
 from vb_core.errors import CodedError, ParameterError
 from vb_core.grid_map import FREE, OCCUPIED, GridMap
 from vb_sim.lab import PARTICIPANT_SILENCE, Lab, Participant
-from vb_sim.room.models import load_models, section
-from vb_sim.room.models_motion import LocalisationModel, RobotModel, ScanModel
+from vb_sim.room.models import load_models, read_section
+from vb_sim.room.motion_models import LocalisationModel, RobotModel, ScanModel
 from vb_sim.pacing import Lockstep, Pacer, RealTimeFactor
 from vb_sim.room.raycast import DistanceField, cast_disc
 from vb_sim.robot.robot_body import RobotBody, advance
-from vb_sim.state_file import StateFile
+from vb_sim.checkpoint_file import CheckpointFile
 from vb_sim.room.world import load_world, world_from_mapping
 
 WORLDS = Path(__file__).resolve().parents[1] / "worlds"
@@ -112,7 +112,7 @@ def test_a_wall_stops_the_robot_once_and_it_can_back_off():
     assert robot.pose[0] < 0.7 and robot.collisions == 1
 
 
-def test_exact_wheels_measure_the_true_way():
+def test_exact_wheels_measure_the_true_path():
     robot = body(EXACT, start=(2.0, 1.0, 0.7))
     _, now = drive(robot, 0.4, 0.5, 2.0)
     drive(robot, -0.2, -0.9, 2.0, now)
@@ -293,11 +293,11 @@ def test_real_time_factor():
 
 # ------------------------------------------------------------ files
 def test_state_file_is_read_by_its_own_run_only(tmp_path):
-    state = StateFile(str(tmp_path / "new"), "lab", "run-1")
+    state = CheckpointFile(str(tmp_path / "new"), "lab", "run-1")
     assert state.read() is None
     state.write({"a": 1})
-    assert StateFile(str(tmp_path / "new"), "lab", "run-1").read() == {"a": 1}
-    assert StateFile(str(tmp_path / "new"), "lab", "run-2").read() is None
+    assert CheckpointFile(str(tmp_path / "new"), "lab", "run-1").read() == {"a": 1}
+    assert CheckpointFile(str(tmp_path / "new"), "lab", "run-2").read() is None
     next((tmp_path / "new").iterdir()).write_text("{broken")
     assert state.read() is None
 
@@ -307,10 +307,10 @@ def test_models_file_names_what_is_wrong(tmp_path):
     path.write_text("robot: {max_speed: -1.0}\nscan: {beems: 3}\n")
     models = load_models(str(path))
     with pytest.raises(ParameterError, match="robot/max_speed"):
-        section(models, "robot", RobotModel)
+        read_section(models, "robot", RobotModel)
     with pytest.raises(ParameterError, match="scan/beems"):
-        section(models, "scan", ScanModel)
-    assert section(models, "localisation", LocalisationModel) == LocalisationModel()
+        read_section(models, "scan", ScanModel)
+    assert read_section(models, "localisation", LocalisationModel) == LocalisationModel()
     path.write_text("[1, 2")
     with pytest.raises(CodedError, match="line"):
         load_models(str(path))

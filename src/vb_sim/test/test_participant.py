@@ -10,14 +10,14 @@ from shapely.geometry import Point, Polygon
 
 from vb_core import geometry
 from vb_core.errors import ParameterError
-from vb_sim.person.hand import Stroke, Tremor, meant_border, styles
+from vb_sim.person.hand import Stroke, Tremor, imagine_border, load_styles
 from vb_sim.person.legs import distance_to_chain
-from vb_sim.room.models import load_models, section
-from vb_sim.room.models_participant import ParticipantModel
+from vb_sim.room.models import load_models, read_section
+from vb_sim.room.participant_model import ParticipantModel
 from vb_sim.person.participant import Percept, Person
 from vb_sim.person.participant_nrs import NetworkRobotSystemScript
 from vb_sim.person.participant_robot_only import RobotOnlyScript
-from vb_sim.person.stroke_order import best_order, orders
+from vb_sim.person.stroke_order import choose_order, list_orders
 from vb_sim.room.world import load_world
 
 sys.path.insert(0, str(Path(__file__).parent))
@@ -120,7 +120,7 @@ def test_the_person_gives_up_after_some_tries():
 
 
 @pytest.mark.parametrize("method", ["nrs", "robot_only"])
-def test_a_slip_is_noticed_and_begun_anew(method):
+def test_a_slip_is_noticed_and_begun_again(method):
     sim = system("room", method, model=ParticipantModel(slip=1.0))
     assert sim.run(200.0) == "saved"
     commands = [command for command, _, _ in sim.commands]
@@ -216,7 +216,7 @@ def drawn_by(style, border=SQUARE, closed=True, model=REAL):
 def test_real_strokes_move_as_people_do():
     """Over all people of the resource: stops at corners, peaks between them, the same mean speed, uneven sides."""
     slow, fast, off = [], [], []
-    for style in styles():
+    for style in load_styles():
         stroke = drawn_by(style)
         arcs = np.arange(0.0, stroke.length, 0.01)
         pace = np.array([stroke.pace(arc) for arc in arcs])
@@ -233,7 +233,7 @@ def test_real_strokes_move_as_people_do():
 
 def test_closed_strokes_have_gaps_and_overlaps():
     ends = np.array(
-        [drawn_by(style, model=ParticipantModel(stroke_scale=1.0, overlap=0.0, aim_sigma=0.0)).points[-1] for style in styles()]
+        [drawn_by(style, model=ParticipantModel(stroke_scale=1.0, overlap=0.0, aim_sigma=0.0)).points[-1] for style in load_styles()]
     )
     gap = np.linalg.norm(ends - SQUARE[0], axis=1) / np.linalg.norm(np.ptp(SQUARE, axis=0))
     assert 0.02 < np.median(gap) < 0.15 and gap.max() > 0.15
@@ -255,10 +255,10 @@ def test_open_strokes_end_where_the_floor_ends():
 
 
 def test_marks_on_the_floor_lie_beside_the_map():
-    meant = meant_border(SQUARE, True, (0.03, -0.01), 0.0, 0.05)
+    meant = imagine_border(SQUARE, True, (0.03, -0.01), 0.0, 0.05)
     assert np.allclose(meant, SQUARE + (0.03, -0.01) + 0.05 * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]))
-    assert np.allclose(meant_border(SQUARE[::-1], True, (0.0, 0.0), 0.0, 0.05)[::-1], meant - (0.03, -0.01))
-    turned = meant_border(SQUARE, False, (0.0, 0.0), np.pi / 2, 0.05)
+    assert np.allclose(imagine_border(SQUARE[::-1], True, (0.0, 0.0), 0.0, 0.05)[::-1], meant - (0.03, -0.01))
+    turned = imagine_border(SQUARE, False, (0.0, 0.0), np.pi / 2, 0.05)
     assert np.allclose(
         turned - turned.mean(axis=0), np.column_stack([-(SQUARE - SQUARE.mean(axis=0))[:, 1], (SQUARE - SQUARE.mean(axis=0))[:, 0]])
     )
@@ -284,28 +284,28 @@ def test_looking_at_the_display_takes_its_time():
 # ------------------------------------------------------------ thinking
 def test_orders_are_the_same_border():
     border = np.array([[0.0, 0.0], [2.0, 0.0], [2.0, 1.0], [0.0, 1.0]])
-    assert len(orders(border, True)) == 8 and len(orders(border, False)) == 2
-    for order in orders(border, True):
+    assert len(list_orders(border, True)) == 8 and len(list_orders(border, False)) == 2
+    for order in list_orders(border, True):
         assert geometry.chain_length(order, True) == pytest.approx(6.0)
 
 
 def test_the_spot_is_drawn_away_from_the_robot():
     border = np.array([[0.0, 0.0], [3.0, 0.0]])
-    assert np.allclose(best_order(border, False, np.array([-1.0, 0.0])), border)
-    assert np.allclose(best_order(border, False, np.array([4.0, 0.0])), border[::-1])
+    assert np.allclose(choose_order(border, False, np.array([-1.0, 0.0])), border)
+    assert np.allclose(choose_order(border, False, np.array([4.0, 0.0])), border[::-1])
 
 
 # ------------------------------------------------------------ parameters
 def test_the_models_file_has_every_value_of_the_participant():
     models = load_models(str(PACKAGE / "config" / "models.yaml"))
-    assert section(models, "participant", ParticipantModel) == ParticipantModel()
+    assert read_section(models, "participant", ParticipantModel) == ParticipantModel()
     assert set(models["participant"]) == set(ParticipantModel.__dataclass_fields__)
 
 
 @pytest.mark.parametrize("key, value", [("drawing_speed", 0.3), ("patience", -1.0), ("tries", 0), ("tremour", 0.01)])
 def test_bad_parameters_are_named(key, value):
     with pytest.raises(ParameterError, match=f"participant/{key}"):
-        section({"participant": {key: value}}, "participant", ParticipantModel)
+        read_section({"participant": {key: value}}, "participant", ParticipantModel)
 
 
 def test_unknown_scenario_names_the_key():
@@ -321,7 +321,7 @@ def test_who_is_told_that_the_robot_comes_does_not_step_aside():
     assert percept.told_to_hold == 5.0
 
 
-def test_whoever_is_asked_looks_at_the_preview_and_says_save_once_more():
+def test_who_is_asked_to_confirm_looks_at_the_preview_and_says_save_once_more():
     sim = system("room", refuse_saves=["confirm_save"])
     assert sim.run(120.0) == "saved"
     assert [command for command, _, _ in sim.commands] == ["define_border", "define_seed", "save", "save"]

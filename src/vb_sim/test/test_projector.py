@@ -14,7 +14,7 @@ from vb_sim.cameras.ceiling_view import CeilingView
 from vb_sim.room.floor_texture import render_floor
 from vb_sim.lab_history import Snapshot
 from vb_sim.room.mesh import world_mesh
-from vb_sim.room.models_cameras import CameraModels, Optics
+from vb_sim.room.camera_models import CameraModels, Optics
 from vb_sim.room.projected_light import floor_light
 from vb_sim.cameras.robot_view import RobotView
 from vb_sim.room.world import Projector, load_world, world_from_mapping
@@ -101,7 +101,7 @@ def test_things_hide_the_floor_and_its_light(lab):
     assert np.abs(view.frame(Snapshot(1.0)).astype(int) - dark).max() <= 1
 
 
-def test_pictures_follow_each_other_without_a_trace(lab):
+def test_images_follow_each_other_without_a_trace(lab):
     view, other = ceiling(lab, "bayer"), ceiling(lab, "bayer")
     laser = Snapshot(1.0, {"robot": (1.5, 1.2, 0.3)}, (2.2, 1.5))
     for place in ((1.5, 1.2), (2.3, 1.8)):

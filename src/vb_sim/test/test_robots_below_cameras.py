@@ -12,7 +12,7 @@ from vb_sim.cameras.ceiling_view import CeilingView
 from vb_sim.lab_history import Snapshot
 from vb_sim.room.floor_texture import render_floor
 from vb_sim.room.mesh import world_mesh
-from vb_sim.room.models_cameras import CameraModels, Optics
+from vb_sim.room.camera_models import CameraModels, Optics
 from vb_sim.room.world import world_from_mapping
 
 WORLD = world_from_mapping({

@@ -124,7 +124,7 @@ class VirtualBorder:
         object.__setattr__(self, "robots", tuple(str(robot) for robot in robots if str(robot)))
 
     def replace(self, **changes: object) -> "VirtualBorder":
-        """The same border with some things changed, checked again."""
+        """Returns the same border with some things changed, checked again."""
         return dataclasses.replace(self, **changes)
 
     @property
@@ -138,13 +138,13 @@ class VirtualBorder:
         return 0 if self.zone == SLOW else int(round(100.0 * self.occupancy))
 
     def moved(self, transform: Transform) -> "VirtualBorder":
-        """The same border in the frame of another map."""
+        """Moves the border into the frame of another map."""
         if not any(transform):
             return self
         return self.replace(points=transform.apply(self.points), seed=transform.apply(self.seed)[0])
 
     def same_area(self, other: "VirtualBorder") -> bool:
-        """Whether both restrict the same cells of any map (with whatever occupancy)."""
+        """Tells whether both restrict the same cells of any map (with whatever occupancy)."""
         return (
             self.closed == other.closed
             and self.wall == other.wall
@@ -162,7 +162,7 @@ class VirtualBorder:
 
 
 def _coordinates(values: object, code: str, what: str) -> np.ndarray:
-    """(N, 2) float64 copy of coordinates, all finite."""
+    """Copies coordinates to (N, 2) float64, all finite."""
     try:
         points = np.array(values, dtype=np.float64)
     except (TypeError, ValueError) as error:

@@ -29,7 +29,7 @@ from vb_map_integration.borders.issues import Issue
 _PATIENCE_S = 20.0
 
 
-class Answer(NamedTuple):
+class ServiceResult(NamedTuple):
     """The map integrator's answer; an absent service counts as a failure too.
 
     Attributes:
@@ -59,14 +59,14 @@ class BorderClient:
         self._source = source
         self._frame_id = frame_id
 
-    def preview(self, border: VirtualBorder) -> Answer:
-        """What saving would do; changes nothing."""
+    def preview(self, border: VirtualBorder) -> ServiceResult:
+        """Asks what saving would do; changes nothing."""
         message = message_from_border(border)
         request = PreviewBorderRequest(border=message, frame_id=self._frame_id)
         return self._call(names.PREVIEW_BORDER, PreviewBorderArray, request)
 
-    def save(self, border: VirtualBorder, revision: int = 0) -> Answer:
-        """Preview, and if that finds no error, adds the border or, if it has an id, replaces the stored one.
+    def save(self, border: VirtualBorder, revision: int = 0) -> ServiceResult:
+        """Previews, and if that finds no error, adds the border or, if it has an id, replaces the stored one.
 
         Args:
             revision: of the borders that the person saw when editing; it fails if there is another one. 0: any.
@@ -83,7 +83,7 @@ class BorderClient:
         )
         return self._call(names.ADD_BORDER, AddBorder, request)._replace(area_m2=checked.area_m2)
 
-    def update(self, border: VirtualBorder, revision: int = 0) -> Answer:
+    def update(self, border: VirtualBorder, revision: int = 0) -> ServiceResult:
         """Replaces the stored border of the same id."""
         message = message_from_border(border)
         request = UpdateBorderRequest(
@@ -91,26 +91,26 @@ class BorderClient:
         )
         return self._call(names.UPDATE_BORDER, UpdateBorder, request)
 
-    def enable(self, border_id: str, enabled: bool, revision: int = 0) -> Answer:
+    def enable(self, border_id: str, enabled: bool, revision: int = 0) -> ServiceResult:
         """Switches a border on or off."""
         request = SetBorderEnabledRequest(border_id, enabled, self._source, revision)
         return self._call(names.SET_BORDER_ENABLED, SetBorderEnabled, request)
 
-    def remove(self, border_id: str, revision: int = 0) -> Answer:
+    def remove(self, border_id: str, revision: int = 0) -> ServiceResult:
         """Removes a border."""
         request = RemoveBorderRequest(id=border_id, source=self._source, expected_revision=revision)
         return self._call(names.REMOVE_BORDER, RemoveBorder, request)
 
-    def trigger(self, name: str) -> Answer:
+    def trigger(self, name: str) -> ServiceResult:
         """Calls undo, redo or clear."""
         return self._call(name, Trigger, TriggerRequest())
 
-    def _call(self, name: str, service: Type, request: Any) -> Answer:
+    def _call(self, name: str, service: Type, request: Any) -> ServiceResult:
         try:
             response = services.call(name, service, request, "the map integrator", answer_s=_PATIENCE_S)
         except CodedError as error:
-            return Answer(False, error.code, error.message)
-        return Answer(
+            return ServiceResult(False, error.code, error.message)
+        return ServiceResult(
             response.success,
             getattr(response, "code", ""),
             response.message,

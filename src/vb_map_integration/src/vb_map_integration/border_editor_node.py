@@ -23,7 +23,7 @@ from vb_core.parameters import Parameters, param
 from vb_core.ros import node, parameters
 from vb_map_integration.borders import draft_markers, editing
 from vb_map_integration.border import VirtualBorder
-from vb_map_integration.border_client import Answer, BorderClient
+from vb_map_integration.border_client import BorderClient, ServiceResult
 from vb_map_integration.borders.border_messages import border_from_message
 
 SERVER = "/virtual_borders/edit"
@@ -72,7 +72,7 @@ class BorderEditorNode:
         self._lock = threading.RLock()
         self._stored: Dict[str, VirtualBorder] = {}
         self._drafts: Dict[str, VirtualBorder] = {}
-        self._answers: Dict[str, Answer] = {}
+        self._answers: Dict[str, ServiceResult] = {}
         # the revision whose borders are shown, and that in which each draft's border was as the person saw it
         self._revision = 0
         self._seen: Dict[str, int] = {}
@@ -138,7 +138,7 @@ class BorderEditorNode:
             with self._lock:
                 if key in self._drafts:
                     self._put(key)  # the handle goes back to where its vertex is
-                self._say(key, Answer(False, error.code, error.message))
+                self._say(key, ServiceResult(False, error.code, error.message))
 
     def _drag(self, key: str, part: str, place: np.ndarray) -> None:
         draft = self._drafts.get(key)
@@ -168,7 +168,7 @@ class BorderEditorNode:
                 self._replace(key, change(draft, int(part)))
         elif stored is not None:
             if entry == EDIT:
-                self._replace(key, editing.simplified(stored, self._params.tolerance_m))
+                self._replace(key, editing.simplify(stored, self._params.tolerance_m))
             elif entry == TOGGLE:
                 revision = self._revision
                 self._work.put(lambda: self._report(self._client.enable(key, not stored.enabled, revision)))
@@ -213,11 +213,11 @@ class BorderEditorNode:
             else:
                 self._say(key, answer)
 
-    def _report(self, answer: Answer) -> None:
+    def _report(self, answer: ServiceResult) -> None:
         log = rospy.loginfo if answer.success else rospy.logwarn
         log("%s: %s", rospy.get_name(), answer.message if answer.success else f"[{answer.code}] {answer.message}")
 
-    def _say(self, key: str, answer: Answer) -> None:
+    def _say(self, key: str, answer: ServiceResult) -> None:
         with self._lock:
             if key in self._drafts:
                 self._answers[key] = answer

@@ -24,7 +24,7 @@ from vb_map_integration.borders.clicks import ClickParams, Clicks
 
 
 @dataclass(frozen=True)
-class NodeParams(Parameters):
+class ClickedBorderParams(Parameters):
     """The node's own parameters, beside `ClickParams`."""
 
     frame_id: str = param(names.MAP_FRAME)
@@ -43,10 +43,10 @@ class ClickedBorderNode:
         ~close, ~end: end the chain as a polygon, as a separating curve; ~remove_last: undoes a click;
         ~cancel: forgets the chain.
     Parameters:
-        those of `NodeParams` and `ClickParams`; see config/clicked_border.yaml.
+        those of `ClickedBorderParams` and `ClickParams`; see config/clicked_border.yaml.
     """
 
-    def __init__(self, params: NodeParams, click_params: ClickParams) -> None:
+    def __init__(self, params: ClickedBorderParams, click_params: ClickParams) -> None:
         self._params = params
         self._clicks = Clicks(click_params)
         self._client = BorderClient("clicked_point", params.frame_id)
@@ -85,7 +85,7 @@ class ClickedBorderNode:
                 self._show(error.message)
 
     def _place(self, message: PointStamped) -> np.ndarray:
-        """(2,) [m] in the map's frame."""
+        """Transforms a click to (2,) [m] in the map's frame."""
         point = np.array([message.point.x, message.point.y, message.point.z])
         frame = message.header.frame_id.lstrip("/")
         if frame and frame != self._params.frame_id:
@@ -135,7 +135,7 @@ def main() -> None:
     """Starts the node with the parameters that it finds."""
 
     def build() -> Any:
-        own, shared = (tuple(cls.__dataclass_fields__) for cls in (NodeParams, ClickParams))
-        return ClickedBorderNode(parameters.read(NodeParams, ignore=shared), parameters.read(ClickParams, ignore=own))
+        own, shared = (tuple(cls.__dataclass_fields__) for cls in (ClickedBorderParams, ClickParams))
+        return ClickedBorderNode(parameters.read(ClickedBorderParams, ignore=shared), parameters.read(ClickParams, ignore=own))
 
     node.run("clicked_border", build)

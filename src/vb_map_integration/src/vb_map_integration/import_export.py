@@ -14,7 +14,7 @@ from vb_core.errors import CodedError
 from vb_core.files import write_atomically
 from vb_core.ros import services
 from vb_map_integration.border import VirtualBorder
-from vb_map_integration.border_client import Answer, BorderClient
+from vb_map_integration.border_client import BorderClient, ServiceResult
 from vb_map_integration.borders.border_files import borders_from_yaml, borders_to_yaml
 from vb_map_integration.borders.border_messages import border_from_message
 from vb_map_integration.borders.issues import ERROR
@@ -24,7 +24,7 @@ _GEOJSON = (".geojson", ".json")
 
 
 def read_borders(path: Path) -> List[VirtualBorder]:
-    """The borders of a file; GeoJSON by its ending, else YAML.
+    """Reads the borders of a file; GeoJSON by its ending, else YAML.
 
     Raises:
         CodedError: "cannot_read", "bad_border_file", or what a border raises.
@@ -36,7 +36,7 @@ def read_borders(path: Path) -> List[VirtualBorder]:
     return borders_from_geojson(text) if path.suffix.lower() in _GEOJSON else borders_from_yaml(text)[0]
 
 
-def _print_answer(border: VirtualBorder, answer: Answer, done: str) -> None:
+def _print_answer(border: VirtualBorder, answer: ServiceResult, done: str) -> None:
     name = border.name or ("polygon" if border.closed else "separating curve")
     print(f"{name}: {done if answer.success else f'refused [{answer.code}]'}: {answer.message}")
     for found in answer.issues:

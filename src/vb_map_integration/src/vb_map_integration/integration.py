@@ -42,7 +42,7 @@ class IntegrationParams(Parameters):
     fit_length_m: float = param(0.3, "m", above=0.0, doc="length of a curve's end that gives its extension's direction")
     end_tolerance_m: float = param(0.2, "m", low=0.0, doc="how far a drawn end may be from its wall: less than a robot's width")
     seed_radius_m: float = param(0.2, "m", low=0.0, doc="how far a seed on an obstacle or on the line is moved")
-    nearly_everything: float = param(0.98, low=0.0, high=1.0, doc="share of the free space that is worth a warning")
+    max_area_share: float = param(0.98, low=0.0, high=1.0, doc="share of the free space that is worth a warning")
 
 
 # [m] a virtual wall's band; in coarse maps it is the cells that the chain runs through
@@ -75,7 +75,7 @@ class Area:
     issues: Tuple[Issue, ...]
 
     def region(self, shape: Tuple[int, int]) -> np.ndarray:
-        """(H, W) bool, the cells that the border restricts."""
+        """Returns (H, W) bool, the cells that the border restricts."""
         region = raster.filled(shape, 0).view(bool)
         np.not_equal(self.mask, 0, out=region[self.window])
         return region
@@ -143,7 +143,7 @@ def restricted_area(
     params: Optional[IntegrationParams] = None,
     places: Optional[Places] = None,
 ) -> Area:
-    """What a border restricts.
+    """Computes what a border restricts.
 
     A polygon restricts its inside, unknown cells included, or all the free space outside that is connected
     with the seed. A separating curve is extended to the physical borders and restricts what can be reached from
@@ -176,9 +176,9 @@ def restricted_area(
         restricted = cv2.countNonZero(mask)
         if restricted == 0:
             raise IntegrationError("empty_region", "there is no free cell in the area: draw it larger or elsewhere")
-        if restricted > params.nearly_everything * _count_free(cells, params.occupied_threshold):
+        if restricted > params.max_area_share * _count_free(cells, params.occupied_threshold):
             text = "the area covers nearly all of the free space: is the seed on the right side?"
-            _warn(issues, "nearly_everything", text)
+            _warn(issues, "covers_nearly_all", text)
         if border.value == 0 and border.zone != SLOW:
             _warn(issues, "no_effect", "an occupancy of 0 restricts nothing")
         for name, place in (places or {}).items():
@@ -199,13 +199,13 @@ def restricted_area(
 
 
 def _count_free(cells: np.ndarray, occupied_threshold: int) -> int:
-    """How many cells are neither obstacles nor unknown."""
+    """Counts the cells that are neither obstacles nor unknown."""
     parts = (cells[block] for block in raster.row_blocks(cells.shape))
     return sum(cv2.countNonZero(masks.threshold_mask(part, occupied_threshold, cv2.CMP_LT)) for part in parts)
 
 
 def _framed(cells: np.ndarray, occupied_threshold: int) -> np.ndarray:
-    """(H + 2, W + 2) uint8 mask of what no fill may enter: obstacles, unknown, and a frame round the map."""
+    """Masks (H + 2, W + 2) uint8 what no fill may enter: obstacles, unknown, and a frame round the map."""
     framed = raster.filled((cells.shape[0] + 2, cells.shape[1] + 2), 255)
     masks.threshold_mask(cells, occupied_threshold - 1, cv2.CMP_GT, dst=framed[1:-1, 1:-1])
     return framed

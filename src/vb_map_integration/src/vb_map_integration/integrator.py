@@ -21,14 +21,14 @@ from vb_core.notices import Notice, Severity
 from vb_core.parameters import param
 from vb_map_integration.border import SLOW, VirtualBorder
 from vb_map_integration.borders.border_files import borders_to_yaml
-from vb_map_integration.grid.composition import Composition, Region
-from vb_map_integration.storage.database import Change, Database, Entry, StoredMap, fingerprint
+from vb_map_integration.grid.layered_map import LayeredMap, Region
+from vb_map_integration.storage.database import BorderChange, Change, Database, KnownMap, fingerprint
 from vb_map_integration.borders.issues import WARNING, Issue, IntegrationError
 from vb_map_integration.integration import Area, IntegrationParams, restricted_area
 from vb_map_integration.storage.legacy_folders import read_folders
-from vb_map_integration.places.map_picture import map_picture
-from vb_map_integration.grid.preview import Reachability, ways
-from vb_map_integration.places.recognition import Recognizer, Verdict
+from vb_map_integration.places.map_overlay import draw_map_overlay
+from vb_map_integration.grid.reachability import Reachability, check_reachability
+from vb_map_integration.places.recognition import Recognition, Recognizer
 from vb_map_integration.places.registration import Registration, Transform, register
 from vb_map_integration.borders.schedule import is_scheduled
 
@@ -54,24 +54,24 @@ class IntegratorParams(IntegrationParams):
 
 
 @dataclass(frozen=True)
-class Check:
+class CheckResult:
     """What adding or changing a border would do.
 
     Attributes:
         area: what it would restrict.
         issues: warnings, those of the integration first.
-        ways: parts of the free space and goals out of reach; None if not requested.
-        composition: the map with it.
+        reachability: parts of the free space and goals out of reach; None if not requested.
+        layered_map: the map with it.
     """
 
     area: Area
     issues: Tuple[Issue, ...]
-    ways: Optional[Reachability]
-    composition: Composition
+    reachability: Optional[Reachability]
+    layered_map: LayeredMap
 
 
 @dataclass(frozen=True)
-class Outcome:
+class ChangeResult:
     """What a change did.
 
     Attributes:
@@ -86,7 +86,7 @@ class Outcome:
 
 
 @dataclass(frozen=True)
-class Proposal:
+class MapMatch:
     """Where borders of a known map would be in the current one.
 
     Attributes:
@@ -125,8 +125,8 @@ class MapIntegrator:
             except CodedError as error:  # the database says so itself; the next start tries again
                 self._taken_over.append(Notice(error.code, Severity.ERROR, values=error.values))
         self._recognizer = Recognizer(self._database, params.map_name)
-        self._composition: Optional[Composition] = None
-        self._verdict = Verdict()
+        self._layered_map: Optional[LayeredMap] = None
+        self._recognition = Recognition()
         self._map_id = ""
         self._parts: Optional[int] = None
         # by border: as it is in the current map, whether it is due, why it does not act, what a slow zone covers
@@ -135,15 +135,15 @@ class MapIntegrator:
         self._reasons: Dict[str, str] = {}
         self._slow: Dict[str, Tuple[Region, float]] = {}
 
-    def started_again(self, now: float = 0.0) -> Optional["MapIntegrator"]:
-        """Another integrator with the same map, once a disk can be written that could not be at the start of this one.
+    def reopen(self, now: float = 0.0) -> Optional["MapIntegrator"]:
+        """Makes another integrator with the same map, once a disk can be written that could not be at the start of this one.
 
-        None as long as nothing is gained by it; else this one is closed.
+        Returns None as long as nothing is gained by it; else this one is closed.
 
         Raises:
             CodedError: as at a start; this one is closed then, too.
         """
-        if not self._database.can_be_opened_again():
+        if not self._database.can_reopen():
             return None
         self.close()
         again = MapIntegrator(self.params, self._database.folder)
@@ -159,7 +159,7 @@ class MapIntegrator:
         """Imports borders of older versions, once; their folders stay as they are."""
         for folder in read_folders(root):
             note = f"taken over: {folder.name}"
-            if self._database.fact(note):
+            if self._database.get_value(note):
                 continue
             place = self._database.add_map(folder.grid, folder.map_id or folder.name)
             renamed = self._database.take_over(place, folder.borders, note)
@@ -176,9 +176,9 @@ class MapIntegrator:
         return self._ready().posterior
 
     def posterior_for(self, robot: str) -> GridMap:
-        """The physical map with the borders for one robot: those that name it, or none."""
+        """Returns the physical map with the borders for one robot: those that name it, or none."""
         others = {border.id: None for border in self.borders if border.robots and robot not in border.robots}
-        return self._ready().changed(others).posterior if others else self.posterior
+        return self._ready().with_regions(others).posterior if others else self.posterior
 
     @property
     def speed_limits(self) -> GridMap:
@@ -204,14 +204,14 @@ class MapIntegrator:
     @property
     def has_map(self) -> bool:
         """Whether there is a physical map."""
-        return self._composition is not None
+        return self._layered_map is not None
 
     @property
     def borders(self) -> Tuple[VirtualBorder, ...]:
         """All borders of the current map, in its frame, oldest first."""
         if not self.has_map:
             return ()
-        return tuple(self._moved[border.id] for border in self._database.borders(self._verdict.place))
+        return tuple(self._moved[border.id] for border in self._database.borders(self._recognition.place))
 
     @property
     def revision(self) -> int:
@@ -226,12 +226,12 @@ class MapIntegrator:
     @property
     def map_name(self) -> str:
         """The name of the place that the current map shows; "" if it has none."""
-        return self._database.name_of(self._verdict.place) if self._verdict.place else self.params.map_name
+        return self._database.name_of(self._recognition.place) if self._recognition.place else self.params.map_name
 
     @property
     def needs_confirmation(self) -> bool:
         """Whether the current map may show another place than that of the borders in force."""
-        return not self._verdict.sure
+        return not self._recognition.certain
 
     @property
     def notices(self) -> List[Notice]:
@@ -242,7 +242,7 @@ class MapIntegrator:
             found.append(Notice("borders_unconfirmed", Severity.WARNING, values=values))
         for border in self.borders:
             reason = self.status(border)[1]
-            if reason == "does_not_fit":
+            if reason == "inactive_on_this_map":
                 why = self._reasons[border.id]
                 found.append(Notice(reason, Severity.WARNING, "", border.id, "", {"border": border.name, "why": why}))
         return found
@@ -258,26 +258,30 @@ class MapIntegrator:
         return {"place": "$place_of_borders", "borders": names, "date": time.strftime("%Y-%m-%d", time.localtime(drawn[0].created))}
 
     def area_m2(self, border_id: str) -> float:
-        """[m^2] that a border restricts now; 0 if it does not act."""
+        """Returns the area [m^2] that a border restricts now; 0 if it is not in force."""
         slow = self._slow.get(border_id)
         return slow[0].area_m2 if slow else self._ready().area_m2(border_id)
 
     def status(self, border: VirtualBorder) -> Tuple[bool, str]:
-        """Whether a border acts now, and if not why: "other_robot", "disabled", "off_schedule", "does_not_fit"."""
-        if not self._is_mine(border):
+        """Tells whether a border is in force now, and if not why.
+
+        Returns:
+            (in force, code): "other_robot", "disabled", "off_schedule", "inactive_on_this_map", "no_effect" or "".
+        """
+        if not self._applies_here(border):
             return False, "other_robot"
         if not self._due.get(border.id, False):
             return False, "off_schedule" if border.enabled else "disabled"
         if border.id in self._reasons:
-            return False, "does_not_fit"
+            return False, "inactive_on_this_map"
         if border.value == 0 and border.zone != SLOW:
             return False, "no_effect"
         return True, ""
 
-    def _ready(self) -> Composition:
-        if self._composition is None:
+    def _ready(self) -> LayeredMap:
+        if self._layered_map is None:
             raise CodedError("no_map", "there is no physical map yet: is the map server running?")
-        return self._composition
+        return self._layered_map
 
     # ------------------------------------------------------------- the physical map
     def set_map(self, grid: GridMap, now: float = 0.0) -> Tuple[bool, Tuple[str, ...]]:
@@ -292,57 +296,58 @@ class MapIntegrator:
         map_id = fingerprint(grid)
         if map_id == self._map_id:
             return False, ()
-        before = self._composition.physical if self._composition else None
-        verdict = self._recognizer.recognise(grid, map_id, before, self._verdict)
+        before = self._layered_map.physical if self._layered_map else None
+        recognition = self._recognizer.recognise(grid, map_id, before, self._recognition)
         self._map_id = map_id
-        self._use(grid, verdict, now)
-        if verdict.place:
+        self._use(grid, recognition, now)
+        if recognition.place:
             name = self.params.map_name
             try:
-                self._database.remember_place(verdict.place)
-                if name and verdict.sure and not self.map_name:
-                    self._database.rename_place(verdict.place, name)
+                self._database.remember_place(recognition.place)
+                if name and recognition.certain and not self.map_name:
+                    self._database.rename_place(recognition.place, name)
             except CodedError as error:
                 return True, (error.message, *(notice.sentence() for notice in self.notices))
         return True, tuple(notice.sentence() for notice in self.notices)
 
-    def _use(self, grid: GridMap, verdict: Verdict, now: float) -> None:
-        self._verdict, self._parts = verdict, None
+    def _use(self, grid: GridMap, recognition: Recognition, now: float) -> None:
+        self._recognition, self._parts = recognition, None
         self._moved, self._due, self._reasons, self._slow = {}, {}, {}, {}
-        self._composition = self._recompute(Composition(grid), self._database.borders(verdict.place), now)
+        self._layered_map = self._recompute(LayeredMap(grid), self._database.borders(recognition.place), now)
 
     def _recompute(
         self,
-        composition: Composition,
+        layered_map: LayeredMap,
         stored: Iterable[VirtualBorder],
         now: float,
         gone: Sequence[str] = (),
-        check: Optional[Check] = None,
-    ) -> Composition:
+        check: Optional[CheckResult] = None,
+    ) -> LayeredMap:
         """Applies borders to the current map: only here is it decided which act, and why others do not.
 
         Args:
             stored: borders in the frame of their place.
             gone: ids of borders that were removed.
-            check: of the only one of these borders, on the same composition; nothing is computed twice then.
+            check: of the only one of these borders, on the same layered map; nothing is computed twice then.
         """
         regions: Dict[str, Optional[Region]] = {}
         for known in (self._moved, self._due, self._reasons, self._slow):
             for key in gone:
                 known.pop(key, None)  # type: ignore[attr-defined]
-        regions.update((key, None) for key in gone)
-        for border in (one.moved(self._verdict.transform) for one in stored):
+        for key in gone:
+            regions[key] = None
+        for border in (one.moved(self._recognition.transform) for one in stored):
             self._moved[border.id] = border
             self._due[border.id] = _is_due(border, now)
             self._reasons.pop(border.id, None)
             self._slow.pop(border.id, None)
             regions[border.id] = None
-            if not (self._due[border.id] and self._is_mine(border)):
+            if not (self._due[border.id] and self._applies_here(border)):
                 continue
             if check is not None and border.zone != SLOW:
-                return check.composition
+                return check.layered_map
             try:
-                region = Region.of(restricted_area(composition.physical, border, self.params))
+                region = Region.of(restricted_area(layered_map.physical, border, self.params))
             except IntegrationError as error:
                 self._reasons[border.id] = error.code
                 continue
@@ -350,13 +355,13 @@ class MapIntegrator:
                 self._slow[border.id] = region, border.max_speed
             else:
                 regions[border.id] = region
-        return composition.changed(regions)
+        return layered_map.with_regions(regions)
 
-    def _is_mine(self, border: VirtualBorder) -> bool:
+    def _applies_here(self, border: VirtualBorder) -> bool:
         return not self.params.robot_name or not border.robots or self.params.robot_name in border.robots
 
     # ------------------------------------------------------------- which place the map shows
-    def confirm(self, same: bool, name: str, now: float) -> Outcome:
+    def confirm(self, same: bool, name: str, now: float) -> ChangeResult:
         """Adopts a person's answer about what the current map shows.
 
         Args:
@@ -366,13 +371,13 @@ class MapIntegrator:
         Raises:
             CodedError: "no_map", "name_taken", "drawn_on_this_map", "cannot_write".
         """
-        grid, verdict = self.physical, self._verdict
+        grid, recognition = self.physical, self._recognition
         known = self._database.map_of(self._map_id)
         if same:
-            place = verdict.place
+            place = recognition.place
             if not place or known is None or known.place != place:
-                place = self._database.add_map(grid, self._map_id, place, verdict.transform)
-            transform = verdict.transform
+                place = self._database.add_map(grid, self._map_id, place, recognition.transform)
+            transform = recognition.transform
         else:
             if known is not None and known.id == known.place and self._database.count(known.place):
                 raise CodedError("drawn_on_this_map")
@@ -381,12 +386,12 @@ class MapIntegrator:
             place, transform = self._database.add_map(grid, self._map_id), Transform()
         if name:
             self._database.rename_place(place, name)
-        self._use(grid, Verdict(place, transform), now)
+        self._use(grid, Recognition(place, transform), now)
         self._database.remember_place(place)
-        return Outcome((), (), sentences.say("map_confirmed", {"count": len(self.borders)}))
+        return ChangeResult((), (), sentences.say("map_confirmed", {"count": len(self.borders)}))
 
-    def propose(self, which: str, transform: Optional[Transform] = None) -> Proposal:
-        """Where the borders of a known map would be in the current one; changes nothing.
+    def propose(self, which: str, transform: Optional[Transform] = None) -> MapMatch:
+        """Finds where the borders of a known map would be in the current one; changes nothing.
 
         Args:
             which: the fingerprint or the name of their map; empty: of the place whose borders are in force.
@@ -402,10 +407,10 @@ class MapIntegrator:
             found = register(source.grid, grid) if source.grid is not None else None
             transform = found.transform.after(source.transform) if found else Transform()
         moved = [border.moved(transform) for border in self._database.borders(source.place)]
-        picture = map_picture(source.grid, grid, transform.after(source.transform.inverse), moved)
-        return Proposal(source.place, transform, found, picture)
+        picture = draw_map_overlay(source.grid, grid, transform.after(source.transform.inverse), moved)
+        return MapMatch(source.place, transform, found, picture)
 
-    def adopt(self, proposal: Proposal, now: float) -> Outcome:
+    def adopt(self, proposal: MapMatch, now: float) -> ChangeResult:
         """Adopts the borders of another map in the current one; from now on both show the same place.
 
         Raises:
@@ -416,14 +421,14 @@ class MapIntegrator:
             if proposal.place == known.place or self._database.count(known.place):
                 raise CodedError("place_has_borders")
         self._database.add_map(self.physical, self._map_id, proposal.place, proposal.transform)
-        self._use(self.physical, Verdict(proposal.place, proposal.transform), now)
+        self._use(self.physical, Recognition(proposal.place, proposal.transform), now)
         self._database.remember_place(proposal.place)
-        return Outcome((), (), sentences.say("borders_adopted", {"count": len(self.borders)}))
+        return ChangeResult((), (), sentences.say("borders_adopted", {"count": len(self.borders)}))
 
-    def _source(self, which: str) -> StoredMap:
+    def _source(self, which: str) -> KnownMap:
         maps = self._database.maps()
         if not which:
-            chosen = [one for one in maps if one.place == self._verdict.place]
+            chosen = [one for one in maps if one.place == self._recognition.place]
         else:
             chosen = [one for one in maps if which in (one.fingerprint, one.name)]
         if not chosen:
@@ -436,8 +441,8 @@ class MapIntegrator:
         border: VirtualBorder,
         places: Optional[Mapping[str, Sequence[float]]] = None,
         goals: Optional[Sequence[Sequence[float]]] = None,
-    ) -> Check:
-        """What adding a border, or replacing the one of the same id, would do; changes nothing.
+    ) -> CheckResult:
+        """Checks what adding a border, or replacing the one of the same id, would do; changes nothing.
 
         Args:
             places: positions [m] by name ("robot"); being inside is a warning.
@@ -452,7 +457,7 @@ class MapIntegrator:
         if self.params.dock:
             places["dock"] = self.params.dock
         area = restricted_area(before.physical, border, self.params, places)
-        after = before.changed({border.id: None if border.zone == SLOW else Region.of(area)})
+        after = before.with_regions({border.id: None if border.zone == SLOW else Region.of(area)})
         issues = list(area.issues)
         found: Optional[Reachability] = None
         if goals is not None or self.params.check_reachability:
@@ -463,14 +468,14 @@ class MapIntegrator:
                 "occupied_threshold": self.params.occupied_threshold,
             }
             if self._parts is None:
-                self._parts = ways(before.posterior, **options).free_parts
-            found = ways(after.posterior, () if goals is None else goals, **options)
+                self._parts = check_reachability(before.posterior, **options).free_parts
+            found = check_reachability(after.posterior, () if goals is None else goals, **options)
             if found.free_parts > self._parts:
                 text = f"the free space would fall into {found.free_parts} parts, not {self._parts}"
                 issues.append(Issue(WARNING, "splits_free_space", text))
             if found.free_parts == 0 and self._parts > 0:
                 issues.append(Issue(WARNING, "no_free_space_left", "no free space would be left for the robot"))
-        return Check(area, tuple(issues), found, after)
+        return CheckResult(area, tuple(issues), found, after)
 
     def _check_robots(self, border: VirtualBorder) -> None:
         known = self.params.robots
@@ -489,7 +494,7 @@ class MapIntegrator:
         places: Optional[Mapping[str, Sequence[float]]] = None,
         expected: int = 0,
         request_id: str = "",
-    ) -> Outcome:
+    ) -> ChangeResult:
         """Adds a border; `now` is [s] ROS time. Raises CodedError if it is refused; then nothing changed.
 
         Args:
@@ -497,15 +502,15 @@ class MapIntegrator:
         """
         known = self._database.border_of_request(request_id)
         if known:
-            return Outcome((known,), (), sentences.say("added_before"))
+            return ChangeResult((known,), (), sentences.say("added_before"))
         self._expect(expected)
         self._check_time(border, now)
         new = self._database.new_border(border, now)
         check = self.check(new, places)
         self._check_confirmed()
         self._keep_map()
-        self._commit(self._verdict.place, (Entry(new.id, None, self._at_home(new)),), "new", now, request_id, check)
-        return Outcome((new.id,), check.issues, f"'{new.name}' restricts {check.area.area_m2:.2f} m2")
+        self._commit(self._recognition.place, (BorderChange(new.id, None, self._to_place_frame(new)),), "new", now, request_id, check)
+        return ChangeResult((new.id,), check.issues, f"'{new.name}' restricts {check.area.area_m2:.2f} m2")
 
     def update(
         self,
@@ -513,7 +518,7 @@ class MapIntegrator:
         now: float,
         places: Optional[Mapping[str, Sequence[float]]] = None,
         expected: int = 0,
-    ) -> Outcome:
+    ) -> ChangeResult:
         """Replaces the border of the same id; raises CodedError if it is refused; then nothing changed.
 
         A border whose points and seed stay as they are is not refused because it does not fit the map.
@@ -521,11 +526,11 @@ class MapIntegrator:
         self._ready()
         self._expect(expected)
         place, before = self._database.find(border.id)
-        if place != self._verdict.place:
+        if place != self._recognition.place:
             raise CodedError("on_another_map", id=border.id)
         self._check_time(border, now)
         self._check_robots(border)
-        check: Optional[Check] = None
+        check: Optional[CheckResult] = None
         after = border.replace(name=border.name or before.name, created=before.created, modified=now)
         if border.same_area(self._moved[border.id]):
             after = after.replace(points=before.points, seed=before.seed)
@@ -533,67 +538,67 @@ class MapIntegrator:
             check = self.check(border, places)
             self._check_confirmed()
             self._keep_map()
-            after = self._at_home(after)
-        issues = self._commit(place, (Entry(border.id, before, after),), "new", now, "", check)
-        return Outcome((border.id,), check.issues if check else issues, f"'{after.name}' was changed")
+            after = self._to_place_frame(after)
+        issues = self._commit(place, (BorderChange(border.id, before, after),), "new", now, "", check)
+        return ChangeResult((border.id,), check.issues if check else issues, f"'{after.name}' was changed")
 
-    def enable(self, border_id: str, enabled: bool, now: float, expires: float = 0.0, expected: int = 0) -> Outcome:
+    def enable(self, border_id: str, enabled: bool, now: float, expires: float = 0.0, expected: int = 0) -> ChangeResult:
         """Turns a border of any map on or off, for ever or until `expires` [s]; raises CodedError."""
         return self._adjust(border_id, now, expected, enabled=enabled, expires=expires)
 
-    def rename(self, border_id: str, name: str, now: float, expected: int = 0) -> Outcome:
+    def rename(self, border_id: str, name: str, now: float, expected: int = 0) -> ChangeResult:
         """Renames a border of any map; raises CodedError."""
         return self._adjust(border_id, now, expected, name=name)
 
-    def _adjust(self, border_id: str, now: float, expected: int, **changes: Any) -> Outcome:
+    def _adjust(self, border_id: str, now: float, expected: int, **changes: Any) -> ChangeResult:
         self._ready()
         self._expect(expected)
         place, before = self._database.find(border_id)
         after = before.replace(modified=now, **changes)
         self._check_time(after, now)
-        return self._plain(((Entry(border_id, before, after)),), "new", "changed", now, place)
+        return self._make_change(((BorderChange(border_id, before, after)),), "new", "changed", now, place)
 
-    def remove(self, border_id: str, now: float = 0.0, expected: int = 0) -> Outcome:
+    def remove(self, border_id: str, now: float = 0.0, expected: int = 0) -> ChangeResult:
         """Removes a border; raises CodedError "unknown_border"."""
         self._ready()
         self._expect(expected)
         place, before = self._database.find(border_id)
-        return self._plain((Entry(border_id, before, None),), "new", "removed", now, place)
+        return self._make_change((BorderChange(border_id, before, None),), "new", "removed", now, place)
 
-    def clear(self, now: float = 0.0) -> Outcome:
+    def clear(self, now: float = 0.0) -> ChangeResult:
         """Removes all borders of the current map; raises CodedError "nothing_to_clear"."""
-        stored = self._database.borders(self._verdict.place)
+        stored = self._database.borders(self._recognition.place)
         if not stored:
             raise CodedError("nothing_to_clear", "there are no borders")
-        return self._plain(tuple(Entry(border.id, border, None) for border in stored), "new", "removed", now)
+        return self._make_change(tuple(BorderChange(border.id, border, None) for border in stored), "new", "removed", now)
 
-    def undo(self, now: float = 0.0) -> Outcome:
+    def undo(self, now: float = 0.0) -> ChangeResult:
         """Undoes the last change; raises CodedError "nothing_to_undo"."""
-        return self._plain(self._database.undoing(self._verdict.place), "undo", "changed back", now)
+        return self._make_change(self._database.prepare_undo(self._recognition.place), "undo", "changed back", now)
 
-    def redo(self, now: float = 0.0) -> Outcome:
+    def redo(self, now: float = 0.0) -> ChangeResult:
         """Redoes what was undone last; raises CodedError "nothing_to_redo"."""
-        return self._plain(self._database.redoing(self._verdict.place), "redo", "changed again", now)
+        return self._make_change(self._database.prepare_redo(self._recognition.place), "redo", "changed again", now)
 
-    def expire(self, now: float) -> Optional[Outcome]:
+    def expire(self, now: float) -> Optional[ChangeResult]:
         """Toggles borders that expire, begins and ends scheduled times; None if nothing changed."""
-        stored = self._database.borders(self._verdict.place)
+        stored = self._database.borders(self._recognition.place)
         change = tuple(
-            Entry(border.id, border, border.replace(enabled=not border.enabled, expires=0.0, modified=now))
+            BorderChange(border.id, border, border.replace(enabled=not border.enabled, expires=0.0, modified=now))
             for border in stored if 0.0 < border.expires <= now
         )
         refused: Optional[CodedError] = None
         if change:
             try:  # an expiry is no command: undo goes on to what a person did
-                return self._plain(change, "quiet", "expired and toggled", now)
+                return self._make_change(change, "quiet", "expired and toggled", now)
             except CodedError as error:
                 refused = error
         # whether a border is due does not wait for the disk
         turned = [border for border in stored if _is_due(border, now) != self._due.get(border.id)]
         if turned:
-            self._composition, self._parts = self._recompute(self._ready(), turned, now), None
+            self._layered_map, self._parts = self._recompute(self._ready(), turned, now), None
             names = ", ".join(f"'{border.name}'" for border in turned)
-            return Outcome(tuple(border.id for border in turned), (), f"on or off by time: {names}")
+            return ChangeResult(tuple(border.id for border in turned), (), f"on or off by time: {names}")
         if refused is not None:
             raise refused
         return None
@@ -613,41 +618,41 @@ class MapIntegrator:
             text = f"the border's time is over: it expires at {border.expires:.1f} s, now is {now:.1f} s"
             raise CodedError("already_expired", text)
 
-    def _at_home(self, border: VirtualBorder) -> VirtualBorder:
+    def _to_place_frame(self, border: VirtualBorder) -> VirtualBorder:
         """A border of the current map in the frame of its place."""
-        return border.moved(self._verdict.transform.inverse)
+        return border.moved(self._recognition.transform.inverse)
 
     def _keep_map(self) -> None:
         """Keeps the map on which a person draws: later ones are compared with it."""
         if self._database.map_of(self._map_id) is None:
             place = self._database.add_map(
-                self.physical, self._map_id, self._verdict.place, self._verdict.transform,
-                "" if self._verdict.place else self._free_name(),
+                self.physical, self._map_id, self._recognition.place, self._recognition.transform,
+                "" if self._recognition.place else self._free_name(),
             )
             self._database.remember_place(place)
-            self._verdict = Verdict(place, self._verdict.transform)
+            self._recognition = Recognition(place, self._recognition.transform)
 
     def _free_name(self) -> str:
         return "" if self._database.place_named(self.params.map_name) else self.params.map_name
 
-    def _plain(self, change: Change, kind: str, what: str, now: float, place: int = 0) -> Outcome:
-        issues = self._commit(place or self._verdict.place, change, kind, now)
+    def _make_change(self, change: Change, kind: str, what: str, now: float, place: int = 0) -> ChangeResult:
+        issues = self._commit(place or self._recognition.place, change, kind, now)
         names = ", ".join(f"'{(entry.after or entry.before).name}'" for entry in change)  # type: ignore[union-attr]
-        return Outcome(tuple(entry.id for entry in change), issues, f"{what}: {names}")
+        return ChangeResult(tuple(entry.id for entry in change), issues, f"{what}: {names}")
 
     def _commit(
-        self, place: int, change: Change, kind: str, now: float, request_id: str = "", check: Optional[Check] = None
+        self, place: int, change: Change, kind: str, now: float, request_id: str = "", check: Optional[CheckResult] = None
     ) -> Tuple[Issue, ...]:
         """Makes a change, all of it or, with a CodedError, nothing; returns warnings about borders that do not act."""
         ready = self._ready()
         self._database.commit(place, change, kind, request_id)
-        if place != self._verdict.place:
+        if place != self._recognition.place:
             return ()
         stored = [entry.after for entry in change if entry.after is not None]
         gone = [entry.id for entry in change if entry.after is None]
-        self._composition, self._parts = self._recompute(ready, stored, now, gone, check), None
-        if check is not None and check.ways is not None and self.status(self._moved[change[0].id])[0]:
-            self._parts = check.ways.free_parts
+        self._layered_map, self._parts = self._recompute(ready, stored, now, gone, check), None
+        if check is not None and check.reachability is not None and self.status(self._moved[change[0].id])[0]:
+            self._parts = check.reachability.free_parts
         found = [self._moved[border.id] for border in stored if border.id in self._reasons]
         values = [{"border": border.name, "why": self._reasons[border.id]} for border in found]
         return tuple(Issue(WARNING, "inactive_on_this_map", sentences.say("inactive_on_this_map", one), one) for one in values)

@@ -42,16 +42,16 @@ from vb_core.ros.preview_service import PreviewBorderArray, PreviewBorderArrayRe
 from vb_core.ros.transforms import TransformLookup
 from vb_map_integration.border import VirtualBorder
 from vb_map_integration.borders.border_messages import border_from_message, issue_messages, message_from_border
-from vb_map_integration.grid.costmap_settings import soft_value_issue
+from vb_map_integration.grid.costmap_settings import check_soft_value
 from vb_map_integration.borders.issues import ERROR, Issue, IntegrationError
-from vb_map_integration.integrator import IntegratorParams, MapIntegrator, Outcome
+from vb_map_integration.integrator import ChangeResult, IntegratorParams, MapIntegrator
 from vb_map_integration.places.registration import Transform
 
 _MAP_PATIENCE_S = 5.0  # warns after this long without a map
 
 
 @dataclass(frozen=True)
-class NodeParams(Parameters):
+class MapIntegratorNodeParams(Parameters):
     """The node's own parameters, beside `IntegratorParams`."""
 
     frame_id: str = param(names.MAP_FRAME)
@@ -91,10 +91,10 @@ class MapIntegratorNode:
         /virtual_borders/undo, /virtual_borders/redo, /virtual_borders/clear (std_srvs/Trigger)
         /virtual_borders/save_map (vb_msgs/SaveMap): writes files as map_server does, borders beside them.
     Parameters:
-        those of `NodeParams`, `IntegratorParams` and `IntegrationParams`; see config/map_integrator.yaml.
+        those of `MapIntegratorNodeParams`, `IntegratorParams` and `IntegrationParams`; see config/map_integrator.yaml.
     """
 
-    def __init__(self, params: NodeParams, integrator_params: IntegratorParams) -> None:
+    def __init__(self, params: MapIntegratorNodeParams, integrator_params: IntegratorParams) -> None:
         self._params = params
         self._map_dir = Path(params.map_dir).expanduser()
         if rospy.resolve_name(names.PHYSICAL_MAP) == rospy.resolve_name(names.MAP_WITH_BORDERS):
@@ -226,7 +226,7 @@ class MapIntegratorNode:
     def _expire(self, _event: Any) -> None:
         with self._lock:
             try:
-                again = self._integrator.started_again(self._now().to_sec())
+                again = self._integrator.reopen(self._now().to_sec())
             except CodedError as error:
                 # as at a start, for instance since another process has taken the database meanwhile
                 rospy.logfatal("%s: %s", rospy.get_name(), error)
@@ -272,7 +272,7 @@ class MapIntegratorNode:
             return ()
         base = self._params.move_base.rstrip("/")
         costmaps = {name: rospy.get_param(f"{base}/{name}", None) for name in ("global_costmap", "local_costmap")}
-        found = soft_value_issue(border.value, costmaps)
+        found = check_soft_value(border.value, costmaps)
         return (found,) if found else ()
 
     def _watch_move_base(self, _event: Any) -> None:
@@ -295,7 +295,7 @@ class MapIntegratorNode:
             response.issues = issue_messages(error.issues if isinstance(error, IntegrationError) else plain)
         return response
 
-    def _done(self, response: Any, outcome: Outcome, extra: Sequence[Issue] = ()) -> Any:
+    def _done(self, response: Any, outcome: ChangeResult, extra: Sequence[Issue] = ()) -> Any:
         for found in (*outcome.issues, *extra):
             rospy.logwarn("%s: %s [%s]", rospy.get_name(), found.message, found.code)
         rospy.loginfo("%s: %s", rospy.get_name(), outcome.message)
@@ -306,7 +306,7 @@ class MapIntegratorNode:
             response.revision = self._integrator.revision
         return response
 
-    def _change(self, response: Any, change: Callable[[float], Outcome]) -> Any:
+    def _change(self, response: Any, change: Callable[[float], ChangeResult]) -> Any:
         """Makes a change, publishes it, and answers."""
         try:
             with self._lock:
@@ -351,13 +351,13 @@ class MapIntegratorNode:
         )
 
     def _enable(self, request: Any) -> SetBorderEnabledResponse:
-        def change(now: float) -> Outcome:
+        def change(now: float) -> ChangeResult:
             return self._integrator.enable(request.id, request.enabled, now, expected=request.expected_revision)
 
         return self._change(SetBorderEnabledResponse(), change)
 
     def _rename(self, request: Any) -> RenameBorderResponse:
-        def change(now: float) -> Outcome:
+        def change(now: float) -> ChangeResult:
             return self._integrator.rename(request.id, request.name, now, request.expected_revision)
 
         return self._change(RenameBorderResponse(), change)
@@ -380,11 +380,11 @@ class MapIntegratorNode:
         response.x, response.y, response.yaw = proposal.transform
         response.picture = proposal.picture
         if proposal.registration is not None:
-            response.score, response.sure = proposal.registration.score, proposal.registration.sure
+            response.score, response.sure = proposal.registration.score, proposal.registration.is_unambiguous
         if not request.dry_run:
             return self._change(response, lambda now: self._integrator.adopt(proposal, now))
         message = sentences.say("borders_proposed", {"score": f"{response.score:.2f}"})
-        return self._done(response, Outcome((), (), message))
+        return self._done(response, ChangeResult((), (), message))
 
     def _preview(self, request: Any) -> Any:
         response = PreviewBorderArrayResponse()
@@ -399,13 +399,13 @@ class MapIntegratorNode:
                 check = self._integrator.check(border, self._places(), goals.tolist())
         except CodedError as error:
             return self._refused(response, error)
-        after = check.composition.posterior
+        after = check.layered_map.posterior
         region = after.with_data(np.where(check.area.region(after.shape), np.int8(100), np.int8(0)))
         response.region = messages.message_from_grid(region, self._now(), self._params.frame_id)
         response.area_m2 = check.area.area_m2
-        if check.ways is not None:
-            response.free_parts = check.ways.free_parts
-            response.unreachable_goals = np.array(check.ways.unreachable, np.uint32)
+        if check.reachability is not None:
+            response.free_parts = check.reachability.free_parts
+            response.unreachable_goals = np.array(check.reachability.unreachable, np.uint32)
         response.success, response.code = True, "ok"
         response.message = f"the border would restrict {check.area.area_m2:.2f} m2"
         response.issues = issue_messages((*check.issues, *self._soft_issues(border)))
@@ -445,8 +445,8 @@ def main() -> None:
     """Starts the node with the parameters that it finds."""
 
     def build() -> MapIntegratorNode:
-        own, shared = (tuple(cls.__dataclass_fields__) for cls in (NodeParams, IntegratorParams))
-        params = parameters.read(NodeParams, ignore=shared)
+        own, shared = (tuple(cls.__dataclass_fields__) for cls in (MapIntegratorNodeParams, IntegratorParams))
+        params = parameters.read(MapIntegratorNodeParams, ignore=shared)
         integrator = parameters.read(IntegratorParams, ignore=own)
         radii = [robot_profile.radius(name, integrator.robot_radius_m) for name in integrator.robots or [""]]
         return MapIntegratorNode(params, integrator.replace(robot_radius_m=max(radii)))

@@ -14,7 +14,7 @@ from vb_core import names
 from vb_core.parameters import Parameters, param
 from vb_core.ros import messages, node, parameters
 from vb_map_integration.borders.border_messages import border_from_message
-from vb_map_integration.storage.recording import Recording
+from vb_map_integration.storage.recording import MapRecording
 
 
 @dataclass(frozen=True)
@@ -40,7 +40,7 @@ class MapRecorderNode:
 
     def __init__(self, params: RecorderParams) -> None:
         self._params = params
-        self._recording = Recording(Path(params.directory).expanduser())
+        self._recording = MapRecording(Path(params.directory).expanduser())
         self._lock = threading.Lock()
         self._map: Optional[Any] = None
         self._arrived = rospy.Time(0)

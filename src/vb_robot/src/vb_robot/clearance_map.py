@@ -1,6 +1,6 @@
 """The map as a round robot sees it: clearance, lines of sight, shortest paths.
 
-The idea: only the floor around the line and the robot matters. `around` cuts that window out of the map, so that the
+The idea: only the floor around the line and the robot matters. `crop` cuts that window out of the map, so that the
 cost of a choice does not depend on the map's size; a robot from outside enters over the window's edge.
 """
 from __future__ import annotations
@@ -18,8 +18,8 @@ from vb_core.grid_map import GridMap, distance_to
 STAND_MARGIN = 0.10  # [m] beyond the radius where a robot stops
 TRAVEL_MARGIN = 0.03  # [m] beyond the radius on the path; navigation keeps its own inflation
 OCCUPIED = 50  # [%] from this occupancy on a cell is blocked, so also by soft borders
-WAY_CELL = 0.05  # [m] cell size of the grid on which paths are searched, on maps of this size or finer ...
-MAX_WAY_CELLS = 10000  # ... and in windows coarser, where there would be more: a search costs 1 ms per 1,000
+PATH_CELL = 0.05  # [m] cell size of the grid on which paths are searched, on maps of this size or finer ...
+MAX_PATH_CELLS = 10000  # ... and in windows coarser, where there would be more: a search costs 1 ms per 1,000
 START_TOLERANCE = 0.35  # [m] how far from free cells a path may start: a robot at a wall
 PAD = 3.0  # [m] of floor around what matters: a robot looks at it from 1.5 m, the line is extrapolated by 2 m
 REACH = 8.0  # [m] robots and lines farther away do not make the window larger
@@ -29,8 +29,8 @@ STRING = 0.05  # [m] between places of a route
 Window = Tuple[float, float, float, float]
 
 
-def window_of(spot, *others) -> Window:
-    """(x_min, y_min, x_max, y_max) [m] of the window about a spot (2,) [m], and about points (N, 2) near it."""
+def bounding_window(spot, *others) -> Window:
+    """Returns the window (x_min, y_min, x_max, y_max) [m] around a spot (2,) [m] and those of some points (N, 2) near it."""
     spot = np.asarray(spot, dtype=float)
     points = np.vstack([spot[None], *(np.asarray(some, dtype=float).reshape(-1, 2) for some in others)])
     points = points[np.abs(points - spot).max(axis=1) <= REACH]
@@ -39,8 +39,8 @@ def window_of(spot, *others) -> Window:
     return float(low[0]), float(low[1]), float(high[0]), float(high[1])
 
 
-def around(grid: GridMap, window: Window) -> GridMap:
-    """The part of a map in a window (x_min, y_min, x_max, y_max) [m]; what lies off the map is unknown."""
+def crop(grid: GridMap, window: Window) -> GridMap:
+    """Cuts a window (x_min, y_min, x_max, y_max) [m] out of a map; what lies off the map is unknown."""
     corners = np.array([[window[i], window[j]] for i in (0, 2) for j in (1, 3)])
     cells = np.floor(grid.world_to_grid(corners) + 0.5).astype(int)[:, ::-1]
     low, high = cells.min(axis=0), cells.max(axis=0)
@@ -54,7 +54,7 @@ def around(grid: GridMap, window: Window) -> GridMap:
 
 
 def clearance_grid(blocked: np.ndarray, resolution: float, edge: bool = True) -> np.ndarray:
-    """(H, W) float32 [m]: from each cell's centre to the next blocked cell; 0 in blocked cells.
+    """Measures (H, W) float32 [m] how far each cell's centre is from the nearest blocked cell; 0 in blocked cells.
 
     Half a cell's diagonal is taken off the distance between centres, so that it never says more than there is.
 
@@ -66,7 +66,7 @@ def clearance_grid(blocked: np.ndarray, resolution: float, edge: bool = True) ->
 
 
 def sample(grid: GridMap, layer: np.ndarray, points: np.ndarray, outside: float = 0.0) -> np.ndarray:
-    """(N,) values of a layer (H, W) of a grid at points (N, 2) [m]; `outside` for points off the map."""
+    """Reads (N,) values of a layer (H, W) of a grid at points (N, 2) [m]; `outside` for points off the map."""
     cells = grid.world_to_cell(points)
     inside = grid.contains_cells(cells)
     values = np.full(len(cells), outside, dtype=float)
@@ -77,9 +77,9 @@ def sample(grid: GridMap, layer: np.ndarray, points: np.ndarray, outside: float 
 def nearest_cell(
     grid: GridMap, mask: np.ndarray, point, reach: float
 ) -> Tuple[Optional[Tuple[int, int]], np.ndarray]:
-    """The cell (row, column) of a mask (H, W) nearest to a point (2,) [m] within reach [m], and its centre (2,) [m].
+    """Finds the cell (row, column) of a mask (H, W) nearest to a point (2,) [m] within reach [m], and its centre (2,) [m].
 
-    None and the point itself if there is none.
+    Returns None and the point itself if there is none.
     """
     point = np.asarray(point, dtype=float)
     row, column = grid.world_to_cell(point)[0]
@@ -114,19 +114,19 @@ class ClearanceMap:
         self.clearance = clearance_grid(self.blocked, grid.resolution, edge)
         seen_through = physical if physical is not None and physical.same_geometry(grid) else grid
         self.opaque = seen_through.data >= occupied
-        self._mark_ways()
+        self._mark_passable()
 
     # ------------------------------------------------------------- places
     def clearance_at(self, points: np.ndarray) -> np.ndarray:
-        """(N,) [m] from points (N, 2) to what is blocked or off the map."""
+        """Returns (N,) [m] how far points (N, 2) [m] are from what is blocked or off the map."""
         return sample(self.grid, self.clearance, points)
 
-    def stands_free(self, points: np.ndarray) -> np.ndarray:
-        """(N,) bool: whether the robot with its margin finds room at points (N, 2) [m]."""
+    def has_room_at(self, points: np.ndarray) -> np.ndarray:
+        """Tells (N,) bool whether the robot with its margin finds room at points (N, 2) [m]."""
         return self.clearance_at(points) >= self.radius + STAND_MARGIN
 
     def line_of_sight(self, points: np.ndarray, target) -> np.ndarray:
-        """(N,) bool: whether nothing opaque lies between points (N, 2) and a target (2,) [m]."""
+        """Tells (N,) bool whether nothing opaque lies between points (N, 2) and a target (2,) [m]."""
         points = np.asarray(points, dtype=float).reshape(-1, 2)
         target = np.asarray(target, dtype=float)
         if not len(points):
@@ -143,22 +143,22 @@ class ClearanceMap:
         return ~(hidden > 0).any(axis=1)
 
     # ------------------------------------------------------------- paths
-    def _mark_ways(self) -> None:
+    def _mark_passable(self) -> None:
         # in a window a choice is made four times a second; a whole map is searched once
-        coarse = 0.0 if self.edge else self.grid.resolution * np.sqrt(self.grid.data.size / MAX_WAY_CELLS)
-        self.step = step = max(1, int(np.ceil(max(WAY_CELL, coarse) / self.grid.resolution - 0.01)))
+        coarse = 0.0 if self.edge else self.grid.resolution * np.sqrt(self.grid.data.size / MAX_PATH_CELLS)
+        self.step = step = max(1, int(np.ceil(max(PATH_CELL, coarse) / self.grid.resolution - 0.01)))
         rows, columns = (size // step for size in self.grid.shape)
         blocks = self.clearance[: rows * step, : columns * step].reshape(rows, step, columns, step)
         # the largest clearance of a block: the smallest would close doorways that are wide enough
-        self.way = blocks.max(axis=(1, 3), initial=0.0) >= self.radius + self.travel_margin
+        self.passable = blocks.max(axis=(1, 3), initial=0.0) >= self.radius + self.travel_margin
 
-    def ways(self, start, others=()) -> "ShortestPaths":
-        """The shortest paths from a start (2,) [m] to every place, around other robots (K, 2) [m] of the same size."""
+    def shortest_paths(self, start, others=()) -> "ShortestPaths":
+        """Searches the shortest paths from a start (2,) [m] to every place, around other robots (K, 2) [m] of the same size."""
         return ShortestPaths(self, np.asarray(start, dtype=float), np.asarray(others, dtype=float).reshape(-1, 2))
 
     # ------------------------------------------------------------- sides
     def side_of(self, seed, chain: np.ndarray, closed: bool) -> Optional[np.ndarray]:
-        """What a border along the chain would restrict with the seed there: a forecast, not the integration.
+        """Predicts what a border along the chain would restrict with the seed there: not as exactly as the integration.
 
         Args:
             seed: (2,) [m]; chain: (M, 2) [m], open ends are prolonged straight on to the next obstacle.
@@ -181,7 +181,7 @@ class ClearanceMap:
         return side if label > 0 and side.sum() <= 0.98 * int(canvas.sum()) else None
 
     def ray_end(self, start: np.ndarray, direction: np.ndarray) -> np.ndarray:
-        """(2,) [m] where a ray from a start (2,) [m] along a direction (2,) meets what is blocked or the map's edge."""
+        """Returns the place (2,) [m] where a ray from a start (2,) [m] along a direction (2,) meets what is blocked or the map's edge."""
         norm = float(np.linalg.norm(direction))
         if norm < 1e-9:
             return start
@@ -193,7 +193,7 @@ class ClearanceMap:
 
 
 class ShortestPaths:
-    """The shortest paths from one start, searched once. Made by `ClearanceMap.ways`.
+    """The shortest paths from one start, searched once. Made by `ClearanceMap.shortest_paths`.
 
     The start is a separate node, joined to the free cell beside it; outside a window, to the free cells of the
     window's edge, with the straight line as the path up to there.
@@ -201,26 +201,30 @@ class ShortestPaths:
 
     def __init__(self, terrain: ClearanceMap, start: np.ndarray, others: np.ndarray) -> None:
         self._terrain, self._start, self._others = terrain, start, others
-        way = terrain.way.copy()
-        cells = np.argwhere(way)
+        self._shape = terrain.passable.shape
+        free = terrain.passable.copy()
+        cells = np.argwhere(free)
         if len(others):
             gaps = np.linalg.norm(self._centres(cells)[:, None] - others[None], axis=2).min(axis=1)
-            way[tuple(cells[gaps < 2.0 * terrain.radius + terrain.travel_margin].T)] = False
-        self._shape, (rows, columns) = way.shape, way.shape
-        index = np.arange(way.size).reshape(way.shape)
-        gates, gaps = self._gates(np.argwhere(way))
-        edges = [(np.full(len(gates), way.size), index[tuple(gates.T)], gaps)]  # (from, to, length [m])
+            free[tuple(cells[gaps < 2.0 * terrain.radius + terrain.travel_margin].T)] = False
+        lengths, before = dijkstra(self._graph(free), directed=False, indices=free.size, return_predecessors=True)
+        self._lengths = lengths[:-1].reshape(free.shape)
+        self._before = np.where((before[:-1] < 0) | (before[:-1] == free.size), -1, before[:-1])
+
+    def _graph(self, free: np.ndarray) -> csr_matrix:
+        """Joins free cells (rows, columns) bool to their eight neighbours, by length [m]; the last node is the start."""
+        terrain, (rows, columns) = self._terrain, free.shape
+        index = np.arange(free.size).reshape(free.shape)
+        gates, gaps = self._gates(np.argwhere(free))
+        edges = [(np.full(len(gates), free.size), index[tuple(gates.T)], gaps)]  # (from, to, length [m])
         for dr, dc in ((0, 1), (1, 0), (1, 1), (1, -1)):
             here = (slice(0, rows - dr), slice(max(0, -dc), columns - max(0, dc)))
             there = (slice(dr, rows), slice(max(0, dc), columns + min(0, dc)))
-            both = way[here] & way[there]
+            both = free[here] & free[there]
             length = np.full(int(both.sum()), np.hypot(dr, dc) * terrain.step * terrain.grid.resolution)
             edges.append((index[here][both], index[there][both], length))
         begin, end, length = (np.concatenate(column) for column in zip(*edges))
-        graph = csr_matrix((length, (begin, end)), shape=(way.size + 1, way.size + 1))
-        lengths, before = dijkstra(graph, directed=False, indices=way.size, return_predecessors=True)
-        self._lengths = lengths[:-1].reshape(way.shape)
-        self._before = np.where((before[:-1] < 0) | (before[:-1] == way.size), -1, before[:-1])
+        return csr_matrix((length, (begin, end)), shape=(free.size + 1, free.size + 1))
 
     def _gates(self, cells: np.ndarray) -> Tuple[np.ndarray, np.ndarray]:
         """Free cells (K, 2) where paths begin, and (K,) [m] how far they are from the start."""
@@ -242,16 +246,16 @@ class ShortestPaths:
         return cells, ((cells >= 0) & (cells < np.array(self._shape))).all(axis=1)
 
     def lengths_to(self, points: np.ndarray) -> np.ndarray:
-        """(N,) [m] lengths of the paths to points (N, 2) [m]; inf where there is none."""
+        """Returns the lengths (N,) [m] of the paths to points (N, 2) [m]; inf where there is none."""
         cells, inside = self._cells(points)
         values = np.full(len(cells), np.inf)
         values[inside] = self._lengths[cells[inside, 0], cells[inside, 1]]
         return values
 
-    def cross(self, area: np.ndarray, points: np.ndarray) -> np.ndarray:
-        """(N,) bool: to which points (N, 2) [m] the path on the search grid leads through an area (H, W) bool.
+    def crosses(self, area: np.ndarray, points: np.ndarray) -> np.ndarray:
+        """Tells (N,) bool to which points (N, 2) [m] the path on the search grid leads through an area (H, W) bool.
 
-        The grid's paths are not as straight as real ones: this tells what is probable, `route` what is true.
+        The grid's paths are not as straight as real ones: this tells what is probable, `path_to` what is true.
         """
         terrain, (rows, columns) = self._terrain, self._shape
         middle = terrain.step // 2
@@ -264,8 +268,8 @@ class ShortestPaths:
         cells, inside = self._cells(points)
         return inside & through[np.where(inside, cells[:, 0] * columns + cells[:, 1], -1)]
 
-    def route(self, goal) -> Optional[np.ndarray]:
-        """(N, 2) [m] path to a goal (2,) [m], pulled tight like a string, at most 5 cm apart; None if there is none.
+    def path_to(self, goal) -> Optional[np.ndarray]:
+        """Returns the path (N, 2) [m] to a goal (2,) [m], pulled tight like a string, at most 5 cm apart; None if there is none.
 
         The search knows eight directions only; pulled tight, the path is close to that of a planner with costs.
         """

@@ -9,7 +9,7 @@ from vb_core.camera_model import CameraModel
 from vb_core.errors import CodedError
 from vb_core.grid_map import GridMap
 from vb_robot.clearance_map import OCCUPIED
-from vb_robot.dispatching.view import FloorView
+from vb_robot.floor_view import FloorView
 
 IMAGE_MARGIN = 8.0  # [px] a spot nearer to the image's edge is cut off by it
 MAX_DISTANCE = 6.0  # [m] from camera to spot: detectors reject smaller spots
@@ -17,7 +17,7 @@ OBSTACLE_HEIGHT = 0.5  # [m] of what the map shows, which does not tell heights;
 
 
 def floor_seen(grid: GridMap, camera: CameraModel, T_map_camera: np.ndarray) -> np.ndarray:
-    """(H, W) bool: the cells whose centre on the floor (z = 0) the camera sees.
+    """Tells (H, W) bool of which cells the camera sees the centre on the floor (z = 0).
 
     Args:
         grid: the map: where floor is, and what stands on it.
@@ -43,7 +43,7 @@ def floor_seen(grid: GridMap, camera: CameraModel, T_map_camera: np.ndarray) -> 
 
 
 def _hidden(grid: GridMap, places: np.ndarray, eye: np.ndarray) -> np.ndarray:
-    """(N,) bool: from which floor places (N, 2) [m] the camera at `eye` (3,) [m] is hidden."""
+    """Tells (N,) bool from which floor places (N, 2) [m] the camera at `eye` (3,) [m] is hidden."""
     hidden = np.zeros(len(places), dtype=bool)
     away = eye[:2] - places
     distance = np.maximum(np.linalg.norm(away, axis=1), 1e-9)

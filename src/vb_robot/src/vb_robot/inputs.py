@@ -12,7 +12,7 @@ from vb_core.errors import CodedError
 from vb_core.ros.cameras import camera_from_info
 from vb_core.ros.transforms import TransformLookup
 from vb_msgs.msg import LaserSpot
-from vb_robot.dispatching.view import FloorView
+from vb_robot.floor_view import FloorView
 from vb_robot.spots import Sighting
 
 

@@ -8,13 +8,13 @@ from vb_core.robot_profile import RobotProfile
 CELLS_BESIDE = 0.17  # [m] of cost beyond the radius: the robot leaves that much if it can, and passes where it cannot
 # [m] beyond the radius that a path keeps from borders and walls. Without it paths lead through gaps in which the
 # controller's footprint touches something as soon as it or the localisation is off by 3 cm; from there DWA finds no
-# way out any more, and no recovery frees it.
+# path any more, and no recovery frees it.
 PATH_MARGIN = 0.04
 SIM_TIME = 2.0  # [s] DWA looks ahead: with less it turns to and fro where a path bends round a border
 
 
 def navigation_parameters(profile: RobotProfile, prefix: str = "") -> Dict[str, Any]:
-    """Nested parameters of move_base for a robot.
+    """Derives the nested parameters of move_base from a robot's profile.
 
     Args:
         prefix: before the names of its frames, for instance "robot1/".
@@ -43,5 +43,5 @@ def navigation_parameters(profile: RobotProfile, prefix: str = "") -> Dict[str, 
 
 
 def amcl_parameters(profile: RobotProfile, prefix: str = "") -> Dict[str, Any]:
-    """Parameters of AMCL for a robot; `prefix` as above."""
+    """Derives the parameters of AMCL from a robot's profile; `prefix` as above."""
     return {"base_frame_id": prefix + profile.frames.base, "odom_frame_id": prefix + profile.frames.odom}

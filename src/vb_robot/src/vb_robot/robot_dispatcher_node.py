@@ -19,11 +19,11 @@ from vb_core.ros.notices import NoticePublisher
 from vb_core.ros.transforms import TransformLookup
 from vb_msgs.msg import BorderProgress, InteractionState
 from vb_robot.dispatching.dispatched_robot import DispatchedRobot
-from vb_robot.dispatching.dispatcher import Dispatcher, Progress
+from vb_robot.dispatching.dispatcher import Dispatcher, DrawingProgress
 from vb_robot.dispatching.drawing import BlindSpots
-from vb_robot.dispatching.view import FloorView
-from vb_robot.dispatching.viewpoint import Pose
+from vb_robot.floor_view import FloorView
 from vb_robot.inputs import SpotListener
+from vb_robot.poses import Pose
 
 PERIOD = 0.25  # [s] between two decisions: the spot moves 0.1 m at most in that time
 
@@ -110,7 +110,7 @@ class RobotDispatcherNode:
             rospy.loginfo("%s: state %s", rospy.get_name(), message.name)
 
     def _take_progress(self, message: BorderProgress) -> None:
-        self._dispatcher.set_progress(Progress(
+        self._dispatcher.set_progress(DrawingProgress(
             message.interaction_id, array_from_points(message.chain), bool(message.closed),
             array_from_points(message.points), tuple(message.cameras)))
 

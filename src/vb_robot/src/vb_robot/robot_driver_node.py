@@ -44,8 +44,8 @@ GOAL_NOTICE = 5.0  # [s] for which a goal in a border is reported
 PLAN_SHOWN = rospy.Duration(5.0)  # a robot on its way plans once a second
 RUNNING = (GoalStatus.PENDING, GoalStatus.ACTIVE, GoalStatus.PREEMPTING, GoalStatus.RECALLING)
 # what people are told, unlike the usual: "drives", "idle", "spot_in_view", "speed_limit" and so on
-HOLDS = {"stopped", "state_lost", "scan_lost", "pose_lost", "pose_leapt", "no_map", "no_camera", "clock_stands",
-         "fault", "somebody_else_drives", "contact", "obstacle", "unseen_floor", "border", "inside_border", "bad_command"}
+HOLDS = {"stopped", "state_lost", "scan_lost", "pose_lost", "pose_jumped", "no_map", "no_camera", "clock_stopped",
+         "internal_error", "other_cmd_vel_publisher", "contact", "obstacle", "floor_not_scanned", "border", "inside_border", "bad_command"}
 
 
 @dataclass(frozen=True)
@@ -77,8 +77,8 @@ class RobotDriverNode:
         move_base/cancel (actionlib_msgs/GoalID): while it follows the spot
         /virtual_borders/drivers (vb_msgs/DriverState): who drives, and why
         /virtual_borders/notices (vb_msgs/NoticeArray)
-        ~keep_out (nav_msgs/OccupancyGrid, latched): /virtual_borders/map with borders grown by what the localisation may
-            be off: for navigation's costmaps
+        ~keep_out (nav_msgs/OccupancyGrid, latched): /virtual_borders/map with borders inflated by the localisation
+            uncertainty: for navigation's costmaps
         /virtual_borders/plans (visualization_msgs/MarkerArray): navigation's path of a robot with a name, for 5 s
             after it was planned; RViz would have to know the robots' names to subscribe to each one's path
     Parameters:
@@ -107,7 +107,7 @@ class RobotDriverNode:
         self._transforms = TransformLookup()
         self._camera = CameraView(
             profile.camera.info, self._base, profile.camera.max_range, self._transforms,
-            functools.partial(setattr, self._driver.following, "view"))
+            functools.partial(setattr, self._driver.follower, "view"))
         self._notices = NoticePublisher()
         self._cmd_vel = rospy.Publisher("cmd_vel", Twist, queue_size=1, tcp_nodelay=True)
         self._cancel = rospy.Publisher("move_base/cancel", GoalID, queue_size=1)
@@ -115,14 +115,14 @@ class RobotDriverNode:
         self._keep_out = rospy.Publisher("~keep_out", OccupancyGridArray, queue_size=1, latch=True)
         listen = rospy.Subscriber
         self._subscribers = [
-            listen("cmd_vel/navigation", Twist, self._on_wish, drivers.NAVIGATION, queue_size=1, tcp_nodelay=True),
-            listen("cmd_vel/teleop", Twist, self._on_wish, drivers.TELEOP, queue_size=1, tcp_nodelay=True),
+            listen("cmd_vel/navigation", Twist, self._on_request, drivers.NAVIGATION, queue_size=1, tcp_nodelay=True),
+            listen("cmd_vel/teleop", Twist, self._on_request, drivers.TELEOP, queue_size=1, tcp_nodelay=True),
             listen("cmd_vel", rospy.AnyMsg, self._on_command, queue_size=20),
             listen(names.STATE, InteractionState, self._on_state, queue_size=10),
             listen(names.STOP, Bool, self._on_stop, queue_size=10),
             SpotListener(self._driver.add),
             listen(names.PROGRESS, BorderProgress,
-                   lambda message: self._driver.contributed(message.interaction_id, message.cameras), queue_size=1),
+                   lambda message: self._driver.add_contributors(message.interaction_id, message.cameras), queue_size=1),
             listen(names.MAP_WITH_BORDERS, OccupancyGridArray, self._on_map, "borders", queue_size=1),
             listen(names.PHYSICAL_MAP, OccupancyGridArray, self._on_map, "physical", queue_size=1),
             listen(names.SPEED_LIMITS, OccupancyGridArray, self._on_map, "speed", queue_size=1),
@@ -152,13 +152,13 @@ class RobotDriverNode:
         self._cmd_vel.publish(Twist())
 
     # ------------------------------------------------------------- callbacks: only store
-    def _on_wish(self, message: Twist, who: str) -> None:
-        self._driver.wish(who, message.linear.x, message.angular.z, rospy.get_time())
+    def _on_request(self, message: Twist, who: str) -> None:
+        self._driver.request(who, message.linear.x, message.angular.z, rospy.get_time())
 
     def _on_command(self, message: Any) -> None:
         name = message._connection_header.get("callerid", "somebody")
         if name != rospy.get_name():
-            self._driver.heard_other(name, rospy.get_time())
+            self._driver.note_other_publisher(name, rospy.get_time())
 
     def _on_state(self, message: InteractionState) -> None:
         self._driver.set_state(message.state, message.interaction_id, message.entered.to_sec(),
@@ -255,7 +255,7 @@ class RobotDriverNode:
         if target.header.frame_id.lstrip("/") != names.MAP_FRAME or workspace is None:
             return
         x, y, _ = pose_to_2d(target.pose)
-        if workspace.standing((x, y)) is not BorderContact.FREE and workspace.is_hard((x, y)):
+        if workspace.contact_at((x, y)) is not BorderContact.FREE and workspace.is_lethal((x, y)):
             name = _quoted(workspace.name_at((x, y)))
             self._bad_goal = self._notice("goal_in_border", Severity.WARNING, border=name)
             self._bad_goal_until = rospy.get_time() + GOAL_NOTICE
@@ -277,7 +277,7 @@ class RobotDriverNode:
                     raise
             except Exception:
                 # whatever fails here, the robot must not keep its last command, and the next step may succeed
-                self._obey(self._driver.halt("fault"), now)
+                self._obey(self._driver.halt("internal_error"), now)
                 rospy.logerr_throttle(5.0, f"{rospy.get_name()}: {traceback.format_exc()}")
 
     def _locate(self) -> None:
@@ -288,7 +288,7 @@ class RobotDriverNode:
                               self._transforms.newest(names.MAP_FRAME, self._odom).to_sec())
 
     def _obey(self, command: Command, now: rospy.Time) -> None:
-        if command.speaks:
+        if command.publish:
             message = Twist()
             message.linear.x, message.angular.z = command.v, command.w
             self._cmd_vel.publish(message)
@@ -321,11 +321,11 @@ class RobotDriverNode:
 
     def _said(self, command: Command, now: float) -> List[Notice]:
         found = []
-        standing, name, hard = self._driver.standing(now)
-        if standing is not BorderContact.FREE:
-            inside = standing is BorderContact.INSIDE
+        contact, name, lethal = self._driver.border_contact(now)
+        if contact is not BorderContact.FREE:
+            inside = contact is BorderContact.INSIDE
             code = "robot_inside_border" if inside else "robot_touches_border"
-            severity = Severity.ERROR if inside and hard else Severity.WARNING
+            severity = Severity.ERROR if inside and lethal else Severity.WARNING
             found.append(self._notice(code, severity, border=_quoted(name)))
             if command.driver == drivers.LEAVE:
                 found.append(self._notice("robot_leaves_border", Severity.INFO, border=_quoted(name)))
@@ -342,7 +342,7 @@ class RobotDriverNode:
         if command.code in HOLDS and (held or command.driver == drivers.STOP):
             severity = Severity.INFO if command.code in ("obstacle", "border") else Severity.WARNING
             code = "robot_inside_border_held" if command.code == "inside_border" else f"robot_{command.code}"
-            found.append(self._notice(code, severity, others=self._driver.others))
+            found.append(self._notice(code, severity, others=self._driver.other_publishers))
         if self._bad_goal is not None and now < self._bad_goal_until:
             found.append(self._bad_goal)
         return found

@@ -13,11 +13,11 @@ from typing import Deque, Dict, Iterable, Optional, Set, Tuple
 import numpy as np
 
 DEFAULT, BORDER, SEED, GUIDE = range(4)  # the values of vb_msgs/InteractionState
-WINDOW, LEAST_TARGETS = 1.0, 3  # [s] for which sightings count for the spot's present place, and how many must
+WINDOW, MIN_TARGET_SIGHTINGS = 1.0, 3  # [s] for which sightings count for the spot's present place, and how many must
 LOST_AFTER = 0.7  # [s] a spot that no camera has seen for this long is lost: cameras miss some images
 STRAIGHT = 0.7  # cosine of the angle up to which a spot goes straight on
 PIECE = 0.25  # [m] of the line tell where it goes on: ten times what cameras are off
-LEAST_SIGHTINGS = 6  # two in each third of that piece, so that one wrong spot does not count
+MIN_VELOCITY_SIGHTINGS = 6  # two in each third of that piece, so that one wrong spot does not count
 MIN_SPEED = 0.1  # [m/s] a slower spot rests
 RUN_GAP = 2.0  # [s] after this long without the spot another robot's camera may take over
 MIN_CONFIDENCE = 0.4  # the laser has 0.6 and more, reflections have 0.3: less certain spots move no robot
@@ -95,11 +95,11 @@ class Sightings:
         self._leader(sighting.stamp)
 
     def dispatches(self) -> bool:
-        """Whether to send a robot to where its camera sees the spot."""
+        """Tells whether to send a robot to where its camera sees the spot."""
         return self.state in (BORDER, SEED) and self.stationary_seen
 
     def follows(self, camera: str, now: float) -> bool:
-        """Whether the robot with this camera should follow the spot."""
+        """Tells whether the robot with this camera should follow the spot."""
         if self._leader(now) != camera or self.state == DEFAULT:
             return False
         if self.state == GUIDE:
@@ -113,7 +113,7 @@ class Sightings:
             self._follower = min(seeing, key=lambda camera: (seeing[camera][0], camera))
         return self._follower
 
-    def contributed(self, cameras: Iterable[str]) -> None:
+    def add_contributors(self, cameras: Iterable[str]) -> None:
         """Learns which cameras contributed, also before this program started."""
         if self.state != DEFAULT and any(camera not in self._mobile_names for camera in cameras):
             self.stationary_seen = True
@@ -123,37 +123,37 @@ class Sightings:
         self._recent = deque((s for s in self._recent if s.stamp <= now + 1.0), maxlen=self._recent.maxlen)
 
     def newest(self) -> Optional[Sighting]:
-        """The newest sighting of any camera in this state."""
+        """Returns the newest sighting of any camera in this state."""
         return max(self._recent, key=lambda s: s.stamp) if self._recent else None
 
-    def watched(self, now: float) -> bool:
-        """Whether a stationary camera sees the spot. The seed does not move: once seen is enough."""
+    def seen_by_stationary(self, now: float) -> bool:
+        """Tells whether a stationary camera sees the spot. The seed does not move: once seen is enough."""
         newest = self.newest()
         stamps = [s.stamp for s in self._recent if not s.mobile]
         if newest is None or not stamps:
             return False
-        return self.state == SEED or (newest.stamp - max(stamps) <= WINDOW and self.silent(now) <= LOST_AFTER)
+        return self.state == SEED or (newest.stamp - max(stamps) <= WINDOW and self.time_since_seen(now) <= LOST_AFTER)
 
-    def silent(self, now: float) -> float:
-        """[s] for which no camera has seen a border's spot; 0 before one did, and for a seed: that does not move."""
+    def time_since_seen(self, now: float) -> float:
+        """Returns for how long [s] no camera has seen a border's spot; 0 before one did, and for a seed: that does not move."""
         newest = self.newest()
         return max(0.0, now - newest.stamp) if newest is not None and self.state == BORDER else 0.0
 
     def target(self) -> Optional[np.ndarray]:
-        """(2,) [m] where the spot was last: the median of the last window before the newest sighting.
+        """Returns where the spot was last, (2,) [m]: the median of the last window before the newest sighting.
 
-        None with fewer than LEAST_TARGETS of them: one false spot sends no robot.
+        Returns None with fewer than MIN_TARGET_SIGHTINGS of them: one false spot sends no robot.
         """
         newest = self.newest()
         if newest is None:
             return None
         last = [s.position for s in self._recent if s.stamp >= newest.stamp - 0.3 * WINDOW]
-        if len(last) < LEAST_TARGETS:
+        if len(last) < MIN_TARGET_SIGHTINGS:
             last = [s.position for s in self._recent if s.stamp >= newest.stamp - WINDOW]
-        return np.median(np.array(last), axis=0) if len(last) >= LEAST_TARGETS else None
+        return np.median(np.array(last), axis=0) if len(last) >= MIN_TARGET_SIGHTINGS else None
 
     def velocity(self) -> Optional[np.ndarray]:
-        """(2,) [m/s] how the spot moved on the last PIECE of its line; None if it rests, or turned on it.
+        """Measures the velocity (2,) [m/s] of the spot on the last PIECE of its line; None if it rests, or turned on it.
 
         The last piece of the line tells where it goes on, not the last second: a quick hand is past a corner long before
         that. Cameras differ by centimetres: only one counts, the one that saw the spot last if it saw it often enough.
@@ -163,12 +163,12 @@ class Sightings:
             return None
         recent = [s for s in self._recent if s.stamp >= newest.stamp - WINDOW]
         counts = Counter(s.camera for s in recent)
-        camera = newest.camera if counts[newest.camera] >= LEAST_SIGHTINGS else counts.most_common(1)[0][0]
+        camera = newest.camera if counts[newest.camera] >= MIN_VELOCITY_SIGHTINGS else counts.most_common(1)[0][0]
         recent = sorted((s for s in recent if s.camera == camera), key=lambda s: s.stamp)
-        if len(recent) < LEAST_SIGHTINGS:
+        if len(recent) < MIN_VELOCITY_SIGHTINGS:
             return None
         places = np.array([s.position for s in recent])
-        earlier = places[:len(places) - LEAST_SIGHTINGS + 1]
+        earlier = places[:len(places) - MIN_VELOCITY_SIGHTINGS + 1]
         far = np.flatnonzero(np.linalg.norm(earlier - np.median(places[-3:], axis=0), axis=1) >= PIECE)
         begin = int(far[-1]) if len(far) else 0
         path = np.column_stack([[sighting.stamp for sighting in recent], places])[begin:]

@@ -8,7 +8,7 @@ from typing import Any, Dict, List, Optional, Tuple
 import numpy as np
 
 from vb_sim.room.floor_plan import physical_map
-from vb_sim.room.models_motion import LocalisationModel, RobotModel, ScanModel
+from vb_sim.room.motion_models import LocalisationModel, RobotModel, ScanModel
 from vb_sim.room.raycast import DistanceField, cast_disc
 from vb_sim.robot.robot_body import RobotBody
 from vb_sim.room.world import World
@@ -63,14 +63,14 @@ class Lab:
         self._participant = participant
 
     def participant(self) -> Participant:
-        """What the participant does; laser off and no person if silent for too long."""
+        """Returns what the participant does; laser off and no person if silent for too long."""
         if self.now - self._participant.heard > PARTICIPANT_SILENCE:
             # a laser pointer goes out when the hand lets go; the person himself does not vanish
             return Participant(present=self._participant.present, pose=self._participant.pose)
         return self._participant
 
     def scan(self, index: int) -> Tuple[np.ndarray, np.ndarray]:
-        """Angles in the robot's frame (N,) [rad] and ranges (N,) [m] of one robot's scanner.
+        """Simulates one robot's scanner: angles (N,) [rad] in the robot's frame and ranges (N,) [m].
 
         As REP 117 has it: inf where nothing is, -inf where something is nearer than the scanner can measure.
         """
@@ -97,7 +97,7 @@ class Lab:
         return angles, ranges
 
     def range_min(self, index: int) -> float:
-        """[m] minimum range of a robot's scanner."""
+        """Returns the minimum range [m] of a robot's scanner."""
         return self.world.robots[index].scan_min or self.scan_model.range_min
 
     def reset(self) -> None:
@@ -106,7 +106,7 @@ class Lab:
             body.reset()
 
     def checkpoint(self) -> Dict[str, Any]:
-        """What a new process needs to continue from here; inverse of `restore`."""
+        """Returns what a new process needs to continue from here; inverse of `restore`."""
         return {"world": self.world.name, "robots": [body.checkpoint() for body in self.robots]}
 
     def restore(self, saved: Optional[Dict[str, Any]]) -> bool:

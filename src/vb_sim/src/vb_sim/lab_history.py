@@ -62,7 +62,7 @@ class History:
             self._snapshots.append(snapshot)
 
     def at(self, stamp: float) -> Snapshot:
-        """The scene at a time [s], interpolated; an empty one if nothing is known."""
+        """Interpolates the scene at a time [s]; an empty one if nothing is known."""
         with self._lock:
             snapshots = list(self._snapshots)
         if not snapshots or stamp - snapshots[-1].stamp > self._stale_s or snapshots[0].stamp - stamp > self._stale_s:

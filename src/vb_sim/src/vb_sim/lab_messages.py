@@ -54,7 +54,7 @@ def array_image(image: np.ndarray, encoding: str, stamp: rospy.Time, frame_id: s
 
 
 def snapshot_from_message(message: LabState) -> Snapshot:
-    """LabState to a Snapshot; without what is not finite."""
+    """Reads a Snapshot from a LabState, without what is not finite."""
     robots = {
         name.strip("/"): (pose.x, pose.y, pose.theta)
         for name, pose in zip(message.robots, message.robot_poses)
@@ -69,7 +69,7 @@ def snapshot_from_message(message: LabState) -> Snapshot:
 
 
 def models_file(path: str) -> str:
-    """The file of models that a parameter names; empty is this package's own."""
+    """Returns the file of models that a parameter names; for an empty one this package's own."""
     return path or os.path.join(rospkg.RosPack().get_path("vb_sim"), "config", "models.yaml")
 
 
@@ -78,7 +78,7 @@ def _finite(*values: float) -> bool:
 
 
 def camera_diagnostics(node: str, figures: Iterable[Dict[str, object]], stamp: rospy.Time) -> DiagnosticArray:
-    """One status per camera: `name` is the camera's, `values` its figures by name."""
+    """Makes a message with one status per camera: `name` is the camera's, `values` its figures by name."""
     message = DiagnosticArray()
     message.header.stamp = stamp
     for figure in figures:

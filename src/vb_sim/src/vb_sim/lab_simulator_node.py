@@ -27,10 +27,10 @@ from vb_core.ros import messages, node, parameters
 from vb_msgs.msg import LabState, ParticipantState
 from vb_sim.lab import Lab, Participant
 from vb_sim.lab_messages import models_file
-from vb_sim.room.models import load_models, section
-from vb_sim.room.models_motion import LocalisationModel, RobotModel, ScanModel
+from vb_sim.room.models import load_models, read_section
+from vb_sim.room.motion_models import LocalisationModel, RobotModel, ScanModel
 from vb_sim.pacing import Lockstep, Pacer, RealTimeFactor
-from vb_sim.state_file import StateFile
+from vb_sim.checkpoint_file import CheckpointFile
 from vb_sim.room.world import Robot, load_world
 
 MIN_PACE, MAX_PACE = 0.1, 20.0  # simulated seconds per real second
@@ -95,7 +95,7 @@ class LabSimulatorNode:
     """
 
     def __init__(
-        self, lab: Lab, params: LabSimulatorParams, localisation: LocalisationModel, simulated_time: bool, state: StateFile
+        self, lab: Lab, params: LabSimulatorParams, localisation: LocalisationModel, simulated_time: bool, state: CheckpointFile
     ) -> None:
         self._lab = lab
         self._params = params
@@ -339,17 +339,17 @@ def build() -> LabSimulatorNode:
     parameters.required("~world")
     params = parameters.read(LabSimulatorParams)
     models = load_models(models_file(params.models))
-    localisation = section(models, "localisation", LocalisationModel)
-    lab = Lab(
-        load_world(params.world), section(models, "robot", RobotModel), localisation, section(models, "scan", ScanModel), params.seed
-    )
+    robot = read_section(models, "robot", RobotModel)
+    localisation = read_section(models, "localisation", LocalisationModel)
+    scan = read_section(models, "scan", ScanModel)
+    lab = Lab(load_world(params.world), robot, localisation, scan, params.seed)
     folder = os.path.expanduser(params.state_folder) or os.path.join(rospkg.get_ros_home(), "vb_sim")
     run: Optional[object] = rospy.get_param("/run_id", "none")
-    state = StateFile(folder, "lab", str(run))
+    state = CheckpointFile(folder, "lab", str(run))
     state.forget_others()
     return LabSimulatorNode(lab, params, localisation, bool(rospy.get_param("/use_sim_time", False)), state)
 
 
 def main() -> None:
-    """Entry point of the executable lab_simulator."""
+    """Runs the executable lab_simulator."""
     node.run("lab_simulator", build)

@@ -67,5 +67,5 @@ def _map_of_world(path: str) -> GridMap:
 
 
 def main() -> None:
-    """Entry point of the executable map_server."""
+    """Runs the executable map_server."""
     node.run("map_server", build)

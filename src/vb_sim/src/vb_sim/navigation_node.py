@@ -25,7 +25,7 @@ from vb_core.ros import messages, node, parameters, robot_profile
 from vb_core.ros.transforms import TransformLookup
 from vb_sim.robot.costmap import CostmapParams
 from vb_sim.robot.follower import FollowerParams
-from vb_sim.robot.navigator import Navigator, NavigatorParams, for_robot
+from vb_sim.robot.navigator import Navigator, NavigatorParams, params_for_robot
 from vb_sim.robot.planner import PlannerParams
 
 OccupancyGridUpdateArray = numpy_msg(OccupancyGridUpdate)
@@ -279,7 +279,7 @@ class NavigationNode:
 
 
 def path_message(path: np.ndarray, goal_yaw: float) -> Path:
-    """A path (N, 2) [m] as a message; poses face along it, the last one as the goal."""
+    """Writes a path (N, 2) [m] as a message; poses face along it, the last one as the goal."""
     message = Path()
     message.header.stamp, message.header.frame_id = rospy.Time.now(), names.MAP_FRAME
     steps = np.diff(path, axis=0)
@@ -295,12 +295,12 @@ def build() -> NavigationNode:
     """Makes the node from the parameter server."""
     params = parameters.read(NavigationParams, ignore=("costmap", "planner", "follower"))
     profile = robot_profile.read()
-    costmap, follower = for_robot(
+    costmap, follower = params_for_robot(
         profile, parameters.read(CostmapParams, "~costmap"), parameters.read(FollowerParams, "~follower"))
     base_frame = params.prefix + profile.frames.base
     return NavigationNode(params, costmap, parameters.read(PlannerParams, "~planner"), follower, base_frame)
 
 
 def main() -> None:
-    """Entry point of the executable navigation."""
+    """Runs the executable navigation."""
     node.run("move_base", build)

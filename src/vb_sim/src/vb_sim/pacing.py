@@ -31,7 +31,7 @@ class Pacer:
         self._stepped = now
 
     def wait(self, now: float) -> float:
-        """[s] to wait, at `now`, before the next step; call it once per step."""
+        """Returns how long [s] to wait, at `now`, before the next step; call it once per step."""
         if now - self._due > self._catch_up:
             self._due = now - self._catch_up
         period = self._period / self.pace

@@ -19,9 +19,9 @@ from vb_core.parameters import Parameters, param
 from vb_core.ros import commands, node, parameters
 from vb_msgs.msg import BorderProgress, InteractionState, LabState, LaserSpot, NoticeArray, ParticipantState
 from vb_sim.lab_messages import models_file
-from vb_sim.room.models import load_models, section
-from vb_sim.room.models_participant import ParticipantModel
-from vb_sim.person.participant import Action, Answer, ParticipantScript, Percept, Person
+from vb_sim.room.models import load_models, read_section
+from vb_sim.room.participant_model import ParticipantModel
+from vb_sim.person.participant import Action, CommandReply, ParticipantScript, Percept, Person
 from vb_sim.person.participant_nrs import NetworkRobotSystemScript
 from vb_sim.person.participant_robot_only import RobotOnlyScript
 from vb_sim.room.world import Scenario, World, load_world
@@ -182,9 +182,9 @@ class ParticipantNode:
     def _command(self, script: ParticipantScript, action: Action) -> None:
         try:
             response = commands.send(commands.order(action.command, action.source, 18.0), 3.0, 15.0)
-            answer = Answer(response.success, response.code, response.message)
+            answer = CommandReply(response.success, response.code, response.message)
         except CodedError as error:
-            answer = Answer(False, error.code, error.message)
+            answer = CommandReply(False, error.code, error.message)
         rospy.loginfo("%s: %s: %s", rospy.get_name(), action.command, answer.message or answer.code)
         with self._lock:
             if script is self._script:  # an answer to a person who was replaced meanwhile is dropped
@@ -214,10 +214,10 @@ def build() -> ParticipantNode:
         parameters.required(name)
     params = parameters.read(ParticipantParams, ignore=("finished",))
     world = load_world(params.world)
-    model = section(load_models(models_file(params.models)), "participant", ParticipantModel)
+    model = read_section(load_models(models_file(params.models)), "participant", ParticipantModel)
     return ParticipantNode(world, world.scenario(params.scenario), model, params)
 
 
 def main() -> None:
-    """Entry point of the executable participant."""
+    """Runs the executable participant."""
     node.run("participant", build)

@@ -19,7 +19,7 @@ from vb_sim.room.floor_texture import render_floor
 from vb_sim.lab_history import Snapshot
 from vb_sim.lab_messages import array_image, models_file
 from vb_sim.room.mesh import world_mesh
-from vb_sim.room.models_cameras import CameraModels, load_camera_models
+from vb_sim.room.camera_models import CameraModels, load_camera_models
 from vb_sim.cameras.projector_input import ProjectorInput
 from vb_sim.cameras.robot_view import RobotView
 from vb_sim.room.world import Robot, World, load_world

@@ -16,10 +16,10 @@ from vb_core.errors import CodedError, ParameterError
 from vb_core.parameters import Parameters, param
 from vb_evaluation.provenance import top
 from vb_evaluation.study.people import KINDS, Population, Streams, Traits, draw
-from vb_sim.room.models import read_document, section
-from vb_sim.room.models_cameras import CameraModels, camera_models
-from vb_sim.room.models_motion import LocalisationModel, RobotModel, ScanModel
-from vb_sim.room.models_participant import ParticipantModel
+from vb_sim.room.models import read_document, read_section
+from vb_sim.room.camera_models import CameraModels, read_camera_models
+from vb_sim.room.motion_models import LocalisationModel, RobotModel, ScanModel
+from vb_sim.room.participant_model import ParticipantModel
 from vb_sim.room.world import World, world_from_mapping
 
 
@@ -82,7 +82,7 @@ class Study:
 
     def traits(self, participant: int) -> Traits:
         """A participant, numbered from 1."""
-        model = section(self.sources["models"], "participant", ParticipantModel)
+        model = read_section(self.sources["models"], "participant", ParticipantModel)
         return Population(self.document["participants"], model).draw(self.streams(participant))
 
     def marks(self, scenario: str) -> Tuple[float, float, float]:
@@ -165,7 +165,7 @@ def study_of(document: Mapping[str, Any], sources: Mapping[str, Any]) -> Study:
             raise ParameterError("design/methods", f"'{key}' is unknown; known are {', '.join(METHODS)}")
     study = Study(
         document, sources, design, Timing.from_mapping(document.get("timing"), "timing"), world,
-        {name: section(sources["models"], name, cls) for name, cls in MODELS.items()}, camera_models(sources["models"]),
+        {name: read_section(sources["models"], name, cls) for name, cls in MODELS.items()}, read_camera_models(sources["models"]),
     )
     study.traits(1)  # a mistake in a distribution is found now, not in the tenth run
     study.marks("")

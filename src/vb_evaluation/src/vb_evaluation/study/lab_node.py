@@ -14,7 +14,7 @@ from vb_sim.cameras.ceiling_view import CeilingView
 from vb_sim.room.floor_texture import FloorTexture, render_floor
 from vb_sim.lab_history import Snapshot
 from vb_sim.room.mesh import Mesh, world_mesh
-from vb_sim.room.models_cameras import CameraModels
+from vb_sim.room.camera_models import CameraModels
 from vb_sim.robot_camera_node import RobotCameraNode
 from vb_sim.cameras.robot_view import RobotView
 from vb_sim.room.world import CeilingCamera, Robot, World

@@ -19,7 +19,7 @@ from vb_evaluation.study import config
 from vb_evaluation.study.config import METHODS, Study
 from vb_evaluation.study.result import Result, Task
 from vb_map_integration.border import VirtualBorder
-from vb_map_integration.storage.recording import Recording as MapRecording
+from vb_map_integration.storage.recording import MapRecording
 
 
 def person(study: Study, outcomes: List[bool]) -> Callable[[Planned], Callable[[], None]]:

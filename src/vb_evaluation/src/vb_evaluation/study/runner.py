@@ -32,14 +32,14 @@ from vb_fusion.extraction import GrowingBorder
 from vb_msgs.msg import LabState, LaserSpot, VirtualBorderArray
 from vb_sim.room import floor_plan
 from vb_sim.robot.costmap import Costmap, CostmapParams
-from vb_sim.person.hand import meant_border
+from vb_sim.person.hand import imagine_border
 from vb_sim.lab import Lab
 from vb_sim.lab_history import History
 from vb_sim.lab_messages import snapshot_from_message
 from vb_sim.lab_simulator_node import LabSimulatorNode, LabSimulatorParams
 from vb_sim.person.legs import distance_to_chain
 from vb_sim.map_server_node import MapServerNode
-from vb_sim.room.models_cameras import CameraModels
+from vb_sim.room.camera_models import CameraModels
 from vb_sim.participant_node import ParticipantNode, ParticipantParams
 from vb_sim.robot.planner import Planner
 from vb_sim.room.world import Scenario, World
@@ -237,7 +237,7 @@ def personal_scenario(
     Args:
         marks: (dx, dy) [m], turn [rad] by which the marks are off the map.
     """
-    meant = meant_border(scenario.border, scenario.closed, marks[:2], marks[2], traits.margin)
+    meant = imagine_border(scenario.border, scenario.closed, marks[:2], marks[2], traits.margin)
     scenario = replace(scenario, border=meant)
     planner = Planner(Costmap(grid, CostmapParams(robot_radius=traits.model.body_radius)))
     line = np.vstack([scenario.border, scenario.border[:1]]) if scenario.closed else scenario.border

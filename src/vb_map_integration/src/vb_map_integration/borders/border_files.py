@@ -13,7 +13,7 @@ _Loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 
 
 def border_to_mapping(border: VirtualBorder) -> Dict[str, Any]:
-    """A border as plain values; inverse of `border_from_mapping`."""
+    """Writes a border as plain values; inverse of `border_from_mapping`."""
     return {
         "id": border.id,
         "name": border.name,
@@ -33,7 +33,7 @@ def border_to_mapping(border: VirtualBorder) -> Dict[str, Any]:
 
 
 def border_from_mapping(values: Any) -> VirtualBorder:
-    """Plain values to a border; inverse of `border_to_mapping`.
+    """Reads a border from plain values; inverse of `border_to_mapping`.
 
     Raises:
         CodedError: what `VirtualBorder` raises, or "bad_border_file" for missing or unknown keys.
@@ -56,7 +56,7 @@ def border_from_mapping(values: Any) -> VirtualBorder:
 
 
 def borders_to_yaml(borders: Sequence[VirtualBorder]) -> str:
-    """The YAML list "borders"; inverse of `borders_from_yaml`."""
+    """Writes the YAML list "borders"; inverse of `borders_from_yaml`."""
     if not borders:
         return "borders: []\n"
     # each border is a line of JSON, which is YAML too, and fifty times as fast
@@ -65,7 +65,7 @@ def borders_to_yaml(borders: Sequence[VirtualBorder]) -> str:
 
 
 def borders_from_yaml(text: str) -> Tuple[List[VirtualBorder], Dict[str, Any]]:
-    """(borders, other keys) of a YAML document; inverse of `borders_to_yaml`.
+    """Reads (borders, other keys) from a YAML document; inverse of `borders_to_yaml`.
 
     Raises:
         CodedError: "bad_border_file" or what a border raises.

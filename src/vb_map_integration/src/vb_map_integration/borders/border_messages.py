@@ -21,7 +21,7 @@ _SEVERITIES = {WARNING: BorderIssue.WARNING, ERROR: BorderIssue.ERROR}
 
 
 def border_from_message(message: BorderMessage) -> VirtualBorder:
-    """A message to a border; inverse of `message_from_border`.
+    """Reads a border from a message; inverse of `message_from_border`.
 
     Raises:
         IntegrationError: if it is invalid.
@@ -53,7 +53,7 @@ def border_from_message(message: BorderMessage) -> VirtualBorder:
 def message_from_border(
     border: VirtualBorder, area_m2: float = 0.0, acting: bool = False, reason: str = ""
 ) -> BorderMessage:
-    """A border to a message; inverse of `border_from_message`."""
+    """Writes a border as a message; inverse of `border_from_message`."""
     kind = BorderMessage.POLYGON if border.closed else BorderMessage.SEPARATING_CURVE
     message = BorderMessage(
         id=border.id,

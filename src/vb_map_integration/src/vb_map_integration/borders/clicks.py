@@ -91,7 +91,7 @@ class Clicks:
         self.points, self.closed = [], None
 
     def describe(self) -> str:
-        """A sentence that says what the next click does."""
+        """Returns a sentence that says what the next click does."""
         if self.closed is not None:
             return "click a point on the side that is to be restricted"
         if not self.points:

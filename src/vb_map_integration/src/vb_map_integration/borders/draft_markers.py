@@ -27,7 +27,7 @@ def _marker(kind: int, colour: ColorRGBA, scale: Tuple[float, float, float]) -> 
 
 
 def chain_marker(points: np.ndarray, closed: bool, colour: ColorRGBA) -> Marker:
-    """A chain (N, 2) [m] as a line."""
+    """Draws a chain (N, 2) [m] as a line."""
     marker = _marker(Marker.LINE_STRIP, colour, (LINE_WIDTH_M, 0.0, 0.0))
     line = np.concatenate([points, points[:1]]) if closed else points
     marker.points = messages.points_from_array(line)
@@ -42,12 +42,12 @@ def vertices_marker(points: Sequence[Sequence[float]], colour: ColorRGBA) -> Mar
 
 
 def ball_marker(colour: ColorRGBA, size: float = VERTEX_M) -> Marker:
-    """A ball at the origin of whatever it belongs to."""
+    """Draws a ball at the origin of whatever it belongs to."""
     return _marker(Marker.SPHERE, colour, (size, size, size))
 
 
 def text_marker(text: str, point: Sequence[float], colour: ColorRGBA) -> Marker:
-    """A sentence beside a point [m]."""
+    """Writes a sentence beside a point [m]."""
     marker = _marker(Marker.TEXT_VIEW_FACING, colour, (0.0, 0.0, TEXT_M))
     marker.text = text
     marker.pose.position.x, marker.pose.position.y, marker.pose.position.z = float(point[0]), float(point[1]) + 0.2, 0.1

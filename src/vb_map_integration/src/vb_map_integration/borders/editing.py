@@ -11,19 +11,19 @@ from vb_map_integration.border import VirtualBorder
 
 
 def move_vertex(border: VirtualBorder, index: int, point: Sequence[float]) -> VirtualBorder:
-    """The border with one vertex at another place (x, y) [m]; raises what `VirtualBorder` raises."""
+    """Moves one vertex of a border to (x, y) [m]; raises what `VirtualBorder` raises."""
     points = np.array(border.points)
     points[index] = point
     return border.replace(points=points)
 
 
 def move_seed(border: VirtualBorder, point: Sequence[float]) -> VirtualBorder:
-    """The border with its seed at another place (x, y) [m]; raises what `VirtualBorder` raises."""
+    """Moves the seed of a border to (x, y) [m]; raises what `VirtualBorder` raises."""
     return border.replace(seed=np.array(point, dtype=float))
 
 
 def insert_vertex(border: VirtualBorder, index: int) -> VirtualBorder:
-    """The border with one more vertex, half way from a vertex to the next; for a curve's last one, before it."""
+    """Adds a vertex half way from a vertex to the next; for a curve's last one, before it."""
     points = border.points
     if not border.closed and index == len(points) - 1:
         index -= 1
@@ -32,7 +32,7 @@ def insert_vertex(border: VirtualBorder, index: int) -> VirtualBorder:
 
 
 def remove_vertex(border: VirtualBorder, index: int) -> VirtualBorder:
-    """The border without a vertex.
+    """Removes a vertex.
 
     Raises:
         CodedError: "too_few_points" if it would not be a border any more.
@@ -43,8 +43,8 @@ def remove_vertex(border: VirtualBorder, index: int) -> VirtualBorder:
     return border.replace(points=np.delete(border.points, index, axis=0))
 
 
-def simplified(border: VirtualBorder, tolerance: float) -> VirtualBorder:
-    """The border with as few vertices as stay within a distance [m] of the original (Douglas and Peucker)."""
+def simplify(border: VirtualBorder, tolerance: float) -> VirtualBorder:
+    """Leaves as few vertices as keep the border within a distance [m] of the original (Douglas and Peucker)."""
     points = border.points
     chain = np.concatenate([points, points[:1]]) if border.closed else points
     thinned = shapely.get_coordinates(shapely.linestrings(chain).simplify(tolerance))
@@ -54,7 +54,7 @@ def simplified(border: VirtualBorder, tolerance: float) -> VirtualBorder:
 
 
 def new_border(centre: Sequence[float], size: float, closed: bool) -> VirtualBorder:
-    """A square of an edge length [m], or a line of that length, to be dragged to where it is wanted."""
+    """Makes a square of an edge length [m], or a line of that length, to be dragged to where it is wanted."""
     points, seed = [(0.0, -0.5), (0.0, 0.5)], (0.5, 0.0)
     if closed:
         points, seed = [(-0.5, -0.5), (0.5, -0.5), (0.5, 0.5), (-0.5, 0.5)], (0.0, 0.0)

@@ -25,7 +25,7 @@ _PROPERTIES = tuple(
 
 
 def borders_to_geojson(borders: Sequence[VirtualBorder]) -> str:
-    """A FeatureCollection; inverse of `borders_from_geojson`."""
+    """Writes borders as a FeatureCollection; inverse of `borders_from_geojson`."""
     features = []
     for border in borders:
         values = border_to_mapping(border)
@@ -42,7 +42,7 @@ def borders_to_geojson(borders: Sequence[VirtualBorder]) -> str:
 
 
 def borders_from_geojson(text: str) -> List[VirtualBorder]:
-    """The borders of a FeatureCollection or a single Feature; inverse of `borders_to_geojson`.
+    """Reads the borders of a FeatureCollection or a single Feature; inverse of `borders_to_geojson`.
 
     Raises:
         CodedError: "bad_border_file" or what a border raises; the message names the feature's number.

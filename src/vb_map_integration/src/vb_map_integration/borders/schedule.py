@@ -22,7 +22,7 @@ class Span(NamedTuple):
 
 @lru_cache(maxsize=1024)
 def parse_schedule(text: str) -> Tuple[Span, ...]:
-    """The spans of a schedule; none for an empty one.
+    """Parses a schedule into its spans; none for an empty one.
 
     Days are mon .. sun, lists ("mon,wed") and ranges ("sat-mon"), or "daily", which may be left out. An end at or
     before the start is on the next day: "daily 22:00-06:00".
@@ -60,7 +60,7 @@ def _days(text: str, part: str) -> List[int]:
 
 
 def is_scheduled(text: str, now: float) -> bool:
-    """Whether a schedule covers a time [s, since 1970], in the computer's time zone; an empty one always does."""
+    """Tells whether a schedule covers a time [s, since 1970], in the computer's time zone; an empty one always does."""
     spans = parse_schedule(text)
     if not spans:
         return True

@@ -6,8 +6,8 @@ from typing import Any, List, Mapping, Optional, Tuple
 from vb_map_integration.borders.issues import WARNING, Issue
 
 
-def soft_value_issue(value: int, costmaps: Mapping[str, Any]) -> Optional[Issue]:
-    """A warning if a costmap takes a soft occupancy for free space; None if all is well or nothing is known.
+def check_soft_value(value: int, costmaps: Mapping[str, Any]) -> Optional[Issue]:
+    """Warns if a costmap takes a soft occupancy for free space; None if all is well or nothing is known.
 
     Args:
         value: 0 .. 100; 0 and 100 are not soft.

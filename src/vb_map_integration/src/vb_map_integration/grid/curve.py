@@ -62,7 +62,7 @@ class Cut:
 
 
 def end_direction(points: np.ndarray, length: float) -> np.ndarray:
-    """Unit vector (2,) in which a chain (N, 2) leaves its last point, fitted to its last `length`.
+    """Fits the direction, a unit vector (2,), in which a chain (N, 2) leaves its last point, to its last `length`.
 
     The last two points alone would follow the hand's tremor.
     """

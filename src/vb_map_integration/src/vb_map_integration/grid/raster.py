@@ -23,7 +23,7 @@ MAX_CROSSINGS = 4_000_000
 
 
 def filled(shape: Tuple[int, int], value: int) -> np.ndarray:
-    """(H, W) uint8 of one value. Not numpy.zeros: its memory comes in small pages, each at the price of a fault."""
+    """Allocates (H, W) uint8 of one value. Not numpy.zeros: its memory comes in small pages, each at the price of a fault."""
     return np.full(shape, value, np.uint8)
 
 
@@ -35,7 +35,7 @@ def row_blocks(shape: Tuple[int, int]) -> Iterator[slice]:
 
 
 def polygon_mask(vertices: np.ndarray, shape: Tuple[int, int]) -> Tuple[Window, np.ndarray]:
-    """The cells whose centre is in a polygon, clipped to the map.
+    """Finds the cells whose centre is in a polygon, clipped to the map.
 
     Where the outline crosses itself everything is inside that it winds round (nonzero rule), so that an
     overshoot at the closing point tears no hole.
@@ -99,7 +99,7 @@ class Trace:
 
 
 def trace_chain(vertices: np.ndarray, shape: Tuple[int, int]) -> Trace:
-    """The cells along a chain (N, 2) (column, row), clipped to one cell beyond the map's rim."""
+    """Finds the cells along a chain (N, 2) (column, row), clipped to one cell beyond the map's rim."""
     start = vertices[:-1]
     step = vertices[1:] - start
     length = np.hypot(step[:, 0], step[:, 1])

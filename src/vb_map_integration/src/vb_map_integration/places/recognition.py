@@ -12,9 +12,9 @@ from typing import Dict, List, Optional
 import numpy as np
 
 from vb_core.grid_map import OCCUPIED_FROM, GridMap
-from vb_map_integration.storage.database import Database, StoredMap
+from vb_map_integration.storage.database import Database, KnownMap
 from vb_map_integration.places.registration import (
-    IDENTITY, SURE_AGREEMENT, SURE_OVERLAP, Registration, Shape, Transform, measure_at, register_shapes,
+    IDENTITY, MIN_AGREEMENT, MIN_OVERLAP, Registration, WallMap, Transform, measure_at, register_wall_maps,
 )
 
 # this many of a place's maps are compared: the first and the newest ones
@@ -30,20 +30,20 @@ _GROWN = 1.25
 
 
 @dataclass(frozen=True)
-class Verdict:
+class Recognition:
     """What a map was recognised as.
 
     Attributes:
         place: its number in the database; 0: a new place, which has no borders.
         transform: from the place's frame to the map's.
-        sure: False: the borders need confirmation.
+        certain: False: the borders need confirmation.
         registration: what it rests on; None if none was needed or possible.
         floor_cells: free cells when it was made.
     """
 
     place: int = 0
     transform: Transform = IDENTITY
-    sure: bool = True
+    certain: bool = True
     registration: Optional[Registration] = None
     floor_cells: int = 0
 
@@ -59,10 +59,10 @@ class Recognizer:
     def __init__(self, database: Database, name: str = "") -> None:
         self._database = database
         self._name = name
-        self._shapes: Dict[str, Shape] = {}
+        self._wall_maps: Dict[str, WallMap] = {}
 
-    def recognise(self, grid: GridMap, map_id: str, before: Optional[GridMap], verdict: Verdict) -> Verdict:
-        """What a map shows.
+    def recognise(self, grid: GridMap, map_id: str, before: Optional[GridMap], recognition: Recognition) -> Recognition:
+        """Recognises what a map shows.
 
         Args:
             before: the map before it, while this program has been running.
@@ -70,22 +70,22 @@ class Recognizer:
         """
         known = self._database.map_of(map_id)
         if known is not None:
-            return Verdict(known.place, known.transform)
+            return Recognition(known.place, known.transform)
         candidates = self._candidates()
         if not candidates:
-            return Verdict()
+            return Recognition()
         floor = int(np.count_nonzero((grid.data >= 0) & (grid.data < OCCUPIED_FROM)))
-        shape = Shape(grid)
-        continued = before is not None and verdict.place in candidates and continues(before, grid)
-        if continued and verdict.sure and self._agrees(candidates[verdict.place], shape, verdict.transform):
-            return replace(verdict, floor_cells=floor)
-        if continued and not verdict.sure and floor < _GROWN * verdict.floor_cells:
-            return verdict
-        return replace(self._register(candidates, shape, verdict), floor_cells=floor)
+        wall_map = WallMap(grid)
+        continued = before is not None and recognition.place in candidates and is_extension(before, grid)
+        if continued and recognition.certain and self._agrees(candidates[recognition.place], wall_map, recognition.transform):
+            return replace(recognition, floor_cells=floor)
+        if continued and not recognition.certain and floor < _GROWN * recognition.floor_cells:
+            return recognition
+        return replace(self._register(candidates, wall_map, recognition), floor_cells=floor)
 
-    def _candidates(self) -> Dict[int, List[StoredMap]]:
+    def _candidates(self) -> Dict[int, List[KnownMap]]:
         """The maps of each place that it may be; without maps that could not be taken over."""
-        places: Dict[int, List[StoredMap]] = {}
+        places: Dict[int, List[KnownMap]] = {}
         for one in self._database.maps():
             places.setdefault(one.place, []).append(one)
         names = {place: next((one.name for one in maps if one.id == place), "") for place, maps in places.items()}
@@ -96,65 +96,65 @@ class Recognizer:
             chosen = set(places)
         return {place: maps for place, maps in places.items() if place in chosen and self._database.count(place)}
 
-    def _shape_of(self, one: StoredMap) -> Optional[Shape]:
+    def _wall_map_of(self, one: KnownMap) -> Optional[WallMap]:
         if one.grid is None:
             return None
-        if one.fingerprint not in self._shapes:
-            self._shapes[one.fingerprint] = Shape(one.grid)
-        return self._shapes[one.fingerprint]
+        if one.fingerprint not in self._wall_maps:
+            self._wall_maps[one.fingerprint] = WallMap(one.grid)
+        return self._wall_maps[one.fingerprint]
 
-    def _agrees(self, maps: List[StoredMap], shape: Shape, transform: Transform) -> bool:
+    def _agrees(self, maps: List[KnownMap], wall_map: WallMap, transform: Transform) -> bool:
         """Whether a map fits one at which borders were drawn, where it is expected to be."""
         for one in maps:
-            reference = self._shape_of(one)
+            reference = self._wall_map_of(one)
             if reference is None:
                 continue
-            found = measure_at(reference, shape, transform.after(one.transform.inverse))
-            if found.agreement >= SURE_AGREEMENT and found.overlap >= SURE_OVERLAP:
+            found = measure_at(reference, wall_map, transform.after(one.transform.inverse))
+            if found.agreement >= MIN_AGREEMENT and found.overlap >= MIN_OVERLAP:
                 return True
         return False
 
-    def _register(self, candidates: Dict[int, List[StoredMap]], shape: Shape, verdict: Verdict) -> Verdict:
-        best: Dict[int, Verdict] = {}
+    def _register(self, candidates: Dict[int, List[KnownMap]], wall_map: WallMap, recognition: Recognition) -> Recognition:
+        best: Dict[int, Recognition] = {}
         for place, maps in candidates.items():
             for one in maps[:1] + maps[1:][1 - _COMPARED :]:
-                reference = self._shape_of(one)
-                guesses = [IDENTITY, verdict.transform.after(one.transform.inverse)]
-                found = register_shapes(reference, shape, guesses) if reference else None
+                reference = self._wall_map_of(one)
+                guesses = [IDENTITY, recognition.transform.after(one.transform.inverse)]
+                found = register_wall_maps(reference, wall_map, guesses) if reference else None
                 if found is None:
                     continue
-                if not found.sure:
-                    found = self._unmoved(reference, shape, found, guesses)
-                transform = _settled(found.transform.after(one.transform), verdict.transform, shape.grid)
-                new = Verdict(place, transform, found.sure, found)
-                if place not in best or (new.sure, found.score) > (best[place].sure, _score(best[place])):
+                if not found.is_unambiguous:
+                    found = self._unmoved(reference, wall_map, found, guesses)
+                transform = _snap(found.transform.after(one.transform), recognition.transform, wall_map.grid)
+                new = Recognition(place, transform, found.is_unambiguous, found)
+                if place not in best or (new.certain, found.score) > (best[place].certain, _score(best[place])):
                     best[place] = new
-        sure = [one for one in best.values() if one.sure]
-        if len(sure) == 1:
-            return sure[0]
+        certain = [one for one in best.values() if one.certain]
+        if len(certain) == 1:
+            return certain[0]
         # several floors may have the same walls: then nothing is sure either
         plausible = [
             one for one in best.values() if one.registration and one.registration.agreement >= _PLAUSIBLE_AGREEMENT
         ]
         if plausible:
-            return replace(max(plausible, key=_score), sure=False)
-        last = self._database.fact("last_place")
+            return replace(max(plausible, key=_score), certain=False)
+        last = self._database.get_value("last_place")
         place = int(last) if last.isdigit() and int(last) in candidates else max(candidates)
-        return replace(best[place], sure=False) if place in best else Verdict(place, IDENTITY, False)
+        return replace(best[place], certain=False) if place in best else Recognition(place, IDENTITY, False)
 
     @staticmethod
     def _unmoved(
-        reference: Optional[Shape], shape: Shape, found: Registration, guesses: List[Transform]
+        reference: Optional[WallMap], wall_map: WallMap, found: Registration, guesses: List[Transform]
     ) -> Registration:
         """In doubt nothing is moved, unless another transform is plausible and fits clearly better."""
         assert reference is not None
-        still = max((measure_at(reference, shape, guess) for guess in guesses), key=lambda one: one.agreement)
+        still = max((measure_at(reference, wall_map, guess) for guess in guesses), key=lambda one: one.agreement)
         moves = found.agreement >= max(_PLAUSIBLE_AGREEMENT, still.agreement + _DOUBT)
         return found if moves else still
 
 
-def continues(before: GridMap, after: GridMap) -> bool:
-    """Whether a map is the one before it, grown: the cells are on the same lattice, and obstacles are still there."""
+def is_extension(before: GridMap, after: GridMap) -> bool:
+    """Tells whether a map is the one before it, grown: the cells are on the same lattice, and obstacles are still there."""
     if abs(before.resolution - after.resolution) > 1e-6 or abs(before.origin[2] - after.origin[2]) > 1e-9:
         return False
     offset = after.world_to_grid(before.cell_to_world([[0, 0]]))[0]
@@ -168,8 +168,8 @@ def continues(before: GridMap, after: GridMap) -> bool:
     return len(rows) > 0 and same >= _CONTINUED * len(rows)
 
 
-def _settled(transform: Transform, expected: Transform, grid: GridMap) -> Transform:
-    """A transform that differs from the identity, or from the one in force, by less than half a cell is that one."""
+def _snap(transform: Transform, expected: Transform, grid: GridMap) -> Transform:
+    """Replaces a transform by the identity, or by the one in force, if it differs from that by less than half a cell."""
     for known in (IDENTITY, expected):
         apart = np.linalg.norm(transform.apply(grid.corners()) - known.apply(grid.corners()), axis=1).max()
         if apart < 0.5 * grid.resolution + 0.002 * np.ptp(grid.corners(), axis=0).max():
@@ -177,5 +177,5 @@ def _settled(transform: Transform, expected: Transform, grid: GridMap) -> Transf
     return transform
 
 
-def _score(verdict: Verdict) -> float:
-    return verdict.registration.score if verdict.registration else 0.0
+def _score(recognition: Recognition) -> float:
+    return recognition.registration.score if recognition.registration else 0.0

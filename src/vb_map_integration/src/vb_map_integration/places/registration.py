@@ -41,10 +41,10 @@ _REACH_M = (0.6, 0.6, 0.4, 0.4, 0.3, 0.3, 0.2, 0.2, 0.15, 0.15, 0.15)
 _SAME_M, _SAME_RAD = 0.4, math.radians(6.0)
 
 # When a registration is sure enough to be acted on without a person; docs/results/map-registration.md has the evidence.
-SURE_AGREEMENT = 0.92  # of long walls found again, in both directions
-SURE_OVERLAP = 0.7  # of the smaller map's free floor that the other map knows
-SURE_WALLS_M = 15.0  # long walls that both maps know
-SURE_MARGIN = 0.3  # how much less the next hypothesis explains
+MIN_AGREEMENT = 0.92  # of long walls found again, in both directions
+MIN_OVERLAP = 0.7  # of the smaller map's free floor that the other map knows
+MIN_WALLS_M = 15.0  # long walls that both maps know
+MIN_MARGIN = 0.3  # how much less the next hypothesis explains
 
 
 class Transform(NamedTuple):
@@ -60,7 +60,7 @@ class Transform(NamedTuple):
     yaw: float = 0.0
 
     def apply(self, points: np.ndarray) -> np.ndarray:
-        """(N, 2) [m] moved; the identity returns the same numbers."""
+        """Moves points (N, 2) [m]; the identity returns the same numbers."""
         points = np.asarray(points, dtype=float).reshape(-1, 2)
         if not any(self):
             return points
@@ -68,7 +68,7 @@ class Transform(NamedTuple):
 
     @property
     def rotation(self) -> np.ndarray:
-        """(2, 2) rotation matrix."""
+        """The rotation matrix (2, 2)."""
         c, s = math.cos(self.yaw), math.sin(self.yaw)
         return np.array([[c, -s], [s, c]])
 
@@ -81,13 +81,13 @@ class Transform(NamedTuple):
         return Transform(float(x), float(y), -self.yaw)
 
     def after(self, first: "Transform") -> "Transform":
-        """This motion after another one."""
+        """Returns this motion after another one."""
         x, y = self.rotation @ (first.x, first.y) + (self.x, self.y)
         yaw = math.remainder(self.yaw + first.yaw, 2.0 * math.pi)
         return Transform(float(x), float(y), yaw)
 
     def distance(self, other: "Transform", place: Sequence[float]) -> Tuple[float, float]:
-        """How far apart two motions put a place, [m] and [rad]."""
+        """Measures how far apart two motions put a place, [m] and [rad]."""
         a, b = self.apply(np.array(place)), other.apply(np.array(place))
         return float(np.linalg.norm(a - b)), abs(math.remainder(self.yaw - other.yaw, 2.0 * math.pi))
 
@@ -115,25 +115,25 @@ class Registration:
     margin: float
 
     @property
-    def sure(self) -> bool:
+    def is_unambiguous(self) -> bool:
         """Whether it may be acted on without a person."""
-        return self.local and self.margin >= SURE_MARGIN
+        return self.local and self.margin >= MIN_MARGIN
 
     @property
     def local(self) -> bool:
         """Whether the maps agree at this transform, whatever another one would give."""
         return (
-            self.agreement >= SURE_AGREEMENT and self.overlap >= SURE_OVERLAP and self.walls_m >= SURE_WALLS_M
+            self.agreement >= MIN_AGREEMENT and self.overlap >= MIN_OVERLAP and self.walls_m >= MIN_WALLS_M
         )
 
     @property
     def score(self) -> float:
         """0 .. 1: 1 only if every measure is far above what is needed."""
-        parts = (self.overlap / SURE_OVERLAP, self.walls_m / SURE_WALLS_M, self.margin / SURE_MARGIN)
+        parts = (self.overlap / MIN_OVERLAP, self.walls_m / MIN_WALLS_M, self.margin / MIN_MARGIN)
         return float(max(0.0, self.agreement) * min(1.0, *parts))
 
 
-class Shape:
+class WallMap:
     """A map as registration sees it: its wall cells, which of them belong to long walls, and its distance field."""
 
     def __init__(self, grid: GridMap) -> None:
@@ -158,7 +158,7 @@ class Shape:
 
     @cached_property
     def fields(self) -> np.ndarray:
-        """(H, W, 3) float32: distance to the nearest wall [m] and its gradient along columns and rows."""
+        """Distance fields (H, W, 3) float32: distance to the nearest wall [m] and its gradient along columns and rows."""
         if not self._surface.any():
             distance = np.full(self.grid.shape, 1e3, np.float32)
         else:
@@ -182,19 +182,19 @@ class Shape:
         return found[:, 0], found[:, 1:] @ np.array([[c, s], [-s, c]])
 
     def knows(self, points: np.ndarray) -> np.ndarray:
-        """(N,) bool: where the map knows the floor, or the wall beside it."""
+        """Tells (N,) bool at which points (N, 2) [m] the map knows the floor, or the wall beside it."""
         return self.grid.with_data(self._known.view(np.int8)).values_at(points, outside=0) != 0
 
     @cached_property
     def floor(self) -> np.ndarray:
-        """(N, 2) [m] up to 2000 free places, spread evenly."""
+        """Up to 2000 free places (N, 2) [m], spread evenly."""
         where = cv2.findNonZero(self.free)
         if where is None:
             return np.zeros((0, 2))
         return self.grid.grid_to_world(where[:: max(1, len(where) // 2000), 0].astype(float))
 
     def evidence(self, centre: np.ndarray, cell: float) -> np.ndarray:
-        """(n, n) float32 round a centre [m]: positive at walls, slightly negative on free floor, 0 where unknown."""
+        """Draws (n, n) float32 round a centre [m]: positive at walls, slightly negative on free floor, 0 where unknown."""
         side = 2 * int(math.ceil(self.radius(centre) / cell)) + 5
         middle = side // 2
 
@@ -216,12 +216,12 @@ class Shape:
 
     @cached_property
     def centre(self) -> np.ndarray:
-        """(2,) [m] the middle of what is known."""
+        """The middle (2,) [m] of what is known."""
         points = np.concatenate([self.walls, self.floor])
         return (points.min(axis=0) + points.max(axis=0)) / 2.0 if len(points) else np.zeros(2)
 
     def radius(self, centre: np.ndarray) -> float:
-        """[m] within which all of it is."""
+        """Returns the radius [m] around a centre (2,) [m] within which all that is known lies."""
         points = np.concatenate([self.walls, self.floor])
         return float(np.linalg.norm(points - centre, axis=1).max()) if len(points) else 1.0
 
@@ -235,13 +235,13 @@ def register(old: GridMap, new: GridMap, guesses: Sequence[Transform] = (IDENTIT
     Returns:
         The best hypothesis; None if one of the maps has no walls.
     """
-    return register_shapes(Shape(old), Shape(new), guesses)
+    return register_wall_maps(WallMap(old), WallMap(new), guesses)
 
 
-def register_shapes(
-    old: Shape, new: Shape, guesses: Sequence[Transform] = (IDENTITY,), search: bool = True
+def register_wall_maps(
+    old: WallMap, new: WallMap, guesses: Sequence[Transform] = (IDENTITY,), search: bool = True
 ) -> Optional[Registration]:
-    """`register` for prepared maps; without `search` only the guesses are refined, and the margin is 0."""
+    """Registers prepared maps as `register` does; without `search` only the guesses are refined, and the margin is 0."""
     if not len(old.walls) or not len(new.walls):
         return None
     coarse = _search(old, new) if search else []
@@ -258,8 +258,8 @@ def register_shapes(
     return Registration(transform, best.agreement, best.overlap, best.walls_m, margin)
 
 
-def measure_at(old: Shape, new: Shape, transform: Transform) -> Registration:
-    """How well the maps agree at one transform; the margin is 0, as nothing else was checked."""
+def measure_at(old: WallMap, new: WallMap, transform: Transform) -> Registration:
+    """Measures how well the maps agree at one transform; the margin is 0, as nothing else was checked."""
     found = _explained(old, new, transform)
     return Registration(transform, found.agreement, found.overlap, found.walls_m, 0.0)
 
@@ -269,8 +269,8 @@ def _is_same(one: Transform, other: Transform, place: np.ndarray) -> bool:
     return apart < _SAME_M and turned < _SAME_RAD
 
 
-def _search(old: Shape, new: Shape) -> List[Transform]:
-    """The most promising transforms, the best first."""
+def _search(old: WallMap, new: WallMap) -> List[Transform]:
+    """Searches the most promising transforms, the best first."""
     extent = max(old.radius(old.centre), new.radius(new.centre))
     cell = max(_COARSE_M, 2.0 * extent / _COARSE_CELLS)
     a, b = old.evidence(old.centre, cell), new.evidence(new.centre, cell)
@@ -308,16 +308,16 @@ def _search(old: Shape, new: Shape) -> List[Transform]:
     return chosen
 
 
-def _sample(shape: Shape) -> np.ndarray:
-    """(N, 2) [m] wall cells for the refinement: of long walls if there are enough."""
+def _sample(shape: WallMap) -> np.ndarray:
+    """Chooses wall cells (N, 2) [m] for the refinement: of long walls if there are enough."""
     points = shape.walls[shape.is_structure]
     if len(points) < 100:
         points = shape.walls
     return points[:: max(1, len(points) // _REFINED_POINTS)]
 
 
-def _refine(old: Shape, new: Shape, start: Transform) -> Transform:
-    """The transform nearby at which the walls of both maps coincide."""
+def _refine(old: WallMap, new: WallMap, start: Transform) -> Transform:
+    """Refines a transform to the one nearby at which the walls of both maps coincide."""
     forward, backward = _sample(old), _sample(new)
     centre = old.centre  # turning about the middle keeps turn and shift apart
     place = start.apply(centre)[0]
@@ -350,7 +350,7 @@ class _Explained(NamedTuple):
     balance: float
 
 
-def _explained(old: Shape, new: Shape, transform: Transform) -> _Explained:
+def _explained(old: WallMap, new: WallMap, transform: Transform) -> _Explained:
     shares, lengths, balances, overlaps = [], [], [], []
     for one, other, motion in ((old, new, transform), (new, old, transform.inverse)):
         points = motion.apply(one.walls[one.is_structure])

@@ -1,7 +1,7 @@
 """The borders of all maps in one SQLite file, protected against loss.
 
 The idea: a change is made once it is committed, and everything that is kept is kept twice. Each change goes into the
-database and then into its twin beside it, row by row, so that a damaged file never costs what was acknowledged. Every
+database and then into a replica beside it, row by row, so that a damaged file never costs what was acknowledged. Every
 row carries a checksum, and a checksum over all rows and the revision tells whether rows are missing, or are those of an
 older state (SQLite itself finds damaged pages, not changed values). At start both files are checked; the better one
 replaces the other, and `notices` says what was done. If both are damaged, the newest sound daily copy is taken.
@@ -68,8 +68,8 @@ _PUT_MAP = f"INSERT OR REPLACE INTO maps VALUES ({', '.join('?' * (len(_MAP_COLU
 _PUT_BORDER = "INSERT OR REPLACE INTO borders VALUES (?, ?, ?, ?)"
 _PUT_FACT = "INSERT OR REPLACE INTO facts VALUES (?, ?)"
 
-# the twin need not be on the disk before the answer: after a power failure it is behind, and is written again
-_OF_TWIN = "NORMAL"
+# the replica need not be on the disk before the answer: after a power failure it is outdated, and is written again
+_OF_REPLICA = "NORMAL"
 # of the files that belong to one database
 _ENDS = ("", "-wal", "-shm", "-journal")
 _EMPTY = "empty"
@@ -79,7 +79,7 @@ _MEMORY = "/dev/shm"  # a file system that needs no disk
 Statement = Tuple[str, Sequence[Any]]
 
 
-class Entry(NamedTuple):
+class BorderChange(NamedTuple):
     """One border's state before or after a change; None where it did not exist."""
 
     id: str
@@ -88,11 +88,11 @@ class Entry(NamedTuple):
 
 
 # what one command changed
-Change = Tuple[Entry, ...]
+Change = Tuple[BorderChange, ...]
 
 
 @dataclass(frozen=True)
-class StoredMap:
+class KnownMap:
     """A map that the database knows.
 
     Attributes:
@@ -122,7 +122,7 @@ class StoredMap:
         return GridMap(data, self._resolution, self._origin)
 
 
-class State(NamedTuple):
+class DatabaseSummary(NamedTuple):
     """What a sound file holds, beside its rows."""
 
     revision: int
@@ -132,7 +132,7 @@ class State(NamedTuple):
 
 
 def fingerprint(grid: GridMap) -> str:
-    """A map's identity: 64 hexadecimal digits that depend on every cell, on size, resolution and origin."""
+    """Computes a map's identity: 64 hexadecimal digits that depend on every cell, on size, resolution and origin."""
     digest = hashlib.sha256()
     digest.update(np.array(grid.shape, np.int64).tobytes())
     # map_server and bags carry the resolution as float32
@@ -162,26 +162,26 @@ class Database:
         self.notices: List[Notice] = []
         self._today = today
         self._lock: Optional[int] = None
-        self._twin: Optional[sqlite3.Connection] = None
-        self._twin_is_good = True
+        self._replica: Optional[sqlite3.Connection] = None
+        self._replica_is_good = True
         self._read_only = ""
         self._loaded: Dict[int, Dict[str, VirtualBorder]] = {}
         if folder is None:
             self._main = _connect(":memory:")
             _create(self._main)
-            self._state = State(0, 1, 0)
+            self._state = DatabaseSummary(0, 1, 0)
             return
-        self._path, self._twin_path = folder / FILE, folder / FILE.replace(".db", ".twin.db")
+        self._path, self._replica_path = folder / FILE, folder / FILE.replace(".db", ".twin.db")
         try:
             folder.mkdir(parents=True, exist_ok=True)
             self._take_lock()
             _try_to_write(folder)
-            self._main, self._state = self._open_soundest()
+            self._main, self._state = self._open_best_copy()
         except (OSError, sqlite3.Error) as error:
             self._main, self._state = self._open_for_reading(error)
 
-    def can_be_opened_again(self) -> bool:
-        """Whether the disk could not be written at the start, and now can be: then a new start finds what is there."""
+    def can_reopen(self) -> bool:
+        """Tells whether the disk could not be written at the start, and now can be: then a new start finds what is there."""
         if not self._read_only or self.folder is None:
             return False
         try:
@@ -193,7 +193,7 @@ class Database:
 
     def close(self) -> None:
         """Closes the files."""
-        for connection in (self._main, self._twin):
+        for connection in (self._main, self._replica):
             if connection is not None:
                 with contextlib.suppress(sqlite3.Error):
                     connection.close()
@@ -217,61 +217,64 @@ class Database:
                     raise CodedError("database_in_use", what=str(self._path)) from None
                 time.sleep(0.05)
 
-    def _open_soundest(self) -> Tuple[sqlite3.Connection, State]:
+    def _open_best_copy(self) -> Tuple[sqlite3.Connection, DatabaseSummary]:
         main, why_main = check_file(self._path)
-        twin, why_twin = check_file(self._twin_path)
-        if {why_main, why_twin} <= {"", _EMPTY} and main is None and twin is None and not self.copies():
+        replica, why_replica = check_file(self._replica_path)
+        if {why_main, why_replica} <= {"", _EMPTY} and main is None and replica is None and not self.copies():
             _delete(self._path)  # none yet, or the very first start was cut off
             connection = _connect(self._path)
             _create(connection)
-            main = State(0, 1, 0)
+            main = DatabaseSummary(0, 1, 0)
             connection.close()
-        elif main is None or (twin is not None and twin.revision > main.revision):
-            if main is not None and twin is not None:
-                why_main = f"revision {main.revision} instead of {twin.revision}"
-            main = self._repair(why_main, twin)
-        elif twin is None and why_twin:
-            self._say("twin_repaired", Severity.INFO, reason=why_twin)
+        elif main is None or (replica is not None and replica.revision > main.revision):
+            if main is not None and replica is not None:
+                why_main = f"revision {main.revision} instead of {replica.revision}"
+            main = self._repair(why_main, replica)
+        elif replica is None and why_replica:
+            self._report("replica_repaired", Severity.INFO, reason=why_replica)
         connection = _connect(self._path)
         try:
-            if twin is None or twin != main:
-                _set_aside(self._twin_path) if twin is None else _delete(self._twin_path)
-                _copy(connection, self._twin_path)
-            self._twin = _connect(self._twin_path, _OF_TWIN)
+            if replica is None or replica != main:
+                if replica is None:
+                    _set_aside(self._replica_path)
+                else:
+                    _delete(self._replica_path)
+                _copy(connection, self._replica_path)
+            self._replica = _connect(self._replica_path, _OF_REPLICA)
             if main.revision:
                 self._copy_of_the_day(connection, renew=True)
         except (sqlite3.Error, OSError) as error:
-            self._without_twin(error)
+            self._lose_replica(error)
         return connection, main
 
-    def _repair(self, why: str, twin: Optional[State]) -> State:
-        """Replaces the database by its twin, by the newest sound copy, or by an empty one."""
+    def _repair(self, why: str, replica: Optional[DatabaseSummary]) -> DatabaseSummary:
+        """Replaces the database by its replica, by the newest sound copy, or by an empty one."""
         _set_aside(self._path)
-        for source in [self._twin_path] if twin is not None else self.copies():
+        for source in [self._replica_path] if replica is not None else self.copies():
             found, _ = check_file(source)
             if found is None:
                 continue
             connection = _connect(source)
             _copy(connection, self._path)
             connection.close()
-            if twin is not None:
-                self._say("database_repaired", Severity.WARNING, reason=why)
+            if replica is not None:
+                self._report("database_repaired", Severity.WARNING, reason=why)
             else:
-                self._say("borders_lost_since", Severity.ERROR, reason=why, date=source.stem[-10:], count=found.borders)
+                self._report("borders_lost_since", Severity.ERROR, reason=why, date=source.stem[-10:], count=found.borders)
             return found
         connection = _connect(self._path)
         _create(connection)
         connection.close()
-        self._say("borders_lost", Severity.ERROR, reason=why, what=str(self._path.parent / "damaged"))
-        return State(0, 1, 0)
+        self._report("borders_lost", Severity.ERROR, reason=why, what=str(self._path.parent / "damaged"))
+        return DatabaseSummary(0, 1, 0)
 
-    def _open_for_reading(self, error: Exception) -> Tuple[sqlite3.Connection, State]:
+    def _open_for_reading(self, error: Exception) -> Tuple[sqlite3.Connection, DatabaseSummary]:
         """Reads what it can from a disk that is full or read-only: borders act, and no change is accepted."""
         self._read_only = str(error)
-        self._say("database_read_only", Severity.ERROR, what=str(self.folder), reason=self._read_only)
-        best, state = _connect(":memory:"), State(0, 1, 0)
+        self._report("database_read_only", Severity.ERROR, what=str(self.folder), reason=self._read_only)
+        best, state = _connect(":memory:"), DatabaseSummary(0, 1, 0)
         _create(best)
-        for path in (self._path, self._twin_path):
+        for path in (self._path, self._replica_path):
             with tempfile.TemporaryDirectory(dir=_MEMORY if os.path.isdir(_MEMORY) else None) as folder:
                 copy = Path(folder) / "copy.db"
                 try:
@@ -290,17 +293,17 @@ class Database:
         return best, state
 
     def copies(self) -> List[Path]:
-        """The daily copies, the newest first."""
+        """Lists the daily copies, the newest first."""
         assert self.folder is not None
         return sorted((self.folder / "copies").glob("borders-????-??-??.db"), reverse=True)
 
-    def _say(self, code: str, severity: Severity, **values: Any) -> None:
+    def _report(self, code: str, severity: Severity, **values: Any) -> None:
         self.notices.append(Notice(code, severity, values={key: str(value) for key, value in values.items()}))
 
-    def _without_twin(self, error: Exception) -> None:
-        self._twin_is_good = False
-        self.notices = [notice for notice in self.notices if notice.code != "twin_behind"]
-        self._say("twin_behind", Severity.WARNING, reason=str(error))
+    def _lose_replica(self, error: Exception) -> None:
+        self._replica_is_good = False
+        self.notices = [notice for notice in self.notices if notice.code != "replica_outdated"]
+        self._report("replica_outdated", Severity.WARNING, reason=str(error))
 
     # ------------------------------------------------------------- writing
     @property
@@ -311,7 +314,7 @@ class Database:
     def _write(
         self, statements: List[Statement], out: Sequence[str] = (), into: Sequence[str] = (), ids: int = 0
     ) -> None:
-        """A transaction in the database, and then in its twin; digests that leave and enter the sum come along.
+        """Makes a transaction in the database, and then in its replica; digests that leave and enter the sum come along.
 
         Raises:
             CodedError: "cannot_write"; then nothing was changed.
@@ -321,7 +324,7 @@ class Database:
         total = self._state.sum
         for digest in (*out, *into):
             total ^= int(digest, 16)
-        state = State(self._state.revision + 1, self._state.next_number + ids, total)
+        state = DatabaseSummary(self._state.revision + 1, self._state.next_number + ids, total)
         statements = statements + [(_PUT_FACT, (key, value)) for key, value in _facts(state)]
         try:
             _run(self._main, statements)
@@ -331,20 +334,20 @@ class Database:
         if self.folder is None:
             return
         try:
-            if not self._twin_is_good or self._twin is None:
-                if self._twin is not None:
-                    self._twin.close()
-                    self._twin = None
-                _delete(self._twin_path)
-                _copy(self._main, self._twin_path)
-                self._twin = _connect(self._twin_path, _OF_TWIN)
-                self._twin_is_good = True
-                self.notices = [notice for notice in self.notices if notice.code != "twin_behind"]
+            if not self._replica_is_good or self._replica is None:
+                if self._replica is not None:
+                    self._replica.close()
+                    self._replica = None
+                _delete(self._replica_path)
+                _copy(self._main, self._replica_path)
+                self._replica = _connect(self._replica_path, _OF_REPLICA)
+                self._replica_is_good = True
+                self.notices = [notice for notice in self.notices if notice.code != "replica_outdated"]
             else:
-                _run(self._twin, statements)
+                _run(self._replica, statements)
             self._copy_of_the_day(self._main)
         except (sqlite3.Error, OSError) as error:  # the change is made: only its second place is missing
-            self._without_twin(error)
+            self._lose_replica(error)
 
     def _copy_of_the_day(self, connection: sqlite3.Connection, renew: bool = False) -> None:
         assert self.folder is not None
@@ -363,13 +366,13 @@ class Database:
         return [row[0] for row in self._main.execute(f"SELECT digest FROM {table} WHERE {where}", arguments)]
 
     # ------------------------------------------------------------- maps
-    def maps(self) -> List[StoredMap]:
-        """All maps, the oldest first."""
+    def maps(self) -> List[KnownMap]:
+        """Reads all maps, the oldest first."""
         rows = self._main.execute(f"SELECT {', '.join(_MAP_COLUMNS)} FROM maps ORDER BY id")
         return [_map_from_row(row) for row in rows]
 
-    def map_of(self, map_id: str) -> Optional[StoredMap]:
-        """The map of a fingerprint."""
+    def map_of(self, map_id: str) -> Optional[KnownMap]:
+        """Reads the map of a fingerprint; None if it is not known."""
         row = self._main.execute(
             f"SELECT {', '.join(_MAP_COLUMNS)} FROM maps WHERE fingerprint = ?", (map_id,)
         ).fetchone()
@@ -404,12 +407,12 @@ class Database:
         return place
 
     def name_of(self, place: int) -> str:
-        """A place's name; "" if it has none."""
+        """Returns a place's name; "" if it has none."""
         row = self._main.execute("SELECT name FROM maps WHERE id = ?", (place,)).fetchone()
         return "" if row is None else str(row[0])
 
     def place_named(self, name: str) -> int:
-        """The place of a name; 0 if there is none."""
+        """Returns the place of a name; 0 if there is none."""
         row = self._main.execute("SELECT id FROM maps WHERE name = ? AND name <> '' AND id = place", (name,)).fetchone()
         return 0 if row is None else int(row[0])
 
@@ -426,21 +429,21 @@ class Database:
 
     def remember_place(self, place: int) -> None:
         """Notes the last place in force."""
-        if self.fact("last_place") != str(place):
+        if self.get_value("last_place") != str(place):
             self._write([(_PUT_FACT, ("last_place", str(place)))])
 
-    def fact(self, key: str) -> str:
-        """A remembered text; "" if there is none."""
+    def get_value(self, key: str) -> str:
+        """Returns the text stored under a key; "" if there is none."""
         row = self._main.execute("SELECT value FROM facts WHERE key = ?", (key,)).fetchone()
         return "" if row is None else str(row[0])
 
-    def note(self, key: str, value: str) -> None:
-        """Remembers a text."""
+    def set_value(self, key: str, value: str) -> None:
+        """Stores a text under a key."""
         self._write([(_PUT_FACT, (key, value))])
 
     # ------------------------------------------------------------- borders
     def borders(self, place: int) -> Tuple[VirtualBorder, ...]:
-        """The borders of a place in its frame, the oldest first."""
+        """Returns the borders of a place in its frame, the oldest first."""
         known = self._of_place(place)
         return tuple(known[key] for key in sorted(known, key=_number_of))
 
@@ -452,11 +455,11 @@ class Database:
         return self._loaded[place]
 
     def count(self, place: int) -> int:
-        """How many borders a place has."""
+        """Counts the borders of a place."""
         return int(self._main.execute("SELECT count(*) FROM borders WHERE place = ?", (place,)).fetchone()[0])
 
     def find(self, border_id: str) -> Tuple[int, VirtualBorder]:
-        """(place, border) of an id, whichever map it belongs to.
+        """Finds (place, border) of an id, whichever map it belongs to.
 
         Raises:
             CodedError: "unknown_border".
@@ -467,7 +470,7 @@ class Database:
         return int(row[0]), border_from_mapping(json.loads(row[1]))
 
     def new_border(self, border: VirtualBorder, now: float) -> VirtualBorder:
-        """The border with an id, which is spent once committed, a name and its times.
+        """Gives a border an id, which is spent once committed, a name and its times.
 
         Raises:
             CodedError: "id_not_empty".
@@ -520,7 +523,7 @@ class Database:
         if kind in ("undo", "redo"):
             number = self._newest(place, kind)[0]
             return [("UPDATE changes SET undone = ? WHERE number = ?", (int(kind == "undo"), number))]
-        body = _text([[entry.id, _plain(entry.before), _plain(entry.after)] for entry in change])
+        body = _text([[entry.id, _to_dict(entry.before), _to_dict(entry.after)] for entry in change])
         return [
             ("DELETE FROM changes WHERE place = ? AND undone = 1", (place,)),
             ("INSERT INTO changes (place, undone, body, digest) VALUES (?, 0, ?, ?)",
@@ -538,25 +541,25 @@ class Database:
         if row is None:
             raise CodedError(f"nothing_to_{kind}")
         entries = json.loads(row[1])
-        return int(row[0]), tuple(Entry(key, _border(before), _border(after)) for key, before, after in entries)
+        return int(row[0]), tuple(BorderChange(key, _from_dict(before), _from_dict(after)) for key, before, after in entries)
 
-    def undoing(self, place: int) -> Change:
-        """The change that reverts the last one; raises CodedError "nothing_to_undo"."""
+    def prepare_undo(self, place: int) -> Change:
+        """Prepares the change that reverts the last one; raises CodedError "nothing_to_undo"."""
         _, change = self._newest(place, "undo")
-        return tuple(Entry(entry.id, entry.after, entry.before) for entry in reversed(change))
+        return tuple(BorderChange(entry.id, entry.after, entry.before) for entry in reversed(change))
 
-    def redoing(self, place: int) -> Change:
-        """The change that repeats what was undone last; raises CodedError "nothing_to_redo"."""
+    def prepare_redo(self, place: int) -> Change:
+        """Prepares the change that repeats what was undone last; raises CodedError "nothing_to_redo"."""
         return self._newest(place, "redo")[1]
 
     def border_of_request(self, request_id: str) -> str:
-        """The id of the border that a request made; "" if it is new."""
+        """Returns the id of the border that a request made; "" if it is new."""
         row = self._main.execute("SELECT border FROM requests WHERE id = ?", (request_id,)).fetchone()
         return "" if row is None or not request_id else str(row[0])
 
     def take_over(self, place: int, borders: Iterable[VirtualBorder], note: str) -> Dict[str, str]:
         """Adds borders of an older version, with their ids if these are free; returns the ids that had to change."""
-        change: List[Entry] = []
+        change: List[BorderChange] = []
         renamed: Dict[str, str] = {}
         number = max([self._state.next_number, *(_number_of(border.id) + 1 for border in borders)])
         for border in borders:
@@ -565,10 +568,10 @@ class Database:
                 renamed[border.id] = f"b{number}"
                 border = border.replace(id=f"b{number}")
                 number += 1
-            change.append(Entry(border.id, None, border))
+            change.append(BorderChange(border.id, None, border))
         if change:
             self.commit(place, tuple(change), "quiet")
-        self.note(note, "done")
+        self.set_value(note, "done")
         return renamed
 
 
@@ -586,11 +589,11 @@ def restore(folder: Path, source: Path) -> None:
     try:
         _delete(copy)
         _copy(_connect(source), copy)
-        for connection in (database._main, database._twin):
+        for connection in (database._main, database._replica):
             if connection is not None:
                 connection.close()
         _set_aside(database._path)
-        _set_aside(database._twin_path)
+        _set_aside(database._replica_path)
         os.replace(str(copy), str(database._path))
     except (sqlite3.Error, OSError) as error:
         raise CodedError("cannot_write", what=str(folder), reason=str(error)) from None
@@ -614,7 +617,7 @@ def _connect(path: Any, synchronous: str = "FULL") -> sqlite3.Connection:
 
 
 def _create(connection: sqlite3.Connection) -> None:
-    facts = [(_PUT_FACT, (key, value)) for key, value in _facts(State(0, 1, 0))]
+    facts = [(_PUT_FACT, (key, value)) for key, value in _facts(DatabaseSummary(0, 1, 0))]
     tables = [(statement, ()) for statement in _SCHEMA.split(";") if statement.strip()]
     _run(connection, [*tables, *facts, (f"PRAGMA user_version = {FORMAT}", ())])
 
@@ -644,8 +647,8 @@ def _copy(connection: sqlite3.Connection, path: Path) -> None:
         os.fsync(stream.fileno())
 
 
-def check_file(path: Path, options: str = "") -> Tuple[Optional[State], str]:
-    """What a database holds if it is sound; else None, and why ("" if there is no file)."""
+def check_file(path: Path, options: str = "") -> Tuple[Optional[DatabaseSummary], str]:
+    """Checks a database; returns what it holds if it is sound, else None, and why ("" if there is no file)."""
     if not path.exists():
         return None, ""
     connection: Optional[sqlite3.Connection] = None
@@ -672,7 +675,7 @@ def check_file(path: Path, options: str = "") -> Tuple[Optional[State], str]:
                 return None, f"change {number} is damaged"
         facts = dict(connection.execute("SELECT key, value FROM facts"))
         count = connection.execute("SELECT count(*) FROM borders").fetchone()[0]
-        state = State(int(facts["revision"]), int(facts["next_number"]), total, int(count))
+        state = DatabaseSummary(int(facts["revision"]), int(facts["next_number"]), total, int(count))
         if dict(_facts(state))["content"] != facts["content"]:
             return None, "its rows are not those of its revision"
         return state, ""
@@ -705,7 +708,7 @@ def _delete(path: Path) -> None:
 
 
 # ----------------------------------------------------------------- rows
-def _facts(state: State) -> List[Tuple[str, str]]:
+def _facts(state: DatabaseSummary) -> List[Tuple[str, str]]:
     content = _digest(state.revision, state.next_number, state.sum)
     return [("revision", str(state.revision)), ("next_number", str(state.next_number)), ("content", content)]
 
@@ -723,18 +726,18 @@ def _text(values: Any) -> str:
     return json.dumps(values, ensure_ascii=False, separators=(",", ":"))
 
 
-def _plain(border: Optional[VirtualBorder]) -> Any:
+def _to_dict(border: Optional[VirtualBorder]) -> Any:
     return None if border is None else border_to_mapping(border)
 
 
-def _border(values: Any) -> Optional[VirtualBorder]:
+def _from_dict(values: Any) -> Optional[VirtualBorder]:
     return None if values is None else border_from_mapping(values)
 
 
-def _map_from_row(row: Sequence[Any]) -> StoredMap:
+def _map_from_row(row: Sequence[Any]) -> KnownMap:
     number, place, name, map_id, x, y, yaw, resolution, origin_x, origin_y, origin_yaw, rows, columns, cells = row
     origin = (origin_x, origin_y, origin_yaw)
-    return StoredMap(number, place, name, map_id, Transform(x, y, yaw), resolution, origin, (rows, columns), cells)
+    return KnownMap(number, place, name, map_id, Transform(x, y, yaw), resolution, origin, (rows, columns), cells)
 
 
 def _number_of(border_id: str) -> int:

@@ -37,7 +37,7 @@ class Folder(NamedTuple):
 
 
 def read_folders(root: Path) -> List[Folder]:
-    """All folders of borders below the store's folder, the one used last at the end."""
+    """Reads all folders of borders below the store's folder, the one used last at the end."""
     found = [path for path in root.glob("*/") if (path / "borders.yaml").exists() or (path / "journal.jsonl").exists()]
     return [_read(path) for path in sorted(found, key=lambda path: path.stat().st_mtime)]
 
@@ -54,7 +54,8 @@ def _read(folder: Path) -> Folder:
             start = text.find("next_number:")
             if hashlib.sha256(text[start:].encode()).hexdigest() != document.get("sha256"):
                 raise ValueError("the checksum does not match")
-            borders, revision = {border.id: border for border in listed}, int(document["revision"])
+            revision = int(document["revision"])
+            borders = {border.id: border for border in listed}
             break
         except FileNotFoundError:
             continue

@@ -22,7 +22,7 @@ INDEX = "index.jsonl"
 MAX_BYTES = 500_000_000
 
 
-class Recording:
+class MapRecording:
     """A folder of numbered maps; an existing recording is continued.
 
     Each record is `NNNN.pgm`, `NNNN.yaml`, `NNNN.borders.yaml` and one line of JSON in `index.jsonl`. Maps with
@@ -70,7 +70,7 @@ class Recording:
         line = {
             "number": self.number + 1,
             "stamp_s": stamp,
-            "trigger": trigger(self._borders, borders),
+            "trigger": describe_trigger(self._borders, borders),
             "map": path.name,
             "borders": beside.name,
             "occupied_cells": int(np.count_nonzero(grid.data >= OCCUPIED_FROM)),
@@ -111,8 +111,8 @@ class Recording:
         write_atomically(self.folder / INDEX, "".join(kept).encode())
 
 
-def trigger(before: Optional[Sequence[VirtualBorder]], after: Sequence[VirtualBorder]) -> str:
-    """What made a new map, in words: "start", "added b2", "removed b1, b2", "changed b1", or "map"."""
+def describe_trigger(before: Optional[Sequence[VirtualBorder]], after: Sequence[VirtualBorder]) -> str:
+    """Describes in words what made a new map: "start", "added b2", "removed b1, b2", "changed b1", or "map"."""
     if before is None:
         return "start"
     old, new = {border.id: border for border in before}, {border.id: border for border in after}

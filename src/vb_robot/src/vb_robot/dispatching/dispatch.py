@@ -1,10 +1,10 @@
 """Decides where each robot should be going: the policy, apart from maps, messages and actions.
 
-The idea: a place is a promise. Each robot that can offers the cheapest place from which it would see the target; its
-present place costs nothing. The best offer wins: fewest failures first, then the shortest path. A place that does not
+The idea: a place is a promise. Each robot that can bids with the cheapest place from which it would see the target; its
+present place costs nothing. The best bid wins: fewest failures first, then the shortest path. A place that does not
 keep its promise in time (navigation accepts it, the robot gets on, a camera sees the spot from there) has failed and is
-not offered for a while: so the next best is tried. The robot that serves is asked again only when its place has been
-unfit for a while, and its offer counts as SWITCH_GAIN cheaper, so that two do not take turns.
+not bid for a while: so the next best is tried. The robot that serves is asked again only when its place has been
+unfit for a while, and its bid counts as SWITCH_GAIN cheaper, so that two do not take turns.
 """
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ import math
 from dataclasses import dataclass, replace
 from typing import Dict, Hashable, List, Mapping, Optional, Tuple
 
-from vb_robot.dispatching.view import pose_distance
-from vb_robot.dispatching.viewpoint import Outlook, Pose, Viewpoint
+from vb_robot.dispatching.viewpoint import Viewpoint, ViewpointPlanner
 from vb_robot.spots import LOST_AFTER
+from vb_robot.poses import Pose, pose_distance
 
 MIN_INTERVAL = 1.5  # [s] between two goals: each one costs navigation a new plan
 LOST_INTERVAL = 0.5  # [s] while no camera sees the spot; then no goal waits for PATIENCE either
@@ -26,9 +26,9 @@ MIN_GAIN, MIN_TURN = 0.25, math.radians(20.0)  # [m, rad] how far a new place mu
 FAILED_RADIUS, FAILED_MEMORY = 0.5, 20.0  # [m, s] around a place that failed, nothing is tried for this long
 # What a place promises, and within which time [s]: move_base itself needs 40 s to give up.
 WAITS = {"sent": 4.0, "active": 15.0, "seen": 3.0}
-STUCK_DISTANCE = 0.10  # [m] less is no way
+STUCK_DISTANCE = 0.10  # [m] less is no progress
 BLIND_TRIES = 2  # so often, until a camera sees the spot again: the laser may be off
-YIELD_PAUSE = 15.0  # [s] after another node sent the robot elsewhere
+PREEMPTION_PAUSE = 15.0  # [s] after another node sent the robot elsewhere
 SWITCH_GAIN = 1.0  # [m] how much better placed another robot must be to take over
 
 
@@ -40,23 +40,23 @@ class GoalStatus(enum.Enum):
     ACTIVE = "active"
     REACHED = "reached"
     FAILED = "failed"  # aborted, rejected or lost
-    TAKEN = "taken"  # preempted although this policy did not cancel it
+    PREEMPTED = "preempted"  # preempted although this policy did not cancel it
 
 
 @dataclass(frozen=True)
-class Moment:
+class DispatchInputs:
     """What holds for all robots: the time [s], whether one is wanted, what changes with interaction and state, and for
     how long [s] no camera has seen the spot."""
 
     now: float
     wanted: bool
     key: Hashable
-    silent: float = 0.0
+    time_since_seen: float = 0.0
 
     @property
     def lost(self) -> bool:
         """Whether no camera sees the spot."""
-        return self.silent > LOST_AFTER
+        return self.time_since_seen > LOST_AFTER
 
 
 @dataclass(frozen=True)
@@ -83,7 +83,7 @@ class RobotStatus:
         return self.goal in (GoalStatus.SENT, GoalStatus.ACTIVE)
 
     def places(self) -> List[Tuple[float, float]]:
-        """[m] where it is and where it drives to: not a place for another robot."""
+        """Returns where it is and where it drives to, (x, y) [m]: not places for another robot."""
         return [place for place in (self.pose[:2] if self.pose else None, self.goal_place) if place is not None]
 
 
@@ -98,14 +98,14 @@ class Failure:
 
 
 @dataclass(frozen=True)
-class Offer:
-    """Where a robot would go (None: it sees the target from where it is), and how offers are ordered."""
+class Bid:
+    """Where a robot would go (None: it sees the target from where it is), and how bids are ordered."""
 
     order: Tuple[bool, int, bool, bool, float]
     place: Optional[Viewpoint]
 
 
-class Record:
+class RobotRecord:
     """What is remembered of one robot: its goal, how that goes, and what failed."""
 
     def __init__(self) -> None:
@@ -117,32 +117,32 @@ class Record:
         self._unfit_since: Optional[float] = None
         self._failed: List[Failure] = []
         self._stage: Tuple[str, float, Optional[Pose]] = ("", 0.0, None)  # what is awaited, since when [s], from where
-        self._endangered = False  # the way to the goal would lead through what is being drawn
+        self._endangered = False  # the path to the goal would lead through what is being drawn
         self.searched = 0.0  # [m] of the line ahead that it has looked at in vain, and looks beyond
 
-    def observe(self, moment: Moment, before: Moment, status: RobotStatus) -> bool:
+    def observe(self, inputs: DispatchInputs, before: DispatchInputs, status: RobotStatus) -> bool:
         """Records what happened; returns whether the robot can be chosen now."""
-        now = moment.now
-        if now < before.now - 1.0 or not moment.wanted:
+        now = inputs.now
+        if now < before.now - 1.0 or not inputs.wanted:
             self._forget()  # also when time has jumped back: what was remembered is about another run
-        if moment.key != before.key:
+        if inputs.key != before.key:
             self._failed, self._unfit_since, self._rests_until = [], None, -math.inf
-        if not moment.wanted or not status.server or (moment.key != before.key and not status.running):
+        if not inputs.wanted or not status.server or (inputs.key != before.key and not status.running):
             self.goal = None  # it belonged to the state before
         self._failed = [failure for failure in self._failed
-                        if (moment.lost if failure.blind else now - failure.stamp < FAILED_MEMORY)]
-        self.searched = self.searched if moment.lost else 0.0
+                        if (inputs.lost if failure.blind else now - failure.stamp < FAILED_MEMORY)]
+        self.searched = self.searched if inputs.lost else 0.0
         if self.goal is not None:
             what = status.goal.value
-            if status.goal is GoalStatus.FAILED or (
-                    status.running and self._awaits(now, what, status.pose) > WAITS[what]):
+            late = status.running and self._awaits(now, what, status.pose) > WAITS[what]
+            if status.goal is GoalStatus.FAILED or late:
                 self._fail(now, self.goal.pose)
-            elif status.goal is GoalStatus.TAKEN:
-                self.goal, self._rests_until = None, now + YIELD_PAUSE
-        return moment.wanted and status.server and status.pose is not None
+            elif status.goal is GoalStatus.PREEMPTED:
+                self.goal, self._rests_until = None, now + PREEMPTION_PAUSE
+        return inputs.wanted and status.server and status.pose is not None
 
     def _awaits(self, now: float, what: str, pose: Optional[Pose]) -> float:
-        """[s] for which the same has been awaited without the robot getting anywhere."""
+        """Measures for how long [s] the same has been awaited without the robot getting anywhere."""
         before, since, start = self._stage
         if what != before or start is None or pose is None or pose_distance(start, pose) >= STUCK_DISTANCE:
             self._stage = (what, since if what == before and pose is None else now, pose)
@@ -159,61 +159,72 @@ class Record:
     def _avoided(self) -> List[Tuple[float, float, float]]:
         return [(failure.x, failure.y, FAILED_RADIUS) for failure in self._failed]
 
-    def settled(self, moment: Moment, status: RobotStatus, outlook: Outlook) -> bool:
-        """Whether the robot that serves needs no new place now."""
-        now, robot, goal = moment.now, status.pose, self.goal
+    def review_goal(self, inputs: DispatchInputs, status: RobotStatus, planner: ViewpointPlanner) -> bool:
+        """Reviews the goal of the robot that serves; returns whether it needs no new place now."""
+        now, robot, goal = inputs.now, status.pose, self.goal
         assert robot is not None
         under_way = goal if status.running else None
         place = under_way.pose if under_way is not None else robot
-        self._endangered = under_way is not None and (outlook.drawing.seeding or not under_way.risky) and not (
-            outlook.keeps_off(robot, under_way.pose))
-        if not self._endangered and outlook.fits(place) and (under_way is None or outlook.stands_free(place)) and all(
-                math.dist(place[:2], (x, y)) >= radius for x, y, radius in self._avoided()):
+        self._endangered = (
+            under_way is not None
+            and (planner.drawing.seeding or not under_way.risky)
+            and not planner.avoids_drawing(robot, under_way.pose)
+        )
+        fits = (
+            not self._endangered
+            and planner.shows_target(place)
+            and (under_way is None or planner.has_room_at(place))
+            and all(math.dist(place[:2], (x, y)) >= radius for x, y, radius in self._avoided())
+        )
+        if fits:
             self._unfit_since = None
-            if under_way is None and self._failures(blind=True) < BLIND_TRIES and WAITS["seen"] <= min(
-                    moment.silent, self._awaits(now, "seen", robot)):
-                # something hides the spot from there, or it is farther along the line than it is thought to be
-                self.searched = 0.0 if self._failures(blind=True) else outlook.searched(robot)
-                self._fail(now, robot, blind=True)
+            if under_way is None and self._failures(blind=True) < BLIND_TRIES:
+                waited = min(inputs.time_since_seen, self._awaits(now, "seen", robot))
+                if waited >= WAITS["seen"]:
+                    # something hides the spot from there, or it is farther along the line than it is thought to be
+                    self.searched = 0.0 if self._failures(blind=True) else planner.searched(robot)
+                    self._fail(now, robot, blind=True)
             return True
         if under_way is None:
             self._awaits(now, "", robot)  # it waits for the spot only where it should see it
         if goal is None:
             return False
         self._unfit_since = now if self._unfit_since is None else self._unfit_since
-        interval = 0.0 if self._endangered else LOST_INTERVAL if moment.lost else MIN_INTERVAL
-        if now < self._sent + interval or (not moment.lost and now < self._unfit_since + PATIENCE):
+        interval = LOST_INTERVAL if inputs.lost else MIN_INTERVAL
+        if self._endangered:
+            interval = 0.0
+        if now < self._sent + interval or (not inputs.lost and now < self._unfit_since + PATIENCE):
             return True
-        leaves = under_way is not None and not goal.sees_spot and self._rests(goal, outlook)
+        leaves = under_way is not None and not goal.sees_spot and self._target_rests(goal, planner)
         return leaves and not self._endangered
 
-    def _rests(self, goal: Viewpoint, outlook: Outlook) -> bool:
+    def _target_rests(self, goal: Viewpoint, planner: ViewpointPlanner) -> bool:
         """Whether the target is still about where it was when the goal was chosen."""
-        return math.dist(outlook.drawing.look_at, goal.spot) < MIN_SPOT_MOVE
+        return math.dist(planner.drawing.look_at, goal.spot) < MIN_SPOT_MOVE
 
-    def offer(self, now: float, status: RobotStatus, outlook: Outlook, serves: bool) -> Optional[Offer]:
-        """What the robot could do, if anything."""
+    def bid(self, now: float, status: RobotStatus, planner: ViewpointPlanner, serves: bool) -> Optional[Bid]:
+        """Makes the robot's bid; None if there is no place for it."""
         assert status.pose is not None
         if now < self._rests_until and not self._endangered:
             return None
-        if not serves and not status.busy and outlook.fits(status.pose):
-            return Offer((False, self._failures(), False, False, 0.0), None)
-        found = outlook.best(status.pose, self._avoided())
+        if not serves and not status.busy and planner.shows_target(status.pose):
+            return Bid((False, self._failures(), False, False, 0.0), None)
+        found = planner.best_viewpoint(status.pose, self._avoided())
         if found is None:
             self._rests_until = now + MIN_INTERVAL  # asking again at once would give the same answer
             if self._endangered:
                 self.goal = None  # rather nowhere than through what is being drawn
             return None
         cost = found.cost - (SWITCH_GAIN if serves else 0.0)
-        return Offer((not found.sees_spot, self._failures(), status.busy and not serves, found.risky, cost), found)
+        return Bid((not found.sees_spot, self._failures(), status.busy and not serves, found.risky, cost), found)
 
-    def take(self, now: float, status: RobotStatus, outlook: Outlook, place: Optional[Viewpoint]) -> None:
+    def take(self, now: float, status: RobotStatus, planner: ViewpointPlanner, place: Optional[Viewpoint]) -> None:
         """Makes a place the goal, unless it is where the robot already is or goes."""
         goal, pose = self.goal, status.pose
         if place is None:
             return
         if goal is not None and pose is not None and math.dist(place.pose[:2], goal.pose[:2]) < MIN_GAIN:
-            there = math.dist(pose[:2], goal.pose[:2]) <= MIN_GAIN and self._rests(goal, outlook)
+            there = math.dist(pose[:2], goal.pose[:2]) <= MIN_GAIN and self._target_rests(goal, planner)
             if abs(math.remainder(place.yaw - goal.yaw, 2.0 * math.pi)) < MIN_TURN and (status.running or there):
                 self._unfit_since = now
                 return
@@ -225,45 +236,45 @@ class Fleet:
     """Holds all robots and which one serves."""
 
     def __init__(self, robots) -> None:
-        self.records: Dict[str, Record] = {name: Record() for name in robots}
+        self.records: Dict[str, RobotRecord] = {name: RobotRecord() for name in robots}
         self.serving: Optional[str] = None
-        self._before = Moment(-math.inf, False, None)
+        self._before = DispatchInputs(-math.inf, False, None)
 
     @property
     def searched(self) -> float:
-        """[m] of the line ahead that robots have looked at in vain, beyond where the spot was seen last."""
+        """How much [m] of the line ahead robots have searched in vain, beyond where the spot was seen last."""
         return max(record.searched for record in self.records.values())
 
     def step(
-        self, moment: Moment, robots: Mapping[str, Tuple[RobotStatus, Optional[Outlook]]]
+        self, inputs: DispatchInputs, robots: Mapping[str, Tuple[RobotStatus, Optional[ViewpointPlanner]]]
     ) -> Dict[str, Optional[Viewpoint]]:
-        """Where each robot should be going now, or where it went last; None: nowhere.
+        """Decides where each robot should be going now, or where it went last; None: nowhere.
 
         A goal that differs from the one before is to be sent; when there is none any more the last is to be cancelled.
 
         Args:
             robots: how each one is, and what it can see; None before anything is known of that.
         """
-        able: Dict[str, Tuple[RobotStatus, Outlook]] = {}
-        for name, (status, outlook) in robots.items():
-            if self.records[name].observe(moment, self._before, status) and outlook is not None:
-                able[name] = (status, outlook)
-        if self.serving is not None and moment.key != self._before.key and self.records[self.serving].goal is None:
+        able: Dict[str, Tuple[RobotStatus, ViewpointPlanner]] = {}
+        for name, (status, planner) in robots.items():
+            if self.records[name].observe(inputs, self._before, status) and planner is not None:
+                able[name] = (status, planner)
+        if self.serving is not None and inputs.key != self._before.key and self.records[self.serving].goal is None:
             self.serving = None  # a robot that is on its way goes on
-        self._before, before = moment, self.serving
-        self._choose(moment, able)
+        self._before, before = inputs, self.serving
+        self._choose(inputs, able)
         for name, record in self.records.items():
             # the one that takes over also cancels one that is not able
             if name != self.serving and (name in able or self.serving != before):
                 record.goal = None
         return {name: record.goal for name, record in self.records.items()}
 
-    def _choose(self, moment: Moment, able: Mapping[str, Tuple[RobotStatus, Outlook]]) -> None:
+    def _choose(self, inputs: DispatchInputs, able: Mapping[str, Tuple[RobotStatus, ViewpointPlanner]]) -> None:
         serving = self.serving if self.serving in able else None
-        if serving is not None and self.records[serving].settled(moment, *able[serving]):
+        if serving is not None and self.records[serving].review_goal(inputs, *able[serving]):
             return
-        offers = {name: self.records[name].offer(moment.now, *able[name], name == serving) for name in able}
-        offered = {name: offer for name, offer in offers.items() if offer is not None}
-        if offered:
-            self.serving = min(offered, key=lambda name: offered[name].order)
-            self.records[self.serving].take(moment.now, *able[self.serving], offered[self.serving].place)
+        bids = {name: self.records[name].bid(inputs.now, *able[name], name == serving) for name in able}
+        made = {name: offer for name, offer in bids.items() if offer is not None}
+        if made:
+            self.serving = min(made, key=lambda name: made[name].order)
+            self.records[self.serving].take(inputs.now, *able[self.serving], made[self.serving].place)

@@ -19,13 +19,14 @@ from vb_core.ros.messages import pose_from_2d, pose_to_2d
 from vb_core.ros.transforms import TransformLookup
 from vb_robot.inputs import CameraView
 from vb_robot.dispatching.dispatch import GoalStatus, RobotStatus
-from vb_robot.dispatching.view import FloorView
-from vb_robot.dispatching.viewpoint import Pose, Viewpoint
+from vb_robot.floor_view import FloorView
+from vb_robot.dispatching.viewpoint import Viewpoint
+from vb_robot.poses import Pose
 
 SILENCE = rospy.Duration(2.0)  # without a status message for this long navigation counts as gone: it sends five a second
 RUNNING = (StatusMessage.PENDING, StatusMessage.ACTIVE)
-OUTCOMES = {StatusMessage.SUCCEEDED: GoalStatus.REACHED, StatusMessage.PREEMPTED: GoalStatus.TAKEN,
-            StatusMessage.RECALLED: GoalStatus.TAKEN, StatusMessage.ABORTED: GoalStatus.FAILED,
+OUTCOMES = {StatusMessage.SUCCEEDED: GoalStatus.REACHED, StatusMessage.PREEMPTED: GoalStatus.PREEMPTED,
+            StatusMessage.RECALLED: GoalStatus.PREEMPTED, StatusMessage.ABORTED: GoalStatus.FAILED,
             StatusMessage.REJECTED: GoalStatus.FAILED, StatusMessage.LOST: GoalStatus.FAILED}
 
 
@@ -43,7 +44,8 @@ class DispatchedRobot:
         sent: Callable[[Pose], None],
     ) -> None:
         prefix = f"{name}/" if name else ""
-        self.name, self._who = name, f"robot {name}" if name else "the robot"
+        self.name = name
+        self._who = f"robot {name}" if name else "the robot"
         self._base_frame, self._transforms, self._sent = prefix + profile.frames.base, transforms, sent
         self._camera = CameraView(
             prefix + profile.camera.info, self._base_frame, profile.camera.max_range, transforms, take_view)
@@ -77,7 +79,7 @@ class DispatchedRobot:
 
     # ------------------------------------------------------------- how it is
     def status(self, wanted: bool) -> RobotStatus:
-        """How it is now; where it is only if a robot is wanted. To be asked regularly."""
+        """Returns how the robot is now; its pose only if a robot is wanted. To be called regularly."""
         running, server = self._running(), self._alive()
         if server:
             self._cancel_leftovers(running)
@@ -85,7 +87,7 @@ class DispatchedRobot:
         return RobotStatus(self._pose() if wanted else None, server, self._goal_status(), busy, self._goal_place(running))
 
     def _pose(self) -> Optional[Pose]:
-        """(x, y, yaw), map frame; None if it is not localised."""
+        """Looks up the robot's pose; None if it is not localised."""
         try:
             T = self._transforms.lookup(MAP_FRAME, self._base_frame, rospy.Time(0), timeout_s=0.0)
         except CodedError as error:
@@ -94,7 +96,7 @@ class DispatchedRobot:
         return geometry.transform_pose2d(T)
 
     def _alive(self) -> bool:
-        """Whether navigation is there: connected, and heard of lately."""
+        """Tells whether navigation is responding: connected, and heard of lately."""
         now = rospy.Time.now()
         status = self._client.last_status_msg
         if status is not None and status is not self._status_seen:
@@ -117,7 +119,7 @@ class DispatchedRobot:
                     5.0, f"{rospy.get_name()}: cancels a goal that {self._who} has from before a restart")
 
     def _goal_place(self, running: List[str]) -> Optional[Tuple[float, float]]:
-        """(x, y) [m], map frame, where it drives to, no matter who gave the goal; None if nowhere that is known."""
+        """Returns where it drives to, (x, y) [m], map frame, no matter who gave the goal; None if nowhere that is known."""
         goal = self._newest_goal
         if goal is None or goal.goal_id.id not in running:
             return None

@@ -10,16 +10,16 @@ from vb_core import sentences
 from vb_core.grid_map import GridMap
 from vb_core.notices import Notice, Severity
 from vb_robot import spots
-from vb_robot.dispatching.dispatch import Fleet, Moment, RobotStatus
-from vb_robot.dispatching.drawing import NOTHING, Drawing, BlindSpots
+from vb_robot.dispatching.dispatch import DispatchInputs, Fleet, RobotStatus
+from vb_robot.dispatching.drawing import NOTHING, BlindSpots, DrawingState
 from vb_robot.spots import LOST_AFTER, Sightings
-from vb_robot.clearance_map import ClearanceMap, Window, around, window_of
-from vb_robot.dispatching.view import FloorView
-from vb_robot.dispatching.viewpoint import Outlook, Viewpoint
+from vb_robot.clearance_map import ClearanceMap, Window, bounding_window, crop
+from vb_robot.floor_view import FloorView
+from vb_robot.dispatching.viewpoint import Viewpoint, ViewpointPlanner
 
 
 @dataclass(frozen=True)
-class Progress:
+class DrawingProgress:
     """What has been drawn so far.
 
     Attributes:
@@ -54,22 +54,22 @@ class RobotMap:
         self._physical, self._terrain = grid, None
 
     def terrain(self, window: Window) -> Optional[ClearanceMap]:
-        """The map in a window, prepared for questions; None before there is one."""
+        """Prepares the part of the map in a window for questions; None before there is a map."""
         if self._map is None:
             return None
         if self._terrain is None or self._terrain[0] != window:
-            physical = around(self._physical, window) if self._physical is not None else None
-            self._terrain = (window, ClearanceMap(around(self._map, window), self._radius, physical, edge=False))
+            physical = crop(self._physical, window) if self._physical is not None else None
+            self._terrain = (window, ClearanceMap(crop(self._map, window), self._radius, physical, edge=False))
         return self._terrain[1]
 
-    def outlook(
-        self, drawing: Drawing, status: RobotStatus, unseen: Optional[BlindSpots], others: Sequence
-    ) -> Optional[Outlook]:
-        """What the robot can see of a drawing from where it is and could go; None before that is known."""
+    def make_planner(
+        self, drawing: DrawingState, status: RobotStatus, unseen: Optional[BlindSpots], others: Sequence
+    ) -> Optional[ViewpointPlanner]:
+        """Makes the planner that knows what the robot can see of a drawing; None before map, pose and camera are known."""
         if self.view is None or status.pose is None:
             return None
-        terrain = self.terrain(window_of(drawing.spot, drawing.chain, [status.pose[:2]]))
-        return None if terrain is None else Outlook(terrain, self.view, drawing.aimed(terrain, unseen), others)
+        terrain = self.terrain(bounding_window(drawing.spot, drawing.chain, [status.pose[:2]]))
+        return None if terrain is None else ViewpointPlanner(terrain, self.view, drawing.aimed(terrain, unseen), others)
 
 
 class Dispatcher:
@@ -94,40 +94,41 @@ class Dispatcher:
         self.unseen: Optional[BlindSpots] = None
         self.notice: Optional[Notice] = None
         self._fleet = Fleet(self.maps)
-        self._progress: Optional[Progress] = None
+        self._progress: Optional[DrawingProgress] = None
 
     def set_physical_map(self, grid: GridMap) -> None:
         """Takes the map without borders: what hides the spot."""
         for known in self.maps.values():
             known.set_physical(grid)
 
-    def set_progress(self, progress: Progress) -> None:
+    def set_progress(self, progress: DrawingProgress) -> None:
         """Takes what has been drawn so far."""
         self._progress = progress
         # also before any robot is wanted: that cameras contributed may be why one is
         if progress.interaction_id == self.sightings.key[0]:
-            self.sightings.contributed(progress.cameras)
+            self.sightings.add_contributors(progress.cameras)
 
     def decide(self, now: float, robots: Mapping[str, RobotStatus]) -> Dict[str, Optional[Viewpoint]]:
         """Decides where each robot should be going at a time [s], see `Fleet`; takes some 10 ms for a new place."""
         known, wanted = self.sightings, self.sightings.dispatches()
         known.forget_after(now)
-        drawing, newest, silent = self._drawing(now) if wanted else None, known.newest(), known.silent(now)
+        drawing = self._drawing(now) if wanted else None
+        newest, time_since_seen = known.newest(), known.time_since_seen(now)
         if newest is None and drawing is not None and not drawing.seeding:
-            silent = 2.0 * LOST_AFTER
+            time_since_seen = 2.0 * LOST_AFTER
         seeing = {}
         for name, status in robots.items():
             others = [place for other, its in robots.items() if other != name for place in its.places()]
-            outlook = self.maps[name].outlook(drawing, status, self.unseen, others) if drawing is not None else None
-            seeing[name] = (status, outlook)
-        goals = self._fleet.step(Moment(now, wanted, known.key, silent), seeing)
+            planner = self.maps[name].make_planner(drawing, status, self.unseen, others) if drawing is not None else None
+            seeing[name] = (status, planner)
+        goals = self._fleet.step(DispatchInputs(now, wanted, known.key, time_since_seen), seeing)
         self.notice = None
         if drawing is not None and known.state == spots.BORDER:
-            able = any(status.server and outlook is not None for status, outlook in seeing.values())
+            able = any(status.server and planner is not None for status, planner in seeing.values())
             self.notice = self._notice(newest is None or now - newest.stamp > LOST_AFTER, drawing, able)
         return goals
 
-    def _drawing(self, now: float) -> Optional[Drawing]:
+    def _drawing(self, now: float) -> Optional[DrawingState]:
         known, progress = self.sightings, self._progress
         if progress is not None and progress.interaction_id != known.key[0]:
             progress = None
@@ -141,16 +142,17 @@ class Dispatcher:
         if progress is not None:
             ordered = len(progress.chain) >= 2
             chain, closed = (progress.chain, progress.closed) if ordered else (progress.points, False)
-        return Drawing(target, chain, known.velocity(), closed, known.state == spots.SEED, ordered, known.watched(now),
-                       searched=self._fleet.searched)
+        return DrawingState(
+            target, chain, known.velocity(), closed, known.state == spots.SEED, ordered, known.seen_by_stationary(now),
+            searched=self._fleet.searched)
 
-    def _notice(self, lost: bool, drawing: Drawing, able: bool) -> Optional[Notice]:
-        """What people should know: that no camera sees the spot, or will soon lose it, and what follows."""
+    def _notice(self, lost: bool, drawing: DrawingState, able: bool) -> Optional[Notice]:
+        """Says what people should know: that no camera sees the spot, or will soon lose it, and what follows."""
         serving = self._fleet.serving
         comes = serving is not None and self._fleet.records[serving].goal is not None
         if lost and not (comes and able):
             return Notice("spot_unseen_no_robot", Severity.WARNING)
-        ahead = drawing.watched and self.unseen is not None and self.unseen.nearest(drawing.spot) is not None
+        ahead = drawing.seen_by_stationary and self.unseen is not None and self.unseen.nearest(drawing.spot) is not None
         if not (comes and (lost or ahead)):
             return None
         return Notice("spot_unseen_robot_comes" if lost else "spot_ahead_unseen", Severity.INFO, robot=serving or "",

@@ -17,16 +17,16 @@ from vb_robot.clearance_map import ClearanceMap, clearance_grid, nearest_cell, s
 STEP = 0.05  # [m] between places of an extrapolated line
 HORIZON = 2.0  # [m] how far the line is extrapolated to where no stationary camera sees it
 # Beyond the edge of what they see people notice that nobody sees the spot, and hold still. A quick hand is farther by
-# then: the robot looks at the middle of the way that it may have come, as long as both ends are in view.
-AHEAD, REACTION, HALF_VIEW = 0.3, 1.2, 0.6  # [m] at least, [s] until the hand rests, [m] at most
+# then: the robot looks at the middle of the stretch that it may have come, as long as both ends are in view.
+MIN_LOOKAHEAD, REACTION, HALF_VIEW = 0.3, 1.2, 0.6  # [m] at least, [s] until the hand rests, [m] at most
 BESIDE = 1.0  # [m] unseen floor counts this near to the spot on any side
-LEAST_GAP = 0.15  # [m] narrower shadows, as of a table's leg, do not count
+MIN_GAP = 0.15  # [m] narrower shadows, as of a table's leg, do not count
 MIN_LINE = 0.3  # [m] a shorter line does not count yet
 NOTHING = np.zeros((0, 2))
 
 
 @dataclass(frozen=True)
-class Drawing:
+class DrawingState:
     """What is being drawn, map frame.
 
     Attributes:
@@ -49,31 +49,31 @@ class Drawing:
     closed: bool = False
     seeding: bool = False
     ordered: bool = True
-    watched: bool = False
+    seen_by_stationary: bool = False
     focus: Optional[np.ndarray] = None
     stretch: np.ndarray = field(default_factory=lambda: NOTHING)
     searched: float = 0.0
 
     @property
     def direction(self) -> Optional[np.ndarray]:
-        """(2,) unit vector along which the spot moves, or None."""
+        """Unit vector (2,) along which the spot moves, or None."""
         return None if self.velocity is None else self.velocity / np.linalg.norm(self.velocity)
 
     @property
     def look_at(self) -> np.ndarray:
-        """(2,) [m] what the robot should look at."""
+        """The place (2,) [m] that the robot should look at."""
         return np.asarray(self.spot if self.focus is None else self.focus, dtype=float)
 
     @property
     def must_see(self) -> np.ndarray:
-        """(K, 2) [m] without which a pose is none; a spot that no stationary camera sees is among them."""
+        """The places (K, 2) [m] that a viewpoint must show; a spot that no stationary camera sees is among them."""
         wanted = [self.look_at, *self.stretch[:1]]
         if self.searched > 0.0:
             return np.array(wanted[:1])
-        return np.array(wanted if self.watched else [*wanted, np.asarray(self.spot, dtype=float)])
+        return np.array(wanted if self.seen_by_stationary else [*wanted, np.asarray(self.spot, dtype=float)])
 
     def line_ahead(self, length: float) -> np.ndarray:
-        """(K, 2) [m] where the line goes on, as far as what is looked at; the spot alone if it does not move."""
+        """Extrapolates the line, (K, 2) [m], as far as what is looked at; the spot alone if it does not move."""
         spot = np.asarray(self.spot, dtype=float)
         if self.direction is None:
             return spot[None]
@@ -81,8 +81,8 @@ class Drawing:
             length = max(length, float(np.dot(self.look_at - spot, self.direction)))
         return spot + np.linspace(0.0, length, 6)[:, None] * self.direction
 
-    def aimed(self, terrain: ClearanceMap, unseen: Optional["BlindSpots"]) -> "Drawing":
-        """The same with what a robot is to look at.
+    def aimed(self, terrain: ClearanceMap, unseen: Optional["BlindSpots"]) -> "DrawingState":
+        """Returns the same with what a robot is to look at.
 
         While stationary cameras see the spot: the stretch on which they will lose it if it goes straight on, or else
         the floor beside it that they do not see. When they do not: from where it was seen last on, and
@@ -91,24 +91,24 @@ class Drawing:
         if self.seeding:
             return self
         spot, stretch = np.asarray(self.spot, dtype=float), NOTHING
-        if self.direction is not None and (unseen is not None or not self.watched):
+        if self.direction is not None and (unseen is not None or not self.seen_by_stationary):
             # straight on, but not into a wall
             room = float(np.linalg.norm(terrain.ray_end(spot, self.direction) - spot)) - 0.05
             stretch = spot + np.arange(0.0, min(HORIZON, max(0.0, room)) + 1e-9, STEP)[:, None] * self.direction
-            if self.watched and unseen is not None:
+            if self.seen_by_stationary and unseen is not None:
                 stretch = unseen.first_of(stretch)
-        elif not self.watched:
+        elif not self.seen_by_stationary:
             stretch = spot[None]
         if len(stretch):
             speed = float(np.linalg.norm(self.velocity)) if self.velocity is not None else 0.0
-            ahead = max(AHEAD, min(0.5 * REACTION * speed, HALF_VIEW), self.searched)
+            ahead = max(MIN_LOOKAHEAD, min(0.5 * REACTION * speed, HALF_VIEW), self.searched)
             ahead = min(int(round(ahead / STEP)), len(stretch) - 1)
             return replace(self, focus=stretch[ahead], stretch=stretch)
-        place = unseen.nearest(spot) if self.watched and unseen is not None else None
+        place = unseen.nearest(spot) if self.seen_by_stationary and unseen is not None else None
         return self if place is None else replace(self, focus=place)
 
     def expected_area(self, terrain: ClearanceMap) -> Optional[np.ndarray]:
-        """(H, W) bool: what the border will probably restrict or run through; None if that cannot be told yet.
+        """Predicts (H, W) bool what the border will restrict or run through; None if that cannot be told yet.
 
         While the seed is shown: the seed's side. Before: the line and what it encloses together with the straight line
         between its ends, since a polygon that is half drawn looks like a curve.
@@ -140,21 +140,21 @@ class BlindSpots:
 
     def __init__(self, coverage: GridMap) -> None:
         self._grid = coverage
-        core = distance_to(coverage.data != 0) * coverage.resolution >= 0.5 * LEAST_GAP
+        core = distance_to(coverage.data != 0) * coverage.resolution >= 0.5 * MIN_GAP
         # what was taken off the edges of the wide parts is given back
-        self.mask = (coverage.data == 0) & (distance_to(core) * coverage.resolution <= 0.5 * LEAST_GAP)
+        self.mask = (coverage.data == 0) & (distance_to(core) * coverage.resolution <= 0.5 * MIN_GAP)
 
     def at(self, points: np.ndarray) -> np.ndarray:
-        """(N,) bool: which points (N, 2) [m] nobody sees."""
+        """Tells (N,) bool which points (N, 2) [m] no stationary camera sees."""
         return sample(self._grid, self.mask, points) > 0
 
     def nearest(self, point: np.ndarray) -> Optional[np.ndarray]:
-        """(2,) [m] the nearest place that nobody sees, not farther than BESIDE."""
+        """Finds the nearest place (2,) [m] that no stationary camera sees, not farther than BESIDE."""
         cell, centre = nearest_cell(self._grid, self.mask, point, BESIDE)
         return None if cell is None else centre
 
     def first_of(self, line: np.ndarray) -> np.ndarray:
-        """(K, 2) [m] the first part of a line (N, 2) that no stationary camera sees; empty if they see all of it."""
+        """Returns the first part (K, 2) [m] of a line (N, 2) that no stationary camera sees; empty if they see all of it."""
         hidden = self.at(line)
         if not hidden.any():
             return NOTHING
@@ -163,7 +163,7 @@ class BlindSpots:
         return line[begin:begin + int(seen_again[0])] if len(seen_again) else line[begin:]
 
 
-class KeepOut:
+class KeepOutArea:
     """Judges paths by an area (H, W) bool that the robot's footprint must not touch."""
 
     def __init__(self, terrain: ClearanceMap, area: np.ndarray) -> None:
@@ -175,10 +175,10 @@ class KeepOut:
         self.zone = self._gap < self._needed
 
     def allows(self, route: Optional[np.ndarray]) -> bool:
-        """Whether a way (N, 2) [m] keeps off the area.
+        """Tells whether a path (N, 2) [m] keeps off the area.
 
-        A robot that is too near or inside already may leave, but nowhere come nearer again, and no way may end there:
-        the border would lock the robot in. No way is not allowed.
+        A robot that is too near or inside already may leave, but nowhere come nearer again, and no path may end there:
+        the border would lock the robot in. None is not allowed.
         """
         if route is None or not len(route):
             return False

@@ -13,11 +13,10 @@ from typing import Iterable, List, Optional, Tuple
 import numpy as np
 
 from vb_core import geometry
-from vb_robot.dispatching.drawing import STEP, Drawing, KeepOut
+from vb_robot.dispatching.drawing import STEP, DrawingState, KeepOutArea
 from vb_robot.clearance_map import STAND_MARGIN, ClearanceMap, ShortestPaths, clearance_grid, sample
-from vb_robot.dispatching.view import FloorView
-
-Pose = Tuple[float, float, float]
+from vb_robot.floor_view import FloorView
+from vb_robot.poses import Pose
 
 MIN_DISTANCE, MAX_DISTANCE = 0.8, 1.5  # [m] to what the camera looks at: nearer it leaves the image, farther it is small
 BEST_DISTANCE = 1.1  # [m]
@@ -29,7 +28,7 @@ LINE_AHEAD = 0.8  # [m] how far the line is extrapolated
 # What makes a place worse, in metres of path: turns (their time at 0.5 m/s), not being at the best distance, not seeing
 # where the line goes on.
 TURN_COST, DISTANCE_COST, UNSEEN_COST = 0.4, 0.5, 0.5
-WAYS_CHECKED = 6  # each costs about 3 ms
+PATHS_CHECKED = 6  # each costs about 3 ms
 
 
 @dataclass(frozen=True)
@@ -44,7 +43,7 @@ class Viewpoint:
     x: float
     y: float
     yaw: float
-    way: float
+    path_length: float
     cost: float
     spot: Tuple[float, float]
     sees_spot: bool = True
@@ -52,18 +51,18 @@ class Viewpoint:
 
     @property
     def pose(self) -> Pose:
-        """(x, y, yaw) [m, m, rad], map frame."""
+        """The pose (x, y, yaw) [m, m, rad], map frame."""
         return self.x, self.y, self.yaw
 
 
-class Outlook:
+class ViewpointPlanner:
     """What one robot can see of a drawing, from where it is and from where it could go.
 
     Args:
         others: (K, 2) [m] where other robots are or drive to.
     """
 
-    def __init__(self, terrain: ClearanceMap, view: FloorView, drawing: Drawing, others: Iterable = ()) -> None:
+    def __init__(self, terrain: ClearanceMap, view: FloorView, drawing: DrawingState, others: Iterable = ()) -> None:
         self.terrain, self.view, self.drawing = terrain, view, drawing
         self._others = np.asarray(list(others), dtype=float).reshape(-1, 2)
         side = terrain.side_of(drawing.spot, drawing.chain, drawing.closed) if drawing.seeding else None
@@ -76,33 +75,33 @@ class Outlook:
             lines.append(geometry.resample_chain(chain, 0.1, drawing.closed) if len(chain) > 1 else chain)
         self._line = np.vstack(lines)
 
-    def fits(self, pose: Pose) -> bool:
-        """Whether a robot at a pose would see its target well enough."""
+    def shows_target(self, pose: Pose) -> bool:
+        """Tells whether a robot at a pose would see its target well enough."""
         place = np.array([pose[:2]])
         if float(np.linalg.norm(self.drawing.must_see - place[0], axis=1).min()) < 0.6 * MIN_DISTANCE:
             return False
         return bool(self._shows(place, np.array([pose[2]]))[0])
 
     def searched(self, pose: Pose) -> float:
-        """[m] of the line ahead that is in view from a pose, from where the spot was seen last on."""
+        """Measures how much [m] of the line ahead, from where the spot was seen last, is in view from a pose."""
         stretch = self.drawing.stretch
         seen = self._seen(stretch, np.array([pose[:2]]), np.array([pose[2]]))[0] if len(stretch) else np.zeros(0, bool)
         return STEP * float(np.flatnonzero(seen)[-1]) if seen.any() else 0.0
 
-    def stands_free(self, pose: Pose) -> bool:
-        """Whether there still is room at a goal."""
-        return bool(self.terrain.stands_free(np.array([pose[:2]]))[0])
+    def has_room_at(self, pose: Pose) -> bool:
+        """Tells whether there still is room for the robot at a goal."""
+        return bool(self.terrain.has_room_at(np.array([pose[:2]]))[0])
 
-    def keeps_off(self, robot: Pose, goal: Pose) -> bool:
-        """Whether the robot's path to a goal avoids what is being drawn; also true if there is no path at all."""
+    def avoids_drawing(self, robot: Pose, goal: Pose) -> bool:
+        """Tells whether the robot's path to a goal avoids what is being drawn; also true if there is no path at all."""
         area = self.drawing.expected_area(self.terrain)
         if area is None:
             return True
-        route = self.terrain.ways(robot[:2]).route(goal[:2])
-        return route is None or KeepOut(self.terrain, area).allows(route)
+        route = self.terrain.shortest_paths(robot[:2]).path_to(goal[:2])
+        return route is None or KeepOutArea(self.terrain, area).allows(route)
 
-    def best(self, robot: Pose, avoid: Iterable[Tuple[float, float, float]] = ()) -> Optional[Viewpoint]:
-        """The cheapest reachable pose that shows the target; None if there is none.
+    def best_viewpoint(self, robot: Pose, avoid: Iterable[Tuple[float, float, float]] = ()) -> Optional[Viewpoint]:
+        """Finds the cheapest reachable pose that shows the target; None if there is none.
 
         It is clear of obstacles and borders by radius and margin, off the line drawn and the line ahead, and has a path
         that avoids what is being drawn. The robot's own place counts if it only has to turn. If there is no such
@@ -112,26 +111,26 @@ class Outlook:
         Args:
             avoid: (x, y, radius) [m]: places that failed.
         """
-        ways = self.terrain.ways(robot[:2], self._others)
-        found = self._in_order(robot, ways, avoid)
+        paths = self.terrain.shortest_paths(robot[:2], self._others)
+        found = self._in_order(robot, paths, avoid)
         area = self.drawing.expected_area(self.terrain) if found else None
         if area is None:
-            return found[0] if found else self._retreat(ways, robot)
-        keep_out = KeepOut(self.terrain, area)
+            return found[0] if found else self._retreat(paths, robot)
+        keep_out = KeepOutArea(self.terrain, area)
         places = np.array([robot[:2], *((place.x, place.y) for place in found)])
         inside = sample(self.terrain.grid, keep_out.zone, places) > 0
         # a robot within it may leave; of the others the paths that probably cross it come last
-        crossing = np.zeros(len(found), dtype=bool) if inside[0] else ways.cross(keep_out.zone, places[1:])
+        crossing = np.zeros(len(found), dtype=bool) if inside[0] else paths.crosses(keep_out.zone, places[1:])
         order = [index for index in np.argsort(crossing, kind="stable") if not inside[1 + index]]
-        for index in order[:WAYS_CHECKED]:
-            if keep_out.allows(ways.route(places[1 + index])):
+        for index in order[:PATHS_CHECKED]:
+            if keep_out.allows(paths.path_to(places[1 + index])):
                 return found[index]
-        retreat = self._retreat(ways, robot)
-        return retreat if retreat is not None or self.drawing.watched else replace(found[0], risky=True)
+        retreat = self._retreat(paths, robot)
+        return retreat if retreat is not None or self.drawing.seen_by_stationary else replace(found[0], risky=True)
 
     # ------------------------------------------------------------- one test for all poses
     def _shows(self, places: np.ndarray, yaws: np.ndarray) -> np.ndarray:
-        """(N,) bool: which poses show what must be seen, off the line and off the seed's side."""
+        """Tells (N,) bool which poses show what must be seen, off the line and off the seed's side."""
         keep = self._seen(self.drawing.must_see, places, yaws, SEEN_MARGIN).all(axis=1)
         gaps = np.linalg.norm(places[:, None, :] - self._line[None, :, :], axis=2).min(axis=1)
         keep &= gaps >= self.terrain.radius + LINE_MARGIN
@@ -141,7 +140,7 @@ class Outlook:
         return keep
 
     def _seen(self, points: np.ndarray, places: np.ndarray, yaws: np.ndarray, margin: float = 0.0) -> np.ndarray:
-        """(N, K) bool: which points (K, 2) [m] are in the image from each pose."""
+        """Tells (N, K) bool which points (K, 2) [m] are in the image from each pose."""
         ahead = np.column_stack([np.cos(yaws), np.sin(yaws)])
         left = np.column_stack([-ahead[:, 1], ahead[:, 0]])
         offsets = points[None, :, :] - places[:, None, :]
@@ -149,50 +148,51 @@ class Outlook:
         return self.view.sees(in_base.reshape(-1, 2), margin).reshape(len(places), len(points))
 
     # ------------------------------------------------------------- candidates
-    def _in_order(self, robot: Pose, ways: ShortestPaths, avoid: Iterable) -> List[Viewpoint]:
+    def _in_order(self, robot: Pose, paths: ShortestPaths, avoid: Iterable) -> List[Viewpoint]:
         """The reachable poses that show the target, the cheapest first."""
         look_at = self.drawing.look_at
         places, yaws, distances = _poses_round(look_at, robot)
         keep = self.view.sees(np.column_stack([distances, np.zeros_like(distances)]), IMAGE_MARGIN)
-        keep &= self.terrain.stands_free(places)
+        keep &= self.terrain.has_room_at(places)
         apart = 2.0 * self.terrain.radius + STAND_MARGIN
         for x, y, radius in [*((*other, apart) for other in self._others), *avoid]:
             keep &= np.hypot(places[:, 0] - x, places[:, 1] - y) >= radius
         keep[keep] = self._shows(places[keep], yaws[keep])
-        way = ways.lengths_to(places)
-        way[np.linalg.norm(places - robot[:2], axis=1) < 1e-6] = 0.0
-        keep &= np.isfinite(way)
-        places, yaws, distances, way = (values[keep] for values in (places, yaws, distances, way))
+        lengths = paths.lengths_to(places)
+        lengths[np.linalg.norm(places - robot[:2], axis=1) < 1e-6] = 0.0
+        keep &= np.isfinite(lengths)
+        places, yaws, distances, lengths = (values[keep] for values in (places, yaws, distances, lengths))
         if not len(places):
             return []
         # the robot turns towards the place and there to the yaw, or only to the yaw if it is there already
         off = places - robot[:2]
         heading = np.where(np.hypot(*off.T) < 0.1, robot[2], np.arctan2(off[:, 1], off[:, 0]))
         turns = np.abs([np.arctan2(np.sin(turn), np.cos(turn)) for turn in (heading - robot[2], yaws - heading)])
-        cost = way + TURN_COST * turns.sum(axis=0) + DISTANCE_COST * np.abs(distances - BEST_DISTANCE)
+        cost = lengths + TURN_COST * turns.sum(axis=0) + DISTANCE_COST * np.abs(distances - BEST_DISTANCE)
         ahead = np.vstack([self.drawing.line_ahead(LINE_AHEAD), self.drawing.stretch])
         if len(ahead) > 1:
             cost += UNSEEN_COST * (1.0 - self._seen(ahead, places, yaws).mean(axis=1))
         return [
-            Viewpoint(float(places[i, 0]), float(places[i, 1]), geometry.wrap_angle(float(yaws[i])), float(way[i]),
+            Viewpoint(float(places[i, 0]), float(places[i, 1]), geometry.wrap_angle(float(yaws[i])), float(lengths[i]),
                       float(cost[i]), (float(look_at[0]), float(look_at[1])))
             for i in np.argsort(cost, kind="stable")
         ]
 
-    def _retreat(self, ways: ShortestPaths, robot: Pose) -> Optional[Viewpoint]:
+    def _retreat(self, paths: ShortestPaths, robot: Pose) -> Optional[Viewpoint]:
         """The nearest place off the side to be restricted, if the robot is on it."""
         terrain, spot = self.terrain, self.drawing.spot
         if self._off_side is None or sample(terrain.grid, self._off_side, np.array([robot[:2]]))[0] > 0:
             return None
         cells = np.argwhere(self._off_side & (terrain.clearance >= terrain.radius + STAND_MARGIN))
         places = terrain.grid.cell_to_world(cells)
-        way = ways.lengths_to(places)
-        if not np.isfinite(way).any():
+        lengths = paths.lengths_to(places)
+        if not np.isfinite(lengths).any():
             return None
-        best = int(np.argmin(way))
+        best = int(np.argmin(lengths))
         x, y = (float(value) for value in places[best])
         yaw = math.atan2(spot[1] - y, spot[0] - x)
-        return Viewpoint(x, y, yaw, float(way[best]), float(way[best]), (float(spot[0]), float(spot[1])), sees_spot=False)
+        length = float(lengths[best])
+        return Viewpoint(x, y, yaw, length, length, (float(spot[0]), float(spot[1])), sees_spot=False)
 
 
 def _poses_round(look_at: np.ndarray, robot: Pose) -> Tuple[np.ndarray, np.ndarray, np.ndarray]:

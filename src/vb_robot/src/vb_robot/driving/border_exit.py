@@ -12,14 +12,14 @@ import cv2
 import numpy as np
 
 from vb_core import geometry
-from vb_robot.clearance_map import ClearanceMap, around, clearance_grid
-from vb_robot.dispatching.viewpoint import Pose
-from vb_robot.driving.following import DRIVE_CONE, MAX_SPEED, MAX_TURN, TURN_GAIN, Wish
-from vb_robot.driving.workspace import HARD, Workspace
+from vb_robot.clearance_map import ClearanceMap, clearance_grid, crop
+from vb_robot.driving.spot_follower import DRIVE_CONE, MAX_SPEED, MAX_TURN, TURN_GAIN, VelocityRequest
+from vb_robot.driving.workspace import LETHAL_FROM, Workspace
 from vb_robot.navigation_parameters import PATH_MARGIN
+from vb_robot.poses import Pose
 
 LOOKAHEAD = 0.2  # [m] to the point of the path that it steers for
-OFF_WAY = 0.15  # [m] farther off (the localisation jumped) a new path is planned
+MAX_PATH_DEVIATION = 0.15  # [m] farther off (the localisation jumped) a new path is planned
 MARGIN = 0.08  # [m] beyond the radius counts as free: cells and localisation are a few centimetres off
 MAP_MARGIN = 0.05  # [m] from mapped obstacles on the path
 MIN_AREA = 0.3  # [m^2] less room for the robot's centre is a gap between border and wall, not a goal
@@ -34,32 +34,32 @@ class ExitPlanner:
 
     def __init__(self, workspace: Workspace, radius: float, place) -> None:
         window = (place[0] - WINDOW, place[1] - WINDOW, place[0] + WINDOW, place[1] + WINDOW)
-        posterior, physical = around(workspace.keep_out, window), around(workspace.physical, window)
+        posterior, physical = crop(workspace.keep_out, window), crop(workspace.physical, window)
         # a robot that stops a few centimetres short, or one cell away, counts as free
         room = MARGIN + 0.03 + posterior.resolution
         # the robot cuts corners by some centimetres; it keeps to the path only where there is no room for that
         self._terrains = [
-            ClearanceMap(physical, radius, travel_margin=MAP_MARGIN + spare, occupied=HARD) for spare in (0.08, 0.02)
+            ClearanceMap(physical, radius, travel_margin=MAP_MARGIN + spare, occupied=LETHAL_FROM) for spare in (0.08, 0.02)
         ]
         beyond = self._terrains[0].clearance
-        clearance = clearance_grid((posterior.data >= HARD) | (posterior.data < 0), posterior.resolution)
+        clearance = clearance_grid((posterior.data >= LETHAL_FROM) | (posterior.data < 0), posterior.resolution)
         fits = ((clearance >= radius + room) & (beyond >= radius + room)).astype(np.uint8)
         _, labels, stats, _ = cv2.connectedComponentsWithStats(fits, connectivity=8)
         large = stats[:, cv2.CC_STAT_AREA] * posterior.resolution ** 2 >= MIN_AREA
         large[0] = False
         self._allowed = posterior.cell_to_world(np.argwhere(large[labels]))
 
-    def route(self, place) -> Optional[np.ndarray]:
-        """(N, 2) [m] the shortest path from a place (2,) [m] to allowed floor; None if none can be reached."""
+    def plan_path(self, place) -> Optional[np.ndarray]:
+        """Plans the shortest path (N, 2) [m] from a place (2,) [m] to allowed floor; None if none can be reached."""
         if not len(self._allowed):
             return None
         for terrain in self._terrains:
-            ways = terrain.ways(place)
+            paths = terrain.shortest_paths(place)
             # the path grid is coarser than the map's: within one of its cells the nearest place counts
-            lengths = ways.lengths_to(self._allowed) + 0.01 * np.linalg.norm(self._allowed - np.asarray(place), axis=1)
+            lengths = paths.lengths_to(self._allowed) + 0.01 * np.linalg.norm(self._allowed - np.asarray(place), axis=1)
             best = int(np.argmin(lengths))
             if np.isfinite(lengths[best]):
-                return ways.route(self._allowed[best])
+                return paths.path_to(self._allowed[best])
         return None
 
 
@@ -86,7 +86,7 @@ class BorderExit:
         self._end()
 
     def _end(self) -> None:
-        self._way_out: Optional[ExitPlanner] = None
+        self._planner: Optional[ExitPlanner] = None
         self._route: Optional[np.ndarray] = None
         self.pause()
 
@@ -96,39 +96,39 @@ class BorderExit:
         self._end()
 
     def pause(self) -> None:
-        """Somebody else drives, or nobody may; this time does not count."""
-        self._shortest: Tuple[float, float] = math.inf, math.inf  # [m] way that was left at least, and since when [s]
+        """Restarts the time limit: while another one drives, or nobody may, no progress is expected."""
+        self._shortest: Tuple[float, float] = math.inf, math.inf  # [m] of the path left at least, and since when [s]
 
-    def wish(self, now: float, pose: Pose, calm: bool, goal: bool, moves: bool, held_by: str) -> Optional[Wish]:
-        """What the robot would do at a time [s]; None if it needs no help.
+    def compute_request(self, now: float, pose: Pose, calm: bool, goal: bool, moves: bool, held_by: str) -> Optional[VelocityRequest]:
+        """Computes how the robot should move at a time [s]; None if it needs no help.
 
         Args:
             calm: nobody draws or guides; goal: navigation has one; moves: it wants to move the robot.
-            held_by: what kept the last wish from being granted, as a code.
+            held_by: what kept the last request from being granted, as a code.
         """
         workspace = self._workspace
         if workspace is None:
             return None
-        to_border = workspace.distance_to_keepout(pose) - self._radius
-        to_anything = workspace.distance_to_anything(pose) - self._radius
+        to_border = workspace.distance_to_keep_out(pose) - self._radius
+        to_blocked = workspace.distance_to_blocked(pose) - self._radius
         if moves or not goal:
             self._idle_since = now
-        under_way = self._way_out is not None
+        under_way = self._planner is not None
         if self._swallowed is None:
-            self._swallowed = self._leaves and to_border < 0.0 and workspace.is_hard(pose[:2])
+            self._swallowed = self._leaves and to_border < 0.0 and workspace.is_lethal(pose[:2])
         if self._swallowed:
-            needed = self._swallowed = to_border < 0.0 or (under_way and to_anything < MARGIN)
+            needed = self._swallowed = to_border < 0.0 or (under_way and to_blocked < MARGIN)
         elif under_way:
-            needed = goal and to_anything < MARGIN
+            needed = goal and to_blocked < MARGIN
         else:
-            needed = -self._radius < to_anything < PATH_MARGIN + 0.02 and 0.0 <= now - self._idle_since >= PINCHED_AFTER
+            needed = -self._radius < to_blocked < PATH_MARGIN + 0.02 and 0.0 <= now - self._idle_since >= PINCHED_AFTER
         if not needed or not calm or 0.0 <= self._retry_at - now <= RETRY:
             self._end()
             return None
-        if self._way_out is None:
-            self._way_out, self.failed = ExitPlanner(workspace, self._radius, pose[:2]), ""
-        if self._route is None or float(np.linalg.norm(self._route - pose[:2], axis=1).min()) > OFF_WAY:
-            self._route = self._way_out.route(pose[:2])
+        if self._planner is None:
+            self._planner, self.failed = ExitPlanner(workspace, self._radius, pose[:2]), ""
+        if self._route is None or float(np.linalg.norm(self._route - pose[:2], axis=1).min()) > MAX_PATH_DEVIATION:
+            self._route = self._planner.plan_path(pose[:2])
             self.pause()
         if self._route is None:
             return self._give_up(now, "no_way_out")
@@ -141,12 +141,12 @@ class BorderExit:
             return self._give_up(now, held_by or "takes_too_long")
         target = rest[min(int(np.searchsorted(along, LOOKAHEAD)), len(rest) - 1)]
         if math.dist(target, pose[:2]) < 0.015:
-            return Wish(0.0, 0.0)
+            return VelocityRequest(0.0, 0.0)
         bearing = geometry.wrap_angle(math.atan2(target[1] - pose[1], target[0] - pose[0]) - pose[2])
         v = min(MAX_SPEED, 0.8 * remaining + 0.03) * max(0.0, 1.0 - abs(bearing) / DRIVE_CONE)
-        return Wish(v, min(max(TURN_GAIN * bearing, -MAX_TURN), MAX_TURN))
+        return VelocityRequest(v, min(max(TURN_GAIN * bearing, -MAX_TURN), MAX_TURN))
 
-    def _give_up(self, now: float, code: str) -> Wish:
+    def _give_up(self, now: float, code: str) -> VelocityRequest:
         self.failed, self._retry_at = code, now + RETRY
         self._end()
-        return Wish(0.0, 0.0, code)
+        return VelocityRequest(0.0, 0.0, code)

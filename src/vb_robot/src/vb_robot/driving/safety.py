@@ -14,17 +14,16 @@ from vb_core import geometry
 from vb_core.grid_map import GridMap
 from vb_core.robot_profile import Limits
 from vb_robot.clearance_map import sample
-from vb_robot.dispatching.view import to_map
-from vb_robot.dispatching.viewpoint import Pose
+from vb_robot.poses import Pose, to_map
 
 HORIZON = 0.8  # [m] how far along its arc a robot is checked: 1 m/s stops within it at 1.5 m/s^2
-TIGHT = 0.3  # [m] on arcs narrower than this a robot counts as driving straight on
+MIN_ARC_RADIUS = 0.3  # [m] on arcs narrower than this a robot counts as driving straight on
 GAP_DEG = 4.0  # [deg] holes in a scan up to this hide nothing wider than a hand at arm's length
-LEAP = 0.25  # [m] of the localisation: ten times what AMCL corrects; a turn of 1 rad counts as 0.5 m
+MAX_POSE_JUMP = 0.25  # [m] of the localisation: ten times what AMCL corrects; a turn of 1 rad counts as 0.5 m
 
 
 @dataclass(frozen=True)
-class Keep:
+class Clearance:
     """What a driver keeps clear [m]: ahead and to the sides of what the scanner sees, and of the map's cells."""
 
     ahead: float
@@ -33,7 +32,7 @@ class Keep:
 
 
 def safe_speed(free: float, limits: Limits) -> float:
-    """The largest speed [m/s] from which the robot stops within a free distance [m], reaction time included."""
+    """Returns the largest speed [m/s] from which the robot stops within a free distance [m], reaction time included."""
     if free <= 0.0:
         return 0.0
     # v * reaction + v^2 / (2 brake) = free
@@ -42,7 +41,7 @@ def safe_speed(free: float, limits: Limits) -> float:
 
 
 def stop_distance(v: float, limits: Limits) -> float:
-    """[m] that a robot needs to stop from a speed [m/s]; inverse of `safe_speed`."""
+    """Returns the distance [m] that a robot needs to stop from a speed [m/s]; inverse of `safe_speed`."""
     return abs(v) * limits.reaction + v * v / (2.0 * limits.brake)
 
 
@@ -81,29 +80,29 @@ class Scan:
         self._gap = max(math.radians(GAP_DEG), 3.0 * abs(angle_increment))
 
     def covers(self, bearing: float, half: float) -> bool:
-        """Whether beams cover all directions up to `half` [rad] beside a bearing [rad], without a wide hole."""
+        """Tells whether beams cover all directions up to `half` [rad] beside a bearing [rad], without a wide hole."""
         off = (self._bearings - bearing + math.pi) % (2.0 * math.pi) - math.pi
         off = np.sort(off[np.abs(off) <= half + self._gap])
         if not len(off) or off[0] > -half + self._gap or off[-1] < half - self._gap:
             return False
         return bool((np.diff(off) <= self._gap).all())
 
-    def free_distance(self, v: float, w: float, radius: float, keep: Keep) -> float:
-        """[m] along the arc of (v, w) [m/s, rad/s] before the robot comes too near to a point; inf if it never does."""
+    def free_distance(self, v: float, w: float, radius: float, clearance: Clearance) -> float:
+        """Returns how far [m] the robot can drive along the arc of (v, w) [m/s, rad/s] before it comes too near to a point, or inf."""
         direction = math.copysign(1.0, v)
         bend = direction * w / abs(v)
-        width = radius + keep.sides
-        along, across = geometry.along_arc(self.points * [direction, 1.0], bend if abs(bend) <= 1.0 / TIGHT else 0.0)
+        width = radius + clearance.sides
+        along, across = geometry.along_arc(self.points * [direction, 1.0], bend if abs(bend) <= 1.0 / MIN_ARC_RADIUS else 0.0)
         hit = (np.abs(across) < width) & (along > 0.0)
         if not hit.any():
             return math.inf
         # the front is round: off the centre line an obstacle may be nearer
         nose = np.sqrt(width ** 2 - across[hit] ** 2)
-        return float(np.maximum(along[hit] - nose, 0.0).min() - keep.ahead + keep.sides)
+        return float(np.maximum(along[hit] - nose, 0.0).min() - clearance.ahead + clearance.sides)
 
-    def sees_way(self, v: float, w: float, radius: float, needed: float) -> bool:
-        """Whether beams reach along the arc of (v, w), farther than the stop distance [m]."""
-        reach = max(TIGHT, radius + needed)
+    def sees_path(self, v: float, w: float, radius: float, needed: float) -> bool:
+        """Tells whether beams reach along the arc of (v, w), farther than the stop distance [m]."""
+        reach = max(MIN_ARC_RADIUS, radius + needed)
         turn = math.copysign(1.0, v) * w / abs(v) * reach / 2.0
         bearing = min(max(turn, -math.pi / 2), math.pi / 2)
         if v < 0:
@@ -118,7 +117,7 @@ class SpeedLimits:
         self._grid = grid
 
     def at(self, pose: Pose, v: float, w: float, ahead: float) -> float:
-        """[m/s] the lowest limit where the robot is and on the next `ahead` [m] of its arc; inf without one."""
+        """Returns the lowest limit [m/s] where the robot is and on the next `ahead` [m] of its arc; inf without one."""
         lengths = math.copysign(1.0, v) * np.linspace(0.0, ahead, 8)
         values = sample(self._grid, self._grid.data, arc(pose, lengths, w / v))
         values = values[values > 0]
@@ -126,14 +125,14 @@ class SpeedLimits:
 
 
 def pose_jump(before: Pose, after: Pose, seconds: float) -> float:
-    """[m] by which a pose changed beyond what a robot can drive (1 m/s, 3 rad/s); a turn of 1 rad counts as 0.5 m."""
+    """Measures by how much [m] a pose changed beyond what a robot can drive (1 m/s, 3 rad/s); a turn of 1 rad counts as 0.5 m."""
     moved = max(0.0, math.dist(before[:2], after[:2]) - seconds)
     turned = max(0.0, abs(math.remainder(after[2] - before[2], 2.0 * math.pi)) - 3.0 * seconds)
     return moved + 0.5 * turned
 
 
 def arc(pose: Pose, lengths: np.ndarray, curvature: float) -> np.ndarray:
-    """(N, 2) [m] places after driving signed lengths (N,) [m] along an arc of a curvature [1/m] from a pose."""
+    """Returns the places (N, 2) [m] after driving signed lengths (N,) [m] along an arc of a curvature [1/m] from a pose."""
     lengths = np.asarray(lengths, dtype=float)
     if abs(curvature) < 1e-6:
         local = np.column_stack([lengths, np.zeros_like(lengths)])

@@ -1,7 +1,7 @@
 """The maps as one robot's driver sees them: how near its footprint is to what, and which border that is.
 
 The idea: a scanner shows how far a wall is from the robot, but only the localisation tells how far a border is. So the
-robot keeps off borders, and only off them, by what its localisation may be off. Borders are grown by that much once, in
+robot keeps off borders, and only off them, by its localisation uncertainty. Borders are inflated by that much once, in
 one map, `Workspace.keep_out`, which the gate, the path out of a border and navigation share, so that they agree.
 """
 from __future__ import annotations
@@ -17,16 +17,16 @@ import numpy as np
 
 from vb_core.grid_map import GridMap
 from vb_robot.clearance_map import clearance_grid, nearest_cell, sample
-from vb_robot.dispatching.viewpoint import Pose
 from vb_robot.driving.safety import HORIZON, arc
+from vb_robot.poses import Pose
 
-HARD = 99  # [%] from this occupancy on a cell is never entered
+LETHAL_FROM = 99  # [%] from this occupancy on a cell is never entered
 # How far off the localisation may be. AMCL tells how far its particles are spread, and its pose, which is their mean, is off
 # by much less: at 96 of 100 updates by less than what robots keep with these values (docs/results/robots_navigation.md). For
 # the rest there is what navigation itself keeps.
-SHARE = 0.75  # of the particles' standard deviation
-LEAST_UNCERTAINTY = 0.05  # [m] also where no covariance is published
-MOST_UNCERTAINTY = 0.10  # [m] places to look from are that far from borders; goals farther in would all be refused
+STD_FACTOR = 0.75  # of the particles' standard deviation
+MIN_UNCERTAINTY = 0.05  # [m] also where no covariance is published
+MAX_UNCERTAINTY = 0.10  # [m] places to look from are that far from borders; goals farther in would all be refused
 UNCERTAINTY_STEP = 0.025  # [m] a cell of most maps: with each step navigation gets another map
 UPDATES = 5  # of the localisation, half a metre of driving: for that long its largest uncertainty counts
 
@@ -41,7 +41,7 @@ class KnownBorder:
     polygon: bool
 
     def may_restrict(self, place) -> bool:
-        """Whether a place is on the same side of a polygon as its seed; of a curve that is not known."""
+        """Tells whether a place is on the same side of a polygon as its seed; for a curve, which has no inside, always true."""
         polygon = np.asarray(self.points, dtype=np.float32).reshape(-1, 1, 2)
         inside = [cv2.pointPolygonTest(polygon, (float(p[0]), float(p[1])), False) >= 0 for p in (place, self.seed)]
         return not self.polygon or inside[0] == inside[1]
@@ -56,22 +56,22 @@ class BorderContact(enum.Enum):
 
 
 class PoseUncertainty:
-    """How far off the localisation may be, by its own covariance, in the worst direction.
+    """The localisation uncertainty, by its own covariance, in the worst direction.
 
     Attributes:
         metres: [m] in steps, so that it seldom changes. It rises at once and falls slowly.
     """
 
     def __init__(self) -> None:
-        self.metres = LEAST_UNCERTAINTY
+        self.metres = MIN_UNCERTAINTY
         self._last: Deque[float] = deque(maxlen=UPDATES)
 
     def add(self, covariance: np.ndarray) -> bool:
         """Takes the covariance (2, 2) [m^2] of x and y of one update; returns whether the uncertainty has changed."""
         worst = float(np.linalg.eigvalsh(covariance)[-1]) if np.isfinite(covariance).all() else math.inf
-        self._last.append(SHARE * math.sqrt(max(worst, 0.0)))
+        self._last.append(STD_FACTOR * math.sqrt(max(worst, 0.0)))
         before = self.metres
-        wanted = min(max(*self._last, LEAST_UNCERTAINTY), MOST_UNCERTAINTY)
+        wanted = min(max(*self._last, MIN_UNCERTAINTY), MAX_UNCERTAINTY)
         self.metres = UNCERTAINTY_STEP * math.floor(wanted / UNCERTAINTY_STEP + 1e-6)
         return self.metres != before
 
@@ -86,10 +86,10 @@ class Workspace:
         physical: the one without; if it is missing, or of another geometry, nothing is known to be a border.
         radius: [m] of the robot.
         known: the borders that are enabled and meant for this robot.
-        uncertainty: [m] by which its localisation may be off.
+        uncertainty: [m] of its localisation.
 
     Attributes:
-        keep_out: the map with borders, with those that must not be entered grown by the uncertainty.
+        keep_out: the map with borders, with those that must not be entered inflated by the uncertainty.
     """
 
     def __init__(
@@ -101,35 +101,35 @@ class Workspace:
         self.borders, self.physical, self._radius, self.known = borders, physical, radius, known
         # unknown (-1) that becomes occupied is restricted too
         self._restricted = borders.data > np.maximum(physical.data, 0)
-        self._hard = self._restricted & (borders.data >= HARD)
+        self._lethal = self._restricted & (borders.data >= LETHAL_FROM)
         # the map's edge is neither a border nor an obstacle: the map ends there, the floor may go on
-        self._to_restricted, self._to_hard, self._to_physical = (
+        self._to_restricted, self._to_lethal, self._to_physical = (
             clearance_grid(cells, borders.resolution, edge=False)
-            for cells in (self._restricted, self._hard, physical.data >= HARD))
+            for cells in (self._restricted, self._lethal, physical.data >= LETHAL_FROM))
         self.keep_out = borders.with_data(
-            np.where((self._to_hard < uncertainty) & (borders.data >= 0), np.int8(100), borders.data))
-        self._to_anything = clearance_grid(self.keep_out.data >= HARD, borders.resolution, edge=False)
+            np.where((self._to_lethal < uncertainty) & (borders.data >= 0), np.int8(100), borders.data))
+        self._to_blocked = clearance_grid(self.keep_out.data >= LETHAL_FROM, borders.resolution, edge=False)
 
-    def standing(self, place) -> BorderContact:
-        """Where the round footprint at a place (2,) [m] is with respect to the restricted area."""
+    def contact_at(self, place) -> BorderContact:
+        """Tells whether the round footprint at a place (2,) [m] touches the restricted area."""
         gap = self._at(self._to_restricted, place)
         return BorderContact.INSIDE if gap <= 0.0 else BorderContact.TOUCHES if gap < self._radius else BorderContact.FREE
 
-    def distance_to_keepout(self, place) -> float:
-        """[m] from a place (2,) [m] to what borders forbid to enter; 0 within it."""
-        return self._at(self._to_hard, place)
+    def distance_to_keep_out(self, place) -> float:
+        """Returns the distance [m] from a place (2,) [m] to what borders forbid to enter; 0 within it."""
+        return self._at(self._to_lethal, place)
 
-    def distance_to_anything(self, place) -> float:
-        """[m] from a place (2,) [m] to what the robot keeps out of; 0 within it."""
-        return self._at(self._to_anything, place)
+    def distance_to_blocked(self, place) -> float:
+        """Returns the distance [m] from a place (2,) [m] to all that the robot keeps out of; 0 within it."""
+        return self._at(self._to_blocked, place)
 
-    def is_hard(self, place) -> bool:
-        """Whether the restricted cell nearest to a place (2,) [m] may not be entered at all."""
+    def is_lethal(self, place) -> bool:
+        """Tells whether the restricted cell nearest to a place (2,) [m] may not be entered at all."""
         cell, _ = self._nearest(place)
-        return cell is not None and bool(self._hard[cell])
+        return cell is not None and bool(self._lethal[cell])
 
     def name_at(self, place) -> str:
-        """The name of the border that restricts a place (2,) [m], or the restricted area next to it; "" if none does.
+        """Returns the name of the border that restricts a place (2,) [m], or the restricted area next to it; "" if none does.
 
         A polygon that encloses it, or else a curve, the nearest: the maps do not say which border a cell is from.
         """
@@ -141,7 +141,7 @@ class Workspace:
             float(np.linalg.norm(border.points - centre, axis=1).min()))).name
 
     def free_distance(self, pose: Pose, v: float, w: float, margin: float, leaving: bool) -> float:
-        """[m] the robot can drive along the arc of (v, w) before it comes nearer to a cell than `margin` [m].
+        """Returns how far [m] the robot can drive along the arc of (v, w) before it comes nearer to a cell than `margin` [m].
 
         A robot that is too near already may move so that it does not come nearer; one that a new border has
         swallowed may move within it, so that a person can guide it out. Off the map nothing is free.
@@ -150,7 +150,7 @@ class Workspace:
             leaving: borders do not count.
         """
         steps = np.arange(0.0, HORIZON + 1e-9, 0.02)
-        clearance = sample(self.borders, self._to_physical if leaving else self._to_anything,
+        clearance = sample(self.borders, self._to_physical if leaving else self._to_blocked,
                            arc(pose, steps * math.copysign(1.0, v), w / v))
         needed = min(self._radius + margin, float(clearance[0]))
         bad = np.flatnonzero(clearance < needed - 1e-6)
@@ -160,5 +160,5 @@ class Workspace:
         return float(sample(self.borders, layer, np.asarray(place, dtype=float)[:2].reshape(1, 2), outside=np.inf)[0])
 
     def _nearest(self, place):
-        """((row, column), centre (2,)) of the restricted cell nearest to a place within twice the radius."""
+        """Finds the restricted cell nearest to a place within twice the radius: ((row, column), centre (2,) [m])."""
         return nearest_cell(self.borders, self._restricted, place, 2.0 * self._radius + self.borders.resolution)

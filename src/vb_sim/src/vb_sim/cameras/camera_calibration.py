@@ -9,7 +9,7 @@ from scipy.optimize import least_squares
 from vb_core import geometry
 from vb_core.camera_model import CameraModel
 from vb_core.errors import CodedError
-from vb_sim.room.models_cameras import Optics, generator
+from vb_sim.room.camera_models import Optics, make_generator
 from vb_sim.room.world import CeilingCamera
 
 _RIM = 0.85  # share of the distance from the centre of the view to its rim: where a person marks places
@@ -17,13 +17,13 @@ _FAR_M = 8.0  # a floor point farther from the camera is none that a person woul
 
 
 def calibrated_pose(camera: CeilingCamera, optics: Optics, seed: int) -> np.ndarray:
-    """T_map_optical, 4x4: the pose that fits best to places which a person measured in the map.
+    """Estimates T_map_optical, 4x4: the pose that fits best to places which a person measured in the map.
 
     Position and angles come out wrong by centimetres and tenths of a degree that belong together: the camera puts the
     floor where the person said it is, so that its points are right to less than what one place is measured to.
     bench/calibration.py compares with what calibrate_camera finds.
     """
-    rng = generator(seed, f"calibration of {camera.name}")
+    rng = make_generator(seed, f"calibration of {camera.name}")
     true = camera.pose()
     rays = camera.model().rays(_marked_places(camera.model(), true, optics.calibration_points, rng))
 
@@ -40,7 +40,7 @@ def calibrated_pose(camera: CeilingCamera, optics: Optics, seed: int) -> np.ndar
 
 
 def _marked_places(model: CameraModel, pose: np.ndarray, count: int, rng: np.random.Generator) -> np.ndarray:
-    """(count, 2) [px] all around near the rim of the floor that the camera sees; the first ones in its corners."""
+    """Chooses (count, 2) [px] all around near the rim of the floor that the camera sees; the first ones in its corners."""
     grid = np.stack(np.meshgrid(np.linspace(0.0, 1.0, 33), np.linspace(0.0, 1.0, 33)), axis=-1).reshape(-1, 2)
     size = np.array([model.width - 1.0, model.height - 1.0])
     seen = grid[_on_near_floor(model, pose, grid * size)]
@@ -59,6 +59,6 @@ def _marked_places(model: CameraModel, pose: np.ndarray, count: int, rng: np.ran
 
 
 def _on_near_floor(model: CameraModel, pose: np.ndarray, pixels: np.ndarray) -> np.ndarray:
-    """(N,) bool"""
+    """Tells (N,) bool which pixels (N, 2) [px] look at the floor near the camera."""
     points = geometry.intersect_floor(pose[:3, 3], model.rays(pixels) @ pose[:3, :3].T)
     return np.linalg.norm(np.nan_to_num(points, nan=1e6) - pose[:3, 3], axis=1) < _FAR_M

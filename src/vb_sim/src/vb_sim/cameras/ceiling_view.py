@@ -18,7 +18,7 @@ from vb_sim.room import bodies, disturbances
 from vb_sim.room.floor_texture import FloorTexture
 from vb_sim.lab_history import Snapshot
 from vb_sim.room.mesh import DepthBuffer, Mesh, RayGrid
-from vb_sim.room.models_cameras import CameraModels, generator
+from vb_sim.room.camera_models import CameraModels, make_generator
 from vb_sim.room.projected_light import FloorLight
 from vb_sim.room.spot import SpotImage, render_spot
 from vb_sim.room.world import CeilingCamera
@@ -79,7 +79,7 @@ class CeilingView:
         self._optics, self._noise = models.optics, models.noise
         self._body, self._hand_height = models.body, models.hand_height
         self._noisy = noise
-        self._rng = generator(seed, f"ceiling camera {camera.name}")
+        self._rng = make_generator(seed, f"ceiling camera {camera.name}")
         background = self._draw_background(floor, mesh)
         self._pictures = self._noisy_pictures(background)
         size = (self.model.width // _HALF, self.model.height // _HALF)
@@ -188,7 +188,7 @@ class CeilingView:
         self._undo.clear()
 
     def frame(self, snapshot: Snapshot, draw: Optional[np.random.Generator] = None) -> np.ndarray:
-        """The image of a scene: (H, W) or (H, W, 3) uint8 in the camera's encoding.
+        """Renders the image of a scene: (H, W) or (H, W, 3) uint8 in the camera's encoding.
 
         It belongs to this object and is changed by the next call.
 
@@ -304,7 +304,7 @@ class CeilingView:
         )
 
     def _shadow_outline(self, pose, radius: float) -> np.ndarray:
-        """(N, 2) [px] outline of a shadow on the floor; the lamps hang all over the ceiling, so it is small."""
+        """Draws the outline (N, 2) [px] of a shadow on the floor; the lamps hang all over the ceiling, so it is small."""
         circle = bodies._CIRCLE * radius * 1.1 + (pose[0] + 0.05, pose[1] - 0.04)
         points = np.column_stack([circle, np.zeros(len(circle))]) - self.pose[:3, 3]
         in_camera = points @ self.pose[:3, :3]
@@ -327,14 +327,14 @@ class CeilingView:
 
     # ------------------------------------------------------------- the laser
     def spot(self, snapshot: Snapshot) -> Optional[SpotImage]:
-        """The light of the laser's spot, as if nothing hid it."""
+        """Renders the light of the laser's spot, as if nothing hid it; None if the camera does not look there."""
         source = None
         if snapshot.person is not None:
             source = bodies.hand_position(snapshot.person, snapshot.laser, self._hand_height)
         return render_spot(snapshot.laser, snapshot.laser_velocity, source, self.model, self.pose, self._optics)
 
     def spot_visible(self, center: Tuple[float, float], sprites: Sequence[_Sprite]) -> float:
-        """Share of the light that reaches the camera from a floor point seen at (u, v) [px]."""
+        """Returns the share of the light that reaches the camera from a floor point seen at (u, v) [px]."""
         column, row = int(round(center[0])), int(round(center[1]))
         height, width = self._floor_free.shape
         if not (0 <= column < width and 0 <= row < height):
@@ -348,7 +348,7 @@ class CeilingView:
         return visible
 
     def spot_share(self, snapshot: Snapshot) -> float:
-        """Share of the laser's light on the floor that reaches the camera; 0 without a spot in the image."""
+        """Returns the share of the laser's light on the floor that reaches the camera; 0 without a spot in the image."""
         spot = self.spot(snapshot) if snapshot.laser is not None else None
         return 0.0 if spot is None else self.spot_visible(spot.center, self._moving(snapshot))
 

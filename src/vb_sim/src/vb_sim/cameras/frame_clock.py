@@ -22,7 +22,7 @@ class SmoothClock:
         self._last: Optional[float] = None
 
     def now(self) -> float:
-        """[s]; stops when the simulated time does."""
+        """Returns the time [s]; it stops when the simulated time does."""
         simulated, steady = self._simulated(), self._steady()
         if simulated != self._last:
             if self._last is not None and simulated < self._last:
@@ -73,7 +73,7 @@ class FrameSchedule:
         return sorted(pictures, key=lambda picture: picture[1])
 
     def wait(self, now: float) -> float:
-        """[s] until the next image is due."""
+        """Returns how long [s] it is until the next image is due."""
         moments = [
             (number if number is not None else 0) * period + phase + self._latency_s
             for number, period, phase in zip(self._next, self._periods, self._phases)

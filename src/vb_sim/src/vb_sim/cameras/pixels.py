@@ -6,7 +6,7 @@ import numpy as np
 
 
 def encode(rgb: np.ndarray, encoding: str) -> np.ndarray:
-    """(H, W, 3) rgb to (H, W) or (H, W, 3) of an encoding of sensor_msgs; type kept. H and W even for Bayer."""
+    """Encodes (H, W, 3) rgb as (H, W) or (H, W, 3) of an encoding of sensor_msgs; type kept. H and W even for Bayer."""
     if encoding == "rgb8":
         return rgb
     if encoding == "bgr8":
@@ -22,7 +22,7 @@ def encode(rgb: np.ndarray, encoding: str) -> np.ndarray:
 
 
 def encode_doubled(rgb: np.ndarray, encoding: str) -> np.ndarray:
-    """The same for an image (h, w, 3) of half the size: (2h, 2w) or (2h, 2w, 3)."""
+    """Encodes an image (h, w, 3) of half the size: (2h, 2w) or (2h, 2w, 3)."""
     if encoding == "bayer_rggb8":
         mosaic = np.empty((2 * rgb.shape[0], 2 * rgb.shape[1]), rgb.dtype)
         red, green, blue = cv2.split(rgb)
@@ -35,7 +35,7 @@ def encode_doubled(rgb: np.ndarray, encoding: str) -> np.ndarray:
 
 
 def spread(values: np.ndarray, weights: np.ndarray, encoding: str, column: int, row: int) -> np.ndarray:
-    """Light (h, w) behind the filters of a sensor: (h, w) or (h, w, 3).
+    """Spreads light (h, w) over the filters of a sensor: (h, w) or (h, w, 3).
 
     Args:
         weights: (3,) shares for red, green, blue.
@@ -56,7 +56,7 @@ def spread(values: np.ndarray, weights: np.ndarray, encoding: str, column: int, 
 
 
 def decode(image: np.ndarray, encoding: str) -> np.ndarray:
-    """(H, W, 3) bgr for looking at, of any of the encodings."""
+    """Decodes an image of any of the encodings to (H, W, 3) bgr, for people to look at."""
     if encoding == "bayer_rggb8":
         # OpenCV names a pattern by its second row and column: RGGB is its BG
         return cv2.cvtColor(image, cv2.COLOR_BayerBG2BGR)

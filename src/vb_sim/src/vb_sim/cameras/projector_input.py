@@ -9,7 +9,7 @@ from sensor_msgs.msg import Image
 from vb_core import names
 from vb_core.errors import CodedError
 from vb_core.ros.images import image_array
-from vb_sim.room.models_cameras import Optics
+from vb_sim.room.camera_models import Optics
 from vb_sim.room.projected_light import FloorLight, floor_light
 from vb_sim.room.world import World
 

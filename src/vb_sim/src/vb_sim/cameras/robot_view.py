@@ -12,7 +12,7 @@ from vb_sim.room import bodies, disturbances
 from vb_sim.room.floor_texture import FloorTexture
 from vb_sim.lab_history import Pose2, Snapshot
 from vb_sim.room.mesh import DepthBuffer, Mesh, RayGrid
-from vb_sim.room.models_cameras import CameraModels, generator
+from vb_sim.room.camera_models import CameraModels, make_generator
 from vb_sim.room.projected_light import FloorLight
 from vb_sim.room.spot import SpotImage, render_spot
 from vb_sim.room.world import Robot
@@ -54,7 +54,7 @@ class RobotView:
         self._body, self._hand_height = models.body, models.hand_height
         self._mesh = mesh
         self._noisy = noise
-        self._rng = generator(seed, f"camera of robot {robot.name}")
+        self._rng = make_generator(seed, f"camera of robot {robot.name}")
         self._floors = [floor]
         while len(self._floors) < 5 and min(self._floors[-1].rgb.shape[:2]) > 64:
             self._floors.append(self._floors[-1].halved())
@@ -96,7 +96,7 @@ class RobotView:
         self._depth_holes = self._rng.random((_TILES, *size)) < self._figures.depth_holes
 
     def camera_pose(self, snapshot: Snapshot) -> np.ndarray:
-        """T_map_optical, 4x4. A robot that the scene does not hold stays where it was."""
+        """Returns T_map_optical, 4x4. A robot that the scene does not hold stays where it was."""
         for name in self._names:
             if name in snapshot.robots:
                 self._pose = snapshot.robots[name]
@@ -110,7 +110,7 @@ class RobotView:
 
     # ------------------------------------------------------------- colour
     def color(self, snapshot: Snapshot) -> np.ndarray:
-        """(480, 640, 3) uint8 rgb."""
+        """Renders the colour image, (480, 640, 3) uint8 rgb."""
         pose = self.camera_pose(snapshot)
         key = self._scene_key(snapshot)
         if key != self._color_key:
@@ -146,7 +146,7 @@ class RobotView:
         self._color_key = None
 
     def _to_floor(self, pose: np.ndarray) -> np.ndarray:
-        """(3, 3): homogeneous (column, row) [px] to map coordinates [m] on the floor."""
+        """Computes the matrix (3, 3) from homogeneous (column, row) [px] to map coordinates [m] on the floor."""
         rotation, origin = pose[:3, :3], pose[:3, 3]
         return np.array([
             origin[0] * rotation[2] - origin[2] * rotation[0],
@@ -155,7 +155,7 @@ class RobotView:
         ]) @ np.linalg.inv(self.color_model.matrix)
 
     def _down(self, pose: np.ndarray) -> np.ndarray:
-        """(H,) how steeply each row looks down, per unit of depth; 0 and less at and above the horizon."""
+        """Computes (H,) how steeply each row looks down, per unit of depth; 0 and less at and above the horizon."""
         camera, rotation = self.color_model, pose[:3, :3]
         return -(rotation[2, 1] * (np.arange(camera.height) - camera.matrix[1, 2]) / camera.matrix[1, 1] + rotation[2, 2])
 
@@ -216,7 +216,7 @@ class RobotView:
         if not pieces:
             return
         camera = buffer.grid.camera
-        outlines = bodies.project_pieces(bodies.joined(pieces), camera, pose)
+        outlines = bodies.project_pieces(bodies.join_pieces(pieces), camera, pose)
         normal = np.array([0.0, 0.0, -1.0])
         lows, highs = outlines.points.min(axis=1), outlines.points.max(axis=1)
         shown = (highs >= 0).all(axis=1) & (lows <= (camera.width, camera.height)).all(axis=1)
@@ -228,14 +228,14 @@ class RobotView:
             buffer.draw_flat(middle + 0.7 * (points - middle), near - 0.001, 0.95 * gain * color, normal)
 
     def spot(self, snapshot: Snapshot, pose: np.ndarray) -> Optional[SpotImage]:
-        """The light of the laser's spot, as if nothing hid it."""
+        """Renders the light of the laser's spot, as if nothing hid it; None if the camera does not look there."""
         source = None
         if snapshot.person is not None:
             source = bodies.hand_position(snapshot.person, snapshot.laser, self._hand_height)
         return render_spot(snapshot.laser, snapshot.laser_velocity, source, self.color_model, pose, self._optics)
 
     def spot_share(self, snapshot: Snapshot) -> float:
-        """Share of the laser's light on the floor that reaches the camera; to be called after `color`."""
+        """Returns the share of the laser's light on the floor that reaches the camera; to be called after `color`."""
         spot = self.spot(snapshot, self.camera_pose(snapshot)) if snapshot.laser is not None else None
         if spot is None:
             return 0.0
@@ -265,7 +265,7 @@ class RobotView:
 
     # ------------------------------------------------------------- depth
     def depth(self, snapshot: Snapshot) -> np.ndarray:
-        """(120, 160) uint16 [mm] along the optical axis, 0 where there is none."""
+        """Renders the depth image, (120, 160) uint16 [mm] along the optical axis, 0 where there is none."""
         pose = self.camera_pose(snapshot)
         key = self._scene_key(snapshot)
         if key != self._depth_key:
@@ -286,7 +286,7 @@ class RobotView:
         return millimetres
 
     def _exact_depth(self, pose: np.ndarray) -> Tuple[np.ndarray, np.ndarray]:
-        """(120, 160) float32 [m] and (120, 160) bool: where the sensor sees nothing."""
+        """Computes the exact depth (120, 160) float32 [m], and (120, 160) bool where the sensor sees nothing."""
         grid, figures = self._depth_grid, self._figures
         at = np.ix_(*self._sampled)
         ids = self._buffer.ids[at]

@@ -15,7 +15,7 @@ from typing import Callable, List, Optional, Tuple
 
 import numpy as np
 
-from vb_sim.room.models_participant import ParticipantModel
+from vb_sim.room.participant_model import ParticipantModel
 
 IsFloor = Callable[[np.ndarray], np.ndarray]
 RESOURCE = Path(__file__).resolve().parents[3] / "config" / "strokes.json"
@@ -39,7 +39,7 @@ class Tremor:
         self._amplitude = rms / math.sqrt(components)
 
     def at(self, time: float) -> np.ndarray:
-        """(2,) [m] offset at a time [s]."""
+        """Returns the offset (2,) [m] at a time [s]."""
         return self._amplitude * np.sin(self._frequencies * time + self._phases).sum(axis=0)
 
 
@@ -73,8 +73,8 @@ class Style:
 
 
 @lru_cache(maxsize=1)
-def styles() -> Tuple[Style, ...]:
-    """All people of the resource; one who drew no closed figure gets the gap of another."""
+def load_styles() -> Tuple[Style, ...]:
+    """Reads all people of the resource; one who drew no closed figure gets the gap of another."""
     people = json.loads(RESOURCE.read_text(encoding="utf-8"))["people"]
     gaps = [person["gap"] for person in people if person["gap"] is not None]
     return tuple(
@@ -96,7 +96,7 @@ class Stroke:
 
     def __init__(self, border: np.ndarray, closed: bool, model: ParticipantModel, rng: np.random.Generator,
                  is_floor: Optional[IsFloor] = None, style: Optional[Style] = None) -> None:
-        style = style or styles()[0]
+        style = style or load_styles()[0]
         scale = model.stroke_scale
         border = np.asarray(border, dtype=float)
         # every corner is missed, the ends of an open border too
@@ -119,7 +119,7 @@ class Stroke:
 
     @staticmethod
     def _draw(chain: np.ndarray, style: Style, scale: float) -> Tuple[np.ndarray, np.ndarray]:
-        """Points (M, 2) [m], and when (M,) the hand is there, in seconds at a mean speed of 1 m/s."""
+        """Draws points (M, 2) [m], and when (M,) the hand is there, in seconds at a mean speed of 1 m/s."""
         points: List[np.ndarray] = [chain[:1]]
         times: List[np.ndarray] = [np.zeros(1)]
         begin = chain[0]
@@ -148,16 +148,16 @@ class Stroke:
         return np.vstack(points), np.concatenate(times)
 
     def at(self, arc: float) -> np.ndarray:
-        """(2,) [m] the place at an arc length [m] from the stroke's start."""
+        """Returns the place (2,) [m] at an arc length [m] from the stroke's start."""
         return np.array([np.interp(arc, self._arc, self.points[:, i]) for i in range(2)])
 
     def pace(self, arc: float) -> float:
-        """Share of the mean speed at which the hand moves there: nearly 0 at corners, several times 1 between them."""
+        """Returns the share of the mean speed at which the hand moves there: nearly 0 at corners, several times 1 between them."""
         return float(self._pace[min(max(int(arc / self._bin), 0), len(self._pace) - 1)])
 
 
-def meant_border(border: np.ndarray, closed: bool, offset: Tuple[float, float], turn: float, margin: float) -> np.ndarray:
-    """The chain that a person has in mind, who sees marks on the floor and no map.
+def imagine_border(border: np.ndarray, closed: bool, offset: Tuple[float, float], turn: float, margin: float) -> np.ndarray:
+    """Returns the chain that a person has in mind, who sees marks on the floor and no map.
 
     Args:
         border: (N, 2) [m] as the map has it.

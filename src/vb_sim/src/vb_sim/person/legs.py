@@ -10,7 +10,7 @@ from vb_core import geometry
 from vb_core.errors import CodedError
 from vb_core.grid_map import GridMap
 from vb_sim.robot.costmap import Costmap, CostmapParams
-from vb_sim.room.models_participant import ParticipantModel
+from vb_sim.room.participant_model import ParticipantModel
 from vb_sim.robot.planner import Planner
 
 ROBOT_DISTANCE = 0.5  # [m] between a person's and a robot's middle
@@ -18,7 +18,7 @@ NEAREST_STAND = 0.8  # [m] from the spot: nearer, the person's body blocks the v
 
 
 def distance_to_chain(point: np.ndarray, chain: np.ndarray) -> float:
-    """[m] from a point (2,) to a chain (N, 2)."""
+    """Measures the distance [m] from a point (2,) [m] to a chain (N, 2) [m]."""
     if len(chain) == 1:
         return float(np.linalg.norm(chain[0] - point))
     a, b = chain[:-1], chain[1:]
@@ -51,13 +51,13 @@ class Legs:
         """Whether some path is left."""
         return len(self._way) > 0
 
-    def free_place_near(self, place: np.ndarray, least: float, most: float, rng: np.random.Generator) -> np.ndarray:
-        """(2,) [m] a random place from which one can walk to `place`, between `least` and `most` [m] away."""
+    def find_place_near(self, place: np.ndarray, nearest: float, farthest: float, rng: np.random.Generator) -> np.ndarray:
+        """Draws a random place (2,) [m] from which one can walk to `place`, between `nearest` and `farthest` [m] away."""
         for _ in range(200):
-            angle, distance = rng.uniform(0.0, 2.0 * math.pi), rng.uniform(least, most)
+            angle, distance = rng.uniform(0.0, 2.0 * math.pi), rng.uniform(nearest, farthest)
             candidate = place + distance * np.array([math.cos(angle), math.sin(angle)])
             way = self._plan(candidate, place)
-            if way is not None and geometry.chain_length(way) < most + 1.0:
+            if way is not None and geometry.chain_length(way) < farthest + 1.0:
                 return candidate
         return np.asarray(place, dtype=float)
 
@@ -69,7 +69,7 @@ class Legs:
         return way is not None
 
     def stop(self) -> None:
-        """Stands still."""
+        """Stops."""
         self._way = np.zeros((0, 2))
 
     def step(self, dt: float, robot: Optional[np.ndarray], look_at: Optional[np.ndarray]) -> None:
@@ -95,10 +95,10 @@ class Legs:
             limit = self._model.turning_speed * dt
             self.yaw = geometry.wrap_angle(self.yaw + min(max(turn, -limit), limit))
 
-    def stand_for(
+    def find_standing_place(
         self, spot: np.ndarray, line: np.ndarray, robot: Optional[np.ndarray], away_from: Optional[np.ndarray] = None
     ) -> Optional[np.ndarray]:
-        """(2,) [m] the nearest good place for pointing at `spot`; None if there is none.
+        """Finds the nearest good place (2,) [m] for pointing at `spot`; None if there is none.
 
         Args:
             line: (N, 2) [m] what is being drawn: the person does not stand on it.
@@ -109,7 +109,7 @@ class Legs:
         places = [
             spot + radius * np.array([math.cos(a), math.sin(a)]) for radius in (1.0, 1.4, 1.8, 2.2) for a in angles
         ]
-        places = [place for place in places if self.suits(place, spot, line, robot)]
+        places = [place for place in places if self.is_good_place(place, spot, line, robot)]
         if away_from is not None:
             places = [place for place in places if np.linalg.norm(place - away_from) > 0.7]
         places.sort(key=lambda place: float(np.linalg.norm(place - self.here)))
@@ -120,8 +120,8 @@ class Legs:
                 return place
         return None
 
-    def suits(self, place: np.ndarray, spot: np.ndarray, line: np.ndarray, robot: Optional[np.ndarray]) -> bool:
-        """Whether a place (2,) [m] is good for pointing at the spot."""
+    def is_good_place(self, place: np.ndarray, spot: np.ndarray, line: np.ndarray, robot: Optional[np.ndarray]) -> bool:
+        """Tells whether a place (2,) [m] is good for pointing at the spot."""
         distance = float(np.linalg.norm(place - spot))
         if not NEAREST_STAND <= distance <= self._model.reach:
             return False

@@ -15,9 +15,9 @@ import numpy as np
 from vb_core import geometry
 from vb_core.grid_map import FREE, GridMap
 from vb_sim.room.floor_plan import physical_map
-from vb_sim.person.hand import Stroke, Tremor, styles
+from vb_sim.person.hand import Stroke, Tremor, load_styles
 from vb_sim.person.legs import Legs
-from vb_sim.room.models_participant import ParticipantModel
+from vb_sim.room.participant_model import ParticipantModel
 from vb_sim.room.world import Scenario, World
 
 Step = Generator[None, None, None]
@@ -32,7 +32,7 @@ WORDS = ("define_border", "define_seed", "guide_robot", "save", "cancel")
 
 
 @dataclass(frozen=True)
-class Answer:
+class CommandReply:
     """What the system answers to a command."""
 
     success: bool
@@ -61,7 +61,7 @@ class Percept:
     has_seed: bool = False
     state: str = DEFAULT
     told_to_hold: float = -math.inf
-    answer: Optional[Answer] = None
+    answer: Optional[CommandReply] = None
     answered: int = 0
 
     def read(self, codes: Collection[str]) -> None:
@@ -134,22 +134,22 @@ class Person:
         self.scenario = scenario
         self.grid: GridMap = physical_map(world)
         self.legs = Legs(self.grid, model, start_near)
-        self.legs.here = self.legs.free_place_near(np.asarray(start_near, dtype=float), 1.2, 2.0, self.rng)
+        self.legs.here = self.legs.find_place_near(np.asarray(start_near, dtype=float), 1.2, 2.0, self.rng)
         self.drawing_speed = float(self.rng.uniform(model.drawing_speed[0], max(model.drawing_speed)))
         self._tremor = Tremor(model.tremor, (model.tremor_band[0], model.tremor_band[1]), self.rng)
         self.percept = Percept()
         self.spot: Optional[np.ndarray] = None  # where the laser is meant to point
         # whose movement it is: the same person in all scenarios, with all methods
-        chosen = np.random.default_rng([seed, 2]).integers(len(styles()))
-        self.style = styles()[int(chosen)]
+        chosen = np.random.default_rng([seed, 2]).integers(len(load_styles()))
+        self.style = load_styles()[int(chosen)]
         self.doing = "comes in"
         self.dt = 0.0
         self.tries = 0
-        self.last_answer = Answer(True, "ok", "")
+        self.last_answer = CommandReply(True, "ok", "")
         self._command, self._number, self._source = "", 0, "participant"
-        self._err()
+        self._draw_mistakes()
 
-    def _err(self) -> None:
+    def _draw_mistakes(self) -> None:
         """Decides what this person will do wrong; separately from all other chance, so that those who err are otherwise the same."""
         self._slips_of_the_tongue = np.random.default_rng([self._seed, *self.scenario.key.encode(), 3])
         rng = np.random.default_rng([self._seed, *self.scenario.key.encode(), 1])
@@ -159,7 +159,7 @@ class Person:
         self.seed = self._mirrored_seed() if wrong_side else self.scenario.seed.copy()
 
     def _mirrored_seed(self) -> np.ndarray:
-        """(2,) [m] the seed on the other side of the border, by the shortest path across it that ends on free floor."""
+        """Finds the seed (2,) [m] on the other side of the border, by the shortest path across it that ends on free floor."""
         chain = geometry.resample_chain(self.scenario.border, 0.05, self.scenario.closed)
         across = chain - self.scenario.seed
         for index in np.argsort(np.linalg.norm(across, axis=1), kind="stable"):
@@ -179,12 +179,12 @@ class Person:
         self.legs.step(self.dt, self.robot_place(), self.spot)
 
     def action(self, outcome: str) -> Action:
-        """What can be seen of the person now."""
+        """Returns what can be seen of the person now."""
         pose = (float(self.legs.here[0]), float(self.legs.here[1]), self.legs.yaw)
         return Action(self._beam(), pose, self.doing, self._command, self._number, self._source, outcome)
 
     def is_floor(self, points: np.ndarray) -> np.ndarray:
-        """(N,) bool: which places (N, 2) [m] are floor, where a spot can be seen."""
+        """Tells (N,) bool which places (N, 2) [m] are floor, where a spot can be seen."""
         return self.grid.values_at(points) == FREE
 
     def _beam(self) -> Optional[Tuple[float, float]]:
@@ -197,11 +197,11 @@ class Person:
 
     # ------------------------------------------------------------ perception
     def robot_place(self) -> Optional[np.ndarray]:
-        """(2,) [m] where the robot is."""
+        """Returns where the robot is, (2,) [m]; None before that is known."""
         return None if self.percept.robot is None else np.array(self.percept.robot[:2])
 
     def unseen_for(self, by_robot: bool = False) -> float:
-        """[s] since the spot was reported last."""
+        """Returns how long [s] it is since the spot was reported last."""
         return self.percept.now - (self.percept.last_seen_by_robot if by_robot else self.percept.last_seen)
 
     # ------------------------------------------------------------ skills
@@ -225,13 +225,13 @@ class Person:
         """Begins to walk to where the spot can be pointed at, if it cannot from here."""
         if self.legs.walking or np.linalg.norm(self.legs.here - spot) <= self.model.reach:
             return
-        place = self.legs.stand_for(spot, line, self.robot_place())
+        place = self.legs.find_standing_place(spot, line, self.robot_place())
         if place is not None:
             self.legs.go(place, self.robot_place())
 
     def step_aside(self, spot: np.ndarray, line: np.ndarray) -> None:
         """Begins to walk to another side of the spot: perhaps the person's body is in the way."""
-        place = self.legs.stand_for(spot, line, self.robot_place(), self.legs.here)
+        place = self.legs.find_standing_place(spot, line, self.robot_place(), self.legs.here)
         if place is not None:
             self.legs.go(place, self.robot_place())
 
@@ -245,14 +245,14 @@ class Person:
         yield
         while self.percept.answered != self._number:
             if self.percept.now - asked > 20.0:
-                self.last_answer = Answer(False, "no_answer", "nobody answered")
+                self.last_answer = CommandReply(False, "no_answer", "nobody answered")
                 break
             yield
         else:
-            self.last_answer = self.percept.answer or Answer(False, "no_answer", "nobody answered")
+            self.last_answer = self.percept.answer or CommandReply(False, "no_answer", "nobody answered")
         self.doing = before
 
-    def insist(self, command: str, source: str = "participant", times: int = 6) -> Step:
+    def repeat_command(self, command: str, source: str = "participant", times: int = 6) -> Step:
         """Repeats a command while there is no answer or the system is busy.
 
         Raises:
@@ -300,12 +300,12 @@ class Person:
             yield
 
     def new_stroke(self, border: Optional[np.ndarray] = None) -> Stroke:
-        """The border, or the same in another order (N, 2) [m], as this person is going to draw it this time."""
+        """Decides how this person is going to draw the border, or the same in another order (N, 2) [m], this time."""
         border = self.scenario.border if border is None else border
         return Stroke(border, self.scenario.closed, self.model, self.rng, self.is_floor, self.style)
 
     def may_slip(self, stroke: Stroke, arc: float, speed: float) -> Step:
-        """Once in a lifetime, at some place of the stroke, the hand goes wrong.
+        """Lets the hand go wrong, once in a lifetime, at some place of the stroke.
 
         Raises:
             DrawingSlip: when the person has noticed.
@@ -343,13 +343,13 @@ class ParticipantScript:
         self._script = self._run()
 
     def step(self, percept: Percept) -> Action:
-        """One step of the person's life."""
+        """Lets the person perceive and act once."""
         self.person.step(percept, self._script)
         return self.person.action(self.outcome)
 
     # ------------------------------------------------------------ for subclasses
     def prepare(self) -> Step:
-        """What comes before the border: walking there, or guiding the robot."""
+        """Prepares the border: walks there, or guides the robot."""
         raise NotImplementedError
 
     def draw(self) -> Step:
@@ -380,7 +380,7 @@ class ParticipantScript:
             yield from person.say("cancel", self.source)
         person.spot = None
         person.doing = "walks away"
-        away = person.legs.free_place_near(person.legs.here, 0.8, 1.5, person.rng)
+        away = person.legs.find_place_near(person.legs.here, 0.8, 1.5, person.rng)
         person.legs.go(away, person.robot_place())
         for _ in range(500):
             if not person.legs.walking:
@@ -397,7 +397,7 @@ class ParticipantScript:
         if person.percept.state != DEFAULT:
             # another person, or an earlier process of this one, left something half done
             person.doing = "starts over"
-            yield from person.insist("cancel", self.source)
+            yield from person.repeat_command("cancel", self.source)
         refusal = person.last_answer
         for tries in range(1, person.model.tries + 1):
             person.tries = tries
@@ -406,10 +406,10 @@ class ParticipantScript:
                     return
                 refusal = person.last_answer
             except DrawingSlip:
-                refusal = Answer(False, "slipped", "it went wrong")
+                refusal = CommandReply(False, "slipped", "it went wrong")
             if person.percept.state != DEFAULT:
                 person.doing, person.spot = "starts over", None
-                yield from person.insist("cancel", self.source)
+                yield from person.repeat_command("cancel", self.source)
         raise ParticipantGaveUp(f"not saved: {refusal.message} [{refusal.code}]")
 
     def _attempt(self) -> Generator[None, None, bool]:
@@ -444,5 +444,5 @@ class ParticipantScript:
             # the node that should answer is being restarted; perhaps the border was saved all the same
             yield from self.person.wait(1.5)
             if self.person.last_answer.code in ("no_answer", "save_unanswered") and self.person.percept.state == DEFAULT:
-                self.person.last_answer = Answer(True, "ok", "the display says that nothing is under way")
+                self.person.last_answer = CommandReply(True, "ok", "the display says that nothing is under way")
                 return

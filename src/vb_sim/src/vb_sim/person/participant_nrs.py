@@ -27,7 +27,7 @@ class NetworkRobotSystemScript(ParticipantScript):
         person.doing = "walks"
         yield from person.walk(person.scenario.stand)
         yield from person.react()
-        yield from person.insist("define_border", self.source)
+        yield from person.repeat_command("define_border", self.source)
         yield from person.react()
 
     def draw(self) -> Step:
@@ -113,7 +113,7 @@ class NetworkRobotSystemScript(ParticipantScript):
         person.doing = "walks"
         person.come_within_reach(person.seed, person.scenario.border)
         yield from person.react()
-        yield from person.insist("define_seed", self.source)
+        yield from person.repeat_command("define_seed", self.source)
         while person.legs.walking:
             yield
         yield from person.react()

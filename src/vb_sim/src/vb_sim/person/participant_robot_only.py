@@ -11,7 +11,7 @@ from vb_core import geometry
 from vb_sim.person.hand import Stroke
 from vb_sim.person.legs import distance_to_chain
 from vb_sim.person.participant import FEEDBACK_GAP, ParticipantScript, Step
-from vb_sim.person.stroke_order import best_order
+from vb_sim.person.stroke_order import choose_order
 
 LOST = 1.5  # [s] without feedback after which the robot has lost the spot
 SIDE = math.radians(24.0)  # off the robot's axis, where the camera's image is about to end
@@ -36,13 +36,13 @@ class RobotOnlyScript(ParticipantScript):
         # the buttons are on the robot
         yield from self._come_near(self._before_robot())
         yield from person.react()
-        yield from person.insist("guide_robot", self.source)
+        yield from person.repeat_command("guide_robot", self.source)
         person.spot = self._before_robot()
         guide = person.scenario.guide
         from_here = guide[-1] if len(guide) else person.robot_place()
-        self._stroke = person.new_stroke(best_order(person.scenario.border, person.scenario.closed, from_here))
+        self._stroke = person.new_stroke(choose_order(person.scenario.border, person.scenario.closed, from_here))
         yield from self._lead([*guide, self._stroke.at(self._stroke.start)])
-        yield from person.insist("define_border", self.source)
+        yield from person.repeat_command("define_border", self.source)
         yield from person.react()
 
     def draw(self) -> Step:
@@ -76,10 +76,10 @@ class RobotOnlyScript(ParticipantScript):
         """Picks the robot up where it looks, and leads it to where it lost the spot; nothing is drawn meanwhile."""
         person = self.person
         person.spot = None
-        yield from person.insist("guide_robot", self.source)
+        yield from person.repeat_command("guide_robot", self.source)
         person.spot = self._before_robot()
         yield from self._lead([stroke.at(arc)])
-        yield from person.insist("define_border", self.source)
+        yield from person.repeat_command("define_border", self.source)
         person.doing = "draws"
 
     def show_seed(self) -> Step:
@@ -87,7 +87,7 @@ class RobotOnlyScript(ParticipantScript):
         person = self.person
         end = person.spot
         person.spot = None
-        yield from person.insist("define_seed", self.source)
+        yield from person.repeat_command("define_seed", self.source)
         yield from person.react()
         person.spot = end.copy() if end is not None else self._before_robot()
         yield from self._lead([person.seed], "shows the seed", self._is_as_good)
@@ -157,7 +157,7 @@ class RobotOnlyScript(ParticipantScript):
         person.doing = before
 
     def _before_robot(self, turn: float = 0.0, share: float = 1.0) -> np.ndarray:
-        """(2,) [m] a place ahead of the robot, on the floor."""
+        """Finds a place (2,) [m] ahead of the robot, on the floor."""
         person = self.person
         x, y, yaw = person.percept.robot
         direction = np.array([math.cos(yaw + turn), math.sin(yaw + turn)])
@@ -192,12 +192,12 @@ class RobotOnlyScript(ParticipantScript):
         if person.legs.walking or person.spot is None or person.percept.now < self._look_again:
             return
         self._look_again = person.percept.now + 0.5
-        if not person.legs.suits(person.legs.here, person.spot, line, person.robot_place()):
-            place = person.legs.stand_for(person.spot, line, person.robot_place())
+        if not person.legs.is_good_place(person.legs.here, person.spot, line, person.robot_place()):
+            place = person.legs.find_standing_place(person.spot, line, person.robot_place())
             if place is not None:
                 person.legs.go(place, person.robot_place())
 
     def _come_near(self, spot: np.ndarray) -> Step:
-        place = self.person.legs.stand_for(spot, np.zeros((0, 2)), self.person.robot_place())
+        place = self.person.legs.find_standing_place(spot, np.zeros((0, 2)), self.person.robot_place())
         if place is not None:
             yield from self.person.walk(place)

@@ -49,11 +49,11 @@ class Costmap:
         self.costs = inflate(static, self.distance, params)
 
     def traversable(self) -> np.ndarray:
-        """(H, W) bool: cells where the robot's centre may be; unknown cells are not."""
+        """Tells (H, W) bool in which cells the robot's centre may be; in unknown cells it may not."""
         return self.costs < INSCRIBED
 
     def occupancy(self) -> np.ndarray:
-        """(H, W) int8 as costmap_2d's publisher translates costs: 100 lethal, 99 inscribed, 98 ... 0, -1 unknown."""
+        """Returns (H, W) int8 as costmap_2d's publisher translates costs: 100 lethal, 99 inscribed, 98 ... 0, -1 unknown."""
         table = np.zeros(256, np.int16)
         table[1:INSCRIBED] = 1 + (97 * (np.arange(1, INSCRIBED) - 1)) // 251
         table[INSCRIBED], table[LETHAL], table[NO_INFORMATION] = 99, 100, -1
@@ -61,7 +61,7 @@ class Costmap:
 
 
 def static_costs(data: np.ndarray, params: CostmapParams) -> np.ndarray:
-    """Occupancy (H, W) int8 to costs (H, W) uint8 as static_layer's interpretValue does."""
+    """Converts occupancy (H, W) int8 to costs (H, W) uint8 as static_layer's interpretValue does."""
     table = np.zeros(256, np.uint8)
     values = np.arange(101)
     if not params.trinary_costmap:

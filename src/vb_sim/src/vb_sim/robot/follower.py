@@ -73,7 +73,7 @@ class Follower:
         self._arc = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(self._path, axis=0), axis=1))])
 
     def remaining(self, pose: Pose) -> np.ndarray:
-        """(M, 2) [m] the rest of the path."""
+        """Returns the rest (M, 2) [m] of the path."""
         return self._path[self._nearest(pose) :] if len(self._path) else self._path
 
     def halt(self) -> None:
@@ -81,7 +81,7 @@ class Follower:
         self._speed = 0.0
 
     def step(self, pose: Pose, obstacles: np.ndarray, dt: float) -> Motion:
-        """What to do now.
+        """Decides how to move now.
 
         Args:
             pose: (x, y, yaw) [m, m, rad], map frame.
@@ -141,7 +141,7 @@ class Follower:
         return int(np.argmin(np.linalg.norm(self._path - np.array(pose[:2]), axis=1)))
 
     def _gap(self, obstacles: np.ndarray, curvature: float) -> float:
-        """[m] free distance along the arc before the robot's body reaches the margin; inf if free."""
+        """Returns the free distance [m] along the arc before the robot's body reaches the margin; inf if free."""
         p = self._params
         if not len(obstacles):
             return math.inf

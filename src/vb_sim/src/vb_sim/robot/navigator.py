@@ -30,10 +30,10 @@ class NavigatorParams(Parameters):
     map_tolerance: float = param(0.10, "m", low=0.0)
 
 
-def for_robot(
+def params_for_robot(
     profile: RobotProfile, costmap: CostmapParams, follower: FollowerParams
 ) -> Tuple[CostmapParams, FollowerParams]:
-    """The parameters of costmap and follower with what follows from the robot, as move_base gets it too."""
+    """Fills in what follows from the robot in the parameters of costmap and follower, as move_base gets it too."""
     radius, limits = profile.radius, profile.limits
     return (
         costmap.replace(robot_radius=radius, inflation_radius=radius + 0.17),
@@ -96,14 +96,14 @@ class Navigator:
         return costmap
 
     def static(self) -> Tuple[Planner, int]:
-        """The planner on the map alone, and a number that grows with every map; CodedError "no_map"."""
+        """Returns the planner on the map alone, and a number that grows with every map; raises CodedError "no_map"."""
         with self._lock:
             if self._planner is None:
                 raise CodedError("no_map", "no map has come yet")
             return self._planner, self._revision
 
     def with_obstacles(self, static: Planner, pose: Pose, seen: np.ndarray) -> Planner:
-        """The planner on map and scan; that on the map alone where the scan shows nothing new.
+        """Makes the planner on map and scan; returns that on the map alone where the scan shows nothing new.
 
         Args:
             seen: (N, 2) [m] what the scanner sees, robot's frame.
@@ -118,7 +118,7 @@ class Navigator:
         return Planner(Costmap(grid, self._costmap_params, mask), self._planner_params)
 
     def _unmapped(self, static: Planner, pose: Pose, seen: np.ndarray) -> np.ndarray:
-        """(N, 2) [m] what the scanner sees and the map lacks, map frame."""
+        """Returns (N, 2) [m] what the scanner sees and the map lacks, map frame."""
         if not len(seen):
             return seen
         seen = seen[np.hypot(seen[:, 0], seen[:, 1]) < self._params.obstacle_range]
@@ -143,7 +143,7 @@ class Navigator:
         self._follower.halt()
 
     def step(self, now: float, pose: Pose, obstacles: np.ndarray, dt: float) -> Drive:
-        """What to do now.
+        """Decides how to drive now.
 
         Args:
             now: [s]

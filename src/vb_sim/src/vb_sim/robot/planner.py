@@ -40,7 +40,7 @@ class Planner:
         self._searched: Optional[Tuple[int, np.ndarray, np.ndarray]] = None  # start node, costs, predecessors
 
     def plan(self, start: np.ndarray, goal: np.ndarray, tolerance: float = 0.0) -> np.ndarray:
-        """The cheapest path.
+        """Plans the cheapest path.
 
         Args:
             start, goal: (2,) [m] in the map frame.
@@ -71,7 +71,7 @@ class Planner:
         return geometry.resample_chain(path, self._params.waypoint_spacing)
 
     def cost_to(self, start: np.ndarray, goal: np.ndarray) -> float:
-        """Cost of the cheapest path between two cells' centres, before any shortening.
+        """Returns the cost of the cheapest path between two cells' centres, before any shortening.
 
         Raises:
             CodedError: as `plan`.
@@ -81,7 +81,7 @@ class Planner:
         return float(costs[self._goal_node(np.asarray(goal, dtype=float), 0.0, costs)[0]])
 
     def is_traversable(self, place: np.ndarray) -> bool:
-        """Whether the robot's centre may be at a place (2,) [m]."""
+        """Tells whether the robot's centre may be at a place (2,) [m]."""
         cell = self.costmap.grid.world_to_cell(place)[0]
         return bool(self.costmap.grid.contains_cells(cell)[0] and self._ids[cell[0], cell[1]] >= 0)
 

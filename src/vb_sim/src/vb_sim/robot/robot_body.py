@@ -7,13 +7,13 @@ from typing import Any, Callable, Dict, List, Tuple
 import numpy as np
 
 from vb_core import geometry
-from vb_sim.room.models_motion import LocalisationModel, RobotModel
+from vb_sim.room.motion_models import LocalisationModel, RobotModel
 
 Pose = Tuple[float, float, float]
 
 
 def advance(pose: Pose, distance: float, turn: float) -> Pose:
-    """The pose [m, m, rad] after driving an arc of length `distance` [m] while turning by `turn` [rad]."""
+    """Returns the pose [m, m, rad] after driving an arc of length `distance` [m] while turning by `turn` [rad]."""
     x, y, yaw = pose
     # chord of the arc: exact, also for a turn of zero
     chord = distance * float(np.sinc(turn / 2.0 / math.pi))
@@ -22,7 +22,7 @@ def advance(pose: Pose, distance: float, turn: float) -> Pose:
 
 
 def toward(value: float, target: float, faster: float, slower: float) -> float:
-    """`value` moved towards `target`, by at most `faster` away from zero and `slower` towards it."""
+    """Moves `value` towards `target`, by at most `faster` away from zero and `slower` towards it."""
     limit = faster if abs(target) > abs(value) and target * value >= 0 else slower
     return value + min(max(target - value, -limit), limit)
 
@@ -139,18 +139,18 @@ class RobotBody:
         self._error = self._error * (1.0 - share) + self._sigmas() * math.sqrt(2.0 * share) * self._rng.standard_normal(3)
 
     def estimate(self) -> Pose:
-        """The pose that localisation reports, (x, y, yaw) [m, m, rad], map frame."""
+        """Returns the pose that localisation reports, (x, y, yaw) [m, m, rad], map frame."""
         x, y, yaw = self.pose
         return x + self._error[0], y + self._error[1], geometry.wrap_angle(yaw + self._error[2])
 
     def map_to_odom(self) -> np.ndarray:
-        """T_map_odom, 4x4: what makes odometry the estimate."""
+        """Returns T_map_odom, 4x4: what makes odometry the estimate."""
         odometry = geometry.pose2d_transform(*self.odometry)
         return geometry.pose2d_transform(*self.estimate()) @ geometry.invert(odometry)
 
     # ------------------------------------------------------------ checkpoint
     def checkpoint(self) -> Dict[str, List[float]]:
-        """What a new process needs to continue from here; inverse of `restore`."""
+        """Returns what a new process needs to continue from here; inverse of `restore`."""
         return {
             "pose": list(map(float, self.pose)),
             "odometry": list(map(float, self.odometry)),

@@ -50,8 +50,8 @@ class Pieces:
     def __len__(self) -> int:
         return len(self.yaws)
 
-    def placed(self, x: float, y: float, yaw: float) -> "Pieces":
-        """The pieces of a body at the origin, moved to a pose [m, m, rad]."""
+    def move_to(self, x: float, y: float, yaw: float) -> "Pieces":
+        """Moves the pieces of a body at the origin to a pose [m, m, rad]."""
         c, s = math.cos(yaw), math.sin(yaw)
 
         def moved(points: np.ndarray) -> np.ndarray:
@@ -60,8 +60,8 @@ class Pieces:
 
         return replace(self, low=moved(self.low), high=moved(self.high), yaws=np.full(len(self), yaw))
 
-    def built(self, middle: Tuple[float, float], build: Build) -> "Pieces":
-        """The pieces of a person taller or broader than average."""
+    def scale_to(self, middle: Tuple[float, float], build: Build) -> "Pieces":
+        """Scales a person's pieces, about the middle (x, y) [m], to another build than the average."""
         scale = np.array([build.breadth, build.breadth, build.height / AVERAGE.height])
         at = np.array([*middle, 0.0])
         return replace(
@@ -70,13 +70,13 @@ class Pieces:
         )
 
 
-def joined(parts: Sequence[Pieces]) -> Pieces:
-    """All pieces of several bodies."""
+def join_pieces(parts: Sequence[Pieces]) -> Pieces:
+    """Joins the pieces of several bodies."""
     return Pieces(*(np.concatenate([getattr(part, field.name) for part in parts]) for field in fields(Pieces)))
 
 
 def piece_outlines(pieces: Pieces) -> np.ndarray:
-    """(N, 32, 3) [m] points of both ellipses of each piece."""
+    """Returns points (N, 32, 3) [m] of both ellipses of each piece."""
     c, s = np.cos(pieces.yaws)[:, None], np.sin(pieces.yaws)[:, None]
     points = np.empty((len(pieces), 2, len(_CIRCLE), 3))
     for end, (middles, radii) in enumerate(((pieces.low, pieces.low_radii), (pieces.high, pieces.high_radii))):
@@ -127,7 +127,7 @@ _ARM_COLORS = np.array([_tinted(SHIRT, 1.05), SKIN, (30, 30, 32)], dtype=float)
 
 
 def hand_position(person: Tuple[float, float, float], target: Optional[Tuple[float, float]], height: float) -> np.ndarray:
-    """(3,) [m] where the right hand holds the pointer, at a height [m]."""
+    """Returns where the right hand holds the pointer, (3,) [m], at a height [m]."""
     x, y, yaw = person
     shoulder_x, shoulder_y = x + 0.20 * math.sin(yaw), y - 0.20 * math.cos(yaw)
     along_x, along_y = math.cos(yaw), math.sin(yaw)
@@ -142,7 +142,7 @@ def hand_position(person: Tuple[float, float, float], target: Optional[Tuple[flo
 def person_pieces(
     person: Tuple[float, float, float], target: Optional[Tuple[float, float]], hand_height: float, build: Build = AVERAGE
 ) -> Pieces:
-    """A standing person with the right arm raised towards a point on the floor, or hanging.
+    """Builds a standing person with the right arm raised towards a point on the floor, or hanging.
 
     Args:
         hand_height: [m] at which someone of 1.75 m holds the pointer.
@@ -163,12 +163,12 @@ def person_pieces(
         np.array(joints[:-1]), np.array(joints[1:]), _ARM_LOW_RADII[:count], _ARM_HIGH_RADII[:count],
         np.full(count, yaw), _ARM_COLORS[:count],
     )
-    pieces = joined([_PERSON.placed(x, y, yaw), arm])
-    return pieces if build == AVERAGE else pieces.built((x, y), build)
+    pieces = join_pieces([_PERSON.move_to(x, y, yaw), arm])
+    return pieces if build == AVERAGE else pieces.scale_to((x, y), build)
 
 
 def person_key(person: Optional[Tuple[float, float, float]], target: Optional[Tuple[float, float]]) -> Tuple:
-    """The same for people who look the same to within some centimetres: an image of one serves for the other."""
+    """Returns the same key for people who look the same to within some centimetres: an image of one serves for the other."""
     if person is None:
         return ()
     hand: Tuple = ()
@@ -179,13 +179,13 @@ def person_key(person: Optional[Tuple[float, float, float]], target: Optional[Tu
 
 
 def robot_key(pose: Tuple[float, float, float]) -> Tuple:
-    """The same for robots that look the same to within a few millimetres."""
+    """Returns the same key for robots that look the same to within a few millimetres."""
     return (round(pose[0] / 0.003), round(pose[1] / 0.003), round(pose[2] / 0.02))
 
 
 def robot_pieces(pose: Tuple[float, float, float], radius: float) -> Pieces:
-    """A TurtleBot-like robot, 0.42 m high: round base, plates on poles, a camera at the front."""
-    return _robot(radius).placed(*pose)
+    """Builds a TurtleBot-like robot, 0.42 m high: round base, plates on poles, a camera at the front."""
+    return _robot(radius).move_to(*pose)
 
 
 @lru_cache(maxsize=None)

@@ -31,7 +31,7 @@ class Bystander:
     shoes: Tuple[int, int, int] = SHOES
 
     def pieces(self) -> Pieces:
-        """This person's pieces; clothes differ by colour."""
+        """Builds this person's pieces; clothes differ by colour."""
         pieces = person_pieces(self.pose, None, 0.0)
         colors = pieces.colors.copy()
         tints = np.mean(colors / SHIRT, axis=1, keepdims=True)
@@ -41,7 +41,7 @@ class Bystander:
         return replace(pieces, colors=colors)
 
     def key(self) -> Tuple:
-        """The same for people who look the same."""
+        """Returns the same key for people who look the same."""
         return (self.shirt, self.shoes, *person_key(self.pose, None))
 
 
@@ -112,7 +112,7 @@ def _brighten(picture: np.ndarray, outline: np.ndarray, gain: float) -> None:
 
 
 def glint_area(glint: Glint, camera: CameraModel, T_map_optical: np.ndarray) -> Optional[Tuple[Rectangle, np.ndarray, float]]:
-    """Where a camera sees a glint: rows and columns, its middle (2,) [px], its sigma [px]; None if it does not."""
+    """Finds where a camera sees a glint: rows and columns, its middle (2,) [px], its sigma [px]; None if it does not."""
     T = geometry.invert(T_map_optical)
     in_camera = T[:3, :3] @ np.array(glint.position) + T[:3, 3]
     if in_camera[2] < 0.1:

@@ -14,7 +14,7 @@ from vb_sim.room.world import Furniture, Room, Scenario, Wall, World
 
 
 def physical_map(world: World) -> GridMap:
-    """The physical map: walls and things on the floor; unknown beyond the walls."""
+    """Draws the physical map: walls and things on the floor; unknown beyond the walls."""
     grid = _physical_map(world.room, world.walls, world.furniture)
     return grid.with_data(grid.data.copy())
 
@@ -34,13 +34,13 @@ def _physical_map(room: Room, walls: Tuple[Wall, ...], furniture: Tuple[Furnitur
     for wall in walls:
         data[outline_mask(grid, wall_outline(wall))] = OCCUPIED
     for thing in furniture:
-        for contact in thing.floor_contacts():
+        for contact in thing.contact_outlines():
             data[outline_mask(grid, contact)] = OCCUPIED
     return grid
 
 
 def ground_truth(world: World, scenario: Scenario) -> np.ndarray:
-    """(H, W) bool: the free cells that the scenario asks to restrict, in the geometry of `physical_map`.
+    """Draws (H, W) bool the free cells that the scenario asks to restrict, in the geometry of `physical_map`.
 
     It stands for the ground truth map that the paper's authors drew by hand (Sect. 5.5) and uses
     nothing of the code that integrates borders.
@@ -50,7 +50,7 @@ def ground_truth(world: World, scenario: Scenario) -> np.ndarray:
 
 
 def wall_outline(wall: Wall) -> np.ndarray:
-    """(4, 2) [m] a wall's outline seen from above."""
+    """Returns a wall's outline (4, 2) [m] seen from above."""
     a, b = np.array(wall.start, dtype=float), np.array(wall.end, dtype=float)
     along = (b - a) / max(float(np.linalg.norm(b - a)), 1e-9)
     across = np.array([-along[1], along[0]]) * wall.thickness / 2.0
@@ -58,7 +58,7 @@ def wall_outline(wall: Wall) -> np.ndarray:
 
 
 def outline_mask(grid: GridMap, outline: np.ndarray) -> np.ndarray:
-    """(H, W) bool: cells whose centre lies within an outline (N, 2) [m]; at least one for small things."""
+    """Tells (H, W) bool which cells have their centre within an outline (N, 2) [m]; at least one for small things."""
     mask = np.zeros(grid.shape, np.uint8)
     corners = grid.world_to_grid(outline)
     low = np.maximum(np.floor(corners.min(axis=0)).astype(int), 0)

@@ -9,8 +9,8 @@ import cv2
 import numpy as np
 
 from vb_sim.room.floor_plan import wall_outline
-from vb_sim.room.models_cameras import generator
-from vb_sim.room.world import Floor, Patch, World
+from vb_sim.room.camera_models import make_generator
+from vb_sim.room.world import Floor, FloorPatch, World
 
 
 @dataclass(frozen=True)
@@ -28,16 +28,16 @@ class FloorTexture:
     origin: Tuple[float, float]
 
     def matrix(self) -> np.ndarray:
-        """(3, 3): homogeneous map coordinates [m] to (column, row) [px], centres are whole numbers."""
+        """Returns the matrix (3, 3) from homogeneous map coordinates [m] to (column, row) [px]; centres are whole numbers."""
         scale = 1.0 / self.resolution
         return np.array([[scale, 0, -self.origin[0] * scale - 0.5], [0, scale, -self.origin[1] * scale - 0.5], [0, 0, 1.0]])
 
     def pixels(self, points: np.ndarray) -> np.ndarray:
-        """(N, 2) (column, row) [px] of points (N, 2) [m]."""
+        """Projects points (N, 2) [m] to pixels (N, 2) (column, row) [px]."""
         return (np.asarray(points, dtype=float).reshape(-1, 2) - self.origin) / self.resolution - 0.5
 
     def halved(self) -> "FloorTexture":
-        """The same image at half the resolution, averaged."""
+        """Averages the image to half its resolution."""
         height, width = (size // 2 * 2 for size in self.rgb.shape[:2])
         small = cv2.resize(self.rgb[:height, :width], (width // 2, height // 2), interpolation=cv2.INTER_AREA)
         return FloorTexture(small, self.resolution * 2.0, self.origin)
@@ -48,7 +48,7 @@ def render_floor(world: World, seed: int, resolution: float = 0.0025) -> FloorTe
     margin = world.room.margin
     origin = (-margin, -margin)
     width, height = (int(math.ceil((size + 2 * margin) / resolution)) for size in world.room.size)
-    rng = generator(seed, "floor")
+    rng = make_generator(seed, "floor")
     texture = FloorTexture(np.zeros((height, width, 3), np.uint8), resolution, origin)
     brightness = _brightness(world.floor, (height, width), resolution, rng)
     picture = brightness[..., None] * np.array(world.floor.color, np.float32)
@@ -71,7 +71,7 @@ def render_floor(world: World, seed: int, resolution: float = 0.0025) -> FloorTe
 
 
 def _noise(shape: Tuple[int, int], step: Tuple[float, float], rng: np.random.Generator) -> np.ndarray:
-    """(H, W) float32 smooth noise of unit deviation with features of (rows, columns) px."""
+    """Makes (H, W) float32 smooth noise of unit deviation with features of (rows, columns) px."""
     coarse = tuple(max(2, int(math.ceil(size / max(1.0, length))) + 2) for size, length in zip(shape, step))
     values = rng.standard_normal(coarse, dtype=np.float32)
     grown = cv2.resize(values, (shape[1], shape[0]), interpolation=cv2.INTER_CUBIC)
@@ -107,7 +107,7 @@ def _brightness(floor: Floor, shape: Tuple[int, int], resolution: float, rng: np
     return result * (1.0 - min(1.0, 1.8 * floor.contrast) * gap)
 
 
-def _local(picture: np.ndarray, texture: FloorTexture, patch: Patch):
+def _local(picture: np.ndarray, texture: FloorTexture, patch: FloorPatch):
     """The part of the image that contains a patch, and (x, y) [m] of its pixels in the patch's own axes."""
     corners = texture.pixels(patch.footprint())
     low = np.maximum(np.floor(corners.min(axis=0)).astype(int), 0)
@@ -120,7 +120,7 @@ def _local(picture: np.ndarray, texture: FloorTexture, patch: Patch):
     return part, c * dx + s * dy, c * dy - s * dx
 
 
-def _carpet(picture: np.ndarray, texture: FloorTexture, patch: Patch, rng: np.random.Generator) -> None:
+def _carpet(picture: np.ndarray, texture: FloorTexture, patch: FloorPatch, rng: np.random.Generator) -> None:
     part, x, y = _local(picture, texture, patch)
     if part.size == 0:
         return
@@ -142,7 +142,7 @@ def _carpet(picture: np.ndarray, texture: FloorTexture, patch: Patch, rng: np.ra
     part[rim] *= 0.75
 
 
-def _snippets(picture: np.ndarray, texture: FloorTexture, patch: Patch, rng: np.random.Generator) -> None:
+def _snippets(picture: np.ndarray, texture: FloorTexture, patch: FloorPatch, rng: np.random.Generator) -> None:
     c, s = math.cos(math.radians(patch.yaw)), math.sin(math.radians(patch.yaw))
     for _ in range(patch.count):
         at = (rng.random(2) - 0.5) * np.array(patch.size)

@@ -34,7 +34,7 @@ class MeshBuilder:
         self._normals: List[np.ndarray] = []
 
     def face(self, corners: np.ndarray, color: Sequence[float], shaded: bool = True) -> None:
-        """A flat convex face, corners (K, 3) [m] counter-clockwise as seen from outside."""
+        """Adds a flat convex face, corners (K, 3) [m] counter-clockwise as seen from outside."""
         corners = np.asarray(corners, dtype=float)
         normal = np.cross(corners[1] - corners[0], corners[2] - corners[0])
         length = float(np.linalg.norm(normal))
@@ -54,7 +54,7 @@ class MeshBuilder:
         color: Sequence[float],
         bands: Sequence[Tuple[float, float]] = (),
     ) -> None:
-        """An upright solid over a convex outline (N, 2), counter-clockwise, from height low to high [m].
+        """Adds an upright solid over a convex outline (N, 2), counter-clockwise, from height low to high [m].
 
         Args:
             bands: (upper height [m], brightness) of strips of its sides, from the bottom; the rest is plain.
@@ -72,7 +72,7 @@ class MeshBuilder:
             self.face(np.column_stack([outline, np.full(len(outline), low)])[::-1], color * 0.7)
 
     def build(self) -> "Mesh":
-        """The faces as arrays."""
+        """Builds the mesh of all faces."""
         return Mesh(self._faces, np.array(self._normals).reshape(-1, 3), np.array(self._colors).reshape(-1, 3))
 
 
@@ -114,7 +114,7 @@ def world_mesh(world: World) -> Mesh:
 def _furniture(builder: MeshBuilder, thing: Furniture) -> None:
     if thing.kind == "table":
         board = min(0.04, thing.height / 4)
-        for leg in thing.floor_contacts():
+        for leg in thing.contact_outlines():
             builder.prism(leg, 0.0, thing.height - board, np.array(thing.color) * 0.8)
         builder.prism(thing.footprint(), thing.height - board, thing.height, thing.color)
         return
@@ -156,7 +156,7 @@ class RayGrid:
 
     def combine(self, a: float, b: float, c: float, rows: slice = slice(None), columns: slice = slice(None),
                 out: Optional[np.ndarray] = None) -> np.ndarray:
-        """(h, w) float32: a x + b y + c over a part of the image."""
+        """Computes (h, w) float32: a x + b y + c over a part of the image."""
         x, y = (self.x[rows, columns], self.y[rows, columns]) if self.distorted else (self.x[:, columns], self.y[rows])
         return np.add(np.float32(a) * x, np.float32(b) * y + np.float32(c), out=out)
 

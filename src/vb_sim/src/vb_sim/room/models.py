@@ -13,7 +13,7 @@ P = TypeVar("P", bound=Parameters)
 
 
 def read_document(path: Path, what: str) -> Any:
-    """The contents of a YAML file; None if it is empty.
+    """Reads a YAML file; None if it is empty.
 
     Args:
         what: it is, "world": part of the codes and of the sentences.
@@ -32,7 +32,7 @@ def read_document(path: Path, what: str) -> Any:
 
 
 def load_models(path: str) -> Mapping[str, Any]:
-    """The sections of a models file.
+    """Reads the sections of a models file.
 
     Raises:
         CodedError: "no_models", "bad_models", as `read_document`.
@@ -46,8 +46,8 @@ def load_models(path: str) -> Mapping[str, Any]:
     return document
 
 
-def section(models: Mapping[str, Any], name: str, cls: Type[P]) -> P:
-    """One section as a checked parameter class; what the file omits keeps its default.
+def read_section(models: Mapping[str, Any], name: str, cls: Type[P]) -> P:
+    """Reads one section as a checked parameter class; what the file omits keeps its default.
 
     Raises:
         ParameterError: names the section and the key that is wrong.

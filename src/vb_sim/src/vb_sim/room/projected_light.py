@@ -12,7 +12,7 @@ from typing import Tuple
 import cv2
 import numpy as np
 
-from vb_sim.room.models_cameras import Optics
+from vb_sim.room.camera_models import Optics
 from vb_sim.room.world import Projector
 
 # of white LED light, and channels that share it: how Optics.ambient_w_m2 is worked out in config/models.yaml
@@ -37,7 +37,7 @@ class FloorLight:
     strength: float
 
     def pixel_maps(self, x: np.ndarray, y: np.ndarray) -> Tuple[np.ndarray, np.ndarray]:
-        """Where floor coordinates x and y (H, W) [m] are in the image, for all images of this size and projector.
+        """Maps floor coordinates x and y (H, W) [m] to the image, for all images of this size and projector.
 
         Returns:
             (H, W, 2) float32 (column, row) [px], and (H, W) bool: which of them are in the image.
@@ -54,17 +54,17 @@ class FloorLight:
 
     @staticmethod
     def remap_maps(at: np.ndarray) -> Tuple[np.ndarray, np.ndarray]:
-        """(H, W, 2) [px] as `on_floor` takes them, in fixed point: half the time of floats."""
+        """Converts those maps to what `on_floor` takes, (H, W, 2) [px] in fixed point: half the time of floats."""
         columns, rows = (np.clip(at[..., axis], -2.0, 16000.0) for axis in (0, 1))
         return cv2.convertMaps(columns, rows, cv2.CV_16SC2)
 
     def on_floor(self, columns_rows: np.ndarray, fractions: np.ndarray) -> np.ndarray:
-        """(H, W, 3) uint8, the light at the places that `remap_maps` gave."""
+        """Returns the light (H, W, 3) uint8 at the places that `remap_maps` gave."""
         return cv2.remap(self.linear, columns_rows, fractions, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT)
 
 
 def floor_light(picture: np.ndarray, projector: Projector, optics: Optics) -> FloorLight:
-    """A projector's image (H, W, 3) uint8 rgb as light."""
+    """Turns a projector's image (H, W, 3) uint8 rgb into light."""
     height, width = picture.shape[:2]
     corners = np.array([[0, 0], [width - 1, 0], [width - 1, height - 1], [0, height - 1]], np.float32)
     floor = np.array(projector.corners, dtype=float)

@@ -40,7 +40,7 @@ class DistanceField:
         self._steps = steps.astype(np.float64).ravel()
 
     def clearance(self, x: float, y: float) -> float:
-        """[m] from a place to the nearest obstacle's edge, interpolated between cells; 0 off the map."""
+        """Returns the distance [m] from a place to the nearest obstacle's edge, interpolated between cells; 0 off the map."""
         column = (x - self._origin[0]) / self._resolution + 0.5  # +1 for the rim, -0.5 to the cell's centre
         row = (y - self._origin[1]) / self._resolution + 0.5
         c, r = math.floor(column), math.floor(row)

@@ -15,9 +15,9 @@ import numpy as np
 
 from vb_core.camera_model import CameraModel
 from vb_core.geometry import invert
-from vb_sim.room.models_cameras import Optics
+from vb_sim.room.camera_models import Optics
 
-_MOST_PX = 56
+_MAX_PX = 56
 
 
 @dataclass(frozen=True)
@@ -44,7 +44,7 @@ def render_spot(
     T_map_optical: np.ndarray,
     optics: Optics,
 ) -> Optional[SpotImage]:
-    """The image of a spot; None if the camera does not look there.
+    """Renders the image of a spot; None if the camera does not look there.
 
     Args:
         point: [m] where the beam meets the floor, map frame.
@@ -80,7 +80,7 @@ def render_spot(
     smear = pixels[4] - pixels[3]
     length = float(np.linalg.norm(smear))
     radius = _radius(total, covariance, optics) + length / 2.0
-    half = int(min(_MOST_PX, math.ceil(radius)))
+    half = int(min(_MAX_PX, math.ceil(radius)))
     column, row = int(round(center[0])) - half, int(round(center[1])) - half
     first_column, first_row = max(column, 0), max(row, 0)
     last_column, last_row = min(column + 2 * half + 1, camera.width), min(row + 2 * half + 1, camera.height)
@@ -108,7 +108,7 @@ def _determinant(matrix: np.ndarray) -> float:
 
 
 def _footprint(point: Tuple[float, float], source: Optional[np.ndarray], optics: Optics) -> np.ndarray:
-    """(2, 2) [m^2] covariance of the light on the floor; a slanting beam leaves an ellipse."""
+    """Computes the covariance (2, 2) [m^2] of the light on the floor; a slanting beam leaves an ellipse."""
     distance, covariance = 1.5, np.eye(2)
     if source is not None:
         along = np.array(point) - source[:2]
@@ -123,7 +123,7 @@ def _footprint(point: Tuple[float, float], source: Optional[np.ndarray], optics:
 
 
 def _radius(total: float, covariance: np.ndarray, optics: Optics) -> float:
-    """[px] beyond which the spot adds less than half a grey level."""
+    """Computes the radius [px] beyond which the spot adds less than half a grey level."""
     half_trace = 0.5 * float(covariance[0, 0] + covariance[1, 1])
     sigma = math.sqrt(half_trace + math.sqrt(max(0.0, half_trace**2 - _determinant(covariance))))
     peak = max(1.0, total / (2.0 * math.pi * math.sqrt(_determinant(covariance))))

@@ -76,14 +76,14 @@ class Furniture(Parameters):
     color: Color = _color((160, 160, 160))
 
     def footprint(self) -> np.ndarray:
-        """(N, 2) [m] outline of the thing seen from above, counter-clockwise."""
+        """Returns the outline (N, 2) [m] of the thing seen from above, counter-clockwise."""
         if self.kind == "cylinder":
             angles = np.linspace(0, 2 * math.pi, 24, endpoint=False)
             return np.column_stack([self.x + self.radius * np.cos(angles), self.y + self.radius * np.sin(angles)])
         return _rectangle(self.x, self.y, self.size, self.yaw)
 
-    def floor_contacts(self) -> List[np.ndarray]:
-        """Outlines (N, 2) [m] of the things on the floor, which a laser scanner sees."""
+    def contact_outlines(self) -> List[np.ndarray]:
+        """Returns the outlines (N, 2) [m] of what stands on the floor, which a laser scanner sees."""
         if self.kind != "table":
             return [self.footprint()]
         half = np.array(self.size) / 2 - self.leg / 2
@@ -96,7 +96,7 @@ class Furniture(Parameters):
 
 
 @dataclass(frozen=True)
-class Patch(Parameters):
+class FloorPatch(Parameters):
     """Something flat on the floor."""
 
     name: str = param("patch")
@@ -111,7 +111,7 @@ class Patch(Parameters):
     color: Color = _color((128, 48, 52))
 
     def footprint(self) -> np.ndarray:
-        """(4, 2) [m] its outline."""
+        """Returns its outline (4, 2) [m]."""
         return _rectangle(self.x, self.y, self.size, self.yaw)
 
 
@@ -148,13 +148,13 @@ class CeilingCamera(Parameters):
     encoding: str = param("bayer_rggb8", choices=("bayer_rggb8", "bgr8", "rgb8", "mono8"))
 
     def model(self) -> CameraModel:
-        """The camera's intrinsic parameters."""
+        """Returns the camera's intrinsic parameters."""
         focal = self.width / 2.0 / math.tan(math.radians(self.horizontal_fov) / 2.0)
         ideal = CameraModel.ideal(self.width, self.image_height, focal)
         return CameraModel(self.width, self.image_height, ideal.matrix, np.array(self.distortion))
 
     def pose(self) -> np.ndarray:
-        """T_map_optical, 4x4: where the camera truly is.
+        """Returns T_map_optical, 4x4: where the camera truly is.
 
         At pitch 90 and yaw 0 the image's right is +x and its top is +y.
         """
@@ -187,7 +187,7 @@ class Projector(Parameters):
             raise ParameterError("corners", "expected four points that go round a convex area")
 
     def area_m2(self) -> float:
-        """[m^2] of floor that it lights."""
+        """Returns how much floor [m^2] it lights."""
         return float(Polygon(self.corners).area)
 
 
@@ -208,19 +208,19 @@ class Robot(Parameters):
     scan_min: float = param(0.0, "m", low=0.0, high=2.0)
 
     def start_pose(self) -> Tuple[float, float, float]:
-        """(x, y, yaw) [m, m, rad]."""
+        """Returns the pose (x, y, yaw) [m, m, rad] at the start."""
         return self.start[0], self.start[1], math.radians(self.start[2])
 
     def color_model(self) -> CameraModel:
-        """640 x 480 px (paper)."""
+        """Returns the colour camera: 640 x 480 px (paper)."""
         return CameraModel.ideal(640, 480, 320.0 / math.tan(math.radians(self.camera_fov) / 2.0))
 
     def depth_model(self) -> CameraModel:
-        """160 x 120 px (paper), registered to the colour image."""
+        """Returns the depth camera: 160 x 120 px (paper), registered to the colour image."""
         return self.color_model().scaled_to(160, 120)
 
     def camera_mount(self) -> np.ndarray:
-        """T_base_optical, 4x4."""
+        """Returns T_base_optical, 4x4."""
         body = geometry.rotation_from_rpy(0.0, math.radians(self.camera_pitch), 0.0)
         return geometry.transform(body @ geometry.optical_rotation(), (self.camera_x, 0.0, self.camera_height))
 
@@ -267,7 +267,7 @@ class World:
     floor: Floor
     walls: Tuple[Wall, ...]
     furniture: Tuple[Furniture, ...]
-    patches: Tuple[Patch, ...]
+    patches: Tuple[FloorPatch, ...]
     lights: Tuple[Light, ...]
     cameras: Tuple[CeilingCamera, ...]
     robots: Tuple[Robot, ...]
@@ -275,7 +275,7 @@ class World:
     scenarios: Dict[str, Scenario] = field(default_factory=dict)
 
     def scenario(self, key: str) -> Scenario:
-        """The scenario of that name.
+        """Returns the scenario of that name.
 
         Raises:
             ParameterError: with the names there are; so do the next two.
@@ -283,11 +283,11 @@ class World:
         return self._one("scenario", key, self.scenarios)
 
     def camera(self, name: str) -> CeilingCamera:
-        """The ceiling camera of that name."""
+        """Returns the ceiling camera of that name."""
         return self._one("camera", name, {camera.name: camera for camera in self.cameras})
 
     def robot(self, name: str) -> Robot:
-        """The robot of that name."""
+        """Returns the robot of that name."""
         return self._one("robot", name, {robot.name: robot for robot in self.robots})
 
     def _one(self, what: str, name: str, known: Mapping[str, Any]) -> Any:
@@ -296,7 +296,7 @@ class World:
         return known[name]
 
     def robot_radii(self) -> Dict[str, float]:
-        """Radius [m] of each robot, by its name and by its namespace: people and topics call it by either."""
+        """Returns the radius [m] of each robot, by its name and by its namespace: people and topics call it by either."""
         radii = {robot.namespace.strip("/"): robot.radius for robot in self.robots}
         radii.update({robot.name: robot.radius for robot in self.robots})
         return radii
@@ -341,7 +341,7 @@ def world_from_mapping(document: Any, default_name: str = "world") -> World:
     if not isinstance(document, Mapping):
         raise ParameterError("world", "expected keys and values at the top of the file")
     lists: Dict[str, Type[Parameters]] = {
-        "walls": Wall, "furniture": Furniture, "patches": Patch, "lights": Light, "cameras": CeilingCamera, "robots": Robot,
+        "walls": Wall, "furniture": Furniture, "patches": FloorPatch, "lights": Light, "cameras": CeilingCamera, "robots": Robot,
     }
     known = ["name", "room", "floor", *lists, "projector", "scenarios"]
     for key in document:

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any, Dict, Optional
 
 
-class StateFile:
+class CheckpointFile:
     """One JSON document, written whole or not at all.
 
     Args:
@@ -33,7 +33,7 @@ class StateFile:
         os.replace(str(fresh), str(self._path))
 
     def read(self) -> Optional[Dict[str, Any]]:
-        """The document, or None if there is none of this run."""
+        """Reads the document; None if there is none of this run."""
         try:
             found = json.loads(self._path.read_text(encoding="utf-8"))
             if found["tag"] == self._tag and isinstance(found["document"], dict):

@@ -12,7 +12,7 @@ import numpy as np
 
 from vb_core.parameters import Parameters, param
 from vb_sim.room.bodies import AVERAGE, Build
-from vb_sim.room.models import load_models, section
+from vb_sim.room.models import load_models, read_section
 
 
 @dataclass(frozen=True)
@@ -43,7 +43,7 @@ class Optics(Parameters):
         return self.exposure_ms / self.reference_exposure_ms
 
     def response(self, color: str) -> np.ndarray:
-        """(3,) share of the laser's light behind the red, green and blue filter."""
+        """Returns the share (3,) of the laser's light behind the red, green and blue filter."""
         return np.array(self.green_response if color == "green" else self.red_response)
 
 
@@ -57,7 +57,7 @@ class CameraNoise(Parameters):
     frames: int = param(5, "", low=1, high=32)
 
     def sigma(self, level: Any) -> Any:
-        """Standard deviation [grey levels] at a brightness [grey levels]: read noise and photon noise."""
+        """Returns the standard deviation [grey levels] at a brightness [grey levels]: read noise and photon noise."""
         return np.sqrt(self.read_sigma**2 + np.maximum(level, 0.0) * 255.0 / self.full_well_e)
 
 
@@ -87,7 +87,7 @@ class CameraModels:
 
     @property
     def hand_height(self) -> float:
-        """[m] at which this person holds the pointer."""
+        """Height [m] at which this person holds the pointer."""
         return self.optics.pointer_height * self.body.height / AVERAGE.height
 
 
@@ -98,19 +98,19 @@ def load_camera_models(path: str) -> CameraModels:
         CodedError: "no_models" if there is no such file, "bad_models" if it is not YAML.
         ParameterError: names the key that is wrong.
     """
-    return camera_models(load_models(path))
+    return read_camera_models(load_models(path))
 
 
-def camera_models(document: Mapping[str, Any]) -> CameraModels:
-    """The same of a document that has been read."""
+def read_camera_models(document: Mapping[str, Any]) -> CameraModels:
+    """Reads the same sections of a document."""
     return CameraModels(
-        section(document, "optics", Optics),
-        section(document, "camera_noise", CameraNoise),
-        section(document, "robot_camera", RobotCamera),
-        section(document, "body", Build),
+        read_section(document, "optics", Optics),
+        read_section(document, "camera_noise", CameraNoise),
+        read_section(document, "robot_camera", RobotCamera),
+        read_section(document, "body", Build),
     )
 
 
-def generator(seed: int, name: str) -> np.random.Generator:
-    """Random numbers of one thing of the world: the same for the same seed and name."""
+def make_generator(seed: int, name: str) -> np.random.Generator:
+    """Makes the random numbers of one thing of the world: the same for the same seed and name."""
     return np.random.default_rng([int(seed) & 0xFFFFFFFF, zlib.crc32(name.encode("utf-8"))])

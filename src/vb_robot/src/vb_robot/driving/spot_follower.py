@@ -13,9 +13,9 @@ from typing import Optional, Tuple
 
 import numpy as np
 
-from vb_robot.dispatching.view import FloorView, to_base
-from vb_robot.dispatching.viewpoint import Pose
+from vb_robot.floor_view import FloorView
 from vb_robot.spots import Sighting
+from vb_robot.poses import Pose, to_base
 
 MAX_SPEED = 0.2  # [m/s] the paper's limit while a person guides the robot; also backwards, as fast as a spot is drawn
 MAX_TURN = 0.8  # [rad/s] a spot 1 m away that moves sideways at 0.5 m/s needs 0.5
@@ -29,7 +29,7 @@ DISTANCE_GAIN, TURN_GAIN = 0.8, 1.8  # [1/s]
 
 
 @dataclass(frozen=True)
-class Wish:
+class VelocityRequest:
     """What a behaviour requests: forward speed [m/s], turn rate [rad/s], and why, as a code."""
 
     v: float
@@ -37,7 +37,7 @@ class Wish:
     code: str = "drives"
 
 
-class Following:
+class SpotFollower:
     """Visual servoing on the spot that the robot's own camera sees.
 
     Attributes:
@@ -47,33 +47,33 @@ class Following:
 
     def __init__(self) -> None:
         self.view: Optional[FloorView] = None
-        self.forget()
-        self.rest()
+        self.clear()
+        self.stop()
 
     def add(self, sighting: Sighting) -> None:
         """Takes a spot of the robot's own camera."""
         self.seen, self._spot = sighting.stamp, np.array([sighting.position])  # (1, 2) [m] map frame
 
-    def forget(self) -> None:
+    def clear(self) -> None:
         """Forgets the spot: the state has ended, and what was seen in it guides no robot."""
         self.seen, self._spot = -math.inf, np.zeros((1, 2))
 
-    def rest(self) -> None:
-        """Rests: the robot does not follow now."""
+    def stop(self) -> None:
+        """Stops: the robot does not follow now."""
         self._turning, self._driving = False, 0  # driving: 1 forward, -1 back
 
-    def wish(self, pose: Optional[Pose]) -> Wish:
-        """The motion that keeps the spot in view of the robot at a pose (x, y, yaw), map frame; None: not known."""
+    def compute_request(self, pose: Optional[Pose]) -> VelocityRequest:
+        """Computes the motion that keeps the spot in view of the robot at a pose; None: the pose is not known."""
         if self.view is None:
-            return Wish(0.0, 0.0, "no_camera")
+            return VelocityRequest(0.0, 0.0, "no_camera")
         if pose is None or not math.isfinite(self.seen):
-            self.rest()
-            return Wish(0.0, 0.0, "spot_gone")
+            self.stop()
+            return VelocityRequest(0.0, 0.0, "spot_gone")
         v, w = self._servo(to_base(self._spot, pose)[0], self.view)
-        return Wish(min(max(v, -MAX_SPEED), MAX_SPEED), w, "drives" if v or w else "spot_in_view")
+        return VelocityRequest(min(max(v, -MAX_SPEED), MAX_SPEED), w, "drives" if v or w else "spot_in_view")
 
     def _servo(self, spot: np.ndarray, view: FloorView) -> Tuple[float, float]:
-        """(v, w) [m/s, rad/s] for a spot (2,) [m] in the base frame."""
+        """Computes (v, w) [m/s, rad/s] for a spot (2,) [m] in the base frame."""
         bearing = math.atan2(spot[1], spot[0])
         distance = float(np.hypot(*spot))
         # share of half the image's width by which the spot is off-centre; 2 where it is behind the camera
@@ -87,9 +87,9 @@ class Following:
             self._driving = 1
         elif distance < NEAR_DISTANCE:
             self._driving = -1
-        elif (self._driving == 1 and distance <= GOOD_DISTANCE) or (
-            self._driving == -1 and distance >= BACK_TO_DISTANCE
-        ):
+        elif self._driving == 1 and distance <= GOOD_DISTANCE:
+            self._driving = 0
+        elif self._driving == -1 and distance >= BACK_TO_DISTANCE:
             self._driving = 0
         # while it drives it also steers: the spot ahead stays ahead
         w = TURN_GAIN * bearing if self._turning or self._driving == 1 else 0.0

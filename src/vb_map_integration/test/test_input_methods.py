@@ -12,7 +12,7 @@ from vb_core.errors import CodedError
 from vb_map_integration.borders import editing
 from vb_map_integration.border import MAX_POINTS, VirtualBorder
 from vb_map_integration.borders.clicks import ClickParams, Clicks
-from vb_map_integration.grid.costmap_settings import soft_value_issue
+from vb_map_integration.grid.costmap_settings import check_soft_value
 from vb_map_integration.borders.geojson import borders_from_geojson, borders_to_geojson
 
 sys.path.insert(0, str(Path(__file__).resolve().parent))
@@ -73,7 +73,7 @@ def test_clicks_can_be_taken_back():
 
 
 @pytest.mark.parametrize("point", [(np.nan, 0), (0, np.inf), (1e9, 0), (0, 0, 0), "ab"])
-def test_what_is_no_click_is_refused(point):
+def test_what_is_not_a_click_is_refused(point):
     clicks = Clicks()
     clicks.click((0, 0))
     try:
@@ -123,10 +123,10 @@ def test_vertices_are_moved_inserted_and_removed():
 def test_a_drawn_chain_is_thinned_out_for_editing():
     angles = np.linspace(0, 2 * np.pi, 400, endpoint=False)
     circle = VirtualBorder(np.column_stack([np.cos(angles), np.sin(angles)]), (0, 0), closed=True, id="b3", name="rug")
-    thin = editing.simplified(circle, 0.02)
+    thin = editing.simplify(circle, 0.02)
     assert 8 < len(thin.points) < 40 and (thin.id, thin.name) == ("b3", "rug")
     assert abs(np.linalg.norm(thin.points, axis=1) - 1).max() < 1e-9
-    assert editing.simplified(SQUARE, 5.0).points.tolist() == SQUARE.points.tolist()
+    assert editing.simplify(SQUARE, 5.0).points.tolist() == SQUARE.points.tolist()
 
 
 @pytest.mark.parametrize("closed", [True, False])
@@ -190,9 +190,9 @@ def test_bad_geojson_is_refused(code, document):
 def test_a_trinary_costmap_is_blind_to_soft_values():
     layers = [{"name": "walls", "type": "costmap_2d::StaticLayer"}, {"name": "x", "type": "costmap_2d::InflationLayer"}]
     good = {"plugins": layers, "walls": {"trinary_costmap": False}}
-    assert soft_value_issue(75, {"global_costmap": good, "local_costmap": None}) is None
-    assert soft_value_issue(100, {"global_costmap": {}}) is None
-    found = soft_value_issue(75, {"global_costmap": {"plugins": layers}, "local_costmap": good})
+    assert check_soft_value(75, {"global_costmap": good, "local_costmap": None}) is None
+    assert check_soft_value(100, {"global_costmap": {}}) is None
+    found = check_soft_value(75, {"global_costmap": {"plugins": layers}, "local_costmap": good})
     assert found.code == "soft_border_ignored" and "global_costmap" in found.message and "local" not in found.message
     for odd in ({"plugins": None}, {"plugins": ["x"], "static_layer": 3}, "x"):
-        soft_value_issue(50, {"global_costmap": odd})
+        check_soft_value(50, {"global_costmap": odd})

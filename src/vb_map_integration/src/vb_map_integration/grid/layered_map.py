@@ -1,4 +1,4 @@
-"""The posterior map, always computed from the physical map and all regions that act."""
+"""The posterior map, always computed from the physical map and all regions that are in force."""
 from __future__ import annotations
 
 from dataclasses import dataclass
@@ -31,23 +31,23 @@ class Region:
 
     @classmethod
     def of(cls, area: Area) -> "Region":
-        """The region of an area."""
+        """Packs an area into a region."""
         return cls(area.window, np.packbits(area.mask), area.value, area.over_unknown, area.area_m2)
 
     @property
     def mask(self) -> np.ndarray:
-        """(h, w) uint8 mask of the window."""
+        """The mask (h, w) uint8 of the window."""
         rows, columns = self.window
         shape = rows.stop - rows.start, columns.stop - columns.start
         bits = np.unpackbits(self.bits, count=shape[0] * shape[1]).reshape(shape)
         return np.negative(bits, out=bits)  # 1 becomes 255
 
-    def paint(self, cells: np.ndarray) -> None:
+    def apply(self, cells: np.ndarray) -> None:
         """Raises the cells (H, W) int8 in place."""
         raster.paint(cells[self.window], self.mask, self.value, self.over_unknown)
 
-    def paint_within(self, cells: np.ndarray, window: raster.Window) -> None:
-        """`paint`, limited to a window of the map."""
+    def apply_within(self, cells: np.ndarray, window: raster.Window) -> None:
+        """Applies the region to a window of the map."""
         rows, columns = (_overlap(own, other) for own, other in zip(self.window, window))
         if rows is None or columns is None:
             return
@@ -58,8 +58,8 @@ class Region:
         raster.paint(cells[rows, columns], part, self.value, self.over_unknown)
 
 
-class Composition:
-    """Physical map plus regions by border id. It never changes: `changed` returns a new one.
+class LayeredMap:
+    """Physical map plus regions by border id. It never changes: `with_regions` returns a new one.
 
     The order of the regions does not matter, as none lowers a cell. Adding one costs the same however many there
     are; removing one checks only those that overlap its window.
@@ -75,12 +75,12 @@ class Composition:
         self._regions: Dict[str, Region] = {}
 
     def area_m2(self, key: str) -> float:
-        """[m^2] that a region restricts; 0 if it does not act."""
+        """Returns the area [m^2] that a region restricts; 0 if there is no such region."""
         return self._regions[key].area_m2 if key in self._regions else 0.0
 
-    def changed(self, changes: Mapping[str, Optional[Region]]) -> "Composition":
-        """The composition with some regions added or replaced, and those left out whose value is None."""
-        result = Composition(self.physical)
+    def with_regions(self, changes: Mapping[str, Optional[Region]]) -> "LayeredMap":
+        """Returns the map with some regions added or replaced, and without those whose value is None."""
+        result = LayeredMap(self.physical)
         result._regions = {key: region for key, region in self._regions.items() if key not in changes}
         cells = np.array(self.posterior.data, order="C")
         for key in changes:
@@ -88,11 +88,11 @@ class Composition:
             if old is not None:
                 cells[old.window] = self.physical.data[old.window]
                 for region in result._regions.values():
-                    region.paint_within(cells, old.window)
+                    region.apply_within(cells, old.window)
         for key, region in changes.items():
             if region is not None:
                 result._regions[key] = region
-                region.paint(cells)
+                region.apply(cells)
         result.posterior = self.physical.with_data(cells)
         return result
 

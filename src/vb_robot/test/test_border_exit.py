@@ -67,7 +67,7 @@ def drive(posterior, physical, pose, ranges=OPEN, seconds=90.0):
     watch = Workspace(posterior, physical, RADIUS)
     for _ in range(int(seconds / DT)):
         rig.step()
-        if watch.distance_to_keepout(rig.pose[:2]) >= RADIUS + MARGIN - 1e-6:
+        if watch.distance_to_keep_out(rig.pose[:2]) >= RADIUS + MARGIN - 1e-6:
             return True, np.array(rig.poses), ""
         if rig.driver.exit.failed:
             return False, np.array(rig.poses), rig.driver.exit.failed
@@ -76,7 +76,7 @@ def drive(posterior, physical, pose, ranges=OPEN, seconds=90.0):
 
 @settings(max_examples=8, deadline=None)
 @given(st.floats(3.9, 5.1), st.floats(0.9, 2.1), st.floats(-3.14, 3.14))
-def test_leaves_a_carpet_by_about_the_shortest_way(x, y, yaw):
+def test_leaves_a_carpet_by_about_the_shortest_path(x, y, yaw):
     physical = room()
     free, poses, why = drive(restricted(physical, square(physical, 4.0, 1.0, 5.0, 2.0)), physical, (x, y, yaw))
     assert free, why
@@ -93,7 +93,7 @@ def test_everything_but_a_corner_is_restricted():
     free, poses, why = drive(posterior, physical, (2.0, 1.0, 2.0))
     assert free, why
     assert poses[-1, 0] > 4.2 and poses[-1, 1] > 3.6
-    gap = min(Workspace(physical, physical, RADIUS).distance_to_anything(pose) for pose in poses)
+    gap = min(Workspace(physical, physical, RADIUS).distance_to_blocked(pose) for pose in poses)
     assert gap >= RADIUS, "it does not touch the wall"
 
 
@@ -101,18 +101,17 @@ def test_gap_between_border_and_wall_is_no_place_to_end():
     physical = room()
     # 0.6 m are left to the right wall: the robot fits in, but out of there nothing leads
     posterior = restricted(physical, square(physical, 3.0, 0.0, 5.35, 5.0))
-    route = ExitPlanner(Workspace(posterior, physical, RADIUS), RADIUS, (5.1, 2.5)).route((5.1, 2.5))
+    route = ExitPlanner(Workspace(posterior, physical, RADIUS), RADIUS, (5.1, 2.5)).plan_path((5.1, 2.5))
     assert route is not None and route[-1, 0] < 3.0
 
 
-def test_no_allowed_floor_and_no_way():
+def test_no_allowed_floor_and_no_path():
     physical = room()
-    assert (
-        ExitPlanner(Workspace(restricted(physical, np.ones(physical.shape, bool)), physical, RADIUS), RADIUS, (1, 1)).route((1, 1)) is None
-    )
+    full = Workspace(restricted(physical, np.ones(physical.shape, bool)), physical, RADIUS)
+    assert ExitPlanner(full, RADIUS, (1, 1)).plan_path((1, 1)) is None
     shut = physical.with_data(np.where(np.arange(120) == 60, 100, physical.data).astype(np.int8))
     posterior = restricted(shut, square(shut, 3.05, 0.0, 6.0, 5.0))
-    assert ExitPlanner(Workspace(posterior, shut, RADIUS), RADIUS, (4.0, 2.0)).route((4.0, 2.0)) is None
+    assert ExitPlanner(Workspace(posterior, shut, RADIUS), RADIUS, (4.0, 2.0)).plan_path((4.0, 2.0)) is None
 
 
 def swallowed(ranges=OPEN, pose=(4.5, 1.5, 0.0)):
@@ -141,11 +140,11 @@ def test_waits_while_somebody_draws_and_keeps_navigations_goal_for_afterwards():
     rig.driver.goal_runs = True
     driven = []
     while not driven or driven[-1].driver == "leave":
-        rig.driver.wish("navigation", 0.0, 0.5, rig.now + DT)  # its recovery turns the robot, in vain
+        rig.driver.request("navigation", 0.0, 0.5, rig.now + DT)  # its recovery turns the robot, in vain
         driven.append(rig.step())
         assert rig.now < 130.0
     assert driven[-1].driver == "navigation" and not any(command.cancel for command in driven)
-    assert Workspace(*rig.maps, RADIUS).distance_to_keepout(rig.pose[:2]) >= RADIUS + MARGIN - 1e-6
+    assert Workspace(*rig.maps, RADIUS).distance_to_keep_out(rig.pose[:2]) >= RADIUS + MARGIN - 1e-6
 
 
 def test_without_a_new_map_nobody_is_driven_out_of_free_floor():
@@ -153,13 +152,13 @@ def test_without_a_new_map_nobody_is_driven_out_of_free_floor():
     assert all(rig.step().driver == "nobody" for _ in range(40))
 
 
-def test_a_robot_that_was_brought_near_a_border_is_left_to_whoever_brought_it():
+def test_a_robot_that_was_brought_near_a_border_is_left_to_the_one_that_brought_it():
     rig = swallowed(pose=(2.0, 4.0, 0.0))
     rig.step()
     rig.pose = (4.0 - RADIUS + 0.01, 1.5, 0.0)
     rig.driver.goal_runs = True
     for _ in range(40):
-        rig.driver.wish("navigation", -0.1, 0.0, rig.now + DT)
+        rig.driver.request("navigation", -0.1, 0.0, rig.now + DT)
         assert rig.step().driver == "navigation"
 
 
@@ -172,7 +171,7 @@ def test_a_robot_too_near_for_navigation_to_plan_is_helped_away_and_keeps_its_go
     commands = [rig.step() for _ in range(160)]
     assert {command.driver for command in commands} == {"nobody", "leave"} and not any(c.cancel for c in commands)
     assert rig.pose[0] < 4.0 - RADIUS - MARGIN + 0.05, "to a cell"
-    rig.driver.wish("navigation", 0.1, 0.0, rig.now + DT)
+    rig.driver.request("navigation", 0.1, 0.0, rig.now + DT)
     assert rig.step().driver == "navigation"
 
 
@@ -183,6 +182,6 @@ def test_navigation_that_wants_to_go_on_into_a_border_is_helped_away_too():
     rig.driver.goal_runs = True
     drivers = set()
     for _ in range(100):
-        rig.driver.wish("navigation", 0.2, 0.1, rig.now + DT)
+        rig.driver.request("navigation", 0.2, 0.1, rig.now + DT)
         drivers.add(rig.step().driver)
     assert "leave" in drivers and max(pose[0] for pose in rig.poses) < 4.0 - RADIUS + 0.03

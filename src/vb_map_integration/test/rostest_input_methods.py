@@ -66,10 +66,10 @@ class Handles:
         self.send(name, InteractiveMarkerFeedback.MENU_SELECT, entry=entry)
 
 
-class WaysInTest(unittest.TestCase):
+class InputMethodsTest(unittest.TestCase):
     @classmethod
     def setUpClass(cls):
-        rospy.init_node("rostest_ways_in")
+        rospy.init_node("rostest_input_methods")
         cls.grid = lab()
         cls.maps = Latest("/virtual_borders/map", OccupancyGridArray)
         cls.borders = Latest("/virtual_borders/borders", VirtualBorderArray)
@@ -275,4 +275,4 @@ class WaysInTest(unittest.TestCase):
 
 
 if __name__ == "__main__":
-    rostest.rosrun("vb_map_integration", "ways_in", WaysInTest)
+    rostest.rosrun("vb_map_integration", "input_methods", InputMethodsTest)

@@ -15,8 +15,8 @@ _FREE, _UNKNOWN, _WALL, _OLD, _BORDER = (255, 255, 255), (210, 210, 210), (60, 6
 _MAX_PIXELS = 1000
 
 
-def map_picture(old: Optional[GridMap], new: GridMap, transform: Transform, borders: Iterable[VirtualBorder]) -> bytes:
-    """PNG: the new map in grey, the old one's obstacles in blue, borders in red.
+def draw_map_overlay(old: Optional[GridMap], new: GridMap, transform: Transform, borders: Iterable[VirtualBorder]) -> bytes:
+    """Draws a PNG: the new map in grey, the old one's obstacles in blue, borders in red.
 
     Args:
         transform: from the old map's frame to the new one's.

@@ -9,8 +9,8 @@ from __future__ import annotations
 import math
 from typing import Optional, Tuple
 
-from vb_robot.dispatching.viewpoint import Pose
-from vb_robot.driving.following import Wish
+from vb_robot.driving.spot_follower import VelocityRequest
+from vb_robot.poses import Pose
 
 TO_AND_FRO = 3  # changes of direction; one or two are corrections
 SOON = 5.0  # [s] after the one before, or it is another turn
@@ -20,35 +20,35 @@ TURN = 0.5  # [rad/s]
 ENOUGH = 0.6 * math.pi  # [rad] from facing away: the path is beside the robot, and on its way to be ahead
 
 
-class Turning:
-    """Navigation's wishes, with turns to and fro finished."""
+class TurnFinisher:
+    """Passes navigation's requests on, and finishes turns that it makes to and fro."""
 
     def __init__(self) -> None:
         self._spot: Optional[Tuple[float, float]] = None
         self._direction, self._changes, self._changed_at = 0.0, 0, -math.inf
         self._left, self._yaw = 0.0, 0.0  # [rad] of a turn that is kept up, and the heading so far
 
-    def wish(self, now: float, wish: Wish, pose: Optional[Pose]) -> Wish:
-        """What navigation wishes at a time [s], or the turn that is kept up.
+    def finish(self, now: float, request: VelocityRequest, pose: Optional[Pose]) -> VelocityRequest:
+        """Returns what navigation requests at a time [s], or the turn that is kept up.
 
         Args:
             pose: (x, y, yaw) [m, m, rad]; without one nothing is kept up.
         """
-        if pose is None or abs(wish.v) > SLOW or self._spot is None or math.dist(self._spot, pose[:2]) > SPOT:
+        if pose is None or abs(request.v) > SLOW or self._spot is None or math.dist(self._spot, pose[:2]) > SPOT:
             self._spot = pose[:2] if pose is not None else None
             self._direction, self._changes, self._left = 0.0, 0, 0.0
-            return wish
-        if wish.w == 0.0:
-            return wish  # navigation wants to stop
+            return request
+        if request.w == 0.0:
+            return request  # navigation wants to stop
         if self._left > 0.0:
             self._left -= abs(math.remainder(pose[2] - self._yaw, 2.0 * math.pi))
             self._yaw = pose[2]
             if self._left > 0.0:
-                return Wish(0.0, math.copysign(max(abs(wish.w), TURN), self._direction))
-        elif wish.w * self._direction < 0.0:
+                return VelocityRequest(0.0, math.copysign(max(abs(request.w), TURN), self._direction))
+        elif request.w * self._direction < 0.0:
             self._changes = self._changes + 1 if 0.0 <= now - self._changed_at <= SOON else 1
             self._changed_at = now
             if self._changes == TO_AND_FRO:
                 self._changes, self._left, self._yaw = 0, ENOUGH, pose[2]
-        self._direction = math.copysign(1.0, wish.w)
-        return wish
+        self._direction = math.copysign(1.0, request.w)
+        return request

@@ -1,4 +1,4 @@
-"""What a border would do to a robot's paths."""
+"""What a robot can reach in a map, and what a border would cut off."""
 from __future__ import annotations
 
 from dataclasses import dataclass
@@ -27,7 +27,7 @@ class Reachability:
     unreachable: Tuple[int, ...]
 
 
-def ways(
+def check_reachability(
     grid: GridMap,
     goals: Sequence[Sequence[float]] = (),
     robot: Optional[Sequence[float]] = None,
@@ -35,7 +35,7 @@ def ways(
     min_component_m2: float = 0.1,
     occupied_threshold: int = OCCUPIED_FROM,
 ) -> Reachability:
-    """The parts of the free space, and the goals in a different part than the robot.
+    """Counts the parts of the free space, and finds the goals in a different part than the robot.
 
     Args:
         goals: (N, 2) [m].
@@ -69,7 +69,7 @@ def ways(
 
 
 def _coarser(free: np.ndarray, factor: int) -> np.ndarray:
-    """(H, W) uint8 mask with cells `factor` times as large; one is set only where all are."""
+    """Makes a mask (H, W) uint8 with cells `factor` times as large; one is set only where all are."""
     rows, columns = (-(-size // factor) for size in free.shape)
     padded = cv2.copyMakeBorder(
         free, 0, rows * factor - free.shape[0], 0, columns * factor - free.shape[1], cv2.BORDER_CONSTANT, value=0

@@ -30,13 +30,13 @@ class FloorView:
 
     @classmethod
     def usual(cls) -> "FloorView":
-        """The view of an ideal camera of 58 degrees, 0.45 m above the floor and 30 degrees downwards."""
+        """Makes the view of an ideal camera of 58 degrees, 0.45 m above the floor and 30 degrees downwards."""
         rotation = geometry.rotation_from_rpy(0.0, math.radians(30.0), 0.0) @ geometry.optical_rotation()
         focal = 320.0 / math.tan(math.radians(29.0))
         return cls(CameraModel.ideal(640, 480, focal), geometry.transform(rotation, (0.10, 0.0, 0.45)))
 
     def pixels(self, points: np.ndarray) -> np.ndarray:
-        """(N, 2) [px] of floor points (N, 2) [m] in the base frame; NaN far outside of the image."""
+        """Projects floor points (N, 2) [m], base frame, to pixels (N, 2) [px]; NaN far outside of the image."""
         points = np.asarray(points, dtype=float).reshape(-1, 2)
         points = geometry.apply(self._T_camera_base, np.column_stack([points, np.zeros(len(points))]))
         ahead = (points[:, 2] > 1e-6) & (np.hypot(points[:, 0], points[:, 1]) <= self._widest * points[:, 2])
@@ -45,7 +45,7 @@ class FloorView:
         return pixels
 
     def sees(self, points: np.ndarray, margin: Union[float, np.ndarray] = 0.0) -> np.ndarray:
-        """(N,) bool: which floor points (N, 2) [m], base frame, are in the image and within range.
+        """Tells (N,) bool which floor points (N, 2) [m], base frame, are in the image and within range.
 
         Args:
             margin: how far from the image's edges, as a fraction of its width and height, or (2,) of each; 0.5 leaves
@@ -58,22 +58,3 @@ class FloorView:
         with np.errstate(invalid="ignore"):
             inside = ((pixels >= edges - 0.5) & (pixels <= np.array([width, height]) - 0.5 - edges)).all(axis=1)
         return inside & (np.hypot(points[:, 0], points[:, 1]) <= self.max_range)
-
-
-def to_base(points: np.ndarray, pose) -> np.ndarray:
-    """Map points (N, 2) [m] in the base frame of a robot at pose (x, y, yaw); inverse of `to_map`."""
-    x, y, yaw = pose
-    c, s = math.cos(yaw), math.sin(yaw)
-    return (np.asarray(points, dtype=float).reshape(-1, 2) - (x, y)) @ np.array([[c, -s], [s, c]])
-
-
-def to_map(points: np.ndarray, pose) -> np.ndarray:
-    """Base-frame points (N, 2) [m] of a robot at pose (x, y, yaw) in the map frame; inverse of `to_base`."""
-    x, y, yaw = pose
-    c, s = math.cos(yaw), math.sin(yaw)
-    return np.asarray(points, dtype=float).reshape(-1, 2) @ np.array([[c, s], [-s, c]]) + (x, y)
-
-
-def pose_distance(a, b) -> float:
-    """[m] between two poses (x, y, yaw); a turn counts as what a point 0.2 m off the axis moves."""
-    return math.dist(a[:2], b[:2]) + 0.2 * abs(geometry.wrap_angle(a[2] - b[2]))

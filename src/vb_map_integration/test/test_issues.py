@@ -57,21 +57,21 @@ def test_a_curve_within_a_closed_box_separates_nothing_for_a_seed_outside():
     assert caught.value.code == "no_separation"
 
 
-def test_a_dock_inside_is_said():
+def test_a_dock_inside_is_reported():
     keeper = integrator(dock=at((20, 20))[0].tolist())
     assert [found.code for found in keeper.add(square(10, 10), 1.0).issues] == ["dock_inside"]
     assert [found.code for found in keeper.add(square(60, 10), 2.0).issues] == []
 
 
-def test_nothing_left_for_the_robot_is_said():
+def test_no_free_space_left_for_the_robot_is_reported():
     keeper = integrator()
     everything = VirtualBorder(at((-5, -5), (170, -5), (170, 130), (-5, 130)), at((80, 60))[0], closed=True)
     found = [one.code for one in keeper.add(everything, 1.0).issues]
-    assert {"outside_map", "nearly_everything", "no_free_space_left"} == set(found)
+    assert {"outside_map", "covers_nearly_all", "no_free_space_left"} == set(found)
 
 
 @pytest.mark.parametrize("occupancy, code", [(0.0, "no_effect"), (0.01, None), (1.0, None)])
-def test_a_border_without_effect_is_said(occupancy, code):
+def test_a_border_without_effect_is_reported(occupancy, code):
     found = codes_of([(1, 1), (2, 1), (2, 2), (1, 2)], (1.5, 1.5), occupancy=occupancy, closed=True)
     assert found == ([code] if code else [])
 
@@ -82,7 +82,7 @@ def test_a_curve_that_starts_and_ends_at_one_table_restricts_what_it_cuts_off():
     assert codes_of([(3.5, 2.6), (3.5, 3.2), (4.5, 3.2), (4.5, 2.6)], (4.0, 2.9), boxes=[table], closed=False) == []
 
 
-def test_both_ends_in_unknown_space_are_said():
+def test_both_ends_in_unknown_space_are_reported():
     prior, _ = world(ROOMS["rectangle"], (0.0, 0.0, 0.0))
     data = prior.data.copy()
     data[data == 100] = -1  # a room whose walls nobody has seen
