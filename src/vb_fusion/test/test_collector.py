@@ -6,12 +6,12 @@ import pytest
 
 from vb_fusion.extraction import ExtractionParams
 from vb_fusion.live_extraction import LiveExtractor, extract_chain
-from vb_fusion.spots.collector import Collector, CollectorParams, Spot
+from vb_fusion.spots.collector import Collector, CollectorParams, FloorSpot
 from vb_fusion.spots.spot_log import SpotLog
 
 
 def spot(stamp, x=0.0, y=0.0, camera="red"):
-    return Spot(stamp, x, y, camera)
+    return FloorSpot(stamp, x, y, camera)
 
 
 def test_collects_in_border_and_seed_only():

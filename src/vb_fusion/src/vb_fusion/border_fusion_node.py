@@ -19,8 +19,8 @@ from vb_core.ros import node, parameters
 from vb_core.ros.messages import points_from_array, values_from_mapping
 from vb_core.ros.notices import NoticePublisher
 from vb_fusion.extraction import ExtractionParams
-from vb_fusion.live_extraction import DrawnBorder, LiveExtractor, evenly, extract_chain, extract_seed_of
-from vb_fusion.spots.collector import BORDER, SEED, Collector, CollectorParams, Spot
+from vb_fusion.live_extraction import DrawnBorder, LiveExtractor, extract_chain, extract_seed_of
+from vb_fusion.spots.collector import BORDER, SEED, Collector, CollectorParams, FloorSpot
 from vb_fusion.spots.spot_log import SpotLog
 from vb_msgs.msg import BorderProgress, InteractionState, LaserSpot, VirtualBorder
 from vb_msgs.srv import GetDrawnBorder, GetDrawnBorderResponse
@@ -149,7 +149,7 @@ class BorderFusionNode:
                 self._wrong_camera = message.camera
             return
         position = message.position
-        spot = Spot(
+        spot = FloorSpot(
             message.header.stamp.to_sec(), position.x, position.y, message.camera, float(message.confidence),
             bool(message.mobile),
         )
@@ -226,7 +226,7 @@ class BorderFusionNode:
         message.interaction_id = collection.interaction_id
         message.border_spots, message.seed_spots = border, seed
         message.ignored_spots = ignored + self._wrong_frame
-        shown = evenly(collection.border, self._params.max_points)
+        shown = subsample_evenly(collection.border, self._params.max_points)
         message.points = points_from_array(shown[:, 1:3])
         message.point_cameras = bytes(np.minimum(shown[:, 4], 255).astype(np.uint8))
         message.cameras = collection.cameras
@@ -236,7 +236,7 @@ class BorderFusionNode:
             message.chain = points_from_array(chain.points)
             message.closed = chain.closed
             message.left_out_spots = chain.left_out_spots
-            message.left_out = points_from_array(evenly(chain.left_out, self._params.max_points))
+            message.left_out = points_from_array(subsample_evenly(chain.left_out, self._params.max_points))
             message.code, message.message = "ok", chain.reason
             message.values = values_from_mapping(chain.values)
         if seed is not None:
@@ -283,7 +283,7 @@ class BorderFusionNode:
         return response
 
     def close(self) -> None:
-        """Ends the worker and the journal."""
+        """Ends the worker and the spot log."""
         self._closing = True
         self._changed.set()
         with self._lock:

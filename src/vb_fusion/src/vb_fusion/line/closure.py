@@ -25,7 +25,7 @@ CAME_BACK = 0.5  # opening in widths of the figure: the end is nearer to the sta
 
 
 @dataclass(frozen=True)
-class Closing:
+class Closure:
     """The decision on one line.
 
     Attributes:
@@ -43,8 +43,8 @@ class Closing:
     values: Dict[str, str] = field(default_factory=dict)
 
 
-def decide(points: np.ndarray, kind: str = "decide") -> Closing:
-    """Closed or open?
+def classify_closure(points: np.ndarray, kind: str = "decide") -> Closure:
+    """Decides whether a line is a polygon or a separating curve.
 
     Args:
         points: (M, 2) [m], the line as drawn, M >= 2.
@@ -57,7 +57,7 @@ def decide(points: np.ndarray, kind: str = "decide") -> Closing:
     straight = len(points) < 3 or length == 0.0
     if kind == "curve" or straight:
         code = "open_requested" if kind == "curve" else "open_two_points"
-        return Closing(False, code, apart, 0, end, _values(apart, length))
+        return Closure(False, code, apart, 0, end, _values(apart, length))
     first, last, opening = _without_overhang(points, length)
     cut = points[first : last + 1]
     gap = float(np.linalg.norm(cut[-1] - cut[0]))
@@ -76,8 +76,8 @@ def decide(points: np.ndarray, kind: str = "decide") -> Closing:
         else:
             code = "closed_cut" if last - first < end else "closed_gap"
     if code.startswith("open"):
-        return Closing(False, code, apart, 0, end, _values(apart, length))
-    return Closing(True, code, gap, first, last, _values(gap, kept))
+        return Closure(False, code, apart, 0, end, _values(apart, length))
+    return Closure(True, code, gap, first, last, _values(gap, kept))
 
 
 def _widest(points: np.ndarray) -> float:
