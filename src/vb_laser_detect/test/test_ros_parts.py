@@ -94,7 +94,7 @@ def test_ceiling_cameras_that_share_a_frame_are_named():
         report = DetectorDiagnostics.__new__(DetectorDiagnostics)
         report._camera, report._mobile, report._others, report._lock = "red", mobile, {}, threading.Lock()
         for camera, robots in (("green", False), ("robot", True), ("red", False)):
-            report.hear(DetectorStatus(camera=camera, mobile=robots, frame_id="head_camera"))
+            report.note_detector(DetectorStatus(camera=camera, mobile=robots, frame_id="head_camera"))
         return report
 
     error = report_of(False).shared_frame("head_camera")
@@ -119,14 +119,14 @@ def test_a_missing_pose_is_logged_once_it_has_lasted_then_on_change_and_ever_mor
 def test_an_image_without_a_place_is_freed_at_once():
     """Thirty megabytes a second would wait for the garbage collector otherwise."""
     class Unplaced:
-        def frame(self, *_arguments):
+        def geometry_of(self, *_arguments):
             try:
                 raise KeyError("tf")
             except KeyError:
                 raise CodedError("no_transform", "no pose") from None
 
     node = spot_detector_node.SpotDetectorNode.__new__(spot_detector_node.SpotDetectorNode)
-    node._placing, node._report = Unplaced(), Faults()
+    node._camera_geometry, node._report = Unplaced(), Faults()
 
     def search():
         image = np.zeros((4, 4), np.uint8)
@@ -143,7 +143,7 @@ def test_an_image_without_a_place_is_freed_at_once():
 
 def test_counts_are_the_status_s_fields():
     counts = DetectorCounts()
-    counts.frame(10.0, 9.98, 0.002, 1)
+    counts.count_image(10.0, 9.98, 0.002, 1)
     status = DetectorStatus(camera="red", **counts.summary(10.5))
     assert (status.processed, status.spots, status.refusals) == (1, 1, []) and status.rate_hz > 0.0
 
@@ -161,8 +161,8 @@ def test_a_clock_that_was_right_says_nothing_once_its_computer_is_silent():
 def test_a_calibration_sees_spots_as_the_camera_s_detector_does(monkeypatch):
     monkeypatch.setattr(rospy, "get_param", lambda name, default=None: {
         "/spot_detector_red/detector": {"min_rise": 11.0, "max_spots": 2}}.get(name, default))
-    assert calibrate_camera_node.tuned_params("red").min_rise == 11.0
-    assert calibrate_camera_node.tuned_params("green") == DetectorParams.stationary()
+    assert calibrate_camera_node.detector_params_of("red").min_rise == 11.0
+    assert calibrate_camera_node.detector_params_of("green") == DetectorParams.stationary()
 
 
 @pytest.mark.parametrize("kind, shape, encoding", [

@@ -19,7 +19,7 @@ from vb_core.ros import node, parameters
 from vb_core.ros.messages import points_from_array, values_from_mapping
 from vb_core.ros.notices import NoticePublisher
 from vb_fusion.extraction import ExtractionParams
-from vb_fusion.live_extraction import DrawnBorder, LiveExtractor, extract_chain, extract_seed_of
+from vb_fusion.live_extraction import DrawnBorder, LiveExtractor, extract_chain, extract_seed_of, subsample_evenly
 from vb_fusion.spots.collector import BORDER, SEED, Collector, CollectorParams, FloorSpot
 from vb_fusion.spots.spot_log import SpotLog
 from vb_msgs.msg import BorderProgress, InteractionState, LaserSpot, VirtualBorder
@@ -87,7 +87,7 @@ class BorderFusionNode:
         self._spot_subscriber = rospy.Subscriber(
             names.SPOTS, LaserSpot, self._on_spot, queue_size=400, tcp_nodelay=True
         )
-        self._service = rospy.Service(names.CANDIDATE, GetDrawnBorder, self._on_candidate)
+        self._service = rospy.Service(names.GET_DRAWN_BORDER, GetDrawnBorder, self._on_candidate)
         self._worker = threading.Thread(target=self._work, daemon=True)
         self._worker.start()
 
@@ -271,7 +271,7 @@ class BorderFusionNode:
             return response
         values = {"vertices": len(chain.points), "length": f"{chain.length:.2f}", "reason": chain.reason}
         response.success, response.code = True, "ok"
-        response.message = sentences.say("candidate_ready", values)
+        response.message = sentences.say("drawn_border_ready", values)
         response.values = values_from_mapping(values)
         border = response.border
         border.points = points_from_array(chain.points)
@@ -301,5 +301,5 @@ def build() -> BorderFusionNode:
 
 
 def main() -> None:
-    """Entry point of the executable."""
+    """Runs the node."""
     node.run("border_fusion", build)

@@ -166,7 +166,7 @@ def _no_line(seen: Observations, params: ExtractionParams) -> ExtractionError:
 
 
 def _paper(seen: Observations, params: ExtractionParams) -> BorderChain:
-    """Sect. 4.3.2, the three stages in turn; it also decides on closed or open, which the paper does not."""
+    """Runs the three stages of Sect. 4.3.2; also decides on closed or open, which the paper does not."""
     cluster = find_cluster(seen.points, params.eps, params.min_pts, params.min_exp, params.max_exp, params.min_size)
     if cluster.size == 0:
         raise _no_line(seen, params)

@@ -94,9 +94,8 @@ class LiveExtractor:
         if not (border_new or seed_new) or (clock() < self._not_before and not force):
             return self.candidate
         started = clock()
-        chain, seed, no_chain, no_seed = (
-            self.candidate.chain, self.candidate.seed, self.candidate.no_chain, self.candidate.no_seed
-        )
+        chain, no_chain = self.candidate.chain, self.candidate.no_chain
+        seed, no_seed = self.candidate.seed, self.candidate.no_seed
         if border_new:
             try:
                 chain, no_chain = self._chain(collection), None

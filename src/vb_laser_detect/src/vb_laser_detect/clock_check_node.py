@@ -14,7 +14,7 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from vb_core.errors import CodedError, ParameterError
 from vb_core.parameters import Parameters, param
 from vb_core.ros import parameters
-from vb_laser_detect.calibration.clock_offset import ClockOffset, Exchange, clock_offset
+from vb_laser_detect.calibration.clock_offset import ClockOffset, Exchange, estimate_clock_offset
 from vb_msgs.srv import GetTime
 
 
@@ -94,7 +94,7 @@ class ClockCheckNode:
                 sent = time.time()
                 answer: Any = proxy()
                 exchanges.append((sent, answer.received.to_sec(), answer.sent.to_sec(), time.time()))
-            return clock_offset(exchanges)
+            return estimate_clock_offset(exchanges)
         finally:
             proxy.close()
 

@@ -81,7 +81,7 @@ def classify_closure(points: np.ndarray, kind: str = "decide") -> Closure:
 
 
 def _widest(points: np.ndarray) -> float:
-    """The greatest distance [m] between two of the points."""
+    """Returns the greatest distance [m] between two of the points."""
     hull = LineString(points).convex_hull
     corners = np.asarray(getattr(hull, "exterior", hull).coords)
     return float(cdist(corners, corners).max())
@@ -93,7 +93,7 @@ def _values(gap: float, length: float) -> Dict[str, str]:
 
 
 def _without_overhang(points: np.ndarray, length: float) -> Tuple[int, int, float]:
-    """The points of the first and the last third of the line between which it is closed, and the opening [m] there.
+    """Finds the points, in the first and the last third of the line, between which it closes, and the opening [m] there.
 
     What is cut off must bring the ends nearer by half of its length: else the ends stay as they are.
     """
@@ -107,7 +107,10 @@ def _without_overhang(points: np.ndarray, length: float) -> Tuple[int, int, floa
 
 
 def _closing_turn(points: np.ndarray, gap: float, lever: float) -> float:
-    """How far [deg] the line turns from its end to its start; its directions there are those over a lever [m]."""
+    """Returns the angle [deg] by which the line turns from its end to its start.
+
+    Its directions there are those over a lever [m].
+    """
     arc = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
     inner = [np.array([np.interp(at, arc, axis) for axis in points.T]) for at in (lever, arc[-1] - lever)]
     across = points[0] - points[-1]

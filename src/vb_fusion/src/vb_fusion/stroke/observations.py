@@ -94,7 +94,7 @@ def make_observations(
         if values is not None and len(values) != count:
             raise ExtractionError("bad_points", what=f"{count} {name} instead of {len(values)}")
     known = np.zeros(count, dtype=int) if cameras is None else np.asarray(cameras)
-    if known.dtype.kind not in "iu" or count and not 0 <= known.min() <= known.max() < 256:
+    if known.dtype.kind not in "iu" or (count and not 0 <= known.min() <= known.max() < 256):
         known = np.unique(known, return_inverse=True)[1]
     moving = np.zeros(count, dtype=bool) if mobile is None else np.asarray(mobile, dtype=bool)
     # a detector that reports 0 still saw something
