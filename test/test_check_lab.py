@@ -120,7 +120,7 @@ def test_navigation_that_ignores_borders_is_named(seen, code):
     assert not codes(check_navigation(NavigationObservation("r1/move_base", True, maps)))
 
 
-def test_people_are_told_of_errors_that_nobody_else_tells():
+def test_errors_that_no_node_reports_are_reported():
     slow = CheckLine("x", CheckState.WARNING, "lab_camera_slow")
     lines = [check_disk("/x", 10.0), *check_cameras([dataclasses.replace(GOOD, rate=0.0)]), slow]
     assert [(notice.code, notice.severity) for notice in notices_from_lines(lines)] == [("lab_disk_full", Severity.ERROR)]
@@ -139,7 +139,7 @@ def test_what_the_nodes_tell_people_is_part_of_the_result():
     assert not notices_from_lines(found)  # the node that told it goes on telling it
 
 
-def test_what_a_check_says_more_exactly_is_not_said_twice():
+def test_what_a_check_says_more_exactly_is_not_reported_twice():
     south = dataclasses.replace(GOOD, name="south", frame="south", file_frame="head_camera")
     lines = check_cameras([dataclasses.replace(GOOD, rate=0.0), south])
     told = [Notice("camera_silent", Severity.ERROR, camera="north"), Notice("camera_no_pose", Severity.ERROR, camera="south"),
@@ -192,7 +192,7 @@ def test_a_healthy_camera_is_no_notice():
         assert not watch.notices(float(now))
 
 
-def test_an_unplugged_camera_is_told_within_five_seconds_and_taken_back():
+def test_an_unplugged_camera_is_reported_within_five_seconds_and_withdrawn():
     watch = monitor()
     for now in range(1, 11):
         watch.update("north", now * 15, {}, float(now))
@@ -203,7 +203,7 @@ def test_an_unplugged_camera_is_told_within_five_seconds_and_taken_back():
     assert not watch.notices(11.0)
 
 
-def test_a_detector_that_is_gone_is_told():
+def test_a_detector_that_is_gone_is_reported():
     watch = monitor()
     watch.update("north", 15, {}, 1.0)
     assert [(notice.code, notice.camera) for notice in watch.notices(6.0)] == [("detector_missing", "north")]
@@ -213,7 +213,7 @@ def test_a_detector_that_is_gone_is_told():
     assert all(notice.severity is Severity.ERROR for notice in found)
 
 
-def test_spots_without_a_pose_are_told():
+def test_spots_without_a_pose_are_reported():
     watch = monitor()
     for now in range(1, 5):
         watch.update("north", now * 15, {"no_transform": now * 3}, float(now))

@@ -47,7 +47,7 @@ def test_agrees_with_points_along_the_ray(x, y, u, v, height):
         assert ROBOT.hides(origin, floor) is bool(off < 0.0)
 
 
-def test_a_frame_refuses_what_a_robot_hides_and_asks_once():
+def test_what_a_robot_hides_is_rejected_and_robots_are_asked_for_once():
     camera = CameraModel.ideal(1920, 1080, 1100.0)
     pose = geometry.transform(geometry.rotation_from_rpy(math.pi, 0.0, 0.3), (1.5, 1.0, 2.9))
     asked = []

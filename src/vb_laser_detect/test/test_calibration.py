@@ -65,7 +65,7 @@ def test_exact_points_give_the_exact_pose(count, pose):
         (8, 0.015, 0.035, 0.1),
     ],
 )
-def test_noise_moves_the_floor_by_centimetres_and_as_much_as_is_said(count, point_noise, median, most):
+def test_noise_moves_the_floor_by_centimetres_and_as_much_as_is_reported(count, point_noise, median, most):
     worst, sigma, inside = [], [], []
     for seed in range(12):
         estimate = estimate_pose(
@@ -258,7 +258,7 @@ def test_bad_files_are_refused(tmp_path, content, code):
     assert raised.value.code == code
 
 
-def test_unwritable_folder_is_said(tmp_path):
+def test_an_unwritable_folder_is_reported(tmp_path):
     (tmp_path / "file").write_text("")
     with pytest.raises(CodedError) as raised:
         calibration_file.save(tmp_path / "file" / "red.yaml", {"camera": "red"})

@@ -187,7 +187,7 @@ def test_small_glints_that_move_are_no_spots_on_bayer_images():
     assert looked_at > 100 and found == 0
 
 
-def test_while_a_spot_is_drawn_nothing_else_is_looked_at():
+def test_while_a_spot_is_drawn_nothing_else_is_examined():
     scene, detector = tinted(Scene()), SpotDetector(DetectorParams.stationary())
     detector.encoding = "bayer_rggb8"
     feed(detector, [scene.render(bayer=True) for _ in range(8)])
@@ -320,7 +320,7 @@ def test_sizes_count_in_millimetres_where_the_pose_is_known():
     assert detector.candidates[0].rejection == "too_large"
 
 
-def test_a_place_can_be_refused_and_the_reason_is_kept():
+def test_a_place_can_be_rejected_and_the_reason_is_kept():
     scene, detector = Scene(), at_once()
     detector.set_camera_pose(None, lambda u, v: "outside_map" if u < 320 else "")
     feed(detector, [scene.render() for _ in range(6)])

@@ -53,7 +53,7 @@ def test_metres_per_pixel_of_a_camera_that_looks_down():
         (down(), float("nan"), 10.0, "outside_image"),
     ],
 )
-def test_refusals(T, u, v, code):
+def test_rejections(T, u, v, code):
     camera = CEILING if T[2, 2] < -0.9 else ROBOT
     with pytest.raises(CodedError) as raised:
         FloorProjection().on_plane(camera, T, u, v)
@@ -150,7 +150,7 @@ def test_single_holes_are_bridged(dtype, hole):
     assert point.source == DEPTH and np.linalg.norm(point.position - plane.position) < 0.012
 
 
-def test_a_ray_that_meets_the_floor_behind_the_camera_is_refused():
+def test_a_ray_that_meets_the_floor_behind_the_camera_is_rejected():
     # looks up from under the ceiling: the line through camera and pixel meets the floor, but backwards
     up = geometry.transform(geometry.rotation_from_rpy(0, 0, 0), (1.0, 1.0, 2.0))
     pixel = np.array([[320.0, 240.0]])
@@ -161,7 +161,7 @@ def test_a_ray_that_meets_the_floor_behind_the_camera_is_refused():
     assert np.isnan(pixels_of(ROBOT, up, np.array([1.0, 1.0, 0.0]))).all()
 
 
-def test_points_above_and_below_the_floor_are_refused():
+def test_points_above_and_below_the_floor_are_rejected():
     T, small = forward(), ROBOT.scaled_to(160, 120)
     for scale in (0.7, 1.3):
         with pytest.raises(CodedError) as raised:

@@ -68,7 +68,7 @@ class BorderFusionNode:
         self._collector = Collector(collecting)
         self._live = LiveExtractor(extraction, params.live_share)
         path = Path(params.journal).expanduser() if params.journal else None
-        self._journal = SpotLog(path, collecting.max_spots)
+        self._spot_log = SpotLog(path, collecting.max_spots)
         self._lock = threading.Lock()
         self._changed = threading.Event()  # wakes the publisher on a change of state
         self._closing = False
@@ -112,7 +112,7 @@ class BorderFusionNode:
                 self._failure = self._bad_message = None
                 self._restore(message.interaction_id)
             if state == "default":
-                self._journal.discard()
+                self._spot_log.discard()
             if before == (self._collector.state, self._collector.interaction_id):
                 return
             self._forget = state == "default" and message.last_outcome not in ("", "saved")
@@ -120,7 +120,7 @@ class BorderFusionNode:
 
     def _restore(self, interaction_id: str) -> None:
         """Restores what was collected if the node restarts in the middle of an interaction."""
-        entries = self._journal.start(interaction_id)
+        entries = self._spot_log.start(interaction_id)
         for state, spot in entries:
             self._collector.restore(state, spot)
         if entries:
@@ -155,7 +155,7 @@ class BorderFusionNode:
         )
         with self._lock:
             if not self._collector.add(spot):
-                self._journal.append(self._collector.state, spot)
+                self._spot_log.append(self._collector.state, spot)
                 self._dirty = True
 
     # ------------------------------------------------------------ output
@@ -182,7 +182,7 @@ class BorderFusionNode:
     def _say(self) -> None:
         """Publishes notices of what is still wrong."""
         with self._lock:
-            problems = [self._failure, self._bad_message, self._journal.problem]
+            problems = [self._failure, self._bad_message, self._spot_log.problem]
             if self._wrong_frame:
                 problems.append(CodedError("spots_wrong_frame", camera=self._wrong_camera))
             chain = self._live.candidate.chain
@@ -200,7 +200,7 @@ class BorderFusionNode:
             collecting = self._collector.state in (BORDER, SEED)
             new, self._dirty = self._dirty, False
             if new:
-                self._journal.flush()
+                self._spot_log.flush()
             now = time.monotonic()
             due = now - self._published >= 1.0 / self._params.idle_rate
             if not self._collector.interaction_id or not (state_changed or (collecting and (new or due))):
@@ -287,7 +287,7 @@ class BorderFusionNode:
         self._closing = True
         self._changed.set()
         with self._lock:
-            self._journal.close()
+            self._spot_log.close()
         self._notices.close()
 
 

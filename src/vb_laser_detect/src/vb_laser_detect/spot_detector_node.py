@@ -72,7 +72,7 @@ class SpotDetectorNode:
         self._mobile = detector.moving_camera
         self._projector = FloorProjection(projection_params, None, params.ignore_regions)
         self._detector = SpotDetector(detector)
-        self._tuned = threading.Lock()  # parameters change between images, never within one
+        self._params_lock = threading.Lock()  # parameters change between images, never within one
         self._reader = PixelReader()
         self._last_debug: Optional[rospy.Time] = None
         self._mailbox: Mailbox = Mailbox()
@@ -85,7 +85,7 @@ class SpotDetectorNode:
         self._worker = Worker(self._mailbox, self._search)
         rospy.Subscriber(names.DETECTORS, DetectorStatus, self._report.note_detector, queue_size=20)
         rospy.Subscriber(names.PHYSICAL_MAP, messages.OccupancyGridArray, self._on_map, queue_size=1)
-        self._tunings = [
+        self._reconfigure_servers = [
             ReconfigureServer(params, "~", self._set_node_params),
             ReconfigureServer(detector, "~detector", self._set_detector_params, fixed=("moving_camera",)),
             ReconfigureServer(projection_params, "~projection", self._set_projection_params),
@@ -118,21 +118,21 @@ class SpotDetectorNode:
 
     # ------------------------------------------------------------- dynamic_reconfigure
     def _set_node_params(self, params: SpotDetectorNodeParams) -> None:
-        with self._tuned:
+        with self._params_lock:
             self._params = self._camera_geometry.params = params
 
     def _set_detector_params(self, params: DetectorParams) -> None:
-        with self._tuned:
+        with self._params_lock:
             self._detector.set_params(params)
 
     def _set_projection_params(self, params: ProjectionParams) -> None:
-        with self._tuned:
+        with self._params_lock:
             self._projector.params = params
 
     # ------------------------------------------------------------- the search
     def _search(self, message: Any) -> None:
         try:
-            with self._tuned:
+            with self._params_lock:
                 self._search_image(message)
         except CodedError as error:
             self._report.fault(error)
