@@ -78,9 +78,9 @@ def test_seeing():
     collector = Collector()
     collector.add(spot(10.0, camera="red"))
     collector.add(spot(12.0, camera="green"))
-    assert collector.seeing(12.1) == ["green"]
+    assert collector.cameras_seeing(12.1) == ["green"]
     collector.add(spot(1.0, camera="green"))  # the clock was set back
-    assert collector.seeing(1.1) == ["green"]
+    assert collector.cameras_seeing(1.1) == ["green"]
 
 
 def test_the_log_returns_what_was_collected(tmp_path):

@@ -205,13 +205,13 @@ def test_a_spot_is_taken_only_while_it_is_still():
 def test_session_guides_to_a_result_and_back():
     observed = observe(np.random.default_rng(8), 8)
     session = CalibrationSession(CAMERA, PoseEstimationParams())
-    assert not session.undo() and "at least 4" in session.progress()
+    assert not session.undo() and "at least 4" in session.describe_progress()
     for pixel, point in zip(observed.pixels, observed.points):
         session.add(tuple(pixel), tuple(point))
     with pytest.raises(CodedError) as raised:
         session.add(tuple(observed.pixels[0] + 1), (0.0, 0.0))
     assert raised.value.code == "same_place" and len(session) == 8
-    assert "cm on the floor" in session.progress()
+    assert "cm on the floor" in session.describe_progress()
     text = "\n".join(describe(session.solve(), session.observed))
     assert "px rms" in text and "cm rms" in text and "8 of 8" in text
     for _ in range(6):

@@ -16,8 +16,8 @@ def exchange(offset, there, within, back, start=1000.0):
 def test_equal_ways_give_the_exact_offset():
     found = estimate_clock_offset([exchange(0.05, 0.002, 0.001, 0.002)])
     assert found.offset == pytest.approx(0.05, abs=1e-9) and found.uncertainty == pytest.approx(0.002, abs=1e-9)
-    assert found.beyond(0.01) and not found.beyond(0.05)
-    assert not ClockOffset(0.011, 0.002).beyond(0.01)  # it may be an effect of the way
+    assert found.exceeds(0.01) and not found.exceeds(0.05)
+    assert not ClockOffset(0.011, 0.002).exceeds(0.01)  # it may be an effect of the way
 
 
 @settings(deadline=None)

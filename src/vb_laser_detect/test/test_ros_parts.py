@@ -59,7 +59,7 @@ def test_rectified_images_are_not_undistorted_again():
     for rectified in (False, True):
         topic = camera_geometry.InfoTopic("/hall/camera_info", Faults(), rectified)
         topic._on_info(info_of([-0.33, 0.12, 0.0, 0.0, 0.0]))
-        models[rectified] = topic.fitting((480, 640))
+        models[rectified] = topic.model_for((480, 640))
     assert models[False].distorted and not models[True].distorted
     assert models[True].matrix[0, 0] == 350.0
 
@@ -70,13 +70,13 @@ def test_a_fisheye_and_a_region_that_is_the_whole_image_are_accepted():
     whole.roi.width, whole.roi.height = 640, 480
     info = topic("/hall/camera_info", report)
     info._on_info(whole)
-    assert info.fitting((480, 640)).fisheye and not report.codes
+    assert info.model_for((480, 640)).fisheye and not report.codes
     part = info_of([0.0] * 5)
     part.roi.width, part.roi.height = 320, 240
     info._on_info(part)
     assert report.codes == ["unsupported_camera"]
     with pytest.raises(CodedError):
-        info.fitting((480, 640))
+        info.model_for((480, 640))
 
 
 def test_depth_of_another_frame_is_not_used():
@@ -84,9 +84,9 @@ def test_depth_of_another_frame_is_not_used():
     topic = camera_geometry.DepthTopic("/depth/image_raw", "/depth/camera_info", report)
     depth = np.full((48, 64), 1500, np.uint16)
     topic._on_image(Image(Header(stamp=rospy.Time(5), frame_id="depth_frame"), 48, 64, "16UC1", 0, 128, depth.tobytes()))
-    assert topic.near(rospy.Time(5), 0.1, "colour_frame") == (None, None)
+    assert topic.nearest(rospy.Time(5), 0.1, "colour_frame") == (None, None)
     assert report.codes == ["depth_not_registered"]
-    assert topic.near(rospy.Time(5), 0.1, "depth_frame")[0].shape == (48, 64)
+    assert topic.nearest(rospy.Time(5), 0.1, "depth_frame")[0].shape == (48, 64)
 
 
 def test_ceiling_cameras_that_share_a_frame_are_named():
@@ -182,4 +182,4 @@ def test_a_camera_info_that_others_of_the_process_get_too_is_left_as_it_came():
     message = cameras.info_from_camera(CameraModel.ideal(640, 480, 500.0), rospy.Time(5), "optical")
     topic._on_info(message)
     assert message.header.frame_id == "optical" and message.header.stamp == rospy.Time(5)
-    assert topic.fitting((480, 640)).width == 640
+    assert topic.model_for((480, 640)).width == 640

@@ -230,7 +230,7 @@ class BorderFusionNode:
         message.points = points_from_array(shown[:, 1:3])
         message.point_cameras = bytes(np.minimum(shown[:, 4], 255).astype(np.uint8))
         message.cameras = collection.cameras
-        message.seeing = self._collector.seeing(now.to_sec())
+        message.seeing = self._collector.cameras_seeing(now.to_sec())
         chain, seed = candidate.chain, candidate.seed
         if chain is not None:
             message.chain = points_from_array(chain.points)

@@ -96,7 +96,7 @@ class CameraInput:
         return camera
 
 
-def frames_of_detectors() -> Dict[str, str]:
+def collect_detector_frames() -> Dict[str, str]:
     """Listens for the frame of each ceiling camera that a detector runs for.
 
     Subscribed topics:
@@ -165,7 +165,7 @@ class CalibrationDialog:
         self.camera = self._input.wait(arguments.patience)
         self._frame = arguments.frame or running.get("frame") or self._input.frame_id or f"{arguments.camera}_optical_frame"
         # before the person does any work
-        for frames in (calibration_file.read_frames(arguments.folder), frames_of_detectors()):
+        for frames in (calibration_file.read_frames(arguments.folder), collect_detector_frames()):
             calibration_file.require_own_frame(arguments.camera, self._frame, frames)
         self.session = CalibrationSession(self.camera, params)
 
@@ -205,7 +205,7 @@ class CalibrationDialog:
                     clicked = []
                     self.add_place(numbers)
                 if value != "":
-                    say("  " + self.session.progress())
+                    say("  " + self.session.describe_progress())
             except CodedError as error:
                 clicked = []
                 say(f"! {error}")

@@ -100,7 +100,7 @@ class ClockCheckNode:
 
     def _judge(self, name: str, offset: ClockOffset) -> None:
         limit = self._params.limit_ms / 1e3
-        wrong = offset.beyond(limit)
+        wrong = offset.exceeds(limit)
         if not wrong and offset.uncertainty > limit:
             return  # on a busy network an exchange may say nothing: neither that it is right nor that it became so
         before, self._wrong[name] = self._wrong.get(name), wrong
@@ -120,7 +120,7 @@ class ClockCheckNode:
         if offset is None:
             status.summary(DiagnosticStatus.WARN, f"{name} does not answer")
             return status
-        if offset.beyond(limit):
+        if offset.exceeds(limit):
             status.summary(DiagnosticStatus.WARN, _sentence(name, offset))
         elif offset.uncertainty > limit:
             status.summary(DiagnosticStatus.WARN, f"the way to {name} takes too long to compare clocks")

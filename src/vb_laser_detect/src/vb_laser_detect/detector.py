@@ -153,7 +153,7 @@ class SpotDetector:
         blob = features.measure(searched.image, searched.reference, proposal.region, largest, camera)
         spot = self._classify(blob, searched, camera, False)
         if spot.rejection and expected is not None and expected.trusted:
-            region = expected.part_of(proposal.region)
+            region = expected.intersect(proposal.region)
             core = features.measure(searched.image, searched.reference, region, largest, camera, features.CORE)
             again = self._classify(core, searched, camera, True)
             if not again.rejection and expected.holds(core.u, core.v):

@@ -162,7 +162,7 @@ class Collector:
         for store in self._stores.values():
             store.clear()
 
-    def seeing(self, now: float) -> List[str]:
+    def cameras_seeing(self, now: float) -> List[str]:
         """Returns the names of the cameras that see the spot at a time [s]."""
         return sorted(
             camera for camera, stamp in self._last_seen.items() if abs(now - stamp) <= self._params.seeing_s

@@ -14,7 +14,7 @@ from scipy.spatial import cKDTree
 from vb_fusion.line.chain import ExtractionError
 from vb_fusion.resumable_loop import ResumableLoop
 from vb_fusion.stroke.observations import TIME_BIN, TREMBLE, make_observations, merge_observations
-from vb_fusion.stroke.track import best_steps, find_places, path_to
+from vb_fusion.stroke.track import find_best_steps, find_places, trace_path
 
 HAND = 1.5 * TREMBLE  # [m] a hand that holds still stays within this of its mean, cameras' offsets included
 MIN_SPOTS = 3
@@ -63,8 +63,8 @@ def extract_seed(
         gains[np.isfinite(known)] = KNOWN
     if places is not None:
         gains *= places.cameras / (1.0 + TIME_BIN * earlier)
-        gain, previous = best_steps(at, places.stamps, gains, np.inf, PLACE, ResumableLoop())
-        path = path_to(int(gain.argmax()), previous, np.ones(len(at), dtype=bool))
+        gain, previous = find_best_steps(at, places.stamps, gains, np.inf, PLACE, ResumableLoop())
+        path = trace_path(int(gain.argmax()), previous, np.ones(len(at), dtype=bool))
     dwelt = np.bincount(spot[path], gains[path])[spot[path]]
     # on its way it dwells nowhere for half as long
     last = int(np.argmax(dwelt)) if places is None else int(np.flatnonzero(dwelt >= 0.5 * dwelt.max())[-1])

@@ -104,7 +104,7 @@ def find_tracks(
         loop: the steps through places that were here before.
     """
     points, stamps = places.points, places.stamps
-    gain, previous = best_steps(points, stamps, floor_gains(points, stamps), widest_gap, TREMBLE, loop)
+    gain, previous = find_best_steps(points, stamps, floor_gains(points, stamps), widest_gap, TREMBLE, loop)
     tracks: List[PointerTrack] = []
     free = np.ones(len(points), dtype=bool)
     worth = gain
@@ -112,7 +112,7 @@ def find_tracks(
         end = int(np.argmax(np.where(free, worth, -np.inf)))
         if worth[end] < shortest:
             break
-        line = path_to(end, previous, free)
+        line = trace_path(end, previous, free)
         free[line] = False
         if len(line) > 1:
             tracks.append(PointerTrack(points[line], _beside(seen, points[line], stamps[line]), float(worth[end])))
@@ -189,7 +189,7 @@ def _swept(points: np.ndarray, times: np.ndarray) -> np.ndarray:
     return swept
 
 
-def best_steps(
+def find_best_steps(
     points: np.ndarray, stamps: np.ndarray, gains: np.ndarray, widest_gap: float, flick: float, loop: ResumableLoop
 ) -> Tuple[np.ndarray, np.ndarray]:
     """Finds the best track that ends at each of the places (P, 2) [m].
@@ -218,7 +218,7 @@ def best_steps(
     return best, states[:, 1].astype(int)
 
 
-def path_to(end: int, previous: np.ndarray, free: np.ndarray) -> np.ndarray:
+def trace_path(end: int, previous: np.ndarray, free: np.ndarray) -> np.ndarray:
     """Returns the indices of the places of the track that ends at a place, as far as they are free."""
     before = np.where(free[previous], previous, -1).tolist()
     path = [end]

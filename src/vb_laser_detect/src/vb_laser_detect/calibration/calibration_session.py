@@ -83,7 +83,7 @@ class CalibrationSession:
         """Estimates the camera's pose; raises what `estimate_pose` raises."""
         return estimate_pose(self._camera, self.observed, self._params)
 
-    def progress(self) -> str:
+    def describe_progress(self) -> str:
         """Describes the result of the places so far, or what is missing, in one line."""
         points = len(self.observed)
         count = f"{len(self)} place{'' if len(self) == 1 else 's'}"

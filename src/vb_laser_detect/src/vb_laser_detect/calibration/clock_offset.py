@@ -22,7 +22,7 @@ class ClockOffset:
     offset: float
     uncertainty: float
 
-    def beyond(self, limit: float) -> bool:
+    def exceeds(self, limit: float) -> bool:
         """Tells whether the clocks are certainly farther apart than a limit [s]."""
         return abs(self.offset) - self.uncertainty > limit
 

@@ -88,7 +88,7 @@ class Expected(NamedTuple):
         """Tells whether a place [px] is within reach."""
         return math.hypot(u - self.u, v - self.v) <= self.reach
 
-    def part_of(self, region: Region) -> Optional[Region]:
+    def intersect(self, region: Region) -> Optional[Region]:
         """Returns the part of a region that is within reach; None if nothing is."""
         left, top = max(region[0], int(self.u - self.reach)), max(region[1], int(self.v - self.reach))
         right, bottom = min(region[2], int(self.u + self.reach) + 1), min(region[3], int(self.v + self.reach) + 1)

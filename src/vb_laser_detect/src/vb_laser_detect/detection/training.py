@@ -51,16 +51,16 @@ class Examples(NamedTuple):
     names: Tuple[str, ...]
     groups: np.ndarray
 
-    def of(self, rows: np.ndarray) -> "Examples":
+    def select(self, rows: np.ndarray) -> "Examples":
         """Returns the examples of some rows, (N,) bool."""
         return Examples(self.values[rows], self.truth[rows], self.names, self.groups[rows])
 
-    def without(self, *groups: str) -> "Examples":
+    def exclude(self, *groups: str) -> "Examples":
         """Returns all examples but those of some clips or scenes."""
-        return self.of(~np.isin(self.groups, groups))
+        return self.select(~np.isin(self.groups, groups))
 
     @staticmethod
-    def joined(parts: Sequence["Examples"]) -> "Examples":
+    def join(parts: Sequence["Examples"]) -> "Examples":
         """Joins the examples of several clips and scenes."""
         return Examples(np.concatenate([p.values for p in parts]), np.concatenate([p.truth for p in parts]),
                         parts[0].names, np.concatenate([p.groups for p in parts]))
@@ -101,7 +101,7 @@ def save_examples(examples: Examples, path: Path) -> None:
 def load_examples(files: Iterable[Path]) -> Examples:
     """Loads the examples of several clips and scenes; inverse of `save_examples` for each."""
     parts = [Examples(data["values"], data["truth"], tuple(data["names"].tolist()), data["groups"]) for data in map(np.load, files)]
-    return Examples.joined([part for part in parts if len(part.truth)])
+    return Examples.join([part for part in parts if len(part.truth)])
 
 
 def collect(frames: Iterable[LabelledFrame], params: DetectorParams, group: str, reach: float, encoding: str = "") -> Examples:
@@ -191,7 +191,7 @@ def fit_without(examples: Examples, groups: Sequence[str], parts: int) -> Dict[s
     result = {}
     for number in range(parts):
         out = list(groups)[number::parts]
-        judge = fit(examples.without(*out)) if out else None
+        judge = fit(examples.exclude(*out)) if out else None
         result.update({group: judge for group in out})
     return result
 
@@ -200,7 +200,7 @@ def validate(examples: Examples) -> List[Tuple[str, np.ndarray, np.ndarray]]:
     """Returns (group, truth, logits) of each group, by classifiers that were fitted without it."""
     result = []
     for group, judge in fit_without(examples, np.random.default_rng(1).permutation(np.unique(examples.groups)), _FOLDS).items():
-        own = examples.of(examples.groups == group)
+        own = examples.select(examples.groups == group)
         result.append((str(group), own.truth, logits(judge, own)))
     return sorted(result, key=lambda one: one[0])
 

@@ -70,7 +70,7 @@ class InfoTopic:
         self._reason = f"no camera_info on {topic}"
         rospy.Subscriber(topic, CameraInfo, self._on_info, queue_size=1)
 
-    def fitting(self, shape: Tuple[int, ...]) -> CameraModel:
+    def model_for(self, shape: Tuple[int, ...]) -> CameraModel:
         """Returns the model for images of this shape.
 
         Raises:
@@ -119,7 +119,7 @@ class DepthTopic:
         with self._lock:
             self._images.append(message)
 
-    def near(self, stamp: rospy.Time, age_s: float, colour_frame: str) -> Tuple[Optional[np.ndarray], Optional[CameraModel]]:
+    def nearest(self, stamp: rospy.Time, age_s: float, colour_frame: str) -> Tuple[Optional[np.ndarray], Optional[CameraModel]]:
         """Returns the depth image (h, w) nearest to a time, and its camera's model; None for what is missing.
 
         Args:
@@ -139,7 +139,7 @@ class DepthTopic:
             self._report.fault(error)
             return None, None
         try:
-            return depth, self._info.fitting(depth.shape)
+            return depth, self._info.model_for(depth.shape)
         except CodedError:  # registered depth images are seen by the colour camera, scaled to their size
             return depth, None
 
@@ -236,13 +236,13 @@ class CameraGeometry:
         Raises:
             CodedError: "no_camera_info"; "no_transform", "bad_transform" if tf does not connect map and camera at all.
         """
-        camera = self._info.fitting(shape)
+        camera = self._info.model_for(shape)
         if self._mobile:
             self._check_reachable(frame_id, stamp)
             pose = partial(self._transforms.lookup, names.MAP_FRAME, frame_id, stamp, self.params.tf_wait_s)
         else:
             pose = partial(np.copy, self._stationary_pose(frame_id))
-        depth = partial(self._depth.near, stamp, self.params.depth_age_s, frame_id) if self._depth is not None else None
+        depth = partial(self._depth.nearest, stamp, self.params.depth_age_s, frame_id) if self._depth is not None else None
         return ImageGeometry(camera, pose, self._projector, depth, stamp, partial(self._robots.bodies, stamp))
 
     def _check_reachable(self, frame_id: str, stamp: rospy.Time) -> None:
