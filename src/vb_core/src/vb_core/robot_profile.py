@@ -46,7 +46,7 @@ class Scanner(Parameters):
 
 
 @dataclass(frozen=True)
-class RobotCamera(Parameters):
+class OnboardCamera(Parameters):
     """The robot's camera. Lens and mount come from camera_info and tf."""
 
     info: str = param("camera/rgb/camera_info")
@@ -79,7 +79,7 @@ class RobotProfile:
     shape: RobotShape = field(default_factory=RobotShape)
     limits: Limits = field(default_factory=Limits)
     scanner: Scanner = field(default_factory=Scanner)
-    camera: RobotCamera = field(default_factory=RobotCamera)
+    camera: OnboardCamera = field(default_factory=OnboardCamera)
     frames: Frames = field(default_factory=Frames)
     contacts: tuple = ()
 
@@ -97,7 +97,7 @@ class RobotProfile:
         """
         if not isinstance(mapping, Mapping):
             raise ParameterError(where, f"expected keys and values, got {mapping!r}")
-        groups = {"shape": RobotShape, "limits": Limits, "scanner": Scanner, "camera": RobotCamera, "frames": Frames}
+        groups = {"shape": RobotShape, "limits": Limits, "scanner": Scanner, "camera": OnboardCamera, "frames": Frames}
         known = {entry.name for entry in fields(cls)}
         for key in mapping:
             if key not in known:
